@@ -16,50 +16,56 @@ from beltcomm.design.compensation import compensated
 from beltcomm.design.specification import Specification
 from beltcomm.drive import Drive, able, open_drive
 from beltcomm.errors import BeltcommError, UsageError
+from beltcomm.experiments import commission as sequence
+from beltcomm.experiments import referencing
+from beltcomm.experiments.agreement import Agreement, planned
+from beltcomm.experiments.detectability import foretold
+from beltcomm.experiments.options import Options, axis_of, claim, given, new_folder, settings_of
+from beltcomm.experiments.plan import commission_plan, identify_plan
+from beltcomm.experiments.sign import check_sign
+from beltcomm.experiments.supervised import supervised
 from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.job import check_imports, import_recordings
 from beltcomm.given import Place, number, pasted, place
+from beltcomm.jobs import calibrate as calibrate_job
+from beltcomm.jobs import early_end
+from beltcomm.jobs import friction as friction_job
+from beltcomm.jobs import move as short_move
+from beltcomm.jobs.bundle import bundle as bundle
+from beltcomm.jobs.convert import convert as convert
+from beltcomm.jobs.design import basis_of, delivered
+from beltcomm.jobs.doctor import doctor as doctor
+from beltcomm.jobs.export import export as export
+from beltcomm.jobs.fit import fit as fit
+from beltcomm.jobs.follow import follow_plan
+from beltcomm.jobs.friction_compare import friction_compare as friction_compare
+from beltcomm.jobs.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
+from beltcomm.jobs.loop import identify_in_loop
+from beltcomm.jobs.serve import serve as serve
+from beltcomm.jobs.simulate import run_experiment
+from beltcomm.jobs.trajectory import trajectory as trajectory
+from beltcomm.jobs.tune import tune as tune
+from beltcomm.jobs.verify import verify_with
+from beltcomm.jobs.write import admitted, apply_to, backup_list, roll_back
+from beltcomm.machine.machine import Machine
+from beltcomm.machine.scale import ruler as ruler
 from beltcomm.model import load_plant
+from beltcomm.pages import at_the_end
+from beltcomm.pages import report as report
+from beltcomm.pages import trend as trend
 from beltcomm.result import Result, plain
+from beltcomm.rundata import analyse, offline
+from beltcomm.rundata.backups import chosen
+from beltcomm.rundata.findings import Findings
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, calibrate_job, early_end, friction_job, offline, outcome, referencing, short_move, words
-from beltcomm.session import commission as sequence
-from beltcomm.session.agreement import Agreement, planned
-from beltcomm.session.backups import chosen
-from beltcomm.session.bundle import bundle as bundle
-from beltcomm.session.convert import convert as convert
-from beltcomm.session.design_job import basis_of, delivered
-from beltcomm.session.doctor import doctor as doctor
-from beltcomm.session.experiment import run_experiment
-from beltcomm.session.export import export as export
-from beltcomm.session.findings import Findings
-from beltcomm.session.fit_job import fit as fit
-from beltcomm.session.follow_job import follow_plan
-from beltcomm.session.foresight import foretold
-from beltcomm.session.friction_study import friction_compare as friction_compare
-from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
-from beltcomm.session.loop_job import identify_in_loop
-from beltcomm.session.machine import Machine
-from beltcomm.session.move_file import trajectory as trajectory
-from beltcomm.session.options import Options, axis_of, claim, given, new_folder, settings_of
-from beltcomm.session.orders import wanted as wanted_sweeps
-from beltcomm.session.plan import commission_plan, identify_plan
-from beltcomm.session.reporting import at_the_end
-from beltcomm.session.reporting import report as report
-from beltcomm.session.reporting import trend as trend
-from beltcomm.session.scale import ruler as ruler
-from beltcomm.session.serve import serve as serve
-from beltcomm.session.sign import check_sign
-from beltcomm.session.study_job import one_member, study_of
-from beltcomm.session.study_members import Doing
-from beltcomm.session.supervised import supervised
-from beltcomm.session.thesis import thesis as thesis
-from beltcomm.session.tune_job import tune as tune
-from beltcomm.session.verify_job import verify_with
-from beltcomm.session.write_job import admitted, apply_to, backup_list, roll_back
+from beltcomm.schedule.orders import wanted as wanted_sweeps
+from beltcomm.sentences import outcome, words
+from beltcomm.study.job import one_member, study_of
+from beltcomm.study.members import Doing
 from beltcomm.talk import Silence, Talk
+from beltcomm.thesis.topics import thesis as thesis
 
-#: The laboratory's commands on a run folder; see :mod:`beltcomm.session.laboratory`.
+#: The laboratory's commands on a run folder; see :mod:`beltcomm.jobs.laboratory`.
 compare, diagnose, add, remove, ladder = compare_run, diagnose_run, add_to_run, remove_from_run, ladder_of_run
 
 
@@ -71,7 +77,7 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
     """
     options, talk, axis, run = given(options), talk or Silence(), axis_of(axis), place(run)
     referencing.suitable(axis)
-    agreed = Agreement(options, talk, lambda name, at, asked: commission(name, axis, at, options=asked), goes_on=False)
+    agreed = Agreement(options, talk, partial(commission, axis=axis), goes_on=False)
     with able(open_drive(drive, options.for_drive()), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
         analyse.offered(connected.capabilities.structure, options.prefilter, options.feedforward)
         if options.window_m is not None:
@@ -106,14 +112,14 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
 def identify(drive: str, axis: Axis | Place, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Sign check, rising excitation, one open-loop response here, a first model; without a reference inside ``Options.window_m``.
 
-    With ``Options.loop`` a closed-loop response into an existing run with a model: :mod:`beltcomm.session.loop_job`.
+    With ``Options.loop`` a closed-loop response into an existing run with a model: :mod:`beltcomm.jobs.loop`.
     """
     options, talk, axis, run = given(options), talk or Silence(), axis_of(axis), place(run)
     referencing.suitable(axis)
     closed = options.in_loop
     with able(open_drive(drive, options.for_drive()), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
         if closed:
-            again = Agreement(options, talk, lambda name, at, asked: identify(name, axis, at, options=asked))
+            again = Agreement(options, talk, partial(identify, axis=axis))
             return identify_in_loop(connected, axis, run, options, again, talk)
         return _identify(connected, drive, axis, run, options, talk)
 
@@ -126,7 +132,7 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     findings = Findings()
     with Machine(connected, axis, folder, talk) as machine:
         window = referencing.reference(machine, settings_of(options), needed=False)
-        agreed = Agreement(options, talk, lambda name, at, asked: identify(name, axis, at, options=asked), goes_on=False)
+        agreed = Agreement(options, talk, partial(identify, axis=axis), goes_on=False)
         agreed(identify_plan(axis, connected.capabilities, window), machine)
         machine.titles, machine.excitation = sequence.TITLES[1:4], options.excitation
         with early_end.kept(machine, findings):
@@ -144,7 +150,7 @@ def follow(drive: str, run: Place, plan: Place, *, options: Options | None = Non
     """The records of a plan that ``diagnose`` wrote, into the run that it was written for."""
     options, talk, run, plan = given(options), talk or Silence(), place(run), place(plan, "plan")
     with able(open_drive(drive, options.for_drive()), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
-        agreed = Agreement(options, talk, lambda name, at, asked: follow(name, at, plan, options=asked))
+        agreed = Agreement(options, talk, partial(follow, plan=plan))
         return follow_plan(connected, run, plan, options, agreed, talk)
 
 
@@ -165,7 +171,7 @@ def friction(
         findings = offline.fitted(folder, "lm", Silence(), model)
         with Machine(connected, folder.axis, folder, talk) as machine:
             referencing.reference(machine, settings_of(options))
-            Agreement(options, talk, lambda name, at, asked: friction(name, at, options=asked))(plan, machine)
+            Agreement(options, talk, friction)(plan, machine)
             check_sign(machine)
             machine.titles = (sequence.TITLES[4], sequence.TITLES[5])
             sequence.close_first_loop(machine, findings, model, ask=not options.yes)
@@ -222,7 +228,7 @@ def verify(
             drive,
             run,
             options,
-            Agreement(options, talk, lambda name, at, asked: verify(name, at, **how, options=asked)),
+            Agreement(options, talk, partial(verify, **how)),
             talk,
             **how,
             planned=(lambda plan, axis: planned(plan, connected.capabilities, options, axis)) if options.dry_run else None,
@@ -240,7 +246,7 @@ def apply(
     options, talk, run = given(options), talk or Silence(), place(run)
     dcf, folder = None if dcf is None else place(dcf, "file"), RunFolder.open(run)
     admitted(folder, options, talk, dcf, shown)
-    agreed = Agreement(options, talk, lambda name, at, asked: apply(name, at, dcf=dcf, shown=shown, options=asked))
+    agreed = Agreement(options, talk, partial(apply, dcf=dcf, shown=shown))
     with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
         return apply_to(connected, drive, folder, options, talk, agreed, dcf=dcf, shown=shown)
 
@@ -263,7 +269,7 @@ def rollback(drive: str, run: Place, *, backup: str | None = None, options: Opti
 def calibrate(drive: str, axis: Axis | Place | None, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """What the drive's gains mean, by small steps of its setpoints, into a run: a new one for ``axis``, or an existing one without it."""
     options, talk, run = given(options), talk or Silence(), place(run)
-    agreed = Agreement(options, talk, lambda name, at, asked: calibrate(name, axis, at, options=asked), goes_on=axis is None)
+    agreed = Agreement(options, talk, partial(calibrate, axis=axis), goes_on=axis is None)
     with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
         of_axis = RunFolder.open(run).axis if axis is None else axis_of(axis)
         plan = calibrate_job.plan_of(of_axis, connected.capabilities)
@@ -329,7 +335,7 @@ def study(
 ) -> Result:
     """A population of axes, or a fleet of runs, member by member, into a folder that a stopped study goes on with.
 
-    See :func:`beltcomm.session.study_job.study_of`.   Exit code 1 where some member misses its targets, or has no result.
+    See :func:`beltcomm.study.job.study_of`.   Exit code 1 where some member misses its targets, or has no result.
     """
     return study_of(
         str(place(file, "study")),

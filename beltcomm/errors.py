@@ -33,7 +33,7 @@ class BeltcommError(Exception):
     """Base of everything this package raises on purpose; ``str(error)`` is one or two plain sentences.
 
     run : folder of the session that it ended, None outside of one.   diagnosis : what the records of that session show, where they were
-    searched; see :mod:`beltcomm.session.early_end`.
+    searched; see :mod:`beltcomm.jobs.early_end`.
     """
 
     exit_code = 1

@@ -10,7 +10,8 @@ from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
 
-from beltcomm.errors import UsageError
+from beltcomm.errors import Refused, UsageError
+from beltcomm.talk import Talk
 
 #: A file or a folder as a program names it.
 Place = str | Path | PathLike[str]
@@ -64,3 +65,11 @@ def pasted(value: object) -> str:
     """A path or a drive as a terminal takes it: in quotes where it has blanks and the like, and never like an option."""
     text = str(value)
     return shlex.quote(f"./{text}" if text.startswith("-") else text)
+
+
+def may_write(file: Path, yes: bool, talk: Talk) -> None:
+    """Ask before a file is overwritten, unless told not to.   Raises UsageError for a folder, Refused for a no."""
+    if file.is_dir():
+        raise UsageError(f"{file} is a folder; give the name of the file to write")
+    if file.exists() and not yes and not talk.confirm(f"{file} exists. Overwrite it?"):
+        raise Refused(f"{file} was left as it is; give another file name, or --yes to overwrite it")

@@ -30,8 +30,8 @@ from beltcomm.configfiles import did_you_mean, read_yaml, to_yaml, write_text
 from beltcomm.errors import DataError, NoMotion, UsageError
 from beltcomm.given import pasted
 from beltcomm.recording import Recording, RecordingWriter, Sidecar, common_side, load_recording, save_recording
-from beltcomm.recording_columns import MOTOR_COLUMNS
-from beltcomm.sidecar import load_sidecar
+from beltcomm.recording.columns import MOTOR_COLUMNS
+from beltcomm.recording.sidecar import load_sidecar
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 #: How an unfinished record is called after a second attempt was begun.

@@ -13,14 +13,14 @@ import numpy as np
 
 from beltcomm.control import Cascade, CascadeStructure, cascade_step, discrete_coefficients, new_state, reset_state
 from beltcomm.drive import Adapter, Capabilities, Clock, Drive, ExchangeReport, Guarding, Limits, Motion, Row, Sink
+from beltcomm.drive.objects import ObjectValue
+from beltcomm.drive.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import DriveError, DriveFault, Refused, SafetyStop, UsageError
-from beltcomm.objects import ObjectValue
-from beltcomm.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.plant import Plant
 
 PERIOD_S, COUNTS, STEP_NM, RATED_NM, PEAK_NM, TOP_RAD_S = 1e-3, 65536, 1e-3, 1.43, 3.1, 400.0
 DISABLED, ENABLED, FAULT = 1.0, 4.0, 8.0  # numbers of CiA 402: Switch On Disabled, Operation Enabled, Fault
-#: Its gains under the names of beltcomm.parameters, and its two limits.  Translate here where your drive has other units.
+#: Its gains under the names of beltcomm.drive.parameters, and its two limits.  Translate here where your drive has other units.
 FACTORY = cascade_to_parameters(Cascade(0.1, 0.5, 10.0, 1e-3)) | {"torque_limit_nm": PEAK_NM, "speed_limit_rad_s": TOP_RAD_S}
 NO_VELOCITY = "this amplifier closes its speed loop only inside the position loop; use a motion of kind 'position'."
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from beltcomm.effects import effect_named
 from beltcomm.excitation.binary import prbs
-from beltcomm.linear import Oscillation, operating_point, sampled_response
 from beltcomm.model import Model, load_plant
+from beltcomm.model.linear import Oscillation, operating_point, sampled_response
 from beltcomm.response import estimate_response, log_spaced_lines
 from beltcomm.simulate.forward import simulate_torque
 from beltcomm.simulate.inverse import FineMotion, torque_residuals

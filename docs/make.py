@@ -23,7 +23,7 @@ from symptoms import SYMPTOMS
 
 from beltcomm.effects import BELT_DAMPING, BELT_SPRING, BELT_STIFFNESS, EFFECTS, Effect, Parameter, stands_for
 from beltcomm.report.style import MEASURED, SEVERE, styled
-from beltcomm.simulate.writer import USUAL
+from beltcomm.simulate.kernels.writer import USUAL
 
 FOLDER = Path(__file__).parent / "effects"
 INDEX = Path(__file__).parent / "effects.md"

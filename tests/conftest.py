@@ -30,6 +30,7 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--regenerate", action="store_true", help="write the golden files (tests/golden) anew")
     group = parser.getgroup("drive", "contract tests on a real drive (they move it)")
     group.addoption("--drive", metavar="NAME", help="a drive beside the virtual one: can0, slcan:/dev/ttyACM0")
     group.addoption("--drive-option", metavar="KEY=VALUE", action="append", default=[], help="option of the adapter, e.g. node=1")

@@ -11,7 +11,6 @@ from scipy import signal
 
 from beltcomm.control import (
     Cascade,
-    CascadeStructure,
     Feedforward,
     Prefilter,
     cascade_step,
@@ -47,14 +46,6 @@ def response_to_position_sine(cascade: Cascade, samples: int = 4000, cycles: int
     torque = np.array([velocity_step(coefficients, state, 0.0, 0.0, x, 0.0) for x in position])
     h = 2.0 / samples * np.sum(torque[samples:] * np.exp(-1j * phase[samples:]))
     return 2.0 * np.pi * cycles / (samples * PERIOD), complex(h)
-
-
-@pytest.mark.parametrize(("error", "seen"), [(0.0, 0.0), (0.009, 0.0), (-0.03, -0.02), (0.21, 0.2), (0.3, 0.2), (-5.0, -0.2)])
-def test_a_drive_sees_position_errors_beyond_its_dead_zone_up_to_its_bound(error: float, seen: float) -> None:
-    """Dead zone 0.01 rad; 4 rad/s of output at K_PP = 20 1/s are 0.2 rad of error."""
-    bounded = CascadeStructure("bounded", PERIOD, output_limit_rad_s=4.0, dead_zone_rad=0.01)
-    assert bounded.position_error_seen(error, 20.0) == pytest.approx(seen, abs=1e-15)
-    assert CascadeStructure("free", PERIOD).position_error_seen(error, 20.0) == error
 
 
 @pytest.mark.parametrize("prefilter", ALL, ids=lambda p: f"{p.kind}-{p.roll_off_rad_s:g}")

@@ -13,7 +13,7 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.model import load_plant
-from beltcomm.session.study_file import load_study
+from beltcomm.study.file import load_study
 from beltcomm_adapters.profiles import load_profile
 
 CHECKOUT = Path(__file__).parent.parent
@@ -27,6 +27,9 @@ TEXTS = [path for path in CHECKOUT.glob("*.*") if path.suffix in (".md", ".toml"
 LOADERS: dict[str, Callable[[str], Any]] = {"axes": load_axis, "plants": load_plant, "drives": load_profile, "studies": load_study}
 CONFIGS = sorted((CHECKOUT / "configs").rglob("*.*"))
 
+#: Files of more than 400 lines, and why each is one thing.
+LONG: dict[str, str] = {}
+
 RUN = "python3 -m venv .venv && .venv/bin/pip install -q . && .venv/bin/beltcomm commission --drive virtual --yes"
 TEST = "python3 -m venv .venv && .venv/bin/pip install -q -e '.[dev]' && .venv/bin/python -m pytest"
 
@@ -36,9 +39,10 @@ def settings() -> dict[str, Any]:
         return tomllib.load(file)
 
 
-def test_files_stay_short_enough_to_be_read_at_once() -> None:
+def test_a_long_file_has_its_reason() -> None:
+    """A file that is read in one go has no more than 400 lines; one that says a single thing at greater length is not cut for that."""
     lengths = {path.relative_to(CHECKOUT).as_posix(): len(path.read_text(encoding="utf-8").splitlines()) for path in SOURCES}
-    assert {name: lines for name, lines in lengths.items() if lines > 400} == {}
+    assert {name for name, lines in lengths.items() if lines > 400} == set(LONG)
 
 
 def test_no_text_names_a_folder_of_one_machine() -> None:
@@ -68,7 +72,8 @@ def test_the_two_commands_are_in_the_readme_and_ci_runs_the_second() -> None:
 
 def test_the_structure_page_shows_the_layers_that_are_enforced() -> None:
     page = (CHECKOUT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    (layers,) = [contract["layers"] for contract in settings()["tool"]["importlinter"]["contracts"] if contract["type"] == "layers"]
+    contracts = settings()["tool"]["importlinter"]["contracts"]
+    (layers,) = [contract["layers"] for contract in contracts if contract.get("containers") == ["beltcomm"]]
     shown = re.findall(r"```layers\n(.*?)```", page, re.DOTALL)
     assert [text.splitlines() for text in shown] == [layers]
 

@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from beltcomm.effects import BELT_DAMPING, BELT_STIFFNESS, DRIVING_END, EFFECTS, Effect, Element, Parameter, effect_named
-from beltcomm.linear import acts_on, describes, fastest_rate, operating_point, stretch_of, values_of
 from beltcomm.model import Model, build_model, effect_parameters
-from beltcomm.simulate.compose import kernel_for, states_of
+from beltcomm.model.linear import acts_on, describes, fastest_rate, operating_point, stretch_of, values_of
+from beltcomm.simulate.kernels.compose import kernel_for, states_of
 
 #: Why an effect has no energy of its own to be held to.
 WITHOUT_A_FORCE = {

@@ -14,20 +14,21 @@ import numpy as np
 import pytest
 
 from beltcomm.axis import Gearbox, load_axis
-from beltcomm.axis_entries import TrajectoryLimits
+from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, Feedforward, Prefilter
 from beltcomm.design.structure import loop_model
 from beltcomm.effects import Ground, effect_named
+from beltcomm.experiments import phases
 from beltcomm.fit.model_fit import ModelFit, fit_model
 from beltcomm.identify.magnitude_fit import fit_magnitude
-from beltcomm.linear import modes, operating_point
+from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
+from beltcomm.model.linear import modes, operating_point
 from beltcomm.recording import Recording
+from beltcomm.rundata import analyse
+from beltcomm.rundata.offline import THESIS_STRUCTURE
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, phases
-from beltcomm.session.machine import Machine
-from beltcomm.session.offline import THESIS_STRUCTURE
-from beltcomm.stopping import braked_by_friction, rigid_deceleration
+from beltcomm.simulate.stopping import braked_by_friction, rigid_deceleration
 from beltcomm.talk import Silence
 from beltcomm.trajectory import Trajectory, at_rest, join, plan_trajectory
 from beltcomm.verify import Loop, demand, predict_move, tracking_error

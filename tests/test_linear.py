@@ -11,7 +11,8 @@ import pytest
 from beltcomm import effects
 from beltcomm.effects import Point, effect_named
 from beltcomm.errors import Refused, UsageError
-from beltcomm.linear import (
+from beltcomm.model import Model, build_model
+from beltcomm.model.linear import (
     Oscillation,
     equivalent_damping,
     fastest_rate,
@@ -21,9 +22,8 @@ from beltcomm.linear import (
     sampled_response,
     state_space,
 )
-from beltcomm.model import Model, build_model
-from beltcomm.statics import equilibrium, smooth_forces
-from beltcomm.transfer import two_mass
+from beltcomm.model.statics import equilibrium, smooth_forces
+from beltcomm.model.transfer import two_mass
 
 IT, INERTIA, MASS, C, D, DM, DC = 0.01242, 71.73e-6, 13.44, 203740.0, 20.0, 33.17, 226.42
 FREQ_HZ = np.geomspace(0.5, 2000.0, 200)

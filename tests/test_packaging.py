@@ -130,10 +130,10 @@ def used_s() -> float:
 RUN_KERNELS = """
 from pathlib import Path
 import numpy as np
-from beltcomm import cascade_kernel
+from beltcomm.control import cascade_kernel
 from beltcomm.model import load_plant
-from beltcomm.simulate import first_root
-from beltcomm.simulate.compose import kernel_for
+from beltcomm.simulate.kernels import first_root
+from beltcomm.simulate.kernels.compose import kernel_for
 for folder in (Path(cascade_kernel.__file__).parent, Path.home()):
     try:
         (folder / "draft").touch()

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import yaml
 
-from beltcomm.linear import matrices, modes, operating_point
 from beltcomm.model import load_plant
-from beltcomm.transfer import two_mass
+from beltcomm.model.linear import matrices, modes, operating_point
+from beltcomm.model.transfer import two_mass
 
 PLANTS = sorted(path.stem for path in (Path(__file__).parent.parent / "configs" / "plants").glob("*.yaml"))
 IT = 0.01242

@@ -13,8 +13,8 @@ from scipy.optimize import linprog
 
 from beltcomm.axis import TrajectoryLimits
 from beltcomm.errors import Refused, UsageError
-from beltcomm.seven_phases import MotionBounds, MotionState, SevenPhases, fastest_motion, on_grid, reached
 from beltcomm.trajectory import plan_trajectory
+from beltcomm.trajectory.seven_phases import MotionBounds, MotionState, SevenPhases, fastest_motion, on_grid, reached
 
 T_A = MotionBounds(-5.0, 5.0, -45.0, 45.0, -40.0, 40.0)
 T_B = MotionBounds(-5.0, 5.0, -50.0, 50.0, -50.0, 50.0)

@@ -10,7 +10,7 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.control import Cascade, Prefilter
-from beltcomm.stopping import (
+from beltcomm.simulate.stopping import (
     SWING,
     Braking,
     braked_by_friction,

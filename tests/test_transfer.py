@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from beltcomm.errors import UsageError
-from beltcomm.linear import Oscillation, operating_point
 from beltcomm.model import build_model
-from beltcomm.transfer import TransferFunction, TwoMass, two_mass
+from beltcomm.model.linear import Oscillation, operating_point
+from beltcomm.model.transfer import TransferFunction, TwoMass, two_mass
 
 #: Table A.4 (G_A) with the belt damping of A.11, and A.11 (S_A).
 G_A = TwoMass(71.73e-6, 13.44, 203740.0, 33.17, 226.42, 20.0, 0.01242)

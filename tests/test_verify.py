@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import butter
 
-from beltcomm.axis_entries import TrajectoryLimits
+from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, CascadeStructure, Feedforward, Prefilter
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
-from beltcomm.sidecar import Sidecar
+from beltcomm.recording.sidecar import Sidecar
 from beltcomm.trajectory import Trajectory, at_rest, join, plan_trajectory
 from beltcomm.verify import RANGE_DRAWS, Loop, PredictedMove, TrackingError, demand, judge, predict_move, predict_range, tracking_error
 from identify.records import COUNTS, PERIOD_S, true_model

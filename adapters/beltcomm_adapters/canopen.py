@@ -12,8 +12,8 @@ import can
 import numpy as np
 
 from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Guarding, Limits, Motion, Sink
+from beltcomm.drive.finding import Finding
 from beltcomm.errors import BusError, DriveError, Refused, UsageError
-from beltcomm.finding import Finding
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_can_bus, open_bus
 from beltcomm_adapters.cia402 import State
 from beltcomm_adapters.examination.can import examine_can

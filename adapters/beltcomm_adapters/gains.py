@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import Final
 
 from beltcomm.control import CascadeStructure
+from beltcomm.drive.objects import GAIN, ObjectValue, ParameterObject, name_of, ordered, packed
+from beltcomm.drive.parameters import LIMIT_NAMES
 from beltcomm.errors import BeltcommError, DriveError, ObjectRefused, Refused, UsageError
-from beltcomm.objects import GAIN, ObjectValue, ParameterObject, name_of, ordered, packed
-from beltcomm.parameters import LIMIT_NAMES
 from beltcomm_adapters.borrowed import LENT_TO_RECORDS, MODE
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 
 from beltcomm.drive import Capabilities
+from beltcomm.drive.objects import ParameterObject
 from beltcomm.errors import BusError, ObjectRefused
-from beltcomm.objects import ParameterObject
 from beltcomm_adapters.busload import fullest, plan_exchange
 from beltcomm_adapters.gains import structure_of
 from beltcomm_adapters.profiles import Profile

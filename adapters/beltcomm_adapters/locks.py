@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
+from beltcomm.drive.objects import name_of
 from beltcomm.errors import ObjectLocked
-from beltcomm.objects import name_of
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Self
 
 from beltcomm.drive import Capabilities, Clock
+from beltcomm.drive.objects import ObjectValue
 from beltcomm.errors import BeltcommError, BusError, DriveError, UsageError
-from beltcomm.objects import ObjectValue
 from beltcomm_adapters.cia402 import StateMachine, Wire
 from beltcomm_adapters.gains import Parameters, structure_of
 from beltcomm_adapters.interrupts import deferred_interrupt

@@ -11,9 +11,9 @@ from functools import cache
 from typing import Any, Final, Literal
 
 from beltcomm.configfiles import config_names, find_config, read_yaml
+from beltcomm.drive.objects import TYPES, ParameterObject
+from beltcomm.drive.parameters import GAIN_NAMES
 from beltcomm.errors import UsageError
-from beltcomm.objects import TYPES, ParameterObject
-from beltcomm.parameters import GAIN_NAMES
 from beltcomm_adapters.locks import Lock
 
 CONFIDENCES: Final = ("read", "inferred", "unconfirmed", "simulated")

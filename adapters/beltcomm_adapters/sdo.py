@@ -17,8 +17,8 @@ from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from beltcomm.drive import Clock
+from beltcomm.drive.objects import TYPES, name_of, packed
 from beltcomm.errors import BusError, DriveError, ObjectRefused
-from beltcomm.objects import TYPES, name_of, packed
 from beltcomm_adapters.interrupts import deferred_interrupt
 from beltcomm_adapters.link import Link
 from beltcomm_adapters.locks import Locks
@@ -110,7 +110,10 @@ class Objects(ABC):
         """Make all parameters permanent; the drive may take seconds.  Raises ObjectRefused, BusError."""
 
     def read(self, index: int, subindex: int, kind: str) -> float:
-        """Value of an object of type ``kind`` (a key of :data:`beltcomm.objects.TYPES`).  Raises ObjectRefused, BusError, DriveError."""
+        """Value of an object of type ``kind`` (a key of :data:`beltcomm.drive.objects.TYPES`).
+
+        Raises ObjectRefused, BusError, DriveError.
+        """
         raw = self.read_bytes(index, subindex)
         layout = TYPES[kind][0]
         if len(raw) < struct.calcsize(layout):

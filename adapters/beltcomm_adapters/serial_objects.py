@@ -11,8 +11,8 @@ import struct
 from collections.abc import Callable, Iterator
 from typing import Final
 
+from beltcomm.drive.objects import TYPES, name_of
 from beltcomm.errors import BusError, DriveError
-from beltcomm.objects import TYPES, name_of
 from beltcomm_adapters.sdo import Objects, refusal
 from beltcomm_adapters.serial_line import ANSWER_TIME_S, BITRATES, QUIET_TIME_S, Abort, Line, SerialLine, Text, Value
 

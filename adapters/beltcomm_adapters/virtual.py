@@ -1,46 +1,18 @@
-"""The virtual axis: a simulated drive and machine on a virtual CAN bus, driven by the same adapter as a real one.
-
-The only module of this package that knows :mod:`beltcomm.virtual`.
-"""
+"""The virtual axis: a simulated drive and machine on a virtual CAN bus, driven by the same adapter as a real one."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any
 
 from beltcomm.drive import Adapter, Drive, Service
-from beltcomm.drive_section import DRIVE_KEYS
-from beltcomm.errors import UsageError
-from beltcomm.finding import Finding
-from beltcomm.model import load_plant
-from beltcomm.simulate.plant import SimulatedPlant
+from beltcomm.drive.finding import Finding
 from beltcomm.virtual.bus import LockstepBus
-from beltcomm.virtual.device import VirtualDrive
-from beltcomm.virtual.motor import EMMS_AS_70
 from beltcomm_adapters.buses import MonotonicClock
-from beltcomm_adapters.canopen import EXAMINATION_OPTIONS, connect, number, profile_name, whole_number
+from beltcomm_adapters.canopen import EXAMINATION_OPTIONS, connect, number, whole_number
 from beltcomm_adapters.examination.can import examine_bus
-
-DEFAULT_PLANT: Final = "g_a"
-#: m; the middle of the rig's 0 to 0.5 m.
-DEFAULT_START_M: Final = 0.25
-NODE: Final = 1
-OPTIONS: Final = (
-    "seed",
-    "profile",
-    "realtime",
-    "bitrate",
-    "sample_period",
-    "plant",
-    "start_position",
-    "referenced",
-    "gain_units",
-    "faults",
-    "bus_faults",
-    "log",
-    *DRIVE_KEYS,
-)
+from beltcomm_adapters.virtual_node import NODE, attached
 
 
 def _playing(address: str, options: Mapping[str, object]) -> tuple[LockstepBus, str]:
@@ -72,41 +44,6 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     identity = {**drive.capabilities.identity, "plant": machine}  # the machine behind it is part of what a run was made on
     drive.capabilities = replace(drive.capabilities, identity=identity)
     return drive
-
-
-def attached(
-    bus: LockstepBus, address: str, options: Mapping[str, object], node: int = NODE, hardware: str = "virtual"
-) -> tuple[VirtualDrive, str]:
-    """The drive of these options (see :func:`_playing`) on ``bus``, and its plant's name.   node, hardware : its number, its 1009h.
-
-    Raises UsageError.
-    """
-    if unknown := sorted(set(options) - set(OPTIONS)):
-        raise UsageError(f"the virtual drive has no option {', '.join(unknown)}; leave it out")
-    file = load_plant(address or DEFAULT_PLANT, {key: options[key] for key in DRIVE_KEYS if key in options})
-    start_m = number(options, "start_position", DEFAULT_START_M)
-    assert start_m is not None
-    given: Mapping[str, Any] = options
-    referenced = bool(options.get("referenced", True))
-    drive = VirtualDrive(
-        bus,
-        given.get("plant") or SimulatedPlant(file.model, position_m=start_m),
-        profile_name(options) or "reference",
-        node_id=node,
-        seed=whole_number(options, "seed", 0, 0, 2**63 - 1) or 0,
-        counts_per_rev=file.counts_per_rev,
-        setpoint_delay_s=file.setpoint_delay_s,
-        torque_noise_nm=file.torque_noise_nm,
-        motor=replace(EMMS_AS_70, **file.motor),
-        zero_rad=-start_m / file.model["transmission.ratio"] if referenced else 0.0,
-        referenced=referenced,
-        faults=given.get("faults"),
-        gain_units=given.get("gain_units") or (1.0, 1.0, 1.0),
-        brake=(file.brake_torque_nm, file.brake_time_s),
-        hardware=hardware,
-        instruments=file.instruments,
-    )
-    return drive, file.model.name
 
 
 def _examine(address: str, options: Mapping[str, object]) -> Iterator[Finding]:

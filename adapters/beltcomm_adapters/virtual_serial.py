@@ -14,7 +14,7 @@ from beltcomm.virtual.service_port import LockstepPort, ServicePort
 from beltcomm_adapters.buses import MonotonicClock
 from beltcomm_adapters.canopen import profile_name
 from beltcomm_adapters.serial_drive import SerialDrive
-from beltcomm_adapters.virtual import attached
+from beltcomm_adapters.virtual_node import attached
 
 _OPTIONS = ("bitrate", "line_faults")
 

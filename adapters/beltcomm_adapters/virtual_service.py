@@ -14,7 +14,7 @@ from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is
 from beltcomm_adapters.canopen import profile_name, whole_number
 from beltcomm_adapters.link import INTERFACE_ERRORS
 from beltcomm_adapters.synctime import TIME_BY_SYNC
-from beltcomm_adapters.virtual import NODE, OPTIONS, attached
+from beltcomm_adapters.virtual_node import NODE, OPTIONS, attached
 
 
 class Served:

@@ -22,7 +22,7 @@ def command(frame: Frame, /, effect: str, run: Path, pictures: bool, cost: bool)
     """Add EFFECT to the model of RUN, fit everything again and show the error before and after."""
     frame.run = run
     return frame.show(
-        api("beltcomm.session.laboratory").add_to_run(
+        api("beltcomm.jobs.laboratory").add_to_run(
             effect, run, cost=cost, pictures=pictures, command=frame.line(), when=today(), talk=frame.talk()
         )
     )

@@ -20,4 +20,4 @@ from beltcomm.cli.traces import BUNDLE, private_words
 def command(frame: Frame, /, run: Path, out: Path | None, recordings: bool) -> int:
     """Put a run into one zip for whoever helps: plan, journal, results, the bus's log and versions, but no paths and no user name."""
     frame.run = run
-    return frame.show(api("beltcomm.session.bundle").bundle(run, out or run / BUNDLE, recordings=recordings, private=private_words()))
+    return frame.show(api("beltcomm.jobs.bundle").bundle(run, out or run / BUNDLE, recordings=recordings, private=private_words()))

@@ -18,4 +18,4 @@ from beltcomm.cli.frame import Frame, api
 def command(frame: Frame, /, run: Path, pictures: bool) -> int:
     """Compare the model of RUN with its recordings: error over noise, by record, and where it fails."""
     frame.run = run
-    return frame.show(api("beltcomm.session.laboratory").compare_run(run, pictures=pictures, command=frame.line(), talk=frame.talk()))
+    return frame.show(api("beltcomm.jobs.laboratory").compare_run(run, pictures=pictures, command=frame.line(), talk=frame.talk()))

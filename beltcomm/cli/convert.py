@@ -59,7 +59,7 @@ def command(
         cascade = Cascade(kp, ki, kpp, velocity_filter_s or 0.0, feedforward=forward)
     if pid is not None:
         controller = Pid(*pid, 1.0 if weight is None else weight, velocity_gain, velocity_filter_s or 0.0)
-    return frame.show(api("beltcomm.session.convert").convert(run, cascade=cascade, pid=controller, period_s=period_s or 0.0))
+    return frame.show(api("beltcomm.jobs.convert").convert(run, cascade=cascade, pid=controller, period_s=period_s or 0.0))
 
 
 def _only(owner: str, options: dict[str, float | None], allowed: bool) -> None:

@@ -8,7 +8,7 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Frame, api, today
-from beltcomm.simulate import ahead
+from beltcomm.simulate.kernels import ahead
 
 
 @click.command("diagnose")
@@ -22,5 +22,5 @@ def command(frame: Frame, /, run: Path, auto: bool, cost: bool, following: bool)
     """Say which physical effect the model of RUN lacks, with evidence; changes nothing without --auto."""
     frame.run = run
     ahead.begin()  # before everything else is imported
-    diagnose = api("beltcomm.session.laboratory").diagnose_run
+    diagnose = api("beltcomm.jobs.laboratory").diagnose_run
     return frame.show(diagnose(run, cost=cost, following=following, auto=auto, command=frame.line(), when=today(), talk=frame.talk()))

@@ -32,7 +32,7 @@ from beltcomm.cli.frame import Frame, api, options_of, today
 def command(frame: Frame, /, run: Path, format_: str, out: Path | None, torque_limit_nm: float | None, yes: bool) -> int:
     """Write the controller that was designed in the run folder RUN as text for another machine; nothing moves."""
     return frame.show(
-        api("beltcomm.session.export").export(
+        api("beltcomm.jobs.export").export(
             run,
             format_,
             out=out,

@@ -29,7 +29,7 @@ def command(frame: Frame, /, run: Path, solver: str | None, model: str) -> int:
     """Fit the model of the run folder RUN from its recordings; no machine is needed."""
     frame.run = run
     return frame.show(
-        api("beltcomm.session.fit_job").fit(
+        api("beltcomm.jobs.fit").fit(
             run, solver=solver, model=model, command=frame.line(), when=today(), options=options_of(), talk=frame.talk()
         )
     )

@@ -299,7 +299,7 @@ def options_of(**values: Any) -> Any:
     """``api.Options`` from what was given on the command line, and the clock on the wall; its defaults hold for the rest."""
     import time
 
-    return api("beltcomm.session.options").Options(
+    return api("beltcomm.experiments.options").Options(
         wall_clock=time.time, **{name: value for name, value in values.items() if value is not None}
     )
 

@@ -45,7 +45,7 @@ def command(
             raise click.UsageError("--compare needs no machine; leave --drive out", ctx)
         frame.run = folders[0] if folders else None
         return frame.show(
-            api("beltcomm.session.friction_study").friction_compare(folders, pictures=pictures, command=frame.line(), talk=frame.talk())
+            api("beltcomm.jobs.friction_compare").friction_compare(folders, pictures=pictures, command=frame.line(), talk=frame.talk())
         )
     if runs:
         raise click.UsageError(

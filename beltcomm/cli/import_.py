@@ -17,7 +17,7 @@ from beltcomm.quantities import parse_quantity
 if TYPE_CHECKING:
     from beltcomm.foreign.guess import Guess
 
-#: Values of --experiment and --excitation; those of ``beltcomm.sidecar``, which is imported when the verb runs.
+#: Values of --experiment and --excitation; those of ``beltcomm.recording.sidecar``, which is imported when the verb runs.
 _EXPERIMENTS = ("frf", "friction_sweep", "reversal", "trajectory", "static_map", "free")
 _KINDS = ("multisine", "prbs", "chirp", "gprbs")
 
@@ -214,7 +214,7 @@ def _period_s(rate: str | None, period: str | None) -> float | None:
 
 
 def _sidecar(given: dict[str, Any]) -> Any:
-    from beltcomm.sidecar import ExcitationNote, Sidecar
+    from beltcomm.recording.sidecar import ExcitationNote, Sidecar
 
     excitation = None
     if given["excitation"] is not None:

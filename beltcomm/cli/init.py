@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from beltcomm.axis_entries import COMMISSION_NEEDS
+from beltcomm.axis.entries import COMMISSION_NEEDS
 from beltcomm.cli import completion
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Frame
@@ -22,7 +22,7 @@ from beltcomm.quantities import parse_quantity, unit_of
 
 if TYPE_CHECKING:
     from beltcomm.axis import Axis
-    from beltcomm.axis_entries import Entry
+    from beltcomm.axis.entries import Entry
 
 _INTRODUCTION = (
     "I ask for the data sheets' values of motor, coupling, pulley, belt and limits. Write a unit if it is not the one in "
@@ -153,7 +153,7 @@ def _with_key(key: str, name: str, text: str) -> float:
 
 def _ask_all(start: Axis, unfinished: Path) -> dict[str, Any]:
     """All entries by questions; a wrong answer is explained and asked again.   unfinished : what is known when they are broken off."""
-    from beltcomm.axis_entries import SECTIONS, entries_of
+    from beltcomm.axis.entries import SECTIONS, entries_of
 
     click.echo(_INTRODUCTION, err=True)
     data: dict[str, Any] = start.to_dict()

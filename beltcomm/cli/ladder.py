@@ -18,4 +18,4 @@ from beltcomm.cli.frame import Frame, api
 def command(frame: Frame, /, run: Path, pictures: bool) -> int:
     """Show the revisions of RUN's model as a staircase down to the noise."""
     frame.run = run
-    return frame.show(api("beltcomm.session.laboratory").ladder_of_run(run, pictures=pictures, command=frame.line()))
+    return frame.show(api("beltcomm.jobs.laboratory").ladder_of_run(run, pictures=pictures, command=frame.line()))

@@ -21,7 +21,7 @@ def command(frame: Frame, /, effect: str, run: Path, pictures: bool) -> int:
     """Take EFFECT out of the model of RUN, fit everything again and show the error before and after."""
     frame.run = run
     return frame.show(
-        api("beltcomm.session.laboratory").remove_from_run(
+        api("beltcomm.jobs.laboratory").remove_from_run(
             effect, run, pictures=pictures, command=frame.line(), when=today(), talk=frame.talk()
         )
     )

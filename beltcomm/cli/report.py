@@ -20,7 +20,7 @@ from beltcomm.cli.frame import Frame
 def command(frame: Frame, /, run: Path, against: Path | None, out: Path | None) -> int:
     """Write a page on RUN that explains itself: one file of HTML, made for screen and paper, and its numbers beside it."""
     frame.run = run
-    from beltcomm.session.reporting import report as page  # alone: what moves a machine takes long to import
+    from beltcomm.pages import report as page  # alone: what moves a machine takes long to import
 
     kernels.listen()
 

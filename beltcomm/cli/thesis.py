@@ -17,4 +17,4 @@ from beltcomm.cli.frame import Frame, api
 @click.pass_obj
 def command(frame: Frame, /, topic: str | None, pictures: Path | None) -> int:
     """List what the design source compares, or recompute one TOPIC: its table, and its figures with --pictures."""
-    return frame.show(api("beltcomm.session.thesis").thesis(topic, pictures=pictures, command=frame.line()))
+    return frame.show(api("beltcomm.thesis.topics").thesis(topic, pictures=pictures, command=frame.line()))

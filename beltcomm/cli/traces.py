@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from beltcomm.session.buslog import BusLog
+    from beltcomm.rundata.buslog import BusLog
 
 #: Name of the zip in the run folder.
 BUNDLE = "bundle.zip"
@@ -38,7 +38,7 @@ class Traces:
         self._channel = "".join(letter for letter in drive if letter.isalnum()) or "can"
         self._log: BusLog | None = None
         if self.on_hardware or wanted:
-            from beltcomm.session.buslog import BusLog
+            from beltcomm.rundata.buslog import BusLog
 
             self._log = BusLog()
 
@@ -56,7 +56,7 @@ class Traces:
             if code in _BAD:
                 said.append(f"the last frames on the bus are in {path}")
             if code in _BAD and self.on_hardware:
-                from beltcomm.session.bundle import write_bundle
+                from beltcomm.jobs.bundle import write_bundle
 
                 write_bundle(run, run / BUNDLE, private=private_words())
                 said.append(f"all that somebody who helps needs is in {run / BUNDLE}, without paths and user names")

@@ -42,5 +42,5 @@ def command(frame: Frame, /, file: Path, start_m: float, end_m: float, yes: bool
     """
     said = {name: value for name, value in given.items() if value is not None}
     return frame.show(
-        api("beltcomm.session.move_file").trajectory(file, start_m, end_m, **said, options=options_of(yes=yes), talk=frame.talk())
+        api("beltcomm.jobs.trajectory").trajectory(file, start_m, end_m, **said, options=options_of(yes=yes), talk=frame.talk())
     )

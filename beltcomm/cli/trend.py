@@ -22,4 +22,4 @@ def command(frame: Frame, /, runs: tuple[Path, ...], limits: tuple[str, ...], da
 
     Example: beltcomm trend runs/2025-* --limit coulomb_total=+30%
     """
-    return frame.show(api("beltcomm.session.reporting").trend(runs, limits=limits, dates=dates, out=out))
+    return frame.show(api("beltcomm.pages").trend(runs, limits=limits, dates=dates, out=out))

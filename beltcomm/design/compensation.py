@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.control import Feedforward
-from beltcomm.linear import acts_on, values_of
 from beltcomm.model import Model
+from beltcomm.model.linear import acts_on, values_of
 from beltcomm.trajectory import Trajectory
 
 Array = NDArray[np.float64]

@@ -23,8 +23,8 @@ from beltcomm.control import Feedforward, feedforward_torque
 from beltcomm.design.compensation import beyond, through_path
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import UsageError
-from beltcomm.linear import matrices, modes, operating_point
 from beltcomm.model import Model
+from beltcomm.model.linear import matrices, modes, operating_point
 from beltcomm.trajectory import Trajectory
 
 Array = NDArray[np.float64]

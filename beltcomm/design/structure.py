@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import UsageError
-from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
+from beltcomm.model.linear import matrices, operating_point
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Records that tell twins apart, as steps of a plan file (``beltcomm.session.steps``), and what is done by hand for them."""
+"""Records that tell twins apart, as steps of a plan file (``beltcomm.schedule.steps``), and what is done by hand for them."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def level(speed: float, position: float, t: float, level_: float) -> float:
 
 
 def slope(speed: float, position: float, t: float, level_: float) -> float:
-    """d level/d speed: none.  At standstill the friction has no linearisation (see ``beltcomm.linear``)."""
+    """d level/d speed: none.  At standstill the friction has no linearisation (see ``beltcomm.model.linear``)."""
     return 0.0
 
 

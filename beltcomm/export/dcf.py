@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from beltcomm.objects import TYPES, ObjectValue, bounds_of
+from beltcomm.drive.objects import TYPES, ObjectValue, bounds_of
 
 #: What every device has, listed because CiA 306 asks for it; no value is set.
 _MANDATORY: Sequence[tuple[int, int, str, str]] = (

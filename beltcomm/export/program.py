@@ -1,7 +1,8 @@
 """The discrete cascade as data: its coefficients, states, inputs and statements, from which every exported text is made.
 
-The statements are those of :mod:`beltcomm.cascade_kernel`, one by one and in its order of operations, in a language of assignments and
-cases with Python's expressions: names, numbers, ``+ - * /``, comparisons, ``and``, ``min``, ``max``.  All quantities at the motor shaft.
+The statements are those of :mod:`beltcomm.control.cascade_kernel`, one by one and in its order of operations, in a language of assignments
+and cases with Python's expressions: names, numbers, ``+ - * /``, comparisons, ``and``, ``min``, ``max``.
+All quantities at the motor shaft.
 
 Sources: figure 4.1, (4.1), (4.3), (4.6), (4.16), (4.17), (6.1), (6.25), (6.26).
 """
@@ -74,7 +75,7 @@ COEFFICIENTS = (
     Quantity("low_pass_a1", "", "additional low-pass"),
     Quantity("low_pass_a2", "", "additional low-pass"),
 )
-#: In the order of the state of :mod:`beltcomm.cascade_kernel`.
+#: In the order of the state of :mod:`beltcomm.control.cascade_kernel`.
 STATES = (
     Quantity("last_position_rad", "rad", "motor angle of the step before"),
     Quantity("measured_velocity_rad_s", "rad/s", "measured velocity"),
@@ -294,13 +295,6 @@ class Words:
     conjunction: str
     least: str
     most: str
-
-
-def names_in(text: str) -> set[str]:
-    """Names that an expression reads."""
-    nodes = list(ast.walk(ast.parse(text, mode="eval")))
-    functions = {id(node.func) for node in nodes if isinstance(node, ast.Call)}
-    return {node.id for node in nodes if isinstance(node, ast.Name) and id(node) not in functions}
 
 
 _SIGNS: Mapping[type[ast.AST], tuple[str, int]] = {

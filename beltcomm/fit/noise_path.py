@@ -29,8 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from beltcomm.linear import Matrices, carriage_of, matrices, operating_point, stretch_of, values_of
 from beltcomm.model import Model
+from beltcomm.model.linear import Matrices, carriage_of, matrices, operating_point, stretch_of, values_of
 
 Array = NDArray[np.float64]
 

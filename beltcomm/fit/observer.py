@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from beltcomm.fit.noise_path import course, path_of
 from beltcomm.fit.whitening import noises
-from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
+from beltcomm.model.linear import matrices, operating_point
 from beltcomm.simulate.inverse import FineMotion, acting_torque, followed, followed_beside, motor_load, true_motion
-from beltcomm.simulate.observer import Watch, filtered, unseen
-from beltcomm.simulate.writer import catalogue_bodies
+from beltcomm.simulate.kernels.observer import Watch, filtered, unseen
+from beltcomm.simulate.kernels.writer import catalogue_bodies
 
 Array = NDArray[np.float64]
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from beltcomm.compiled import compiled
 from beltcomm.model import Model
 from beltcomm.simulate.inverse import FineMotion
-from beltcomm.simulate.mean import triangular_mean
+from beltcomm.simulate.kernels.mean import triangular_mean
 
 Array = NDArray[np.float64]
 

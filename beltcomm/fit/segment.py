@@ -29,8 +29,8 @@ from beltcomm.fit.slack import stiffness_left
 from beltcomm.fit.smoother import smoothed
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.fit.whitening import Whitener, whitener
-from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
+from beltcomm.model.linear import matrices, operating_point
 from beltcomm.recording import Recording
 from beltcomm.simulate.inverse import (
     FineMotion,
@@ -42,7 +42,7 @@ from beltcomm.simulate.inverse import (
     torque_residuals,
     true_motion,
 )
-from beltcomm.simulate.mean import ABSURD_NM
+from beltcomm.simulate.kernels.mean import ABSURD_NM
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.linear import belt_at, values_of
 from beltcomm.model import Model
+from beltcomm.model.linear import belt_at, values_of
 from beltcomm.simulate.inverse import FineMotion, belt_load, true_motion
 
 Array = NDArray[np.float64]

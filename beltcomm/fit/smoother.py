@@ -21,8 +21,8 @@ from scipy.linalg import LinAlgError, LinAlgWarning, expm, solve_discrete_are, s
 
 from beltcomm.compiled import compiled
 from beltcomm.errors import Refused
-from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
+from beltcomm.model.linear import matrices, operating_point
 from beltcomm.simulate.inverse import FineMotion
 
 Array = NDArray[np.float64]

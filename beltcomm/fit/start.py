@@ -17,7 +17,7 @@ from beltcomm.fit.first_path import first_path
 from beltcomm.fit.low_pass import legible
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
-from beltcomm.recording_checks import rigid_inertia
+from beltcomm.recording.checks import rigid_inertia
 
 Array = NDArray[np.float64]
 
@@ -29,8 +29,6 @@ RIGID_BASE = ("viscous", "coulomb")
 USUAL = {"belt_stiffness.stiffness": 2e5, "cart.mass": 4.0, "motor.inertia": 7e-5}
 #: Share of the motor in the friction of both, before anything tells.
 MOTOR_SHARE = 0.7
-#: rad: an excitation that moves the motor less than this shows no carriage.
-LEAST_MOTION_RAD = 0.05
 #: Rows that a record needs for least squares.
 SHORTEST = 20
 #: From where on the inertia of everything that moves, by its slow motion, corrects the first estimate; its relative error at most, and

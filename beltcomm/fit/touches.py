@@ -7,7 +7,7 @@ from typing import Literal
 
 from beltcomm.effects import effect_named
 from beltcomm.model import Model
-from beltcomm.simulate.writer import acts_on_motor
+from beltcomm.simulate.kernels.writer import acts_on_motor
 
 #: What a parameter touches: the inertia's torque and the noise, the motor's own load, everything beyond the motor, the torque path,
 #: or all of them.

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled, in_lanes, inlined
 from beltcomm.fit.noise_path import SLOW, NoisePath, Way, with_state_in_front
-from beltcomm.simulate.observer import filtered, lanes_for
+from beltcomm.simulate.kernels.observer import filtered, lanes_for
 
 Array = NDArray[np.float64]
 

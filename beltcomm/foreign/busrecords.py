@@ -21,7 +21,7 @@ from beltcomm.foreign.excitations import excitation_of, is_sweep
 from beltcomm.foreign.framelog import FrameLog
 from beltcomm.foreign.logclock import PAUSE_PERIODS, PAUSE_S, RowTimes, row_times
 from beltcomm.foreign.table import Table
-from beltcomm.sidecar import ExcitationNote
+from beltcomm.recording.sidecar import ExcitationNote
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]

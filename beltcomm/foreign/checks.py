@@ -8,9 +8,9 @@ import numpy as np
 
 from beltcomm.errors import DataError
 from beltcomm.recording import Recording
-from beltcomm.recording_checks import Array, opposite_signs
-from beltcomm.recording_columns import CHANNELS
-from beltcomm.sampling_checks import finest
+from beltcomm.recording.checks import Array, opposite_signs
+from beltcomm.recording.columns import CHANNELS
+from beltcomm.recording.sampling import finest
 
 #: Beyond these no drive train moves: 20 000 rpm; a carriage at 30 m/s.
 FASTEST = {"rad": 2100.0, "m": 30.0}

@@ -15,7 +15,7 @@ from beltcomm.foreign.rasters import on_one_raster
 from beltcomm.foreign.table import Decimal, Separator, Table
 from beltcomm.foreign.timestamps import checked_time, seconds_of
 from beltcomm.quantities import in_other_unit, parse_quantity, unit_of
-from beltcomm.recording_columns import CHANNELS, KNOWN_COLUMNS
+from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS
 
 Column = NDArray[Any]
 #: Columns that act over a step; all others are sampled at its beginning.

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from beltcomm.drive.objects import ObjectValue, bounds_of, kind_of, name_of
 from beltcomm.errors import DataError
-from beltcomm.objects import ObjectValue, bounds_of, kind_of, name_of
 
 #: Bytes; the largest data sheets have one.
 LARGEST_FILE: Final = 8_000_000

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.sidecar import ExcitationNote
+from beltcomm.recording.sidecar import ExcitationNote
 
 Array = NDArray[np.float64]
 #: A period is at least so long; fewer samples are a square wave.

@@ -19,7 +19,7 @@ from beltcomm.foreign.matlab import read_hdf5, read_matlab
 from beltcomm.foreign.mdf import is_mdf, read_mdf
 from beltcomm.foreign.table import Decimal, Separator, Table, words_of
 from beltcomm.foreign.textfile import read_text_table
-from beltcomm.sidecar import ExcitationNote
+from beltcomm.recording.sidecar import ExcitationNote
 
 #: What cannot be read, by ending, and what to do instead.
 _REFUSED = {

@@ -19,7 +19,7 @@ from beltcomm.foreign.mapping import Source, parse_source, sources_for
 from beltcomm.foreign.names import Meaning, meaning_of
 from beltcomm.foreign.table import Table
 from beltcomm.quantities import UNITS
-from beltcomm.recording_columns import CHANNELS, KNOWN_COLUMNS
+from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS
 
 Confidence = Literal["sure", "likely", "unsure"]
 #: s between rows that a drive or logger has: what a time column without a unit is held against.

@@ -13,8 +13,8 @@ import numpy as np
 
 from beltcomm.axis import Axis
 from beltcomm.recording import Recording
-from beltcomm.recording_checks import Array, RigidInertia, rigid_inertia
-from beltcomm.recording_columns import CHANNELS
+from beltcomm.recording.checks import Array, RigidInertia, rigid_inertia
+from beltcomm.recording.columns import CHANNELS
 
 #: kg: heavier carriages with payload belong to no toothed-belt axis.
 _HEAVIEST_KG = 200.0

@@ -18,7 +18,7 @@ from beltcomm.foreign.mapping import Source
 from beltcomm.foreign.names import meaning_of
 from beltcomm.foreign.table import Table
 from beltcomm.quantities import UNITS
-from beltcomm.recording_columns import CHANNELS, COMMON
+from beltcomm.recording.columns import CHANNELS, COMMON
 
 Array = NDArray[np.float64]
 

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import Refused
-from beltcomm.linear import fastest_rate, operating_point
 from beltcomm.model import Model
+from beltcomm.model.linear import fastest_rate, operating_point
 from beltcomm.simulate.forward import integrate_torque
-from beltcomm.stopping import HEAVIEST_KG, Braking, HostLoss, run_on, total_friction, total_inertia
+from beltcomm.simulate.stopping import HEAVIEST_KG, Braking, HostLoss, run_on, total_friction, total_inertia
 
 Array = NDArray[np.float64]
 

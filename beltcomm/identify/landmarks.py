@@ -13,8 +13,8 @@ from scipy.optimize import least_squares
 from scipy.special import stdtrit
 
 from beltcomm.errors import DataError
-from beltcomm.linear import Matrices, matrices, operating_point
 from beltcomm.model import Model
+from beltcomm.model.linear import Matrices, matrices, operating_point
 from beltcomm.response import FrequencyResponse
 
 Array = NDArray[np.float64]
@@ -90,7 +90,8 @@ def shape_of(model: Model, position_m: float) -> Shape | None:
         s_a log(f_b/f_a) - 2 Σ widths of the pairs that the others make,   s : share of the carriage in the kinetic energy of mode a
 
     Payload, coupling or end pulley take less inertia along than the carriage, or move in its place.
-    Raises UsageError and Refused as :func:`beltcomm.linear.matrices`.     Source: Golub, Van Loan, Matrix Computations, 4th ed., 8.1.7.
+    Raises UsageError and Refused as :func:`beltcomm.model.linear.matrices`.
+    Source: Golub, Van Loan, Matrix Computations, 4th ed., 8.1.7.
     """
     m = matrices(model, operating_point(model, position_m, 1.0))
     if "motor" not in m.bodies or len(m.bodies) < 2:

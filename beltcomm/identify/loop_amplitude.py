@@ -20,7 +20,7 @@ from beltcomm.excitation.moving import MovingExcitation
 from beltcomm.identify.amplitude import MotionLimits
 from beltcomm.model import Model
 from beltcomm.simulate.loop import LoopDrive, LoopKind, LoopRun, simulate_loop
-from beltcomm.stopping import Braking
+from beltcomm.simulate.stopping import Braking
 
 Array = NDArray[np.float64]
 Into = Literal["torque", "velocity"]

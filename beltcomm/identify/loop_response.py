@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from beltcomm.closed_loop import Loop, feedback, from_setpoint_excitation, from_torque_excitation, setpoint_path
 from beltcomm.control import Cascade
+from beltcomm.drive.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import DataError, UsageError
-from beltcomm.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse, estimate_response
+from beltcomm.response.closed_loop import Loop, feedback, from_setpoint_excitation, from_torque_excitation, setpoint_path
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

@@ -18,8 +18,8 @@ from scipy.special import stdtrit
 
 from beltcomm.errors import DataError, UsageError
 from beltcomm.model import Value
+from beltcomm.model.transfer import TwoMass
 from beltcomm.response import FrequencyResponse, log_spaced_lines
-from beltcomm.transfer import TwoMass
 
 Array = NDArray[np.float64]
 Solver = Literal["lm", "trf", "nelder-mead"]

@@ -19,7 +19,7 @@ from beltcomm.errors import DataError
 from beltcomm.identify.friction import FrictionFit, Plateau, find_plateaus, fit_friction
 from beltcomm.model import Value
 from beltcomm.recording import Recording
-from beltcomm.sidecar import Sidecar
+from beltcomm.recording.sidecar import Sidecar
 
 Array = NDArray[np.float64]
 

@@ -19,8 +19,8 @@ from beltcomm.errors import DataError, Refused
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
 from beltcomm.fit.segment import segments, whitened
 from beltcomm.identify.final import FinalModel, PlaceStiffness, by_position, evidence, final_model
-from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model, build_model
+from beltcomm.model.linear import modes, operating_point
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse
 

@@ -15,8 +15,8 @@ from scipy.special import stdtrit
 
 from beltcomm.axis import Axis
 from beltcomm.identify.magnitude_fit import chosen_lines
-from beltcomm.linear import operating_point, sampled_response
 from beltcomm.model import Model, Value, build_model
+from beltcomm.model.linear import operating_point, sampled_response
 from beltcomm.response import FrequencyResponse
 
 Array = NDArray[np.float64]

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.effects import EFFECTS, Ground
 from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.intervals import with_intervals
 from beltcomm.laboratory.score import Scorer
-from beltcomm.linear import modes, operating_point, values_of
 from beltcomm.model import Model
+from beltcomm.model.linear import modes, operating_point, values_of
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]
@@ -78,6 +79,11 @@ def sheet_doubts(model: Model, ratio: float, axis: Axis, recordings: Sequence[Re
         common = _scale_words(factor, axis)
         inertia, stiffness = replace(inertia, common=common), replace(stiffness, common=common)
     return tuple(doubt for doubt in (inertia, stiffness) if doubt is not None)
+
+
+def doubts_of(fitted: Fitted, axis: Axis, recordings: Sequence[Recording]) -> tuple[SheetDoubt, ...]:
+    """What of the data sheets a fitted model contradicts."""
+    return sheet_doubts(with_intervals(fitted), fitted.ratio, axis, recordings)
 
 
 def _doubt(model: Model, name: str, entry: str, low: float, high: float, tolerance: float) -> SheetDoubt | None:

@@ -375,8 +375,3 @@ def verdict_of(base: Fitted, steps: Sequence[Step], twins: tuple[str, ...], left
     if undetermined(with_intervals(after), base.model) or unlikely(after.model, base.model):
         return "partly explained"
     return "cannot tell" if twins else "explained"
-
-
-def with_start_values(model: Model) -> Model:
-    """A copy without intervals, to begin a new fit from."""
-    return replace(model, parameters={name: replace(item, interval=None) for name, item in model.parameters.items()})

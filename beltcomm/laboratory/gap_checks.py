@@ -11,7 +11,7 @@ import numpy as np
 from beltcomm.errors import DamagedRecord, DataError
 from beltcomm.laboratory.place_checks import names_of
 from beltcomm.recording import Recording
-from beltcomm.recording_columns import COMMON
+from beltcomm.recording.columns import COMMON
 
 #: s that a record must last up to its first lost sample to be used, and share of all rows that must be left.
 UNBROKEN_S, LEFT = 2.0, 0.25

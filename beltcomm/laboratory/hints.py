@@ -13,7 +13,7 @@ from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import SUBSTEPS
 from beltcomm.fit.segment import Segment, followed, in_noise, with_observers
 from beltcomm.simulate.inverse import belt_loads, fine_load, true_motion
-from beltcomm.simulate.vectors import LANES
+from beltcomm.simulate.kernels.vectors import LANES
 
 Array = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from beltcomm.effects import EFFECTS
 from beltcomm.laboratory.harmonics import gain_kernel, load_kernel
-from beltcomm.simulate.compose import inverse_kernel
+from beltcomm.simulate.kernels.compose import inverse_kernel
+from beltcomm.simulate.kernels.observer import idle
+from beltcomm.simulate.kernels.writer import catalogue_parameters
 from beltcomm.simulate.lock_step import Lane, lock_step
-from beltcomm.simulate.observer import idle
-from beltcomm.simulate.writer import catalogue_parameters
 
 
 def last_compiled() -> list[Callable[[], object]]:

@@ -20,9 +20,9 @@ from beltcomm.foreign.checks import check
 from beltcomm.laboratory.gap_checks import before_gaps, check_whole, gap_remarks
 from beltcomm.laboratory.place_checks import names_of, placed, sensor_remarks
 from beltcomm.recording import Recording
-from beltcomm.recording_checks import clipped_share, long_steps, rigid_inertia, unit_words
-from beltcomm.recording_columns import CHANNELS
-from beltcomm.sampling_checks import EVEN, SIGMAS, Jitter, Uneven, encoder_grid, finest, stamp_jitter, uneven_rows
+from beltcomm.recording.checks import clipped_share, long_steps, rigid_inertia, unit_words
+from beltcomm.recording.columns import CHANNELS
+from beltcomm.recording.sampling import EVEN, SIGMAS, Jitter, Uneven, encoder_grid, finest, stamp_jitter, uneven_rows
 
 Array = NDArray[np.float64]
 
@@ -136,7 +136,7 @@ def _sampled(timed: Sequence[Recording], axis: Axis, remarks: list[str]) -> list
     uneven_ones = [
         (r, j) for r in timed if (j := stamps[r.name]) is not None and j.real and (j.share > MOST_UNEVEN or _poses(r, j, axis) > 1.0)
     ]
-    beyond = [(r, j) for r, j in uneven_ones if j.largest > MOST_MOVED or abs(j.needs_observer - 1.0) > SIGMAS * j.error + TRUE_STAMPS]
+    beyond = [(r, j) for r, j in uneven_ones if j.largest > MOST_MOVED or abs(j.slope - 1.0) > SIGMAS * j.error + TRUE_STAMPS]
     if beyond:
         raise _jitter_fault(beyond, axis)
     false_stamps = [r for r in timed if (j := stamps[r.name]) is not None and j.only_stamps]

@@ -34,8 +34,8 @@ from beltcomm.simulate.inverse import (
     reading_lags,
     true_motion,
 )
-from beltcomm.simulate.switchboard import BEFORE_THE_LOAD
-from beltcomm.simulate.writer import acts_on_motor
+from beltcomm.simulate.kernels.switchboard import BEFORE_THE_LOAD
+from beltcomm.simulate.kernels.writer import acts_on_motor
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from beltcomm.distortion import Silent
 from beltcomm.report import style
+from beltcomm.response.distortion import Silent
 
 Array = NDArray[np.float64]
 #: Lines per point of a curve that scatters: a median over so many is drawn.

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.effects import DRIVING_END
-from beltcomm.linear import acts_on, carriage_of, matrices, operating_point, stretch_of, values_of
 from beltcomm.model import Model
-from beltcomm.simulate.exact_kernel import REACH, LinearAxis, Tables, runner
-from beltcomm.simulate.first_root import DEGREE
+from beltcomm.model.linear import acts_on, carriage_of, matrices, operating_point, stretch_of, values_of
+from beltcomm.simulate.kernels.exact_kernel import REACH, LinearAxis, Tables, runner
+from beltcomm.simulate.kernels.first_root import DEGREE
 
 Array = NDArray[np.float64]
 

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltcomm.errors import Refused, UsageError
-from beltcomm.linear import describes, fastest_rate, operating_point
 from beltcomm.model import Model
-from beltcomm.simulate.compose import kernel_for, states_of
+from beltcomm.model.linear import describes, fastest_rate, operating_point
+from beltcomm.model.statics import equilibrium
 from beltcomm.simulate.exact import exact_record, is_exact
-from beltcomm.simulate.glide import CELLS, LONGEST_STEP, STRIDE, glide_for, torque_at_stages
 from beltcomm.simulate.imperfect import is_late, late_torque, memory_s
-from beltcomm.statics import equilibrium
+from beltcomm.simulate.kernels.compose import kernel_for, states_of
+from beltcomm.simulate.kernels.glide import CELLS, LONGEST_STEP, STRIDE, glide_for, torque_at_stages
 
 Array = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ def simulate_torque(
     """Motion of a model under a torque that is held for each sampling period.
 
     torque_nm : (n,), N m at the motor shaft (N for an axis whose first body is the carriage); acts from t[n] to t[n+1].
-    position_m : m, carriage at the start, at rest in static equilibrium (beltcomm.linear.equilibrium); unused with ``state``.
+    position_m : m, carriage at the start, at rest in static equilibrium (beltcomm.model.linear.equilibrium); unused with ``state``.
     substeps : integration steps per sampling period.     time_s : s, session clock at the start.
 
     Laws that are linear, with friction of constant level, are solved exactly (``exact.is_exact``): ``substeps`` then only divides a torque

@@ -26,16 +26,16 @@ from scipy.interpolate import CubicSpline
 
 from beltcomm.effects import EFFECTS
 from beltcomm.model import Model
-from beltcomm.simulate.compose import inverse_kernel
 from beltcomm.simulate.intersample import Intersample
-from beltcomm.simulate.learning import prepared
+from beltcomm.simulate.kernels.compose import inverse_kernel
+from beltcomm.simulate.kernels.learning import prepared
+from beltcomm.simulate.kernels.mean import triangular_mean
+from beltcomm.simulate.kernels.observer import NOTHING, Watch, unseen
+from beltcomm.simulate.kernels.plain_belt import plain_belt, values_of
+from beltcomm.simulate.kernels.switchboard import switchboard
+from beltcomm.simulate.kernels.vectors import LANES
+from beltcomm.simulate.kernels.writer import LOOK_AHEAD, MOVING_RAD_S
 from beltcomm.simulate.lock_step import Lane, lock_step
-from beltcomm.simulate.mean import triangular_mean
-from beltcomm.simulate.observer import NOTHING, Watch, unseen
-from beltcomm.simulate.plain_belt import plain_belt, values_of
-from beltcomm.simulate.switchboard import switchboard
-from beltcomm.simulate.vectors import LANES
-from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S
 
 Array = NDArray[np.float64]
 #: Laws with their values.

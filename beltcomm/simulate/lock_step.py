@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.effects import EFFECTS
-from beltcomm.simulate.addresses import address
-from beltcomm.simulate.compose import import_stable
-from beltcomm.simulate.fences import blocks, indented, needed
-from beltcomm.simulate.observer import Watch
-from beltcomm.simulate.observer_lanes import AIM, ASTRAY, HALF, HURRY, LEVER, NEW, OWN, SHUT, STIFFNESS, WANDER, observers, watched
-from beltcomm.simulate.vectors import LANES, aligned
-from beltcomm.simulate.writer import Writer, acts_on_motor
+from beltcomm.simulate.kernels.addresses import address
+from beltcomm.simulate.kernels.compose import import_stable
+from beltcomm.simulate.kernels.fences import blocks, indented, needed
+from beltcomm.simulate.kernels.observer import Watch
+from beltcomm.simulate.kernels.observer_lanes import AIM, ASTRAY, HALF, HURRY, LEVER, NEW, OWN, SHUT, STIFFNESS, WANDER, observers, watched
+from beltcomm.simulate.kernels.vectors import LANES, aligned
+from beltcomm.simulate.kernels.writer import Writer, acts_on_motor
 
 Array = NDArray[np.float64]
 

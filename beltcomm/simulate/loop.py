@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from beltcomm.control import Cascade, discrete_coefficients, new_state, reset_state
 from beltcomm.model import Model
 from beltcomm.plant import Plant
-from beltcomm.simulate.loop_kernel import setpoint
+from beltcomm.simulate.kernels.loop_kernel import setpoint
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 
 Array = NDArray[np.float64]

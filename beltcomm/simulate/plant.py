@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import Refused, UsageError
-from beltcomm.linear import describes, fastest_rate, operating_point
 from beltcomm.model import Model
-from beltcomm.simulate.compose import kernel_for
+from beltcomm.model.linear import describes, fastest_rate, operating_point
 from beltcomm.simulate.forward import LARGEST_STEP, at_rest, check_step
 from beltcomm.simulate.imperfect import angle_sensor, is_late, late_torque, memory_s
+from beltcomm.simulate.kernels.compose import kernel_for
 
 Array = NDArray[np.float64]
 

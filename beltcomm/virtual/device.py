@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from beltcomm.drive_section import IDEAL, Instruments
 from beltcomm.errors import UsageError
 from beltcomm.plant import Plant
+from beltcomm.plant.drive_section import IDEAL, Instruments
 from beltcomm.virtual.bus import TICKS_PER_SECOND, LockstepBus
 from beltcomm.virtual.cia402 import State
 from beltcomm.virtual.dictionary import NonVolatile, ObjectDictionary, SdoAbort

@@ -182,9 +182,9 @@ class Servo:
         if faults.emergency_at_s is not None or faults.warm_from_s is not None:
             self._suffer(now_s)
         if dictionary.stage_on:
-            needs_observer = self._mode_number in _WITH_POSITION_REFERENCE
-            self._publish_demand(position, needs_observer)
-            self._supervision.check(position, self._switches, self._mode is self._homing, needs_observer)
+            follows_position = self._mode_number in _WITH_POSITION_REFERENCE
+            self._publish_demand(position, follows_position)
+            self._supervision.check(position, self._switches, self._mode is self._homing, follows_position)
         if stage.i2t_exceeded != loops.i2t_limited:
             self._on_i2t(stage.i2t_exceeded)
         if self._unsettled and self._remote:
@@ -299,9 +299,9 @@ class Servo:
             self._loops.i2t_limited = exceeded
             self._loops.reload_limit()
 
-    def _publish_demand(self, position: int, needs_observer: bool) -> None:
+    def _publish_demand(self, position: int, follows_position: bool) -> None:
         loops = self._loops
-        if needs_observer:
+        if follows_position:
             self._position_demand.value = _int32(loops.position_of(loops.demand_rad))
             self._following_error.value = _int32(loops.following_error_rad * loops.scaling.position)
         else:

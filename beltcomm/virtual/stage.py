@@ -7,9 +7,9 @@ from collections import deque
 
 import numpy as np
 
-from beltcomm.drive_section import IDEAL, Instruments
 from beltcomm.errors import UsageError
 from beltcomm.plant import BrakedPlant, Plant
+from beltcomm.plant.drive_section import IDEAL, Instruments
 from beltcomm.virtual.bus import TICK_S
 from beltcomm.virtual.faults import Faults
 from beltcomm.virtual.motor import Motor

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from beltcomm.drive_section import Instruments
+from beltcomm.plant.drive_section import Instruments
 from beltcomm.virtual.bus import TICK_S
 
 Pieces = list[tuple[float, float]]

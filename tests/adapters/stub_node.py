@@ -172,8 +172,8 @@ class StubNode:
         self.put(0x6041, 0, self._status())
 
     def _status(self) -> int:
-        needs_observer = self.state == _ENABLED and not self.ignores_target
-        return self.state | (1 << 12 if needs_observer else 0)
+        follows = self.state == _ENABLED and not self.ignores_target
+        return self.state | (1 << 12 if follows else 0)
 
     def _sync(self, now_s: float) -> None:
         self.syncs += 1

@@ -8,9 +8,9 @@ import pytest
 
 from adapters.stub_node import StubBus, StubNode
 from beltcomm.control import Cascade, Feedforward, Prefilter
+from beltcomm.drive.objects import ObjectValue
+from beltcomm.drive.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import DriveError, ObjectRefused, Refused, UsageError
-from beltcomm.objects import ObjectValue
-from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm_adapters.gains import Parameters, structure_of
 from beltcomm_adapters.link import Link
 from beltcomm_adapters.profiles import load_profile

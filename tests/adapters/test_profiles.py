@@ -10,8 +10,8 @@ import pytest
 import beltcomm_adapters
 from adapters.stub_node import StubBus, StubNode
 from beltcomm.configfiles import config_names, find_config, read_yaml
+from beltcomm.drive.objects import ObjectValue
 from beltcomm.errors import ObjectLocked, UsageError
-from beltcomm.objects import ObjectValue
 from beltcomm_adapters.canopen import connect
 from beltcomm_adapters.gains import Parameters
 from beltcomm_adapters.link import Link

@@ -54,10 +54,10 @@ def table(lines: Sequence[Line]) -> None:
     for name in ("instruments", "rigid"):
         if own := sets.get(name):
             print_healthy(name, own)
-    if with_observer := sets.get("effects_instruments"):
+    if with_instruments := sets.get("effects_instruments"):
         print("with drawn instruments:")
-        print_confusion(with_observer)
-        print_named("with drawn instruments, strength 0.4 to 1.0", [line for line in with_observer if line["visible"]])
+        print_confusion(with_instruments)
+        print_named("with drawn instruments, strength 0.4 to 1.0", [line for line in with_instruments if line["visible"]])
     if beyond := sets.get("outside_instruments"):
         print(
             f"outside the catalogue, with drawn instruments, called explained: {share(line['verdict'] == 'explained' for line in beyond)}"

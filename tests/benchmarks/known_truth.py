@@ -23,18 +23,18 @@ import numpy as np
 from beltcomm.axis import load_axis
 from beltcomm.drive import open_drive
 from beltcomm.errors import BeltcommError
-from beltcomm.identify.final import final_model
-from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse
-from beltcomm.session.commission import (
+from beltcomm.experiments.commission import (
     Findings,
     Settings,
     close_first_loop,
     identify_here,
     record_steps,
 )
-from beltcomm.session.machine import Machine
-from beltcomm.session.referencing import reference
+from beltcomm.experiments.referencing import reference
+from beltcomm.identify.final import final_model
+from beltcomm.machine.machine import Machine
+from beltcomm.rundata import analyse
+from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Silence
 from truth.rigs import draw
 

@@ -19,8 +19,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from beltcomm import api
 from beltcomm.drive import Drive, open_drive
 from beltcomm.model import load_model
+from beltcomm.recording.sidecar import Sidecar
 from beltcomm.runfolder import RunFolder
-from beltcomm.sidecar import Sidecar
 from beltcomm.virtual.bus import Frame
 from foreign.buslog import candump
 

@@ -30,8 +30,8 @@ from scipy.sparse import csr_array, diags_array
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from beltcomm.comparisons.excitations import COUNTS, NOISE_NM, PERIOD_S, PLACE_M
 from beltcomm.simulate.forward import simulate_torque
+from beltcomm.thesis.excitations import COUNTS, NOISE_NM, PERIOD_S, PLACE_M
 from benchmarks.speeds.bound import gains, innovations, linearised
 from benchmarks.speeds.estimation import axis, free, given, signal_of
 

@@ -23,8 +23,8 @@ from beltcomm.excitation import prbs
 from beltcomm.identify.three_mass import MASS, compare_masses, resonances_hz
 from beltcomm.identify.three_mass_magnitude import fit_magnitudes
 from beltcomm.recording import Recording
-from beltcomm.session import analyse
-from beltcomm.sidecar import ExcitationNote, Sidecar
+from beltcomm.recording.sidecar import ExcitationNote, Sidecar
+from beltcomm.rundata import analyse
 from truth import Axis, ConstantBelt, ThreeSectionBelt, TruthPlant, TwoStrandBelt
 
 EA_N, L3_M, OFFSET_M, DA_N_S, OWN_KG = 106250.0, 0.79, 0.05, 7.17, 0.153187

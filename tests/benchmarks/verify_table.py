@@ -28,10 +28,11 @@ import numpy as np
 
 from beltcomm import api
 from beltcomm.api import Options
+from beltcomm.experiments import proving, verification
+from beltcomm.machine.machine import Machine
 from beltcomm.model import load_model
+from beltcomm.rundata import offline
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import offline, proving, verification
-from beltcomm.session.machine import Machine
 from beltcomm.talk import Silence
 from beltcomm.verify import TrackingError, Verdict, tracking_error
 from session.bench import RATIO, Bench

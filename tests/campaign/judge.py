@@ -14,7 +14,7 @@ import numpy as np
 from beltcomm.axis import load_axis
 from beltcomm.errors import BeltcommError
 from beltcomm.runfolder import RunFolder
-from beltcomm.stopping import first_deceleration
+from beltcomm.simulate.stopping import first_deceleration
 from beltcomm.virtual.motor import EMMS_AS_70
 from campaign.cases import COMMANDS, Case, standing_s
 from campaign.disk import Disk

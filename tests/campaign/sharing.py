@@ -13,8 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from beltcomm.session import analyse, offline, phases, proving, raising, stops, verification
-from beltcomm.session import commission as sequence
+from beltcomm.experiments import commission as sequence
+from beltcomm.experiments import phases, proving, raising, verification
+from beltcomm.machine import stops
+from beltcomm.rundata import analyse, offline
 
 PURE: tuple[tuple[Any, str], ...] = (
     (raising, "first_path"),

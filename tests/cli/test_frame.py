@@ -103,9 +103,9 @@ class StandIn(ModuleType):
 def api(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> StandIn:
     stand_in = StandIn()
     for name in (
-        "beltcomm.api", "beltcomm.session.reporting", "beltcomm.session.options", "beltcomm.session.laboratory", "beltcomm.session.fit_job",
-        "beltcomm.session.friction_study", "beltcomm.session.convert", "beltcomm.session.export", "beltcomm.session.bundle",
-        "beltcomm.session.thesis", "beltcomm.session.move_file", "beltcomm.foreign.job",
+        "beltcomm.api", "beltcomm.pages", "beltcomm.experiments.options", "beltcomm.jobs.laboratory", "beltcomm.jobs.fit",
+        "beltcomm.jobs.friction_compare", "beltcomm.jobs.convert", "beltcomm.jobs.export", "beltcomm.jobs.bundle",
+        "beltcomm.thesis.topics", "beltcomm.jobs.trajectory", "beltcomm.foreign.job",
     ):  # fmt: skip
         monkeypatch.setitem(sys.modules, name, stand_in)
     monkeypatch.chdir(tmp_path)

@@ -10,9 +10,9 @@ import pytest
 from beltcomm.cli.display import window_line
 from beltcomm.cli.talk import PlainTalk, RichTalk, terminal_talk
 from beltcomm.cli.terminal import echo, failure, fitted
-from beltcomm.finding import Finding
+from beltcomm.drive.finding import Finding
+from beltcomm.jobs.doctor import _lines
 from beltcomm.result import jsonable, table
-from beltcomm.session.doctor import _lines
 from beltcomm.talk import Place
 
 ROWS = [["sign and breakaway", "2 mm", "0.74 N m"], ["excitation, rising in steps", "30 mm", "1.24 N m"]]

@@ -17,9 +17,9 @@ from beltcomm import api
 from beltcomm.cli.main import cli
 from beltcomm.drive import Drive, open_drive
 from beltcomm.errors import UsageError
-from beltcomm.session import buslog
-from beltcomm.session.bundle import VERSIONS, scrubbed, write_bundle
-from beltcomm.session.buslog import BusLog, Frame, is_cyclic
+from beltcomm.jobs.bundle import VERSIONS, scrubbed, write_bundle
+from beltcomm.rundata import buslog
+from beltcomm.rundata.buslog import BusLog, Frame, is_cyclic
 from beltcomm.virtual.faults import Faults
 from beltcomm_adapters.canopen import connect
 from beltcomm_adapters.logged import LoggedBus

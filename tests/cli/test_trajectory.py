@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from beltcomm.axis import load_axis
 from beltcomm.cli.main import cli
 from beltcomm.errors import DataError
-from beltcomm.signalfile import read_columns
+from beltcomm.recording.signalfile import read_columns
 from beltcomm.trajectory import load_move
 
 T_A = ("--speed", "5", "--acceleration", "45", "--jerk", "40")

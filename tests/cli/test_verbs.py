@@ -14,14 +14,14 @@ from click.testing import CliRunner, Result
 
 from beltcomm import drive
 from beltcomm.axis import load_axis
-from beltcomm.axis_entries import COMMISSION_NEEDS
+from beltcomm.axis.entries import COMMISSION_NEEDS
 from beltcomm.cli.frame import Frame
 from beltcomm.cli.init import _otherwise
 from beltcomm.cli.main import cli
 from beltcomm.cli.talk import PlainTalk, RichTalk
 from beltcomm.effects import EFFECTS
 from beltcomm.errors import DataError, UsageError
-from beltcomm.session.referencing import suitable
+from beltcomm.experiments.referencing import suitable
 
 
 def call(*words: str, answer: str | None = None) -> Result:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from beltcomm.axis_entries import TrajectoryLimits
+from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, Feedforward, cascade_step, discrete_coefficients, feedforward_torque, new_state, reset_state
 from beltcomm.design.compliant import compliance, leading, rested, smoothed, torque_along
 from beltcomm.errors import UsageError

@@ -325,7 +325,7 @@ def test_the_command_refuses_what_it_cannot_convert(words: tuple[str, ...], code
 
 def test_the_design_of_a_run_is_converted_in_its_drives_form(tmp_path: Path) -> None:
     from beltcomm.axis import load_axis
-    from beltcomm.parameters import cascade_to_parameters
+    from beltcomm.drive.parameters import cascade_to_parameters
     from beltcomm.runfolder import RunFolder
 
     folder = RunFolder.create(tmp_path / "run", load_axis("egc-70-600"))

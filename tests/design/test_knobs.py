@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltcomm.comparisons.designs import published_gains, thesis_plants
 from beltcomm.control import Cascade, Prefilter, PrefilterKind
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.knobs import Knobs, gains_for, knobs_of, turned
 from beltcomm.design.thesis import thesis_margins
 from beltcomm.errors import Refused
+from beltcomm.thesis.designs import published_gains, thesis_plants
 
 G_A, G_B, S_A, S_B, S_C = thesis_plants()
 

@@ -15,10 +15,10 @@ from beltcomm.control import Cascade, Prefilter, cascade_step, discrete_coeffici
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.margins import margins
 from beltcomm.design.measured import LINE_LEVEL, measured_margins
-from beltcomm.distortion import line_scatter
 from beltcomm.errors import DataError
 from beltcomm.excitation import prbs
 from beltcomm.response import FrequencyResponse, estimate_response
+from beltcomm.response.distortion import line_scatter
 from design.closed_loop import PERIOD, growth_per_second, run
 from truth.rigs import RIGS
 

@@ -16,9 +16,9 @@ from beltcomm.design.margins import margins
 from beltcomm.design.prefilters import continuous_prefilter
 from beltcomm.design.specification import Specification
 from beltcomm.drive import open_drive
+from beltcomm.drive.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.model import load_plant
-from beltcomm.parameters import cascade_to_parameters, parameters_to_cascade
-from beltcomm.session.analyse import design_plants
+from beltcomm.rundata.analyse import design_plants
 from design.closed_loop import PERIOD, growth_per_second, run
 
 WITH = CascadeStructure("reference", PERIOD, ("none", "notch", "butterworth"), True, True, True, roll_off=True)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltcomm.axis_entries import TrajectoryLimits
+from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, CascadeStructure, Prefilter
 from beltcomm.design.compensation import compensated, compensation
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.structure import in_loop, late_s, loop_model
-from beltcomm.linear import operating_point, state_space
 from beltcomm.model import Model, load_plant
-from beltcomm.session.analyse import design_plants, with_feedforward
+from beltcomm.model.linear import operating_point, state_space
+from beltcomm.rundata.analyse import design_plants, with_feedforward
 from beltcomm.trajectory import plan_trajectory
 from beltcomm.verify import Loop, predict_move
 

@@ -19,7 +19,7 @@ from click.testing import CliRunner, Result
 
 from beltcomm.cli.main import cli
 from beltcomm.drive import Adapter, FoundAdapter
-from beltcomm.finding import Finding
+from beltcomm.drive.finding import Finding
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.device import VirtualDrive
 from beltcomm.virtual.faults import Faults
@@ -247,7 +247,7 @@ SETUPS: dict[str, Setup] = {
 
 def called(setup: Setup, *more: str) -> Result:
     """The command line run on a set-up."""
-    with TemporaryDirectory() as folder, patch("beltcomm.session.doctor.find_adapters", lambda: setup.bench.found(Path(folder))):
+    with TemporaryDirectory() as folder, patch("beltcomm.jobs.doctor.find_adapters", lambda: setup.bench.found(Path(folder))):
         return CliRunner().invoke(cli, [*setup.words.split(), *more])
 
 

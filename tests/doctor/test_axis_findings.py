@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 
 from beltcomm.axis import Axis, load_axis
-from beltcomm.finding import Finding, Values
-from beltcomm.session.axis_findings import compared
+from beltcomm.drive.finding import Finding, Values
+from beltcomm.jobs.axis_findings import compared
 
 AXIS = load_axis("egc-70-600")  # 1.43 N m, 0.65 N m/A, 65536 counts, r = 12.42 mm, no gear, -10 to 570 mm
 FEED_M = 2.0 * math.pi * 0.01242

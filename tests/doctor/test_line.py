@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from beltcomm.finding import Finding
+from beltcomm.drive.finding import Finding
 from beltcomm_adapters.examination.line import examine_line
 
 

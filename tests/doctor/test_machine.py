@@ -9,7 +9,7 @@ from typing import Any
 import can
 import pytest
 
-from beltcomm.finding import Finding
+from beltcomm.drive.finding import Finding
 from beltcomm_adapters.buses import Address
 from beltcomm_adapters.examination import surroundings as module
 from beltcomm_adapters.examination.errors import trouble_of, worst

@@ -11,8 +11,8 @@ import pytest
 
 from beltcomm import api
 from beltcomm.drive import find_adapters
+from beltcomm.drive.finding import Finding
 from beltcomm.errors import UsageError
-from beltcomm.finding import Finding
 from beltcomm.virtual.bus import Frame, LockstepBus
 from beltcomm.virtual.faults import Faults
 from beltcomm_adapters.examination.can import examine_bus

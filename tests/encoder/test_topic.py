@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beltcomm.comparisons import estimator_loop
 from beltcomm.control import Cascade, CascadeStructure, Feedforward, Prefilter
 from beltcomm.model import load_plant
 from beltcomm.result import Result
-from beltcomm.session.thesis import thesis
+from beltcomm.thesis import estimator_loop
+from beltcomm.thesis.topics import thesis
 from beltcomm.trajectory import plan_trajectory
 from beltcomm.verify import Loop, predict_move
 

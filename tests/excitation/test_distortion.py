@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltcomm.distortion import distortion
 from beltcomm.errors import DataError
 from beltcomm.excitation import multisine, prbs
+from beltcomm.response.distortion import distortion
 from truth import Axis, ConstantBelt, TruthPlant
 
 T_S, INERTIA, MASS, LEVER = 1e-3, 71.73e-6, 2.0, 0.01242

@@ -9,8 +9,8 @@ from beltcomm.errors import DataError, UsageError
 from beltcomm.excitation import chirp, prbs
 from beltcomm.excitation.moving import REST_S, TAIL_S, moving, ramp_s, stroke_m
 from beltcomm.recording import ExcitationNote, Sidecar
+from beltcomm.recording.sidecar import sidecar_from_dict
 from beltcomm.response import estimate_response
-from beltcomm.sidecar import sidecar_from_dict
 
 T = 1e-3
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltcomm.cascade_kernel import cascade_step, new_state, reset_state, velocity_step
 from beltcomm.control import Cascade, Feedforward, Prefilter, discrete_coefficients
+from beltcomm.control.cascade_kernel import cascade_step, new_state, reset_state, velocity_step
 from beltcomm.export.program import controller_of
 from beltcomm.export.texts import text_of
 

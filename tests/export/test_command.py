@@ -14,9 +14,9 @@ from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.cli.main import cli
 from beltcomm.control import Cascade, CascadeStructure, discrete_coefficients
+from beltcomm.drive.parameters import cascade_to_parameters
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.model import load_plant
-from beltcomm.parameters import cascade_to_parameters
 from beltcomm.result import plain
 from beltcomm.runfolder import RunFolder
 from export.drive import CASCADES, PERIOD_S

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import ctypes
 import shutil
 import subprocess
@@ -11,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beltcomm.cascade_kernel import _velocity_loop, new_state
 from beltcomm.configfiles import read_yaml
 from beltcomm.control import Cascade, Feedforward, discrete_coefficients
+from beltcomm.control.cascade_kernel import _velocity_loop, new_state
 from beltcomm.errors import UsageError
 from beltcomm.export.program import (
     COEFFICIENTS,
@@ -30,13 +31,19 @@ from beltcomm.export.program import (
     controller_of,
     expression,
     flat,
-    names_in,
 )
 from export.drive import CASCADES, LIMIT_NM, PERIOD_S, STEPS, Calls, by_kernel, sequence, text
 from export.function_block import RESERVED, FunctionBlock
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="there is no C compiler on this machine (cc, gcc, clang)")
+
+
+def names_in(text: str) -> set[str]:
+    """Names that an expression reads."""
+    nodes = list(ast.walk(ast.parse(text, mode="eval")))
+    functions = {id(node.func) for node in nodes if isinstance(node, ast.Call)}
+    return {node.id for node in nodes if isinstance(node, ast.Name) and id(node) not in functions}
 
 
 def test_the_sequence_saturates_and_does_not_both_ways() -> None:

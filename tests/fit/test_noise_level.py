@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from beltcomm.fit.noise_level import noise_colour, noise_untold, repeats_itself, torque_noise
 from beltcomm.recording import Recording
-from beltcomm.sidecar import ExcitationNote, Sidecar
+from beltcomm.recording.sidecar import ExcitationNote, Sidecar
 from identify.records import NOISE_NM, Recorder
 from truth.rigs import draw
 

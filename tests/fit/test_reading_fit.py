@@ -10,7 +10,7 @@ import pytest
 from beltcomm.fit.reading_fit import ReadingFit, fit_reading
 from beltcomm.fit.torque_path import ReadingLaw
 from beltcomm.recording import Recording
-from beltcomm.sidecar import Sidecar
+from beltcomm.recording.sidecar import Sidecar
 from fit.drives import behind, first_order, held, second_order, smoothed
 
 SAMPLE_S, NOISE_NM = 1e-3, 6e-3

@@ -17,7 +17,7 @@ from beltcomm.fit.segment import evaluate
 from beltcomm.fit.torque_path import FAITHFUL
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
-from beltcomm.sidecar import Sidecar
+from beltcomm.recording.sidecar import Sidecar
 
 Array = NDArray[np.float64]
 SAMPLE_S, COUNTS, NOISE_NM = 1e-3, 4000, 10e-3

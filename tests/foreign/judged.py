@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from beltcomm.cli.main import cli
 from beltcomm.fit.segment import Segment, segments
 from beltcomm.laboratory.plain_error import Banded, in_band, low_passed, plain_error
-from beltcomm.linear import operating_point, state_space
 from beltcomm.model import Model
+from beltcomm.model.linear import operating_point, state_space
 from beltcomm.recording import Recording
 from beltcomm.simulate.imperfect import path_response
 

@@ -11,7 +11,7 @@ import pytest
 from beltcomm.errors import DataError
 from beltcomm.foreign.checks import check
 from beltcomm.recording import ExcitationNote, Recording, Sidecar, common_side
-from beltcomm.recording_checks import opposite_signs
+from beltcomm.recording.checks import opposite_signs
 from foreign.samples import CONSTANT_NM_A, COUNTS, swing
 
 T, CURRENT, ENCODER = swing(3000)

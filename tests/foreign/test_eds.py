@@ -12,10 +12,10 @@ import pytest
 from click.testing import CliRunner
 
 from beltcomm.cli.main import cli
+from beltcomm.drive.objects import ObjectValue
 from beltcomm.errors import DataError
 from beltcomm.export.dcf import dcf_text
 from beltcomm.foreign.eds import load_object_file, parse
-from beltcomm.objects import ObjectValue
 
 HERE = Path("file.eds")
 GOOD = """[FileInfo]
@@ -274,6 +274,6 @@ def test_no_mutation_raises_a_traceback(first: int) -> None:
 
 
 def packed_bytes(one: ObjectValue) -> bytes:
-    from beltcomm.objects import packed
+    from beltcomm.drive.objects import packed
 
     return packed(one.kind, one.raw)

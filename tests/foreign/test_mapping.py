@@ -10,7 +10,7 @@ import pytest
 from beltcomm.errors import UsageError
 from beltcomm.foreign.mapping import kept_columns, parse_source, sources_for
 from beltcomm.foreign.table import Table
-from beltcomm.recording_columns import KNOWN_COLUMNS
+from beltcomm.recording.columns import KNOWN_COLUMNS
 
 NAMES = ("time", "Iq", "Iq_max", "enc", "pos-actual", "Drive/Speed [1/min]", "Lage (mm)", "cart_mm", "theta_m", "a*b", "t_us")
 TABLE = Table("log.csv", {name: np.arange(3.0) for name in NAMES}, {"time": "ms"})

@@ -17,10 +17,10 @@ from beltcomm.configfiles import find_config
 from beltcomm.errors import BeltcommError
 from beltcomm.model import load_model, load_plant
 from beltcomm.recording import load_recording
+from beltcomm.recording.sidecar import load_sidecar
+from beltcomm.rundata import backups
+from beltcomm.rundata.store import cascade_from_dict, delay_from_dict, structure_from_dict
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import backups
-from beltcomm.session.store import cascade_from_dict, delay_from_dict, structure_from_dict
-from beltcomm.sidecar import load_sidecar
 from beltcomm.trajectory import load_move
 from beltcomm_adapters.profiles import load_profile
 from fuzz.mutation import mutated

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from beltcomm.excitation import prbs
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
-from beltcomm.sidecar import ExcitationNote, Sidecar
+from beltcomm.recording.sidecar import ExcitationNote, Sidecar
 from truth import ConstantBelt, TruthPlant
 
 Array = NDArray[np.float64]

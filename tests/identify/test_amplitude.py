@@ -25,7 +25,7 @@ from beltcomm.identify.amplitude import (
     unknown_payload,
 )
 from beltcomm.model import Model
-from beltcomm.stopping import Braking
+from beltcomm.simulate.stopping import Braking
 from identify.records import PERIOD_S, true_model
 from truth import TruthPlant
 from truth.rigs import draw

@@ -12,7 +12,7 @@ from beltcomm.errors import DataError
 from beltcomm.identify.friction import FrictionFit, Plateau, fit_friction
 from beltcomm.identify.sweeps import KEY, clear, drift_of, load_dependence, note_of, sweeps_of
 from beltcomm.recording import Recording
-from beltcomm.sidecar import Sidecar
+from beltcomm.recording.sidecar import Sidecar
 
 VISCOUS, COULOMB = 2.530e-3, 0.125  # table A.10, G_A
 #: rad/s: slow ones in the Stribeck effect, fast ones.

@@ -34,8 +34,8 @@ from beltcomm.identify.three_mass_magnitude import fit_magnitudes
 from beltcomm.model import load_model
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse
+from beltcomm.rundata import analyse
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse
 from identify.records import COUNTS, PERIOD_S, Recorder
 from truth import Axis, ConstantBelt, ThreeSectionBelt, TruthPlant
 from truth.reference_solution import Matrices
@@ -198,7 +198,7 @@ def run(tmp_path: Path, record: Recording, found: ThreeMass, monkeypatch: pytest
     """A run folder with the record; the fits are those made above."""
     folder = RunFolder.create(tmp_path / "run", AXIS)
     folder.add_recording(record)
-    monkeypatch.setattr("beltcomm.session.third_mass.compare_masses", lambda *_args, **_kwargs: found)
+    monkeypatch.setattr("beltcomm.jobs.third_mass.compare_masses", lambda *_args, **_kwargs: found)
     return tmp_path / "run"
 
 
@@ -218,7 +218,7 @@ def test_the_command_saves_a_revision_that_design_rests_on(run: Path, found: Thr
 
 
 def test_the_command_refuses_and_leaves_the_files(run: Path, found: ThreeMass, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("beltcomm.session.third_mass.compare_masses", lambda *_args, **_kwargs: replace(found, against=("too quiet",)))
+    monkeypatch.setattr("beltcomm.jobs.third_mass.compare_masses", lambda *_args, **_kwargs: replace(found, against=("too quiet",)))
     before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
     result = api.fit(run, model="three-mass")
     assert result.exit_code == 1

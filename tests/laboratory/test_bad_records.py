@@ -26,10 +26,10 @@ from beltcomm.laboratory.scope import lacking, within_scope
 from beltcomm.laboratory.score import Scorer
 from beltcomm.model import build_model
 from beltcomm.recording import Recording
-from beltcomm.recording_checks import RigidInertia
+from beltcomm.recording.checks import RigidInertia
+from beltcomm.rundata.fitted_run import explainable
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.cross_check_words import sheet_lines
-from beltcomm.session.opened import explainable
+from beltcomm.sentences.cross_checks import sheet_lines
 from truth.hidden import draw, write_session
 
 Change = Callable[[Recording], Recording]

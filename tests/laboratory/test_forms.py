@@ -16,11 +16,11 @@ from beltcomm.fit.records import prepare
 from beltcomm.fit.segment import evaluate
 from beltcomm.fit.start import start_model
 from beltcomm.fit.touches import free_parameters
+from beltcomm.jobs.laboratory import change_of
 from beltcomm.laboratory import forms
 from beltcomm.laboratory.acceptance import grown_out_of_bounds
 from beltcomm.model import Model, build_model
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.laboratory import change_of
 from truth.hidden import draw, write_session
 
 BASE = build_model("axis", ("belt_stiffness", "belt_damping", "viscous", "coulomb"), {})

@@ -19,7 +19,7 @@ from beltcomm.laboratory.freedom import needed
 from beltcomm.laboratory.stage import Candidate
 from beltcomm.model import build_model
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.ladder_words import added_notes, trial_line
+from beltcomm.sentences.ladder import added_notes, trial_line
 from truth.hidden import Machine, draw, recorder
 from truth.hidden import layout as at
 from truth.hidden.folder import write_records

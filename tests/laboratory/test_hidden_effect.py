@@ -17,13 +17,13 @@ from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import Data
 from beltcomm.fit.start import start_model
+from beltcomm.jobs.laboratory import better, told_before
 from beltcomm.laboratory.diagnosis import Step, fitted_base, shorter
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.stage import candidate, with_effect
 from beltcomm.laboratory.visible import visible
+from beltcomm.rundata.revisions import revisions, trusted_model
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.revisions import revisions, trusted_model
-from beltcomm.session.told_before import better, told_before
 from truth.hidden import draw, write_session
 
 

@@ -14,8 +14,8 @@ from beltcomm.laboratory.diagnosis import as_searched, fitted_base
 from beltcomm.laboratory.masked import behind_a_delay
 from beltcomm.laboratory.stage import Candidate, held_at
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.diagnosis_data import ranked
-from beltcomm.session.ladder_words import trial_line
+from beltcomm.sentences.diagnosis_data import ranked
+from beltcomm.sentences.ladder import trial_line
 from truth.hidden import draw, write_session
 
 #: Few and loud, so that it does not take half a minute.

@@ -12,7 +12,7 @@ from beltcomm.errors import DataError
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory.run_checks import Checked, checked
 from beltcomm.recording import Recording
-from beltcomm.recording_checks import rigid_inertia
+from beltcomm.recording.checks import rigid_inertia
 from beltcomm.runfolder import RunFolder
 from truth.hidden import Machine, draw, write_session
 from truth.hidden.instruments import Instruments

@@ -14,6 +14,7 @@ import pytest
 from beltcomm.cli.talk import PlainTalk
 from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import Fitted
+from beltcomm.jobs import effect_search, laboratory
 from beltcomm.laboratory import acceptance, diagnosis, superfluous
 from beltcomm.laboratory.acceptance import fitted_to_nothing, left_as_a_whole
 from beltcomm.laboratory.diagnosis import Step, verdict_of
@@ -21,9 +22,9 @@ from beltcomm.laboratory.plausible import KNOWN, run_away, undetermined, unlikel
 from beltcomm.laboratory.stage import Candidate
 from beltcomm.laboratory.structure import excess, partitions
 from beltcomm.model import build_model
-from beltcomm.session import effect_search, laboratory, ladder_words
-from beltcomm.session.ladder_words import climb_lines
-from beltcomm.session.revisions import Revision
+from beltcomm.rundata.revisions import Revision
+from beltcomm.sentences import ladder as ladder_words
+from beltcomm.sentences.ladder import climb_lines
 
 BASE = build_model("axis", ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb"), {})
 

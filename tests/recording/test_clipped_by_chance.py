@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltcomm.recording_checks import clipped_share
+from beltcomm.recording.checks import clipped_share
 
 #: Finer than a third of the noise's median deviation: where steps are coarser, values at rest repeat as well, and the check says nothing.
 STEPS_NM = (0.3e-3, 0.6e-3)

@@ -11,7 +11,7 @@ import pytest
 from beltcomm.configfiles import to_yaml
 from beltcomm.errors import DataError
 from beltcomm.recording import load_recording
-from beltcomm.sidecar import Sidecar, load_sidecar
+from beltcomm.recording.sidecar import Sidecar, load_sidecar
 from recording.samples import csv_text, signals, write
 
 FILE_FAULTS: dict[str, tuple[bytes | Callable[[], str], str]] = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltcomm.recording_checks import long_steps, usual_step
+from beltcomm.recording.checks import long_steps, usual_step
 
 Array = NDArray[np.float64]
 EVEN = 1e-3 * np.arange(7000)

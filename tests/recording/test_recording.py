@@ -185,12 +185,6 @@ def test_a_torque_that_settles_at_its_largest_value_is_not_clipped() -> None:
     assert recording(torque=settling).notes == ()
 
 
-def test_methods_state_how_many_samples_they_need() -> None:
-    recording().check_samples(2000, "the sweep")
-    with pytest.raises(DataError, match="the sweep needs 2001 samples, it has 2000; record longer"):
-        recording().check_samples(2001, "the sweep")
-
-
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

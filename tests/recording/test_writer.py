@@ -18,7 +18,7 @@ from beltcomm.axis import load_axis
 from beltcomm.configfiles import read_yaml
 from beltcomm.errors import UsageError
 from beltcomm.recording import RecordingWriter, Sidecar, load_recording
-from beltcomm.recording_writer import FLUSH_ROWS, MOTOR_COLUMNS
+from beltcomm.recording.writer import FLUSH_ROWS, MOTOR_COLUMNS
 from beltcomm.runfolder import RunFolder
 from campaign.disk import Disk
 from recording.samples import csv_text, rows, signals, write

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis, Gearbox, load_axis
 from beltcomm.configfiles import find_config
 from beltcomm.drive import Drive, open_drive
+from beltcomm.experiments.phases import SIGN_REACH_M, SIGN_TRAVEL_M
 from beltcomm.recording import Recording
-from beltcomm.session.phases import SIGN_REACH_M, SIGN_TRAVEL_M
-from beltcomm.stopping import Braking
+from beltcomm.simulate.stopping import Braking
 from beltcomm.talk import Place
 from beltcomm.virtual.bus import Frame
 from beltcomm_adapters.canopen import connect

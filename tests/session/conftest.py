@@ -15,11 +15,13 @@ import pytest
 
 from beltcomm import api
 from beltcomm.axis import Axis
+from beltcomm.experiments import commission as sequence
+from beltcomm.experiments import phases, raising, sameness
 from beltcomm.identify.final import FinalModel, final_model
+from beltcomm.machine import stops
 from beltcomm.recording import Recording
+from beltcomm.rundata import analyse, offline
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, offline, phases, raising, sameness, stops
-from beltcomm.session import commission as sequence
 from session.bench import Bench, Listener
 
 SEED = 1

@@ -11,7 +11,7 @@ import pytest
 from beltcomm import api
 from beltcomm.configfiles import read_yaml, to_yaml, write_text
 from beltcomm.errors import BeltcommError, DataError, UsageError
-from beltcomm.signalfile import read_columns, write_columns
+from beltcomm.recording.signalfile import read_columns, write_columns
 
 Copy = Callable[..., Path]
 CONSTANT_NM_A = 0.65

@@ -14,13 +14,14 @@ import pytest
 from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.control import Cascade
+from beltcomm.drive.parameters import parameters_to_cascade
 from beltcomm.errors import DataError, Refused, SafetyStop, UsageError
-from beltcomm.parameters import parameters_to_cascade
+from beltcomm.experiments import gain_steps, phases
+from beltcomm.experiments.plan import commission_plan
+from beltcomm.machine.machine import Machine
+from beltcomm.rundata import calibration
+from beltcomm.rundata.calibration import Calibration, Unit, check
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import calibration, gain_steps, phases
-from beltcomm.session.calibration import Calibration, Unit, check
-from beltcomm.session.machine import Machine
-from beltcomm.session.plan import commission_plan
 from beltcomm.talk import Silence
 from beltcomm_adapters.profiles import load_profile
 from identify.records import true_model

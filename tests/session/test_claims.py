@@ -9,8 +9,8 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.drive import open_drive
-from beltcomm.session.claims import claimed_hz, expected_hz, note_after, notes_before, remark_after, torque_remark
-from beltcomm.session.plan import commission_plan, identify_plan
+from beltcomm.experiments.plan import commission_plan, identify_plan
+from beltcomm.experiments.sampling_limits import claimed_hz, expected_hz, note_after, notes_before, remark_after, torque_remark
 from identify.records import true_model
 from truth.rigs import nominal
 

@@ -10,8 +10,8 @@ import pytest
 
 from beltcomm.given import pasted
 from beltcomm.recording import Recording
-from beltcomm.session.offline import coarser
-from beltcomm.sidecar import Sidecar
+from beltcomm.recording.sidecar import Sidecar
+from beltcomm.rundata.offline import coarser
 
 
 def turned(counts: int, speed_rad_s: float = 20.0) -> Recording:

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from beltcomm.cli.main import cli
-from beltcomm.parameters import GAIN_NAMES
+from beltcomm.drive.parameters import GAIN_NAMES
 from beltcomm.recording import load_recording
 from beltcomm.runfolder import RunFolder
 from session.bench import RATIO, Bench

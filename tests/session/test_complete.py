@@ -9,8 +9,8 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.control import Cascade
+from beltcomm.drive.parameters import parameters_to_cascade
 from beltcomm.model import load_model
-from beltcomm.parameters import parameters_to_cascade
 from beltcomm.recording import load_recording
 from beltcomm.runfolder import RunFolder
 from session.bench import RATIO

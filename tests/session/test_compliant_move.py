@@ -12,9 +12,9 @@ import pytest
 
 from beltcomm import api
 from beltcomm.errors import Refused, UsageError
+from beltcomm.jobs.verify import RUNGS
+from beltcomm.rundata.proof import doubts
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.proof import doubts
-from beltcomm.session.verify_job import RUNGS
 from beltcomm.verify import TrackingError, tracking_error
 from session.bench import RATIO, Bench
 from session.conftest import SEED, Complete

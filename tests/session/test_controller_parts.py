@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltcomm.parameters import GAIN_NAMES
+from beltcomm.drive.parameters import GAIN_NAMES
 from beltcomm.runfolder import RunFolder
 from session.bench import RATIO, Bench
 from session.conftest import Complete

@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from beltcomm.errors import DriveError, Refused
+from beltcomm.machine.delivered import check, delivered
 from beltcomm.recording import Recording
-from beltcomm.session.delivered import check, delivered
-from beltcomm.sidecar import Sidecar
+from beltcomm.recording.sidecar import Sidecar
 
 Array = NDArray[np.float64]
 N, PERIOD_S = 3000, 1e-3

@@ -19,12 +19,12 @@ from beltcomm.design.margins import margins
 from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model, load_model
 from beltcomm.recording import Recording
+from beltcomm.rundata import design_proof
+from beltcomm.rundata.design_proof import SAME_SHARE, Grounds, on_draws
+from beltcomm.rundata.offline import cascade_of
+from beltcomm.rundata.proof import doubts
+from beltcomm.rundata.store import cascade_from_dict, structure_from_dict
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import design_proof
-from beltcomm.session.design_proof import SAME_SHARE, Grounds, on_draws
-from beltcomm.session.offline import cascade_of
-from beltcomm.session.proof import doubts
-from beltcomm.session.store import cascade_from_dict, structure_from_dict
 from beltcomm.simulate.forward import simulate_torque
 from session.bench import RATIO
 from session.conftest import Complete

@@ -13,13 +13,16 @@ import pytest
 from beltcomm.axis import load_axis
 from beltcomm.errors import BusError, DataError, Declined, NoMotion, Refused, SafetyStop
 from beltcomm.excitation import prbs
+from beltcomm.experiments import execute_step as making
+from beltcomm.experiments import payload_mode_in_first_fit as swinging
+from beltcomm.experiments.options import Options
+from beltcomm.jobs import early_end
+from beltcomm.machine import scale
 from beltcomm.model import load_plant
 from beltcomm.recording import ExcitationNote, Recording, Sidecar
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import early_end, making, scale, swinging
-from beltcomm.session.options import Options
-from beltcomm.session.steps import Step
+from beltcomm.schedule.steps import Step
 from beltcomm.simulate.forward import simulate_torque
 from beltcomm.talk import Silence
 
@@ -76,7 +79,7 @@ def test_a_search_that_fails_hides_nothing(folder: RunFolder, monkeypatch: pytes
     def broken(*_: object, **__: object) -> Any:
         raise trouble
 
-    monkeypatch.setattr("beltcomm.session.effect_search.search_of", broken)
+    monkeypatch.setattr("beltcomm.jobs.effect_search.search_of", broken)
     told = early_end.early_end(folder, Refused("no"), Silence())
     assert told is not None
     assert str(told["found"]).startswith("cannot tell")

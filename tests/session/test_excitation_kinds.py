@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from beltcomm.recording import load_recording
+from beltcomm.rundata.analyse import Nonlinearity
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.analyse import Nonlinearity
-from beltcomm.session.words import nonlinearity_lines
+from beltcomm.sentences.words import nonlinearity_lines
 from session.bench import Bench
 from session.test_commands import DRIVE, call, json_of
 

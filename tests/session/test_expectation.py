@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltcomm.session.expectation import suspects, told_apart
+from beltcomm.machine.prediction_watch import suspects, told_apart
 
 
 def test_two_numbers_are_told_with_digits_enough_to_differ() -> None:

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from beltcomm.drive import Guarding
+from beltcomm.machine.hardware import Hardware
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.hardware import Hardware
 from beltcomm.virtual.nmt import Nmt
 from beltcomm_adapters.canopen import CanopenDrive
 from beltcomm_adapters.sdo import Lending

@@ -15,14 +15,16 @@ from click.testing import CliRunner, Result
 
 from beltcomm import api
 from beltcomm.axis import load_axis
-from beltcomm.axis_entries import TrajectoryLimits, Travel
+from beltcomm.axis.entries import TrajectoryLimits, Travel
 from beltcomm.cli.main import cli
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.identify.standstill import standstill_of
 from beltcomm.recording import Recording
+from beltcomm.recording.sidecar import Sidecar
+from beltcomm.rundata import analyse
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, friction_words, orders
-from beltcomm.sidecar import Sidecar
+from beltcomm.schedule import orders
+from beltcomm.sentences import friction as friction_words
 from session.bench import RATIO, Bench
 from session.conftest import Complete
 from truth import TruthPlant

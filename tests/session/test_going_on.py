@@ -16,16 +16,19 @@ import yaml
 from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.errors import SafetyStop
+from beltcomm.experiments import commission
+from beltcomm.experiments import execute_step as making
+from beltcomm.experiments import recentre as wandering
+from beltcomm.experiments.options import claim
+from beltcomm.experiments.raising import as_made
+from beltcomm.experiments.recentre import brought_back, exhausted, stands_after
 from beltcomm.identify.amplitude import AmplitudeStep, Prediction
+from beltcomm.machine.machine import Machine
 from beltcomm.model import load_plant
+from beltcomm.recording.sidecar import ExcitationNote, Sidecar
+from beltcomm.rundata.first_motions import Excited
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import commission, making, wandering
-from beltcomm.session.machine import Machine
-from beltcomm.session.options import claim
-from beltcomm.session.raising import Excited, as_made
-from beltcomm.session.steps import Step
-from beltcomm.session.wandering import brought_back, exhausted, stands_after
-from beltcomm.sidecar import ExcitationNote, Sidecar
+from beltcomm.schedule.steps import Step
 from beltcomm.talk import Silence
 from session.bench import Bench, Listener
 from session.hardware import HardwareBench

@@ -13,14 +13,15 @@ import pytest
 from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.errors import Refused, SafetyStop, UsageError
+from beltcomm.experiments import commission as sequence
+from beltcomm.experiments import phases, proving, referencing, sweeping, verification
+from beltcomm.machine import creep
+from beltcomm.machine.machine import Machine
+from beltcomm.machine.prediction_watch import BELT_BEYOND, BeltWatch
+from beltcomm.rundata.findings import Findings, Settings
+from beltcomm.rundata.proof import doubts
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import commission as sequence
-from beltcomm.session import creep, phases, proving, referencing, sweeping, verification
-from beltcomm.session.expectation import BELT_BEYOND, BeltWatch
-from beltcomm.session.findings import Findings, Settings
-from beltcomm.session.machine import Machine
-from beltcomm.session.proof import doubts
-from beltcomm.stopping import Braking
+from beltcomm.simulate.stopping import Braking
 from beltcomm.talk import Silence
 from identify.records import true_model
 from session.bench import Bench, Listener

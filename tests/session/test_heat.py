@@ -11,11 +11,11 @@ import pytest
 from beltcomm.axis import load_axis
 from beltcomm.drive import Capabilities, open_drive
 from beltcomm.errors import Refused
-from beltcomm.session import phases
-from beltcomm.session.agreement import agree, planned
-from beltcomm.session.heat import HeatStore, Thermal, heat_plan, path_rms_nm
-from beltcomm.session.options import Options
-from beltcomm.session.plan import Plan, commission_plan, identify_plan, move_plan
+from beltcomm.experiments import phases
+from beltcomm.experiments.agreement import agree, planned
+from beltcomm.experiments.options import Options
+from beltcomm.experiments.plan import Plan, commission_plan, identify_plan, move_plan
+from beltcomm.machine.heat import HeatStore, Thermal, heat_plan, path_rms_nm
 from beltcomm.talk import Silence
 from beltcomm.trajectory import Trajectory
 from beltcomm.virtual.faults import Faults

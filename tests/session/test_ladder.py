@@ -11,18 +11,19 @@ from typing import Any
 import pytest
 
 from beltcomm.axis import load_axis
+from beltcomm.jobs import rungs
+from beltcomm.jobs.laboratory import named_beside
 from beltcomm.laboratory import acceptance
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.model import load_plant
+from beltcomm.pages import missing
 from beltcomm.report.page import Table
 from beltcomm.result import plain
+from beltcomm.rundata import cost as costs
+from beltcomm.rundata.cost import Cost
+from beltcomm.rundata.revisions import Revision, as_mapping, keep_cost, new_revision, revisions
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import kept_cost, rungs
-from beltcomm.session.cost import Cost
-from beltcomm.session.ladder_words import ladder_lines
-from beltcomm.session.reporting import missing
-from beltcomm.session.revisions import Revision, as_mapping, keep_cost, new_revision, revisions
-from beltcomm.session.told_before import named_beside
+from beltcomm.sentences.ladder import ladder_lines
 from beltcomm.verify import TrackingError
 
 MOVE = "0.00 to 0.50 m at up to 1.5 m/s"
@@ -105,9 +106,9 @@ def test_a_climb_keeps_the_cost_of_what_it_added(
         asked.append((before, after))
         return {"move": "anew"}, []
 
-    monkeypatch.setattr(kept_cost, "cost_of", cost)
+    monkeypatch.setattr(costs, "cost_and_words", cost)
     found: Any = SimpleNamespace(base=SimpleNamespace(model=model), named=named)
-    made = kept_cost.priced(folder, found, revisions(folder), {"move": "whole"})
+    made = costs.priced(folder, found, revisions(folder), {"move": "whole"})
     assert [rung.cost for rung in made] == [None, {"of": "backlash", "move": "anew" if computed else "whole"}]
     assert revisions(folder) == made
     assert [after.effects[-1] for _, after in asked] == ["backlash"] * computed

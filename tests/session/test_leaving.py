@@ -11,8 +11,8 @@ import pytest
 from beltcomm.axis import load_axis
 from beltcomm.drive import Drive
 from beltcomm.errors import BusError, DriveError, ObjectRefused
+from beltcomm.machine.restore_drive import leave
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.leaving import leave
 from session.bench import Listener
 
 WANTED = {"kp_nm_s_rad": 0.1, "ki_nm_rad": 2.0}

@@ -15,11 +15,11 @@ from scipy.signal import cont2discrete
 from beltcomm import api
 from beltcomm.control import Cascade
 from beltcomm.errors import Refused, UsageError
+from beltcomm.experiments import loop_plan, loop_record
 from beltcomm.identify.loop_response import KnownController, known_controller, plant_response
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import loop_plan, loop_record
 from session.bench import Bench, Listener
 
 MakeBench = Callable[..., Bench]

@@ -17,9 +17,9 @@ import pytest
 from beltcomm import api
 from beltcomm.axis import Axis, load_axis
 from beltcomm.errors import Refused
+from beltcomm.experiments import phases, sweeping, verification
+from beltcomm.machine.machine import Machine
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import phases, sweeping, verification
-from beltcomm.session.machine import Machine
 from beltcomm.talk import Silence
 from beltcomm.verify import TrackingError, tracking_error
 from identify.records import true_model

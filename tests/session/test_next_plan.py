@@ -16,20 +16,21 @@ from beltcomm.axis import load_axis
 from beltcomm.drive import open_drive
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.errors import UsageError
+from beltcomm.experiments import execute_step as making
+from beltcomm.experiments.bounds import course_before
+from beltcomm.experiments.paths import Course, path_of, start_of
+from beltcomm.experiments.redundant_steps import Before, shown_already
 from beltcomm.laboratory.visible import Sight
 from beltcomm.model import load_plant
 from beltcomm.recording import Recording
+from beltcomm.recording.sidecar import ExcitationNote, Sidecar
+from beltcomm.rundata.proof import doubts
+from beltcomm.rundata.revisions import new_revision, trusted_model
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import making, programme
-from beltcomm.session.already import Before, shown_already
-from beltcomm.session.bounds import course_before
-from beltcomm.session.next_plan import apart_of, load_plan, plan_apart, plan_for
-from beltcomm.session.paths import Course, path_of, start_of
-from beltcomm.session.programme import Extent
-from beltcomm.session.proof import doubts
-from beltcomm.session.revisions import new_revision, trusted_model
-from beltcomm.session.steps import PLACES, Step
-from beltcomm.sidecar import ExcitationNote, Sidecar
+from beltcomm.schedule import record_schedule as programme
+from beltcomm.schedule.next_plan import apart_of, load_plan, plan_apart, plan_for
+from beltcomm.schedule.record_schedule import Extent
+from beltcomm.schedule.steps import PLACES, Step
 
 #: m of the carriage per radian of the motor.
 RATIO = 0.01

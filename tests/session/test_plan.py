@@ -10,14 +10,14 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.drive import open_drive
+from beltcomm.drive.finding import Finding
 from beltcomm.errors import UsageError
-from beltcomm.finding import Finding
-from beltcomm.session.agreement import planned
-from beltcomm.session.axis_findings import compared
-from beltcomm.session.options import Options
-from beltcomm.session.plan import Experiment, Plan, commission_plan
-from beltcomm.session.plan_words import commission_points
-from beltcomm.session.ratings import check_ratings, counts_rating
+from beltcomm.experiments.agreement import planned
+from beltcomm.experiments.options import Options
+from beltcomm.experiments.plan import Experiment, Plan, commission_plan
+from beltcomm.experiments.plan_words import commission_points
+from beltcomm.jobs.axis_findings import compared
+from beltcomm.machine.ratings import check_ratings, counts_rating
 
 RIG = load_axis("egc-70-600")
 

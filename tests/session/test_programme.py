@@ -11,19 +11,22 @@ import pytest
 from beltcomm.axis import Axis, load_axis
 from beltcomm.drive import Capabilities, open_drive
 from beltcomm.excitation import choose_prbs, prbs
+from beltcomm.experiments import detectability, phases
+from beltcomm.experiments import detectability as foresight
+from beltcomm.experiments.bounds import bounds_of, course_before
+from beltcomm.experiments.detectability import Foresight, foresee, lines_of
+from beltcomm.experiments.execute_step import holding_at, quieter
+from beltcomm.experiments.options import Options
+from beltcomm.experiments.paths import path_of, start_of
+from beltcomm.experiments.plan import Plan, commission_plan
+from beltcomm.experiments.raising import believable
 from beltcomm.fit.first_estimate import data_sheet_model
 from beltcomm.recording import Recording
-from beltcomm.session import analyse, foresight, foresight_kept, phases, programme
-from beltcomm.session.bounds import bounds_of, course_before
-from beltcomm.session.foresight import Foresight, foresee, lines_of
-from beltcomm.session.making import holding_at, quieter
-from beltcomm.session.options import Options
-from beltcomm.session.paths import path_of, start_of
-from beltcomm.session.plan import Plan, commission_plan
-from beltcomm.session.programme import BUDGET_S, BY_EXTENT, STANDARD, THOROUGH, Extent, Item, fitting, named
-from beltcomm.session.raising import believable
-from beltcomm.session.sequences import calmer_choice
-from beltcomm.session.steps import Step
+from beltcomm.rundata import analyse
+from beltcomm.schedule import record_schedule as programme
+from beltcomm.schedule.record_schedule import BUDGET_S, BY_EXTENT, STANDARD, THOROUGH, Extent, Item, fitting, named
+from beltcomm.schedule.sequences import calmer_choice
+from beltcomm.schedule.steps import Step
 from beltcomm.simulate.forward import simulate_torque
 
 AXIS = load_axis("egc-70-600")
@@ -200,7 +203,7 @@ class Counted:
 def test_the_default_plan_says_what_its_records_could_name_and_keeps_it(
     capabilities: Capabilities, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(foresight_kept, "user_cache_path", lambda _: tmp_path)
+    monkeypatch.setattr(detectability, "user_cache_path", lambda _: tmp_path)
     found = Counted()
     monkeypatch.setattr(foresight, "foresee", found)
     bare = Plan("", (), notes=("first",))

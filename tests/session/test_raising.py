@@ -11,12 +11,12 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.errors import Refused, SafetyStop
+from beltcomm.experiments import raising
 from beltcomm.fit.first_path import FirstPath
 from beltcomm.fit.torque_path import FAITHFUL
 from beltcomm.identify.amplitude import AmplitudeStep, Prediction
 from beltcomm.model import load_plant
-from beltcomm.session import raising
-from beltcomm.session.creep import Breakaway
+from beltcomm.rundata.first_motions import Breakaway
 from beltcomm.talk import Silence
 
 BREAKAWAY = Breakaway(0.1, 0.1)

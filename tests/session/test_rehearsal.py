@@ -14,13 +14,13 @@ from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.drive import open_drive
 from beltcomm.errors import Refused, UsageError
+from beltcomm.experiments import rehearsal
+from beltcomm.experiments.options import Options
+from beltcomm.experiments.rehearsal import Bounds, Played, played_of, twin_of
 from beltcomm.model import load_plant
 from beltcomm.recording import Recording
+from beltcomm.recording.sidecar import Sidecar
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import rehearsal
-from beltcomm.session.options import Options
-from beltcomm.session.rehearsal import Bounds, Played, played_of, twin_of
-from beltcomm.sidecar import Sidecar
 from session.bench import Bench, Listener
 
 MakeBench = Callable[..., Bench]

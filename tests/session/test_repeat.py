@@ -10,12 +10,12 @@ import pytest
 import yaml
 
 from beltcomm import api
+from beltcomm import pages as reporting
 from beltcomm.axis import load_axis
+from beltcomm.drive.parameters import GAIN_NAMES
 from beltcomm.errors import Refused, UsageError
-from beltcomm.parameters import GAIN_NAMES
 from beltcomm.result import Result as Answer
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import reporting
 from beltcomm.virtual.bus import FrameHash
 from session.bench import Bench, Listener
 from session.conftest import SEED, Complete

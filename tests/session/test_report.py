@@ -16,11 +16,11 @@ from beltcomm.configfiles import read_yaml, to_yaml
 from beltcomm.errors import DataError, UsageError
 from beltcomm.laboratory import diagnosis
 from beltcomm.laboratory.diagnosis import fitted_base
+from beltcomm.pages import at_the_end
+from beltcomm.rundata.fitted_run import records_of
+from beltcomm.rundata.kept_fit import FILE, fitted_to
+from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.kept_fit import FILE, fitted_to
-from beltcomm.session.opened import records_of
-from beltcomm.session.reporting import at_the_end
-from beltcomm.session.revisions import current_model
 from session.conftest import Complete
 
 #: What the page may weigh, bytes.
@@ -173,8 +173,8 @@ def test_a_folder_that_cannot_be_written_shows_its_result_all_the_same(
     copy_of_complete: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And says that it was not kept; only the page itself is what ``report`` was asked for."""
-    from beltcomm.session import laboratory
-    from beltcomm.session.reporting import job
+    from beltcomm.jobs import laboratory
+    from beltcomm.pages import job
 
     run = copy_of_complete()
 

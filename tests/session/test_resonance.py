@@ -13,10 +13,12 @@ import pytest
 from beltcomm.axis import load_axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.errors import SafetyStop
+from beltcomm.experiments import phases
+from beltcomm.machine import closed_loop_watch, resonance
+from beltcomm.machine.machine import Machine
+from beltcomm.machine.resonance import ResonanceWatch, Swing, amplitude_nm, band_of
+from beltcomm.rundata import analyse
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, closed_loop_watch, phases, resonance
-from beltcomm.session.machine import Machine
-from beltcomm.session.resonance import ResonanceWatch, Swing, amplitude_nm, band_of
 from beltcomm.talk import Silence
 from beltcomm.trajectory import held, plan_trajectory
 from beltcomm.verify import Loop
@@ -158,6 +160,6 @@ def test_the_drive_gets_the_planned_torque_as_its_limit(travelled: Callable[...,
         given.append(true(room, found).torque_nm)
         return true(room, found)
 
-    monkeypatch.setattr("beltcomm.session.machine.within", seen)
+    monkeypatch.setattr("beltcomm.machine.machine.within", seen)
     tried = travelled("g_b", "g_b", 1.0)
     assert given == [pytest.approx(1.5 * tried.planned_nm, rel=0.1)]

@@ -13,13 +13,13 @@ from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError
 from beltcomm.excitation import prbs
 from beltcomm.identify.landmarks import Pair, find_landmarks, shape_of
-from beltcomm.linear import modes, operating_point, sampled_response, state_space
 from beltcomm.model import Model, load_plant
+from beltcomm.model.linear import modes, operating_point, sampled_response, state_space
 from beltcomm.recording import ExcitationNote, Recording, Sidecar
 from beltcomm.report.responses import responses_figure
 from beltcomm.report.style import Caption, save
 from beltcomm.response import FrequencyResponse
-from beltcomm.session.response_table import Table, table_lines, table_of
+from beltcomm.sentences.response_table import Table, table_lines, table_of
 from beltcomm.simulate.forward import simulate_torque
 
 SPANS = {"specific_stiffness": 60e3, "pulley_distance": 0.79, "offset": 0.05}

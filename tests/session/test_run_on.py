@@ -15,12 +15,12 @@ from beltcomm.axis import load_axis
 from beltcomm.drive import Limits, Row
 from beltcomm.errors import DriveError, DriveFault, Refused, SafetyStop
 from beltcomm.identify.amplitude import DIES, MotionLimits, around, largest_amplitude, predict
+from beltcomm.machine import creep, host_loss
+from beltcomm.machine.host_loss import guard_times_s
+from beltcomm.machine.machine import Machine
+from beltcomm.recording.sidecar import Sidecar
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import creep, host_loss
-from beltcomm.session.guard_times import guard_times_s
-from beltcomm.session.machine import Machine
-from beltcomm.sidecar import Sidecar
-from beltcomm.stopping import Braking, HostLoss, run_on, total_friction, total_inertia
+from beltcomm.simulate.stopping import Braking, HostLoss, run_on, total_friction, total_inertia
 from beltcomm.talk import Silence
 from beltcomm.virtual.faults import Faults
 from identify.records import true_model

@@ -18,13 +18,13 @@ from beltcomm.axis import Axis, load_axis
 from beltcomm.cli.main import cli
 from beltcomm.drive import Capabilities, Drive, Limits, Motion, open_drive
 from beltcomm.errors import Refused, UsageError
+from beltcomm.experiments import commission
+from beltcomm.experiments.detectability import sheet_model
 from beltcomm.fit.first_estimate import data_sheet_model
+from beltcomm.machine.machine import Machine
+from beltcomm.machine.ratings import check_ratings
+from beltcomm.machine.scale import OF_THE_SHEETS, STIFFNESS, check_first, check_fitted, feed_constant_in_doubt, jumping_inertia, ruler
 from beltcomm.recording import Recording
-from beltcomm.session import commission
-from beltcomm.session.foresight import sheet_model
-from beltcomm.session.machine import Machine
-from beltcomm.session.ratings import check_ratings
-from beltcomm.session.scale import OF_THE_SHEETS, STIFFNESS, check_first, check_fitted, feed_constant_in_doubt, jumping_inertia, ruler
 from session.bench import Bench, Listener
 from truth.hidden import draw
 from truth.hidden.plant import HiddenPlant

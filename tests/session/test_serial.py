@@ -13,8 +13,8 @@ import pytest
 
 from beltcomm.drive import open_drive
 from beltcomm.errors import Refused
+from beltcomm.experiments import own_strokes
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import own_strokes
 from session.conftest import Complete
 from session.test_commands import call, json_of
 

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import load_axis
 from beltcomm.control import Cascade, Feedforward
+from beltcomm.experiments import execute_step as making
+from beltcomm.experiments import friction_feedforward as sliding
 from beltcomm.fit.first_estimate import data_sheet_model
+from beltcomm.machine import stops
 from beltcomm.recording import Recording
-from beltcomm.session import making, sliding, stops
-from beltcomm.sidecar import Sidecar
+from beltcomm.recording.sidecar import Sidecar
 
 Array = NDArray[np.float64]
 MODEL = data_sheet_model(load_axis("egc-70-600"), 0.25, 0.1)

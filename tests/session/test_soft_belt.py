@@ -7,7 +7,7 @@ import pytest
 from beltcomm.errors import DataError
 from beltcomm.fit.start import BELT_BASE
 from beltcomm.model import build_model
-from beltcomm.session.analyse import characteristic_hz
+from beltcomm.rundata.analyse import characteristic_hz
 
 
 def test_a_carriage_that_does_not_swing_has_no_resonance() -> None:

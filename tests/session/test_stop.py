@@ -15,11 +15,11 @@ from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.control import CascadeStructure
 from beltcomm.errors import BeltcommError, Refused
+from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
+from beltcomm.rundata import analyse
+from beltcomm.rundata.store import design_to_dict, structure_from_dict
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse
-from beltcomm.session.machine import Machine
-from beltcomm.session.store import design_to_dict, structure_from_dict
 from identify.records import true_model
 from session.bench import Bench, Listener, way_counted_with
 from truth.rigs import RIGS, nominal

@@ -10,11 +10,11 @@ import pytest
 from beltcomm.axis import load_axis
 from beltcomm.control import Cascade
 from beltcomm.errors import Refused
+from beltcomm.experiments import payload_mode_in_first_fit as swinging
 from beltcomm.identify.final import FinalModel, final_model
 from beltcomm.recording import Recording
-from beltcomm.session import swinging
-from beltcomm.session.analyse import moved_inertia
-from beltcomm.session.offline import THESIS_STRUCTURE
+from beltcomm.rundata.analyse import moved_inertia
+from beltcomm.rundata.offline import THESIS_STRUCTURE
 from identify.records import COUNTS, Recorder
 from truth.hidden import draw
 from truth.hidden.machines import Machine

@@ -15,11 +15,13 @@ import pytest
 from beltcomm import api
 from beltcomm.axis import Axis, Mounting, load_axis
 from beltcomm.errors import DriveError, Refused, UsageError
+from beltcomm.experiments import execute_step as making
+from beltcomm.experiments import holding
+from beltcomm.machine import gravity, stops
 from beltcomm.recording import Recording
+from beltcomm.recording.sidecar import Sidecar
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import gravity, holding, making, stops
-from beltcomm.sidecar import Sidecar
-from beltcomm.stopping import Braking, Stop
+from beltcomm.simulate.stopping import Braking, Stop
 from beltcomm.trajectory import constant_speed_strokes
 from session.bench import RATIO, Bench, Listener
 from truth.plant import TruthPlant
@@ -196,7 +198,7 @@ def test_friction_alone_holds_a_light_carriage(make_bench: MakeBench, tmp_path: 
         raise Reached
 
     monkeypatch.setattr(holding, "PAIRS", 2)
-    monkeypatch.setattr("beltcomm.session.sameness.check_breakaway", stop_here)
+    monkeypatch.setattr("beltcomm.experiments.sameness.check_breakaway", stop_here)
     bench = make_bench(name="virtual:g_b", plant=tilted("g_b", 30.0))
     with pytest.raises(Reached):
         api.identify(bench.name, standing(UPRIGHT, 30.0, brake_torque_nm=None), tmp_path / "run", options=api.Options(yes=True))

@@ -11,10 +11,10 @@ from click.testing import CliRunner
 
 from beltcomm.cli.main import cli
 from beltcomm.effects import effect_named
+from beltcomm.jobs import confounded_effects as told
 from beltcomm.model import load_plant
-from beltcomm.session import together as told
-from beltcomm.session.ladder_words import effect_lines, untried_lines
-from beltcomm.session.next_plan import by_hand_of
+from beltcomm.schedule.next_plan import by_hand_of
+from beltcomm.sentences.ladder import effect_lines, untried_lines
 
 BASE = load_plant("g_a").model
 

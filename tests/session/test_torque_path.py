@@ -18,14 +18,14 @@ from beltcomm.fit.first_estimate import data_sheet_model
 from beltcomm.fit.first_path import first_path
 from beltcomm.fit.reading_fit import fit_reading
 from beltcomm.fit.torque_path import FAITHFUL, DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict
+from beltcomm.machine.delivered import delivered
+from beltcomm.machine.scale import jumping_inertia
 from beltcomm.recording import Recording
+from beltcomm.rundata.delays import measure_delay_and_damping
+from beltcomm.rundata.findings import Findings
+from beltcomm.rundata.kept_path import KEY, kept_path
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.delays import measure_delay_and_damping
-from beltcomm.session.delivered import delivered
-from beltcomm.session.findings import Findings
-from beltcomm.session.kept_path import KEY, kept_path
-from beltcomm.session.path_words import path_data, path_lines
-from beltcomm.session.scale import jumping_inertia
+from beltcomm.sentences.torque_path import path_data, path_lines
 from identify.records import COUNTS, PERIOD_S, Recorder, true_model
 from truth.rigs import nominal
 

@@ -15,8 +15,8 @@ from beltcomm import api
 from beltcomm.configfiles import read_yaml, to_yaml
 from beltcomm.errors import DataError, UsageError
 from beltcomm.identify.course import course_of
-from beltcomm.session.reporting.changes import changes_of
-from beltcomm.session.reporting.quantities import Quantity, quantities_of
+from beltcomm.pages.changes import changes_of
+from beltcomm.pages.quantities import Quantity, quantities_of
 from session.conftest import Complete
 
 DAY_S = 86400.0

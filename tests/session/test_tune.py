@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from beltcomm.cli.main import cli
 from beltcomm.errors import UsageError
-from beltcomm.session.tune_job import Tuning
+from beltcomm.jobs.tune import Tuning
 from beltcomm.web import server
 from beltcomm.web.server import Page, Served
 

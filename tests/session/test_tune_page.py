@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
+from beltcomm.jobs.tune import Tuning
+from beltcomm.rundata.proof import doubts
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.proof import doubts
-from beltcomm.session.tune_job import Tuning
 from beltcomm.web.server import Page, serve
 
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from beltcomm.design.cautious import LEAST_RESONANCE_DAMPING
-from beltcomm.session import analyse
-from beltcomm.session.offline import THESIS_STRUCTURE
+from beltcomm.rundata import analyse
+from beltcomm.rundata.offline import THESIS_STRUCTURE
 from identify.records import true_model
 from truth.rigs import nominal
 

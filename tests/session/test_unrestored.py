@@ -14,9 +14,9 @@ import pytest
 
 from beltcomm import api
 from beltcomm.axis import load_axis
+from beltcomm.drive.objects import ObjectValue
 from beltcomm.errors import UsageError
-from beltcomm.objects import ObjectValue
-from beltcomm.session.supervised import supervised
+from beltcomm.experiments.supervised import supervised
 from beltcomm.virtual.faults import Faults
 from session.bench import Bench, Listener
 from session.hardware import HardwareBench, Script

@@ -14,9 +14,10 @@ from beltcomm import api
 from beltcomm.cli.main import cli
 from beltcomm.configfiles import read_yaml
 from beltcomm.errors import Refused, UsageError
+from beltcomm.experiments import commission
 from beltcomm.identify.final import FinalModel, final_model
+from beltcomm.rundata import offline
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import commission, offline
 from beltcomm.virtual.faults import Faults
 from session.bench import Bench, Listener
 from session.test_bad_drive import AXIS, YES, MakeBench, fails

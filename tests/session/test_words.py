@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from beltcomm.session.words import verdict_lines
+from beltcomm.sentences.words import verdict_lines
 from beltcomm.verify import TrackingError, Verdict
 
 

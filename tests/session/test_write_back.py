@@ -12,10 +12,10 @@ import pytest
 
 from beltcomm import api
 from beltcomm.configfiles import read_yaml, to_yaml
+from beltcomm.drive.objects import ObjectValue
 from beltcomm.errors import DataError, ObjectLocked, Refused, UsageError
 from beltcomm.export.dcf import dcf_text
 from beltcomm.foreign.eds import parse
-from beltcomm.objects import ObjectValue
 from beltcomm.runfolder import RunFolder
 from session.bench import Bench
 from session.conftest import Complete

@@ -19,10 +19,10 @@ from beltcomm.effects.measurement_lag import read
 from beltcomm.laboratory.harmonics import gain_kernel, gain_means, load_kernel, load_means, powers_of
 from beltcomm.laboratory.prepared import last_compiled
 from beltcomm.model import build_model, expected_parameters
-from beltcomm.simulate import ahead
-from beltcomm.simulate.compose import inverse_kernel, load_source, motor_side_source, plain_source
-from beltcomm.simulate.fences import needed
 from beltcomm.simulate.inverse import FineMotion, torque_residuals
+from beltcomm.simulate.kernels import ahead, compile_largest
+from beltcomm.simulate.kernels.compose import inverse_kernel, load_source, motor_side_source, plain_source
+from beltcomm.simulate.kernels.fences import needed
 
 SLEEP = "import time; time.sleep(0.3)"
 
@@ -51,7 +51,7 @@ def test_a_process_that_cannot_be_started_or_fails_stops_nothing(tmp_path: Path)
 def test_it_ends_with_the_process_that_began_it(tmp_path: Path) -> None:
     late = tmp_path / "late"
     child = f"import time; time.sleep(1); open({str(late)!r}, 'w')"
-    text = f"import sys; from beltcomm.simulate import ahead; ahead.start([sys.executable, '-S', '-c', {child!r}])"
+    text = f"import sys; from beltcomm.simulate.kernels import ahead; ahead.start([sys.executable, '-S', '-c', {child!r}])"
     subprocess.run([sys.executable, "-c", text], check=True)
     time.sleep(1.2)
     assert not late.exists()
@@ -62,14 +62,14 @@ def test_nothing_is_begun_where_it_was_done_before(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(ahead, "start", started.append)
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
     note = tmp_path / "note"
-    monkeypatch.setattr(ahead, "_note", lambda: note)
+    monkeypatch.setattr(ahead, "note_file", lambda: note)
     ahead.begin()
     assert len(started) == 1
     note.touch()
     ahead.begin()
-    monkeypatch.setattr(ahead, "_note", lambda: None)
+    monkeypatch.setattr(ahead, "note_file", lambda: None)
     ahead.begin()
-    monkeypatch.setattr(ahead, "_note", lambda: tmp_path / "other")
+    monkeypatch.setattr(ahead, "note_file", lambda: tmp_path / "other")
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0})
     ahead.begin()
     assert len(started) == 1
@@ -91,28 +91,28 @@ def test_the_load_knows_nothing_of_what_acts_on_the_motor_alone_and_a_plain_one_
 def test_what_is_compiled_ahead_is_called_and_noted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The large load apart, which takes too long here; of a process beside nobody would hear that it failed."""
     module = SimpleNamespace(load=lambda *_given: None)
-    monkeypatch.setattr(ahead, "_note", lambda: tmp_path / "note")
-    monkeypatch.setattr("beltcomm.simulate.compose.load_module", lambda: module)
-    ahead.main()
+    monkeypatch.setattr(ahead, "note_file", lambda: tmp_path / "note")
+    monkeypatch.setattr("beltcomm.simulate.kernels.compose.load_module", lambda: module)
+    compile_largest.main()
     assert [path.name for path in tmp_path.iterdir()] == ["note"]
 
 
 def test_the_note_is_another_one_for_another_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    note = ahead._note()
+    note = ahead.note_file()
     assert note is not None
     assert note.parent == tmp_path / "beltcomm" / "kernels"
-    assert note == ahead._note()
+    assert note == ahead.note_file()
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "other"))
-    assert note != ahead._note()
+    assert note != ahead.note_file()
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    assert ahead._note() is None
+    assert ahead.note_file() is None
 
 
 def test_what_is_needed_later_is_called_while_there_is_nothing_else_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     called: list[str] = []
-    monkeypatch.setattr(ahead, "_note", lambda: None)
+    monkeypatch.setattr(ahead, "note_file", lambda: None)
     ahead.begin([lambda: called.append("first"), lambda: called.append("second")])
     ahead.wait()
     assert called == []

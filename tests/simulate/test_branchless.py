@@ -14,9 +14,9 @@ from beltcomm.effects._corner import ramp, ramp_slope
 from beltcomm.effects.presliding import turned
 from beltcomm.effects.quadratic_drag import force as drag
 from beltcomm.effects.travel_ripple import force as ripple
-from beltcomm.simulate.branchless import in_vectors
-from beltcomm.simulate.stick import stick_or_slide
-from beltcomm.simulate.vectors import LANES, Array, aligned, at, eight, put
+from beltcomm.simulate.kernels.branchless import in_vectors
+from beltcomm.simulate.kernels.stick import stick_or_slide
+from beltcomm.simulate.kernels.vectors import LANES, Array, aligned, at, eight, put
 
 
 def nested(x: float, y: float) -> float:

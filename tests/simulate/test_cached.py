@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from beltcomm.simulate import ahead, cached, compose
-from beltcomm.simulate.cached import VERSION, prune, write_note
+from beltcomm.simulate.kernels import ahead, cached, compile_largest, compose
+from beltcomm.simulate.kernels.cached import VERSION, prune, write_note
 
 DIGITS = "0123456789abcdef0123"
 OLD, NOW, LATER = (f"kernel_{VERSION + k}_{DIGITS}" for k in (-1, 0, 1))
@@ -113,9 +113,11 @@ def test_an_earlier_version_whose_machine_code_went_only_compiles_again(kernels:
 
 
 def test_the_note_that_is_written_ahead_says_whose_it_is_and_prunes(kernels: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("beltcomm.simulate.compose.load_module", lambda: type("Module", (), {"load": staticmethod(lambda *_: None)}))
+    monkeypatch.setattr(
+        "beltcomm.simulate.kernels.compose.load_module", lambda: type("Module", (), {"load": staticmethod(lambda *_: None)})
+    )
     (kernels / f"ahead_{1:020x}").touch()
-    ahead.main()
+    compile_largest.main()
     (note,) = kernels.glob("ahead_*")
-    assert note == ahead._note()
+    assert note == ahead.note_file()
     assert json.loads(note.read_text(encoding="utf-8")) == {"package": str(cached.package()), "numba_cache": ""}

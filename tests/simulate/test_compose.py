@@ -13,10 +13,10 @@ import pytest
 from beltcomm.effects import EFFECTS
 from beltcomm.effects.cogging import COUNT
 from beltcomm.model import Model, build_model
-from beltcomm.simulate import sources
-from beltcomm.simulate.compose import kernel_for, kernel_source
+from beltcomm.model.statics import smooth_forces
 from beltcomm.simulate.forward import simulate_torque
-from beltcomm.statics import smooth_forces
+from beltcomm.simulate.kernels import sources
+from beltcomm.simulate.kernels.compose import kernel_for, kernel_source
 
 FULL = ("belt_sections", "coupling", "belt_damping", "viscous", "viscous_cart", "viscous_end_pulley",
         "coulomb", "cart_friction", "presliding_cart", "coulomb_end_pulley", "tilt")  # fmt: skip
@@ -122,7 +122,7 @@ def test_a_changed_law_gets_another_kernel(monkeypatch: pytest.MonkeyPatch) -> N
 def test_a_second_process_compiles_nothing(tmp_path: Path) -> None:
     script = (
         "from beltcomm.model import build_model\n"
-        "from beltcomm.simulate.compose import kernel_for\n"
+        "from beltcomm.simulate.kernels.compose import kernel_for\n"
         "import numpy as np\n"
         "model = build_model('m', ('belt_stiffness',), {})\n"
         "kernel = kernel_for(model)\n"

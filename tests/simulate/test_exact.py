@@ -13,8 +13,8 @@ from beltcomm.effects import EFFECTS, Effect, Parameter
 from beltcomm.errors import UsageError
 from beltcomm.model import Model, build_model, load_plant
 from beltcomm.simulate.exact import is_exact, linear_axis
-from beltcomm.simulate.first_root import DEGREE, NEVER, first_root
 from beltcomm.simulate.forward import State, integrate_torque, simulate_torque
+from beltcomm.simulate.kernels.first_root import DEGREE, NEVER, first_root
 from truth import Axis, ConstantBelt, Coupling, TruthPlant
 
 Array = NDArray[np.float64]

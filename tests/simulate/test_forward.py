@@ -10,9 +10,9 @@ from scipy.integrate import solve_ivp
 
 from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model, build_model
+from beltcomm.model.statics import equilibrium
 from beltcomm.simulate.forward import State, integrate_torque, simulate_torque
 from beltcomm.simulate.inverse import FineMotion, fine_load
-from beltcomm.statics import equilibrium
 
 IT, INERTIA, MASS, C, D = 0.01242, 71.73e-6, 13.44, 203740.0, 20.0
 RIG = ("belt_sections", "coupling", "belt_damping", "viscous", "viscous_cart", "viscous_end_pulley",

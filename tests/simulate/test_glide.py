@@ -12,9 +12,10 @@ from scipy.integrate import solve_ivp
 
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.model import Model, build_model
-from beltcomm.simulate import forward, glide
-from beltcomm.simulate.fast_math import cos, exp, fast, power, sin, waves
+from beltcomm.simulate import forward
 from beltcomm.simulate.forward import State, integrate_torque, simulate_torque
+from beltcomm.simulate.kernels import glide
+from beltcomm.simulate.kernels.fast_math import cos, exp, fast, power, sin, waves
 
 Array = NDArray[np.float64]
 IT, INERTIA, MASS, C, D, DRAG = 0.01242, 71.73e-6, 13.44, 203740.0, 20.0, 3.0

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from beltcomm.compiled import in_lanes
-from beltcomm.simulate.learning import learn, prepared
-from beltcomm.simulate.observer import idle
+from beltcomm.simulate.kernels.learning import learn, prepared
+from beltcomm.simulate.kernels.observer import idle
 
 
 @pytest.mark.parametrize(("size", "noises"), [(6, 3), (8, 5), (10, 4), (14, 6)])

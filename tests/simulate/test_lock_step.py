@@ -24,9 +24,9 @@ from beltcomm.simulate.inverse import (
     together,
     triangular_mean,
 )
-from beltcomm.simulate.observer import filtered
-from beltcomm.simulate.switchboard import BEFORE_THE_LOAD, switchboard
-from beltcomm.simulate.writer import acts_on_motor
+from beltcomm.simulate.kernels.observer import filtered
+from beltcomm.simulate.kernels.switchboard import BEFORE_THE_LOAD, switchboard
+from beltcomm.simulate.kernels.writer import acts_on_motor
 
 Array = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ from beltcomm.effects import EFFECTS, Effect, effect_named
 from beltcomm.fit.noise_path import MOTION, noise_path
 from beltcomm.fit.observer import needs_observer
 from beltcomm.model import Model, build_model, effect_parameters
-from beltcomm.simulate.compose import states_of
 from beltcomm.simulate.forward import Simulated, State, at_rest, simulate_torque
 from beltcomm.simulate.imperfect import late_torque, torque_as_read
 from beltcomm.simulate.inverse import FineMotion, fine_load
+from beltcomm.simulate.kernels.compose import states_of
 from simulate.test_round_trip import BASE, RATIO, VALUES, T
 from test_energy import STANDS_ON, WITHOUT_BELT
 
@@ -64,8 +64,8 @@ def test_the_second_record_goes_on_where_the_first_ended(effect: Effect) -> None
     model, (first, second) = model_with(effect), torques()
     whole = run(model, np.concatenate([first, second]))
     ended = run(model, first)
-    resume_fit = run(model, second, ended.end, FIRST * T)
-    apart = np.max(np.abs(resume_fit.velocity_rad_s - whole.velocity_rad_s[FIRST:])) / np.max(np.abs(whole.velocity_rad_s))
+    continued = run(model, second, ended.end, FIRST * T)
+    apart = np.max(np.abs(continued.velocity_rad_s - whole.velocity_rad_s[FIRST:])) / np.max(np.abs(whole.velocity_rad_s))
     assert (apart > 1e-3) if carried(effect, "no") else (apart < 1e-9)
 
 

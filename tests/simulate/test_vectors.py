@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from beltcomm.compiled import in_lanes
-from beltcomm.simulate.learning import learn
-from beltcomm.simulate.sources import modules_of
-from beltcomm.simulate.vectors import LANES, Array, aligned, at, eight, put
+from beltcomm.simulate.kernels.learning import learn
+from beltcomm.simulate.kernels.sources import modules_of
+from beltcomm.simulate.kernels.vectors import LANES, Array, aligned, at, eight, put
 
 
 @in_lanes
@@ -32,4 +32,4 @@ def test_every_operation_is_that_of_each_neighbour() -> None:
 
 def test_a_kernel_knows_what_its_laws_are_made_of() -> None:
     """Machine code of a kernel is kept under a hash of them: also of what stands behind an operation of vectors."""
-    assert {"beltcomm.simulate.learning", "beltcomm.simulate.vectors"} <= modules_of(learn)
+    assert {"beltcomm.simulate.kernels.learning", "beltcomm.simulate.kernels.vectors"} <= modules_of(learn)

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 from beltcomm.errors import Refused
-from beltcomm.session import study_workers
-from beltcomm.session.study_workers import answers
+from beltcomm.study import workers as study_workers
+from beltcomm.study.workers import answers
 from beltcomm.talk import Silence
 from study.dying import waiting
 

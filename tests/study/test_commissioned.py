@@ -12,8 +12,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from beltcomm.session.study_job import study_of
-from beltcomm.session.study_members import Doing
+from beltcomm.study.job import study_of
+from beltcomm.study.members import Doing
 from study.conftest import MORE_THREADS
 from study.quick import commission
 
@@ -22,8 +22,8 @@ ALONE = """
 import sys
 sys.path.insert(0, sys.argv[3])
 from pathlib import Path
-from beltcomm.session.study_job import study_of
-from beltcomm.session.study_members import Doing
+from beltcomm.study.job import study_of
+from beltcomm.study.members import Doing
 from study.quick import commission
 study_of(sys.argv[1], Path(sys.argv[2]), doing=Doing(commission), workers=1, report=False)
 """

@@ -62,7 +62,7 @@ def compute(fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Com
         compared.append(run.name)
         return Result({"ratio": {"overall": float(ord(run.name[0])), "held_out": None}, "worst": []}, [])
 
-    monkeypatch.setattr("beltcomm.session.laboratory.compare_run", compare_run)
+    monkeypatch.setattr("beltcomm.jobs.laboratory.compare_run", compare_run)
 
     def call(**options: Any) -> list[str]:
         compared.clear()

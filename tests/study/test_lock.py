@@ -14,14 +14,14 @@ import pytest
 
 from beltcomm import api
 from beltcomm.errors import UsageError
-from beltcomm.session import study_lock
+from beltcomm.study import lock as study_lock
 from beltcomm.talk import Silence
 
 #: Another process that holds the folder until it is killed, as a study does.
 HOLDING = """
 import sys, time
 from pathlib import Path
-from beltcomm.session.study_lock import held
+from beltcomm.study.lock import held
 from beltcomm.talk import Silence
 with held(Path(sys.argv[1]), Silence()):
     print(flush=True)

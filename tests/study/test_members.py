@@ -18,11 +18,11 @@ from beltcomm.errors import SafetyStop
 from beltcomm.model import load_plant
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.study_file import Study
-from beltcomm.session.study_job import study_of
-from beltcomm.session.study_members import Doing, diagnosed
-from beltcomm.session.study_words import answer_row, headline, values_text, why
+from beltcomm.study.file import Study
+from beltcomm.study.job import study_of
+from beltcomm.study.members import Doing, diagnosed
 from beltcomm.study.summary import summary_of
+from beltcomm.study.words import answer_row, headline, values_text, why
 from study.conftest import STUDY
 
 MACHINES: dict[str, Any] = {"base": {"plant": "g_a", "axis": "egc-70-600"}, "members": 3, "each": "commission", "ageing": None}
@@ -143,7 +143,7 @@ def diagnose_run(run: Path, *, cost: bool) -> Result:
 def test_a_population_is_diagnosed_and_a_stopped_study_goes_on(
     written: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("beltcomm.session.laboratory.diagnose_run", diagnose_run)
+    monkeypatch.setattr("beltcomm.jobs.laboratory.diagnose_run", diagnose_run)
     hidden = {"none": {}, "stribeck": {"amount": {"uniform": [0.02, 0.06]}, "speed_scale": 2.5}}
     study = written(**{**MACHINES, "each": "diagnose", "members": 12, "hidden": hidden})
     doing = Doing(commissioned_run)

@@ -14,7 +14,7 @@ from scipy.stats import kstest
 from beltcomm import api
 from beltcomm.errors import UsageError
 from beltcomm.model import load_plant
-from beltcomm.session.study_file import load_study
+from beltcomm.study.file import load_study
 from beltcomm.study.population import drawn_axis, nominal_of, population_from
 from beltcomm.study.summary import share_of, summary_of
 

@@ -18,8 +18,8 @@ import pytest
 from beltcomm import api
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.programs import source_hash
-from beltcomm.session.study_members import line_of
-from beltcomm.session.study_workers import answers, unfit
+from beltcomm.study.members import line_of
+from beltcomm.study.workers import answers, unfit
 from beltcomm.talk import Silence
 from study.conftest import MEMBERS, MORE_THREADS
 from study.dying import dying, dying_once
@@ -140,7 +140,7 @@ def test_what_a_worker_with_another_program_found_is_not_kept(small: Path, tmp_p
         for k, one in enumerate(given):
             yield [{**line, "program": "another"} if k else line for line in function(one)]
 
-    monkeypatch.setattr("beltcomm.session.study_job.answers", joined)
+    monkeypatch.setattr("beltcomm.study.job.answers", joined)
     with pytest.raises(Refused, match=r"a worker has another beltcomm .* What is done is kept"):
         api.study(small, tmp_path, workers=4)
     programs = {json.loads(text)["program"] for text in (tmp_path / "members.jsonl").read_text(encoding="utf-8").splitlines()}
@@ -200,7 +200,7 @@ def test_a_damaged_line_is_named(small: Path, tmp_path: Path) -> None:
 
 
 def test_a_scheduler_that_is_none(small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("beltcomm.session.study_workers.SCHEDULER_S", 0.2)
+    monkeypatch.setattr("beltcomm.study.workers.SCHEDULER_S", 0.2)
     with pytest.raises(UsageError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         api.study(small, tmp_path, scheduler="tcp://127.0.0.1:9")
     with pytest.raises(UsageError, match="choose one"):

@@ -7,11 +7,11 @@ from functools import cache
 
 import pytest
 
-from beltcomm.axis_entries import TrajectoryLimits
+from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, Prefilter
 from beltcomm.model import load_plant
-from beltcomm.session import analyse
-from beltcomm.session.offline import THESIS_STRUCTURE
+from beltcomm.rundata import analyse
+from beltcomm.rundata.offline import THESIS_STRUCTURE
 from beltcomm.trajectory import held, plan_trajectory
 from beltcomm.tuning.bench import Bench
 from beltcomm.tuning.ground import Ground, Setting

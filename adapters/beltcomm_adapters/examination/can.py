@@ -10,8 +10,8 @@ from typing import Any, Final
 import can
 
 from beltcomm.drive import Clock
+from beltcomm.drive.finding import Finding
 from beltcomm.errors import BusError, DriveError, UsageError
-from beltcomm.finding import Finding
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, open_bus
 from beltcomm_adapters.examination import condition, enabling, node, place, timing, units, watching, wire
 from beltcomm_adapters.examination.errors import WORDS

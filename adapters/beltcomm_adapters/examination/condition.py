@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from beltcomm.finding import Finding, Values
-from beltcomm.objects import name_of
+from beltcomm.drive.finding import Finding, Values
+from beltcomm.drive.objects import name_of
 from beltcomm_adapters.cia402 import State, emergency_text
 from beltcomm_adapters.examination.patient import Check, Patient
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 from beltcomm.drive import Clock
+from beltcomm.drive.finding import Finding
 from beltcomm.errors import UsageError
-from beltcomm.finding import Finding
 from beltcomm_adapters.buses import MonotonicClock
 from beltcomm_adapters.cia402 import state_of
 from beltcomm_adapters.examination.host import group_of

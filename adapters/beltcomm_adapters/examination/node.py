@@ -9,7 +9,7 @@ from typing import Final
 
 import can
 
-from beltcomm.finding import Finding, Values
+from beltcomm.drive.finding import Finding, Values
 from beltcomm_adapters.examination.patient import Check, Patient
 from beltcomm_adapters.examination.wire import listen, state_name
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from beltcomm.drive.finding import Finding
 from beltcomm.errors import BusError, DriveError, ObjectRefused
-from beltcomm.finding import Finding
 from beltcomm_adapters.cia402 import State, state_of
 from beltcomm_adapters.link import Link
 from beltcomm_adapters.profiles import Profile

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from beltcomm.finding import Finding, Values
+from beltcomm.drive.finding import Finding, Values
 from beltcomm_adapters.examination.patient import Check, Patient
 
 AREA: Final = "place"

@@ -14,7 +14,7 @@ from typing import Any, Final
 import can
 from can.interfaces import BACKENDS
 
-from beltcomm.finding import Finding, Values
+from beltcomm.drive.finding import Finding, Values
 from beltcomm_adapters.examination.host import Host, Interface, Port, ports
 
 _AREA: Final = "this machine"

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 from typing import Final
 
-from beltcomm.finding import Finding
+from beltcomm.drive.finding import Finding
 from beltcomm_adapters.busload import shortest_period_s
 from beltcomm_adapters.cia402 import State
 from beltcomm_adapters.examination.patient import Check, Patient

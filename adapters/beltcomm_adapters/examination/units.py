@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
-from beltcomm.finding import Finding
+from beltcomm.drive.finding import Finding
 from beltcomm_adapters.busload import shortest_period_s
 from beltcomm_adapters.examination.patient import Check, Patient
 from beltcomm_adapters.identification import HOMING_MODE, supported_modes, sync_period_s

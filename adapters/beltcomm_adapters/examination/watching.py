@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import Final
 
 from beltcomm.drive import GUARD_S
-from beltcomm.finding import Finding
-from beltcomm.objects import name_of
+from beltcomm.drive.finding import Finding
+from beltcomm.drive.objects import name_of
 from beltcomm_adapters.examination.patient import Check, Patient
 from beltcomm_adapters.link import HOST_NODE
 

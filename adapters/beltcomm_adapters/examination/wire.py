@@ -10,8 +10,8 @@ from typing import Final
 import can
 
 from beltcomm.drive import Clock
+from beltcomm.drive.finding import Finding, Values
 from beltcomm.errors import BusError, UsageError
-from beltcomm.finding import Finding, Values
 from beltcomm_adapters.buses import Address
 from beltcomm_adapters.examination.errors import WORDS, Trouble, worst
 from beltcomm_adapters.examination.host import Host, Interface

@@ -9,8 +9,8 @@ import numpy as np
 
 from beltcomm.effects import EFFECTS
 from beltcomm.errors import BeltcommError
-from beltcomm.linear import describes
 from beltcomm.model import Model, load_plant
+from beltcomm.model.linear import describes
 from beltcomm.simulate.forward import Simulated, State, at_rest, integrate_torque, simulate_torque
 from benchmarks.speeds.compared import LONGER, PERIOD_S, SAMPLES, SPEED_M_S, Array, error
 from benchmarks.speeds.measure import Figure, in_turn, ratio, spread

@@ -21,10 +21,10 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.comparisons.excitations import COUNTS, NOISE_NM, PERIOD_S, PLACE_M
 from beltcomm.excitation import Excitation
 from beltcomm.model import Model
 from beltcomm.simulate.forward import State, at_rest, simulate_torque
+from beltcomm.thesis.excitations import COUNTS, NOISE_NM, PERIOD_S, PLACE_M
 
 Array = NDArray[np.float64]
 #: Steps of the differences: rad or m, rad/s or m/s, N m, share of a parameter.

@@ -1,7 +1,7 @@
 """Errors of estimated parameters over the Cramér-Rao bound, for each excitation and estimator, at equal time on the machine.
 
 Axis: the rig g_b, once without set-valued friction (``linear``), once with it.  Each excitation is as loud as the same limits allow and
-takes the same time (`beltcomm.comparisons.excitations`).  The record: counted angle, measured torque with noise; nobody is told the
+takes the same time (`beltcomm.thesis.excitations`).  The record: counted angle, measured torque with noise; nobody is told the
 acting torque.
 
 No torque is given twice alike (``given``): periods that repeat exactly are rounded alike, which no axis does and the bound does not mean.
@@ -31,17 +31,17 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 import beltcomm
-from beltcomm.comparisons import excitations
-from beltcomm.comparisons.excitations import BEGIN, COUNTS, LIMITS, NOISE_NM, PERIOD_S, PLACE_M, SECONDS, recorded
 from beltcomm.errors import BeltcommError
 from beltcomm.excitation import KINDS, Excitation, choose
 from beltcomm.fit.model_fit import fit_model
 from beltcomm.identify.amplitude import largest_amplitude
 from beltcomm.identify.magnitude_fit import fit_magnitude
-from beltcomm.linear import modes, operating_point, sampled_response
 from beltcomm.model import Model, load_plant
+from beltcomm.model.linear import modes, operating_point, sampled_response
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse, estimate_response
+from beltcomm.thesis import excitations
+from beltcomm.thesis.excitations import BEGIN, COUNTS, LIMITS, NOISE_NM, PERIOD_S, PLACE_M, SECONDS, recorded
 from benchmarks.speeds.bound import bound
 from benchmarks.speeds.measure import Figure
 

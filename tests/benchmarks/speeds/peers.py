@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from scipy import signal as dsp
 from scipy.optimize import least_squares
 
-from beltcomm.comparisons.excitations import PERIOD_S, PLACE_M, recorded
-from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
+from beltcomm.model.linear import modes, operating_point
 from beltcomm.recording import Recording
+from beltcomm.thesis.excitations import PERIOD_S, PLACE_M, recorded
 from benchmarks.speeds.estimation import axis, by_complex, by_inverse, by_thesis, given, rms, signal_of
 from benchmarks.speeds.measure import Figure, spread
 

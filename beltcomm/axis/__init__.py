@@ -1,0 +1,387 @@
+"""What is known of an axis beforehand: data sheets and limits (``axis.yaml``), checked once.
+
+Every entry may be missing; a job names what it needs with :meth:`Axis.require`.  An axis with neither ``belt`` nor
+``pulley`` is one rigid mass on the load side.  SI units, the unit in the name; the side of the gearbox stands at each entry.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from beltcomm.axis.entries import (
+    SECTIONS,
+    AxisLimits,
+    Belt,
+    Coupling,
+    Gearbox,
+    Motor,
+    Mounting,
+    Payload,
+    Pulley,
+    TrajectoryLimits,
+    Travel,
+    entries_of,
+    meaning_of,
+)
+from beltcomm.configfiles import did_you_mean, find_config, line_of, read_yaml, to_yaml, write_text
+from beltcomm.errors import UsageError
+from beltcomm.given import pasted
+from beltcomm.quantities import unit_of
+
+__all__ = [
+    "SECTIONS",
+    "Axis",
+    "AxisLimits",
+    "Belt",
+    "Coupling",
+    "Gearbox",
+    "ImpossibleEntry",
+    "Motor",
+    "Mounting",
+    "Payload",
+    "Pulley",
+    "TorqueLimit",
+    "TrajectoryLimits",
+    "Travel",
+    "axis_from_dict",
+    "load_axis",
+    "save_axis",
+]
+
+
+#: rad/s²: rated torque over rotor inertia.  Servo motors have some 1e3 (large, with brake) to 1e5; ten times more room either way.
+SLOWEST_ROTOR_RAD_S2, FASTEST_ROTOR_RAD_S2 = 1e2, 1e6
+
+
+class TorqueLimit(NamedTuple):
+    """torque_nm : N m, motor shaft.   binds : in words, what sets it."""
+
+    torque_nm: float
+    binds: str
+
+
+class ImpossibleEntry(UsageError):
+    """An entry that cannot be; ``entry`` is its dotted name."""
+
+    def __init__(self, message: str, entry: str) -> None:
+        super().__init__(message)
+        self.entry = entry
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis as its data sheets describe it.
+
+    source : the file it came from, for messages.   Raises ImpossibleEntry (a UsageError) for values that cannot be.
+    """
+
+    name: str = ""
+    motor: Motor = field(default_factory=Motor)
+    gearbox: Gearbox = field(default_factory=Gearbox)
+    coupling: Coupling = field(default_factory=Coupling)
+    pulley: Pulley | None = None
+    belt: Belt | None = None
+    travel: Travel = field(default_factory=Travel)
+    limits: AxisLimits = field(default_factory=AxisLimits)
+    trajectories: Mapping[str, TrajectoryLimits] = field(default_factory=dict)
+    mounting: Mounting = field(default_factory=Mounting)
+    payload: Payload = field(default_factory=Payload)
+    source: str = field(default="", compare=False)
+
+    def __post_init__(self) -> None:
+        for key in SECTIONS:
+            _check_section(key, getattr(self, key))
+        for key, limits in self.trajectories.items():
+            _check_section(f"trajectories.{key}", limits)
+        _check_together(self)
+
+    def __str__(self) -> str:
+        return (f"axis {self.name!r}" if self.name else "axis without a name") + (f" ({self.source})" if self.source else "")
+
+    def get(self, entry: str) -> Any:
+        """Value of a dotted entry such as ``"motor.inertia_kg_m2"``; None when it is not known."""
+        section, _, key = entry.partition(".")
+        return getattr(getattr(self, section), key, None)
+
+    def require(self, job: str, *entries: str) -> None:
+        """Raise UsageError unless all entries are known, naming those missing and ``job``, which needs them."""
+        missing = [entry for entry in entries if self.get(entry) is None]
+        if missing:
+            named = ", ".join(f"{entry} ({meaning_of(entry)})" for entry in missing)
+            verb = "is" if len(missing) == 1 else "are"
+            raise UsageError(f"{job} needs {named}, which {verb} not in {self}; add it from the data sheet")
+
+    def trajectory(self, name: str) -> TrajectoryLimits:
+        """Limits of a named reference motion.   Raises UsageError for an unknown name."""
+        if name not in self.trajectories:
+            known = ", ".join(self.trajectories) or "none"
+            raise UsageError(f"{self} has no trajectory {name!r}{did_you_mean(name, self.trajectories)}; known are {known}")
+        return self.trajectories[name]
+
+    @property
+    def has_belt(self) -> bool:
+        """Whether this is a belt axis; otherwise one rigid mass on the load side, whatever its records are in.
+
+        Those of a linear motor hold N and m, those of a motor alone N m or A and rad: :attr:`beltcomm.recording.Recording.side`.
+        """
+        return self.belt is not None or self.pulley is not None
+
+    @property
+    def transmission_m_rad(self) -> float:
+        """Carriage travel per radian of the motor:  i_t = r/i_g  (2.16), m/rad.
+
+        1 for an axis without belt and pulley, whose load side is all there is.   Raises UsageError without a radius.
+        """
+        if not self.has_belt:
+            return 1.0
+        self.require("the transmission", "pulley.effective_radius_m")
+        return float(self.get("pulley.effective_radius_m")) / self.gearbox.ratio
+
+    @property
+    def motor_side_inertia_kg_m2(self) -> float:
+        """Inertia at the motor shaft:  Θ_e = Θ_m + Θ_coupling + (Θ_r + Θ_g)/i_g²  (2.8), kg m².
+
+        Of an axis without belt and pulley only what is known; the rest is in its rigid mass.   Raises UsageError for a belt
+        axis without motor inertia.
+        """
+        if self.has_belt:
+            self.require("the motor-side inertia", "motor.inertia_kg_m2")
+        driven = (self.get("pulley.inertia_kg_m2") or 0.0) + self.gearbox.inertia_kg_m2
+        return float((self.motor.inertia_kg_m2 or 0.0) + self.coupling.inertia_kg_m2 + driven / self.gearbox.ratio**2)
+
+    @property
+    def belt_force_limit_n(self) -> float:
+        """Largest force of the belt:  min(feed force, pulley torque/r), N; infinite when neither is known."""
+        known = [self.limits.feed_force_n or math.inf]
+        if self.limits.pulley_torque_nm is not None and self.get("pulley.effective_radius_m") is not None:
+            known.append(self.limits.pulley_torque_nm / float(self.get("pulley.effective_radius_m")))
+        return min(known)
+
+    def torque_limit(self) -> TorqueLimit:
+        """The smallest of the torque limits, at the motor shaft, and which one it is; without a belt, the feed force in N counts as it is.
+
+        min(motor peak, pulley torque/i_g, i_t · feed force).   Raises UsageError when none of them is known.
+        """
+        known = []
+        if self.motor.peak_torque_nm is not None:
+            peak = self.motor.peak_torque_nm
+            known.append(TorqueLimit(peak, f"the motor's peak torque of {peak:g} N m"))
+        if self.limits.pulley_torque_nm is not None:
+            torque = self.limits.pulley_torque_nm
+            known.append(TorqueLimit(torque / self.gearbox.ratio, f"the axis limit of {torque:g} N m at the driving pulley"))
+        if self.limits.feed_force_n is not None and (not self.has_belt or self.get("pulley.effective_radius_m") is not None):
+            force = self.limits.feed_force_n
+            known.append(TorqueLimit(force * self.transmission_m_rad, f"the axis limit of {force:g} N feed force"))
+        if not known:
+            self.require("a torque limit", "motor.peak_torque_nm", "limits.pulley_torque_nm")
+        return min(known)
+
+    @property
+    def torque_limit_nm(self) -> float:
+        """Torque of :meth:`torque_limit`, N m, motor shaft."""
+        return self.torque_limit().torque_nm
+
+    def belt_stiffness_n_m(self, position_m: float) -> float:
+        """Stiffness between motor and carriage, seen at the belt, N/m; infinite for an axis without belt and pulley.
+
+        c = EA/l1 + EA/(2 l3 − l1)  (2.26),  l1 = offset + position;  coupling in series: 1/c_total = 1/c + i_t²/k.
+
+        Raises UsageError when the belt's data are not known or the position lies outside the belt.
+        """
+        if not self.has_belt:
+            return math.inf
+        self.require("the belt stiffness", "belt.specific_stiffness_n", "belt.pulley_distance_m")
+        ea, l3 = float(self.get("belt.specific_stiffness_n")), float(self.get("belt.pulley_distance_m"))
+        l1 = self.travel.driven_side_offset_m + position_m
+        if not 0.0 < l1 < l3:
+            raise UsageError(
+                f"at {position_m:g} m the carriage of {self} is {l1:g} m from the driving pulley, outside 0..{l3:g} m; "
+                "check travel.driven_side_offset_m and belt.pulley_distance_m"
+            )
+        compliance = 1.0 / (ea / l1 + ea / (2.0 * l3 - l1))
+        if self.coupling.stiffness_nm_rad is not None:
+            compliance += self.transmission_m_rad**2 / self.coupling.stiffness_nm_rad
+        return 1.0 / compliance
+
+    def expected_resonance_hz(self, mass_kg: float, position_m: float | None = None) -> float:
+        """Resonance by the data sheets:  √(c (i_t²/Θ_e + 1/m))/2π  (2.44), Hz; infinite without belt and pulley.
+
+        mass_kg : carriage and payload.   position_m : carriage; the softest (highest) place when None.
+        Raises UsageError for what is not known, or a mass that is not positive.
+        """
+        mobility = self.transmission_m_rad**2 / self.motor_side_inertia_kg_m2 if self.has_belt else 0.0
+        return math.sqrt(self._stiffness_at(position_m) * (mobility + 1.0 / _positive_mass(mass_kg))) / math.tau
+
+    def expected_antiresonance_hz(self, mass_kg: float, position_m: float | None = None) -> float:
+        """Antiresonance by the data sheets:  √(c/m)/2π  (2.45), Hz; arguments and errors as for the resonance."""
+        return math.sqrt(self._stiffness_at(position_m) / _positive_mass(mass_kg)) / math.tau
+
+    def _stiffness_at(self, position_m: float | None) -> float:
+        if position_m is None and self.has_belt:
+            self.require("the softest position", "travel.max_m")
+        softest = self.travel.max_m if self.travel.max_m is not None else 0.0
+        return self.belt_stiffness_n_m(softest if position_m is None else position_m)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The entries that are known, in the order and shape of ``axis.yaml``."""
+        data: dict[str, Any] = {"name": self.name}
+        for key in SECTIONS:
+            section = getattr(self, key)
+            known = {item.name: getattr(section, item.name) for item in fields(section)} if section is not None else {}
+            data[key] = {name: value for name, value in known.items() if value is not None and value != ""}
+            if key == "limits":
+                data["trajectories"] = {
+                    name: {item.name: getattr(limits, item.name) for item in fields(limits)} for name, limits in self.trajectories.items()
+                }
+        # an empty pulley or belt still says that this is a belt axis
+        return {key: value for key, value in data.items() if value or (key in {"pulley", "belt"} and getattr(self, key))}
+
+    def fingerprint(self) -> str:
+        """Short hash of all entries: equal for equal axes, whatever file they came from."""
+        text = json.dumps(_flat(self.to_dict()), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def changes(self, other: Axis) -> list[str]:
+        """Dotted names of the entries in which two axes differ, each with both values in words."""
+        mine, theirs = _flat(self.to_dict()), _flat(other.to_dict())
+        names = [*mine, *(name for name in theirs if name not in mine)]
+        return [
+            f"{name} {mine.get(name, 'not known')} -> {theirs.get(name, 'not known')}"
+            for name in names
+            if mine.get(name) != theirs.get(name)
+        ]
+
+
+def load_axis(path_or_name: str | Path) -> Axis:
+    """Load ``axis.yaml`` from a path, or a shipped axis by its name.
+
+    Raises UsageError for a file that is not there, empty or not YAML, an unknown key (with the line and the key that was probably
+    meant), a value that is no number or cannot be.
+    """
+    path = find_config("axes", str(path_or_name))
+    if not (data := read_yaml(path)):
+        raise UsageError(
+            f"{path} is empty: nothing is known of the axis; bring the file back, or write it with `beltcomm init {pasted(path)}`"
+        )
+    return axis_from_dict(data, path)
+
+
+def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:
+    """The axis that a mapping in the shape of ``axis.yaml`` describes.   path : for messages.   Raises as load_axis."""
+
+    def fault(text: str, *keys: str) -> UsageError:
+        line = line_of(path, keys) if path else 0
+        place = f"{path}, line {line}: " if line else f"{path}: " if path else ""
+        return UsageError(f"{place}{text}")
+
+    def section(kind: type[Any], value: Any, *keys: str) -> Any:
+        if value is None:
+            value = {}
+        if not isinstance(value, Mapping):
+            raise fault(f"{'.'.join(keys)} is {value!r}; it must hold names and values", *keys)
+        known = entries_of(kind)
+        names = [item.name for item in fields(kind)]
+        read = {}
+        for key, item in value.items():
+            if key not in names:
+                raise fault(f"unknown key {key!r} in {'.'.join(keys)}{did_you_mean(key, names)}", *keys, key)
+            if item is None:
+                continue
+            if key in known and (isinstance(item, bool) or not isinstance(item, (int, float))):
+                unit = unit_of(key)
+                raise fault(f"{'.'.join(keys)}.{key} is {item!r}; give a number{unit and f' in {unit}'}", *keys, key)
+            number = known.get(key)
+            read[key] = str(item) if number is None else int(item) if number.whole and float(item).is_integer() else float(item)
+        missing = [item.name for item in fields(kind) if item.default is MISSING and item.name not in read]
+        if missing:
+            raise fault(f"{'.'.join(keys)} lacks {', '.join(missing)}; a reference motion needs all its limits", *keys)
+        return kind(**read)
+
+    read: dict[str, Any] = {"source": str(path) if path else ""}
+    names = ["name", "trajectories", *SECTIONS]
+    for key, value in data.items():
+        if key not in names:
+            raise fault(f"unknown key {key!r}{did_you_mean(key, names)}; known are {', '.join(names)}", key)
+        if key == "name":
+            read[key] = "" if value is None else str(value)
+        elif key in SECTIONS:
+            read[key] = section(SECTIONS[key], value, key)
+        elif isinstance(value, Mapping):
+            read[key] = {str(name): section(TrajectoryLimits, item, key, str(name)) for name, item in value.items()}
+        elif value is not None:
+            raise fault(f"trajectories is {value!r}; it must hold names and their limits", key)
+    try:
+        return Axis(**read)
+    except ImpossibleEntry as error:
+        raise fault(str(error), *error.entry.split(".")) from error
+
+
+def save_axis(axis: Axis, path: Path) -> None:
+    """Write ``axis.yaml``, whole or not at all; floats come back exactly.   Raises UsageError when it cannot be written."""
+    write_text(path, to_yaml(axis.to_dict()))
+
+
+def _positive_mass(mass_kg: float) -> float:
+    if not (mass_kg > 0.0 and math.isfinite(mass_kg)):
+        raise UsageError(f"the carriage mass is {mass_kg:g} kg; give a positive number")
+    return mass_kg
+
+
+def _check_section(name: str, section: Any) -> None:
+    """Raise ImpossibleEntry for a number outside its bounds."""
+    if section is None:
+        return
+    for key, entry in entries_of(type(section)).items():
+        value = getattr(section, key)
+        fault = entry.fault(value) if value is not None else ""
+        if fault:
+            raise ImpossibleEntry(f"{name}.{key} is {value:g} {unit_of(key)}".rstrip() + f"; {fault}", f"{name}.{key}")
+
+
+def _check_together(axis: Axis) -> None:
+    """Raise ImpossibleEntry for entries that contradict each other."""
+    low, high = axis.travel.min_m, axis.travel.max_m
+    if low is not None and high is not None and low >= high:
+        raise ImpossibleEntry(f"travel.min_m is {low:g} m; it must be below travel.max_m, {high:g} m", "travel.min_m")
+    rated, peak = axis.motor.rated_torque_nm, axis.motor.peak_torque_nm
+    if rated is not None and peak is not None and rated > peak:
+        text = f"motor.rated_torque_nm is {rated:g} N m; it must not exceed motor.peak_torque_nm, {peak:g} N m"
+        raise ImpossibleEntry(text, "motor.rated_torque_nm")
+    inertia = axis.motor.inertia_kg_m2
+    if rated is not None and inertia is not None and not SLOWEST_ROTOR_RAD_S2 <= rated / inertia <= FASTEST_ROTOR_RAD_S2:
+        raise ImpossibleEntry(
+            f"motor.inertia_kg_m2 is {inertia:g} kg m²: a motor of {rated:g} N m rated torque would accelerate itself with "
+            f"{rated / inertia:.3g} rad/s², motors do so with {SLOWEST_ROTOR_RAD_S2:g} to {FASTEST_ROTOR_RAD_S2:g}; look at its unit "
+            "(1 kg cm² is 1e-4 kg m²) and at motor.rated_torque_nm",
+            "motor.inertia_kg_m2",
+        )
+    l3, offset = axis.get("belt.pulley_distance_m"), axis.travel.driven_side_offset_m
+    if l3 is not None and high is not None and offset + high >= l3:
+        raise ImpossibleEntry(
+            f"belt.pulley_distance_m is {l3:g} m; it must exceed travel.driven_side_offset_m + travel.max_m, {offset + high:g} m",
+            "belt.pulley_distance_m",
+        )
+    radius, teeth, pitch = (axis.get(key) for key in ("pulley.effective_radius_m", "pulley.teeth", "belt.pitch_m"))
+    if radius is not None and teeth is not None and pitch is not None:
+        by_teeth = teeth * pitch / math.tau
+        # The pitch line lies off the pulley by fractions of a tooth; 5 % tells that from a diameter given as radius.
+        if abs(radius - by_teeth) > 0.05 * by_teeth:
+            raise ImpossibleEntry(
+                f"pulley.effective_radius_m is {radius:g} m, but {teeth:g} teeth of {pitch:g} m make a radius of {by_teeth:.5g} m; "
+                "correct the one that is wrong",
+                "pulley.effective_radius_m",
+            )
+
+
+def _flat(data: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested mappings as one with dotted names."""
+    flat: dict[str, Any] = {}
+    for key, value in data.items():
+        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
+    return flat

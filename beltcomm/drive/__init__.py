@@ -1,0 +1,398 @@
+"""What beltcomm asks of a servo drive, and how an adapter for one is found.
+
+An adapter is a guest: a package registers a value of type :class:`Adapter` under the entry-point group
+``beltcomm.adapters``; nothing here imports one.  Everything crossing this border is SI at the **motor shaft**
+(rad, rad/s, N m), because a drive knows no carriage.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.configfiles import did_you_mean
+from beltcomm.control import CascadeStructure
+from beltcomm.drive.finding import Finding
+from beltcomm.drive.objects import ObjectValue, ParameterObject
+from beltcomm.errors import Refused, UsageError
+from beltcomm.given import word
+from beltcomm.recording.columns import MOTOR_COLUMNS
+
+Array = NDArray[np.float64]
+
+#: Columns of every recorded row, in this order; NaN where the drive does not report a quantity.
+COLUMNS = MOTOR_COLUMNS
+
+#: See :class:`Motion`; and those in which the drive closes a loop.
+MotionKind = Literal["torque", "position", "velocity", "profile"]
+LoopKind = Literal["position", "velocity", "profile"]
+#: s: a drive must notice within this time that its host is gone, where nothing asks for less.
+GUARD_S = 0.05
+
+Row = tuple[float, ...]
+Sink = Callable[[Row], None]
+
+
+class Clock(Protocol):
+    """Time as an argument: the wall clock of a real bus, or the virtual time of a simulated one."""
+
+    def now(self) -> float:
+        """Seconds on a clock that never goes back."""
+        ...
+
+    def sleep_until(self, t_s: float) -> None:
+        """Return when ``now() >= t_s``; virtual time moves on, real time waits."""
+        ...
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What must not be exceeded while the axis moves; watched in the drive and row by row on the host.
+
+    position_min_rad, position_max_rad : float, rad, motor shaft, in the drive's own zero.
+    speed_rad_s : float, rad/s, motor shaft.     torque_nm : float, N m, motor shaft.
+    deceleration_rad_s2 : float, rad/s², motor shaft, along which a quick stop brakes; inf leaves it to the drive.
+    lag_rad : rad, largest distance from the reference in a motion of kind "position"; None leaves it to the drive's own setting.
+    release : what breaks a motion off takes the stage off at once, for the brake or friction to stop the axis: nobody knows yet whether
+    the drive's own loop would.
+    brake_s : s, which a holding brake needs to open after the stage is on: so long the axis is held before it is moved.
+    guard_s : s, within which the drive is to notice that its host is gone.
+    ratio_m_rad, zero_rad : carriage = ratio (angle - zero), m, only for messages; 0 when there is no carriage to speak of.
+    """
+
+    position_min_rad: float
+    position_max_rad: float
+    speed_rad_s: float
+    torque_nm: float
+    deceleration_rad_s2: float = math.inf
+    lag_rad: float | None = None
+    ratio_m_rad: float = 0.0
+    zero_rad: float = 0.0
+    release: bool = False
+    brake_s: float = 0.0
+    guard_s: float = GUARD_S
+
+    def where(self, angle_rad: float) -> str:
+        """An angle of the motor in words: where the carriage is, in mm, when its ratio is known."""
+        return f"{1e3 * self.ratio_m_rad * (angle_rad - self.zero_rad):.1f} mm" if self.ratio_m_rad else f"{angle_rad:.4g} rad"
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What the axis is asked to do, one entry per sample period; starts and ends at rest.
+
+    kind : "torque"    torque setpoint, all loops open (cyclic synchronous or profile torque);
+           "position"  the drive closes its cascade on ``position_rad`` (cyclic synchronous or interpolated position),
+                       ``velocity_rad_s`` is its velocity feedforward and ``torque_nm`` is added to its torque;
+           "velocity"  the drive closes its velocity loop on ``velocity_rad_s``; ``torque_nm`` is added to its torque;
+           "profile"   strokes from rest to rest: each is handed to the drive as end, speed and acceleration (profile position), which
+                       drives a trapezoid of the same way, time and top speed by itself, and ends it by itself.
+           What a drive cannot add (:attr:`Capabilities.torque_along`) must be zero.
+    period_s : float, s, a whole multiple of ``Capabilities.sample_period_s``.
+    position_rad : ndarray (n,), rad, motor shaft, absolute in the drive's zero.
+    velocity_rad_s, torque_nm : ndarray (n,).   Arrays a kind does not use are zero.
+    rest_nm : N m, of kind "torque": what holds the axis while the drive is being enabled, after the last entry and until it is stopped.
+    """
+
+    kind: MotionKind
+    period_s: float
+    position_rad: Array
+    velocity_rad_s: Array
+    torque_nm: Array
+    rest_nm: float = 0.0
+
+    def __post_init__(self) -> None:
+        n = len(self.torque_nm)
+        if not (len(self.position_rad) == len(self.velocity_rad_s) == n) or n == 0:
+            raise ValueError("the three arrays of a motion must have one equal, positive length")
+
+
+@dataclass(frozen=True)
+class Guarding:
+    """How a drive took the silence of its host, seen once at standstill (:meth:`Drive.prove_guarding`).
+
+    guard_s : what it was set to, s.   reaction_s : from the last sign of life to its reaction, s.
+    brakes : it was seen to brake before its stage went off; else only friction, or a brake, stops the axis.
+    """
+
+    guard_s: float
+    reaction_s: float
+    brakes: bool
+
+    def held_s(self, guard_s: float) -> float:
+        """How long the last torque is held at worst when it is set to ``guard_s``, s."""
+        return guard_s + max(self.reaction_s - self.guard_s, 0.0)
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """What a connected drive can do, as read from it or from its profile (never assumed).
+
+    kinds : the kinds of :class:`Motion` it can run.
+    sample_period_s : s, shortest period of the synchronous exchange.
+    counts_per_rev : encoder counts per motor revolution.    torque_step_nm : N m, resolution of a torque setpoint.
+    torque_sampling : when the reported torque was acting, relative to the position of the same frame:
+        "over" the period that follows, "after": the period just ended.  The adapter has already shifted its rows so that
+        ``torque_nm[n]`` acts from ``t[n]`` to ``t[n+1]``; the word is kept in the run folder as provenance.
+    structure : the cascade inside the drive.
+    rated_torque_nm, peak_torque_nm : N m.    rated_current_a : A rms.    max_speed_rad_s : rad/s.
+    referenced : the drive knows its zero.
+    torque_along : the kinds of closed-loop motion to whose torque it adds the motion's.
+    identity : name, maker, serial number, firmware ... as text, to recognise the same drive on ``--resume``; "" where the
+        port that it is connected by cannot tell.
+    refused : why kinds of motion that the drive itself may have are not offered, by kind: a sentence with the remedy.
+    parameters : the objects that hold the names of :meth:`Drive.backup`.     uncalibrated : those of them whose meaning nobody knows yet:
+        :meth:`Drive.write` refuses to change them until :meth:`Drive.calibrate` has told.
+    exchange, torque_scale : in words, the period of the exchange and what it costs the bus; why the unit of torque is in doubt, "" when
+        it is not.
+    shortest_guard_s : s, shortest time in which it can be made to notice that its host is gone; None when nothing in it watches the host.
+    overload_time_s : s, for which the drive lets the motor have its peak torque from cold; None when it does not tell.
+    """
+
+    name: str
+    kinds: frozenset[str]
+    sample_period_s: float
+    counts_per_rev: int
+    torque_step_nm: float
+    torque_sampling: Literal["over", "after"]
+    structure: CascadeStructure
+    rated_torque_nm: float
+    peak_torque_nm: float
+    rated_current_a: float
+    max_speed_rad_s: float
+    can_home: bool
+    referenced: bool
+    identity: Mapping[str, str] = field(default_factory=dict)
+    torque_along: frozenset[str] = frozenset()
+    refused: Mapping[str, str] = field(default_factory=dict)
+    parameters: Mapping[str, ParameterObject] = field(default_factory=dict)
+    uncalibrated: frozenset[str] = frozenset()
+    exchange: str = ""
+    torque_scale: str = ""
+    shortest_guard_s: float | None = None
+    overload_time_s: float | None = None
+
+
+@dataclass(frozen=True)
+class ExchangeReport:
+    """How one recording went: rows delivered, cycles lost on the bus, and the largest deviation of a period, s.
+
+    irregular : rows whose period deviated by more than a quarter; their stamps say by how much.   remarks : what else the drive said of
+    itself, in words.
+    limited_cycles : samples in which the drive said that a limit of its own was active (statusword bit 11).
+    """
+
+    rows: int
+    lost_cycles: int
+    worst_jitter_s: float
+    irregular: int = 0
+    remarks: tuple[str, ...] = ()
+    limited_cycles: int = 0
+
+
+class Drive(Protocol):
+    """One connected drive.  Methods move machines; assignments never do.  Not thread-safe.
+
+    Use as a context manager: leaving it always stops the axis, restores what the adapter changed for its own purposes
+    (operation mode, PDO mapping, guarding, limits) and closes the port.
+    """
+
+    capabilities: Capabilities
+    clock: Clock
+
+    def read(self, names: Sequence[str]) -> dict[str, float]:
+        """Values of named quantities: ``position_rad``, ``velocity_rad_s``, ``torque_nm``, ``state`` (CiA 402 state
+        number), ``referenced``, and every writable name of :meth:`backup`.  Raises UsageError for an unknown name."""
+        ...
+
+    def write(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Write named parameters (stage off when the drive demands it), read them back and return what is stored.
+
+        Raises Refused for another value of an uncalibrated gain, ObjectLocked for an object that is never written, ObjectRefused when the
+        drive refuses, DriveError when the value read back is not the quantised one asked for; then everything written by this call has
+        been put back."""
+        ...
+
+    def calibrate(self, units: Mapping[str, float]) -> None:
+        """From here on one raw unit of these gains means so much: N m s/rad, 1/s, or s where an object holds an integral time.
+
+        Nothing is written; :attr:`capabilities` and all values of these names follow.  Raises UsageError."""
+        ...
+
+    def backup(self) -> dict[str, float]:
+        """All parameters beltcomm may ever write (gains, filters, feedforward, limits), as they stand now."""
+        ...
+
+    def objects(self) -> tuple[ObjectValue, ...]:
+        """The objects behind :meth:`backup`, and those lent to this session, with the raw values that the drive had before it."""
+        ...
+
+    def read_objects(self, places: Sequence[tuple[int, int, str]]) -> list[float | None]:
+        """Raw values of objects by index, subindex and data type; None where the drive has none or does not tell."""
+        ...
+
+    def write_objects(self, values: Sequence[ObjectValue]) -> None:
+        """Write raw values with the stage off, read them back; all or none.
+
+        Raises ObjectLocked before anything is written, ObjectRefused, DriveError (another value came back)."""
+        ...
+
+    def save(self) -> None:
+        """Make the present parameters permanent (object 1010h).  Only on the user's word."""
+        ...
+
+    def home(self, limits: Limits) -> None:
+        """Run the drive's own homing.  Raises Refused where there is none, SafetyStop, DriveFault."""
+        ...
+
+    def record(self, motion: Motion, limits: Limits, sink: Sink) -> ExchangeReport:
+        """Enable, run ``motion``, pass each row to ``sink`` while the axis moves, then bring it to rest and disable.
+
+        Before the first motion of kind "torque" :meth:`prove_guarding` is done.
+        Rows follow :data:`COLUMNS`; ``t_s`` is the time stamp of the sample, not a grid.  Any exception out of this
+        call (also one raised by ``sink``, also KeyboardInterrupt) leaves a stopped, disabled axis.
+        Raises SafetyStop (limit, with the value), DriveFault, BusError (lost frames)."""
+        ...
+
+    def prove_guarding(self, limits: Limits, rest_nm: float = 0.0) -> Guarding:
+        """Once per connection: enable the axis at standstill, fall silent, see how the drive takes that, and acknowledge its fault.
+
+        rest_nm : N m, what holds the axis.   Later calls return what was seen.   Raises DriveError when the drive does not react
+        within ``limits.guard_s`` and a tolerance, or nothing in it watches its host: then it gets no motion of kind "torque".
+        """
+        ...
+
+    def stop(self) -> None:
+        """Quick stop, then disable.  Never raises; safe to call at any time."""
+        ...
+
+    def close(self) -> None:
+        """Stop, restore, release the port.  Never raises; idempotent."""
+        ...
+
+    def __enter__(self) -> Drive: ...
+
+    def __exit__(self, *exc: object) -> None: ...
+
+
+class Service(Protocol):
+    """A simulated drive that other processes find on an interface.   Use as a context manager."""
+
+    #: What another process gives as ``--drive``, and in words what is served there.
+    reached_as: str
+    title: str
+
+    def run(self) -> Mapping[str, int]:
+        """Serve until KeyboardInterrupt, which is the ordinary end; returns what was counted.  Raises BusError."""
+        ...
+
+    def __enter__(self) -> Service: ...
+
+    def __exit__(self, *exc: object) -> None: ...
+
+
+@dataclass(frozen=True)
+class Adapter:
+    """What an adapter package registers.
+
+    name : word for messages.     summary : one line for ``beltcomm drives``.
+    schemes : what may stand before the colon of ``--drive`` (``virtual``, ``can``, ``slcan``, ``serial``).
+    open : ``open(address, options) -> Drive``; ``address`` is what follows the colon ("" when nothing does).
+        ``options``: str -> value, e.g. ``seed``, ``profile``, ``node``, ``bitrate``, ``realtime``; unknown ones are a
+        UsageError.
+    claims : whether this adapter understands an address without a scheme of its own (``can0``, ``pcan:PCAN_USBBUS1``).
+    examine : ``examine(address, options)`` looks at a drive step by step, moves nothing and leaves it as it was found; the options are
+        those of ``open`` and ``try_bitrates``, ``sync_test`` (bool).  An unreachable drive is a finding, no exception.
+    surroundings : what on this machine the adapter could be used with, or why nothing.
+    serve : ``serve(address, on, options) -> Service``, of a drive that is simulated: for other processes, on the interface ``on``.
+    """
+
+    name: str
+    summary: str
+    schemes: tuple[str, ...]
+    open: Callable[[str, Mapping[str, object]], Drive]
+    claims: Callable[[str], bool] = lambda _address: False
+    examine: Callable[[str, Mapping[str, object]], Iterable[Finding]] | None = None
+    surroundings: Callable[[], Iterable[Finding]] | None = None
+    serve: Callable[[str, str, Mapping[str, object]], Service] | None = None
+
+
+@dataclass(frozen=True)
+class FoundAdapter:
+    """One entry point: the adapter, or in words why it cannot be loaded."""
+
+    entry_point: str
+    adapter: Adapter | None
+    reason: str = ""
+
+
+def find_adapters() -> list[FoundAdapter]:
+    """All registered adapters, broken ones with their reason.  A broken adapter never hurts the others."""
+    found = []
+    for point in sorted(entry_points(group="beltcomm.adapters"), key=lambda p: p.name):
+        try:
+            adapter = point.load()
+        except Exception as error:  # a guest may fail in any way; its reason is shown by `beltcomm drives`
+            found.append(FoundAdapter(point.value, None, f"{type(error).__name__}: {error}"))
+            continue
+        if isinstance(adapter, Adapter):
+            found.append(FoundAdapter(point.value, adapter))
+        else:
+            found.append(FoundAdapter(point.value, None, f"it provides a {type(adapter).__name__}, not an Adapter"))
+    return found
+
+
+def simulated(name: str) -> bool:
+    """Whether a drive's name is that of a virtual one: ``virtual:g_a``, ``serial:virtual``."""
+    return "virtual" in name.split(":")[:2]
+
+
+def open_drive(name: str, options: Mapping[str, object] | None = None) -> Drive:
+    """Open the drive called ``name`` (``virtual:g_a``, ``can0``, ``slcan:PORT`` ...).   Raises as adapter and :func:`adapter_for`."""
+    adapter, address = adapter_for(name, find_adapters())
+    return adapter.open(address, options or {})
+
+
+def adapter_for(name: str, found: Sequence[FoundAdapter]) -> tuple[Adapter, str]:
+    """The adapter that understands the drive called ``name``, and the address it is to open.   Raises UsageError when none does."""
+    scheme, _, address = word(name, "drive").partition(":")
+    if not found:
+        raise UsageError("no drive adapters are installed; run `pip install -e .` in the beltcomm folder")
+    for item in found:
+        if item.adapter and scheme in item.adapter.schemes:
+            return item.adapter, address
+    for item in found:
+        if item.adapter and item.adapter.claims(name):
+            return item.adapter, name
+    schemes = sorted(s for item in found if item.adapter for s in item.adapter.schemes)
+    broken = "".join(f" ({item.entry_point} is broken: {item.reason})" for item in found if not item.adapter)
+    near = did_you_mean(scheme, [*schemes, "can0"])
+    raise UsageError(f"no adapter understands the drive {name!r}{near}; known are {', '.join(schemes)} and CAN interfaces (can0){broken}")
+
+
+def able(drive: Drive, kind: MotionKind) -> Drive:
+    """The same drive, if it offers this kind of motion.   Raises Refused with its reason, and closes it; nothing has moved then."""
+    has = drive.capabilities
+    if kind in has.kinds:
+        return drive
+    drive.close()
+    why = has.refused.get(kind) or f"it offers motions of kind {', '.join(sorted(has.kinds)) or 'none'}, not {kind}"
+    raise Refused(f"{has.name} cannot do this: {why}; nothing was moved")
+
+
+def serve_drive(name: str, on: str, options: Mapping[str, object] | None = None) -> Service:
+    """The simulated drive called ``name`` (``virtual:g_a``) on the interface ``on``.
+
+    Raises UsageError when no adapter serves a drive of this name, and what the adapter raises.
+    """
+    scheme, _, address = word(name, "drive").partition(":")
+    for item in find_adapters():
+        if item.adapter and item.adapter.serve and scheme in item.adapter.schemes:
+            return item.adapter.serve(address, on, options or {})
+    raise UsageError(f"{name!r} is no simulated drive, so it cannot be served; give virtual or virtual:PLANT")

@@ -1,0 +1,1 @@
+"""What is done with a machine: the plan, each record, the sequences, the whole commissioning."""

@@ -1,0 +1,390 @@
+"""The whole sequence: connect, check, excite, close a cautious loop, measure, fit, design, verify, keep or restore."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from beltcomm.axis import Axis
+from beltcomm.control import Cascade, CascadeStructure
+from beltcomm.design.cascade import DesignResult
+from beltcomm.errors import DataError, NoMotion, Refused, SafetyStop
+from beltcomm.experiments import bounds, gain_steps, holding, own_strokes, phases, raising, sameness, sweeping, verification
+from beltcomm.experiments import execute_step as making
+from beltcomm.experiments import friction_feedforward as sliding
+from beltcomm.experiments import payload_mode_in_first_fit as swinging
+from beltcomm.experiments import sampling_limits as claims
+from beltcomm.experiments.proving import verify_move
+from beltcomm.experiments.recentre import MOST_STOPS, brought_back, exhausted, stands_after
+from beltcomm.fit.acting import acting_recording
+from beltcomm.identify.amplitude import AmplitudeStep, around, unknown_masses_kg
+from beltcomm.identify.final import FinalModel, evidence, final_model
+from beltcomm.identify.standstill import largest
+from beltcomm.machine import scale, stops
+from beltcomm.machine.machine import Machine
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+from beltcomm.recording.sidecar import Sidecar
+from beltcomm.rundata import analyse
+from beltcomm.rundata.delays import assume_delay, delay, measure_delay_and_damping
+from beltcomm.rundata.findings import Apply as Apply
+from beltcomm.rundata.findings import Findings as Findings
+from beltcomm.rundata.findings import Settings as Settings
+from beltcomm.rundata.first_motions import Excited
+from beltcomm.rundata.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
+from beltcomm.schedule import record_schedule as programme
+from beltcomm.schedule.record_schedule import Extent
+from beltcomm.schedule.steps import SHORT_S
+from beltcomm.schedule.strokes import SWEEP_LONGEST_S
+
+#: s of machine time kept for the move that verifies, with the way to its start.
+VERIFYING_S = 4.0
+#: The same for a velocity loop, which follows slow moves only and takes several tries to arrive anywhere.
+DRIFTING_S = 22.0
+#: Share of the torque with which a record is made again after the carriage went too far.
+QUIETER = 0.7
+#: s of machine time that finding sign and breakaway takes as a rule.
+CREPT_S = 2.0
+#: s, from where a dead time is looked for; evidence that it must have.
+LATE_S, CLEAR_EVIDENCE = 5e-4, 150.0
+#: Names of the phases, as shown to the user.
+TITLES = (
+    "connect and check",
+    "sign and breakaway",
+    "excitation, rising",
+    "frequency response here",
+    "first loop",
+    "strokes, places, moves",
+    "fit and design",
+    "verification moves",
+)
+
+
+def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) -> Model:
+    """Phases 1 to 3: sign, rising excitation, one open-loop frequency response at the present place; returns a first model.
+
+    brief : fewer steps and a shorter response.
+    """
+    machine.begin(TITLES[1])
+    masses = unknown_masses_kg(machine.axis.payload.mass_kg)
+    if machine.axis.mounting.tilted:
+        findings.breakaway, findings.holding = holding.sign_and_scale(machine)
+        masses = holding.masses_kg(machine, machine.holding_nm)
+    else:
+        findings.breakaway = phases.sign_and_scale(machine)
+        machine.holding_nm = findings.breakaway.holding_nm
+    sameness.check_breakaway(machine, findings.breakaway.coulomb_nm)
+    findings.calibrating_s = gain_steps.ensure(machine, findings.breakaway.coulomb_nm)
+    sameness.repeat_first_excitation(machine, findings.breakaway, masses)
+    machine.begin(TITLES[2])
+    short_s = SHORT_S if brief else making.RESPONSE_S
+
+    def to_come(model: Model, at_most_nm: float) -> AmplitudeStep:
+        return making.short_if_possible(partial(phases.response_to_come, machine, model, at_most_nm), short_s)[1]
+
+    findings.excited = raising.raise_amplitude(machine, findings.breakaway, masses, response=to_come if brief else None)
+    if findings.holding is not None:
+        findings.holding = holding.compare(machine, findings.holding)
+    machine.begin(TITLES[3])
+    first_response(machine, findings, findings.excited, short_s)
+    model = first_model(machine, findings)
+    scale.check_fitted(machine, model, findings.excited.model, acting_recording(machine.folder.recording("frf_1"), findings.path))
+    return model
+
+
+def first_response(machine: Machine, findings: Findings, excited: Excited, seconds: float) -> None:
+    """The frequency response at the present place; where the carriage wanders too far again where it then stands, with less torque.
+
+    Then no response after it is louder, either.   One that does not move the axis is made louder.   Raises SafetyStop when stops have
+    used up what the session goes on after, NoMotion when no torque allowed moves the axis.
+    """
+    above_nm = 0.0
+    while True:
+        # A carriage that went too far is not held by friction: no sequence is tried that is louder for leaving out the resonance.
+        chosen = partial(phases.response_to_come, machine, excited.model, excited.at_most_nm, loud=not machine.wanderings)
+        choice, step = making.short_if_possible(chosen, seconds)
+        phases.louder(machine, step, above_nm)
+        try:
+            phases.planned_response(machine, "frf_1", excited.model, choice, step)
+            return
+        except SafetyStop as problem:
+            if not stands_after(machine, problem) or exhausted(machine):
+                raise
+            most_nm = QUIETER * step.amplitude_nm
+            excited = findings.excited = replace(excited, step=replace(step, amplitude_nm=most_nm), at_most_nm=most_nm)
+            findings.remarks.append(f"frf_1 is made with at most ±{most_nm:.3f} N m, after this: {problem}")
+        except NoMotion:
+            above_nm = step.amplitude_nm
+            if not machine.wanderings:
+                excited = replace(excited, at_most_nm=raising.GROWTH * above_nm)
+
+
+def first_model(machine: Machine, findings: Findings) -> Model:
+    """Model, dead time and apparent damping from the frequency response at one place."""
+    recordings = [r for r in machine.folder.recordings() if r.sidecar.experiment == "frf"]
+    counts = machine.drive.capabilities.counts_per_rev
+    start = findings.excited.model if findings.excited else None
+    with machine.withdrawing():
+        found = final_model(recordings, machine.axis, counts, start=start)
+        if found.fit.suspect:
+            found = with_late_torque(found, recordings, machine.axis, counts)
+        if found.fit.suspect and start is not None:
+            found = from_records_alone(found, recordings, machine.axis, counts)
+        findings.final = found
+        findings.swing = swinging.with_swing(found, recordings, machine.axis, counts) if found.fit.suspect else None
+    model = found.fit.model
+    if findings.swing is not None:
+        model = swinging.as_one(findings.swing)
+        findings.remarks.append(swinging.swing_words(findings.swing))
+    claims.note_after(findings.remarks, model, machine.axis, machine.drive.capabilities, machine.position_m)
+    measure_delay_and_damping(findings, recordings, model)
+    return model
+
+
+def with_late_torque(found: FinalModel, recordings: Sequence[Recording], axis: Axis, counts_per_rev: int) -> FinalModel:
+    """The fit with torque that acts later than it is reported, where that explains clearly more; else the fit as it is.
+
+    A loop designed without knowing a dead time of a millisecond, from inertia and mass that it has biased, cannot be closed.
+    """
+    late = found.fit.model.with_effect("dead_time", {"time": LATE_S})
+    try:
+        other = final_model(recordings, axis, counts_per_rev, start=late)
+    except DataError:
+        return found
+    return other if evidence(other.fit, found.fit) > CLEAR_EVIDENCE else found
+
+
+def from_records_alone(found: FinalModel, recordings: Sequence[Recording], axis: Axis, counts_per_rev: int) -> FinalModel:
+    """The fit begun anew from its own records, where that explains them; else the fit as it is.
+
+    The estimate it began from is kept near the data sheets, which may be far from the machine: the fit can end beside it.
+    """
+    try:
+        other = final_model(recordings, axis, counts_per_rev)
+    except DataError:
+        return found
+    return found if other.fit.suspect else other
+
+
+def close_first_loop(machine: Machine, findings: Findings, model: Model, *, ask: bool = False) -> Cascade:
+    """Phase 4: a cautious loop for the uncertain first model, written into the drive.
+
+    ask : before a loop with thin margins is closed.   Raises Refused for a no.
+    """
+    machine.begin(TITLES[4])
+    return close_loop(machine, findings, model, *first_cascade(machine, findings, model, machine.position_m), ask=ask)
+
+
+def first_cascade(machine: Machine, findings: Findings, model: Model, at_m: float) -> tuple[Cascade, float]:
+    """The cautious loop for a place, m, and its smallest phase margin, deg; nothing is written."""
+    structure = machine.drive.capabilities.structure
+    assume_delay(findings, structure)
+    seen = at_m, delay(findings), analyse.apparent_damping(findings.thesis)
+    result = analyse.first_loop(model, structure, *seen)
+    margin = min(m.phase_margin_deg for m in result.margins)
+    if findings.swing is not None:
+        margin = min(margin, swinging.proven_margin_deg(findings.swing, result.cascade, structure, *seen))
+    return analyse.with_feedforward(result.cascade, model, structure, delay(findings)), margin
+
+
+def close_loop(machine: Machine, findings: Findings, model: Model, cascade: Cascade, margin: float, *, ask: bool = False) -> Cascade:
+    """Write a first loop into the drive and count with its stops; returns it.   ask, raises : as :func:`close_first_loop`."""
+    machine.talk.say(f"first loop: K_P {cascade.kp_nm_s_rad:.4f} N m s/rad, smallest phase margin {margin:.0f} deg on an uncertain model")
+    if margin < SURE_MARGIN_DEG:
+        machine.talk.say(
+            f"That is little, {SURE_MARGIN_DEG:.0f} deg are usual: this drive's structure gives no more. The axis may ring as it travels."
+        )
+        if ask and not machine.talk.confirm("Close this loop and travel with it?"):
+            raise Refused("the loop was not closed, as you said; the recordings so far are kept, `beltcomm fit` makes a model of them")
+    stops.count_on_loop(machine, around(model), machine.write_cascade(cascade), delay(findings))
+    return cascade
+
+
+def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Cascade, extent: Extent) -> None:
+    """Phase 5: the records of the programme, as many as the time allows."""
+    machine.begin(TITLES[5])
+    loop = making.Closed(model, cascade, delay(findings))
+    course = making.course_of(machine, model)
+    items = [
+        i
+        for i in programme.BY_EXTENT[extent]
+        if not making.measured_already(machine, i.step) and (i.rank == 0 or bounds.has_room(i.step, course))
+    ]
+    for item in programme.BY_EXTENT[extent]:
+        if making.measured_already(machine, item.step):
+            machine.talk.say(f"{item.step.title(course.place_m(item.step))}: frf_1 was recorded near there, and stands for it")
+    kept = VERIFYING_S
+    if machine.stroking() == "velocity":  # which drifts, and does not turn within a millimetre; its last move is a slow one
+        items = [item for item in items if item.step.kind != "reversals"]
+        kept = DRIFTING_S
+    first = [machine.folder.recording(n) for n in machine.folder.finished_names() if n.startswith("amplitude_") or n == "frf_1"]
+    spent = CREPT_S + findings.calibrating_s + sum(float(np.ptp(r.t_s)) for r in first)
+    left = programme.BUDGET_S[extent] - spent - kept
+    steps, without = programme.fitting(items, lambda step: bounds.seconds_of(step, course), left)
+    if without:
+        names = "; ".join(step.title(course.place_m(step)) for step in without)
+        longer = "; --thorough has time for more" if extent == "standard" else ""
+        findings.remarks.append(f"not recorded, for {programme.BUDGET_S[extent]:.0f} s of machine time are not enough: {names}{longer}")
+    loudest = findings.excited.step.amplitude_nm if findings.excited else machine.axis.torque_limit_nm
+    share = 1.0
+    needed = [item.step for item in items if item.rank == 0]
+    for name, step in programme.named(steps, ("frf_1",)):
+        left_out = f"{name} ({step.title(course.place_m(step))}) was left out"
+        if step.kind == "response" and exhausted(machine):
+            findings.remarks.append(f"{left_out}: the carriage went too far {MOST_STOPS} times before")
+            continue
+        while True:
+            try:
+                making.make(machine, loop, step, name, loudest, share)
+            except SafetyStop as problem:  # the model does not quite know how far this machine goes: again, and all that follow, quieter
+                if not brought_back(machine, model, step, problem):
+                    raise
+                if not exhausted(machine):
+                    share *= QUIETER
+                    findings.remarks.append(f"{name} is made with {share:.2g} times the torque, after this: {problem}")
+                    continue
+                findings.remarks.append(f"{left_out}: {problem}")
+            except (DataError, Refused) as problem:  # the result does not rest on this record
+                if step in needed and not (isinstance(problem, NoMotion) and step.kind == "response"):
+                    raise
+                findings.remarks.append(f"{left_out}: {problem}")
+            break
+        if name == making.SWEEP:
+            loop = sliding.sent_ahead(machine, findings, loop)
+
+
+def measure_friction(
+    machine: Machine,
+    model: Model,
+    name: str = "sweep",
+    speeds_m_s: Sequence[float] = (),
+    longest_s: float = SWEEP_LONGEST_S,
+    held_out: bool = False,
+) -> Recording:
+    """The constant-speed sweep alone, three of its speeds twice.   speeds_m_s : instead of the usual seven, each once.
+
+    longest_s : s, that a plateau counts at most.   held_out : it judges, nothing is fitted to it.
+    """
+    machine.begin(TITLES[5])
+    if machine.folder.finished(name) is None and not sweeping.room_to_sweep(machine, model, speeds_m_s):
+        phases.move_to(machine, phases.stroke_ends(machine)[0], model)
+    strokes = sweeping.sweep(machine, model, speeds_m_s, longest_s)
+    sidecar = Sidecar(
+        experiment="friction_sweep",
+        start_position_m=machine.position_m,
+        session_time_s=machine.session_time_s,
+        closed_loop=True,
+        held_out=held_out,
+        extra=own_strokes.note(machine),
+    )
+    return machine.record(name, machine.follow(strokes.trajectory, machine.stroking()), phases.loose_room(machine), sidecar)
+
+
+def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> Cascade:
+    """Phase 6: final fit over all records, final design; returns what goes into the drive."""
+    machine.begin(TITLES[6])
+    recordings = machine.folder.recordings()
+    counts = machine.drive.capabilities.counts_per_rev
+    first = findings.final.fit.model if findings.final else None
+    with machine.withdrawing():
+        findings.final = final_model(recordings, machine.axis, counts, start=first, progress=lambda f: machine.talk.progress(f, None))
+    model = findings.final.fit.model
+    measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
+    middle = sum(machine.full_room().window_m) / 2
+    findings.characteristics = analyse.characteristics(findings.final.fit, middle)
+    claims.note_after(findings.remarks, model, machine.axis, machine.drive.capabilities, middle)
+    try:
+        findings.friction = analyse.friction_of(recordings, inertia_kg_m2=analyse.moved_inertia(model))
+    except DataError as problem:
+        findings.remarks.append(f"friction sweep: {problem}")
+        findings.reservations.append("the friction sweep could not be used")
+    findings.standstill = largest(recordings, findings.thesis, model, findings.friction)
+    findings.design, findings.cascade = design_for(machine.axis, model, machine.drive.capabilities.structure, findings, settings)
+    findings.reservations += thin_margins(findings.design.margins)
+    return findings.cascade
+
+
+def design_for(
+    axis: Axis, model: Model, structure: CascadeStructure, findings: Findings, settings: Settings
+) -> tuple[DesignResult, Cascade]:
+    """The final design: both ends of the travel, the payload mounted now and the further ones stated."""
+    assume_delay(findings, structure)
+    masses = [model["cart.mass"], *(model["cart.mass"] + extra for extra in settings.payloads_kg)]
+    return analyse.design(
+        model,
+        structure,
+        positions_m=(float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)),
+        masses_kg=masses,
+        dead_time_s=delay(findings),
+        apparent_damping_nm_s_rad=analyse.apparent_damping(findings.thesis),
+        prefilter=settings.prefilter,
+        feedforward=settings.feedforward,
+        specification=settings.specification,
+    )
+
+
+def known_model(findings: Findings) -> Model:
+    """The model so far.   Raises Refused when nothing was fitted yet."""
+    if findings.final is None:
+        raise Refused("there is no model yet; run `beltcomm fit` first")
+    return findings.final.fit.model
+
+
+def commission(machine: Machine, settings: Settings, findings: Findings) -> Findings:
+    """The whole job on a connected, referenced axis.  ``findings`` is filled as it goes, so an interruption loses nothing."""
+    machine.titles, brief = TITLES, settings.extent == "quick"
+    machine.begin(TITLES[0])
+    model = identify_here(machine, findings, brief=brief)
+    cascade = close_first_loop(machine, findings, model, ask=settings.ask)
+    if brief:
+        speeds = programme.quick_speeds_m_s(phases.gentle_limits(machine, model, np.inf).acceleration_m_s2)
+        measure_friction(machine, model, speeds_m_s=speeds, longest_s=programme.QUICK_PLATEAU_S)
+    else:
+        record_steps(machine, findings, model, cascade, settings.extent)
+    cascade = fit_and_design(machine, findings, settings)
+    machine.begin(TITLES[7])
+    model = known_model(findings)
+    stops.count_on_loop(machine, [model], cascade, delay(findings))
+    if settings.move is not None:
+        trajectory = settings.move
+    else:
+        standard = verification.standard_move(machine, model)
+        standard = verification.kept_by_belt(machine, model, cascade, delay(findings), standard)
+        trajectory, remark = verification.within_target(machine, model, cascade, delay(findings), standard)
+        if remark:
+            findings.remarks.append(remark)
+        if trajectory.duration_s > standard.at(1.0, trajectory.sample_period_s).duration_s:
+            findings.reservations.append("this drive cannot follow the standard move within the target, only slower ones")
+    findings.proof = proof(cascade, trajectory, settings.payloads_kg)
+    findings.move_name = name = move_name(machine.folder, findings.proof)
+    findings.verdict, findings.demand = verify_move(machine, model, cascade, delay(findings), trajectory, name, settings.payloads_kg)
+    dispose(machine, settings, findings, cascade)
+    return findings
+
+
+def dispose(machine: Machine, settings: Settings, findings: Findings, cascade: Cascade) -> None:
+    """Phase 8: keep, restore or save the gains that were proven; asked for where nothing was said."""
+    wanted = settings.apply
+    if wanted is None:
+        wanted = "restore"
+        if settings.ask and findings.succeeded:
+            error = 1e3 * findings.verdict.measured.dynamic_m if findings.verdict else 0.0
+            machine.talk.say(f"The move met its targets, {error:.3g} mm of dynamic error at the motor.")
+            if machine.talk.confirm("Keep the new gains in the drive until power-off?"):
+                wanted = "save" if machine.talk.confirm("Save them for good, beyond power-off?") else "keep"
+    if wanted in ("keep", "save") and not findings.succeeded:
+        missed = findings.verdict is None or not findings.verdict.passed
+        why = "the verification missed its target" if missed else "; ".join(findings.reservations)
+        findings.remarks.append(
+            f"the new gains were not kept, because {why or 'the model does not explain the measurements'}; "
+            "`beltcomm apply --force` writes them all the same"
+        )
+        wanted = "restore"
+    findings.applied = wanted
+    machine.keep_gains = wanted in ("keep", "save")
+    if wanted == "save":
+        machine.write_cascade(cascade)
+        machine.drive.save()

@@ -1,0 +1,205 @@
+"""A step of a plan made on the machine: bring the carriage there, record.  Commissioning and plans from a file share it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+
+from beltcomm.control import Cascade
+from beltcomm.errors import NoMotion, Refused
+from beltcomm.experiments import phases, verification
+from beltcomm.experiments.paths import Course, path_of, start_of
+from beltcomm.experiments.raising import GROWTH
+from beltcomm.machine.machine import Machine
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+from beltcomm.recording.sidecar import EXPERIMENTS, Sidecar, load_sidecar
+from beltcomm.rundata import analyse
+from beltcomm.rundata.first_motions import CLEAR_SHARE
+from beltcomm.schedule.steps import LOUD, Step
+from beltcomm.simulate.stopping import total_friction
+from beltcomm.trajectory import Trajectory
+from beltcomm.verify import predict_move
+
+#: s of machine time per frequency response: rest, one run-in period, three to four measured ones.
+RESPONSE_S = 7.0
+#: A quiet excitation lies above the friction by this factor, or nothing would move.
+OVER_FRICTION = 1.1
+#: Share of the belt's force that a hard motion may ask for, and periods of the antiresonance that its acceleration rises in: less would
+#: let the belt swing.
+HARD_SHARE, RISE_PERIODS = 1.0, 1.5
+#: Steps in which moves are slowed down until the belt is predicted to keep its limit.
+BELT_TRIES = 6
+#: The record that says what holds the carriage where, and m/s of the strokes that count.
+SWEEP, STROKE_M_S = "sweep", 5e-3
+#: m: a place already measured nearby is not measured again.
+SAME_PLACE_M = 0.08
+#: Kind of record by kind of step.
+EXPERIMENT = {"response": "frf", "strokes": "friction_sweep", "sweep": "friction_sweep", "reversals": "reversal", "moves": "trajectory"}
+assert set(EXPERIMENT.values()) <= set(EXPERIMENTS)
+Answer = TypeVar("Answer")
+
+
+@dataclass(frozen=True)
+class Closed:
+    """The loop that is in the drive, and the model that it was designed for.   delay_s : torque setpoint to acting torque."""
+
+    model: Model
+    cascade: Cascade
+    delay_s: float
+
+
+def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: float, share: float = 1.0) -> None:
+    """Record one step; a record that a resumed run has already is left alone.
+
+    loudest_nm : N m, largest excitation to try.   share : of the torque that an excitation would have.   Raises what the machine raises.
+    """
+    if machine.folder.finished(name) is not None:
+        machine.talk.say(f"{name}: kept from the earlier run")
+        return
+    machine.talk.say(f"{name}: {step.words()}")
+    if step.kind == "response":
+        respond(machine, loop.model, step, name, loudest_nm, share)
+        return
+    course = course_of(machine, loop.model)
+    phases.move_to(machine, start_of(step, course), loop.model)
+    at = machine.position_m
+    path = stoppable_path(machine, loop, step, course, at)
+    sidecar = Sidecar(
+        EXPERIMENT[step.kind],
+        start_position_m=at,
+        session_time_s=machine.session_time_s,
+        closed_loop=True,
+        held_out=step.held_out,
+    )
+    machine.record(name, machine.follow(path, machine.stroking()), phases.loose_room(machine), sidecar)
+
+
+def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: float, share: float) -> None:
+    """A frequency response at a place of its own.   share : of its torque; below 1 after a carriage that went too far."""
+    phases.move_to(machine, step.at_m(machine.full_room().window_m), model)
+    if machine.folder.finished(SWEEP) is not None and machine.stroking() == "position":
+        held = holding_at(machine.folder.recording(SWEEP), machine.ratio, machine.position_m)
+        machine.holding_nm = machine.holding_nm if held is None else held
+    amplitude = loudest_nm
+    if step.share < LOUD:
+        amplitude = quieter(loudest_made(machine) or loudest_nm, total_friction(model), step.share)
+    wanted = step.seconds or RESPONSE_S
+    respond_for: Callable[..., object] = partial(
+        phases.frequency_response,
+        machine,
+        name,
+        model,
+        share=share,
+        held_out=step.held_out,
+        loud=step.share >= LOUD and not (machine.wanderings or step.held_out or step.up_to_hz),
+        up_to_hz=step.up_to_hz,
+    )
+    above_nm = 0.0
+    while True:
+        try:
+            short_if_possible(partial(respond_for, amplitude, above_nm=above_nm), wanted)
+            return
+        except NoMotion as still:
+            if share < 1.0 or still.torque_nm <= above_nm:  # what lets the carriage wander is no more than this
+                raise
+            above_nm, amplitude = still.torque_nm, GROWTH * still.torque_nm
+            machine.talk.say(f"±{above_nm:.3f} N m did not move the axis; once more, louder")
+
+
+def short_if_possible(respond_for: Callable[[float], Answer], wanted_s: float) -> Answer:
+    """A response of the seconds asked for; of ``RESPONSE_S`` where a low antiresonance needs longer periods than those have time for."""
+    try:
+        return respond_for(wanted_s)
+    except Refused:
+        if wanted_s >= RESPONSE_S:
+            raise
+        return respond_for(RESPONSE_S)
+
+
+def holding_at(sweep: Recording, ratio: float, position_m: float) -> float | None:
+    """What holds the carriage at a place beside friction, N m, 0 within the scatter of friction; None when the strokes do not tell.
+
+    τ = a + b x + τ_c sign v + d v  over the strokes of a sweep: a tilt is a, a cable chain b.
+    """
+    speed = sweep.reference_velocity
+    if speed is None:
+        return None
+    steady = (np.abs(ratio * speed) > STROKE_M_S) & (np.abs(np.gradient(speed)) < 1e-3 * np.abs(speed))
+    if len(np.unique(np.sign(speed[steady]))) < 2:
+        return None
+    v, x = speed[steady], ratio * sweep.position[steady]
+    regressor = np.stack([np.ones(len(x)), x, np.sign(v), v], axis=1)
+    (constant, slope, coulomb, _), *_ = np.linalg.lstsq(regressor, sweep.torque[steady], rcond=None)
+    held = float(constant + slope * position_m)
+    return held if abs(held) > CLEAR_SHARE * abs(coulomb) else 0.0
+
+
+def loudest_made(machine: Machine) -> float:
+    """Largest amplitude among the run's excited records, N m; 0 without any."""
+    folder = machine.folder
+    sidecars = [load_sidecar(folder.recordings_folder / f"{name}.yaml")[0] for name in folder.finished_names()]
+    notes = [s.excitation for s in sidecars if s.excitation is not None and not s.held_out]
+    return max((note.amplitude_nm or 0.0 for note in notes), default=0.0)
+
+
+def quieter(loud_nm: float, friction_nm: float, share: float) -> float:
+    """Amplitude of a quieter excitation, N m:  a = a_f + s (a_loud - a_f),  a_f : a little above friction, at most the loud one."""
+    least = min(OVER_FRICTION * friction_nm, loud_nm)
+    return least + share * (loud_nm - least)
+
+
+def course_of(machine: Machine, model: Model) -> Course:
+    """What motions of this axis may use."""
+    gentle = phases.gentle_limits(machine, model, np.inf)
+    room, ends, period = machine.full_room(), phases.stroke_ends(machine), machine.drive.capabilities.sample_period_s
+    if machine.stroking() != "position":  # a velocity loop lags, nobody predicts what the belt would carry
+        return Course(room.window_m, ends, gentle, gentle, period)
+    slowest_hz, _ = analyse.characteristic_hz(model, 0.5 * sum(room.window_m))
+    hard = hard_acceleration_m_s2(machine, model)
+    limits = replace(gentle, acceleration_m_s2=hard, jerk_m_s3=hard * slowest_hz / RISE_PERIODS)
+    return Course(room.window_m, ends, gentle, limits, period)
+
+
+def hard_acceleration_m_s2(machine: Machine, model: Model) -> float:
+    """Acceleration with all of the belt's force or the motor's torque beside friction, whichever is less, m/s²."""
+    ratio, mass = model["transmission.ratio"], model["cart.mass"]
+    torque = max(machine.full_room().torque_nm - 2.0 * total_friction(model), 0.1 * machine.full_room().torque_nm)
+    by_torque = torque / (model["motor.inertia"] / ratio + ratio * mass)
+    return HARD_SHARE * min(machine.axis.limits.acceleration_m_s2 or math.inf, machine.belt_left_n / mass, by_torque)
+
+
+def stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, at_m: float) -> Trajectory:
+    """The path of a step, slowed down until every stop ends inside the travel and moves keep the belt's force.
+
+    Raises Refused when even the slowest one does not.
+    """
+    shares: Sequence[float] = phases.STOPPABLE_SHARES
+    path = path_of(step, course, at_m)
+    for share in shares:
+        eased = replace(course, gentle=phases.slower(course.gentle, share), hard=phases.slower(course.hard, share))
+        path = path_of(step, eased, at_m)
+        if not machine.stops_beyond(path.position_m, path.velocity_m_s) and within_belt(machine, loop, step, path):
+            return path
+    return path  # the machine itself says what is wrong with it
+
+
+def within_belt(machine: Machine, loop: Closed, step: Step, path: Trajectory) -> bool:
+    """Whether a motion with more than gentle acceleration is predicted to load the belt no more than it may."""
+    if step.kind != "moves" or machine.stroking() != "position":
+        return True
+    force = predict_move(loop.model, loop.cascade, path, verification.in_drive(machine, loop.delay_s)).belt_force_n
+    top = float(np.max(np.abs(path.velocity_m_s)))
+    return force <= verification.belt_force_limit_n(machine, loop.model, top, verification.BELT_SWING)
+
+
+def measured_already(machine: Machine, step: Step) -> bool:
+    """Whether the first response stands for that of a step."""
+    here = machine.folder.recording("frf_1").sidecar.start_position_m
+    loud = step.kind == "response" and step.share >= LOUD and not step.held_out
+    return loud and here is not None and abs(step.at_m(machine.full_room().window_m) - here) < SAME_PLACE_M

@@ -1,0 +1,204 @@
+"""What a command line gives beside its main arguments."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import get_args
+
+from beltcomm.axis import Axis, load_axis
+from beltcomm.control import PrefilterKind
+from beltcomm.design.feedforward import SentFeedforward
+from beltcomm.drive import Capabilities, Drive
+from beltcomm.errors import UsageError
+from beltcomm.excitation import ExcitationKind
+from beltcomm.given import Place, choice, number, place, whole, word
+from beltcomm.identify.loop_response import CLOSED_WAYS, Way
+from beltcomm.machine.hardware import Hardware
+from beltcomm.rundata.findings import Apply, Settings
+from beltcomm.rundata.store import drive_to_dict
+from beltcomm.runfolder import RunFolder
+from beltcomm.schedule.orders import Order
+from beltcomm.schedule.record_schedule import Extent
+from beltcomm.talk import Hold
+
+#: What may stand in an option with names, and the unit of one with a number.
+CHOICES = {
+    "apply": get_args(Apply),
+    "excitation": get_args(ExcitationKind),
+    "loop": get_args(Way),
+    "prefilter": get_args(PrefilterKind),
+    "feedforward": get_args(SentFeedforward),
+    "order": get_args(Order),
+}
+NUMBERS = {"position_m": "m", "payload_kg": "kg", "base_speed_m_s": "m/s", "mounted_kg": "kg", "sample_period_s": "s"}
+COUNTS = ("seed", "repeat", "node", "bitrate")
+NAMES = ("profile", "first_motion")
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a command line gives beside its main arguments; every default is the safe choice.
+
+    yes : no questions.   seed : of everything random in a virtual drive.   dry_run : plan only.   resume : go on with a run.
+    position_m : where the carriage stands.   window_m : how far it may move from there, (low, high).   home : find the zero first.
+    payload_kg : heaviest further load.   apply : "keep", "restore" or "save" the new gains; None asks, with ``yes`` it restores.
+    quick : one place only.   thorough : what every effect needs.   visible : of a quick session, too, say what it could show.
+    excitation : of the long frequency response; the rising ones before it stay binary.   force : gains in doubt too.
+    prefilter, feedforward : None is the best one; "compliant" is for ``verify``.   profile, node, bitrate, realtime : of the drive.
+    order, repeat, mounted_kg : of friction sweeps (thesis 3.6), how often, and the payload that is mounted while they are driven.
+    loop : way of identification.   base_speed_m_s : of the carriage in a closed one; None chooses it, 0 stands.   pictures : made of it.
+    first_motion : serial number (or what it has instead) of a drive whose first motion is confirmed beforehand; ``yes`` does not do that.
+    hold : a key that must stay held while the axis moves.   simulate_first : the plan is played on a twin before anything moves.
+    wall_clock : date and time in s, to know how much later a run goes on; the core has no clock of its own.
+    report : a page on the run at the end of ``commission``; the command line asks for it.
+    search : records of a session that cannot go on are searched for what is wrong with the axis; the command line asks for it.
+    sample_period_s : of records; None is the shortest that drive and bus allow.   drive : further options for the adapter, by name.
+    """
+
+    yes: bool = False
+    seed: int | None = None
+    dry_run: bool = False
+    resume: bool = False
+    position_m: float | None = None
+    window_m: tuple[float, float] | None = None
+    home: bool = False
+    payload_kg: float | None = None
+    apply: Apply | None = None
+    quick: bool = False
+    thorough: bool = False
+    visible: bool = False
+    excitation: ExcitationKind = "prbs"
+    loop: Way = "open"
+    base_speed_m_s: float | None = None
+    pictures: bool = True
+    report: bool = False
+    search: bool = False
+    force: bool = False
+    prefilter: PrefilterKind | None = None
+    feedforward: SentFeedforward | None = None
+    order: Order | None = None
+    repeat: int | None = None
+    mounted_kg: float | None = None
+    profile: str | None = None
+    node: int | None = None
+    bitrate: int | None = None
+    realtime: bool = False
+    sample_period_s: float | None = None
+    first_motion: str | None = None
+    hold: Hold | None = field(default=None, compare=False)
+    simulate_first: bool = False
+    wall_clock: Callable[[], float] | None = field(default=None, compare=False)
+    drive: Mapping[str, object] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Raise UsageError for a value that no option has: found out now, and not after the axis has moved."""
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if isinstance(one.default, bool):
+                if not isinstance(value, bool):  # the text "no" would count as a yes
+                    raise UsageError(f"{one.name} is {value!r}; give True or False")
+            elif value is None:
+                continue
+            elif one.name in CHOICES:
+                choice(value, one.name, CHOICES[one.name])
+            elif one.name in NUMBERS:
+                number(value, one.name, NUMBERS[one.name])
+            elif one.name in COUNTS:
+                whole(value, one.name)
+            elif one.name in NAMES:
+                word(value, one.name)
+        if not isinstance(self.drive, Mapping):
+            raise UsageError(f"drive is {self.drive!r}; give the adapter's options as a mapping of names to values")
+        if self.window_m is not None:
+            if not isinstance(self.window_m, (tuple, list)) or len(self.window_m) != 2:
+                raise UsageError(f"window_m is {self.window_m!r}; give two numbers in m, how far back and how far forth: (-0.01, 0.01)")
+            for end in self.window_m:
+                number(end, "window_m", "m")
+        if (self.payload_kg or 0.0) < 0.0:
+            raise UsageError(f"the payload is {self.payload_kg:g} kg; give what is to be carried further, 0 or more")
+
+    @property
+    def extent(self) -> Extent:
+        """How much a commissioning records.   Raises UsageError for both at once."""
+        if self.quick and self.thorough:
+            raise UsageError("quick and thorough are two things: choose one")
+        return "quick" if self.quick else "thorough" if self.thorough else "standard"
+
+    @property
+    def in_loop(self) -> bool:
+        """Whether the identification closes a loop.   Raises UsageError for options that do not go with it."""
+        if self.loop == "open":
+            if self.base_speed_m_s is not None:
+                raise UsageError("a base speed needs a closed loop: add --loop direct, indirect or setpoint")
+            return False
+        if self.loop not in CLOSED_WAYS:
+            raise UsageError(f"there is no way {self.loop!r}; choose open, {', '.join(CLOSED_WAYS)}")
+        if self.resume or self.window_m is not None:
+            raise UsageError(f"--loop {self.loop} travels, and makes a new record each time: leave --window and --resume out")
+        if self.base_speed_m_s is not None and not self.base_speed_m_s >= 0.0:
+            raise UsageError(f"the base speed is {self.base_speed_m_s:g} m/s; give a positive one, or 0 to stand")
+        return True
+
+    def for_drive(self) -> dict[str, object]:
+        """The adapter's options: those that were given."""
+        given = {
+            "seed": self.seed,
+            "profile": self.profile,
+            "node": self.node,
+            "bitrate": self.bitrate,
+            "sample_period": self.sample_period_s,
+        }
+        found: dict[str, object] = {name: value for name, value in given.items() if value is not None}
+        if self.realtime:
+            found["realtime"] = True
+        return {**found, **self.drive}
+
+
+def settings_of(options: Options) -> Settings:
+    """What of them the sequence on the machine needs.   Raises UsageError for a compliant feedforward."""
+    feedforward = options.feedforward or "nonlinear"
+    if feedforward == "compliant":
+        raise UsageError("compliant is what the host sends along with a move; choose it in `beltcomm verify --feedforward compliant`")
+    payload = options.payload_kg or 0.0
+    return Settings(
+        apply=options.apply,
+        position_m=options.position_m,
+        home=options.home,
+        window_m=options.window_m,
+        ask=not options.yes,
+        payloads_kg=(payload,) if payload else (),
+        extent=options.extent,
+        prefilter=options.prefilter,
+        feedforward=feedforward,
+    )
+
+
+def claim(folder: RunFolder, capabilities: Capabilities, wall_clock: Callable[[], float] | None) -> None:
+    """Note which drive a run is made on and when; one that begins anew with every command is as cold as at the first.
+
+    Raises UsageError when the run was made on another drive.
+    """
+    forgets = Hardware.of("", capabilities).forgetful
+    folder.claim_drive(capabilities.identity, wall_clock() if wall_clock is not None and not forgets else None)
+
+
+def given(options: Options | None) -> Options:
+    """The options, all safe where there are none.   Raises UsageError for anything else."""
+    if options is None or isinstance(options, Options):
+        return options or Options()
+    raise UsageError(f"options is {options!r}; give beltcomm.api.Options(...)")
+
+
+def axis_of(axis: Axis | Place) -> Axis:
+    """An axis, or the one of a file or a shipped name.   Raises UsageError."""
+    return axis if isinstance(axis, Axis) else load_axis(str(place(axis, "axis")))
+
+
+def new_folder(run: Path, axis: Axis, drive: Drive, options: Options) -> RunFolder:
+    """The folder of a run that begins, or goes on with ``resume``, on this drive.   Raises UsageError."""
+    folder = RunFolder.create(run, axis, resume=options.resume)
+    claim(folder, drive.capabilities, options.wall_clock)
+    folder.save_result("drive", drive_to_dict(drive.capabilities))
+    return folder

@@ -1,0 +1,303 @@
+"""The phases of a commissioning, each a step on the machine followed by what it taught.
+
+Every phase predicts what its motion will do before it asks the machine to move, and stays inside :class:`Room`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.axis import Axis
+from beltcomm.axis.entries import TrajectoryLimits
+from beltcomm.drive import Capabilities
+from beltcomm.errors import NoMotion, Refused, SafetyStop, UsageError
+from beltcomm.excitation import Choice, Excitation, PrbsChoice, choose, choose_prbs
+from beltcomm.experiments import own_strokes
+from beltcomm.identify.amplitude import (
+    AmplitudeStep,
+    MotionLimits,
+    around,
+    largest_amplitude,
+)
+from beltcomm.machine import exciting, host_loss, stops
+from beltcomm.machine.creep import creep
+from beltcomm.machine.heat import Thermal
+from beltcomm.machine.machine import Machine, Room, stroking
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+from beltcomm.rundata import analyse
+from beltcomm.rundata.first_motions import Breakaway
+from beltcomm.schedule.sequences import HARDLY, calmer_choice, held_choice
+from beltcomm.simulate.stopping import total_friction
+from beltcomm.trajectory import Strokes, Trajectory, held, plan_trajectory
+
+Array = NDArray[np.float64]
+M = TypeVar("M", Trajectory, Strokes)
+
+#: m; how far the carriage goes in the sign check, and with the way of its stop.
+SIGN_TRAVEL_M = 2e-3
+SIGN_REACH_M = 1e-2
+#: m, room kept to the ends of the travel.
+END_MARGIN_M = 5e-3
+#: Share of the belt force limit that a prediction may use: the models are known to FIRST_ESTIMATE_SPREAD.
+BELT_SHARE = 0.9
+#: Shares of the travel kept free at both ends: for the overshoot of a first position loop, and for the drift of a velocity loop.
+OVERSHOOT_SHARE = 0.06
+DRIFT_SHARE = 0.15
+#: Positioning, m: near enough to try no more, so far off that the loop cannot be trusted, and how often it is tried.
+ARRIVED_M = 1e-3
+ASTRAY_M = 2e-2
+POSITIONING_TRIES = 4
+#: Shares of speed that a motion is slowed down by until every stop ends inside the travel.
+STOPPABLE_SHARES = tuple(float(share) for share in np.geomspace(1.0, 0.1, 16))
+#: An excitation after one that did not move the axis is louder by this factor at least.
+LOUDER = 1.05
+#: m: a loop that is further off its reference has lost it; until it is tuned, all that is asked.  Share of the speed that axis and
+#: drive allow which a reference may use: what overshoots it must not be stopped.
+LOST_M = 5e-2
+SPEED_SHARE = 0.95
+#: m, largest travel of an excitation around its place: the stiffness is taken as constant there.
+EXCITATION_TRAVEL_M = 0.03
+#: m/s: the carriage gets no faster under an excitation, and is brought from place to place no faster.
+EXCITATION_SPEED_M_S = 0.5
+POSITIONING_SPEED_M_S = 0.5
+
+
+def room_around(machine: Machine, position_m: float, travel_m: float) -> Room:
+    """Full speed and torque inside a window around a place, cut at the ends of the travel."""
+    full = machine.full_room()
+    low, high = full.window_m
+    return Room((max(low, position_m - travel_m), min(high, position_m + travel_m)), full.speed_m_s, full.torque_nm)
+
+
+def room_to_creep(machine: Machine) -> float:
+    """Where the carriage stands, m.   Raises UsageError when that is too near to an end to creep both ways."""
+    at = machine.position_m
+    low, high = machine.full_room().window_m
+    if min(at - low, high - at) < 2.0 * SIGN_TRAVEL_M:
+        raise UsageError(
+            f"the carriage stands at {machine.where(at)}, within {2e3 * SIGN_TRAVEL_M:.0f} mm of an end of its {machine.room_word}; "
+            f"{machine.more_room}"
+        )
+    return at
+
+
+def sign_and_scale(machine: Machine) -> Breakaway:
+    """Let the torque rise until the carriage creeps a few millimetres, both ways; check direction and stopping.
+
+    Raises Refused when nothing moves, DriveError when positive torque drives to negative position or the axis does not stop.
+    """
+    low, high = machine.full_room().window_m
+    at = room_to_creep(machine)
+    limits = machine.drive_limits(room_around(machine, at, SIGN_REACH_M))
+    limits = replace(limits, release=bool(machine.axis.motor.brake_torque_nm))  # should gravity pull after all, the brake stops it
+    host_loss.prove(machine)
+    begun = machine.drive.clock.now()
+    found = {}
+    for sign in (1.0, -1.0):
+        here = machine.position_m
+        left = high - here if sign > 0.0 else here - low
+        crept = creep(machine.drive, machine.axis, limits, sign * SIGN_TRAVEL_M, min(SIGN_REACH_M, left), left_m=left)
+        found[sign] = crept.onset_nm
+    machine.machine_seconds += machine.drive.clock.now() - begun
+    machine.folder.journal(f"breakaway {found[1.0]:.3f} N m forward, {found[-1.0]:.3f} N m backward")
+    return Breakaway(found[1.0], found[-1.0], crept.slope_nm_s)
+
+
+def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
+    """What an excitation at a place may use."""
+    full = machine.full_room()
+    low, high = full.window_m
+    space = min(position_m - low, high - position_m) - END_MARGIN_M
+    if space < 2e-3:
+        raise Refused(
+            f"at {machine.where(position_m)} only {1e3 * space:.1f} mm of {machine.room_word} are left beside the "
+            f"{1e3 * END_MARGIN_M:.0f} mm kept to the end; {machine.more_room}"
+        )
+    return MotionLimits(
+        min(space, EXCITATION_TRAVEL_M),
+        min(full.speed_m_s, EXCITATION_SPEED_M_S),
+        min(full.torque_nm - abs(machine.holding_nm), excitation_torque_nm(machine.axis, machine.drive.capabilities, machine.holding_nm)),
+        BELT_SHARE * machine.axis.belt_force_limit_n - machine.weight_n,
+        min(space, EXCITATION_TRAVEL_M) + END_MARGIN_M,
+        min(position_m - low, high - position_m),
+    )
+
+
+def excitation_torque_nm(axis: Axis, capabilities: Capabilities, held_nm: float) -> float:
+    """Largest amplitude of a binary excitation that a motor bears for ever beside what it holds, N m:  a² + τ_g² ≤ τ_rated²."""
+    rated = Thermal.of(axis, capabilities).rated_nm
+    return min(axis.torque_limit_nm, math.sqrt(max(rated**2 - held_nm**2, 0.0)))
+
+
+def frequency_response(
+    machine: Machine,
+    name: str,
+    model: Model,
+    amplitude_nm: float,
+    seconds: float,
+    *,
+    share: float = 1.0,
+    held_out: bool = False,
+    loud: bool = True,
+    up_to_hz: float = 0.0,
+    above_nm: float = 0.0,
+) -> tuple[Recording, Excitation, AmplitudeStep]:
+    """Excite at the present place with an amplitude that the limits allow there, long enough for a frequency response.
+
+    share : of that amplitude.   held_out : only to judge with; another sequence than those that are fitted, and one measured period of it.
+    loud : where friction hardly lets the carriage move, the sequence may leave the resonance out to be louder.
+    up_to_hz : power up to there at least, also above the resonance.   above_nm : what did not move the axis: raises NoMotion where the
+    limits allow no more.
+    """
+    chosen = partial(response_to_come, machine, model, seconds=seconds, held_out=held_out, loud=loud, up_to_hz=up_to_hz)
+    choice, step = chosen(amplitude_nm=amplitude_nm)
+    if share < 1.0:
+        choice, step = chosen(amplitude_nm=share * step.amplitude_nm)
+    louder(machine, step, above_nm)
+    return planned_response(machine, name, model, choice, step, held_out=held_out)
+
+
+def louder(machine: Machine, step: AmplitudeStep, above_nm: float) -> None:
+    """Raise NoMotion where a step is no louder than what did not move the axis, N m."""
+    if step.amplitude_nm > LOUDER * above_nm:
+        return
+    raise NoMotion(
+        f"±{above_nm:.3f} N m did not move the axis at {machine.where(machine.position_m)}, and the limit on {step.binds} allows only "
+        f"±{step.amplitude_nm:.3f} N m: friction holds more than that there; look for a tight spot, a brake or dry guides",
+        above_nm,
+    )
+
+
+def planned_response(
+    machine: Machine, name: str, model: Model, choice: Choice, step: AmplitudeStep, *, held_out: bool = False
+) -> tuple[Recording, Excitation, AmplitudeStep]:
+    """The same with what :func:`response_to_come` has chosen."""
+    at, period = machine.position_m, machine.drive.capabilities.sample_period_s
+    excitation = choice.excitation(step.amplitude_nm, period, torque_step_nm=machine.drive.capabilities.torque_step_nm)
+    run_on = exciting.run_on_words(machine, step.prediction, motion_limits(machine, at).ends_m)
+    machine.folder.journal(
+        f"{name}: {choice.reason}; ±{step.amplitude_nm:.3f} N m, bound by {step.binds}; a stop takes up to "
+        f"{1e3 * step.prediction.stop_m:.1f} mm; {run_on}"
+    )
+    exposed, room = exciting.Exposed(step.prediction, around(balanced(model)), host_loss.losses_of(machine)), excitation_room(machine, at)
+    return exciting.excite(machine, name, excitation, at, room, exposed, held_out), excitation, step
+
+
+def response_to_come(
+    machine: Machine,
+    model: Model,
+    amplitude_nm: float,
+    seconds: float,
+    *,
+    held_out: bool = False,
+    loud: bool = True,
+    up_to_hz: float = 0.0,
+) -> tuple[Choice, AmplitudeStep]:
+    """Sequence and amplitude of :func:`frequency_response`; nothing moves."""
+    at, period = machine.position_m, machine.drive.capabilities.sample_period_s
+    limits = motion_limits(machine, at)
+    antiresonance, resonance = analyse.characteristic_hz(model, at)
+    resonance = max(resonance, up_to_hz)
+    choice: Choice
+    if held_out:
+        choice = held_choice(choose_prbs(period, antiresonance, resonance, seconds))
+    else:
+        choice = choose(machine.excitation, period, antiresonance, resonance, seconds)
+    step = _loudest(machine, model, choice, amplitude_nm, at, limits)
+    if loud and isinstance(choice, PrbsChoice) and step.amplitude_nm < HARDLY * total_friction(model):
+        calm = calmer_choice(choice, resonance, period)
+        louder = _loudest(machine, model, calm, machine.axis.torque_limit_nm, at, limits)
+        choice, step = (calm, louder) if louder.amplitude_nm > step.amplitude_nm else (choice, step)
+    return choice, step
+
+
+def _loudest(machine: Machine, model: Model, choice: Choice, at_most_nm: float, at: float, limits: MotionLimits) -> AmplitudeStep:
+    """The loudest version of a sequence that keeps the limits."""
+    period = machine.drive.capabilities.sample_period_s
+    shape = choice.excitation(1.0, period)
+    unit = shape.torque / shape.amplitude_nm
+    counted = stops.braking_of(machine), host_loss.losses_of(machine)
+    return largest_amplitude(around(balanced(model)), unit, period, at, limits, at_most_nm, *counted)
+
+
+def balanced(model: Model) -> Model:
+    """The model without the constant torque that open-loop records hold."""
+    return model.with_values({name: 0.0 for name in ("constant_offset.torque", "tilt.angle") if name in model.parameters})
+
+
+def excitation_room(machine: Machine, at: float) -> Room:
+    """Where an excitation at a place may go at most."""
+    return room_around(machine, at, EXCITATION_TRAVEL_M + END_MARGIN_M)
+
+
+def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = POSITIONING_SPEED_M_S) -> None:
+    """Bring the carriage somewhere with the loop that is in the drive; gentle: a third of the belt's force at most.
+
+    Raises SafetyStop when it does not arrive within ``ASTRAY_M``.
+    """
+    for _ in range(POSITIONING_TRIES):  # the velocity loop ends a little beside its goal
+        if abs(machine.position_m - target_m) < ARRIVED_M:
+            return
+        plan = partial(plan_trajectory, machine.position_m, target_m, sample_period_s=machine.drive.capabilities.sample_period_s)
+        trajectory = stoppable(machine, gentle_limits(machine, model, slow_m_s), plan)
+        machine.run(machine.follow(held(trajectory, 0.3), machine.stroking()), loose_room(machine))
+    if abs(machine.position_m - target_m) > ASTRAY_M:
+        raise SafetyStop(
+            f"the carriage stands at {machine.position_m:.4f} m instead of {target_m:.4f} m after a move; the loop does not hold it",
+            "position",
+        )
+
+
+def loose_room(machine: Machine) -> Room:
+    """The whole axis for a loop that is not tuned yet.  The drive's own window counts motor revolutions, whatever the gearbox."""
+    return replace(machine.full_room(), lag_m=LOST_M + own_strokes.LAG_M * (own_strokes.kpp_1_s(machine) < np.inf))
+
+
+def gentle_limits(machine: Machine, model: Model, speed_m_s: float) -> TrajectoryLimits:
+    """Speed, acceleration and jerk that load the belt with a third of its force at most."""
+    limits, top = machine.axis.limits, min(SPEED_SHARE * machine.full_room().speed_m_s, own_strokes.LAG_M * own_strokes.kpp_1_s(machine))
+    acceleration = min(limits.acceleration_m_s2 or np.inf, machine.belt_left_n / 3.0 / model["cart.mass"])
+    return TrajectoryLimits(jerk_m_s3=20.0 * acceleration, acceleration_m_s2=acceleration, speed_m_s=min(speed_m_s, top))
+
+
+def stoppable(machine: Machine, limits: TrajectoryLimits, plan: Callable[[TrajectoryLimits], M]) -> M:
+    """The motion with these limits, or with slower ones, such that a stop at any moment of it ends inside the travel.
+
+    Of the slowest one tried the machine itself says what is wrong.
+    """
+    for share in STOPPABLE_SHARES:
+        motion = plan(slower(limits, share))
+        path = motion.trajectory if isinstance(motion, Strokes) else motion
+        if not machine.stops_beyond(path.position_m, path.velocity_m_s):
+            break
+    return motion
+
+
+def slower(limits: TrajectoryLimits, share: float) -> TrajectoryLimits:
+    """Limits of the same path with its time stretched by 1/share: speed, acceleration and jerk fall with its powers."""
+    return replace(
+        limits,
+        jerk_m_s3=limits.jerk_m_s3 * share**3,
+        acceleration_m_s2=limits.acceleration_m_s2 * share**2,
+        speed_m_s=limits.speed_m_s * share,
+    )
+
+
+def stroke_ends(machine: Machine) -> tuple[float, float]:
+    """Where strokes may turn: near the ends of the travel in a position loop, well inside in a velocity loop, which drifts."""
+    low, high = machine.full_room().window_m
+    margin = stroke_share(machine.drive.capabilities) * (high - low)
+    return low + margin, high - margin
+
+
+def stroke_share(capabilities: Capabilities) -> float:
+    """Share of the travel that strokes leave free at either end."""
+    return DRIFT_SHARE if stroking(capabilities) == "velocity" else OVERSHOOT_SHARE

@@ -1,0 +1,332 @@
+"""What will happen to the machine, before it happens: experiments with travel, speed, torque, belt force and seconds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from beltcomm.axis import Axis
+from beltcomm.drive import Capabilities
+from beltcomm.experiments import gain_steps, own_strokes, phases
+from beltcomm.experiments import sampling_limits as claims
+from beltcomm.experiments.bounds import (
+    CREEP_SECONDS,
+    Experiment,
+    course_before,
+    fastest_m_s,
+    friction_before_nm,
+    has_room,
+    held_before_nm,
+    lines_of,
+    masses_kg,
+    stroking_nm,
+    top_speed_m_s,
+)
+from beltcomm.experiments.plan_words import Point, commission_points, identify_points, point_rows
+from beltcomm.experiments.sign import sign_seconds, sign_words
+from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
+from beltcomm.machine import creep, gravity
+from beltcomm.machine.heat import HeatPlan, Thermal, heat_plan, path_rms_nm
+from beltcomm.model import Model
+from beltcomm.result import Row, plain, table
+from beltcomm.schedule import record_schedule as programme
+from beltcomm.schedule.record_schedule import Extent
+from beltcomm.schedule.strokes import fastest_stroke_m_s
+from beltcomm.simulate.stopping import Braking, total_friction
+from beltcomm.trajectory import Trajectory, plan_trajectory
+from beltcomm.verify import MOVE_M, demand
+
+#: Of the points those on what moves and how far.
+HOW_FAR = 2
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All experiments of a job.   text : a sentence or a paragraph on what the machine will do.   points : more on it, label and sentence.
+
+    budget_s : machine time that is kept, whatever the single experiments may take; what does not fit is left out.
+    notes : lines after the table.   visible : what the records could show, where that was worked out.
+    thermal : of motor and drive, for the heat of the plan.
+    """
+
+    text: str
+    experiments: tuple[Experiment, ...]
+    budget_s: float = math.inf
+    notes: tuple[str, ...] = ()
+    visible: Mapping[str, Any] | None = None
+    thermal: Thermal | None = None
+    points: tuple[Point, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """Machine time, s."""
+        return min(sum(item.seconds for item in self.experiments), self.budget_s)
+
+    @property
+    def heat(self) -> HeatPlan | None:
+        """Heat of the whole plan by its upper bounds; None where motor and drive are not known yet."""
+        return heat_plan(self.thermal, ((e.heating_nm, e.seconds) for e in self.experiments)) if self.thermal else None
+
+    def heat_fault(self, axis: Axis | None = None) -> str:
+        """Why the motor would not bear the plan, in words; "" when it does.   axis : whose file the remedy is looked for in."""
+        if self.heat is None or self.thermal is None or self.heat.fullest <= 1.0:
+            return ""
+        hottest = max(self.experiments, key=lambda e: e.heating_nm**2 * e.seconds)
+        remedy = (
+            "check torque and feed force in axis.yaml, or choose slower motions"
+            if axis is None or axis.limits.acceleration_m_s2 is not None
+            else "state limits.acceleration_m_s2 in axis.yaml: without it motions are planned with all the torque that there is"
+        )
+        return (
+            f"the motor would be overloaded: {hottest.title} takes up to {hottest.heating_nm:.3g} N m (rms) for {hottest.seconds:.0f} s, "
+            f"rated are {self.thermal.rated_nm:.3g} N m, and {self.thermal.peak_nm:.3g} N m for {self.thermal.overload_s:g} s "
+            f"({self.thermal.source}); {remedy}"
+        )
+
+    def heat_lines(self) -> list[str]:
+        """The thermal share of the plan, with what it assumes."""
+        heat, thermal = self.heat, self.thermal
+        if heat is None or thermal is None:
+            return []
+        pauses = sum(heat.pauses_s)
+        lines = [
+            f"The motor warms by {100.0 * heat.continuous:.0f} % of what it bears for ever, in the hottest experiment by "
+            f"{100.0 * heat.hottest:.0f} %: heat is (rms torque / rated torque of {thermal.rated_nm:.3g} N m)², at most as in this table.",
+            f"Of the short overload of {thermal.peak_nm:.3g} N m for {thermal.overload_s:g} s ({thermal.source}) "
+            + (f"up to {100.0 * heat.fullest:.0f} % is used." if heat.fullest > 0.0 else "nothing is used."),
+        ]
+        return lines + (
+            [f"The motor rests for up to {pauses:.0f} s in all between the experiments, so that it cools."] if pauses >= 1.0 else []
+        )
+
+    def heat_dict(self) -> dict[str, Any]:
+        """For ``--json``; empty where it is not known."""
+        return {"heat": plain(self.heat), "thermal": plain(self.thermal)} if self.heat else {}
+
+    def summary(self) -> str:
+        """The plan in one line, for the journal."""
+        most = {name: max(getattr(e, name) for e in self.experiments) for name in ("reach_m", "speed_m_s", "torque_nm", "belt_force_n")}
+        share = f", motor heat {100.0 * self.heat.continuous:.0f} % of continuous" if self.heat else ""
+        return (
+            f"{len(self.experiments)} experiments in up to {self.seconds:.0f} s, with stops up to {1e3 * most['reach_m']:.0f} mm, "
+            f"{most['speed_m_s']:.3g} m/s, {most['torque_nm']:.3g} N m, {most['belt_force_n']:.0f} N{share}"
+        )
+
+    def lines(self) -> list[str]:
+        """The plan as a paragraph, labelled lines, a table and notes."""
+        thermal = self.thermal
+        columns = ["experiment", ">travel", ">with stop", ">speed", ">torque", ">belt", ">time", *([">heat"] if thermal else [])]
+        rows = [
+            [
+                e.title,
+                f"{1e3 * e.travel_m:.0f} mm",
+                f"{1e3 * e.reach_m:.0f} mm",
+                f"{e.speed_m_s:.2f} m/s",
+                f"{e.torque_nm:.2f} N m",
+                f"{e.belt_force_n:.0f} N",
+                f"{e.seconds:.0f} s",
+                *([f"{100.0 * thermal.share(e.heating_nm):.0f} %"] if thermal else []),
+            ]
+            for e in self.experiments
+        ]
+        whole = sum(round(item.seconds) for item in self.experiments)  # what the column adds up to
+        if whole > self.budget_s:
+            rows.append(["all of them, if each took its longest", "", "", "", "", "", f"{whole} s"])
+        rows.append(["on the machine, at most", "", "", "", "", "", f"{self.seconds:.0f} s"])
+        return [self.text, *self.told(), "", *table(columns, rows), *self.heat_lines(), *self.notes]
+
+    def told(self) -> list[Row]:
+        """The points, and after how far it moves how fast, how hard and how long, by the table."""
+        if not self.points:
+            return []
+        most = {name: max(getattr(e, name) for e in self.experiments) for name in ("speed_m_s", "torque_nm", "belt_force_n")}
+        rest = sum(item.seconds for item in self.experiments) > self.budget_s
+        bounds = (
+            ("how fast", f"up to {most['speed_m_s']:.3g} m/s"),
+            ("how hard", f"up to {most['torque_nm']:.3g} N m at the motor and {most['belt_force_n']:.0f} N in the belt"),
+            ("how long", f"up to {self.seconds:.0f} s" + ("; what does not fit is left out and named" if rest else "")),
+        )
+        return point_rows([*self.points[:HOW_FAR], *bounds, *self.points[HOW_FAR:]])
+
+
+def identify_plan(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> Plan:
+    """Sign check, rising excitation and one frequency response at the present place.   window_m : to be kept, from where it stands."""
+    return Plan(
+        f"The carriage of {axis.name or 'the axis'} will move by itself.",
+        _here(axis, capabilities, window_m),
+        notes=claims.notes_before(axis, capabilities),
+        points=identify_points(axis, capabilities, window_m),
+    )
+
+
+def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "standard") -> Plan:
+    """The whole job."""
+    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
+    torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
+    moved = _move_speed_m_s(axis, capabilities)
+    lightest, heaviest = masses_kg(axis)
+    course = course_before(axis, capabilities, heaviest)
+    possible = [i.step for i in programme.BY_EXTENT[extent] if i.rank == 0 or has_room(i.step, course)]
+    steps = lines_of(axis, capabilities, possible)
+    force = axis.belt_force_limit_n
+    moving = _move_seconds(axis, capabilities) / (3.0 + MOVE_SECONDS)
+    heating = math.sqrt(moving * stroking_nm(axis, 1.0) ** 2 + stroking_nm(axis, 0.0) ** 2)  # at rest friction may stay wound up
+    move = Experiment("move that verifies the result", min(whole, MOVE_M), whole, moved, torque, force, 3.0 + MOVE_SECONDS, heating)
+    budget = programme.BUDGET_S[extent] + (HOLDING_SECONDS if axis.mounting.tilted else 0.0)
+    return Plan(
+        f"The carriage of {axis.name or 'the axis'} will move by itself.",
+        (*_here(axis, capabilities), *steps, move),
+        budget,
+        claims.notes_before(axis, capabilities),
+        points=commission_points(axis, capabilities, lightest, (heaviest, fastest_m_s(axis, capabilities, possible, heaviest))),
+    )
+
+
+def with_homing(plan: Plan, axis: Axis, capabilities: Capabilities) -> Plan:
+    """The plan with the search of the drive's zero before everything else."""
+    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
+    torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
+    speed = top_speed_m_s(axis, capabilities)
+    rms = stroking_nm(axis)
+    first = Experiment("homing, until the zero is found", whole, whole, speed, torque, axis.belt_force_limit_n, HOMING_SECONDS, rms)
+    text = "First the drive searches its zero, along the whole axis if need be, and the carriage creeps off the end where it was found. "
+    return replace(plan, text=text + plan.text, experiments=(first, *plan.experiments), budget_s=plan.budget_s + HOMING_SECONDS)
+
+
+def friction_plan(axis: Axis, capabilities: Capabilities) -> Plan:
+    """The sweep alone."""
+    kinds = capabilities.kinds
+    seconds = SWEEP_SECONDS + MOVE_SECONDS + sign_seconds(axis, kinds) + own_strokes.longest_sweep_s(axis, capabilities)
+    return Plan(
+        f"The carriage of {axis.name or 'the axis'} will {sign_words(axis, kinds)}travel its whole length in closed loop at seven speeds, "
+        "both ways, with a loop designed from the run's model. Ctrl-C stops it at any "
+        f"time.{own_strokes.unguarded_words(capabilities)}",
+        (_sweep(axis, capabilities, seconds),),
+    )
+
+
+def _sweep(axis: Axis, capabilities: Capabilities, seconds: float) -> Experiment:
+    """The sweep with three of its speeds twice."""
+    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
+    torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
+    travel, speed = (1.0 - 2.0 * phases.stroke_share(capabilities)) * whole, _sweep_speed_m_s(axis, capabilities)
+    return Experiment("constant-speed sweep", travel, whole, speed, torque, gentle_force_n(axis), seconds, stroking_nm(axis))
+
+
+def gentle_force_n(axis: Axis) -> float:
+    """What strokes load the belt with, N: a third of its limit, and on a tilted axis the weight it carries all the time."""
+    held = abs(gravity.expected(axis).torque_nm) / axis.transmission_m_rad if axis.mounting.tilted else 0.0
+    return axis.belt_force_limit_n / 3.0 + held
+
+
+def move_plan(
+    axis: Axis,
+    travel_m: float,
+    reach_m: float,
+    speed_m_s: float,
+    torque_nm: float,
+    force_n: float,
+    seconds: float,
+    what: str,
+    rms_nm: float | None = None,
+) -> Plan:
+    """One move."""
+    return Plan(
+        f"The carriage of {axis.name or 'the axis'} will {what}. Ctrl-C stops it at any time.",
+        (Experiment("move", travel_m, reach_m, speed_m_s, torque_nm, force_n, seconds, rms_nm),),
+    )
+
+
+def verification_plan(axis: Axis, model: Model, path: Trajectory, braking: Braking, times: int = 1) -> Plan:
+    """The move that verifies a design, with the positioning before it and the rest after it.   braking : of its loop.   times : driven."""
+    asked = demand(path, model)
+    travel = float(np.ptp(path.position_m))
+    lowest, highest = braking.span_m(path.position_m, path.velocity_m_s, path.sample_period_s)
+    seconds = times * (path.duration_s + REST_SECONDS + MOVE_SECONDS) + sign_seconds(axis)
+    what = (
+        f"{sign_words(axis)}go to {path.position_m[0]:.3f} m and from there to {path.position_m[-1]:.3f} m in {path.duration_s:.2f} s "
+        f"with the new gains{f', {times} times' if times > 1 else ''}; "
+        f"a stop at its top speed takes {1e3 * braking.way_m(asked.speed_m_s):.0f} mm with {braking.deceleration_m_s2:.3g} m/s²"
+    )
+    held = held_before_nm(axis)
+    ratio, friction = axis.transmission_m_rad, max(total_friction(model), friction_before_nm(axis))
+    rms = path_rms_nm(path, model["motor.inertia"], ratio, model["cart.mass"], friction, held)
+    at_rest = 1.0 - times * path.duration_s / seconds
+    rms = math.sqrt((1.0 - at_rest) * rms**2 + at_rest * (friction + held) ** 2)
+    return move_plan(axis, travel, highest - lowest, asked.speed_m_s, asked.torque_nm, asked.feed_force_n, seconds, what, rms)
+
+
+def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
+    """Fastest stroke over the whole travel with the lightest carriage that is thought of."""
+    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
+    lightest = axis.belt_force_limit_n / 3.0 / max(UNKNOWN_MASSES_KG[0], axis.payload.mass_kg or 0.0)
+    acceleration = min(axis.limits.acceleration_m_s2 or math.inf, lightest)
+    return fastest_stroke_m_s(phases.SPEED_SHARE * top_speed_m_s(axis, capabilities), acceleration, whole)
+
+
+def _move_seconds(axis: Axis, capabilities: Capabilities) -> float:
+    """How long the standard move takes at least, s: a longer one takes less torque by more than it takes longer."""
+    limits = axis.trajectories.get("T_A")
+    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
+    if limits is None or whole <= 0.0:
+        return MOVE_SECONDS
+    return min(MOVE_SECONDS, plan_trajectory(0.0, min(whole, MOVE_M), limits, capabilities.sample_period_s).duration_s)
+
+
+def _move_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
+    """Top speed of the standard move, before a heavy carriage slows it down."""
+    top, limits = top_speed_m_s(axis, capabilities), axis.trajectories.get("T_A")
+    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
+    if limits is None or whole <= 0.0:
+        return top
+    path = plan_trajectory(0.0, min(whole, MOVE_M), limits, capabilities.sample_period_s)
+    return min(top, float(np.max(np.abs(path.velocity_m_s))))
+
+
+#: s, upper bounds of the parts, from the sequence's own constants: rising steps of 2.8 s; rest, run-in and measured periods; strokes at
+#: seven speeds, three of them twice.
+STEP_SECONDS = 3.0
+RESPONSE_SECONDS = 7.5
+MOVE_SECONDS = 2.0
+SWEEP_SECONDS = 28.0
+REST_SECONDS = 2.0
+HOMING_SECONDS = 60.0
+#: Of a tilted axis: the torque that holds it is felt for and crept around several times, then found in slow strokes and by an integrator.
+HOLDING_CREEP_SECONDS, HOLDING_STROKES_SECONDS = 25.0, 15.0
+HOLDING_SECONDS = HOLDING_CREEP_SECONDS + HOLDING_STROKES_SECONDS
+
+
+def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> tuple[Experiment, ...]:
+    widest = max(-window_m[0], window_m[1]) if window_m is not None else math.inf
+    torque = min(axis.torque_limit_nm, capabilities.peak_torque_nm)
+    force = axis.belt_force_limit_n
+    shaking = phases.BELT_SHARE * force
+    ratio = axis.transmission_m_rad
+    tilted = axis.mounting.tilted
+    rising = (creep.HELD_SHARE if tilted else creep.BREAKAWAY_SHARE) * torque
+    top = top_speed_m_s(axis, capabilities)
+    shaken = min(phases.EXCITATION_SPEED_M_S, top)
+    travel = min(phases.EXCITATION_TRAVEL_M, widest)
+    reach = min(phases.EXCITATION_TRAVEL_M + phases.END_MARGIN_M, widest)
+    held, slow = held_before_nm(axis), stroking_nm(axis, 0.0)
+    binary = math.hypot(phases.excitation_torque_nm(axis, capabilities, held), held)
+    return (
+        Experiment(
+            "sign and breakaway",
+            phases.SIGN_TRAVEL_M,
+            min(phases.SIGN_REACH_M, widest),
+            min(creep.CREEP_SPEED_M_S, top),
+            rising,
+            min(rising / ratio, force),
+            HOLDING_CREEP_SECONDS if tilted else CREEP_SECONDS,
+            rising / math.sqrt(3.0) + held,  # rms of a ramp
+        ),
+        *gain_steps.line(axis, capabilities),
+        Experiment("excitation, rising in steps", travel, reach, shaken, torque, shaking, 3 * STEP_SECONDS, binary),
+        *([Experiment("holding torque, in slow creep", 5e-3, reach, 0.02, torque, force, HOLDING_STROKES_SECONDS, slow)] if tilted else []),
+        Experiment("frequency response here", travel, reach, shaken, torque, shaking, RESPONSE_SECONDS, binary),
+    )

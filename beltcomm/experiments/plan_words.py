@@ -1,0 +1,112 @@
+"""What a technician reads before agreeing: labelled lines on what moves, how far, how fast, how hard, how long, what stops it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from textwrap import wrap
+
+from beltcomm.axis import Axis
+from beltcomm.drive import Capabilities
+from beltcomm.experiments import holding, phases
+from beltcomm.machine import creep, gravity
+from beltcomm.machine.host_loss import guard_times_s
+from beltcomm.result import Row
+from beltcomm.simulate.stopping import first_deceleration
+
+#: A label and what is said under it.
+Point = tuple[str, str]
+#: Letters of a line where nobody draws a table.
+LINE = 104
+
+
+def point_rows(points: Sequence[Point]) -> list[Row]:
+    """The lines, labels in a column of their own; long ones are broken."""
+    wide = max(len(label) for label, _ in points)
+    rows = [Row("", ("", ""), (False, False), True)]
+    for label, sentence in points:
+        broken = wrap(sentence, LINE - wide - 4, break_on_hyphens=False)
+        text = f"\n{' ' * (wide + 4)}".join(broken)
+        rows.append(Row(f"  {label:{wide}}  {text}", (label, sentence), (False, False)))
+    return rows
+
+
+def commission_points(axis: Axis, capabilities: Capabilities, lightest_kg: float, heaviest: tuple[float, float]) -> tuple[Point, ...]:
+    """The whole job: what moves and how far first, then how it stops and what is written.
+
+    lightest_kg : carriage of the plan's speeds.   heaviest : carriage that is thought of, kg, and how fast it is driven, m/s.
+    """
+    lightest = f"{lightest_kg:g} kg, the stated payload alone" if axis.payload.mass_kg else f"{lightest_kg:g} kg, the lightest thought of"
+    return (
+        (
+            "what moves",
+            "the carriage creeps some millimetres both ways, shakes where it stands with rising torque, then travels in closed loop: slow "
+            "and fast strokes, small triangles, fast moves; and shakes at other places",
+        ),
+        ("how far", f"between {axis.travel.min_m:g} m and {axis.travel.max_m:g} m, with every stop: keep people, tools and cables out"),
+        (
+            "how heavy",
+            f"the carriage is weighed before it travels; speeds here are those of {lightest}. The heavier, the slower: with "
+            f"{heaviest[0]:g} kg its strokes and fast moves reach {heaviest[1]:.2g} m/s",
+        ),
+        *_stops(axis, capabilities),
+        ("what is written", "gains, while it works; at the end the drive is left as it was found, unless you keep the new gains"),
+    )
+
+
+def identify_points(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None) -> tuple[Point, ...]:
+    """Sign check, rising excitation and one frequency response.   window_m : to be kept, from where it stands."""
+    far = "see 'with stop' below, from where it stands: keep people and tools out of its travel"
+    if window_m is not None:
+        far = (
+            f"between {1e3 * window_m[0]:+.0f} mm and {1e3 * window_m[1]:+.0f} mm of where it stands now (plus is where the drive's "
+            "position counts up): keep people and tools out of its travel"
+        )
+    return (
+        (
+            "what moves",
+            "the carriage creeps some millimetres both ways, then shakes where it stands with rising torque; no loop is closed but to "
+            "stop it",
+        ),
+        ("how far", far),
+        *_stops(axis, capabilities),
+        ("what is written", "nothing that stays: at the end the drive is left as it was found"),
+    )
+
+
+def _stops(axis: Axis, capabilities: Capabilities) -> tuple[Point, ...]:
+    """What stops it, and within which way."""
+    first = first_deceleration(axis, capabilities.peak_torque_nm)
+    top = (creep.HELD_SHARE if axis.mounting.tilted else creep.BREAKAWAY_SHARE) * min(axis.torque_limit_nm, capabilities.peak_torque_nm)
+    crept_m = creep.run_on_m(axis, top, guard_times_s(capabilities)[0] + capabilities.sample_period_s)
+    held = (
+        (
+            (
+                "gravity",
+                f"is held with {gravity.expected(axis).torque_nm:.2f} N m or so from before the brake opens until it is closed; while that "
+                f"is felt for, the carriage may slip: the stage goes off after {1e3 * holding.SLIP_M:g} mm, and it rolls on until brake or "
+                f"friction stop it; all tries together stay within {1e3 * phases.SIGN_REACH_M:g} mm"
+                + ("" if axis.motor.brake_torque_nm else ". No brake is stated: only friction holds it without torque"),
+            ),
+        )
+        if axis.mounting.tilted
+        else ()
+    )
+    return (
+        *held,
+        (
+            "what stops it",
+            "Ctrl-C, at any time; a limit that is passed; the end of the job. It stands within the way 'with stop', in closed loop within "
+            "the travel",
+        ),
+        (
+            "how it brakes",
+            f"until the carriage is weighed, friction and the velocity loop found in the drive brake it, with {first.value_m_s2:.2g} m/s² "
+            f"at most ({first.binds}, the belt's swing counted twice); then a loop designed for it, as hard as its feed force allows",
+        ),
+        (
+            "computer dies",
+            "the drive notices by itself; that is tried once at standstill, before any torque. A light carriage that just breaks away "
+            f"then runs on by {1e3 * crept_m:.0f} mm at most, less nearer to an end; an excitation is no stronger than lets it stop before "
+            "the end",
+        ),
+    )

@@ -1,0 +1,182 @@
+"""The move that proves a design, driven and compared with its prediction; what the host sends along with its reference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.control import Cascade, Feedforward
+from beltcomm.design.compensation import compensation
+from beltcomm.design.compliant import Leading, leading, torque_along
+from beltcomm.errors import Refused
+from beltcomm.experiments import phases
+from beltcomm.experiments.verification import belt_force_limit_n, in_drive, refuse_broken
+from beltcomm.machine.machine import Machine
+from beltcomm.machine.prediction_watch import BELT_BEYOND
+from beltcomm.model import Model
+from beltcomm.recording.sidecar import Sidecar
+from beltcomm.rundata.proof import proof
+from beltcomm.trajectory import Trajectory, held
+from beltcomm.verify import (
+    REST_S,
+    Demand,
+    PredictedMove,
+    TrackingError,
+    Verdict,
+    demand,
+    judge,
+    predict_move,
+    predict_range,
+    tracking_error,
+)
+
+Array = NDArray[np.float64]
+
+#: s: the range of a longer move is not predicted, it would take too long.
+LONGEST_RANGED_S = 15.0
+#: An axis this many times further off its reference than predicted, and by so many m more, is not the one predicted: it is stopped, in
+#: the drive and on the host.
+SURPRISE = 3.0
+LAG_SLACK_M = 2e-3
+
+#: What the host sends along: nothing; the torque of effects that the drive's numbers cannot say; a motor that leads by the stretch of the
+#: belt; the same with friction of the carriage in that stretch.
+Sending = Literal["nothing", "rigid", "stretch", "compliant"]
+
+
+@dataclass(frozen=True)
+class Sent:
+    """What goes to the drive.   motor, carriage : what each is to follow, m.   torque_nm : along with it, (n,), or None.
+
+    demanded_nm : largest torque at the motor that this will take.   led : how the motor leads, where it does.
+    """
+
+    motor: Trajectory
+    carriage: Trajectory
+    torque_nm: Array | None
+    demanded_nm: float
+    led: Leading | None = None
+
+
+def sent_for(model: Model, feedforward: Feedforward, path: Trajectory, sending: Sending, time_s: float = 0.0) -> Sent:
+    """Reference and torque for a motion of the carriage that ends with a rest.   time_s : session's clock at its start.
+
+    Raises UsageError for a motor that should lead without a belt.
+    """
+    asked = demand(path, model).torque_nm
+    if sending == "nothing":
+        return Sent(path, path, None, asked)
+    if sending == "rigid":
+        along = compensation(model, feedforward, path, path.sample_period_s, time_s)
+        return Sent(path, path, along, asked + float(np.max(np.abs(along))))
+    led = leading(model, path, feedforward.advance_s, friction=sending == "compliant", time_s=time_s)
+    along = torque_along(led, feedforward, model["transmission.ratio"])
+    return Sent(led.trajectory, led.carriage, along, float(np.max(np.abs(led.torque_nm))), led)
+
+
+def verify_move(
+    machine: Machine,
+    model: Model,
+    cascade: Cascade,
+    delay_s: float,
+    trajectory: Trajectory,
+    name: str = "move_1",
+    payloads_kg: Sequence[float] = (),
+    sending: Sending = "nothing",
+) -> tuple[Verdict, Demand]:
+    """Phase 7: run the move with the new gains and compare with its prediction.   Raises Refused when it would break a limit.
+
+    payloads_kg : further ones that the design holds for, noted with the record, see :mod:`beltcomm.rundata.proof`.
+    """
+    refuse_broken(machine, model, trajectory)
+    running = machine.write_cascade(cascade)
+    clock_s = machine.session_time_s
+    sent = sent_for(model, running.feedforward, held(trajectory, REST_S), sending, clock_s)
+    drive = in_drive(machine, delay_s)
+    path = predict_move(model, running, sent.motor, drive, extra_torque_nm=sent.torque_nm, time_s=clock_s)
+    _check_path(machine, path)
+    _check_along(machine, sent)
+    _check_belt(machine, model, path, trajectory)
+    lag = SURPRISE * float(np.max(np.abs(sent.motor.position_m - path.motor_m))) + LAG_SLACK_M
+    start = float(trajectory.position_m[0])
+    if machine.folder.finished(name) is None and abs(machine.position_m - start) > 1e-4:
+        top = float(np.max(np.abs(trajectory.velocity_m_s)))  # these gains are about to be driven at that speed, with more force
+        phases.move_to(machine, start, model, max(top, phases.POSITIONING_SPEED_M_S))
+    # Positioning ends a little beside its goal; a reference that begins elsewhere would be a step, and no part of the move.
+    beside = replace(sent.motor, position_m=sent.motor.position_m + machine.position_m - start)
+    sidecar = Sidecar(
+        experiment="trajectory",
+        start_position_m=machine.position_m,
+        session_time_s=machine.session_time_s,
+        closed_loop=True,
+        held_out=True,
+        controller=proof(cascade, trajectory, payloads_kg, "" if sent.led is None else sending),
+    )
+    motion = machine.follow(beside, "position", sent.torque_nm)
+    recording = machine.record(name, motion, replace(machine.full_room(), lag_m=lag), sidecar)
+
+    def error(other: Model, stretch_m: float) -> TrackingError:
+        path = predict_move(other, running, sent.motor, drive, belt_stretch_m=stretch_m, extra_torque_nm=sent.torque_nm, time_s=clock_s)
+        return tracking_error(path.t_s, sent.motor.position_m, path.motor_m)
+
+    spread = predict_range(model, error) if sent.motor.duration_s <= LONGEST_RANGED_S else None
+    verdict = judge(recording, machine.ratio, path, sent.motor.position_m, carriage_m=sent.carriage.position_m, predicted_range=spread)
+    if sent.torque_nm is not None:
+        plain = held(trajectory, REST_S)
+        alone = predict_move(model, running, plain, drive, time_s=clock_s)
+        verdict = replace(verdict, reasons=(*verdict.reasons, *_brought(sent, alone, plain)))
+    return verdict, demand(trajectory, model)
+
+
+def _brought(sent: Sent, alone: PredictedMove, plain: Trajectory) -> list[str]:
+    """In words, what was sent along, and what the same gains are predicted to reach without it."""
+    most = 1e3 * float(np.max(np.abs(sent.torque_nm))) if sent.torque_nm is not None else 0.0
+    if sent.led is None:
+        without = tracking_error(alone.t_s, plain.position_m, alone.motor_m)
+        return [
+            f"up to {most:.3g} mN m were sent along with the reference; a controller that sends none is predicted to have "
+            f"{1e3 * without.dynamic_m:.3g} mm and {1e6 * without.static_m:.3g} µm with these gains"
+        ]
+    without = tracking_error(alone.t_s, plain.position_m, alone.cart_m)
+    return [
+        f"the motor led the carriage by up to {1e3 * sent.led.lead_m:.3g} mm, the stretch of the belt, and up to {most:.3g} mN m were sent "
+        f"along; without, the carriage is predicted to be off by {1e3 * without.dynamic_m:.3g} mm and {1e6 * without.static_m:.3g} µm",
+        f"friction of the carriage can hide up to {1e6 * sent.led.held_m:.3g} µm of its place from the motor",
+    ]
+
+
+def _check_along(machine: Machine, sent: Sent) -> None:
+    """Raise Refused when the torque sent along would take the move beyond the torque that axis and drive allow."""
+    limit = machine.full_room().torque_nm
+    if sent.torque_nm is not None and not sent.demanded_nm <= limit:
+        most = float(np.max(np.abs(sent.torque_nm)))
+        raise Refused(
+            f"the move is refused: with the {most:.3g} N m that the model sends along, the motor torque would be "
+            f"{sent.demanded_nm:.4g} N m, limit {limit:.4g} N m; slow the move down, look at the model's effects, "
+            "or use --feedforward linear"
+        )
+
+
+def _check_path(machine: Machine, path: PredictedMove) -> None:
+    """Raise Refused when a loop is predicted to leave the travel, although its reference does not."""
+    low, high = machine.full_room().window_m
+    for where, places in (("motor", path.motor_m), ("carriage", path.cart_m)):
+        if float(np.min(places)) < low or float(np.max(places)) > high:
+            raise Refused(
+                f"the move is refused: with these gains the {where} is predicted to go from {np.min(places):.4g} m to "
+                f"{np.max(places):.4g} m, the travel is {low:g}..{high:g} m; slow the move down or design other gains"
+            )
+
+
+def _check_belt(machine: Machine, model: Model, path: PredictedMove, trajectory: Trajectory) -> None:
+    """Raise Refused when the belt is predicted to carry too much as it swings."""
+    limit = belt_force_limit_n(machine, model, float(np.max(np.abs(trajectory.velocity_m_s))), BELT_BEYOND)
+    if path.belt_force_n > limit:
+        raise Refused(
+            f"the move is refused: the belt is predicted to carry {path.belt_force_n:.1f} N as it swings, limit {limit:.1f} N (feed force, "
+            f"friction of the carriage and {100 * (BELT_BEYOND - 1):.0f} % of swing); stretch the move by {path.belt_force_n / limit:.2f}"
+        )

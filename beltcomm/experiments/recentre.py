@@ -1,0 +1,55 @@
+"""A carriage that wandered out of the window of an open-loop record and was stopped: whether the session goes on, and its way back.
+
+All such stops of a session count together, wherever they come.
+"""
+
+from __future__ import annotations
+
+from beltcomm.errors import BeltcommError, SafetyStop
+from beltcomm.experiments import phases
+from beltcomm.machine.machine import Machine
+from beltcomm.model import Model
+from beltcomm.schedule.steps import Step
+
+#: Stops after which a session excites no more: a third one, with less torque each time, is no accident.
+MOST_STOPS = 3
+#: s of looking whether the carriage stands, and m it may move then.
+LOOK_S, STANDS_M = 0.2, 5e-5
+#: m/s of bringing the carriage back.
+BACK_M_S = 0.05
+
+
+def exhausted(machine: Machine) -> bool:
+    """Whether stops have used up what the session goes on after: then no further open-loop record is begun."""
+    return machine.wanderings >= MOST_STOPS
+
+
+def stands_after(machine: Machine, problem: BeltcommError) -> bool:
+    """Whether a record was stopped because the carriage went too far, and it stands inside the travel now; such a stop is counted.
+
+    Torque and speed beyond their limits would come again, and a key that was let go is a will: for those the answer is no.
+    """
+    if not isinstance(problem, SafetyStop) or problem.reason != "position":
+        return False
+    low, high = machine.full_room().window_m
+    before = machine.position_m
+    machine.drive.clock.sleep_until(machine.drive.clock.now() + LOOK_S)
+    at = machine.position_m
+    if abs(at - before) > STANDS_M or not low < at < high:
+        return False
+    machine.wanderings += 1
+    machine.folder.journal(f"safety stop (position): {problem}; the carriage stands at {at:.4f} m")
+    machine.talk.say(f"The carriage went too far: stop {machine.wanderings} of {MOST_STOPS}, after which it is excited no more.")
+    return True
+
+
+def brought_back(machine: Machine, model: Model, step: Step, problem: SafetyStop) -> bool:
+    """Whether the session goes on after the stop of an open-loop step; then the carriage is at its place again.
+
+    model : of the loop in the drive.   Raises what bringing the carriage back raises.
+    """
+    if step.kind != "response" or not stands_after(machine, problem):
+        return False
+    first, last = phases.stroke_ends(machine)
+    phases.move_to(machine, min(max(step.at_m(machine.full_room().window_m), first), last), model, BACK_M_S)
+    return True

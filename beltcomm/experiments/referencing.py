@@ -1,0 +1,132 @@
+"""Before the first motion: is the axis file enough, and where does the carriage stand?"""
+
+from __future__ import annotations
+
+import math
+
+from beltcomm.axis import Axis
+from beltcomm.axis.entries import COMMISSION_NEEDS, LEVEL_DEG
+from beltcomm.drive import Capabilities
+from beltcomm.errors import Refused, UsageError
+from beltcomm.experiments import phases
+from beltcomm.machine import gravity
+from beltcomm.machine.creep import small_move
+from beltcomm.machine.machine import Machine
+from beltcomm.model import Model
+from beltcomm.rundata.findings import Settings
+
+#: m: nearer than this the drive and the operator mean the same place.
+SAME_POSITION_M = 5e-3
+#: m/s²: an axis that gets no faster than this within its belt's limit carries too much.
+SLOW_M_S2 = 1.0
+
+
+def reference(machine: Machine, settings: Settings, *, needed: bool = True) -> tuple[float, float] | None:
+    """Make the zero of the axis known: the drive knows it, or the operator's word, or later :func:`home`.  Returns the window kept, if any.
+
+    Nothing moves.
+    needed : False when a record at the present place will do, inside a window that the operator states or confirms.
+    Raises Refused without any, UsageError for a window that cannot be, or for a drive that contradicts axis.yaml.
+    """
+    machine.check_scaling()
+    window = settings.window_m
+    if settings.home:
+        gravity.not_on_tilted(
+            machine.axis, "the drive's own homing is no motion that anybody has held or predicted; give --position METRES"
+        )
+    gravity.admit(machine)
+    if settings.position_m is not None:
+        _believe(machine, settings, settings.position_m)
+    elif settings.home:
+        if not machine.drive.capabilities.can_home:
+            raise Refused("this drive cannot home by itself; measure where the carriage stands and give --position")
+    elif not machine.drive.capabilities.referenced:
+        window = _stand_anywhere(machine, settings, needed)
+    if window is not None:
+        machine.keep_to(window)
+    return window
+
+
+def _believe(machine: Machine, settings: Settings, position_m: float) -> None:
+    """The operator's word against that of a drive that knows its zero: only when asked it overrules the drive.   Raises Refused."""
+    if machine.drive.capabilities.referenced and abs(machine.position_m - position_m) > SAME_POSITION_M:
+        differ = f"the drive knows its zero and has the carriage at {machine.position_m:.4f} m, --position says {position_m:.4f} m"
+        if not settings.ask or not machine.talk.confirm(f"{differ[0].upper()}{differ[1:]}. Is --position right?"):
+            raise Refused(f"{differ}; leave --position out, or call without --yes and say that it is right")
+    machine.reference_at(position_m)
+
+
+def home(machine: Machine) -> None:
+    """Let the drive find its zero, then creep off the end where it found it, so far that an excitation has room."""
+    begun = machine.drive.clock.now()
+    machine.drive.home(machine.drive_limits(machine.full_room()))
+    machine.origin_rad = 0.0
+    low, high = machine.full_room().window_m
+    room = phases.EXCITATION_TRAVEL_M + 2.0 * phases.END_MARGIN_M
+    at = machine.position_m
+    inside = min(max(at, low + room), high - room)
+    if abs(inside - at) > phases.ARRIVED_M:
+        machine.talk.say(f"The drive found its zero; the carriage at {1e3 * at:.0f} mm creeps {1e3 * (inside - at):+.0f} mm further in.")
+        small_move(machine.drive, machine.axis, inside - at, at)
+    machine.machine_seconds += machine.drive.clock.now() - begun
+
+
+def _stand_anywhere(machine: Machine, settings: Settings, needed: bool) -> tuple[float, float]:
+    """The window around a place that nobody knows."""
+    unknown = "the drive does not know where the carriage stands"
+    how = "give --position METRES, or --home to let the drive find its zero"
+    if needed:
+        raise Refused(f"{unknown}; {how}; without either, --window LOW..HIGH (of `beltcomm identify` too) records at this place alone")
+    window, half = settings.window_m, phases.EXCITATION_TRAVEL_M + phases.END_MARGIN_M
+    if window is None:
+        question = f"{unknown[0].upper()}{unknown[1:]}. Is it free to move by {1e3 * half:.0f} mm to either side from here?"
+        if not settings.ask or not machine.talk.confirm(question):
+            raise Refused(
+                f"{unknown}; {how}, or say with --window LOW..HIGH how far it may move from here (-20mm..30mm, or 25mm either way)"
+            )
+        window = (-half, half)
+    machine.stand_anywhere()
+    return window
+
+
+def inside(axis: Axis, position_m: float | None) -> None:
+    """Raise UsageError for a stated position outside the travel."""
+    low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
+    if position_m is not None and not low <= position_m <= high:
+        raise UsageError(f"position {position_m:.4g} m is outside the travel {low:g}..{high:g} m of axis.yaml")
+
+
+def slow_payload(axis: Axis, mass_kg: float, payload_kg: float | None) -> str | None:
+    """In words, that the belt can hardly accelerate a further payload; None when it can.   mass_kg : of the carriage as it is."""
+    allowed = axis.belt_force_limit_n / (mass_kg + (payload_kg or 0.0))
+    if not payload_kg or allowed >= SLOW_M_S2:
+        return None
+    return (
+        f"with {payload_kg:g} kg further the belt's {axis.belt_force_limit_n:.0f} N allow {allowed:.2g} m/s² only; check the payload, or "
+        "whether the axis is meant for it"
+    )
+
+
+def only_here(capabilities: Capabilities, position_m: float | None, *, home: bool) -> None:
+    """Raise UsageError for a window where the whole travel will be used."""
+    if position_m is not None or home or capabilities.referenced:
+        raise UsageError(
+            "--window keeps the carriage near where it stands, but the place is known and commissioning uses the whole travel; leave "
+            "--window out, or use `beltcomm identify --window`"
+        )
+
+
+def suitable(axis: Axis) -> None:
+    """Raise UsageError unless the axis file has what the whole job needs, Refused for an axis tilted too much for its load."""
+    axis.require("commission", *COMMISSION_NEEDS)
+    gravity.suitable(axis)
+
+
+def same_tilt(axis: Axis, model: Model) -> None:
+    """Raise UsageError for an axis file that stands otherwise than the plant that it is to be simulated with."""
+    tilt_deg = math.degrees(model.get("tilt.angle"))
+    if abs(tilt_deg - axis.mounting.tilt_deg) > LEVEL_DEG:
+        raise UsageError(
+            f"plant {model.name} is tilted by {tilt_deg:.3g} deg, {axis} by {axis.mounting.tilt_deg:g} deg; give the axis that belongs to "
+            "it with --axis"
+        )

@@ -1,0 +1,255 @@
+"""``--simulate-first``: the whole job on a twin of the axis, record by record against the limits, before the axis itself moves.
+
+The twin is the virtual drive with the run's model behind it, or with what the data sheets say where there is no model yet.  It begins where
+the carriage stands.  What it has not: the real drive's gains as they were found, and whatever the model does not know.
+"""
+
+from __future__ import annotations
+
+import math
+import shutil
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from beltcomm.axis import Axis
+from beltcomm.configfiles import read_yaml, to_yaml, write_text
+from beltcomm.drive import Capabilities
+from beltcomm.errors import BeltcommError, Refused
+from beltcomm.experiments.detectability import sheet_model
+from beltcomm.experiments.options import Options
+from beltcomm.machine import gravity
+from beltcomm.machine.machine import Machine
+from beltcomm.machine.prediction_watch import BELT_BEYOND, BELT_ROWS
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+from beltcomm.result import plain, table
+from beltcomm.rundata import offline
+from beltcomm.runfolder import RunFolder
+from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
+from beltcomm.simulate.stopping import total_friction
+from beltcomm.talk import Talk
+
+#: Profiles that the virtual drive plays, with a torque along its reference and without.
+WITH_FEEDFORWARD, WITHOUT_FEEDFORWARD = "reference", "cmmp-as"
+#: A torque may exceed its limit by this share: ripple and noise of a measured torque.
+TORQUE_SHARE = 1.1
+
+
+class Job(Protocol):
+    """A command of :mod:`beltcomm.api` with all that was asked for but the drive, the run folder and the options."""
+
+    def __call__(self, *, drive: str, run: Path, options: Options) -> object:
+        """Do it there."""
+        ...
+
+
+@dataclass(frozen=True)
+class Played:
+    """One record on the twin.   low_m, high_m : of the carriage, by the encoder.   torque_nm : motor.   belt_force_n : with friction."""
+
+    record: str
+    low_m: float
+    high_m: float
+    speed_m_s: float
+    torque_nm: float
+    belt_force_n: float
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a record may use: as :class:`Played`."""
+
+    low_m: float
+    high_m: float
+    speed_m_s: float
+    torque_nm: float
+    belt_force_n: float
+
+    def broken(self, played: Played) -> list[str]:
+        """The limits that a record leaves, in words."""
+        pairs = (
+            ("speed", played.speed_m_s, self.speed_m_s, "m/s"),
+            ("torque", played.torque_nm, self.torque_nm, "N m"),
+            ("belt force", played.belt_force_n, self.belt_force_n, "N"),
+        )
+        found = [f"{what} {value:.3g} {unit}, limit {limit:.3g} {unit}" for what, value, limit, unit in pairs if value > limit]
+        if played.low_m < self.low_m or played.high_m > self.high_m:
+            way = f"{1e3 * played.low_m:.1f} to {1e3 * played.high_m:.1f} mm"
+            found.append(f"the carriage goes from {way}, travel is {1e3 * self.low_m:g} to {1e3 * self.high_m:g} mm")
+        return [f"{played.record}: {text}" for text in found]
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """What the twin did.   twin : in words.   whole : of everything, moves between the records included, by the twin's own state."""
+
+    twin: str
+    records: tuple[Played, ...]
+    whole: Played
+    bounds: Bounds
+
+    def broken(self) -> list[str]:
+        """Limits that the twin left."""
+        return [text for played in (*self.records, self.whole) for text in self.bounds.broken(played)]
+
+    def lines(self) -> list[str]:
+        """As a table."""
+        named: list[tuple[str, Played | Bounds]] = [*((one.record, one) for one in (*self.records, self.whole)), ("limit", self.bounds)]
+        rows = [
+            [
+                name,
+                f"{1e3 * one.low_m:.1f} mm",
+                f"{1e3 * one.high_m:.1f} mm",
+                f"{one.speed_m_s:.2f} m/s",
+                f"{one.torque_nm:.2f} N m",
+                f"{one.belt_force_n:.0f} N",
+            ]
+            for name, one in named
+        ]
+        columns = ["on the twin", ">carriage from", ">to", ">speed", ">torque", ">belt"]
+        return [f"Played on a twin first: {self.twin}.", "", *table(columns, rows)]
+
+
+class _Twin(SimulatedPlant):
+    """A simulated axis that keeps its extremes; carriage in m on the axis."""
+
+    def __init__(self, model: Model, position_m: float) -> None:
+        super().__init__(model, position_m=position_m, substeps_per_ms=substeps_needed(model, position_m))
+        self.begun_m, self.ratio = position_m, model["transmission.ratio"]
+        self.low_m = self.high_m = position_m
+        self.fastest_m_s = self.strongest_nm = self.belt_n = 0.0
+
+    def step(self, torque_nm: float, duration_s: float) -> None:
+        """See :class:`beltcomm.plant.Plant`."""
+        super().step(torque_nm, duration_s)
+        at = self.begun_m + self.cart_position_m
+        self.low_m, self.high_m = min(self.low_m, at), max(self.high_m, at)
+        self.fastest_m_s = max(self.fastest_m_s, abs(self.ratio * self.velocity_rad_s))
+        self.strongest_nm = max(self.strongest_nm, abs(torque_nm))
+        self.belt_n = max(self.belt_n, abs(self.belt_force_n))
+
+
+def rehearse(machine: Machine, options: Options, talk: Talk, job: Job, goes_on: bool) -> Rehearsal:
+    """Play a job on a twin of the connected axis and show what it did; nothing real moves.
+
+    goes_on : the job needs what is in its run folder; else it begins a new one.
+    Raises Refused when the twin leaves a limit, or when the job ends badly on it, with the reason.
+    """
+    talk.say("The plan is played on a twin first; nothing moves yet.")
+    axis, folder = machine.axis, machine.folder
+    model, what = twin_of(axis, folder)
+    place = machine.position_m if machine.place_known else offline.middle_m(axis)
+    with tempfile.TemporaryDirectory(prefix="beltcomm-twin-") as made:
+        file, run = Path(made) / "twin.yaml", Path(made) / "run"
+        write_text(file, to_yaml({**model.to_dict(), "drive": _drive_of(axis, machine.drive.capabilities)}))
+        before = _copied(folder, run) if goes_on else set()
+        twin = _Twin(model, place)
+        try:
+            job(drive=f"virtual:{file}", run=run, options=_options_for(options, machine, twin, place))
+        except BeltcommError as problem:
+            raise Refused(
+                f"on the twin ({what}) the job ends so: {problem}. Nothing was moved; look at axis.yaml and the model"
+            ) from problem
+        played = RunFolder.open(run)
+        names = [name for name in played.finished_names() if name not in before]
+        records = tuple(played_of(played.recording(name), axis, place) for name in sorted(names, key=lambda n: _clock(played, n)))
+    whole = Played("everything, ways included", twin.low_m, twin.high_m, twin.fastest_m_s, twin.strongest_nm, twin.belt_n)
+    found = Rehearsal(what, records, whole, bounds_of(machine, model))
+    talk.say(*found.lines())
+    folder.save_result("rehearsal", {"twin": what, "records": plain(records), "whole": plain(whole), "limits": plain(found.bounds)})
+    folder.journal(f"played on a twin: {len(records)} records, {len(found.broken())} limits left")
+    if broken := found.broken():
+        raise Refused(f"on the twin a limit is left ({'; '.join(broken[:3])}); nothing was moved. Look at the model and at axis.yaml")
+    return found
+
+
+def twin_of(axis: Axis, folder: RunFolder) -> tuple[Model, str]:
+    """The model behind the twin, and what it is in words."""
+    if "final" in folder.names("models"):
+        return offline.trusted(folder)[0], "the run's model"
+    model = sheet_model(axis)
+    if axis.mounting.tilted:
+        guess = gravity.expected(axis)
+        values = {"tilt.angle": math.radians(axis.mounting.tilt_deg), "cart.mass": guess.mass_kg}
+        model = model.with_effect("tilt").with_values(values, "axis.yaml")
+    return model, (
+        f"a guess from the data sheets, a carriage of {model['cart.mass']:.3g} kg, {1e3 * total_friction(model):.0f} mN m of friction"
+    )
+
+
+def played_of(recording: Recording, axis: Axis, otherwise_m: float) -> Played:
+    """What a record of the twin shows; the belt's force as the motor shows it,  F = (τ - Θ_e φ̈)/i_t,  mean of ``BELT_ROWS`` rows."""
+    ratio, inertia = axis.transmission_m_rad, axis.motor_side_inertia_kg_m2
+    begun = otherwise_m if recording.sidecar.start_position_m is None else recording.sidecar.start_position_m
+    places = begun + ratio * (recording.position - recording.position[0])
+    period = recording.sample_period_s
+    speed = ratio * np.diff(recording.position) / np.diff(recording.t_s)
+    acceleration = np.diff(recording.position, 2) / period**2
+    force = (0.5 * (recording.torque[:-2] + recording.torque[1:-1]) - inertia * acceleration) / ratio
+    smooth = np.convolve(force, np.full(BELT_ROWS, 1.0 / BELT_ROWS), mode="valid")
+    return Played(
+        recording.name,
+        float(places.min()),
+        float(places.max()),
+        float(np.max(np.abs(speed))),
+        float(np.max(np.abs(recording.torque))),
+        float(np.max(np.abs(smooth))),
+    )
+
+
+def bounds_of(machine: Machine, model: Model) -> Bounds:
+    """What the real axis is stopped at."""
+    room, axis = machine.full_room(), machine.axis
+    low, high = room.window_m if machine.place_known else (-math.inf, math.inf)
+    belt = math.inf if machine.over_belt else BELT_BEYOND * axis.belt_force_limit_n + total_friction(model) / axis.transmission_m_rad
+    return Bounds(low, high, room.speed_m_s, TORQUE_SHARE * room.torque_nm, belt)
+
+
+def _clock(folder: RunFolder, name: str) -> float:
+    return float(folder.recording(name).sidecar.session_time_s or 0.0)
+
+
+def _drive_of(axis: Axis, capabilities: Capabilities) -> Mapping[str, Any]:
+    """The twin's drive: no noise, so that what it shows is motion."""
+    motor = axis.motor
+    brake = {"brake_torque_nm": motor.brake_torque_nm, "brake_time_s": motor.brake_time_s or 0.0} if motor.brake_torque_nm else {}
+    return {"torque_noise_nm": 0.0, "counts_per_rev": capabilities.counts_per_rev, **brake}
+
+
+def _copied(folder: RunFolder, run: Path) -> set[str]:
+    """A copy of what a job goes on with, as if made on the twin; returns the names of its records."""
+    shutil.copytree(folder.path, run)
+    about = read_yaml(run / "run.yaml") if (run / "run.yaml").is_file() else {}
+    write_text(run / "run.yaml", to_yaml({**about, "drive": {}, "began_s": None}))
+    return set(folder.finished_names())
+
+
+def _options_for(options: Options, machine: Machine, twin: _Twin, place_m: float) -> Options:
+    """The same job on the twin, with nobody to ask."""
+    with_feedforward = machine.drive.capabilities.structure.torque_feedforward
+    return replace(
+        options,
+        yes=True,
+        seed=0,
+        resume=False,
+        apply="restore",
+        simulate_first=False,
+        search=False,
+        position_m=None,
+        home=False,
+        hold=None,
+        first_motion=None,
+        wall_clock=None,
+        visible=False,
+        pictures=False,
+        profile=WITH_FEEDFORWARD if with_feedforward else WITHOUT_FEEDFORWARD,
+        node=None,
+        bitrate=None,
+        realtime=False,
+        drive={"start_position": place_m, "referenced": machine.place_known, "plant": twin},
+    )

@@ -1,0 +1,106 @@
+"""What records at a drive's sampling period can show, and whether its unit of torque is right: before and after the identification."""
+
+from __future__ import annotations
+
+import math
+
+from beltcomm.axis import Axis
+from beltcomm.drive import Capabilities
+from beltcomm.errors import BeltcommError
+from beltcomm.fit.first_estimate import data_sheet_model
+from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
+from beltcomm.model import Model
+from beltcomm.rundata import analyse
+
+#: Share of the sampling rate up to which a resonance can be seen: beyond it the hold between samples and the alias beside it take over.
+CLAIMED_SHARE = 0.35
+#: A motor-side inertia that differs from the data sheets by more than this factor is not theirs, or the unit of torque is not.
+WRONG_SCALE = 1.25
+#: How the remarks begin.
+_RESONANCE, _INERTIA = "the resonance at", "the motor side shows"
+
+
+def claimed_hz(period_s: float) -> float:
+    """Highest frequency that records with this sampling period can claim."""
+    return CLAIMED_SHARE / period_s
+
+
+def expected_hz(axis: Axis) -> tuple[float, float] | None:
+    """Lowest and highest resonance by the data sheets, over travel and payloads; None where they do not say enough."""
+    stated = axis.payload.mass_kg
+    masses = (stated,) if stated else (UNKNOWN_MASSES_KG[0], UNKNOWN_MASSES_KG[-1])
+    found = []
+    try:
+        for at in (float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)):
+            for mass in masses:
+                model = data_sheet_model(axis, at, 0.0).with_values({"cart.mass": max(mass, UNKNOWN_MASSES_KG[0])})
+                found.append(analyse.characteristic_hz(model, at)[1])
+    except (BeltcommError, ValueError):
+        return None
+    return min(found), max(found)
+
+
+def notes_before(axis: Axis, capabilities: Capabilities) -> tuple[str, ...]:
+    """Lines under a plan: the exchange, what its records can claim, and what is in doubt."""
+    top = claimed_hz(capabilities.sample_period_s)
+    how = capabilities.exchange or f"A SYNC every {1e3 * capabilities.sample_period_s:g} ms"
+    notes = [f"{how}: resonances up to {top:.0f} Hz can be measured."]
+    expected = expected_hz(axis)
+    if expected is not None and expected[1] > top:
+        low, high = expected
+        if low > top:
+            notes.append(f"By the data sheets the resonance is at {low:.0f} Hz at least: it will not be seen. {_remedy(capabilities)}")
+        else:
+            notes.append(
+                f"By the data sheets the resonance is between {low:.0f} and {high:.0f} Hz, by payload and place: a light carriage's will "
+                f"not be seen. {_remedy(capabilities)}"
+            )
+    if capabilities.torque_scale:
+        notes.append(f"{capabilities.torque_scale}.")
+    return tuple(notes)
+
+
+def remark_after(resonance_hz: float, capabilities: Capabilities) -> str | None:
+    """In words, that the resonance found is beyond what the records can claim; None when it is not."""
+    top = claimed_hz(capabilities.sample_period_s)
+    if not (math.isfinite(resonance_hz) and resonance_hz > top):
+        return None
+    return (
+        f"{_RESONANCE} {resonance_hz:.0f} Hz is above {top:.0f} Hz, the most that this rate of sampling can measure: its frequency and "
+        f"damping, and every margin near it, are guesses. {_remedy(capabilities)}"
+    )
+
+
+def _remedy(capabilities: Capabilities) -> str:
+    if "% of the bus" in capabilities.exchange:
+        return "Sample faster with a higher bit rate, or on a drive with a shorter SYNC; else count on the low part only"
+    return "Sample faster with --sample-period, or on a drive with a shorter SYNC; else count on the low part only"
+
+
+def torque_remark(model: Model, axis: Axis, capabilities: Capabilities) -> str | None:
+    """In words, whether the unit of torque is right: the inertia of the motor side, as identified, over that of the data sheets.
+
+    J_found / J_sheet  is the factor by which the drive reports every torque too large.   None where nothing is in doubt or to be seen.
+    """
+    found = model.parameters.get("motor.inertia")
+    if found is None or not found.interval:
+        return None
+    sheet = axis.motor_side_inertia_kg_m2
+    factor, half = found.value / sheet, found.interval / sheet
+    agrees = 1.0 / WRONG_SCALE < factor < WRONG_SCALE
+    if agrees and not capabilities.torque_scale:
+        return None
+    said = f"{_INERTIA} {factor:.2f} ± {half:.2g} times the inertia of the data sheets"
+    if agrees:
+        return f"{said}: the drive's unit of torque is right to that"
+    return (
+        f"{said}: either these are wrong, or the drive counts torque in another unit and every torque, mass and friction found is "
+        f"{factor:.2f} times too large; check motor.inertia_kg_m2 and the rated torque in the drive"
+    )
+
+
+def note_after(remarks: list[str], model: Model, axis: Axis, capabilities: Capabilities, at_m: float) -> None:
+    """Put both remarks on a fitted model into ``remarks``, in place of those on an earlier one.   at_m : where the carriage is."""
+    remarks[:] = [one for one in remarks if not one.startswith((_RESONANCE, _INERTIA))]
+    resonance = remark_after(analyse.characteristic_hz(model, at_m)[1], capabilities)
+    remarks += [one for one in (resonance, torque_remark(model, axis, capabilities)) if one is not None]

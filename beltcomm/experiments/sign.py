@@ -1,0 +1,53 @@
+"""Which way the encoder counts, before a loop is closed on it: with the wrong sign each loop runs away, the quick stop's too."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from beltcomm.axis import Axis
+from beltcomm.experiments.phases import SIGN_REACH_M, SIGN_TRAVEL_M, room_around, room_to_creep
+from beltcomm.machine import host_loss
+from beltcomm.machine.creep import RAMP_S, creep
+from beltcomm.machine.machine import Machine
+
+#: s of machine time, and what the plan says of it.
+_SECONDS = RAMP_S + 0.5
+_WORDS = f"creep some {1e3 * SIGN_TRAVEL_M:.0f} mm without a loop to check which way its encoder counts, then "
+
+
+def is_crept(axis: Axis, kinds: Collection[str] = ("torque",)) -> bool:
+    """Whether :func:`check_sign` moves this axis with a drive that runs motions of these kinds.
+
+    Without torque setpoints it cannot.  A tilted axis: its torque is felt for when it is identified, and a creep from zero torque would
+    let it fall.
+    """
+    return "torque" in kinds and not axis.mounting.tilted
+
+
+def sign_words(axis: Axis, kinds: Collection[str] = ("torque",)) -> str:
+    """Of :func:`check_sign`, for a plan: what comes before what the carriage does then."""
+    return _WORDS if is_crept(axis, kinds) else ""
+
+
+def sign_seconds(axis: Axis, kinds: Collection[str] = ("torque",)) -> float:
+    """Machine time of :func:`check_sign`, s."""
+    return _SECONDS if is_crept(axis, kinds) else 0.0
+
+
+def check_sign(machine: Machine) -> None:
+    """Let the carriage creep a little towards the middle of its travel under slowly rising torque.
+
+    Nothing moves where :func:`is_crept` says so.
+    Raises DriveError when it moves against the torque, UsageError too near to an end, and as :func:`creep`.
+    """
+    if not is_crept(machine.axis, machine.drive.capabilities.kinds):
+        return
+    at = room_to_creep(machine)
+    low, high = machine.full_room().window_m
+    way, left = (SIGN_TRAVEL_M, high - at) if at < 0.5 * (low + high) else (-SIGN_TRAVEL_M, at - low)
+    host_loss.prove(machine)
+    begun = machine.drive.clock.now()
+    limits = machine.drive_limits(room_around(machine, at, SIGN_REACH_M))
+    crept = creep(machine.drive, machine.axis, limits, way, min(SIGN_REACH_M, left), left_m=left)
+    machine.machine_seconds += machine.drive.clock.now() - begun
+    machine.folder.journal(f"sign checked: {1e3 * crept.moved_m:+.1f} mm under {crept.onset_nm:.3f} N m")

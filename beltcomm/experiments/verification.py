@@ -1,0 +1,244 @@
+"""The move that proves the result: which one is admissible, and which limits another one would break."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.axis.entries import TrajectoryLimits
+from beltcomm.control import Cascade
+from beltcomm.errors import Refused
+from beltcomm.experiments import phases
+from beltcomm.machine.machine import Machine
+from beltcomm.model import Model
+from beltcomm.trajectory import Trajectory, held, load_move, plan_trajectory
+from beltcomm.verify import DYNAMIC_TARGET_M, MOVE_M, REST_S, Loop, demand, predict_move, tracking_error
+
+Array = NDArray[np.float64]
+
+#: Where a drive cannot follow the standard move: share of the target that a prediction aims at, longest move named, s, longest one
+#: driven, s; slowest short one, m/s, and its ramp to full speed, s.
+AIM_SHARE = 0.9
+SLOWEST_MOVE_S = 600.0
+LONGEST_SLOW_MOVE_S = 8.0
+SLOWEST_M_S = 2e-4
+RAMP_S = 0.2
+#: By how much the force of a belt that swings may exceed that of a rigid one in the move that commissioning chooses, and how often it
+#: is slowed down for that.  A move that somebody asks for is refused beyond ``BELT_BEYOND`` only, where it would be stopped.
+BELT_SWING = 1.05
+BELT_TRIES = 8
+#: m: positioning ends so far beside its goal at most, and the move that was planned from there begins beside it too.
+BESIDE_M = 2e-3
+
+
+@dataclass(frozen=True)
+class StandardMove:
+    """The move of the thesis, 0 to 0.5 m with limits T_A, or what of it travel and limits of this axis allow.
+
+    start_m, end_m : carriage.   limits : of speed, acceleration, jerk.   remark : in words what was taken away, or "".
+    """
+
+    start_m: float
+    end_m: float
+    limits: TrajectoryLimits
+    remark: str
+
+    def at(self, share: float, period_s: float) -> Trajectory:
+        """The move with its time stretched by 1/share."""
+        return plan_trajectory(self.start_m, self.end_m, phases.slower(self.limits, share), period_s)
+
+
+def standard_move(machine: Machine, model: Model) -> StandardMove:
+    """The standard move of this axis, admissible for its model.   Raises Refused when there is none."""
+    start, end = _way(machine)
+    limits = machine.axis.trajectories.get("T_A") or phases.gentle_limits(machine, model, math.inf)
+    return StandardMove(start, end, *admissible(machine, model, start, end, limits))
+
+
+def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: float) -> float:
+    """What the belt may carry in a move, N: the feed force of the data sheet, which lists friction of the guide apart, and its swing.
+
+    F_max = s (F_feed + F_c + d_c v)
+    """
+    friction = model.get("cart_friction.level") + model.get("viscous_cart.damping") * speed_m_s
+    return swing * (machine.axis.belt_force_limit_n + friction) - machine.weight_n
+
+
+def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> StandardMove:
+    """The standard move, slowed down until the belt is predicted to keep its limit as it swings with this controller."""
+    share = 1.0
+    for _ in range(BELT_TRIES):
+        move = standard.at(share, machine.drive.capabilities.sample_period_s)
+        force = predict_move(model, cascade, held(move, REST_S), in_drive(machine, delay_s)).belt_force_n
+        limit = belt_force_limit_n(machine, model, float(np.max(np.abs(move.velocity_m_s))), BELT_SWING)
+        if force <= limit:
+            break
+        share *= 0.99 * math.sqrt(limit / force)
+    if share == 1.0:
+        return standard
+    why = f"slowed down to {100 * share:.0f} % of its speed, because the belt would carry more than {limit:.0f} N as it swings"
+    remark = f"{standard.remark}; {why}" if standard.remark else f"the move was {why}"
+    return replace(standard, limits=phases.slower(standard.limits, share), remark=remark)
+
+
+def _way(machine: Machine) -> tuple[float, float]:
+    """0 to 0.5 m; where travel or a loop that drifts while positioning forbid that, what of it lies well inside."""
+    low, high = machine.full_room().window_m
+    start, end = phases.stroke_ends(machine)
+    spare = phases.END_MARGIN_M
+    if machine.stroking() == "position" and low <= -spare and high >= MOVE_M + spare:
+        start = 0.0
+    return start, min(start + MOVE_M, end)
+
+
+def move_asked_for(machine: Machine, model: Model, file: Path | None, name: str | None) -> tuple[Trajectory, str]:
+    """The user's own move from a file, the 0 to 0.5 m move with limits named in axis.yaml, or the standard move; and a remark."""
+    period = machine.drive.capabilities.sample_period_s
+    if file is not None:
+        return load_move(file, period, machine.axis), ""
+    if name is None:
+        move = standard_move(machine, model)
+        return move.at(1.0, period), move.remark
+    return plan_trajectory(*_way(machine), machine.axis.trajectory(name), period), ""
+
+
+def admissible(machine: Machine, model: Model, start: float, end: float, limits: TrajectoryLimits) -> tuple[TrajectoryLimits, str]:
+    """The limits, or the fastest uniformly slower ones with which the move keeps every limit of the axis, and in words why."""
+    period = machine.drive.capabilities.sample_period_s
+    window = machine.full_room().window_m
+    spare = max(0.0, min(BESIDE_M, 0.5 * (min(start, end) - window[0]), 0.5 * (window[1] - max(start, end))))
+    broken = broken_limits(machine, model, plan_trajectory(start, end, limits, period), spare)
+    if not broken:
+        return limits, ""
+    low, high = 0.0, 1.0
+    for _ in range(20):
+        middle = 0.5 * (low + high)
+        if broken_limits(machine, model, plan_trajectory(start, end, phases.slower(limits, middle), period), spare):
+            high = middle
+        else:
+            low = middle
+    if low == 0.0:
+        raise Refused(f"no move from {start:g} m to {end:g} m keeps the limits: {'; '.join(broken)}")
+    return phases.slower(limits, low), f"the move was slowed down, because at the speed asked for {'; '.join(broken)}"
+
+
+def in_drive(machine: Machine, delay_s: float) -> Loop:
+    """What this drive adds to a controller that runs in it."""
+    capabilities = machine.drive.capabilities
+    return Loop(capabilities.structure, delay_s, capabilities.peak_torque_nm, capabilities.counts_per_rev)
+
+
+def _error_m(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> float:
+    """Predicted dynamic error of a move at the motor, m."""
+    rested = held(trajectory, REST_S)
+    path = predict_move(model, cascade, rested, in_drive(machine, delay_s))
+    return tracking_error(path.t_s, rested.position_m, path.motor_m).dynamic_m
+
+
+def fastest(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> Trajectory | None:
+    """The standard move with its time stretched until ``AIM_SHARE`` of the dynamic target is predicted; None beyond ``SLOWEST_MOVE_S``.
+
+    A loop without velocity feedforward lags by speed over K_PP, so its error falls with the speed.
+    """
+    period, aim = machine.drive.capabilities.sample_period_s, AIM_SHARE * DYNAMIC_TARGET_M
+    share = 1.0
+    while True:
+        move = standard.at(share, period)
+        if move.duration_s > SLOWEST_MOVE_S:
+            return None
+        error = _error_m(machine, model, cascade, delay_s, move)
+        if error <= aim:
+            return move
+        share *= max(0.98 * aim / error, 1e-3)
+
+
+def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> tuple[Trajectory, str]:
+    """The standard move, or where that misses the dynamic target the :func:`fastest` one that is predicted to meet it, and in words why.
+
+    One that takes longer than ``LONGEST_SLOW_MOVE_S`` is only named; a short one at constant speed takes its place, in which the
+    integrator must break friction free within the target.
+    """
+    period = machine.drive.capabilities.sample_period_s
+    start, end = standard.start_m, standard.end_m
+
+    def short(speed: float) -> Trajectory:
+        limits = TrajectoryLimits(jerk_m_s3=20.0 * speed / RAMP_S**2, acceleration_m_s2=speed / RAMP_S, speed_m_s=speed)
+        goal = start + math.copysign(min(abs(end - start), speed * LONGEST_SLOW_MOVE_S), end - start)
+        return plan_trajectory(start, goal, limits, period)
+
+    def good(move: Trajectory) -> bool:
+        return _error_m(machine, model, cascade, delay_s, move) <= AIM_SHARE * DYNAMIC_TARGET_M
+
+    whole = standard.at(1.0, period)
+    off = _error_m(machine, model, cascade, delay_s, whole)
+    if off <= DYNAMIC_TARGET_M:
+        return whole, standard.remark
+    text = f"{standard.remark}; " if standard.remark else ""
+    text += f"the standard move would have {1e3 * off:.3g} mm of dynamic error at the motor with this controller"
+    target = f"{1e3 * DYNAMIC_TARGET_M:g} mm"
+    slow = fastest(machine, model, cascade, delay_s, standard)
+    if slow is None:
+        text += f", and no move of less than {SLOWEST_MOVE_S:.0f} s stays within {target}"
+    else:
+        top = 1e3 * float(np.max(np.abs(slow.velocity_m_s)))
+        text += f"; the fastest over this way that is safely predicted within {target} takes {slow.duration_s:.3g} s, up to {top:.3g} mm/s"
+        if slow.duration_s <= LONGEST_SLOW_MOVE_S:
+            return slow, text
+    low, high = SLOWEST_M_S, float(np.max(np.abs(whole.velocity_m_s)))
+    if good(short(low)):
+        for _ in range(10):
+            middle = math.sqrt(low * high)
+            low, high = (middle, high) if good(short(middle)) else (low, middle)
+    move = short(low)
+    way = 1e3 * abs(float(move.position_m[-1]) - start)
+    return move, f"{text}; too long here, so {way:.2g} mm were driven, at {1e3 * low:.3g} mm/s from the start on"
+
+
+def broken_limits(machine: Machine, model: Model, trajectory: Trajectory, spare_m: float = 0.0) -> list[str]:
+    """Limits of axis, motor and drive that a move would break, each with value and limit.   spare_m : that a stop leaves of the travel."""
+    asked, axis, room = demand(trajectory, model), machine.axis.limits, machine.full_room()
+    pairs = [
+        ("the speed", asked.speed_m_s, phases.SPEED_SHARE * room.speed_m_s, "m/s"),
+        ("the acceleration", asked.acceleration_m_s2, axis.acceleration_m_s2 or math.inf, "m/s²"),
+        ("the feed force", asked.feed_force_n, math.inf if machine.over_belt else machine.belt_left_n, "N"),
+        ("the motor torque", asked.torque_nm, room.torque_nm, "N m"),
+    ]
+    broken = [f"{what} would be {value:.4g} {unit}, limit {limit:.4g} {unit}" for what, value, limit, unit in pairs if value > limit]
+    low, high = room.window_m
+    ends = float(np.min(trajectory.position_m)), float(np.max(trajectory.position_m))
+    if ends[0] < low or ends[1] > high:
+        broken.append(f"the move goes from {ends[0]:.4g} m to {ends[1]:.4g} m, the travel is {low:g}..{high:g} m")
+    elif beyond := machine.stops_beyond(trajectory.position_m, trajectory.velocity_m_s, spare_m):
+        broken.append(beyond)
+    return broken
+
+
+def refuse_broken(machine: Machine, model: Model, trajectory: Trajectory) -> None:
+    """Raise Refused for a move that would break a limit, with the limits and the fastest admissible version of it."""
+    broken = broken_limits(machine, model, trajectory)
+    if broken:
+        raise Refused("the move is refused: " + "; ".join(broken) + _fastest(machine, model, trajectory))
+
+
+def _fastest(machine: Machine, model: Model, trajectory: Trajectory) -> str:
+    """Which uniformly slower version of a refused move would be admissible, in words."""
+    low, high = 0.0, 1.0
+    for _ in range(20):
+        middle = 0.5 * (low + high)
+        slower = Trajectory(
+            trajectory.t_s / middle,
+            trajectory.position_m,
+            trajectory.velocity_m_s * middle,
+            trajectory.acceleration_m_s2 * middle**2,
+        )
+        if broken_limits(machine, model, slower):
+            high = middle
+        else:
+            low = middle
+    if low == 0.0:
+        return ""
+    return f"; the same move stretched from {trajectory.duration_s:.3f} s to {trajectory.duration_s / low:.3f} s is admissible"

@@ -1,0 +1,166 @@
+"""A session that cannot go on: what it found is kept, and its records are searched for what is wrong with the axis."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import wraps
+from typing import Any, ParamSpec
+
+from beltcomm.configfiles import write_text
+from beltcomm.effects import effect_named
+from beltcomm.errors import BeltcommError, Declined, DriveError, SafetyStop
+from beltcomm.experiments.options import Options
+from beltcomm.given import pasted
+from beltcomm.machine.machine import Machine
+from beltcomm.programs import source_hash
+from beltcomm.result import Result, with_unit
+from beltcomm.rundata.findings import Findings
+from beltcomm.rundata.kept_fit import hashes
+from beltcomm.runfolder import RunFolder
+from beltcomm.sentences import outcome
+from beltcomm.talk import Silence, Talk
+
+P = ParamSpec("P")
+
+#: Effects that the search names at most: the first ones are what stopped the session, and somebody waits at the machine.
+MOST_NAMED = 2
+#: Where it stands in a run folder: nothing that anybody must keep.
+FILE = ("kept", "early_end.json")
+#: Reasons of a stop that say nothing of the axis.
+NOT_THE_AXIS = ("interrupted", "lost_frames", "heat")
+
+
+@contextmanager
+def kept(machine: Machine, findings: Findings) -> Iterator[None]:
+    """Around the phases of a session: whatever ends them, what was found is saved, and an error knows the run that it ended."""
+    try:
+        yield
+    except BeltcommError as problem:
+        problem.run = machine.folder.path
+        raise
+    finally:
+        findings.machine_seconds = machine.machine_seconds
+        findings.remarks += machine.remarks
+        outcome.save(machine.folder, findings)
+
+
+def searched(job: Callable[P, Result]) -> Callable[P, Result]:
+    """A job on a machine with ``options`` and ``talk``; where its phases end early, the error gets a :attr:`BeltcommError.diagnosis`.
+
+    With :attr:`Options.search` only.   The axis is stopped and the drive restored before the search begins.
+    """
+
+    @wraps(job)
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> Result:
+        try:
+            return job(*args, **kwargs)
+        except BeltcommError as problem:
+            options, talk = kwargs.get("options"), kwargs.get("talk")
+            if problem.run is not None and isinstance(options, Options) and options.search and by_the_axis(problem):
+                problem.diagnosis = early_end(RunFolder.open(problem.run), problem, talk or Silence())  # type: ignore[arg-type]
+            raise
+
+    return wrapper
+
+
+def by_the_axis(problem: BeltcommError) -> bool:
+    """Whether an error can come from the axis: not from a no, from drive and bus, or from whoever stopped it."""
+    if isinstance(problem, SafetyStop):
+        return problem.reason not in NOT_THE_AXIS
+    return not isinstance(problem, (Declined, DriveError))
+
+
+def early_end(folder: RunFolder, problem: BeltcommError, talk: Talk) -> Mapping[str, object] | None:
+    """Diagnosis of the complete records of a run that ended early; None without any, or where the search was broken off.
+
+    ``found``, ``check`` : sentences.   ``verdict``, ``named`` : of the search.   ``repeated`` : the session before ended with the same
+    records, so that going on leads nowhere.   Searched once per set of records; whatever is wrong with the search, ``problem`` stands.
+    """
+    command = {"command": f"beltcomm diagnose {pasted(folder.path)}"}
+    try:
+        names = folder.finished_names()
+        key = _key(folder)
+        if not names:
+            return None
+        known = _known(folder, key)
+        if known is None:
+            talk.say(
+                f"This session ends here. Its {len(names)} record{'s' if len(names) > 1 else ''} are searched for what is wrong with the "
+                f"axis, 10 to 60 s; nothing moves (Ctrl-C skips it)."
+            )
+            known = {**_search(folder, talk), "repeated": False}
+        told = {**known, **command}
+        _keep(folder, key, {**known, "repeated": True})
+        outcome.keep_text(folder, [f"Not finished: {problem}", *lines(told)])
+        return told
+    except KeyboardInterrupt:  # one who waits for nothing has still to hear why the session ended
+        return None
+    except Exception as trouble:  # the error that ended the session must be shown, whatever is wrong with the search
+        return {"found": f"cannot tell ({trouble})", "check": "", "verdict": "", "named": [], "repeated": False, **command}
+
+
+def lines(told: Mapping[str, object]) -> list[str]:
+    """For people."""
+    check = [f"Check: {told['check']}"] if told["check"] else []
+    return [f"Found: {told['found']}", *check, f"Next: {told['command']}   (shows all of it)"]
+
+
+def _search(folder: RunFolder, talk: Talk) -> dict[str, Any]:
+    """The search itself.   Raises DataError for records that nothing can be said of."""
+    from beltcomm.fit.intervals import with_intervals
+    from beltcomm.jobs.effect_search import search_of
+    from beltcomm.laboratory.cross_checks import doubts_of
+    from beltcomm.sentences.cross_checks import sheet_lines
+
+    try:
+        records, found, remarks = search_of(folder, talk, MOST_NAMED)
+    except BeltcommError as trouble:
+        return {"found": f"cannot tell: {trouble}", "check": "", "verdict": "", "named": []}
+    model = with_intervals(found.after)
+    sheets = () if found.named else doubts_of(found.after, folder.axis, records.recordings)
+    odd = [str(line) for line in sheet_lines(sheets)]
+    error = f"the error falls from {found.base.ratio:.3g} to {found.after.ratio:.3g} times the noise"
+    if found.named:
+        said = []
+        for name in found.named:
+            effect = effect_named(name)
+            first = effect.full_names()[0]
+            item = model.parameters[first]
+            width = "" if item.interval is None else f" ± {item.interval:.2g}"
+            said.append(f"{effect.title} ({with_unit(f'{first} {item.value:.3g}{width}', item.unit)})")
+        twin = f"; or {effect_named(found.twins[1]).title}, which these records cannot tell from it" if found.twins else ""
+        text = f"{' and '.join(said)}: {found.verdict}, {error}{twin}"
+        checks = list(dict.fromkeys(effect_named(name).check for name in found.named))
+    else:
+        text = f"{found.verdict}, the error is {found.base.ratio:.3g} times the noise"
+        if found.verdict == "nothing missing":
+            text = f"the records up to here are those of a sound axis ({text})"
+        checks = remarks[:1]
+    if odd:
+        text += f". {odd[0]}"
+        checks += [line.strip() for line in odd if line.strip().startswith("Check")]
+    return {"found": text, "check": "; ".join(check.rstrip(".") for check in checks), "verdict": found.verdict, "named": found.named}
+
+
+def _key(folder: RunFolder) -> str:
+    """Equal only for the same records, axis file and programs."""
+    text = json.dumps([sorted(hashes(folder).items()), folder.axis.fingerprint(), source_hash()])
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _known(folder: RunFolder, key: str) -> dict[str, Any] | None:
+    try:
+        found = json.loads(folder.path.joinpath(*FILE).read_text(encoding="utf-8"))
+        return dict(found["told"]) if found["key"] == key else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _keep(folder: RunFolder, key: str, told: Mapping[str, Any]) -> None:
+    path = folder.path.joinpath(*FILE)
+    with suppress(OSError, BeltcommError):  # a folder that cannot be written tells what it found all the same
+        path.parent.mkdir(exist_ok=True)
+        write_text(path, json.dumps({"key": key, "told": told}) + "\n")

@@ -1,0 +1,153 @@
+"""The design of a run as text for another controller: ``beltcomm export``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from beltcomm import __version__
+from beltcomm.configfiles import write_text
+from beltcomm.control import Cascade, CascadeStructure
+from beltcomm.drive.objects import object_values
+from beltcomm.drive.parameters import cascade_to_parameters
+from beltcomm.errors import DataError, Refused, UsageError
+from beltcomm.experiments.options import Options
+from beltcomm.export.dcf import dcf_text
+from beltcomm.export.program import controller_of
+from beltcomm.export.texts import FORMATS, text_of
+from beltcomm.given import Place, may_write, pasted, place
+from beltcomm.result import Result
+from beltcomm.rundata import offline
+from beltcomm.rundata.proof import doubts
+from beltcomm.rundata.store import cascade_from_dict, parameters_from_dict, structure_from_dict
+from beltcomm.runfolder import RunFolder
+from beltcomm.talk import Silence, Talk
+
+
+def export(
+    run: Place,
+    format_: str,
+    *,
+    out: Place | None = None,
+    torque_limit_nm: float | None = None,
+    command: str = "",
+    when: str = "",
+    options: Options | None = None,
+    talk: Talk | None = None,
+) -> Result:
+    """The run's design as "yaml", "c" or "st" text, or as "dcf" for its drive; into a file when ``out`` is given.
+
+    when : date and time, ISO 8601, for the file.   command : kept as provenance.
+    torque_limit_nm : N m, motor shaft; the drive's peak torque when left out, else the motor's.
+    Raises UsageError (unknown format, torque limit neither known nor given), DataError (no design in the run, or a damaged one), Refused
+    (the file exists and ``options.yes`` was not given).
+    """
+    run, options, talk = place(run), options or Options(), talk or Silence()
+    out = None if out is None else place(out, "file")
+    if format_ not in (*FORMATS, "dcf"):
+        raise UsageError(f"there is no format {format_!r}; there are {', '.join(FORMATS)}, dcf")
+    folder = RunFolder.open(run)
+    saved = folder.load("designs", "final")
+    if format_ == "dcf":
+        return _dcf(folder, saved, out, when, options, talk)
+    cascade, structure = cascade_from_dict(saved), structure_from_dict(saved)
+    limit = _torque_limit_nm(folder, structure, torque_limit_nm)
+    model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
+    provenance = {
+        "model": model.name,
+        "run": folder.path.name,
+        "designed": f"for the cascade {structure.name}",
+        "command": command or f"beltcomm export {pasted(run)} --format {format_}",
+        "made by": f"beltcomm {__version__}",
+    }
+    notes = [*_apart(cascade, structure, saved), *(f"the design is in doubt: {doubt}" for doubt in doubts(folder))]
+    controller = controller_of(cascade, structure.period_s, limit, provenance, notes)
+    text = text_of(controller, format_)
+    data: dict[str, Any] = {"run": str(run), "format": format_, "coefficients": controller.values, "notes": notes}
+    if out is None:
+        return Result({**data, "file": None, "text": text}, text.splitlines())
+    may_write(out, options.yes, talk)
+    write_text(out, text)
+    said = [f"{out} is written: the cascade of {folder.path}, {1e3 * structure.period_s:g} ms, at most {limit:.4g} N m."]
+    return Result({**data, "file": str(out)}, [*said, *(f"Note: {note}" for note in notes)])
+
+
+def _dcf(folder: RunFolder, saved: Mapping[str, Any], out: Path | None, when: str, options: Options, talk: Talk) -> Result:
+    """What the design writes into its drive, as a device configuration file (CiA 306).   Raises DataError, Refused."""
+    known = folder.load_result("drive") or {}
+    places = parameters_from_dict(known)
+    if unknown := known.get("uncalibrated"):
+        raise Refused(
+            f"what {', '.join(unknown)} mean in this drive is not known, so no raw value can be given; measure it with "
+            f"`beltcomm calibrate --drive DRIVE --run {pasted(folder.path)}` first"
+        )
+    wanted = cascade_to_parameters(cascade_from_dict(saved))
+    values = object_values(places, {name: value for name, value in wanted.items() if name in places})
+    left = [
+        f"this drive has no {name}, which the design sets to {value:.4g}" for name, value in wanted.items() if name not in places and value
+    ]
+    notes = [*left, *(f"the design is in doubt: {doubt}" for doubt in doubts(folder))]
+    text = dcf_text(values, {**folder.drive, "when": when}, notes)
+    data = {"run": str(folder.path), "format": "dcf", "objects": [item.to_dict() for item in values], "notes": notes}
+    if out is None:
+        return Result({**data, "file": None, "text": text}, text.splitlines())
+    may_write(out, options.yes, talk)
+    write_text(out, text)
+    said = [f"{out} is written: {len(values)} objects of {folder.drive.get('device_name', 'the drive')}."]
+    return Result({**data, "file": str(out)}, [*said, *(f"Note: {note}" for note in notes)])
+
+
+def _torque_limit_nm(folder: RunFolder, structure: CascadeStructure, given: float | None) -> float:
+    """What was asked for, else what the run's drive can give, else its motor."""
+    if given is not None:
+        if not (given > 0.0 and math.isfinite(given)):
+            raise UsageError(f"the torque limit is {given:g} N m; give a positive torque")
+        return given
+    drive = folder.load_result("drive") or {}
+    try:
+        known = float(drive.get("peak_torque_nm") or folder.axis.motor.peak_torque_nm or 0.0)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"results/drive.yaml is damaged ({error}); give the limit with --torque-limit") from error
+    if not known > 0.0:
+        raise UsageError(
+            f"the largest torque of {structure.name} is known neither from the drive nor from axis.yaml (motor.peak_torque_nm); "
+            "give it with --torque-limit"
+        )
+    return known
+
+
+def _apart(cascade: Cascade, structure: CascadeStructure, saved: Mapping[str, Any]) -> list[str]:
+    """What of the design the exported text does not hold, and what of the text the drive that it was designed for has not, in sentences."""
+    name, forward = structure.name, cascade.feedforward
+    torque = any((forward.inertia_kg_m2, forward.viscous_nm_s_rad, forward.coulomb_nm, forward.offset_nm))
+    found = []
+    for has, used, part in (
+        (cascade.prefilter.kind == "none" or cascade.prefilter.kind in structure.prefilters, cascade.prefilter.kind != "none", "prefilter"),
+        (structure.roll_off, cascade.prefilter.roll_off_rad_s > 0.0, "additional low-pass"),
+        (structure.torque_feedforward, torque, "torque feedforward"),
+        (structure.velocity_feedforward, forward.velocity != 0.0, "velocity feedforward"),
+        (structure.reference_filter, cascade.filter_reference, "filter of the reference velocity"),
+        (structure.anti_windup, cascade.ki_nm_rad > 0.0, "conditional integration"),
+    ):
+        if not has and used:
+            found.append(f"the drive {name} has no {part}, which this text has: it behaves differently from that drive")
+        elif not has:
+            found.append(f"the drive {name} has no {part}: its coefficients are 0 here")
+    if structure.prefilters == ("none",):
+        found.append(f"the drive {name} has no prefilter: the one here passes the error on as it is")
+    if cascade.ki_nm_rad == 0.0:
+        found.append("there is no integrator (K_I is 0): a static error stays")
+    if math.isfinite(structure.output_limit_rad_s):
+        bound = f"{structure.output_limit_rad_s:.6g} rad/s"
+        found.append(f"the drive {name} bounds the output of its position controller to {bound}; the text does not")
+    if structure.dead_zone_rad > 0.0:
+        found.append(f"the drive {name} does not see position errors below {structure.dead_zone_rad:.6g} rad; the text does")
+    along = [str(effect) for effect in saved.get("compensated") or ()]
+    if along:
+        found.append(
+            f"torque against {', '.join(along)} depends on place and speed and is not in this text: the host computes it and hands it in "
+            "as extra_torque_nm"
+        )
+    return [*found, *(str(remark) for remark in saved.get("remarks") or ())]

@@ -1,0 +1,62 @@
+"""``beltcomm fit RUN``: the model from the recordings of a run."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from beltcomm.experiments.options import Options
+from beltcomm.given import Place, pasted, place
+from beltcomm.identify.magnitude_fit import Solver
+from beltcomm.jobs.third_mass import fit_three_masses
+from beltcomm.result import Result, plain
+from beltcomm.rundata import offline
+from beltcomm.runfolder import RunFolder
+from beltcomm.sentences import friction as friction_words
+from beltcomm.sentences import outcome, words
+from beltcomm.sentences.cross_checks import sheet_lines
+from beltcomm.talk import Silence, Talk
+
+#: How a fit ends that leaves many times the noise.
+SUSPECT = (
+    "The model does not explain what was measured: it is kept to look at, and nothing should be designed with it. Add the effect that "
+    "`beltcomm diagnose` names, or mend the records."
+)
+
+
+def fit(
+    run: Place,
+    *,
+    solver: Solver | None = None,
+    model: Literal["two-mass", "three-mass"] = "two-mass",
+    command: str = "",
+    when: str = "",
+    options: Options | None = None,
+    talk: Talk | None = None,
+) -> Result:
+    """The model from all recordings of a run; no machine needed.   Exit code 1 for one that does not explain them.   Raises DataError.
+
+    model : "three-mass" fits the end pulley too, and saves it as a revision (noted with command, when) where the records hold it.
+    """
+    del options
+    run, talk = place(run), talk or Silence()
+    if model == "three-mass":
+        return fit_three_masses(run, command=command, when=when, talk=talk)
+    folder = RunFolder.open(run)
+    talk.phase(1, 1, "fit")
+    findings = offline.fitted(folder, solver or "lm", talk)
+    outcome.save(folder, findings)
+    friction = words.friction_lines(findings.friction) if findings.friction else []
+    friction += friction_words.standstill_lines(findings.standstill)
+    suspect = findings.final is None or findings.final.fit.suspect
+    following = "diagnose" if suspect else "design"
+    doubt = [SUSPECT] if suspect else []
+    sheets = sheet_lines(findings.sheets)
+    text = [
+        *outcome.model_text(findings),
+        *sheets,
+        *friction,
+        *words.remarks_lines(findings.remarks),
+        *doubt,
+        f"Next: beltcomm {following} {pasted(run)}",
+    ]
+    return Result({**outcome.data(folder, findings), "data_sheet": plain(findings.sheets)}, text, 1 if suspect else 0)

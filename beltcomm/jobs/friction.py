@@ -1,0 +1,218 @@
+"""``beltcomm friction`` on the machine: sweeps in the orders of 3.6."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from beltcomm.axis import Axis
+from beltcomm.drive import Capabilities
+from beltcomm.errors import DataError, Refused
+from beltcomm.experiments import phases, sweeping
+from beltcomm.experiments.bounds import Experiment, course_before, stroking_nm
+from beltcomm.experiments.commission import measure_friction
+from beltcomm.experiments.plan import MOVE_SECONDS, Plan, friction_plan, gentle_force_n
+from beltcomm.experiments.sign import sign_words
+from beltcomm.given import pasted
+from beltcomm.identify.magnitude_fit import MagnitudeFit
+from beltcomm.identify.sweeps import SweepNote, note_of
+from beltcomm.machine.machine import Machine, stroking
+from beltcomm.model import Model
+from beltcomm.pages import pictures
+from beltcomm.recording.sidecar import Sidecar, load_sidecar
+from beltcomm.result import Result, plain
+from beltcomm.rundata import friction_study
+from beltcomm.runfolder import RunFolder
+from beltcomm.schedule import orders
+from beltcomm.schedule.orders import Stroke, Wanted
+from beltcomm.schedule.strokes import DEFAULT
+from beltcomm.sentences import friction as friction_words
+from beltcomm.sentences import words
+from beltcomm.trajectory import Trajectory
+
+#: s: to bring the carriage to the start of a record and let it rest, at most.
+BRING_SECONDS = MOVE_SECONDS + 1.0
+#: How their records are called: not as those of a commissioning, which --resume would take for its own.
+RECORDS = "orders_"
+#: s: longest record of a velocity loop, which drifts along the axis from stroke to stroke.
+DRIFTING_RECORD_S = 20.0
+#: A payload may weigh this many times what the run's model moves: the model's mass is a little uncertain, and the bare carriage is light.
+TOO_HEAVY = 1.05
+
+
+@dataclass(frozen=True)
+class Made:
+    """What was recorded.   left_out_m_s : speeds without a way, or without one to stop.   remarks : on records that were not usable."""
+
+    names: tuple[str, ...]
+    left_out_m_s: tuple[float, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+def check_payload(folder: RunFolder, model: Model, asked: Wanted) -> None:
+    """Raise Refused where the payload stated is not that of the run's records, or cannot be: its loop was made for another mass."""
+    if asked.mounted_kg is None:
+        return
+    if asked.mounted_kg > TOO_HEAVY * model["cart.mass"]:
+        raise Refused(
+            f"{asked.mounted_kg:g} kg are said to be mounted, but the run's model moves {model['cart.mass']:.3g} kg in all: its loop was "
+            "not made for that load. Begin a run with the payload (`beltcomm identify`), sweep there, and set both side by side with "
+            "`beltcomm friction --compare RUN RUN`"
+        )
+    stated = {s.payload_kg for s in _sidecars(folder).values() if s.payload_kg is not None}
+    if stated - {asked.mounted_kg}:
+        known = ", ".join(f"{kg:g} kg" for kg in sorted(stated))
+        raise Refused(f"this run's records were made with {known} mounted, now {asked.mounted_kg:g} kg are stated; one run holds one load")
+
+
+def _sidecars(folder: RunFolder) -> dict[str, Sidecar]:
+    """Of the finished records, by name."""
+    names = folder.finished_names()
+    return {n: load_sidecar(path)[0] for n in names if (path := folder.recordings_folder / f"{n}.yaml").is_file()}
+
+
+def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted) -> Plan:
+    """What the sweeps will do, with the seconds of each, before anything moves.   Raises Refused for orders where it is polled."""
+    usual = friction_plan(axis, capabilities)
+    if asked.plain:
+        return usual
+    if stroking(capabilities) == "profile":
+        raise Refused(
+            f"{capabilities.name} is looked at once in {1e3 * capabilities.sample_period_s:.0f} ms, too seldom for the short plateaus of "
+            "the orders; leave --order and --repeat out, or connect the drive's CAN port"
+        )
+    course = course_before(axis, capabilities, model["cart.mass"])
+    whole = course.window_m[1] - course.window_m[0]
+    room = course.ends_m[1] - course.ends_m[0] - phases.ARRIVED_M
+    torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
+    lines, notes = [], list[str]()
+    for order, repetition in asked.sweeps:
+        title = f"{f'order {order}' if order != DEFAULT else 'sweep'}, {repetition}: {orders.WORDS[order]}"[:40]
+        if order == DEFAULT:
+            lines.append(replace(usual.experiments[0], title=title))
+            continue
+        strokes, _ = orders.strokes_for(orders.speeds_of(order, asked.often), room, course.gentle, axis)
+        records = orders.records_of(strokes, course.gentle, record_s(capabilities))
+        top, way = max(s.speed_m_s for s in strokes), max(s.length_m for s in strokes)
+        seconds = sum(orders.seconds_of(s, course.gentle) for s in strokes) + BRING_SECONDS * len(records)
+        lines.append(Experiment(title, way, whole, top, torque, gentle_force_n(axis), seconds, stroking_nm(axis)))
+    if any(order != DEFAULT for order, _ in asked.sweeps):
+        strokes, left_out = orders.strokes_for(orders.speeds_of("I", 1), room, course.gentle, axis)
+        notes += friction_words.stroke_lines(strokes, left_out)
+    return Plan(
+        f"The carriage of {axis.name or 'the axis'} will {sign_words(axis, capabilities.kinds)}travel in closed loop at constant speeds, "
+        "both ways, with a loop designed from the run's model. Keep people and tools out of its travel; Ctrl-C stops it at any time, what "
+        "was recorded until then is kept.",
+        tuple(lines),
+        notes=tuple(notes),
+    )
+
+
+def record_s(capabilities: Capabilities) -> float:
+    """Longest record of a sweep, s."""
+    return DRIFTING_RECORD_S if stroking(capabilities) == "velocity" else orders.RECORD_S
+
+
+def record(machine: Machine, model: Model, asked: Wanted) -> Made:
+    """Drive the sweeps with the loop that is in the drive.   Raises what the machine raises; finished records stay."""
+    if asked.plain:
+        number = 1 + sum(name.startswith("sweep") for name in machine.folder.finished_names())
+        name = "sweep" if number == 1 else f"sweep_{number}"
+        measure_friction(machine, model, name, held_out=number > 1 and _judges(machine.folder))
+        return Made((name,))
+    machine.begin(machine.titles[-1])
+    measurement = 1 + max([note_of(s, n).measurement for n, s in _sidecars(machine.folder).items()], default=0)
+    made, left_out, remarks = list[str](), set[float](), list[str]()
+    for order, repetition in asked.sweeps:
+        note = SweepNote(measurement, order, repetition)
+        machine.talk.say(f"{'order ' + order if order != DEFAULT else 'sweep'}, {repetition}: {orders.WORDS[order]}")
+        if order == DEFAULT:
+            phases.move_to(machine, phases.stroke_ends(machine)[0], model)
+            made.append(_recorded(machine, sweeping.sweep(machine, model).trajectory, note, asked))
+            continue
+        records, without = _possible(machine, model, order, asked)
+        left_out |= without
+        for strokes in records:
+            low, high = phases.stroke_ends(machine)
+            phases.move_to(machine, low, model)
+            limits, period = phases.gentle_limits(machine, model, np.inf), machine.drive.capabilities.sample_period_s
+            path = orders.path_of(strokes, machine.position_m, high, limits, period)
+            try:
+                made.append(_recorded(machine, path, note, asked))
+            except DataError as problem:  # the axis stands; a weak velocity loop does not get it moving at the slowest speeds
+                slow, fast = min(s.speed_m_s for s in strokes), max(s.speed_m_s for s in strokes)
+                remarks.append(f"order {order}, {repetition}: {slow:g} to {fast:g} m/s could not be used: {problem}")
+    if not made:
+        raise DataError(f"no sweep could be used: {'; '.join(remarks)}")
+    return Made(tuple(made), tuple(sorted(left_out)), tuple(remarks))
+
+
+def _possible(machine: Machine, model: Model, order: str, asked: Wanted) -> tuple[list[tuple[Stroke, ...]], set[float]]:
+    """The strokes of an order whose every stop ends inside the travel, in records, and the speeds that are left out."""
+    limits, (low, high) = phases.gentle_limits(machine, model, np.inf), phases.stroke_ends(machine)
+    period = machine.drive.capabilities.sample_period_s
+    strokes, left_out = orders.strokes_for(orders.speeds_of(order, asked.often), high - low - phases.ARRIVED_M, limits, machine.axis)
+    beyond: dict[float, str] = {}
+    for stroke in set(strokes):
+        path = orders.path_of([stroke], low, high, limits, period)
+        beyond[stroke.speed_m_s] = machine.stops_beyond(path.position_m, path.velocity_m_s)
+    kept = [s for s in strokes if not beyond[s.speed_m_s]]
+    if len({s.speed_m_s for s in kept}) < 2:
+        raise Refused(f"no sweep is possible: {next(filter(None, beyond.values()))}")
+    without = {speed for speed, words_ in beyond.items() if words_}
+    return orders.records_of(kept, limits, record_s(machine.drive.capabilities)), {*left_out, *without}
+
+
+def _recorded(machine: Machine, path: Trajectory, note: SweepNote, asked: Wanted) -> str:
+    """One record; its name."""
+    name = f"{RECORDS}{1 + sum(name.startswith(RECORDS) for name in machine.folder.finished_names())}"
+    sidecar = Sidecar(
+        experiment="friction_sweep",
+        start_position_m=machine.position_m,
+        session_time_s=machine.session_time_s,
+        closed_loop=True,
+        held_out=_judges(machine.folder),
+        payload_kg=asked.mounted_kg,
+        extra=note.to_dict(),
+    )
+    machine.record(name, machine.follow(path, machine.stroking()), phases.loose_room(machine), sidecar)
+    return name
+
+
+def _judges(folder: RunFolder) -> bool:
+    """Whether the next sweep is held out: the first of a run is fitted, for a model needs one, and the others contradict or confirm it."""
+    return any(s.experiment == "friction_sweep" and not s.held_out for s in _sidecars(folder).values())
+
+
+def result(
+    folder: RunFolder, model: Model, fits: Mapping[str, MagnitudeFit], made: Made, *, drawn: bool = False, command: str = ""
+) -> Result:
+    """After sweeps were recorded: results into the run, words, pictures."""
+    found = friction_study.study_of(folder.recordings(), folder.axis, model, fits)
+    folder.save_result("friction", plain(found.friction))
+    folder.save_result("friction_sweeps", friction_study.data_of(found))
+    shown, remarks = (
+        pictures.friction_pictures(folder, found.friction, found.sweeps, found.drifts, found.standstill, command) if drawn else ([], [])
+    )
+    text = [
+        "Driven by a loop designed from the run's model:",
+        *words.friction_lines(found.friction),
+        *friction_words.study_lines(found.sweeps, found.drifts, made.left_out_m_s),
+        *friction_words.standstill_lines(found.standstill),
+        *pictures.lines(folder, shown, remarks),
+        *words.remarks_lines(made.remarks),
+        f"Next: beltcomm fit {pasted(folder.path)}",
+    ]
+    data = {
+        "run": str(folder.path),
+        "recordings": list(made.names),
+        "left_out_m_s": list(made.left_out_m_s),
+        "remarks": list(made.remarks),
+        "friction": plain(found.friction),
+        **friction_study.data_of(found),
+        "pictures": shown,
+    }
+    return Result(data, text)

@@ -1,0 +1,378 @@
+"""The laboratory's commands on a run folder: compare, diagnose, add, remove, ladder.  No machine needed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import takewhile
+from pathlib import Path
+from typing import Any
+
+from beltcomm.effects import EFFECTS, effect_named, stands_for
+from beltcomm.errors import BeltcommError, UsageError
+from beltcomm.experiments.redundant_steps import Before, shown_already
+from beltcomm.fit.acting import acting_recordings
+from beltcomm.fit.base import NEXT_ITERATIONS, again
+from beltcomm.fit.estimate import Fitted, fit
+from beltcomm.fit.intervals import with_intervals
+from beltcomm.fit.noise_level import noise_doubt
+from beltcomm.fit.observer import needs_observer
+from beltcomm.fit.records import Data
+from beltcomm.given import Place, pasted, place, word
+from beltcomm.jobs.confounded_effects import together
+from beltcomm.jobs.effect_search import search_of
+from beltcomm.jobs.rungs import base_revision, plain_of, revision_of
+from beltcomm.laboratory.acceptance import confirmed, drop_by
+from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
+from beltcomm.laboratory.diagnosis import Diagnosis, Step, settled
+from beltcomm.laboratory.forms import formed, held, placed
+from beltcomm.laboratory.freedom import unneeded
+from beltcomm.laboratory.place_words import in_words
+from beltcomm.laboratory.plain_error import of_run
+from beltcomm.laboratory.scope import lacking, not_named
+from beltcomm.laboratory.score import ground_of
+from beltcomm.laboratory.stage import MISSING, may_add, with_effect
+from beltcomm.laboratory.visible import visible
+from beltcomm.model import Model
+from beltcomm.pages import pictures as drawn
+from beltcomm.recording import Recording
+from beltcomm.result import Result, plain
+from beltcomm.rundata.cost import cost_and_words, priced
+from beltcomm.rundata.fitted_run import Opened, explainable, opened
+from beltcomm.rundata.kept_path import KEY
+from beltcomm.rundata.kept_result import answered
+from beltcomm.rundata.revisions import (
+    Revision,
+    as_mapping,
+    changed_recordings,
+    current_model,
+    current_revision,
+    keep_cost,
+    revisions,
+)
+from beltcomm.runfolder import RunFolder
+from beltcomm.schedule.next_plan import NAME, plan_for
+from beltcomm.sentences import ladder as words
+from beltcomm.sentences.cross_checks import as_data, check_lines, cross_checked, sheet_lines
+from beltcomm.sentences.diagnosis_data import diagnosis_data, error_data, seen_as, values_of
+from beltcomm.sentences.response_table import table_lines, table_of
+from beltcomm.sentences.torque_path import path_data, path_sentences, period_of
+from beltcomm.simulate.stopping import total_friction
+from beltcomm.talk import Silence, Talk
+
+
+def compare_run(run: Place, *, pictures: bool = True, command: str = "", talk: Talk | None = None) -> Result:
+    """Model against measurement: ratios to the noise per record, and where it fails.   pictures : into ``RUN/pictures``."""
+    run = place(run)
+    folder, question = RunFolder.open(run), (pictures, command)
+    return answered(folder, "comparison", question, lambda: compared(run, pictures, command, talk or Silence()), drawn=pictures)
+
+
+def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
+    """:func:`compare_run` with everything worked out."""
+    here = opened(run, talk)
+    comparison = compare(here.data, here.fitted)
+    explainable(comparison.ratio, run)
+    chosen, doubt = worst(comparison), noise_doubt(comparison.ratio, here.records.recordings)
+    named = landmarks(here.fitted.model, drawn.middle_of(here.folder))
+    table = table_of(acting_recordings(here.records.recordings, here.data.path), here.fitted.model)
+    made, remarks = drawn.comparison_pictures(here.folder, here.data, here.fitted, comparison, command) if pictures else ([], [])
+    made += drawn.responses_picture(here.folder, table, command)[0] if pictures and not remarks else []
+    data = {
+        "run": str(run),
+        "model": {"effects": list(here.fitted.model.effects), "parameters": values_of(here.fitted.model)},
+        **ratios(comparison),
+        KEY: path_data(here.data.path, period_of(here.data.recordings)),
+        "records": [plain(r) for r in comparison.records],
+        "worst": [
+            {
+                "dimension": p.dimension,
+                "low": p.low,
+                "high": p.high,
+                "unit": p.unit,
+                "ratio": p.ratio,
+                "share": p.share,
+                "elsewhere": p.elsewhere,
+                "text": in_words(p, named),
+            }
+            for p in chosen
+        ],
+        "responses": table.to_dict(),
+        "pictures": made,
+        "remarks": list(here.records.remarks),
+        "doubts": [doubt] if doubt else [],
+        "data_sheet": [plain(doubt) for doubt in here.sheets],
+    }
+    text = words.remark_lines(here.records.remarks)
+    text += words.comparison_lines(comparison, [in_words(p, named) for p in chosen], here.fitted.model, run, doubt)
+    text[-1:-1] = [*path_sentences(here.data.path, here.data.recordings), *table_lines(table), *sheet_lines(here.sheets)]
+    return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
+
+
+def diagnose_run(
+    run: Place,
+    *,
+    auto: bool = False,
+    cost: bool = True,
+    following: bool = False,
+    command: str = "",
+    when: str = "",
+    talk: Talk | None = None,
+) -> Result:
+    """Which effect is missing; ``auto`` adds what is found and confirmed, step by step.
+
+    cost : say what it costs, see ``session.cost``.   following : write the plan of what to record next.
+    """
+    run, talk = place(run), talk or Silence()
+    folder = RunFolder.open(run)
+    if auto or following:
+        return diagnosed(folder, run, auto, cost, following, command, when, talk)
+    result = answered(folder, "diagnosis", (cost,), lambda: diagnosed(folder, run, auto, cost, following, command, when, talk))
+    return with_lines(result, unkept(folder, "diagnosis", result.data))
+
+
+def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: bool, command: str, when: str, talk: Talk) -> Result:
+    """:func:`diagnose_run` with everything worked out."""
+    model = current_model(folder)
+    records, found, doubts = search_of(folder, talk)
+    recordings = records.recordings
+    crossed = cross_checked(found, recordings, folder.axis)
+    before, after = plain_of(found)
+    data: dict[str, Any] = {
+        "run": str(run),
+        **diagnosis_data(found, before, after),
+        **as_data(crossed),
+        KEY: path_data(found.data.path, period_of(recordings)),
+        "remarks": list(records.remarks),
+        "doubts": doubts,
+    }
+    belonging = together(found.after, found.named)
+    data["together"] = [plain(one) for one in belonging]
+    text = words.remark_lines(records.remarks) + words.diagnosis_lines(found, before, after) + [one.text for one in belonging] + doubts
+    text += [*path_sentences(found.data.path, recordings), *check_lines(crossed)]
+    if cost and found.named:
+        talk.phase(1, 1, "what it costs in tracking")
+        data["cost"], lines = cost_and_words(folder, found.base.model, with_intervals(found.after), " and ".join(found.named))
+        text += lines
+    seen, lines, planned = sight(folder, found, recordings, following)
+    data |= seen
+    text += lines
+    text += unkept(folder, "diagnosis", plain(data)) if auto or following else []
+    if not auto:
+        return Result(data, text + words.after_diagnosis(found, run, planned))
+    added = climb(folder, found, model is not None, command, when)
+    if cost and added:
+        added = priced(folder, found, added, data.get("cost"))
+    data["revisions"] = [as_mapping(r) for r in added]
+    return Result(
+        data,
+        [*text, *words.climb_lines(added, found.named, found.after.held_ratio is not None, run), f"Next: beltcomm design {pasted(run)}"],
+    )
+
+
+def unkept(folder: RunFolder, name: str, found: Mapping[str, Any]) -> list[str]:
+    """Keep a result; in a folder that cannot be written, what was found is shown all the same, with a line that says so."""
+    try:
+        folder.save_result(name, found)
+    except UsageError as problem:
+        return [f"Not kept: {problem}."]
+    return []
+
+
+def with_lines(result: Result, lines: Sequence[str]) -> Result:
+    """The result with further lines before its last, which says what is next."""
+    return Result(result.data, [*result.text[:-1], *lines, *result.text[-1:]], result.exit_code) if lines else result
+
+
+def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], following: bool) -> tuple[dict[str, Any], list[str], str]:
+    """What these data could not have shown, and with ``following`` the plan of what to record next, saved, and the command that does it."""
+    planned = ""
+    sights = visible(found.scorer, ground_of(found.base, found.base.problem.pieces, folder.axis))
+    data: dict[str, Any] = {"visible": [seen_as(one) for one in sights]}
+    model = found.base.model
+    missing = lacking(recordings, model["transmission.ratio"]) if "cart" in model.base_bodies else []
+    data["lacking"] = missing
+    untried = [e for e in EFFECTS if e.untried and may_add(found.base, e)]
+    data["untried"] = [{"effect": e.name, "why": e.untried} for e in untried]
+    lines = words.lacking_lines(missing) + words.untried_lines(untried)
+    lines += words.sight_lines(sights, folder.path, not_named(model, recordings), planned=following)
+    if following:
+        window = (float(folder.axis.travel.min_m or 0.0), float(folder.axis.travel.max_m or 1.0))
+        before = Before(recordings, window, model["transmission.ratio"], total_friction(model))
+        blind = [one for one in sights if not one.seen]
+        wanted = plan_for(found.twins, blind, found.named, lambda step: shown_already(step, before))
+        data["next"] = wanted.to_dict()
+        folder.save_result(NAME, plain(wanted.to_dict()))
+        lines += wanted.lines(folder.path)
+        planned = wanted.command(folder.path)
+    return data, lines, planned
+
+
+def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: str) -> list[Revision]:
+    """Save every confirmed step of a diagnosis as a revision, one that is not together with the next ones if all of them are.
+
+    What comes after the last that is confirmed is not added.
+    """
+    made = []
+    if not (known and current_revision(folder)):
+        made.append(base_revision(folder, *found.stated, command, when))
+    (seen, before), parts = found.stated, list[Step]()
+    for number, step in enumerate(found.steps):
+        if not step.added:
+            continue
+        # Forms belong to what was named before them, as with ``add``.
+        parts += [step, *takewhile(lambda other: not other.added, found.steps[number + 1 :])]
+        after = parts[-1].after
+        if confirmed(seen, before, after, found.data):
+            change = change_of([name for s in parts for name in (s.added, *s.forms) if name], [name for s in parts for name in s.removed])
+            made.append(revision_of(folder, (found.data, after), (seen, before), change, command, when))
+            before, seen, parts = after, found.data, []
+    return made
+
+
+def change_of(new: Sequence[str], removed: Sequence[str] = ()) -> str:
+    """What a revision changes: effects with + and -, ``with its form`` or ``form of EFFECT`` where one became free."""
+    effects = [f"+{name}" for name in new if "." not in name and name not in removed]
+    effects += [f"-{name}" for name in removed if name not in new]
+    owners = dict.fromkeys(name.split(".")[0] for name in new if "." in name)
+    return " ".join(effects + ["with its form" if owner in new else f"form of {owner}" for owner in owners])
+
+
+def add_to_run(
+    effect: str,
+    run: Place,
+    *,
+    pictures: bool = True,
+    cost: bool = True,
+    command: str = "",
+    when: str = "",
+    talk: Talk | None = None,
+) -> Result:
+    """Everything refitted with one more effect, saved as a new revision.
+
+    pictures : before and after, into ``RUN/pictures``.   cost : of not knowing it, in tracking error.
+    """
+    run, asked = place(run), word(effect, "effect")
+    effect_named(stands_for(asked))
+    here = opened(run, talk or Silence())
+    effect = stands_for(asked, behind_gap=needs_observer(here.fitted.model))
+    if effect in here.fitted.model.effects:
+        raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {pasted(run)}`")
+    grown = with_effect(here.data, here.fitted, ground_of(here.fitted, here.data.fitted, here.folder.axis), effect_named(effect))
+    grown = better(here.folder, here.data, here.fitted, grown, effect)
+    data, named = again(here.data, grown, NEXT_ITERATIONS)
+    on_body = placed(data, named, effect_named(effect))
+    shaped = formed(data, on_body.fitted, here.fitted.model)
+    data, after = settled(data, shaped.fitted)
+    if current_revision(here.folder) is None:
+        base_revision(here.folder, here.data, here.fitted, command, when)
+    change = change_of((effect, *on_body.new, *shaped.new))
+    rung = revision_of(here.folder, (data, after), (here.data, here.fitted), change, command, when)
+    notes = words.added_notes(asked, effect, unneeded(data, after, effect_named(effect)))
+    result = change_result(here, data, after, rung, notes, command, pictures)
+    if not cost:
+        return result
+    price, lines = cost_and_words(here.folder, here.fitted.model, with_intervals(after), effect)
+    keep_cost(here.folder, rung.name, None if price is None else {"of": effect, **price})
+    return Result({**result.data, "cost": price}, [*result.text[:-1], *lines, result.text[-1]])
+
+
+def remove_from_run(
+    effect: str, run: Place, *, pictures: bool = True, command: str = "", when: str = "", talk: Talk | None = None
+) -> Result:
+    """Everything refitted without an effect, saved as a new revision."""
+    run, asked = place(run), word(effect, "effect")
+    here = opened(run, talk or Silence())
+    effect = stands_for(asked, behind_gap=asked in here.fitted.model.effects)
+    if effect not in here.fitted.model.effects:
+        raise UsageError(f"the model of {run} has no {effect}; it has {', '.join(here.fitted.model.effects)}")
+    if current_revision(here.folder) is None:
+        base_revision(here.folder, here.data, here.fitted, command, when)
+    smaller = fit(here.data, here.fitted.model.without_effect(effect), NEXT_ITERATIONS, offsets=here.fitted.offsets)
+    data, after = settled(*again(here.data, smaller, NEXT_ITERATIONS))
+    rung = revision_of(here.folder, (data, after), (here.data, here.fitted), f"-{effect}", command, when)
+    return change_result(here, data, after, rung, [], command, pictures)
+
+
+def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Result:
+    """All revisions as a staircase.   pictures : it into ``RUN/pictures``."""
+    run = place(run)
+    folder = RunFolder.open(run)
+    rungs = revisions(folder)
+    if not rungs:
+        raise UsageError(
+            f"{run} has no revisions yet: nothing was added to its model; `beltcomm diagnose {pasted(run)}` says what is missing"
+        )
+    changed = changed_recordings(folder, rungs[-1])
+    made, remarks = drawn.ladder_picture(folder, rungs, command) if pictures else ([], [])
+    data = {"run": str(run), "revisions": [as_mapping(r) for r in rungs], "changed_recordings": changed, "pictures": made}
+    return Result(data, words.ladder_lines(rungs, changed) + drawn.lines(folder, made, remarks))
+
+
+def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, notes: Sequence[str], command: str, pictures: bool) -> Result:
+    """What ``add`` and ``remove`` say.   grown : the records as the new model sees them."""
+    run = here.folder.path
+    made: list[str] = []
+    remarks: list[str] = []
+    if pictures:
+        made, remarks = drawn.change_picture(here.folder, rung, compare(here.data, here.fitted), compare(grown, after), command)
+    model, before = with_intervals(after), of_run(here.data, here.fitted)
+    data = {
+        "run": str(run),
+        "revision": rung.name,
+        "change": rung.change,
+        "confirmed": rung.confirmed,
+        "before": error_data(here.fitted, before),
+        "after": error_data(after, (rung.plain, rung.plain_held_out)),
+        "parameters": values_of(model),
+        "pictures": made,
+        "notes": list(notes),
+        "remarks": list(here.records.remarks),
+    }
+    text = words.remark_lines(here.records.remarks) + words.change_lines(
+        (here.fitted, before), model, after, rung, notes, run, named_beside(here.folder, model)
+    )
+    return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
+
+
+def ratios(comparison: Comparison) -> dict[str, Any]:
+    """``ratio`` and ``plain`` : overall and held out."""
+    return {
+        "ratio": {"overall": comparison.ratio, "held_out": comparison.held_out},
+        "plain": {"overall": plain(comparison.plain), "held_out": plain(comparison.plain_held_out)},
+    }
+
+
+def told_before(folder: RunFolder, model: Model, effect: str) -> Model | None:
+    """The model with the effect and the values that ``results/diagnosis.yaml`` ended with; None where it says nothing of it."""
+    try:
+        after = (folder.load_result("diagnosis") or {})["after"]
+        if effect not in after["effects"]:
+            return None
+        grown = model.with_effect(effect)
+        told = {name: float(said["value"]) for name, said in after["parameters"].items() if name in grown.parameters}
+        for form in held(grown, effect_named(effect)):  # stays the usual one: it is found after the effect
+            told.pop(form, None)
+        return grown.with_values(told, "diagnosis")
+    except (BeltcommError, KeyError, TypeError, ValueError, AttributeError):
+        return None  # a start value that cannot be read is none
+
+
+def named_beside(folder: RunFolder, model: Model) -> list[str]:
+    """Effects that the last diagnosis names and a model does not have, without those that `add` tries by itself."""
+    try:
+        named = [effect_named(str(name)) for name in (folder.load_result("diagnosis") or {})["named"]]
+    except (BeltcommError, KeyError, TypeError):
+        return []
+    along = {part for effect in named for part in effect.completed_by}
+    return [e.name for e in named if e.name not in model.effects and e.name not in along]
+
+
+def better(folder: RunFolder, data: Data, base: Fitted, grown: Fitted, effect: str) -> Fitted:
+    """The model grown from a base, or the same begun at what the diagnosis found where that leaves less: it may have come another way."""
+    if grown.objective < MISSING * grown.problem.samples:
+        return grown
+    told = told_before(folder, base.model, effect)
+    if told is None:
+        return grown
+    again = fit(data, told, NEXT_ITERATIONS, offsets=grown.offsets)
+    return again if drop_by(grown, again) > 0.0 else grown

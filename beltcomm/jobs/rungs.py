@@ -1,0 +1,60 @@
+"""Rungs of the ladder as the laboratory makes them: what they leave over, and whether the held-out records confirm them."""
+
+from __future__ import annotations
+
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.intervals import with_intervals
+from beltcomm.fit.records import Data
+from beltcomm.laboratory.acceptance import confirmed
+from beltcomm.laboratory.diagnosis import Diagnosis
+from beltcomm.laboratory.figures import PlainError
+from beltcomm.laboratory.plain_error import band_of, of_run
+from beltcomm.rundata.revisions import Revision, current_revision, new_revision, not_contradicted, revisions
+from beltcomm.runfolder import RunFolder
+from beltcomm.sentences.diagnosis_data import Plain
+
+
+def base_revision(folder: RunFolder, data: Data, fitted: Fitted, command: str, when: str) -> Revision:
+    """The first rung."""
+    plain = of_run(data, fitted)
+    held = fitted.held_ratio
+    return new_revision(
+        folder, with_intervals(fitted), "base", ratio=fitted.ratio, held_out=held, confirmed=None, command=command, when=when, plain=plain
+    )
+
+
+def revision_of(folder: RunFolder, new: tuple[Data, Fitted], old: tuple[Data, Fitted], change: str, command: str, when: str) -> Revision:
+    """A rung for a refitted model.   new, old : models, each with the records as it sees them.
+
+    What stands on a rung that is not confirmed must be better than the last one that is, too.
+    """
+    (data, after), (seen, before) = new, old
+    fell = None if change.startswith("-") else confirmed(seen, before, after, data)  # who takes one out has decided
+    plain = of_run(data, after, band_of(seen, before.model))
+    parent = current_revision(folder)
+    if fell and parent is not None and after.held_ratio is not None:
+        trusted = not_contradicted(parent, revisions(folder))
+        fell = trusted.held_out is None or (after.held_ratio < trusted.held_out and less(plain[1], trusted.plain_held_out))
+    return new_revision(
+        folder,
+        with_intervals(after),
+        change,
+        ratio=after.ratio,
+        held_out=after.held_ratio,
+        confirmed=fell,
+        command=command,
+        when=when,
+        plain=plain,
+    )
+
+
+def plain_of(found: Diagnosis) -> tuple[Plain, Plain]:
+    """Errors of the first and of the last model of a search in plain units, in the band of the first."""
+    band = band_of(found.stated[0], found.base.model)
+    before = of_run(*found.stated, band)
+    return before, before if found.after is found.base else of_run(found.data, found.after, band)
+
+
+def less(after: PlainError | None, trusted: PlainError | None) -> bool:
+    """Whether a plain error is not larger than that of a rung below; also where that was not written down, or in another band."""
+    return after is None or trusted is None or after.band_hz != trusted.band_hz or after.error <= trusted.error

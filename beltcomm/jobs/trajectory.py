@@ -1,0 +1,124 @@
+"""A jerk-limited motion into a file: ``beltcomm trajectory``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from beltcomm.errors import UsageError
+from beltcomm.experiments.options import Options
+from beltcomm.given import Place, may_write, number, pasted, place
+from beltcomm.recording.signalfile import write_columns
+from beltcomm.result import Result, plain
+from beltcomm.talk import Silence, Talk
+from beltcomm.trajectory.seven_phases import MotionBounds, MotionState, SevenPhases, fastest_motion, on_grid, reached
+
+#: Bounds of a motion upwards -> what they are called along the way, whichever way it leads; as the options of the command line.
+ALONG: Mapping[str, str] = {
+    "velocity_max_m_s": "speed",
+    "velocity_min_m_s": "speed back",
+    "acceleration_max_m_s2": "acceleration",
+    "acceleration_min_m_s2": "deceleration",
+    "jerk_max_m_s3": "jerk",
+    "jerk_min_m_s3": "jerk down",
+}
+_UNITS = {"velocity": "m/s", "acceleration": "m/s²", "jerk": "m/s³"}
+
+#: A smallest value this much smaller than the largest is zero, with the rounding of a sum.
+ROUNDING = 1e-12
+
+
+def trajectory(
+    file: Place,
+    start_m: float,
+    end_m: float,
+    *,
+    speed_m_s: float,
+    acceleration_m_s2: float,
+    jerk_m_s3: float,
+    speed_back_m_s: float | None = None,
+    deceleration_m_s2: float | None = None,
+    jerk_down_m_s3: float | None = None,
+    start_velocity_m_s: float = 0.0,
+    start_acceleration_m_s2: float = 0.0,
+    end_velocity_m_s: float = 0.0,
+    end_acceleration_m_s2: float = 0.0,
+    period_s: float = 1e-3,
+    options: Options | None = None,
+    talk: Talk | None = None,
+) -> Result:
+    """The fastest motion between two states into a CSV file: t_s, position_m, velocity_m_s, acceleration_m_s2, jerk_m_s3.
+
+    Limits hold along the way from start to end, all positive: speed and speed back, acceleration and deceleration, jerk (rate at which the
+    acceleration may rise) and jerk down (at which it may fall); what is left out is as its counterpart.  States are the axis's, signed.
+    The jerk of a row is that from its moment on; that of the last row, the one before.
+
+    Raises UsageError, Refused (no such motion; the file exists and ``options.yes`` was not given).
+    """
+    file, options, talk = place(file, "file"), options or Options(), talk or Silence()
+    along = _along(speed_m_s, speed_back_m_s, acceleration_m_s2, deceleration_m_s2, jerk_m_s3, jerk_down_m_s3)
+    start_m, end_m = number(start_m, "start_m", "m"), number(end_m, "end_m", "m")
+    start = MotionState(start_m, start_velocity_m_s, start_acceleration_m_s2)
+    end = MotionState(end_m, end_velocity_m_s, end_acceleration_m_s2)
+    down = end_m < start_m
+    bounds = along.mirrored() if down else along
+    fastest = fastest_motion(start, end, bounds)
+    motion = on_grid(start, end, bounds, period_s)
+    sampled = motion.sampled(period_s)
+    may_write(file, options.yes, talk)
+    columns = {name: getattr(sampled, name) for name in ("t_s", "position_m", "velocity_m_s", "acceleration_m_s2")}
+    write_columns(file, {**columns, "jerk_m_s3": motion.at(sampled.t_s)[3]})
+    touched = reached(fastest.mirrored() if down else fastest, along)
+    binding = [words for name, words in ALONG.items() if name in touched]
+    data = {
+        "file": str(file),
+        "samples": len(sampled.t_s),
+        "sample_period_s": period_s,
+        "duration_s": motion.duration_s,
+        "fastest_s": fastest.duration_s,
+        "start": plain(start),
+        "end": plain(end),
+        "bounds": plain(bounds),
+        "extremes": plain(motion.extremes()),
+        "binding": binding,
+        "phases": {"durations_s": plain(motion.durations_s), "jerks_m_s3": plain(motion.jerks_m_s3)},
+    }
+    return Result(data, _lines(file, motion, fastest, bounds, period_s, binding))
+
+
+def _along(speed: float, back: float | None, up: float, down: float | None, rise: float, fall: float | None) -> MotionBounds:
+    """Bounds of a motion upwards.   Raises UsageError for a limit that is not positive; no speed back is possible."""
+    given = {"speed": speed, "acceleration": up, "deceleration": down, "jerk": rise, "jerk down": fall}
+    for name, value in given.items():
+        if value is not None and not value > 0.0:
+            raise UsageError(f"the {name} is {value:g}; give a positive number, which holds along the way from start to end")
+    if back is not None and not back >= 0.0:
+        raise UsageError(f"the speed back is {back:g}; give 0, which forbids to move back, or a positive number")
+    return MotionBounds(-(speed if back is None else back), speed, -(down or up), up, -(fall or rise), rise)
+
+
+def _lines(file: Path, motion: SevenPhases, fastest: SevenPhases, bounds: MotionBounds, period_s: float, binding: list[str]) -> list[str]:
+    start, end, extremes = motion.start, motion.end, motion.extremes()
+    rows = round(motion.duration_s / period_s) + 1
+    lines = [f"{file} is written: {start.position_m:g} to {end.position_m:g} m in {motion.duration_s:.6g} s, {rows} rows"]
+    longer = motion.duration_s - fastest.duration_s
+    ends = f"; {1e3 * longer:.3g} ms more let it end on a sample of {1e3 * period_s:g} ms" if longer > 1e-9 * motion.duration_s else ""
+    lines.append(f"  fastest possible   {fastest.duration_s:.6g} s{ends}")
+    for name, unit in _UNITS.items():
+        low, high = getattr(extremes, next(f.name for f in fields(extremes) if f.name.startswith(name)))
+        low, high = (0.0 if abs(value) < ROUNDING * max(abs(low), abs(high)) else value for value in (low, high))
+        bound = [getattr(bounds, key) for key in ALONG if key.startswith(name)]
+        word = "speed" if name == "velocity" else name
+        lines.append(f"  {word:18} {low:.4g} to {high:.4g} {unit}, allowed {min(bound):g} to {max(bound):g}")
+    lines.append(f"  bound by           {', '.join(binding)}")
+    lines.append(f"  phases 1 to 7      {', '.join(f'{1e3 * t:.4g}' for t in motion.durations_s)} ms")
+    low, high = extremes.position_m
+    if min(start.position_m, end.position_m) - low > 1e-9 or high - max(start.position_m, end.position_m) > 1e-9:
+        lines.append(f"Note: it goes beyond its ends, from {low:.6g} to {high:.6g} m")
+    resting = np.all(np.array([start.velocity_m_s, start.acceleration_m_s2, end.velocity_m_s, end.acceleration_m_s2]) == 0.0)
+    drive = f"Next: beltcomm verify --drive DRIVE --run RUN --move {pasted(file)}"
+    lines.append(drive if resting else "Note: it does not begin and end at rest, so that `beltcomm verify --move` cannot drive it alone")
+    return lines

@@ -1,0 +1,168 @@
+"""``beltcomm verify``: the move of a run's design on a connected drive, once, or once for every rung of what the model can bring."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from beltcomm.axis import Axis
+from beltcomm.control import Cascade
+from beltcomm.design.feedforward import FeedforwardKind
+from beltcomm.drive import Drive, simulated
+from beltcomm.errors import Refused
+from beltcomm.experiments import referencing, verification
+from beltcomm.experiments.options import Options, claim, settings_of
+from beltcomm.experiments.plan import Plan, verification_plan
+from beltcomm.experiments.proving import Sending, verify_move
+from beltcomm.experiments.sign import check_sign
+from beltcomm.given import pasted
+from beltcomm.machine import stops
+from beltcomm.machine.machine import Machine
+from beltcomm.result import Result
+from beltcomm.rundata import analyse, offline
+from beltcomm.rundata.proof import next_step, proof
+from beltcomm.rundata.store import verdict_to_dict
+from beltcomm.runfolder import RunFolder
+from beltcomm.sentences import words
+from beltcomm.talk import Talk
+from beltcomm.trajectory import Trajectory
+from beltcomm.verify import Demand, Verdict
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One way to drive the same move with the same gains.   change : of the design's controller.   sending : what the host adds."""
+
+    key: str
+    title: str
+    change: Callable[[Cascade], Cascade]
+    sending: Sending
+
+
+def _at_once(cascade: Cascade) -> Cascade:
+    """The feedforward computed for now and not for when it acts."""
+    return replace(cascade, feedforward=replace(cascade.feedforward, advance_s=0.0))
+
+
+def _plain(cascade: Cascade) -> Cascade:
+    """The cascade of figure 4.1."""
+    return replace(_at_once(cascade), filter_reference=False)
+
+
+#: From the cascade of the design source up, each with all of the one before.
+RUNGS: tuple[Rung, ...] = (
+    Rung("source", "as in the design source: velocity compared with a reference that does not lag", _plain, "nothing"),
+    Rung("lag", "the reference behind the lag of the measured velocity", _at_once, "nothing"),
+    Rung("delay", "the feedforward computed ahead of the delay", lambda c: c, "nothing"),
+    Rung("stretch", "the motor ahead of the carriage by the stretch of the belt", lambda c: c, "stretch"),
+    Rung("compliant", "friction of the carriage in that stretch, through start, reversal and stop", lambda c: c, "compliant"),
+)
+
+
+def verify_with(
+    drive: Drive,
+    name: str,
+    run: Path,
+    options: Options,
+    agree: Callable[[Plan, Machine], None],
+    talk: Talk,
+    *,
+    move: Path | None = None,
+    trajectory: str | None = None,
+    rungs: bool = False,
+    over_belt: bool = False,
+    planned: Callable[[Plan, Axis], Result] | None = None,
+) -> Result:
+    """Drive a move with the run's design and compare its error with the prediction.   Exit code 1 when a target is missed.
+
+    name : of the drive, for what to do next.   agree : shows what will move and raises Refused for a no.   move, trajectory : a file, or
+    limits named in axis.yaml.   ``options.feedforward`` replaces the design's for this move only.   rungs : the move once for each of
+    ``RUNGS``.
+    over_belt : a virtual belt may carry more than its feed force, as T_B of the design source asks for.
+    planned : makes the result of a plan that is only shown.
+    """
+    if over_belt and not simulated(name):
+        raise Refused("more than the feed force is for virtual belts only; slow the move down, or state another belt in axis.yaml")
+    folder, feedforward = RunFolder.open(run), options.feedforward
+    saved = folder.load("designs", "final")
+    model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
+    claim(folder, drive.capabilities, options.wall_clock)
+    structure = drive.capabilities.structure
+    leads = rungs or feedforward == "compliant"
+    if leads and not (structure.torque_feedforward and structure.velocity_feedforward):
+        raise Refused(
+            f"{structure.name} takes no torque along with a reference, so its motor cannot be led ahead of the carriage; "
+            "use nonlinear, linear or none"
+        )
+    own: FeedforwardKind | None = "nonlinear" if feedforward == "compliant" else feedforward
+    analyse.offered(structure, None, own)
+    cascade, delay_s = offline.cascade_of(saved, model, structure, own)
+    along = bool(saved.get("compensated")) and structure.torque_feedforward and feedforward in (None, "nonlinear")
+    sending: Sending = "compliant" if feedforward == "compliant" else "rigid" if along else "nothing"
+    driven: list[tuple[str, Verdict, Demand]] = []
+    with Machine(drive, folder.axis, folder, talk) as machine:
+        machine.over_belt = over_belt
+        referencing.reference(machine, settings_of(replace(options, feedforward=None)))
+        braking = stops.count_on_loop(machine, [model], cascade, delay_s)
+        path, remark = verification.move_asked_for(machine, model, move, trajectory)
+        verification.refuse_broken(machine, model, path)
+        plan = verification_plan(machine.axis, model, path, braking, len(RUNGS) if rungs else 1)
+        if planned is not None:
+            return planned(plan, folder.axis)
+        agree(plan, machine)
+        check_sign(machine)
+        ways = [(rung.change(cascade), rung.sending) for rung in RUNGS] if rungs else [(cascade, sending)]
+        for gains, how in ways:
+            record = f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
+            verdict, asked = verify_move(machine, model, gains, delay_s, path, record, sending=how)
+            shown = {"proof": proof(gains, path, (), how if how in ("stretch", "compliant") else "")}
+            folder.save_result(f"verify_{record}", {**verdict_to_dict(verdict), **shown})
+            driven.append((record, verdict, asked))
+    if over_belt and asked.feed_force_n > folder.axis.belt_force_limit_n:
+        beyond = (
+            f"the belt carried up to {asked.feed_force_n:.0f} N, beyond its {folder.axis.belt_force_limit_n:.0f} N: for a virtual belt only"
+        )
+        remark = f"{remark}; {beyond}" if remark else beyond
+    return _rungs_result(folder, path, driven) if rungs else _result(folder, name, driven[0], feedforward, remark)
+
+
+def _result(folder: RunFolder, drive: str, one: tuple[str, Verdict, Demand], feedforward: str | None, remark: str) -> Result:
+    """One move."""
+    record, verdict, asked = one
+    text = words.verdict_lines(verdict, asked, feedforward) + words.remarks_lines([remark] if remark else [])
+    if feedforward == "compliant":
+        text.append(
+            "`beltcomm apply` writes the gains that this move was driven with, and the drive's own feedforward; the host led the motor."
+        )
+    text.append(f"Next: {next_step(folder, drive, verdict.passed)}")
+    return Result({"run": str(folder.path), "recording": record, **verdict_to_dict(verdict)}, text, 0 if verdict.passed else 1)
+
+
+def _rungs_result(folder: RunFolder, path: Trajectory, driven: list[tuple[str, Verdict, Demand]]) -> Result:
+    """All rungs: what each brings, um at the motor as measured, and at the carriage as measured or predicted."""
+    text = [
+        f"The same move, {path.position_m[0]:.3f} m to {path.position_m[-1]:.3f} m in {path.duration_s:.2f} s, with the same gains; "
+        "errors in µm, in brackets what the rung took away",
+        f"  {'':74} {'motor, dynamic':>18} {'static':>14} {'carriage, dynamic':>20} {'static':>14}",
+    ]
+    data = []
+    before: tuple[float, ...] | None = None
+    for rung, (record, verdict, _) in zip(RUNGS, driven, strict=True):
+        cart = verdict.measured_cart or verdict.predicted_cart
+        found = (verdict.measured.dynamic_m, verdict.measured.static_m, cart.dynamic_m, cart.static_m)
+        taken = [""] * 4 if before is None else [f" ({1e6 * (old - new):+.3g})" for old, new in zip(before, found, strict=True)]
+        shown = [f"{1e6 * value:.3g}{less}" for value, less in zip(found, taken, strict=True)]
+        text.append(f"  {rung.title:74} {shown[0]:>18} {shown[1]:>14} {shown[2]:>20} {shown[3]:>14}")
+        data.append({"rung": rung.key, "title": rung.title, "recording": record, **verdict_to_dict(verdict)})
+        before = found
+    last = driven[-1][1]
+    where = "measured" if last.measured_cart else "predicted; nothing measures there"
+    text += [f"  at the carriage: {where}", f"  {last.reasons[-1]}"]
+    if last.measured_cart is None:
+        missed = 1e6 * abs(last.measured.dynamic_m - last.predicted.dynamic_m)
+        text.append(f"  the prediction knows the model only: at the motor it is {missed:.3g} µm off, expect no less at the carriage")
+    text.append(
+        f"Next: beltcomm verify --drive DRIVE --run {pasted(folder.path)} --feedforward compliant --move FILE for a move of your own"
+    )
+    return Result({"run": str(folder.path), "rungs": data}, text)

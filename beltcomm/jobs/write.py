@@ -1,0 +1,198 @@
+"""``beltcomm apply`` and ``beltcomm rollback`` on a connected drive: what is wanted, the writing, a small move that shows it, saving."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltcomm.drive import Drive
+from beltcomm.drive.objects import ObjectValue
+from beltcomm.drive.parameters import cascade_to_parameters
+from beltcomm.errors import BeltcommError, Refused, UsageError
+from beltcomm.experiments import phases, referencing, verification
+from beltcomm.experiments.options import Options, claim, settings_of
+from beltcomm.experiments.plan import Plan, verification_plan
+from beltcomm.experiments.proving import verify_move
+from beltcomm.experiments.sign import check_sign
+from beltcomm.foreign.eds import ObjectFile, load_object_file
+from beltcomm.given import pasted
+from beltcomm.machine import gains, stops
+from beltcomm.machine.machine import Machine
+from beltcomm.result import Result, plain
+from beltcomm.rundata import backups, offline
+from beltcomm.rundata.calibration import recall
+from beltcomm.rundata.proof import admit
+from beltcomm.rundata.store import cascade_from_dict
+from beltcomm.runfolder import RunFolder
+from beltcomm.sentences import words
+from beltcomm.talk import Talk
+from beltcomm.trajectory import plan_trajectory
+from beltcomm.verify import Verdict
+
+#: m and m/s of the move that shows whether the gains do in the drive what they were designed for.
+SMALL_M, SMALL_M_S = 0.05, 0.2
+#: The move shows it when its error is within this factor of the predicted one, and this many m.
+AS_PREDICTED, SLACK_M = 1.5, 2e-4
+#: Objects that a file never sets: what moves an axis, saves or loads all of a drive, or makes its communication another one.
+COMMANDS = frozenset({0x1010, 0x1011, 0x6040, 0x6060, 0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60C1, 0x60FE, 0x60FF})
+COMMUNICATION = range(0x1000, 0x2000)
+
+
+def apply_to(
+    drive: Drive,
+    name: str,
+    folder: RunFolder,
+    options: Options,
+    talk: Talk,
+    agree: Callable[[Plan, Machine], None],
+    *,
+    dcf: Path | None = None,
+    shown: bool = False,
+) -> Result:
+    """The run's design, or a file's values, into its drive.   shown : by a small move, before anything is saved.   name : of the drive.
+
+    Raises Refused, UsageError, DataError, ObjectLocked, DriveError; a drive whose move fails has its values from before again.
+    """
+    claim(folder, drive.capabilities, options.wall_clock)
+    recall(drive, folder)
+    remarks: list[str] = []
+    if dcf is None:
+        found = gains.named_differences(drive, cascade_to_parameters(cascade_from_dict(folder.load("designs", "final"))))
+    else:
+        read = load_object_file(dcf)
+        talk.say(*read.lines())
+        wanted, left = _of_file(read)
+        found = gains.differences(drive, wanted, left)
+    if options.dry_run:
+        return _planned(folder, found)
+    question = "Then the carriage makes a small move, asked for by itself." if shown else "Nothing moves."
+    verb = f"apply of {dcf.name}" if dcf is not None else "apply"
+    gains.write(drive, folder, found, talk, yes=options.yes, verb=verb, question=question)
+    verdict = _show(drive, folder, options, talk, found, agree) if shown else None
+    return _done(drive, name, folder, found, options, "applied", remarks, verdict)
+
+
+def roll_back(drive: Drive, name: str, folder: RunFolder, which: str | None, options: Options, talk: Talk) -> Result:
+    """A backup into its drive.   which : its name or path; None is the one from before the run.   Nothing moves."""
+    backup = backups.chosen(folder, which)
+    claim(folder, drive.capabilities, options.wall_clock)
+    backups.same_drive(backup, drive)
+    recall(drive, folder)
+    found = gains.differences(drive, backups.wanted_of(backup, drive))
+    if options.dry_run:
+        return _planned(folder, found)
+    gains.write(drive, folder, found, talk, yes=options.yes, verb=f"rollback to {backup.name}")
+    return _done(drive, name, folder, found, options, f"rolled back to {backup.name} of {backup.when} UTC", [], None)
+
+
+def admitted(folder: RunFolder, options: Options, talk: Talk, dcf: Path | None, shown: bool) -> None:
+    """Before a drive is connected: whether the run's design may be written.   Raises Refused for a no, UsageError, DataError."""
+    if dcf is not None:
+        if shown:
+            raise UsageError("what a file holds has no prediction that a move could show; apply it without --verify")
+        return
+    saved = folder.load("designs", "final")
+    cascade_from_dict(saved)
+    for line in words.remarks_lines(saved.get("remarks") or ()):
+        talk.say(line)
+    if not options.dry_run:
+        admit(folder, talk, yes=options.yes, force=options.force)
+
+
+def backup_list(folder: RunFolder) -> Result:
+    """All backups of a run; no drive is needed."""
+    found = backups.listed(folder)
+    data = [{"name": one.name, "file": str(one.path), "when": one.when, "before": one.before} for one in found]
+    text = ["Backups of this run:", *backups.list_lines(found)]
+    return Result(
+        {"run": str(folder.path), "backups": data},
+        [*text, f"Next: beltcomm rollback --drive DRIVE --run {pasted(folder.path)} --backup NAME"],
+    )
+
+
+def _of_file(read: ObjectFile) -> tuple[list[ObjectValue], list[str]]:
+    """What of a file is written, and in words what is left alone."""
+    values = read.values
+    commands = [item.title for item in values if item.index in COMMANDS]
+    communication = [item.title for item in values if item.index in COMMUNICATION and item.index not in COMMANDS]
+    left = []
+    if commands:
+        left.append(f"left alone, for they are commands and no settings: {', '.join(commands)}")
+    if communication:
+        left.append(f"left alone, for beltcomm sets its communication by itself: {len(communication)} objects from {communication[0]} on")
+    return [item for item in values if item.index not in COMMANDS and item.index not in COMMUNICATION], left
+
+
+def _planned(folder: RunFolder, found: gains.Differences) -> Result:
+    return Result(_data(folder, found, written=False, saved=False), ["Would change:", *found.table(), "Nothing was written (--dry-run)."])
+
+
+def _data(folder: RunFolder, found: gains.Differences, *, written: bool, saved: bool) -> dict[str, Any]:
+    changes = [one.to_dict() for one in found.changes]
+    return {"run": str(folder.path), "changes": plain(changes), "left_out": list(found.left_out), "written": written, "saved": saved}
+
+
+def _done(
+    drive: Drive,
+    name: str,
+    folder: RunFolder,
+    found: gains.Differences,
+    options: Options,
+    verb: str,
+    remarks: list[str],
+    verdict: Verdict | None,
+) -> Result:
+    """Save when it was asked for, and say what was done."""
+    save = options.apply == "save"
+    if save:
+        drive.save()
+        folder.journal(f"{verb}: saved in the drive for good")
+    how = "and saved" if save else "until power-off (--save makes it permanent)"
+    nothing = "" if found.changes else " (nothing differed from what the drive had)"
+    text = [f"{len(found.changes)} objects {verb}, read back, {how}{nothing}{words.lasting(name)}.", *words.remarks_lines(remarks)]
+    data = _data(folder, found, written=True, saved=save)
+    if verdict is not None:
+        text[:0] = words.verdict_lines(verdict, None)
+        data["verdict"] = verdict
+    return Result(data, text)
+
+
+def _show(
+    drive: Drive, folder: RunFolder, options: Options, talk: Talk, found: gains.Differences, agree: Callable[[Plan, Machine], None]
+) -> Verdict:
+    """A small move with what now stands in the drive; otherwise than predicted, and all is put back.   Raises what the move raises."""
+    saved = folder.load("designs", "final")
+    model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
+    cascade, delay_s = offline.cascade_of(saved, model, drive.capabilities.structure)
+    try:
+        with Machine(drive, folder.axis, folder, talk) as machine:
+            referencing.reference(machine, settings_of(options))
+            braking = stops.count_on_loop(machine, [model], cascade, delay_s)
+            at = machine.position_m
+            low, high = machine.full_room().window_m
+            way = math.copysign(min(SMALL_M, 0.25 * (high - low)), 0.5 * (low + high) - at)
+            limits = phases.gentle_limits(machine, model, SMALL_M_S)
+            path = plan_trajectory(at, at + way, limits, drive.capabilities.sample_period_s)
+            verification.refuse_broken(machine, model, path)
+            agree(verification_plan(machine.axis, model, path, braking), machine)
+            check_sign(machine)
+            record = f"applied_{1 + sum(n.startswith('applied_') for n in folder.finished_names())}"
+            verdict, _ = verify_move(machine, model, cascade, delay_s, path, record)
+        off, said = verdict.measured.dynamic_m, verdict.predicted.dynamic_m
+        if not (np.isfinite(off) and off <= AS_PREDICTED * said + SLACK_M):
+            raise Refused(
+                f"the small move was off by {1e3 * off:.3g} mm where {1e3 * said:.3g} mm were predicted: in this drive the gains do not do "
+                "what they were designed for, so the values from before were put back; calibrate and identify again"
+            )
+    except BaseException as error:
+        try:
+            gains.put_back(drive, found)
+            folder.journal("apply: the values from before were put back")
+        except BeltcommError as failure:
+            error.add_note(f"the values from before could not be put back: {failure}; `beltcomm rollback` writes them again")
+        raise
+    return verdict

@@ -1,0 +1,1 @@
+"""One axis behind one drive: limits, watches row by row, what is put back."""

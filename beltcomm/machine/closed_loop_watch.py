@@ -1,0 +1,84 @@
+"""What is watched in every row of a closed loop, whatever it is for: the force in the belt, and swings around the resonance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from beltcomm.axis import Axis
+from beltcomm.control import Cascade
+from beltcomm.drive import Drive, Motion, Row
+from beltcomm.machine.envelope import Room
+from beltcomm.machine.prediction_watch import BeltWatch
+from beltcomm.machine.resonance import ResonanceWatch, allowed, band_of, predicted_torque
+from beltcomm.model import Model
+from beltcomm.simulate.stopping import total_friction, total_inertia
+from beltcomm.verify import Loop
+
+#: The drive may use so many times the planned torque.
+OVER_PLAN = 1.5
+
+
+class Watched(Protocol):
+    """What of :class:`beltcomm.machine.machine.Machine` the watch of a closed loop rests on, named as there."""
+
+    axis: Axis
+    drive: Drive
+    ratio: float
+    origin_rad: float
+    friction: tuple[float, float]
+    holding_nm: float
+    deceleration_m_s2: float
+    closed: tuple[Model, float] | None
+    cascade: Cascade | None
+
+    def full_room(self) -> Room:
+        """The travel and all that axis and drive allow."""
+        ...
+
+
+def unwatched(_row: Row) -> None:
+    """A record that nobody but the drive's limits watches."""
+
+
+@dataclass(frozen=True)
+class Foreseen:
+    """What a motion in the drive's own loops is to be held against.   watch : called with every row.   torque_nm : limit in the drive."""
+
+    watch: Callable[[Row], None]
+    torque_nm: float = math.inf
+
+
+def within(room: Room, found: Foreseen) -> Room:
+    """The room with the torque that was foreseen."""
+    return replace(room, torque_nm=min(room.torque_nm, found.torque_nm))
+
+
+def foreseen(machine: Watched, motion: Motion) -> Foreseen:
+    """The watch of a motion in the drive's own loops; what an excitation may do is watched by its own prediction.
+
+    As soon as there is a model to predict the motion with, swings around the resonance are watched, and the drive gets a torque limit
+    of ``OVER_PLAN`` times what the motion or a stop out of it takes: a loop that swings does so during its quick stop as well.
+    """
+    if motion.kind == "torque":
+        return Foreseen(unwatched)
+    belt = BeltWatch(machine.ratio, machine.axis.motor_side_inertia_kg_m2, machine.axis.belt_force_limit_n, machine.friction)
+    if machine.closed is None or machine.cascade is None or len(motion.torque_nm) < 2:
+        return Foreseen(belt)
+    (model, delay_s), capabilities = machine.closed, machine.drive.capabilities
+    drive = Loop(capabilities.structure, delay_s, capabilities.peak_torque_nm, capabilities.counts_per_rev)
+    torque = predicted_torque(model, machine.cascade, motion, drive, machine.ratio, machine.origin_rad)
+    swing = allowed(torque, motion.period_s, band_of(model, machine.full_room().window_m, motion.period_s), capabilities.rated_torque_nm)
+    resonance = ResonanceWatch(swing, motion.period_s)
+    stop_nm = total_inertia(model) * machine.deceleration_m_s2 / machine.ratio + total_friction(model)
+    planned_nm = max(float(np.max(np.abs(torque))), stop_nm) + abs(machine.holding_nm)
+
+    def watch(row: Row) -> None:
+        resonance(row)
+        belt(row)
+
+    return Foreseen(watch, OVER_PLAN * planned_nm)

@@ -1,0 +1,82 @@
+"""One open-loop record: watched against its prediction, against its stop, and against the death of the computer at any instant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from beltcomm.drive import Row
+from beltcomm.errors import DriveError, Refused
+from beltcomm.excitation import Excitation
+from beltcomm.identify.amplitude import Prediction
+from beltcomm.machine import delivered, host_loss
+from beltcomm.machine.host_loss import guard_times_s
+from beltcomm.machine.machine import Machine, Room
+from beltcomm.machine.prediction_watch import Expectation
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+from beltcomm.recording.sidecar import ExcitationNote, Sidecar
+from beltcomm.simulate.stopping import HostLoss
+
+
+@dataclass(frozen=True)
+class Exposed:
+    """What a record is predicted to do, the models that the axis may be, and what the death of the host means for each."""
+
+    predicted: Prediction
+    family: Sequence[Model]
+    losses: Callable[[Model], Sequence[HostLoss]]
+
+
+def run_on_words(machine: Machine, predicted: Prediction, ends_m: float) -> str:
+    """How far the carriage runs on if the computer dies, with the guard time that the record will have."""
+    number = host_loss.chosen(machine, predicted, ends_m)
+    return host_loss.words(guard_times_s(machine.drive.capabilities)[number], predicted.run_on_m[number])
+
+
+def guarded(machine: Machine, excitation: Excitation, at: float, room: Room, exposed: Exposed) -> tuple[Room, Callable[[Row], None]]:
+    """What an excitation around a place, m, may use, with the guard time of its run-on, and the watch of its rows."""
+    predicted, full = exposed.predicted, machine.full_room()
+    (low, high), ends = room.window_m, full.window_m
+    number = host_loss.chosen(machine, predicted, min(at - ends[0], ends[1] - at))
+    guard_s = guard_times_s(machine.drive.capabilities)[number]
+    room = replace(room, window_m=(low + predicted.stop_m, high - predicted.stop_m), guard_s=guard_s)
+    expected = Expectation(predicted, machine.ratio, machine.axis.motor_side_inertia_kg_m2)
+    dying = host_loss.RunOnWatch(
+        ends,
+        machine.ratio,
+        machine.origin_rad,
+        exposed.family,
+        excitation.amplitude_nm,
+        lambda model: exposed.losses(model)[number],
+        full.speed_m_s,
+    )
+
+    def watch(row: Row) -> None:
+        expected(row)
+        dying(row)
+
+    return room, watch
+
+
+def excite(
+    machine: Machine, name: str, excitation: Excitation, at: float, room: Room, exposed: Exposed, held_out: bool = False
+) -> Recording:
+    """Record an excitation around a place, m: a stop at any limit still ends in the room, and a run-on before the end of the travel."""
+    room, watch = guarded(machine, excitation, at, room, exposed)
+    note = ExcitationNote(
+        kind=excitation.kind,
+        amplitude_nm=excitation.amplitude_nm,
+        period_samples=excitation.period_samples,
+        first_sample=excitation.first_sample,
+    )
+    sidecar = Sidecar("frf", machine.place_m(at), machine.session_time_s, held_out=held_out, excitation=note)
+    recording = machine.record(name, machine.torque_motion(excitation.torque), room, sidecar, watch)
+    try:
+        said = delivered.check(recording)
+    except (DriveError, Refused):
+        machine.folder.withdraw(name)
+        raise
+    if said:
+        machine.remark(said)
+    return recording

@@ -1,0 +1,394 @@
+"""One axis behind one drive, in carriage coordinates, with everything recorded and everything put back.
+
+:class:`Machine` is the only place that calls ``Drive.record`` and ``Drive.write``.  Leaving it, whatever the reason, leaves a
+stopped axis and the parameters found at the start, unless new gains were to be kept.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from types import TracebackType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.axis import Axis
+from beltcomm.control import Cascade
+from beltcomm.drive import COLUMNS, Drive, Guarding, Limits, LoopKind, Motion, Row
+from beltcomm.drive.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
+from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, SafetyStop, UsageError
+from beltcomm.excitation import ExcitationKind
+from beltcomm.machine.closed_loop_watch import foreseen as foreseen_of
+from beltcomm.machine.closed_loop_watch import unwatched, within
+from beltcomm.machine.envelope import Room as Room
+from beltcomm.machine.envelope import stroking as stroking
+from beltcomm.machine.ratings import check_ratings
+from beltcomm.machine.restore_drive import leave
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+from beltcomm.recording.sidecar import Sidecar
+from beltcomm.rundata.backups import keep_first
+from beltcomm.rundata.calibration import recall
+from beltcomm.runfolder import RunFolder
+from beltcomm.simulate.stopping import Braking, first_deceleration
+from beltcomm.talk import Place, Talk
+from beltcomm.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+Watch = Callable[[Row], None]
+
+#: The drive's parameter that holds a tilted axis in each of its own loops, the quick stop included.
+OFFSET = "ff_offset_nm"
+#: s: 20 swings of a heavy carriage, after which its friction has stopped it.
+SETTLE_S = 1.0
+#: s, in which a brake opens whose time axis.yaml does not state: slow ones of this size.
+UNKNOWN_BRAKE_S = 0.1
+#: s: a run that goes on later than this may have cooled down.
+LONG_AGO_S = 300.0
+
+
+class Machine:
+    """The connected axis.  Use as a context manager.
+
+    position_m : carriage position; the zero of the axis is known after :meth:`reference_at` or when the drive is referenced, else
+    (``place_known`` False) positions count from where the carriage stood in :meth:`stand_anywhere`.
+    friction : Coulomb, N m, and viscous, N m s/rad, of the whole axis at the motor, as far as it is known.
+    holding_nm : what keeps the axis where it is beside friction, N m; every open-loop record holds it, or the carriage would drift.
+    remarks : sentences for the result.
+    titles : of the phases to come, so that :meth:`begin` can number them.
+    keep_gains : set by the sequence when the user wants to keep the new gains in the drive (not saved).
+    over_belt : the user lets the belt carry more than its feed force; virtual drives only.
+    deceleration_m_s2 : of a quick stop, lent to the drive with every motion.   braking : what brakes the axis with the loop that is in
+    the drive; None as long as only friction can be counted with.   guarding : how the drive took the silence of its host, once seen.
+    cascade : what was written last.   closed : model and delay, s, that loops are counted with.
+    wanderings : stops of a carriage that went too far, after which the session went on, see :mod:`beltcomm.experiments.recentre`.
+    planned_s : what the agreed plan takes on the machine at most, s; None before.
+    """
+
+    def __init__(self, drive: Drive, axis: Axis, folder: RunFolder, talk: Talk) -> None:
+        self.drive, self.axis, self.folder, self.talk = drive, axis, folder, talk
+        self.ratio = axis.transmission_m_rad
+        self.origin_rad = 0.0
+        self.place_known = True
+        self._window_m = (-math.inf, math.inf)
+        self.keep_gains = self.over_belt = False
+        self.titles: tuple[str, ...] = ()
+        self.friction = (0.0, 0.0)
+        self.holding_nm = 0.0
+        self.excitation: ExcitationKind = "prbs"
+        self.deceleration_m_s2 = first_deceleration(axis, drive.capabilities.peak_torque_nm).value_m_s2
+        self.braking: Braking | None = None
+        self.guarding: Guarding | None = None
+        self.closed: tuple[Model, float] | None = None
+        self.cascade: Cascade | None = None
+        self.machine_seconds = 0.0
+        self.wanderings = 0
+        self.planned_s: float | None = None
+        self.remarks: list[str] = []
+        self._started = drive.clock.now()
+        recall(drive, folder)
+        self._backup = drive.backup()
+        self._occupied = folder.occupy()
+        keep_first(folder, drive)
+        folder.journal(f"connected to {drive.capabilities.name}; parameters saved as backup")
+        if folder.elapsed_s > LONG_AGO_S:
+            talk.say(
+                f"This run began {folder.elapsed_s / 60.0:.0f} min ago, its clock goes on. Whether the axis stayed warm since then nobody "
+                "knows: where friction falls with warmth, records of today and of then may differ."
+            )
+
+    def __enter__(self) -> Machine:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if isinstance(error, SafetyStop):
+            with suppress(BeltcommError):  # what cannot be written must not keep the drive from being restored
+                self.folder.journal(f"safety stop ({error.reason}): {error}")
+        keep = self.keep_gains and kind is None
+        wanted = {n: v for n, v in self._backup.items() if not (keep and n in GAIN_NAMES)}
+        interrupted = leave(self.drive, self.folder, self.talk, wanted, keep, error)
+        self._occupied.close()
+        if interrupted is not None and kind is None:
+            raise interrupted
+
+    def meaning_changed(self) -> None:
+        """What raw gains mean is known now: they stand in the drive under other values."""
+        self._backup = self.drive.backup()
+
+    def remark(self, sentence: str) -> None:
+        """Say something of a record that belongs into the result too."""
+        self.talk.say(sentence)
+        self.folder.journal(sentence)
+        self.remarks.append(sentence)
+
+    def begin(self, title: str) -> None:
+        """Tell that a phase begins, numbered among those to come."""
+        number = self.titles.index(title) + 1 if title in self.titles else 1
+        self.talk.phase(number, max(len(self.titles), 1), title)
+
+    @property
+    def weight_n(self) -> float:
+        """What of the belt's force holds a tilted carriage, N."""
+        return abs(self.holding_nm) / self.ratio
+
+    @property
+    def belt_left_n(self) -> float:
+        """What of the belt's force is left for motions, N."""
+        return self.axis.belt_force_limit_n - self.weight_n
+
+    @property
+    def holds_in_loops(self) -> bool:
+        """Whether the drive sends the holding torque along in its own loops, the quick stop included."""
+        return OFFSET in self._backup
+
+    def hold_with(self, torque_nm: float) -> None:
+        """From now on open-loop records, and the drive's own loops where it can, begin and end with this torque, N m."""
+        self.holding_nm = torque_nm
+        if self.holds_in_loops:
+            self.drive.write({OFFSET: torque_nm})
+
+    def let_settle(self) -> None:
+        """Wait until a carriage that hangs on its belt from a closed brake has swung out: a brake that opens before lets it kick."""
+        if self.axis.mounting.tilted:
+            self.drive.clock.sleep_until(self.drive.clock.now() + SETTLE_S)
+
+    @property
+    def position_m(self) -> float:
+        """Carriage position now, m, from the motor encoder."""
+        return self.ratio * (self.drive.read(["position_rad"])["position_rad"] - self.origin_rad)
+
+    @property
+    def session_time_s(self) -> float:
+        """Seconds since the run began, s: by the drive's clock, and between the sessions of a run by date and time."""
+        return self.folder.elapsed_s + self.drive.clock.now() - self._started
+
+    def check_scaling(self) -> None:
+        """Compare what the drive says of its motor with axis.yaml, see :mod:`beltcomm.machine.ratings`.   Raises UsageError."""
+        for line in check_ratings(self.axis, self.drive.capabilities):
+            self.talk.say(line)
+
+    def reference_at(self, position_m: float) -> None:
+        """The carriage stands at ``position_m`` now, as the operator says.  Raises UsageError outside the travel."""
+        low, high = self.full_room().window_m
+        if not low <= position_m <= high:
+            raise UsageError(f"position {position_m:.4g} m is outside the travel {low:g}..{high:g} m of axis.yaml")
+        self.origin_rad = self.drive.read(["position_rad"])["position_rad"] - position_m / self.ratio
+
+    def stand_anywhere(self) -> None:
+        """Nobody knows where along its travel the carriage stands: positions count from here."""
+        self.origin_rad = self.drive.read(["position_rad"])["position_rad"]
+        self.place_known = False
+
+    def keep_to(self, window_m: tuple[float, float]) -> None:
+        """From now on the carriage stays within ``window_m`` of where it stands.  Raises UsageError for one longer than the travel."""
+        low, high = window_m
+        travel = float(self.axis.travel.max_m or 0.0) - float(self.axis.travel.min_m or 0.0)
+        if high - low > travel:
+            raise UsageError(
+                f"the window of {1e3 * (high - low):.0f} mm is longer than the travel of {1e3 * travel:.0f} mm; give what is free"
+            )
+        self._window_m = (self.position_m + low, self.position_m + high)
+
+    @property
+    def room_word(self) -> str:
+        """What bounds the carriage's way, in a word."""
+        return "travel" if math.isinf(self._window_m[0]) else "window"
+
+    @property
+    def more_room(self) -> str:
+        """What to do where the way is too short."""
+        further = "move the carriage further in"
+        return f"{further} or correct travel in axis.yaml" if self.room_word == "travel" else f"give a wider --window or {further}"
+
+    def where(self, position_m: float) -> str:
+        """A position in words."""
+        return f"{position_m:.4f} m" if self.place_known else f"{1e3 * position_m:+.1f} mm from where it stood"
+
+    def place_m(self, position_m: float) -> float | None:
+        """A position on the axis, None when that is not known."""
+        return position_m if self.place_known else None
+
+    def full_room(self) -> Room:
+        """The travel and the window that must be kept, the speed that axis and drive allow, the torque that motor and drive allow."""
+        travel, limits = self.axis.travel, self.axis.limits
+        torque = min(self.axis.motor.peak_torque_nm or math.inf, self.drive.capabilities.peak_torque_nm)
+        self.axis.require("any motion", "travel.min_m", "travel.max_m", "limits.speed_m_s", "limits.feed_force_n")
+        speed = min(limits.speed_m_s or math.inf, self.drive.capabilities.max_speed_rad_s * self.ratio)
+        low, high = self._window_m
+        if self.place_known:
+            low, high = max(low, float(travel.min_m or 0.0)), min(high, float(travel.max_m or 0.0))
+        return Room((low, high), speed, torque)
+
+    def drive_limits(self, room: Room) -> Limits:
+        """The same limits at the motor shaft in the drive's zero."""
+        low, high = sorted(self.origin_rad + x / self.ratio for x in room.window_m)
+        speed = min(room.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
+        lag = None if room.lag_m is None else room.lag_m / self.ratio
+        deceleration = self.deceleration_m_s2 / self.ratio
+        return Limits(
+            low,
+            high,
+            speed,
+            room.torque_nm,
+            deceleration,
+            lag,
+            self.ratio,
+            self.origin_rad,
+            brake_s=self.brake_s,
+            guard_s=room.guard_s,
+        )
+
+    @property
+    def brake_s(self) -> float:
+        """What a holding brake needs to open or to close, s; 0 where there is none."""
+        motor = self.axis.motor
+        return (UNKNOWN_BRAKE_S if motor.brake_time_s is None else motor.brake_time_s) if motor.brake_torque_nm else 0.0
+
+    def brake_with(self, braking: Braking) -> None:
+        """From now on a stop is counted with, and set in the drive to, what a loop can do."""
+        self.braking, self.deceleration_m_s2 = braking, braking.deceleration_m_s2
+
+    def torque_motion(self, torque_nm: Array) -> Motion:
+        """An open-loop record at the drive's sampling period, with what holds the axis added."""
+        zero, step = np.zeros(len(torque_nm)), self.drive.capabilities.torque_step_nm
+        holding = round(self.holding_nm / step) * step if step else self.holding_nm
+        return Motion("torque", self.drive.capabilities.sample_period_s, zero, zero, np.asarray(torque_nm) + holding, holding)
+
+    def follow(self, trajectory: Trajectory, kind: LoopKind, torque_nm: Array | None = None) -> Motion:
+        """A reference motion of the carriage for the drive's own position or velocity loop.   torque_nm : (n,), sent along with it."""
+        zero = np.zeros(len(trajectory.t_s))
+        return Motion(
+            kind,
+            self.drive.capabilities.sample_period_s,
+            self.origin_rad + trajectory.position_m / self.ratio,
+            trajectory.velocity_m_s / self.ratio,
+            zero if torque_nm is None else torque_nm,
+        )
+
+    def stops_beyond(self, position_m: Array, speed_m_s: Array, spare_m: float = 0.0) -> str:
+        """In words, where a stop at some moment of a motion would end outside the travel, or within ``spare_m`` of its ends; else empty."""
+        if self.braking is None or self.over_belt:
+            return ""
+        low, high = self.full_room().window_m
+        reached = self.braking.span_m(position_m, speed_m_s, self.drive.capabilities.sample_period_s)
+        if low + spare_m <= reached[0] and reached[1] <= high - spare_m:
+            return ""
+        end = reached[0] if reached[0] < low + spare_m else reached[1]
+        return (
+            f"a stop with {self.braking.deceleration_m_s2:.3g} m/s², which the belt bears, would end at {end:.4g} m, the travel is "
+            f"{low:g}..{high:g} m" + (f" and {1e3 * spare_m:g} mm at its ends stay free" if spare_m else "")
+        )
+
+    def _check_stops(self, motion: Motion, foreseen: tuple[Array, Array] | None = None) -> None:
+        """Raise Refused when a stop at some moment of a closed-loop motion would end outside the travel.   foreseen : of :meth:`record`."""
+        if motion.kind == "torque":
+            return
+        asked = self.ratio * (motion.position_rad - self.origin_rad), self.ratio * motion.velocity_rad_s
+        beyond = self.stops_beyond(*(foreseen or asked))
+        if beyond:
+            raise Refused(f"the motion is refused: {beyond}; plan it slower or further away from the ends")
+
+    def record(
+        self,
+        name: str,
+        motion: Motion,
+        room: Room,
+        sidecar: Sidecar,
+        watch: Watch = unwatched,
+        foreseen: tuple[Array, Array] | None = None,
+    ) -> Recording:
+        """Run a motion and keep it as ``recordings/NAME``; a record already finished in a resumed run is read instead.
+
+        Rows stream to disk while the axis moves; an interrupted record stays, marked as unfinished.
+        watch : is called with every row as the drive gives it, and may raise; that stops the axis.
+        foreseen : carriage position and speed, m and m/s, (n,), where they are not what is asked for: from them a stop must be possible.
+        Raises Refused, SafetyStop, DriveError, DataError.
+        """
+        if self.folder.finished(name) is not None:
+            self.talk.say(f"{name}: kept from the earlier run")
+            return self.folder.recording(name)
+        self._check_stops(motion, foreseen)
+        self.let_settle()
+        writer = self.folder.new_recording(name, sidecar, COLUMNS)
+        closed = foreseen_of(self, motion)
+        zero, begun, total = self.origin_rad, self.drive.clock.now(), len(motion.torque_nm)
+        rows = 0
+
+        def sink(row: Row) -> None:
+            nonlocal rows
+            t, torque, setpoint, position, velocity, reference, *others = row
+            writer.write((t, torque, setpoint, position - zero, velocity, reference - zero, *others))
+            closed.watch(row)
+            watch(row)
+            rows += 1
+            if rows % 200 == 0 and rows < total:  # a drive that makes its strokes by itself takes longer than planned
+                self.talk.moving(self._place(name, position, begun))
+                self.talk.progress(rows / total, (total - rows) * motion.period_s)
+
+        try:
+            report = self.drive.record(motion, self.drive_limits(within(room, closed)), sink)
+        except BaseException:
+            writer.close(finished=False)
+            self.folder.journal(f"{name}: interrupted after {rows} of {total} samples; what was recorded is kept")
+            raise
+        finally:
+            self.machine_seconds += self.drive.clock.now() - begun
+        writer.close(finished=True)
+        self.folder.journal(
+            f"{name}: {report.rows} samples, {report.lost_cycles} lost cycles, worst period error {1e6 * report.worst_jitter_s:.0f} us"
+            + (f", a limit of the drive was active in {report.limited_cycles} of them" if report.limited_cycles else "")
+        )
+        for remark in report.remarks:
+            self.folder.journal(f"{name}: {remark}")
+            self.talk.say(f"{name}: {remark}.")
+        try:
+            return self.folder.recording(name)
+        except DataError:
+            self.folder.withdraw(name)  # what cannot be used is no finished record: --resume makes it again
+            raise
+
+    def _place(self, record: str, position_rad: float, begun_s: float) -> Place:
+        """Where the carriage is in a record that began at ``begun_s`` of the drive's clock."""
+        gone = self.machine_seconds + self.drive.clock.now() - begun_s
+        left = None if self.planned_s is None else max(0.0, self.planned_s - gone)
+        return Place(record, self.ratio * (position_rad - self.origin_rad), self.full_room().window_m, self.place_known, left)
+
+    @contextmanager
+    def withdrawing(self) -> Iterator[None]:
+        """A recording that an analysis calls damaged is no finished record: it is kept aside, and --resume makes it again."""
+        try:
+            yield
+        except DamagedRecord as damage:
+            self.folder.withdraw(damage.record)
+            self.folder.journal(f"{damage.record}: kept as unfinished, because {damage}")
+            raise
+
+    def run(self, motion: Motion, room: Room, watch: Watch = unwatched) -> None:
+        """Run a motion that is only a means (positioning, creeping), watched row by row; nothing is kept."""
+        self._check_stops(motion)
+        self.let_settle()
+        closed, begun = foreseen_of(self, motion), self.drive.clock.now()
+
+        def sink(row: Row) -> None:
+            closed.watch(row)
+            watch(row)
+
+        try:
+            self.drive.record(motion, self.drive_limits(within(room, closed)), sink)
+        finally:
+            self.machine_seconds += self.drive.clock.now() - begun
+
+    def stroking(self) -> LoopKind:
+        """See :func:`stroking`."""
+        return stroking(self.drive.capabilities)
+
+    def write_cascade(self, cascade: Cascade) -> Cascade:
+        """Put a controller into the drive, as far as it has the parts; returns the controller it now runs (quantised)."""
+        offered = self.drive.backup()
+        values = {n: v for n, v in cascade_to_parameters(cascade).items() if n in offered}
+        stored = self.drive.write(values)
+        self.folder.journal("wrote " + ", ".join(f"{n}={v:.6g}" for n, v in stored.items()))
+        self.cascade = parameters_to_cascade({**offered, **stored})
+        return self.cascade

@@ -1,0 +1,118 @@
+"""What stops the axis during a session: friction at first, then a loop designed from the first estimate, then each loop in turn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from beltcomm.control import Cascade
+from beltcomm.errors import Refused
+from beltcomm.identify.amplitude import around
+from beltcomm.machine.machine import Machine
+from beltcomm.model import Model
+from beltcomm.rundata import analyse
+from beltcomm.simulate.stopping import (
+    REACTION_PERIODS,
+    Braking,
+    braked_by_friction,
+    braked_by_loop,
+    braked_by_unknown_gains,
+    rigid_deceleration,
+    total_friction,
+    total_inertia,
+    total_viscous,
+)
+
+#: Share of the travel that a rigid stop takes from the speed at which stops are simulated.
+SIMULATED_SHARE = 0.25
+#: Gains without which a drive has no velocity loop that could be set.
+VELOCITY_GAINS = ("kp_nm_s_rad", "ki_nm_rad")
+
+
+@dataclass(frozen=True)
+class Found:
+    """What stops an axis whose drive is as it was found: friction, or the velocity loop in it, whichever needs less way.
+
+    sliding_nm : friction at least, N m, by inertia and transmission; None takes the model's own.
+    """
+
+    kp_nm_s_rad: float
+    ki_nm_rad: float
+    deceleration_m_s2: float
+    reaction_s: float
+    sliding_nm: Callable[[float, float], float] | None = None
+
+    def __call__(self, model: Model) -> Braking:
+        """What a stop of this model is counted with."""
+        friction = total_friction(model)
+        if self.sliding_nm is not None:
+            friction = self.sliding_nm(total_inertia(model), model["transmission.ratio"])
+        loop = braked_by_unknown_gains(model, self.kp_nm_s_rad, self.ki_nm_rad, self.deceleration_m_s2, self.reaction_s)
+        return replace(braked_by_friction(model, friction, self.reaction_s), besides=loop)
+
+
+@dataclass(frozen=True)
+class Designed:
+    """The loop in the drive was designed for this axis."""
+
+    braking: Braking
+
+    def __call__(self, _model: Model) -> Braking:
+        """What a stop is counted with."""
+        return self.braking
+
+
+def braking_of(machine: Machine, sliding_nm: Callable[[float, float], float] | None = None) -> Found | Designed:
+    """What a stop is counted with now.   sliding_nm : as in :class:`Found`."""
+    if machine.braking is not None:
+        return Designed(machine.braking)
+    gains = machine.drive.backup()
+    kp, ki = (gains.get(name, 0.0) for name in VELOCITY_GAINS)
+    return Found(kp, ki, machine.deceleration_m_s2, REACTION_PERIODS * machine.drive.capabilities.sample_period_s, sliding_nm)
+
+
+def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, delay_s: float) -> Braking:
+    """Set the quick stop to the hardest one that a loop makes without loading the belt too much; returns what is counted with."""
+    capabilities, room = machine.drive.capabilities, machine.full_room()
+    low, high = room.window_m
+    if machine.axis.mounting.tilted:
+        machine.holding_nm = analyse.holding_nm(family[0])
+    limits = replace(machine.axis.limits, feed_force_n=max((machine.axis.limits.feed_force_n or math.inf) - machine.weight_n, 1.0))
+    rigid = rigid_deceleration(machine.axis, family[0]["cart.mass"], room.torque_nm).value_m_s2
+    speed = min(room.speed_m_s, math.sqrt(2.0 * rigid * SIMULATED_SHARE * (high - low)))
+    braking, stop = braked_by_loop(
+        family,
+        cascade,
+        replace(machine.axis, limits=limits),
+        speed,
+        position_m=low,
+        period_s=capabilities.structure.period_s,
+        reaction_s=REACTION_PERIODS * capabilities.sample_period_s,
+        delay_s=delay_s,
+        torque_limit_nm=room.torque_nm,
+        counts_per_rev=capabilities.counts_per_rev,
+    )
+    machine.brake_with(braking)
+    machine.closed = family[0], delay_s
+    machine.friction = max(map(total_friction, family)), max(map(total_viscous, family))
+    machine.folder.journal(
+        f"a stop brakes with {braking.deceleration_m_s2:.4g} m/s² after {1e3 * braking.lag_s:.1f} ms: {1e3 * braking.way_m(speed):.0f} mm "
+        f"from {speed:.3g} m/s, {stop.belt_force_n:.0f} N in the belt"
+    )
+    return braking
+
+
+def lend_brake(machine: Machine, model: Model, position_m: float) -> None:
+    """A cautious loop for the next open-loop record, which only a quick stop closes; a drive without gains keeps to friction."""
+    if not set(VELOCITY_GAINS) <= set(machine.drive.backup()):
+        return
+    structure = machine.drive.capabilities.structure
+    delay_s = machine.drive.capabilities.sample_period_s  # not measured yet
+    try:
+        result = analyse.first_loop(model, structure, position_m, delay_s, 0.0)
+    except Refused as problem:
+        machine.folder.journal(f"only friction stops an open-loop record: {problem}")
+        return
+    cascade = analyse.with_feedforward(result.cascade, model, structure, delay_s)
+    count_on_loop(machine, around(model), machine.write_cascade(cascade), delay_s)

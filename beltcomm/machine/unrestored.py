@@ -1,0 +1,136 @@
+"""A drive that a session has changed and not set back, because its process was killed or the cable was cut: noted and found again.
+
+Before the first setting is written a note is put into the user's state folder: which run, what stood in the drive.  It goes away when
+the drive is as it should be.  The note is locked as long as its session lives; the system gives the lock back whatever ends the process.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import IO, Any
+
+from beltcomm.configfiles import read_yaml, to_yaml
+from beltcomm.drive import Drive
+from beltcomm.drive.objects import ObjectValue, object_from_dict
+from beltcomm.errors import BeltcommError, UsageError
+from beltcomm.given import pasted
+from beltcomm.machine import gains
+from beltcomm.machine.hardware import Hardware, state_folder
+from beltcomm.runfolder import RunFolder
+from beltcomm.talk import Talk
+
+#: What is in no backup: it is volatile in every drive.
+MAPPING = "which objects its PDOs carry comes back when the drive is switched off and on"
+
+
+class Note:
+    """The note of one drive.   path : its file, whether it is there or not."""
+
+    def __init__(self, hardware: Hardware) -> None:
+        self.hardware = hardware
+        self.path = state_folder() / "unrestored" / f"{hardware.key}.yaml"
+        self._file: IO[str] | None = None
+
+    def found(self) -> dict[str, Any] | None:
+        """What an earlier session left; None when every session has ended well.
+
+        Raises UsageError when that session is still at work on this drive.
+        """
+        if not self.path.is_file():
+            return None
+        with open(self.path, encoding="utf-8") as file:
+            _lock(file, self.hardware)
+        try:
+            return read_yaml(self.path)
+        except UsageError:  # killed while it was written: before anything else was
+            return {}
+
+    def put(self, run: Path | None, objects: Sequence[ObjectValue]) -> None:
+        """Write the note and keep it locked.   Raises UsageError when it cannot be kept: then nothing may be changed."""
+        told = {
+            "drive": self.hardware.name,
+            "words": self.hardware.words,
+            "run": str(run.resolve()) if run is not None else "",
+            "process": os.getpid(),
+            "objects": [item.to_dict() for item in objects],
+        }
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = open(self.path, "a", encoding="utf-8")  # noqa: SIM115  # stays open as long as the session
+            _lock(self._file, self.hardware)
+            self._file.truncate(0)
+            self._file.write(to_yaml(told))
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise UsageError(
+                f"{self.path} cannot be written: {error.strerror or error}; a session that is killed could not be found again. Make room, "
+                "or set XDG_STATE_HOME to a folder that can be written"
+            ) from error
+
+    def remove(self) -> None:
+        """The drive is as it should be."""
+        with contextlib.suppress(OSError):
+            self.path.unlink(missing_ok=True)
+        self.release()
+
+    def release(self) -> None:
+        """The session ends; the note stays."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+
+def _lock(file: IO[str], hardware: Hardware) -> None:
+    """Raise UsageError when another process holds the file."""
+    import fcntl  # not on every system, and only machines need it
+
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise UsageError(f"another session is at work on {hardware.words} ({hardware.name}); wait for its end") from None
+
+
+def settle(drive: Drive, note: Note, talk: Talk, *, yes: bool, dry_run: bool) -> None:
+    """Offer the rollback that an earlier session owes this drive; with ``yes`` it is done at once, and said.   Nothing moves.
+
+    A no keeps what is in the drive from now on.   Raises UsageError when that session still lives, and what writing raises.
+    """
+    left = note.found()
+    if left is None:
+        return
+    run = str(left.get("run") or "")
+    which = f"the run {run}" if run else "an earlier command"
+    # raw values: what they mean may not be known, what stood there is
+    owed = gains.differences(drive, [object_from_dict(entry) for entry in left.get("objects") or ()])
+    if not owed.changes:
+        talk.say(f"{which[0].upper()}{which[1:]} ended without restoring this drive; its settings are those from before all the same.")
+        if not dry_run:
+            note.remove()
+        return
+    talk.say(
+        "\n".join([f"{which[0].upper()}{which[1:]} ended without restoring this drive. Settings, now -> before that run:", *owed.table()])
+    )
+    if dry_run:
+        talk.say("They stay as they are (--dry-run).")
+        return
+    if not yes and not talk.confirm("Roll them back now? Nothing moves."):
+        back = f"; `beltcomm rollback --drive {pasted(note.hardware.name)} --run {pasted(run)}` writes them back later" if run else ""
+        talk.say(f"They stay as they are, and count as this drive's own from now on{back}.")
+        _journal(run, "not rolled back after the session was cut off: the user keeps what is in the drive")
+        note.remove()
+        return
+    drive.write_objects([one.wanted for one in owed.changes])
+    talk.say(f"{len(owed.changes)} settings were rolled back and read back{' (--yes)' if yes else ''}; {MAPPING}.")
+    _journal(run, f"rolled back at a later connect: {len(owed.changes)} settings, left by a session that was cut off")
+    note.remove()
+
+
+def _journal(run: str, line: str) -> None:
+    """Into the journal of the run that was cut off, where there still is one."""
+    if run and Path(run).is_dir():
+        with contextlib.suppress(BeltcommError):
+            RunFolder(Path(run), None).journal(line)

@@ -1,0 +1,54 @@
+"""The report of a run: one file per part of the page, each a function from what the run folder holds to a section.
+
+The functions here import what draws only when they are called: it takes longer to import than a command without pictures may last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from beltcomm.given import Place, pasted, place, places
+from beltcomm.result import Result
+from beltcomm.talk import Talk
+
+
+def report(run: Place, *, against: Place | None = None, out: Place | None = None, talk: Talk | None = None) -> Result:
+    """The page on a run and its numbers beside it: :func:`beltcomm.pages.job.report`."""
+    from beltcomm.pages.job import report as made
+
+    page = None if out is None else place(out, "page")
+    return made(place(run), against=None if against is None else place(against), out=page, talk=talk)
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The page of a run that was just commissioned, None where there is none.   line : on it, or why there is none.
+
+    error : of the model over the noise.   doubts : what of the data sheets the model contradicts, in words.
+    """
+
+    page: str | None
+    line: str
+    error: float | None = None
+    doubts: Sequence[str] = ()
+
+
+def at_the_end(run: Path) -> Ended:
+    """Makes the page.   Whatever is wrong with it, the verdict it is about stands."""
+    try:
+        shown = report(run)
+        made = shown.data
+        if made["page"] is None:
+            return Ended(None, f"Note: {shown.text[-1]}", (made.get("ratio") or {}).get("overall"), made["data_sheet_words"])
+        return Ended(str(made["page"]), f"Report: {made['page']}", (made.get("ratio") or {}).get("overall"), made["data_sheet_words"])
+    except Exception as problem:  # an axis was commissioned, and its gains may be in the drive
+        return Ended(None, f"Note: there is no report ({type(problem).__name__}: {problem}); beltcomm report {pasted(run)} makes one")
+
+
+def trend(runs: Place | Sequence[Place], *, limits: Sequence[str] = (), dates: Sequence[str] = (), out: Place | None = None) -> Result:
+    """One axis over many runs: :func:`beltcomm.pages.trend.trend`."""
+    from beltcomm.pages.trend import trend as made
+
+    return made(places(runs), limits=limits, dates=dates, out=None if out is None else place(out, "page"))

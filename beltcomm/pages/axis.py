@@ -1,0 +1,90 @@
+"""What was measured of the axis itself: frequency responses by place and amplitude, friction over speed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from beltcomm.errors import BeltcommError, DataError
+from beltcomm.given import pasted
+from beltcomm.pages.gather import Gathered
+from beltcomm.report import bode, friction, levels, responses
+from beltcomm.report.page import Picture, Section, Table, Words, picture_of
+from beltcomm.report.style import Caption
+from beltcomm.response.distortion import distortion, line_scatter
+from beltcomm.rundata.analyse import nonlinearities
+from beltcomm.rundata.friction_study import study_of
+from beltcomm.sentences.response_table import Row, table_lines, table_of
+from beltcomm.sentences.words import friction_lines, nonlinearity_lines
+
+
+def frequency(run: Gathered) -> Section:
+    """All responses with their 95 % bands and landmarks; the model over those that differ most, with coherence."""
+    title = "Frequency responses"
+    if run.model is None or not any(r.sidecar.experiment == "frf" for r in run.recordings):
+        return Section("responses", title, missing="No response was measured; beltcomm identify does.")
+    caption = Caption(run.command, f"{run.name}/recordings")
+    table = table_of(run.acting, run.model)
+    parts: list[Words | Table | Picture] = []
+    if run.comparison is not None:
+        pairs = bode.response_pairs(run.recordings, run.comparison.judged)
+        if pairs:
+            parts.append(picture_of(bode.bode_figure(pairs, run.landmarks, caption)))
+    if table.rows:
+        shown = [(f"{row.condition.record}, {row.condition.words()}", row.response, row.landmarks) for row in table.rows]
+        parts.append(picture_of(responses.responses_figure(shown, [f"by {d.cause}: {d.text}" for d in table.differences], caption)))
+        parts.append(Words(table_lines(table), typed=True))
+        parts.append(picture_of(levels.levels_figure([_levels(run, row) for row in _split(table.rows)], caption)))
+        parts.append(Words(_distortion_words(run), listed=True))
+    return Section("responses", title, parts)
+
+
+def _split(rows: Sequence[Row]) -> list[Row]:
+    """The loudest response and the quietest, where they differ."""
+    ordered = sorted(rows, key=lambda row: (-row.condition.amplitude_nm, -row.response.n_periods))
+    ends = [ordered[0], ordered[-1]]
+    return ends if ends[-1].condition.amplitude_nm < 0.9 * ends[0].condition.amplitude_nm else ends[:1]
+
+
+def _levels(run: Gathered, row: Row) -> levels.Levels:
+    response = row.response
+    made = levels.Levels(
+        f"{row.condition.record}, {row.condition.words()}",
+        response.freq_hz,
+        np.abs(response.h),
+        response.error_radius(),
+        line_scatter(response),
+    )
+    record = next(r for r in run.recordings if r.name == row.condition.record)
+    note = record.sidecar.excitation
+    if note is None or note.kind != "multisine" or not note.period_samples or record.sidecar.closed_loop:
+        return made
+    try:
+        split = distortion(record.torque, record.position, record.sample_period_s, note.period_samples, note.first_sample, t_s=record.t_s)
+    except DataError:
+        return made
+    return replace(made, odd=split.odd, even=split.even)
+
+
+def _distortion_words(run: Gathered) -> list[str]:
+    lines = nonlinearity_lines(nonlinearities(run.recordings))
+    return lines or [
+        "This excitation has no silent lines: friction, backlash and the like show as scatter from line to line that every period "
+        "repeats; odd and even cannot be told apart. "
+        f"beltcomm identify --drive DRIVE --run {pasted(run.place)} --excitation multisine does that."
+    ]
+
+
+def sliding(run: Gathered) -> Section:
+    """Friction over speed in both directions with its scatter, its laws, and its drift."""
+    title = "Friction"
+    try:
+        study = study_of(run.recordings, run.folder.axis, run.model, {})
+    except BeltcommError as problem:
+        return Section("friction", title, missing=f"{problem}; beltcomm friction drives a sweep.")
+    caption = Caption(run.command, f"{run.name}/recordings, {len(study.sweeps)} sweeps")
+    drawn = friction.figures(study.friction, study.sweeps, study.drifts, study.standstill, caption)
+    parts: list[Words | Table | Picture] = [picture_of(figure) for figure in drawn.values()]
+    return Section("friction", title, [*parts, Words(friction_lines(study.friction), typed=True)])

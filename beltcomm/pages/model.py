@@ -1,0 +1,75 @@
+"""The model: parameters with intervals, beside what the data sheets say of them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from beltcomm.given import pasted
+from beltcomm.model import Value
+from beltcomm.pages.gather import Gathered
+from beltcomm.report.page import Picture, Section, Table, Words
+from beltcomm.result import with_unit
+from beltcomm.rundata.revisions import current_revision
+from beltcomm.sentences.cross_checks import sheet_lines
+from beltcomm.sentences.words import SHOWN, number
+
+#: Names as everywhere, and of what is never fitted.
+NAMES = {**SHOWN, "transmission.ratio": ("way of the carriage per turn of the motor", "mm", 2e3 * math.pi)}
+
+
+def section(run: Gathered) -> Section:
+    """Every parameter, its 95 % interval, where it comes from, and what contradicts a data sheet."""
+    if run.model is None:
+        return Section("model", "Model", missing=f"There is no model yet; beltcomm fit {pasted(run.place)} makes one.")
+    rows = []
+    for name, value in run.model.parameters.items():
+        words, unit, scale = NAMES.get(name, (name, with_unit("", value.unit).strip(), 1.0))
+        sheet, expected, factor = _sheet(run, name), "", ""
+        if sheet is not None:
+            expected = " to ".join(dict.fromkeys(f"{scale * end:.4g}" for end in sheet))
+            factor = f"{value.value / min(max(value.value, sheet[0]), sheet[1]):.2f}"
+        rows.append((words, _shown(value, scale), unit, value.origin, expected, factor))
+    marks = ", ".join(f"{name} {hz:.2f} Hz" for name, hz in run.landmarks.items())
+    parts: list[Words | Table | Picture] = [
+        Words(
+            [
+                f"Effects in it: {', '.join(run.model.effects)}; beltcomm effects NAME says what each is.",
+                *([f"In the middle of the travel: {marks}."] if marks else []),
+            ]
+        ),
+        Table(("parameter", "value ± 95 %", "unit", "from", "data sheet", "factor"), rows),
+    ]
+    if run.laboratory is not None:
+        doubts = sheet_lines(run.laboratory.sheets)
+        parts.append(Words(doubts or ["Nothing contradicts the data sheets."], listed=bool(doubts)))
+    fit = run.results.get("fit")
+    if fit and fit.get("remarks") and current_revision(run.folder) is None:  # they are of the model that was fitted then
+        parts.append(Words(fit["remarks"], listed=True))
+    return Section("model", "Model", parts)
+
+
+def _shown(value: Value, scale: float) -> str:
+    if value.interval is not None and not math.isfinite(value.interval):
+        return f"{scale * value.value:.4g}, not told by these data"
+    return number(scale * value.value, None if value.interval is None else scale * value.interval, "").strip()
+
+
+def _sheet(run: Gathered, name: str) -> tuple[float, float] | None:
+    """What axis.yaml expects of a parameter, from and to, None where it says nothing.
+
+    A stiffness for the places in the middle of those that were recorded, as :func:`beltcomm.laboratory.cross_checks.sheet_doubts` has it.
+    """
+    axis = run.folder.axis
+    if name == "motor.inertia" and axis.motor_side_inertia_kg_m2 > 0.0:
+        return axis.motor_side_inertia_kg_m2, axis.motor_side_inertia_kg_m2
+    if name == "transmission.ratio":
+        return axis.transmission_m_rad, axis.transmission_m_rad
+    places = [
+        r.sidecar.start_position_m for r in run.recordings if r.sidecar.experiment == "frf" and r.sidecar.start_position_m is not None
+    ]
+    if name == "belt_stiffness.stiffness" and places and axis.get("belt.specific_stiffness_n") and axis.get("belt.pulley_distance_m"):
+        both = [axis.belt_stiffness_n_m(float(place)) for place in np.percentile(places, [25.0, 75.0])]
+        return min(both), max(both)
+    return None

@@ -1,0 +1,88 @@
+"""What a run says of its axis in numbers that can be compared between runs, with 95 % intervals where they are known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from beltcomm.model import Model
+from beltcomm.sentences.words import SHOWN, number
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number of an axis.   value, interval : SI; interval None where it is not known.   unit, scale : as shown.
+
+    more, less : words for a change.   usual : share by which it changes without anything being wrong, and ``why``.
+    """
+
+    key: str
+    words: str
+    unit: str
+    scale: float
+    value: float
+    interval: float | None
+    more: str
+    less: str
+    usual: float
+    why: str
+
+    def shown(self) -> str:
+        """Value ± interval, in the unit shown."""
+        return number(self.scale * self.value, None if self.interval is None else self.scale * self.interval, self.unit)
+
+
+#: Key -> words when it is more, less, the share that is usual, and why.
+_MEANING = {
+    "cart.mass": ("carriage heavier", "carriage lighter", 0.01, "cables and what lies on the carriage"),
+    "motor.inertia": ("more inertia at the motor", "less inertia at the motor", 0.01, "scale of the torque from drive to drive"),
+    "belt_stiffness.stiffness": ("belt stiffer", "belt softer", 0.03, "temperature and load of the belt"),
+    "belt_spans.specific_stiffness": ("belt stiffer", "belt softer", 0.03, "temperature and load of the belt"),
+    "belt_damping.damping": ("belt damping up", "belt damping down", 0.2, "temperature"),
+    "coulomb_total": ("friction up", "friction down", 0.1, "temperature, standstill and the way driven before"),
+    "viscous_total": ("viscous friction up", "viscous friction down", 0.2, "temperature of the grease"),
+    "resonance": ("resonance higher", "resonance lower", 0.015, "temperature and load of the belt"),
+    "antiresonance": ("antiresonance higher", "antiresonance lower", 0.015, "temperature and load of the belt"),
+    "dead_time": ("torque comes later", "torque comes earlier", 0.05, "another sample period of the records"),
+    "dynamic_error": ("tracking error up", "tracking error down", 0.2, "friction, which changes with temperature"),
+    "static_error": ("error at rest up", "error at rest down", 0.5, "the axis sticks somewhere within its friction"),
+}
+#: Derived ones: words, unit, scale.
+_DERIVED = {
+    "resonance": ("resonance", "Hz", 1.0),
+    "antiresonance": ("antiresonance", "Hz", 1.0),
+    "coulomb_total": ("Coulomb friction, all, at the motor", "mN m", 1e3),
+    "viscous_total": ("viscous friction, all, at the motor", "mN m s/rad", 1e3),
+}
+#: Parts of a sum that is shown as a whole: which part moves is the fit's affair.
+_PARTS = ("viscous.damping", "viscous_cart.damping", "coulomb.level", "cart_friction.level", "transmission.ratio")
+
+
+def quantities_of(model: Model | None, results: Mapping[str, Mapping[str, Any]]) -> dict[str, Quantity]:
+    """By key, in the order shown: model, what follows from it, delay, errors of the last move.   results : of the run folder."""
+    found: dict[str, Quantity] = {}
+
+    def add(key: str, words: str, unit: str, scale: float, value: float, interval: float | None) -> None:
+        more, less, usual, why = _MEANING.get(key, (f"{words} up", f"{words} down", 0.1, "nobody measured how far it changes by itself"))
+        known = interval if interval is not None and math.isfinite(interval) else None
+        found[key] = Quantity(key, words, unit, scale, float(value), known, more, less, usual, why)
+
+    for name, value in (model.parameters if model is not None else {}).items():
+        if name in _PARTS or value.interval is None:
+            continue
+        words, unit, scale = SHOWN.get(name, (name.replace(".", " ").replace("_", " "), value.unit, 1.0))
+        add(name, words, unit, scale, value.value, value.interval)
+    fit = results.get("fit") or {}
+    for name, (words, unit, scale) in _DERIVED.items():
+        if (item := (fit.get("characteristics") or {}).get(name)) is not None:
+            add(name, words, unit, scale, item["value"], item.get("interval"))
+    if dead := fit.get("dead_time"):
+        add("dead_time", "delay from setpoint to torque", "ms", 1e3, dead["value_s"], dead.get("interval_s"))
+    moves = [result for name, result in results.items() if name.startswith("verify_")]
+    if moves:
+        measured = moves[-1]["measured"]
+        add("dynamic_error", "tracking error of the motor while moving", "µm", 1e6, measured["dynamic_m"], None)
+        add("static_error", "tracking error of the motor at rest", "µm", 1e6, measured["static_m"], None)
+    return found

@@ -1,0 +1,369 @@
+"""``beltcomm trend``: one axis over many runs, what drifts, and when it reaches its limits."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from beltcomm.configfiles import did_you_mean, read_yaml, write_text
+from beltcomm.errors import DataError, UsageError
+from beltcomm.given import pasted
+from beltcomm.identify.course import FEWEST, Course, course_of
+from beltcomm.pages.gather import results_of
+from beltcomm.pages.quantities import Quantity, quantities_of
+from beltcomm.report.page import Fact, Page, Section, State, Table, Words, picture_of, render
+from beltcomm.report.style import Caption
+from beltcomm.report.trend import DAY_S, Followed, trend_figure
+from beltcomm.result import Result, jsonable, plain
+from beltcomm.rundata.revisions import current_model
+from beltcomm.runfolder import RunFolder
+from beltcomm.sentences.words import number
+from beltcomm.verify import DYNAMIC_TARGET_M, STATIC_TARGET_M
+
+NAME = "trend.html"
+#: Times the time observed, from which on an extrapolation is called one.
+FAR = 3.0
+#: What is told first.
+STATES = ("reached", "drifts", "unsure", "steady")
+#: Per cent a year that nobody speaks of.
+MINUTE = 1e-3
+#: The year 2200: dates beyond it are no dates of a machine.
+LAST_S = 7.258e9
+
+
+@dataclass(frozen=True)
+class Limit:
+    """How far a quantity may go.   low, high : shares of the first run's value, or SI values where ``absolute``.   why : in words."""
+
+    low: float | None
+    high: float | None
+    why: str
+    absolute: bool = False
+
+    def values(self, first: float) -> tuple[float | None, float | None]:
+        """Both in SI.   first : value of the first run."""
+        if self.absolute:
+            return self.low, self.high
+        return tuple(None if share is None else first * (1.0 + share) for share in (self.low, self.high))  # type: ignore[return-value]
+
+
+#: By key; what is not named here is followed without a limit.
+LIMITS: Mapping[str, Limit] = {
+    "belt_stiffness.stiffness": Limit(-0.2, 0.2, "20 % move the resonance by 10 %, further than prefilter and margins were proven for"),
+    "belt_spans.specific_stiffness": Limit(
+        -0.2, 0.2, "20 % move the resonance by 10 %, further than prefilter and margins were proven for"
+    ),
+    "resonance": Limit(-0.1, 0.1, "prefilter and margins were proven for the resonance found; 10 % are one fifth of the belt's stiffness"),
+    "coulomb_total": Limit(-0.4, 0.5, "half as much again: grease, guide or bearing; 40 % less: the belt has lost its tension"),
+    "viscous_total": Limit(None, 1.0, "twice as much: grease that has hardened, or dirt"),
+    "cart.mass": Limit(-0.1, 0.1, "the feedforward sends torque for the mass found: 10 % of it are missing or too much"),
+    "motor.inertia": Limit(-0.1, 0.1, "an inertia does not age: coupling or pulley slips, or the scale of the torque has changed"),
+    "dead_time": Limit(None, 0.5, "half as late again takes the phase margin that the delay was designed with"),
+    "dynamic_error": Limit(None, DYNAMIC_TARGET_M, "the target of the move that verifies", absolute=True),
+    "static_error": Limit(None, STATIC_TARGET_M, "the target of the move that verifies", absolute=True),
+}
+
+
+@dataclass(frozen=True)
+class Dated:
+    """A run.   t_s : of its beginning, s since 1970.   source : where that comes from.   found : its quantities."""
+
+    name: str
+    t_s: float
+    source: str
+    found: Mapping[str, Quantity]
+
+
+@dataclass(frozen=True)
+class Line:
+    """One quantity over the runs.   state : "reached", "drifts", "steady", "unsure".   text : in words.
+
+    reach_s : when its limit is reached, earliest, by the line, latest; None where that is not known.
+    """
+
+    last: Quantity
+    runs: tuple[str, ...]
+    t_s: tuple[float, ...]
+    values: tuple[float, ...]
+    intervals: tuple[float | None, ...]
+    limits: tuple[float | None, float | None]
+    why: str
+    course: Course | None
+    state: str
+    text: str
+    reach_s: tuple[float, float, float] | None
+
+
+def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[str] = (), out: Path | None = None) -> Result:
+    """All quantities that at least two of the runs know, over their dates, with limits.   Exit code 1 where a limit is reached.
+
+    limits : ``KEY=-20%``, ``KEY=+50%``, or an SI value for an upper limit.   dates : ISO 8601, one for each run.
+    out : of the page, ``trend.html`` in the folder of the newest run unless told.
+    Raises UsageError for fewer than two runs, unknown limits, dates that cannot be read, and runs of different axes.
+    """
+    if len(runs) < 2:
+        raise UsageError("a trend needs at least two runs of one axis, and three to tell a course from chance")
+    if dates and len(dates) != len(runs):
+        raise UsageError(f"{len(dates)} dates for {len(runs)} runs; give --date once for each run, in the same order")
+    bounds = {**LIMITS, **_given(limits)}
+    dated = sorted((_dated(run, dates[i] if dates else None) for i, run in enumerate(runs)), key=lambda one: one.t_s)
+    known = {key for one in dated for key in one.found}
+    if unknown := sorted(set(_given(limits)) - known):
+        raise UsageError(f"no run knows {unknown[0]}{did_you_mean(unknown[0], sorted(known))}; there are {', '.join(sorted(known))}")
+    folders = [RunFolder.open(run) for run in runs]
+    remarks = _remarks(folders, dated)
+    followed = [
+        one
+        for key in dict.fromkeys(k for d in dated for k in d.found)
+        if (one := _followed(key, dated, bounds.get(key), len(known))) is not None
+    ]
+    followed.sort(key=lambda one: STATES.index(one.state))
+    if not followed:
+        raise DataError("no two of these runs know the same quantity; make models with beltcomm fit")
+    given = {run.resolve().name: run for run in runs}
+    page = _page(folders[0].axis.name or "Axis", followed, dated, [given[one.name] for one in dated], remarks)
+    newest = max(runs, key=lambda run: next(d.t_s for d in dated if d.name == run.resolve().name))
+    where = out or newest / NAME
+    write_text(where, render(page))
+    data = {
+        "runs": [{"name": d.name, "date": _date(d.t_s), "date_from": d.source} for d in dated],
+        "verdict": page.verdict,
+        "quantities": {one.last.key: plain(one) for one in followed},
+        "remarks": remarks,
+    }
+    write_text(where.with_suffix(".json"), json.dumps(jsonable(data), indent=1) + "\n")
+    reached = any(one.state == "reached" for one in followed)
+    text = [page.verdict, *(f"  {one.text}" for one in followed), *(f"Note: {line}" for line in remarks)]
+    return Result({**data, "page": str(where)}, [*text, f"Trend: {where}, numbers in {where.with_suffix('.json').name}"], int(reached))
+
+
+def _given(limits: Sequence[str]) -> dict[str, Limit]:
+    found: dict[str, Limit] = {}
+    for text in limits:
+        match = re.fullmatch(r"([\w.]+)=([-+]?)(\d*\.?\d+(?:e[-+]?\d+)?)(%?)", text.strip())
+        if match is None:
+            raise UsageError(f"the limit {text!r} cannot be read; write KEY=-20%, KEY=+50%, or KEY=0.2 for an upper limit in SI")
+        key, sign, number, share = match.groups()
+        value = float(number) * (-1.0 if sign == "-" else 1.0)
+        before = found.get(key) or Limit(None, None, "given on the command line", absolute=not share)
+        if before.absolute == bool(share):
+            raise UsageError(f"the limits of {key} are given in per cent and in SI; give both in one of them")
+        value = value / 100.0 if share else value
+        found[key] = replace(before, low=value) if sign == "-" and share else replace(before, high=value)
+    return found
+
+
+def _dated(run: Path, date: str | None) -> Dated:
+    folder = RunFolder.open(run)
+    t_s, source = _time_of(folder, date)
+    return Dated(folder.path.resolve().name, t_s, source, quantities_of(current_model(folder), results_of(folder)))
+
+
+def _time_of(folder: RunFolder, date: str | None) -> tuple[float, str]:
+    """When a run was made: as given, as its drive's session noted it, else by its oldest file."""
+    if date is not None:
+        try:
+            return float(np.datetime64(date, "s").astype(np.int64)), "given"
+        except ValueError:
+            raise UsageError(f"the date {date!r} cannot be read; write it as 2026-03-31") from None
+    about = folder.path / "run.yaml"
+    began = read_yaml(about, DataError).get("began_s") if about.is_file() else None
+    if isinstance(began, (int, float)):
+        return float(began), "run.yaml"
+    files = [path.stat().st_mtime for path in folder.recordings_folder.glob("*.csv")]
+    if not files:
+        raise DataError(f"{folder.path} has no recordings and no date; give --date for every run")
+    return min(files), "the files' own date"
+
+
+def _remarks(folders: Sequence[RunFolder], dated: Sequence[Dated]) -> list[str]:
+    """What else than time differs between the runs."""
+    remarks = []
+    if any(one.source == "the files' own date" for one in dated):
+        names = ", ".join(one.name for one in dated if one.source == "the files' own date")
+        remarks.append(f"date by the files' own, which a copy may have changed: {names}; --date tells it")
+    prints = {folder.axis.fingerprint() for folder in folders}
+    if len(prints) > 1:
+        remarks.append("axis.yaml differs between the runs: what changed in it may be what seems to drift")
+    serials = {folder.drive.get("serial_number", "") for folder in folders}
+    if len(serials) > 1:
+        remarks.append("the runs were made on different drives: the scale of their torque may differ by some per cent")
+    return remarks
+
+
+def _followed(key: str, dated: Sequence[Dated], limit: Limit | None, looked_at: int) -> Line | None:
+    here = [one for one in dated if key in one.found]
+    if len(here) < 2:
+        return None
+    items = [one.found[key] for one in here]
+    t_s, values = np.array([one.t_s for one in here]), np.array([item.value for item in items])
+    intervals = np.array([math.nan if item.interval is None else item.interval for item in items])
+    low, high = limit.values(values[0]) if limit is not None else (None, None)
+    course = course_of(t_s, values, intervals, looked_at) if _days(t_s) >= FEWEST else None
+    state, text, reach = _said(items, t_s, course, (low, high))
+    return Line(
+        items[-1],
+        tuple(one.name for one in here),
+        tuple(t_s.tolist()),
+        tuple(values.tolist()),
+        tuple(item.interval for item in items),
+        (low, high),
+        limit.why if limit is not None else "",
+        course,
+        state,
+        text,
+        reach,
+    )
+
+
+def _said(
+    items: Sequence[Quantity], t_s: np.ndarray, course: Course | None, limits: tuple[float | None, float | None]
+) -> tuple[str, str, tuple[float, float, float] | None]:
+    """State, words, and when the limit is reached."""
+    first, last = items[0], items[-1]
+    low, high = limits
+    for bound, beyond in ((low, -1.0), (high, 1.0)):
+        if bound is not None and beyond * (last.value - bound) > 0.0:
+            surely = last.interval is None or beyond * (last.value - bound) > last.interval
+            word = "has reached its limit" if surely else "is at its limit, within its interval"
+            return "reached", f"{last.words} {word}: {last.shown()}, limit {_number(last, bound)}", None
+    if course is None:
+        change = 100.0 * (last.value / first.value - 1.0) if first.value else math.nan
+        few = f"cannot tell a course from chance yet ({_days(t_s)} days, {FEWEST} are needed)"
+        return "unsure", f"{last.words}: {change:+.2g} % from {first.shown()} to {last.shown()}; {few}", None
+    if not course.drifts:
+        seen = 100.0 * course.sure_interval * 365.25 * DAY_S / abs(course.level) if course.level else 0.0
+        least = f" (seen would be {seen:.2g} % a year)" if seen > MINUTE else ""
+        return "steady", f"{last.words}: no drift that these runs show{least}", None
+    year = 365.25 * DAY_S
+    rate = f"{number(last.scale * course.slope * year, last.scale * course.slope_interval * year, last.unit)} a year"
+    text = f"{last.more if course.slope > 0.0 else last.less}: {last.words} drifts by {rate}"
+    bound = high if course.slope > 0.0 else low
+    if bound is None:
+        return "drifts", f"{text}; no limit on that side", None
+    reach = course.reaches(bound)
+    assert reach is not None  # it drifts
+    early, by_line, late = reach
+    far = by_line - float(t_s[-1]) > FAR * float(np.ptp(t_s))
+    when = f"limit {_number(last, bound)} by the line on {_date(by_line)} ({_date(early)} to {_date(late)})"
+    return "drifts", f"{text}; {when}" + (", far beyond the time observed: cannot tell" if far else ""), reach
+
+
+def _days(t_s: np.ndarray) -> int:
+    """Number of days with a run: several runs of one day show how they scatter, no course."""
+    return len(np.unique(np.floor(t_s / DAY_S)))
+
+
+def _number(item: Quantity, value: float) -> str:
+    return f"{item.scale * value:.3g} {item.unit}"
+
+
+def _date(t_s: float) -> str:
+    """Day as ISO 8601, UTC; one beyond all planning in words."""
+    if not 0.0 <= t_s < LAST_S:
+        return "after 2200" if t_s > 0.0 else "before 1970"
+    return str(np.datetime64(int(t_s), "s").astype("datetime64[D]"))
+
+
+def _page(axis: str, followed: Sequence[Line], dated: Sequence[Dated], paths: Sequence[Path], remarks: Sequence[str]) -> Page:
+    names = [one.name for one in dated]
+    caption = Caption(f"beltcomm trend {' '.join(map(pasted, names))}", f"models and results of {len(names)} runs")
+    reached = [one for one in followed if one.state == "reached"]
+    drifting = [one for one in followed if one.state == "drifts"]
+    soon = min((one for one in drifting if one.reach_s is not None), key=lambda one: one.reach_s[1] if one.reach_s else 0.0, default=None)
+    state: State = "bad" if reached else "note" if drifting or any(one.course is None for one in followed) else "good"
+    verdict = (
+        f"{len(reached)} of {len(followed)} quantities beyond their limit: {', '.join(one.last.words for one in reached)}."
+        if reached
+        else f"{len(drifting)} of {len(followed)} quantities drift, none is beyond its limit."
+        if drifting
+        else "Nothing drifts that these runs show."
+        if any(one.course is not None for one in followed)
+        else "Cannot tell: runs of three different days are needed to tell a course from chance."
+    )
+    days = (dated[-1].t_s - dated[0].t_s) / DAY_S
+    facts = [
+        Fact("Runs", f"{len(dated)}", f"{_date(dated[0].t_s)} to {_date(dated[-1].t_s)}, {days:.0f} days"),
+        Fact(
+            "Drifting",
+            f"{len(drifting)}",
+            ", ".join(one.last.words for one in drifting) or "none that these runs show",
+            "note" if drifting else "",
+        ),
+        Fact(
+            "First limit",
+            "reached" if reached else _date(soon.reach_s[1]) if soon is not None and soon.reach_s else "not in sight",
+            reached[0].text if reached else soon.text if soon is not None else "",
+            "bad" if reached else "note" if soon is not None else "",
+        ),
+    ]
+    steps = [
+        f"beltcomm report {pasted(paths[-1])} --against {pasted(paths[0])}: what changed, with responses, friction and tracking of both"
+    ]
+    if reached or drifting:
+        steps.append(f"beltcomm diagnose {pasted(paths[-1])}: which effect is missing, and what to check on the machine")
+    scaled = [
+        Followed(
+            one.last.words,
+            one.last.unit,
+            np.array(one.t_s),
+            one.last.scale * np.array(one.values),
+            one.last.scale * np.array([math.nan if i is None else i for i in one.intervals]),
+            (_scaled(one, 0), _scaled(one, 1)),
+            _course_scaled(one),
+        )
+        for one in followed
+    ]
+    rows = [
+        (
+            one.last.words,
+            one.last.unit,
+            f"{one.last.scale * one.values[0]:.5g}",
+            f"{one.last.scale * one.values[-1]:.5g}",
+            "" if (a := _scaled(one, 0)) is None else f"{a:.4g}",
+            "" if (b := _scaled(one, 1)) is None else f"{b:.4g}",
+            one.why,
+        )
+        for one in followed
+    ]
+    sections = [
+        Section("words", "What drifts", [Words([one.text for one in followed], listed=True)]),
+        Section("courses", "Courses", [picture_of(trend_figure(scaled, caption))]),
+        Section("limits", "Limits", [Table(("quantity", "unit", "first", "last", "low", "high", "why"), rows, _LIMIT_WORDS)]),
+        Section("runs", "Runs", [Table(("run", "date", "from"), [(d.name, _date(d.t_s), d.source) for d in dated])]),
+    ]
+    return Page(
+        f"{axis}: trend", f"{names[0]} to {names[-1]}", verdict, state, facts, steps, sections, [f"Made by: {caption.command}", *remarks]
+    )
+
+
+_LIMIT_WORDS = (
+    "Limits in per cent are of the first run. Line: weighted least squares; band: 95 %, widened to the scatter of the runs where they "
+    "differ by more than their own intervals say. --limit KEY=-20%, KEY=+50% or KEY=0.2 (SI) sets others; keys: see the JSON."
+)
+
+
+def _scaled(one: Line, side: int) -> float | None:
+    value = one.limits[side]
+    return None if value is None else one.last.scale * value
+
+
+def _course_scaled(one: Line) -> Course | None:
+    if one.course is None:
+        return None
+    k = one.last.scale
+    c = one.course
+    return replace(
+        c,
+        level=k * c.level,
+        slope=k * c.slope,
+        level_interval=k * c.level_interval,
+        slope_interval=k * c.slope_interval,
+        sure_interval=k * c.sure_interval,
+    )

@@ -1,0 +1,173 @@
+"""What the motion itself says of how a record was sampled: rows that are missing or written twice, time stamps that are not true.
+
+A motor cannot change its speed at once: where the steps before and after agree, the step between them is like them.  A step of two is
+a row that is missing, none is a row that was written twice.  Arrays in, numbers out.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: Steps of the encoder, and times the position's own noise, that a step between two rows must have to be judged.
+FAST_STEPS, FAST_NOISE = 8.0, 20.0
+#: Largest difference of two steps that agree, as a share of their mean.
+AGREEING = 0.2
+#: A step above this many times its neighbours holds a missing row, one below that share of them a row written twice.
+LONG, SHORT = 1.6, 0.4
+#: Largest deviation of a time step from a whole number of periods, in periods, that is no jitter.
+EVEN = 0.02
+#: Deviation, in periods, below which stamps differ by the rounding of their numbers.
+ROUNDING = 1e-5
+#: Deviations of a slope that count as proof.
+SIGMAS = 3.0
+#: Counts that a position must cover for its grid to be told, counts of the first range, and how far its values must gather on the grid.
+FEWEST_COUNTS, FIRST_COUNTS, GATHERED = 500.0, 20.0, 0.9
+#: Quantile of |x| of a normal x that a quarter stays below.
+QUARTER = 0.3186
+
+
+@dataclass(frozen=True)
+class Uneven:
+    """missing, repeated : rows before which one is missing, and rows that repeat another, as far as the motion shows it.
+    judged : steps that were fast enough to be judged."""
+
+    missing: NDArray[np.intp]
+    repeated: NDArray[np.intp]
+    judged: int
+
+    @property
+    def share(self) -> float:
+        """Share of the judged steps."""
+        return (len(self.missing) + len(self.repeated)) / max(self.judged, 1)
+
+
+def uneven_rows(t_s: Array, position: Array) -> Uneven:
+    """Rows that are missing or repeated although the time stamps are even.   t_s : (n,), s.   position : (n,), any unit."""
+    none = np.zeros(0, dtype=np.intp)
+    if len(position) < 8:
+        return Uneven(none, none, 0)
+    steps, times = np.diff(position), np.diff(t_s)
+    fast = max(FAST_STEPS * finest(position), FAST_NOISE * _noise(position))
+    missing: list[int] = []
+    repeated: list[int] = []
+    judged = 0
+    # one step between two agreeing ones on either side, then two: a row that shows the values before it makes a step of nothing and one
+    # of two
+    for width in (1, 2):
+        count = len(steps) - width - 3
+        sides = np.stack([steps[i : i + count] for i in (0, 1, width + 2, width + 3)])
+        mean = sides.mean(axis=0)
+        agree = (np.abs(sides).min(axis=0) > fast) & (np.ptp(sides, axis=0) <= AGREEING * np.abs(mean))
+        at = np.flatnonzero(agree)
+        usual = np.stack([times[i : i + count] for i in (0, 1, width + 2, width + 3)]).mean(axis=0)
+        # by rows and by time: a gap that the stamps show is none, stamps that jitter beside even rows make none
+        by_row = steps[2:][at] / mean[at]
+        by_time = by_row * usual[at] / times[2:][at]
+        if width == 1:
+            judged = len(at)
+            missing += list(at[np.minimum(by_row, by_time) > LONG] + 3)
+            repeated += list(at[np.maximum(np.abs(by_row), np.abs(by_time)) < SHORT] + 3)
+        else:
+            none_then_two = (np.abs(by_row) < SHORT) & (np.abs(by_time) < SHORT) & (steps[3:][at] / mean[at] > LONG)
+            repeated += list(at[none_then_two] + 3)
+    return Uneven(np.unique(np.array(missing, dtype=np.intp)), np.unique(np.array(repeated, dtype=np.intp)), judged)
+
+
+def finest(position: Array) -> float:
+    """Smallest difference between two values of a position: the encoder's step where the record shows it."""
+    gaps = np.diff(np.unique(position))
+    real = gaps[gaps > 1e-9 * max(1.0, float(np.abs(position).max()))]
+    return float(np.percentile(real, 2)) if len(real) else 0.0
+
+
+def encoder_grid(position: Array) -> float | None:
+    """Step of which all values of a position are whole multiples, but for a constant, to some 1e-5; None where they are of none.
+
+    From the smallest difference, by least squares over ranges that double: each says the step well enough to count the next.
+    """
+    step = finest(position)
+    values = np.unique(position)
+    values = values - values[0]
+    if step <= 0.0 or values[-1] < FEWEST_COUNTS * step:
+        return None
+    reach = FIRST_COUNTS * step
+    while True:
+        near = values[values <= reach]
+        counts = np.round(near / step)
+        if float(counts @ counts) > 0.0:
+            step = float(counts @ near) / float(counts @ counts)
+        if reach >= values[-1]:
+            break
+        reach *= 2.0
+    gathered = float(np.abs(np.mean(np.exp(2j * math.pi * values / step))))
+    return step if gathered > GATHERED else None
+
+
+def _noise(position: Array) -> float:
+    """Noise of a position from its fourth differences, which a smooth motion hardly has; rows that are amiss touch a few only."""
+    return float(np.percentile(np.abs(np.diff(position, 4)), 25.0)) / QUARTER / math.sqrt(70.0)
+
+
+@dataclass(frozen=True)
+class Jitter:
+    """largest, rms : deviation of the time steps from even ones, in periods.   period_s : s, the even one.
+    slope : of the motion's own unevenness over that of the stamps: 1 where the samples were taken when the stamps say, 0 where
+    they were even; nan where nobody can tell.   error : its standard deviation.   share : of the motion's unevenness, its square, that
+    comes from the stamps'.   bend : rms of the position's second differences that stamps alone make, in the position's unit."""
+
+    largest: float
+    rms: float
+    period_s: float
+    slope: float
+    error: float
+    share: float
+    bend: float
+
+    @property
+    def real(self) -> bool:
+        """Whether the samples were taken unevenly: proven."""
+        return self.slope > SIGMAS * self.error and abs(self.slope - 1.0) < abs(self.slope)
+
+    @property
+    def only_stamps(self) -> bool:
+        """Whether the samples were even and the stamps alone jitter: proven."""
+        return 1.0 - self.slope > SIGMAS * self.error and abs(self.slope) < abs(1.0 - self.slope)
+
+
+def stamp_jitter(t_s: Array, position: Array, long_steps: NDArray[np.intp]) -> Jitter | None:
+    """How time stamps jitter, and whether the motion followed them; None for even ones.
+
+        x[n+1] - x[n] - its neighbours' mean = slope · speed · (the same of t)
+
+    Lost samples, whole periods long, are no jitter.   t_s : (n,), s.   position : (n,), any unit.
+    long_steps : samples after which some were lost.
+    """
+    times = np.diff(t_s)
+    period = float(np.median(times))
+    whole = np.round(times / period)
+    lost = (whole >= 2.0) & (np.abs(times / period - whole) < EVEN)
+    lost[long_steps] = True  # with jitter a gap is no whole number of periods
+    off = np.where(lost, 0.0, times / period - 1.0)
+    largest = float(np.abs(off).max())
+    if largest < ROUNDING:
+        return None
+    period = float(np.delete(times, long_steps).mean()) if len(long_steps) else float(t_s[-1] - t_s[0]) / len(times)
+    steps = np.diff(position)
+    speed = 0.5 * (steps[:-2] + steps[2:]) / period
+    sound = ~(lost[:-2] | lost[1:-1] | lost[2:])
+    uneven_t = (times[1:-1] - 0.5 * (times[:-2] + times[2:]))[sound]
+    cause, seen = speed[sound] * uneven_t, (steps[1:-1] - 0.5 * (steps[:-2] + steps[2:]))[sound]
+    power = float(cause @ cause)
+    rms = float(np.sqrt(np.mean(off**2)))
+    if power <= 0.0:
+        return Jitter(largest, rms, period, math.nan, math.inf, 0.0, 0.0)
+    bend = float(np.sqrt(np.mean((speed * (times[1:-1] - times[:-2]))[sound] ** 2)))
+    slope = float(cause @ seen) / power
+    error = math.sqrt(float(np.sum(cause**2 * (seen - slope * cause) ** 2))) / power
+    return Jitter(largest, rms, period, slope, error, max(0.0, slope * float(cause @ seen) / float(seen @ seen)), bend)

@@ -1,0 +1,329 @@
+"""From recordings to results, without a machine: the same functions serve the sequence and the single commands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from beltcomm.control import Cascade, CascadeStructure, PrefilterKind
+from beltcomm.design.cascade import DesignResult, design_cascade, feasible_cascade
+from beltcomm.design.cautious import (
+    LEAST_RESONANCE_DAMPING,
+    cautious_cascade,
+    cautious_specification,
+    uncertain_plants,
+    with_resonance_damping,
+)
+from beltcomm.design.design_plant import DesignPlant, with_friction_fractions
+from beltcomm.design.feedforward import FeedforwardKind, SentFeedforward, feedforward_from
+from beltcomm.design.specification import PRODUCT_SPECIFICATION, Infeasible, Specification
+from beltcomm.design.structure import late_s, loop_model
+from beltcomm.effects.tilt import GRAVITY_M_S2
+from beltcomm.errors import DataError, Refused
+from beltcomm.fit.model_fit import ModelFit
+from beltcomm.identify.dead_time import DeadTime, dead_time_between
+from beltcomm.identify.friction import FrictionFit, Plateau, fit_friction
+from beltcomm.identify.landmarks import Shape, shape_of
+from beltcomm.identify.loop_response import seen
+from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver, fit_magnitude
+from beltcomm.identify.sweeps import plateaus_of
+from beltcomm.model import Model
+from beltcomm.model.linear import operating_point
+from beltcomm.model.transfer import two_mass
+from beltcomm.recording import Recording
+from beltcomm.response import FrequencyResponse
+from beltcomm.response.distortion import distortion
+
+#: Below this a loop is refused, whatever the drive's structure.
+LEAST_PHASE_MARGIN_DEG = 10.0
+#: Uncertainty of mass and stiffness that the first loop must bear: as much as the drive's structure allows.
+UNCERTAINTIES = (0.3, 0.15, 0.05)
+
+
+@dataclass(frozen=True)
+class Characteristic:
+    """A number derived from the fit, with its 95 % interval (half width)."""
+
+    value: float
+    interval: float
+    unit: str
+
+
+def responses(recordings: Sequence[Recording], *, setpoint: bool = False) -> dict[str, FrequencyResponse]:
+    """Frequency response of every periodic excited record, by name; from the torque setpoint when asked for."""
+    found = {}
+    for recording in recordings:
+        note = recording.sidecar.excitation
+        torque = recording.torque_setpoint if setpoint else recording.torque
+        if recording.sidecar.experiment != "frf" or note is None or not note.period_samples or torque is None:
+            continue
+        try:
+            found[recording.name] = seen(recording, torque)
+        except DataError:
+            continue  # a record with a single period: it serves the final fit, not the picture
+    return found
+
+
+@dataclass(frozen=True)
+class Nonlinearity:
+    """What a multisine shows on its silent lines in a band, Hz: rms of odd and even answers and noise, over the linear one."""
+
+    odd: float
+    even: float
+    noise: float
+    low_hz: float
+    high_hz: float
+
+
+def nonlinearities(recordings: Sequence[Recording]) -> dict[str, Nonlinearity]:
+    """By name, of every open-loop record of a multisine with at least two whole periods; a loop answers on the silent lines itself."""
+    found = {}
+    for recording in recordings:
+        note = recording.sidecar.excitation
+        if note is None or note.kind != "multisine" or not note.period_samples or recording.sidecar.closed_loop:
+            continue
+        try:
+            split = distortion(
+                recording.torque,
+                recording.position,
+                recording.sample_period_s,
+                note.period_samples,
+                note.first_sample,
+                t_s=recording.t_s,
+            )
+        except DataError:
+            continue  # too short: it serves the fit
+        low, high = float(split.freq_hz[0]), float(split.freq_hz[-1])
+        linear = float(np.sqrt(np.mean(split.speed**2)))
+        noise = float(np.sqrt(np.mean(np.concatenate((split.odd.noise, split.even.noise)) ** 2)))
+        found[recording.name] = Nonlinearity(
+            split.odd.rms(low, high) / linear, split.even.rms(low, high) / linear, noise / linear, low, high
+        )
+    return found
+
+
+def thesis_fit(response: FrequencyResponse, model: Model, solver: Solver = "lm") -> MagnitudeFit:
+    """The thesis's log-magnitude fit of (2.42), inertia and transmission from the data sheets; biased by friction."""
+    return fit_magnitude(response, model["transmission.ratio"], model["motor.inertia"], solver=solver)
+
+
+def dead_time_of(recordings: Sequence[Recording], highest_hz: float) -> DeadTime:
+    """Delay from torque setpoint to acting torque, from the record with the most periods.   Raises DataError."""
+    by_torque = responses(recordings)
+    by_setpoint = responses(recordings, setpoint=True)
+    common = [name for name in by_torque if name in by_setpoint]
+    if not common:
+        raise DataError("no excited record has both torque_nm and torque_setpoint_nm; the drive's delay cannot be told")
+    standing = {r.name for r in recordings if not r.sidecar.moving}  # louder: nothing turns round that should not
+    best = max(common, key=lambda name: (name in standing, by_torque[name].n_periods))
+    return dead_time_between(by_setpoint[best], by_torque[best], lowest_hz=2.0, highest_hz=highest_hz)
+
+
+def friction_of(recordings: Sequence[Recording], slowest_rad_s: float = 0.0, inertia_kg_m2: float = 0.0) -> FrictionFit:
+    """Friction (3.36) from all constant-speed sweeps.   slowest_rad_s : slower passes are shown and not fitted.
+
+    inertia_kg_m2 : of all that moves, at the motor; 0 when not known, see :func:`find_plateaus`.
+
+    Raises DataError when there is none or no plateau is usable.
+    """
+    plateaus: list[Plateau] = []
+    for recording in recordings:
+        if recording.sidecar.experiment != "friction_sweep" or recording.reference_velocity is None:
+            continue
+        plateaus += plateaus_of(recording, inertia_kg_m2)
+    if not plateaus:
+        dumb = [r.name for r in recordings if r.sidecar.experiment == "friction_sweep"]
+        if dumb:
+            raise DataError(
+                f"{', '.join(dumb)}: sweeps without the speed that was asked for (reference_velocity_rad_s), which says where it is "
+                "constant; friction comes from the fit over all records"
+            )
+        raise DataError("no recording of a constant-speed sweep (experiment: friction_sweep); record one with `beltcomm friction`")
+    return fit_friction(plateaus, slowest_rad_s=slowest_rad_s)
+
+
+def characteristics(fit: ModelFit, position_m: float) -> dict[str, Characteristic]:
+    """Resonance, antiresonance and total Coulomb friction with intervals from the fit's covariance (linear propagation)."""
+
+    def numbers(model: Model) -> np.ndarray:
+        two = two_mass(model, operating_point(model, position_m, 1.0))
+        ratio = model["transmission.ratio"]
+        coulomb = model.get("coulomb.level") + ratio * model.get("cart_friction.level")
+        viscous = model.get("viscous.damping") + ratio**2 * model.get("viscous_cart.damping")
+        return np.array([two.resonance_hz, two.antiresonance_hz, coulomb, viscous])
+
+    here = numbers(fit.model)
+    slopes = []
+    for i, name in enumerate(fit.free):
+        deviation = math.sqrt(fit.covariance[i, i])
+        item = fit.model.parameters[name]
+        step = min(0.1 * deviation, 0.5 * (item.high - item.value)) if deviation else 0.0
+        slopes.append((numbers(fit.model.with_values({name: item.value + step})) - here) / step if step else np.zeros(4))
+    jacobian = np.array(slopes)
+    half = fit.quantile * np.sqrt(np.einsum("ij,ik,kj->j", jacobian, fit.covariance, jacobian))
+    names = ("resonance", "antiresonance", "coulomb_total", "viscous_total")
+    units = ("Hz", "Hz", "N m", "N m s/rad")
+    return {n: Characteristic(float(v), float(h), u) for n, v, h, u in zip(names, here, half, units, strict=True)}
+
+
+def design_plants(
+    model: Model,
+    positions_m: Sequence[float],
+    masses_kg: Sequence[float],
+    dead_time_s: float,
+    apparent_damping_nm_s_rad: float,
+) -> list[DesignPlant]:
+    """The plants a loop must hold for: places, payloads, and every damping between none and the apparent one.
+
+    apparent_damping_nm_s_rad : what a frequency response around standstill shows, at the motor; the axis in motion has less.
+    """
+    plants = []
+    late = late_s(model)
+    for position in positions_m:
+        two = loop_model(model, position)
+        moving = model.get("viscous.damping") + two.transmission_m_rad**2 * model.get("viscous_cart.damping")
+        apparent = max(apparent_damping_nm_s_rad, moving)
+        fractions = sorted({0.0, moving / apparent if apparent else 0.0, 0.5, 1.0})
+        for mass in masses_kg:
+            plant = DesignPlant(
+                inertia_kg_m2=two.inertia_kg_m2,
+                transmission_m_rad=two.transmission_m_rad,
+                mass_kg=mass,
+                stiffness_n_m=two.stiffness_n_m,
+                motor_damping_nm_s_rad=apparent,
+                belt_damping_ns_m=two.belt_damping_ns_m,
+                dead_time_s=dead_time_s + late,
+                name=f"{position:.2f} m, {mass:.2f} kg",
+                bodies=None if two.bodies is None else two.bodies.with_carriage(mass),
+            )
+            plants += with_friction_fractions(plant, fractions)
+    return plants
+
+
+def design(
+    model: Model,
+    structure: CascadeStructure,
+    *,
+    positions_m: Sequence[float],
+    masses_kg: Sequence[float],
+    dead_time_s: float,
+    apparent_damping_nm_s_rad: float,
+    prefilter: PrefilterKind | None = None,
+    feedforward: FeedforwardKind = "nonlinear",
+    specification: Specification | None = None,
+) -> tuple[DesignResult, Cascade]:
+    """The proven cascade and, with the feedforward of the model as far as the drive has it, what goes into the drive.
+
+    prefilter : the only kind to try; None: all that the drive has.
+    Raises Refused (Infeasible) with what binds.
+    """
+    offered(structure, prefilter)
+    wanted = specification or PRODUCT_SPECIFICATION
+    if prefilter is not None:
+        wanted = replace(wanted, prefilters=(prefilter,))
+    plants = design_plants(model, positions_m, masses_kg, dead_time_s, apparent_damping_nm_s_rad)
+    untold = model.get("belt_damping.damping", 1.0) == 0.0
+    if untold:  # a fit at its bound: no loop suppresses a resonance without any damping; counted as by the first loop, which ran the axis
+        plants = [p if p.bodies else with_resonance_damping(p, LEAST_RESONANCE_DAMPING) for p in plants]
+    try:
+        result = design_cascade(plants, structure, wanted)
+    except Infeasible as refusal:
+        nearest = refusal.nearest
+        if specification is not None or nearest is None or nearest.phase_margin_deg < LEAST_PHASE_MARGIN_DEG:
+            raise
+        result = design_cascade(plants, structure, nearest)
+        result = replace(result, remarks=(f"the usual margins cannot be had: {refusal}", *result.remarks), relaxed=True)
+    if untold:
+        words = f"the fit tells no damping of the belt: a resonance damped by {100.0 * LEAST_RESONANCE_DAMPING:g} % is counted with"
+        result = replace(result, remarks=(words, *result.remarks))
+    return result, with_feedforward(result.cascade, model, structure, dead_time_s, feedforward, apparent_damping_nm_s_rad)
+
+
+def first_loop(
+    model: Model, structure: CascadeStructure, position_m: float, dead_time_s: float, apparent_damping_nm_s_rad: float
+) -> DesignResult:
+    """The cautious loop for a first model at one place, with the largest uncertainty and the best margins that the drive allows.
+
+    Raises Refused (Infeasible) when even a model known to 5 % leaves less than ``LEAST_PHASE_MARGIN_DEG``.
+    """
+    plant = design_plants(model, [position_m], [model["cart.mass"]], dead_time_s, apparent_damping_nm_s_rad)[-1]
+    for uncertainty in UNCERTAINTIES[:-1]:
+        found = feasible_cascade(uncertain_plants(plant, uncertainty), structure, cautious_specification())
+        if found is not None:
+            return found
+    try:
+        return cautious_cascade(plant, structure, UNCERTAINTIES[-1])
+    except Infeasible as refusal:
+        nearest = refusal.nearest
+        if nearest is None or nearest.phase_margin_deg < LEAST_PHASE_MARGIN_DEG:
+            raise
+    return cautious_cascade(plant, structure, UNCERTAINTIES[-1], nearest)
+
+
+def offered(structure: CascadeStructure, prefilter: PrefilterKind | None, feedforward: SentFeedforward | None = None) -> None:
+    """Raise Refused for a prefilter or a feedforward that was asked for and that the drive does not have."""
+    if prefilter is not None and prefilter not in structure.prefilters:
+        raise Refused(f"{structure.name} has no {prefilter} prefilter; choose {' or '.join(structure.prefilters)}")
+    if feedforward not in (None, "none") and not (structure.torque_feedforward or structure.velocity_feedforward):
+        raise Refused(f"{structure.name} has no feedforward, so {feedforward} cannot be had; leave it out or choose none")
+
+
+def with_feedforward(
+    cascade: Cascade,
+    model: Model,
+    structure: CascadeStructure,
+    dead_time_s: float,
+    kind: FeedforwardKind = "nonlinear",
+    apparent_nm_s_rad: float | None = None,
+) -> Cascade:
+    """The cascade with the feedforward (4.16) of a model; the reference passes the velocity filter where the drive can."""
+    ratio = model["transmission.ratio"]
+    feedforward = feedforward_from(
+        structure,
+        kind,
+        inertia_kg_m2=moved_inertia(model),
+        viscous_nm_s_rad=model.get("viscous.damping") + ratio**2 * model.get("viscous_cart.damping"),
+        coulomb_nm=model.get("coulomb.level") + ratio * model.get("cart_friction.level"),
+        apparent_viscous_nm_s_rad=apparent_nm_s_rad or None,
+        offset_nm=holding_nm(model),
+        dead_time_s=dead_time_s + late_s(model),
+    )
+    return replace(cascade, feedforward=feedforward, filter_reference=structure.reference_filter)
+
+
+def holding_nm(model: Model) -> float:
+    """What holds the axis at standstill beside friction:  i_t m_c g sin(α) + constant torque, N m at the motor shaft."""
+    gravity = model["transmission.ratio"] * model["cart.mass"] * GRAVITY_M_S2 * math.sin(model.get("tilt.angle"))
+    return model.get("constant_offset.torque") + gravity
+
+
+def moved_inertia(model: Model) -> float:
+    """m_e of (4.15) with every body that the motor moves, kg m² at the motor shaft."""
+    ratio = model["transmission.ratio"]
+    return sum(model[name] * (1.0 if body.rotary else ratio**2) for name, body in model.bodies())
+
+
+def apparent_damping(fits: Mapping[str, MagnitudeFit]) -> float:
+    """Largest rigid damping that the thesis's fits show, i_t² (d_m + d_c), N m s/rad at the motor; 0 without a fit."""
+    values = [0.0]
+    for fit in fits.values():
+        two = fit.two_mass
+        values.append(two.transmission_m_rad**2 * (two.motor_damping_n_s_m + two.cart_damping_n_s_m))
+    return max(values)
+
+
+def swinging(model: Model, position_m: float) -> Shape:
+    """:func:`beltcomm.identify.landmarks.shape_of`.   Raises DataError for a model whose belt is so soft that nothing swings on it."""
+    shape = shape_of(model, position_m)
+    if shape is None:
+        raise DataError("the model has no resonance: its carriage does not swing on the belt; look at it (beltcomm compare RUN)")
+    return shape
+
+
+def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:
+    """Antiresonance and resonance of the belt with the carriage at a place, Hz.   Raises DataError as :func:`swinging`."""
+    belt = swinging(model, position_m).belt
+    return belt.antiresonance_hz, belt.resonance_hz

@@ -1,0 +1,119 @@
+"""What the first motions of a session found, as values: breakaway, the torque that holds a tilted axis, the amplitude search."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from beltcomm.fit.torque_path import FAITHFUL, TorquePath
+from beltcomm.identify.amplitude import AmplitudeStep
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+
+#: m: what counts as moving; more than belt and coupling give way before friction breaks.
+MOVED_M = 5e-5
+#: Sliding friction is at least this share of the torque at which the carriage began to move.
+SLIDING_SHARE = 0.5
+#: Breakaway torques that differ by less than this share of friction either way are the same.
+CLEAR_SHARE = 0.05
+
+
+@dataclass(frozen=True)
+class Breakaway:
+    """Torque at which the carriage began to move, N m at the motor shaft, in each direction (both positive on a level axis).
+
+    slope_nm_s : how fast the torque rose, N m/s.   held_nm : torque that a stop of the drive sends along, N m.
+    """
+
+    forward_nm: float
+    backward_nm: float
+    slope_nm_s: float = 0.0
+    held_nm: float = 0.0
+
+    @property
+    def coulomb_nm(self) -> float:
+        """Half the difference of the two: friction."""
+        return 0.5 * (self.forward_nm + self.backward_nm)
+
+    def sliding_nm(self, inertia_kg_m2: float, ratio: float) -> float:
+        """What is sure of the friction in motion, N m, on an axis with this inertia at the motor; 0 when nothing is.
+
+        The torque went on rising until the carriage had moved by ``MOVED_M``:  x = i_t Ṁ t³/6J  gives by how much.
+        """
+        rising_s = (6.0 * MOVED_M * inertia_kg_m2 / (ratio * self.slope_nm_s)) ** (1.0 / 3.0) if self.slope_nm_s else 0.0
+        return max(0.0, SLIDING_SHARE * (self.coulomb_nm - self.slope_nm_s * rising_s) - abs(self.holding_nm - self.held_nm))
+
+    @property
+    def holding_nm(self) -> float:
+        """Half the sum with sign: what holds the axis against gravity; 0 where that is within the scatter of friction."""
+        half = 0.5 * (self.forward_nm - self.backward_nm)
+        return half if abs(half) > CLEAR_SHARE * self.coulomb_nm else 0.0
+
+
+@dataclass(frozen=True)
+class Found:
+    """A holding torque, N m at the motor, with its 95 % interval (half width)."""
+
+    torque_nm: float
+    interval_nm: float
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Where the integrating controller settled, N m.   began_nm : its first torque.   slipped_m : on the way.   stood : at the end."""
+
+    torque_nm: float
+    began_nm: float
+    slipped_m: float
+    stood: bool
+
+
+@dataclass(frozen=True)
+class Holding:
+    """All that was found of the holding torque.
+
+    expected_nm, bounds_nm : by axis.yaml.   breakaway, creep : way (b).   integrators : way (a), from below and from above.
+    coulomb_nm : half the difference at breakaway.   slipped_m : furthest that the carriage slipped under a torque that did not hold it.
+    held_by : what holds it without torque, in words.
+    """
+
+    expected_nm: float
+    bounds_nm: tuple[float, float]
+    breakaway: Found
+    coulomb_nm: float
+    slipped_m: float
+    held_by: str
+    integrators: tuple[Settled, ...] = ()
+    creep: Found | None = None
+    creep_coulomb_nm: float | None = None
+    why_not: str = ""
+
+    @property
+    def best(self) -> Found:
+        """What the records hold the axis with: slow creep where there is one."""
+        return self.creep or self.breakaway
+
+    @property
+    def friction_nm(self) -> float:
+        """Coulomb friction by the same way, N m."""
+        return self.coulomb_nm if self.creep_coulomb_nm is None else self.creep_coulomb_nm
+
+    def to_dict(self) -> dict[str, Any]:
+        """For ``results/gravity.yaml`` and ``--json``."""
+        bands = [{"low_nm": s.torque_nm - self.friction_nm, "high_nm": s.torque_nm + self.friction_nm} for s in self.integrators]
+        found = {**asdict(self), "used": asdict(self.best)}
+        return {**found, "integrators": [{**asdict(s), **band} for s, band in zip(self.integrators, bands, strict=True)]}
+
+
+@dataclass(frozen=True)
+class Excited:
+    """Outcome of the amplitude search: the last step, all recordings, and the model and torque path that they gave.
+
+    at_most_nm : of the next excitation, whatever its sequence: no record is louder than the one before by more than ``raising.GROWTH``.
+    """
+
+    step: AmplitudeStep
+    recordings: tuple[Recording, ...]
+    model: Model
+    at_most_nm: float
+    path: TorquePath = FAITHFUL

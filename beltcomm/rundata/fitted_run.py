@@ -1,0 +1,65 @@
+"""A run folder with its model fitted to its records, as the laboratory and the report begin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+from beltcomm.errors import DataError
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.records import Data
+from beltcomm.given import pasted
+from beltcomm.laboratory.cross_checks import SheetDoubt, doubts_of
+from beltcomm.laboratory.run_checks import Checked, checked
+from beltcomm.rundata.kept_fit import fitted_to
+from beltcomm.rundata.revisions import current_model
+from beltcomm.runfolder import RunFolder
+from beltcomm.talk import Talk
+
+#: Error over noise from which on nothing is said of a model: whole torques are some hundred times the noise of a drive.
+FARTHEST = 1e4
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A run folder with its model fitted to its records."""
+
+    folder: RunFolder
+    data: Data
+    fitted: Fitted
+    records: Checked
+
+    @cached_property
+    def sheets(self) -> tuple[SheetDoubt, ...]:
+        """What of the data sheets the model contradicts."""
+        return doubts_of(self.fitted, self.folder.axis, self.records.recordings)
+
+
+def records_of(folder: RunFolder) -> Checked:
+    """The records of a run, checked together.   Raises DataError for records that no model can be judged on."""
+    return left_out(folder, checked(folder.recordings(), folder.axis, foreign=not folder.drive))
+
+
+def left_out(folder: RunFolder, records: Checked) -> Checked:
+    """The records with what was left out among the remarks."""
+    return replace(records, remarks=(*folder.remarks, *records.remarks))
+
+
+def opened(run: Path, talk: Talk) -> Opened:
+    """The current model of a run, or the base model where there is none yet, fitted to all records."""
+    folder = RunFolder.open(run)
+    records = records_of(folder)
+    talk.phase(1, 1, "fit of the present model")
+    _, data, fitted = fitted_to(folder, records.recordings, current_model(folder))
+    return Opened(folder, data, fitted, records)
+
+
+def explainable(ratio: float, run: Path) -> None:
+    """Raises DataError where a model is so far off that its error is no number of this axis, as of a run that failed early."""
+    if not ratio < FARTHEST:
+        raise DataError(
+            f"the records of {run} cannot be explained by any model of a belt axis (its error would be more than {FARTHEST:.0f} times the "
+            "noise): they are of a session that failed, or hold another quantity than they say. Make them again with `beltcomm "
+            f"commission`, or take the wrong ones out of {run / 'recordings'}; `beltcomm bundle {pasted(run)}` packs all for whoever helps"
+        )

@@ -1,0 +1,53 @@
+"""What the constant-speed sweeps of a run say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from beltcomm.axis import Axis
+from beltcomm.errors import DataError
+from beltcomm.identify.friction import FrictionFit
+from beltcomm.identify.magnitude_fit import MagnitudeFit
+from beltcomm.identify.standstill import Standstill, largest
+from beltcomm.identify.sweeps import Drift, Sweep, drift_of, measurements, sweeps_of
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+from beltcomm.result import plain
+from beltcomm.rundata import analyse
+from beltcomm.schedule.strokes import slowest_fitted_rad_s
+
+
+@dataclass(frozen=True)
+class Study:
+    """What the sweeps of a run say.   friction : (3.36) over all of them.   drifts : by measurement, or why it cannot be told.
+
+    standstill : the record whose apparent damping is the largest, None without a model, a response or a sweep.
+    """
+
+    friction: FrictionFit
+    sweeps: tuple[Sweep, ...]
+    drifts: Mapping[int, Drift | str]
+    standstill: Standstill | None
+
+
+def study_of(recordings: Sequence[Recording], axis: Axis, model: Model | None, fits: Mapping[str, MagnitudeFit]) -> Study:
+    """What the sweeps of a run say.   fits : log-magnitude fits of its responses.   Raises DataError without a usable sweep."""
+    slowest = slowest_fitted_rad_s(axis.transmission_m_rad)
+    inertia = analyse.moved_inertia(model) if model is not None else 0.0
+    sweeps = sweeps_of(recordings, slowest, inertia)
+    friction = analyse.friction_of(recordings, slowest, inertia)
+    drifts: dict[int, Drift | str] = {}
+    for number, group in measurements(sweeps).items():
+        try:
+            drifts[number] = drift_of([p for s in group for p in s.plateaus])
+        except DataError as problem:
+            drifts[number] = str(problem)
+    return Study(friction, sweeps, drifts, largest(recordings, fits, model, friction) if model is not None else None)
+
+
+def data_of(study: Study) -> dict[str, Any]:
+    """For programs and for ``results/friction_sweeps.yaml``; the passes stand in the recordings."""
+    sweeps = [{**plain(replace(s, plateaus=())), "name": s.name} for s in study.sweeps]
+    return {"sweeps": sweeps, "drift": plain(dict(study.drifts)), "standstill": plain(study.standstill)}

@@ -1,0 +1,140 @@
+"""What a verification move proves: the gains, payloads and path it was driven with, and whether a run's design is proven at all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from beltcomm.control import Cascade
+from beltcomm.design.margins import Margins
+from beltcomm.drive.parameters import cascade_to_parameters
+from beltcomm.errors import Declined, Refused
+from beltcomm.fit.model_fit import SUSPECT_MISFIT
+from beltcomm.given import pasted
+from beltcomm.rundata.revisions import revisions
+from beltcomm.runfolder import RunFolder
+from beltcomm.talk import Talk
+from beltcomm.trajectory import Trajectory
+
+#: Gains that differ by less are the same: a resumed fit begins elsewhere and ends within its own tolerance.
+SAME_GAIN = 1e-3
+#: Phase margin of the velocity loop, degrees, below which a controller is no success: |1/(1 + L)| is then above 6 dB.
+SURE_MARGIN_DEG = 30.0
+#: m: ends of a path that differ by less are the same.
+SAME_PLACE_M = 1e-4
+#: Of a design whose model leaves too much.
+SUSPECT = "the model does not explain what was measured"
+
+
+def thin_margins(margins: Sequence[Margins]) -> list[str]:
+    """In words, that a design leaves its velocity loop too little phase margin; empty when it leaves enough."""
+    return _thin(min(one.phase_margin_deg for one in margins))
+
+
+def _thin(margin_deg: float) -> list[str]:
+    if margin_deg >= SURE_MARGIN_DEG:
+        return []
+    return [f"the velocity loop is left with {margin_deg:.0f} deg of phase margin, a sound one has {SURE_MARGIN_DEG:.0f} or more"]
+
+
+def proof(cascade: Cascade, trajectory: Trajectory, payloads_kg: Sequence[float], led_by: str = "") -> dict[str, Any]:
+    """What a move is driven with, for the sidecar of its recording (``controller``) and for its verdict.
+
+    led_by : how the host led the motor ahead of the carriage; "" where the gains stood for themselves.
+    """
+    return ({"led_by": led_by} if led_by else {}) | {
+        "gains": {name: float(value) for name, value in cascade_to_parameters(cascade).items()},
+        "further_payloads_kg": [float(mass) for mass in payloads_kg],
+        "path": [float(trajectory.position_m[0]), float(trajectory.position_m[-1]), float(trajectory.duration_s)],
+    }
+
+
+def same_gains(one: Any, other: Any) -> bool:
+    """Whether two mappings name → value are one controller."""
+    if not isinstance(one, Mapping) or not isinstance(other, Mapping) or one.keys() != other.keys():
+        return False
+    return all(math.isclose(float(one[name]), float(other[name]), rel_tol=SAME_GAIN, abs_tol=1e-12) for name in one)
+
+
+def proves(recorded: Mapping[str, Any], wanted: Mapping[str, Any]) -> bool:
+    """Whether a move recorded with one :func:`proof` stands for another; one recorded without any proves nothing."""
+    path, payloads = recorded.get("path"), recorded.get("further_payloads_kg")
+    return (
+        isinstance(path, Sequence)
+        and recorded.get("led_by") == wanted.get("led_by")
+        and all(math.isclose(a, b, rel_tol=SAME_GAIN, abs_tol=SAME_PLACE_M) for a, b in zip(path, wanted["path"], strict=True))
+        and payloads == wanted["further_payloads_kg"]
+        and same_gains(recorded.get("gains"), wanted["gains"])
+    )
+
+
+def move_name(folder: RunFolder, wanted: Mapping[str, Any]) -> str:
+    """``move_N``: the recorded move that proves what is wanted, else the first name that is free."""
+    number = 1
+    while folder.finished(f"move_{number}") is not None:
+        if proves(folder.recording(f"move_{number}").sidecar.controller, wanted):
+            break
+        number += 1
+    return f"move_{number}"
+
+
+def doubts(folder: RunFolder) -> list[str]:
+    """Why the gains of ``designs/final.yaml`` should not be written to a drive yet, in words; empty when nothing speaks against it."""
+    found = []
+    if suspect(folder):
+        found.append(SUSPECT)
+    designed = folder.load("designs", "final")
+    gains = designed.get("parameters")
+    found += _thin(min((float(one["phase_margin_deg"]) for one in designed.get("margins") or ()), default=math.inf))
+    found += (designed.get("proof") or {}).get("doubts") or ()
+    results = [folder.load("results", name) for name in folder.names("results") if name.startswith("verify_")]
+    proofs = [(result, result.get("proof") or {}) for result in results]
+    driven = [result for result, shown in proofs if same_gains(shown.get("gains"), gains) and "led_by" not in shown]
+    if not driven:
+        found.append("no verification move was driven with these gains")
+    elif not driven[-1].get("passed"):
+        found.append("the verification move with these gains missed its target")
+    else:
+        found += [reservation for reservation in driven[-1].get("reservations") or () if reservation not in found]
+    return found
+
+
+def admit(folder: RunFolder, talk: Talk, *, yes: bool, force: bool) -> None:
+    """Warn of every doubt about the design and ask; ``yes`` alone is no answer to that.   Raises Refused."""
+    found = "; ".join(doubts(folder))
+    if not found:
+        return
+    talk.say(f"These gains are in doubt: {found}.")
+    if force:
+        return
+    if yes:
+        raise Refused(f"nothing was written: {found}; verify the design first, or write it all the same with --force")
+    if not talk.confirm("Write them all the same?"):
+        raise Declined("nothing was written, as you said")
+
+
+def next_step(folder: RunFolder, drive: str, passed: bool) -> str:
+    """The command after a verification move: never to write gains that are in doubt."""
+    if suspect(folder):
+        return f"beltcomm diagnose {pasted(folder.path)}"
+    if not passed:
+        return f"beltcomm design {pasted(folder.path)}"
+    return f"beltcomm {'verify' if doubts(folder) else 'apply'} --drive {pasted(drive)} --run {pasted(folder.path)}"
+
+
+def suspect(folder: RunFolder) -> bool:
+    """Whether the design's model leaves too much unexplained: its own revision's word where it has one, else the fit's."""
+    revision = folder.load("designs", "final").get("revision") if "final" in folder.names("designs") else None
+    for rung in revisions(folder):
+        if rung.name == revision:
+            return rung.confirmed is False or rung.ratio**2 > SUSPECT_MISFIT
+    return bool((folder.load_result("fit") or {}).get("suspect"))
+
+
+def error_of(folder: RunFolder, revision: str) -> float:
+    """Error over noise of a revision, or of the fit; infinite where nobody noted it."""
+    for rung in revisions(folder):
+        if rung.name == revision:
+            return rung.ratio
+    return math.sqrt(float((folder.load_result("fit") or {}).get("misfit", math.inf)))

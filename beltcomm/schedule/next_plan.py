@@ -1,0 +1,198 @@
+"""What to record next: the experiments that show what these data could not, or that tell twins apart; a file that a drive can run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from beltcomm.configfiles import read_yaml
+from beltcomm.effects import EFFECTS, Apart, Effect, effect_named
+from beltcomm.errors import UsageError
+from beltcomm.given import pasted
+from beltcomm.laboratory.visible import Sight
+from beltcomm.result import plain
+from beltcomm.schedule.steps import PLACES, QUIET, SHORT_S, SLOW_M_S, TRIANGLES_M, Step, checked_step
+
+#: Name of the file in ``results/``.
+NAME = "next"
+#: What shows the effects of a slot, where its name below says nothing else.
+BY_SLOT: Mapping[str, tuple[str, ...]] = {
+    "element": ("places", "quiet"),
+    "body": ("places",),
+    "belt_law": ("places", "quiet", "fast"),
+    "torque_delay": ("places",),
+    "torque_path": ("places", "fast"),
+    "friction_level": ("slow", "sweep"),
+    "friction_onset": ("reversals", "quiet"),
+    "force": ("sweep", "slow"),
+    "kinematics": ("sweep", "places"),
+    "sensor": ("sweep",),
+}
+#: Exceptions: friction at the carriage shows at the antiresonance, warming up between a first and a last sweep, drag at full speed.
+BY_NAME: Mapping[str, tuple[str, ...]] = {
+    "cart_friction": ("places", "quiet"),
+    "warmup": ("sweep", "places", "sweep again"),
+    "quadratic_drag": ("sweep", "fast"),
+    "backlash": ("places", "quiet", "reversals"),
+}
+#: Share of the belt's force that fast moves use.
+FAST_SHARE = 0.9
+SETS = ("sweep", "places", "quiet", "slow", "reversals", "fast", "sweep again")
+
+
+@dataclass(frozen=True)
+class NextPlan:
+    """What to record.   reasons : by effect, why.   by_hand : what a person must change on the machine first, or besides.
+    left_out : steps that would show nothing new, and the record that shows it.
+    """
+
+    reasons: Mapping[str, str]
+    by_hand: tuple[str, ...]
+    steps: tuple[Step, ...]
+    left_out: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """As it stands in the file."""
+        steps = [step.to_dict() for step in self.steps]
+        return {"reasons": dict(self.reasons), "by_hand": list(self.by_hand), "steps": steps, "left_out": list(self.left_out)}
+
+    def lines(self, run: Path) -> list[str]:
+        """For people."""
+        if not self.reasons:
+            return ["Nothing more needs to be recorded: every effect of typical size would have been seen."]
+        lines = ["Record next, for " + ", ".join(self.reasons) + ":"]
+        out = [f"  left out: {text}" for text in self.left_out]
+        if not self.steps:
+            why = [f"  {name}: {reason}" for name, reason in self.reasons.items()]
+            hand = [f"  by hand: {text}" for text in self.by_hand]
+            return ["Nothing that this axis may do would show more; the plan has no record.", *why, *out, *hand]
+        lines += [f"  {number}. {step.words()}" for number, step in enumerate(self.steps, start=1)]
+        lines += [*out, *(f"  by hand: {text}" for text in self.by_hand)]
+        return [*lines, f"The plan is {self.file(run)}; a drive runs it with: {self.command(run)}"]
+
+    def file(self, run: Path) -> Path:
+        """Where the plan stands in a run folder."""
+        return run / "results" / f"{NAME}.yaml"
+
+    def command(self, run: Path) -> str:
+        """What makes its records; nothing for a plan without a step."""
+        return f"beltcomm identify --drive DRIVE --run {pasted(run)} --plan {pasted(self.file(run))}" if self.steps else ""
+
+
+def plan_for(
+    twins: Sequence[str],
+    blind: Sequence[Sight],
+    named: Sequence[str] = (),
+    already: Callable[[Step], str] = lambda _step: "",
+) -> NextPlan:
+    """The plan that tells twins apart, or where there are none shows what could not be seen.
+
+    named : effects that were found.   already : the record that shows what a step would, "" for none.
+    """
+    if twins:
+        return plan_apart(twins, already)
+    reasons: dict[str, str] = {}
+    by_hand: list[str] = []
+    sets = set[str]()
+    judged = {name: new_ones(steps_of(name), already) for name in SETS}
+    for effect in (effect_named(name) for name in named):
+        only_by_hand = families(effect)
+        if only_by_hand:
+            reasons[effect.name] = f"it stands for {', '.join(only_by_hand)}, which no motion of the axis tells apart"
+            by_hand += hands_of(only_by_hand)
+    for sight in blind:
+        seen = f"it would be seen from {sight.hardest:.2g} x a typical one on"
+        reasons[sight.effect.name] = "these data say nothing of it" if math.isinf(sight.hardest) else seen
+        sets.update(shown_by(sight.effect))
+        if not any(judged[name][0] for name in shown_by(sight.effect)):
+            by_hand.append(f"{sight.effect.name}: such records are here already; it shows only beyond the limits in axis.yaml")
+    chosen = [judged[name] for name in SETS if name in sets]
+    return NextPlan(reasons, tuple(by_hand), tuple(s for steps, _ in chosen for s in steps), tuple(t for _, out in chosen for t in out))
+
+
+def plan_apart(twins: Sequence[str], already: Callable[[Step], str]) -> NextPlan:
+    """The experiment that separates twins, without the steps that the run has."""
+    first, other = twins[0], twins[1]
+    between = apart_of(first, other)
+    reasons = {name: f"these data cannot tell it from {', '.join(n for n in twins if n != name)}: {between.shows}" for name in twins}
+    records = enumerate(between.records, start=1)
+    steps, left_out = new_ones([checked_step(entry, f"{first} and {other}, record {number}") for number, entry in records], already)
+    by_hand = hands_of({other: between})
+    if not by_hand and not steps:
+        by_hand = [separate for name in twins if (separate := effect_named(name).separate)]
+    return NextPlan(reasons, tuple(dict.fromkeys(by_hand)), tuple(steps), tuple(left_out))
+
+
+def new_ones(steps: Sequence[Step], already: Callable[[Step], str]) -> tuple[list[Step], list[str]]:
+    """The steps that a run has not, and of the others which record shows as much.   A held-out one alone would have nothing to judge."""
+    found = {step: already(step) for step in steps}
+    new = [step for step in steps if not found[step]]
+    left_out = [f"{s.words()}: {name} shows as much, the same once more would show nothing new" for s, name in found.items() if name]
+    return ([] if all(step.held_out for step in new) else new), left_out
+
+
+def apart_of(first: str, other: str) -> Apart:
+    """What tells two effects apart, whichever of them says so."""
+    for one, two in ((first, other), (other, first)):
+        said = effect_named(one).apart
+        family = two.rpartition("_")  # what is said of a numbered family counts for each of it
+        if between := said.get(two) or (said.get(family[0]) if family[2].isdigit() else None):
+            return between
+    return Apart(effect_named(first).separate or effect_named(other).separate)
+
+
+def families(effect: Effect) -> Mapping[str, Apart]:
+    """Causes that one effect stands for because no motion tells them apart: those of its twins that have no effect to be found as."""
+    found_as = {e.name for e in EFFECTS if e.trials is not None and not e.behind_gap}
+    return {name: apart for name, apart in effect.apart.items() if name not in found_as}
+
+
+def hands_of(apart: Mapping[str, Apart]) -> list[str]:
+    """What is done by hand, in sentences that begin with the cause."""
+    return [f"{name}: {hand.words()}" for name, one in apart.items() for hand in one.hands]
+
+
+def by_hand_of(name: str) -> list[dict[str, Any]]:
+    """What tells the causes apart that an effect stands for, where no motion does."""
+    causes = families(effect_named(name))
+    return [{"effect": name, "cause": cause, **plain(hand)} for cause, apart in causes.items() for hand in apart.hands]
+
+
+def shown_by(effect: Effect) -> tuple[str, ...]:
+    """Sets of records that show an effect."""
+    return BY_NAME.get(effect.name) or BY_SLOT.get(effect.slot, ("places", "sweep"))
+
+
+def steps_of(name: str) -> list[Step]:
+    """The records of a set."""
+    if name in ("sweep", "sweep again"):
+        return [Step("sweep", again=name == "sweep again")]
+    if name == "places":
+        return [Step("response", place) for place in PLACES]
+    if name == "quiet":
+        return [Step("response", PLACES[1], QUIET, seconds=SHORT_S)]
+    if name == "reversals":
+        return [Step("reversals", PLACES[1], amplitudes_m=TRIANGLES_M)]
+    if name == "fast":
+        return [Step("moves", share=FAST_SHARE), Step("moves", share=0.5, seconds=8.0, seed=2, held_out=True)]
+    return [Step("strokes", place, speeds_m_s=SLOW_M_S, held_out=place == PLACES[1]) for place in PLACES]
+
+
+def load_plan(path: Path) -> NextPlan:
+    """A plan from its file, checked.   Raises UsageError with the step that is wrong."""
+    data = read_yaml(path)
+    steps = []
+    entries = data.get("steps")
+    if entries == [] and data.get("reasons"):
+        text = "; ".join(map(str, data.get("by_hand") or ())) or "what it would record is there already"
+        raise UsageError(f"{path} has no steps: no record of this axis would tell more. By hand: {text}")
+    if not isinstance(entries, list) or not entries:
+        raise UsageError(f"{path} has no steps; write a plan with `beltcomm diagnose RUN --next`")
+    for number, entry in enumerate(entries, start=1):
+        steps.append(checked_step(entry, f"{path}, step {number}"))
+    reasons = {str(k): str(v) for k, v in (data.get("reasons") or {}).items()}
+    by_hand, left_out = (tuple(map(str, data.get(key) or ())) for key in ("by_hand", "left_out"))
+    return NextPlan(reasons, by_hand, tuple(steps), left_out)

@@ -1,0 +1,158 @@
+"""The six orders of the friction measurement (3.6): which speeds in which order, over which way, in which records."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from beltcomm.axis import Axis
+from beltcomm.axis.entries import TrajectoryLimits
+from beltcomm.errors import Refused, UsageError
+from beltcomm.schedule.strokes import DEFAULT, SWEEP_RUN_IN_S, SWEEP_SHORTEST_S
+from beltcomm.thesis.friction import REPEATS, SHUFFLED
+from beltcomm.trajectory import Trajectory, constant_speed_strokes, join, ramp_length_m
+
+Order = Literal["I", "II", "III", "IV", "V", "VI", "all"]
+ORDERS = get_args(Order)
+#: What ``all`` drives: V and VI are order I on another day and with a payload.
+ALL: tuple[Order, ...] = ("I", "II", "III", "IV")
+WORDS = {
+    "I": "slowest first",
+    "II": "fastest first",
+    "III": "in the sequence of table A.1",
+    "IV": "slowest first, each speed several times before the next",
+    "V": "as I, on an axis in use for long",
+    "VI": "as I, with a payload mounted",
+    "default": "seven speeds, three of them twice",
+}
+#: s of a plateau behind its run-in, at least where the way is there; a whole turn of the pulley may take as long as the second.
+PLATEAU_S, TURN_S = 0.6, 1.6
+REST_S = 0.15
+#: s: longest record.  A file of a quarter of an hour helps nobody, and what is recorded when something breaks off is kept.
+RECORD_S = 120.0
+#: Repetitions beyond which somebody has mistyped.
+MOST_REPEATS = 100
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a call measures.   sweeps : order and repetition of each, in the order in which they are driven.   often : of each speed in IV.
+
+    mounted_kg : payload that the records state, None when nobody said.
+    """
+
+    sweeps: tuple[tuple[str, int], ...]
+    often: int
+    mounted_kg: float | None = None
+
+    @property
+    def plain(self) -> bool:
+        """The one sweep of before, with nothing to say about it."""
+        return self.sweeps == ((DEFAULT, 1),)
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """What is driven at a speed.   way : in words.   plateau_s : behind the run-in.   length_m : from turn to turn."""
+
+    speed_m_s: float
+    way: str
+    plateau_s: float
+    length_m: float
+
+
+def wanted(order: str | None, repeat: int | None, mounted_kg: float | None) -> Wanted:
+    """What options ask for.   Raises UsageError for an order that is none, no repetition, or VI without a payload."""
+    if order is not None and order not in ORDERS:
+        raise UsageError(f"there is no order {order!r}; the orders are {', '.join(ORDERS)} (thesis 3.6)")
+    if repeat is not None and not 1 <= repeat <= MOST_REPEATS:
+        raise UsageError(f"the sweep cannot be driven {repeat} times; give 1 to {MOST_REPEATS}")
+    if mounted_kg is not None and not (0.0 <= mounted_kg < math.inf):
+        raise UsageError(f"a payload of {mounted_kg:g} kg cannot be mounted; give 0 or more")
+    if order == "VI" and not mounted_kg:
+        raise UsageError("order VI is order I with a payload on the carriage: mount it and say how heavy it is, --payload-mounted KG")
+    times = repeat or 1
+    orders: Sequence[str] = ALL if order == "all" else (order or DEFAULT,)
+    sweeps = [(o, k) for o in orders for k in range(1, 1 + (1 if o == "IV" else times))]
+    return Wanted(tuple(sweeps), repeat or REPEATS, mounted_kg)
+
+
+def speeds_of(order: str, often: int) -> tuple[float, ...]:
+    """Speeds of table A.1, m/s, as an order drives them."""
+    up = sorted(SHUFFLED)
+    if order == "II":
+        return tuple(up[::-1])
+    if order == "III":
+        return tuple(SHUFFLED)
+    return tuple(v for v in up for _ in range(often if order == "IV" else 1))
+
+
+def stroke_at(speed_m_s: float, room_m: float, limits: TrajectoryLimits, axis: Axis) -> Stroke | None:
+    """The stroke at a speed; None where the way does not even hold the shortest plateau.
+
+    A plateau holds whole turns of the pulley where one fits into the way and lasts no longer than ``TURN_S``, so that its runout is
+    averaged away; else whole teeth of the belt; else it is just long enough.   room_m : between the turns.
+    """
+    ramps = 2.0 * ramp_length_m(speed_m_s, limits) + speed_m_s * SWEEP_RUN_IN_S
+    free = room_m - ramps
+    if speed_m_s > limits.speed_m_s or free < speed_m_s * SWEEP_SHORTEST_S:
+        return None
+    turn = 2.0 * math.pi * (axis.pulley.effective_radius_m or math.inf) if axis.pulley is not None else math.inf
+    pitch = (axis.belt.pitch_m if axis.belt is not None else None) or math.inf
+    for unit, word, longest_s in ((turn, "turn of the pulley", TURN_S), (pitch, "tooth of the belt", math.inf)):
+        if math.isinf(unit) or unit > min(free, longest_s * speed_m_s):
+            continue
+        count = min(math.ceil(PLATEAU_S * speed_m_s / unit - 1e-9), math.floor(free / unit + 1e-9))
+        length = count * unit
+        if length >= speed_m_s * SWEEP_SHORTEST_S:
+            words = word if count == 1 else word.replace("turn", "turns").replace("tooth", "teeth")
+            return Stroke(speed_m_s, f"{count} {words}", length / speed_m_s, ramps + length)
+    length = min(free, PLATEAU_S * speed_m_s)
+    return Stroke(speed_m_s, f"{1e3 * length:.3g} mm", length / speed_m_s, ramps + length)
+
+
+def strokes_for(
+    speeds_m_s: Sequence[float], room_m: float, limits: TrajectoryLimits, axis: Axis
+) -> tuple[tuple[Stroke, ...], tuple[float, ...]]:
+    """Strokes in the order of the speeds, and the speeds for which there is no way.   Raises Refused where there is none for any two."""
+    found = [stroke_at(v, room_m, limits, axis) for v in speeds_m_s]
+    left_out = tuple(sorted({v for v, s in zip(speeds_m_s, found, strict=True) if s is None}))
+    strokes = tuple(s for s in found if s is not None)
+    if len({s.speed_m_s for s in strokes}) < 2:
+        raise Refused(
+            f"no sweep is possible: of {len(set(speeds_m_s))} speeds {len({s.speed_m_s for s in strokes})} fit into a way of "
+            f"{1e3 * room_m:.0f} mm with {limits.acceleration_m_s2:.3g} m/s² and at most {limits.speed_m_s:.3g} m/s; check travel and "
+            "limits in axis.yaml"
+        )
+    return strokes, left_out
+
+
+def path_of(strokes: Sequence[Stroke], at_m: float, far_m: float, limits: TrajectoryLimits, period_s: float) -> Trajectory:
+    """One stroke forth and one back at each speed, from where the carriage stands."""
+    parts = []
+    for stroke in strokes:
+        given = {"run_in_s": SWEEP_RUN_IN_S, "rest_s": REST_S, "longest_plateau_s": SWEEP_RUN_IN_S + stroke.plateau_s}
+        parts.append(constant_speed_strokes(at_m, far_m, [stroke.speed_m_s], limits, period_s, **given).trajectory)
+    return join(parts)
+
+
+def seconds_of(stroke: Stroke, limits: TrajectoryLimits) -> float:
+    """How long a stroke forth and back takes, s, to a few per cent on the long side."""
+    v, a, j = stroke.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3
+    ramp = 2.0 * math.sqrt(v / j) if a * a >= v * j else v / a + a / j
+    return 2.0 * (2.0 * ramp + SWEEP_RUN_IN_S + stroke.plateau_s + REST_S) + REST_S
+
+
+def records_of(strokes: Sequence[Stroke], limits: TrajectoryLimits, longest_s: float = RECORD_S) -> list[tuple[Stroke, ...]]:
+    """The strokes of a sweep, cut into records of at most ``longest_s``."""
+    records: list[list[Stroke]] = [[]]
+    seconds = 0.0
+    for stroke in strokes:
+        seconds += seconds_of(stroke, limits)
+        if seconds > longest_s and records[-1]:
+            records.append([])
+            seconds = seconds_of(stroke, limits)
+        records[-1].append(stroke)
+    return [tuple(record) for record in records]

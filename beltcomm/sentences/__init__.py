@@ -1,0 +1,1 @@
+"""Results in words, small tables and mappings for programs."""

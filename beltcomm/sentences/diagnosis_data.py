@@ -1,0 +1,89 @@
+"""What the laboratory found, for ``--json``."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.intervals import with_intervals
+from beltcomm.laboratory.diagnosis import Diagnosis
+from beltcomm.laboratory.figures import PlainError
+from beltcomm.laboratory.stage import Candidate
+from beltcomm.laboratory.visible import Sight
+from beltcomm.model import Model
+from beltcomm.result import plain
+from beltcomm.schedule.next_plan import by_hand_of
+
+#: Errors in plain units, of the fitted records and of those held out.
+Plain = tuple[PlainError | None, PlainError | None]
+
+
+def diagnosis_data(found: Diagnosis, before: Plain, after: Plain) -> dict[str, Any]:
+    """Everything of a diagnosis for ``--json``.   before, after : errors in plain units, fitted and held out."""
+    first = found.steps[0].candidates if found.steps else ()
+    return {
+        "verdict": found.verdict,
+        "named": list(found.named),
+        "base": {
+            "effects": list(found.base.model.effects),
+            **error_data(found.stated[1], before),
+            "parameters": values_of(with_intervals(found.stated[1])),
+        },
+        "ranking": [ranked(c) for c in first],
+        "twins": list(found.twins),
+        "by_hand": [entry for name in found.named for entry in by_hand_of(name)],
+        "steps": [
+            {
+                "added": step.added,
+                "removed": list(step.removed),
+                "detour": list(step.detour),
+                "forms": list(step.forms),
+                "ratio": step.after.ratio,
+                "held_out": step.after.held_ratio,
+                "ranking": [ranked(c) for c in step.candidates],
+            }
+            for step in found.steps
+        ],
+        "after": {
+            "effects": list(found.after.model.effects),
+            **error_data(found.told, after),
+            "parameters": values_of(with_intervals(found.told)),
+        },
+    }
+
+
+def error_data(fitted: Fitted, both: Plain) -> dict[str, Any]:
+    """Error of a model, over the noise and in plain units, on the fitted records and on those held out."""
+    return {
+        "ratio": fitted.ratio,
+        "held_out": fitted.held_ratio,
+        "plain": {"overall": plain(both[0]), "held_out": plain(both[1])},
+    }
+
+
+def ranked(candidate: Candidate) -> dict[str, Any]:
+    """One line of the ranking."""
+    return {
+        "effect": candidate.effect.name,
+        "evidence": candidate.evidence,
+        "explained": max(0.0, candidate.explained),
+        "held_out_gain": candidate.held_gain if candidate.fitted is not None and candidate.fitted.held_residual else None,
+        "accepted": candidate.accepted,
+        "against": candidate.against,
+        "beside": candidate.beside,
+        "refitted": candidate.fitted is not None,
+        "twin_of": list(candidate.effect.twins),
+    }
+
+
+def values_of(model: Model) -> dict[str, Any]:
+    """Parameters with unit and interval."""
+    return {name: {"value": v.value, "unit": v.unit, "interval": v.interval} for name, v in model.parameters.items()}
+
+
+def seen_as(one: Sight) -> dict[str, Any]:
+    """One line of what could have been seen; null for never."""
+    weakest, hardest = (None if math.isinf(v) else v for v in (one.weakest, one.hardest))
+    known = {"parameter": one.parameter, "typical": one.size, "unit": one.unit, "seen": one.seen}
+    return {"effect": one.effect.name, "weakest": weakest, "usual": hardest, **known}

@@ -1,0 +1,334 @@
+"""The laboratory's results as sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from pathlib import Path
+
+from beltcomm.effects import Effect, effect_named
+from beltcomm.effects.tilt import GRAVITY_M_S2
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.intervals import with_intervals
+from beltcomm.fit.start import BELT_BASE, RIGID_BASE
+from beltcomm.given import pasted
+from beltcomm.laboratory.compare import Comparison
+from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, structures
+from beltcomm.laboratory.figures import PlainError
+from beltcomm.laboratory.plausible import KNOWN, undetermined, unlikely
+from beltcomm.laboratory.stage import MISSING, Candidate
+from beltcomm.laboratory.visible import Sight
+from beltcomm.model import Model, effect_parameters
+from beltcomm.result import table, with_unit
+from beltcomm.rundata.cost import cost_rows
+from beltcomm.rundata.revisions import Revision
+from beltcomm.schedule.next_plan import families, hands_of
+from beltcomm.sentences.diagnosis_data import Plain
+
+#: Characters of the longest bar of a staircase.
+BAR = 24
+
+#: What is left over and goes with something, in words.
+LEFT_WORDS = {
+    "speed": "goes with the speed",
+    "position": "goes with the position",
+    "time": "changes in the course of the session",
+    "record": "differs from record to record",
+}
+
+
+def remark_lines(remarks: Sequence[str]) -> list[str]:
+    """What is odd about the records, before anything else."""
+    return ["Of the records:", *(f"  {remark}" for remark in remarks), ""] if remarks else []
+
+
+def comparison_lines(comparison: Comparison, places: Sequence[str], model: Model, run: Path, doubt: str = "") -> list[str]:
+    """``beltcomm compare``.   doubt : why the error says nothing."""
+    error = error_words((comparison.ratio, comparison.held_out), (comparison.plain, comparison.plain_held_out))
+    lines = [
+        f"Model: {', '.join(model.effects)}.",
+        f"The error is {error}" + (f". {doubt}" if doubt else "; 1.00 means that nothing is missing."),
+        "",
+        *table(*record_table(comparison)),
+    ]
+    lines.append("")
+    lines += ["Where it fails most:", *(f"  {place}" for place in places)] if places else ["No place stands out."]
+    return [*lines, f"Next: beltcomm diagnose {pasted(run)}"]
+
+
+def trial_line(candidate: Candidate) -> str:
+    """What is said while a diagnosis goes on."""
+    if candidate.grows or candidate.unneeded or candidate.idle:
+        return f"{candidate.effect.name} taken back, {candidate.against}; the next best is asked"
+    share = 100.0 * min(1.0, candidate.explained)
+    together = f" together with {candidate.beside}, which hides it" if candidate.beside else ""
+    return f"{candidate.effect.name} on trial: it explains {share:.0f} %{together}; all is fitted with it, then looked at for more"
+
+
+def diagnosis_lines(found: Diagnosis, before: Plain = (None, None), after: Plain = (None, None)) -> list[str]:
+    """``beltcomm diagnose``.   before, after : errors of the first and of the last model in plain units."""
+    lines = [f"Error before: {error_words((found.stated[1].ratio, found.stated[1].held_ratio), before)}."]
+    known = [name for name in found.base.model.effects if name not in (*BELT_BASE, *RIGID_BASE)]
+    if known:
+        lines.append(f"The model has already: {', '.join(known)}.")
+    first = found.steps[0].candidates if found.steps else ()
+    shown = [c for c in first if c.fitted is not None][:5]
+    if shown:
+        rows = [
+            [
+                c.effect.name,
+                f"{c.evidence:.0f}",
+                f"{100.0 * max(0.0, c.explained):.0f}%",
+                f"{c.held_gain:.0f}" if found.base.held_residual else "none",
+                f"not accepted, {c.against}" if c.against else f"together with {c.beside}" if c.beside else "",
+            ]
+            for c in shown
+        ]
+        lines += ["", *table(["effect", ">evidence", ">explains", ">held out", ""], rows)]
+    for step in found.steps:
+        if step.detour:
+            lines += [
+                "",
+                f"{' and '.join(step.detour)} came first on trial and became superfluous beside {step.added}, which explains more.",
+            ]
+    model = with_intervals(found.after)
+    for name in found.named:
+        lines += ["", *effect_lines(effect_named(name), model)]
+    lines += ["", f"Verdict: {found.verdict}."]
+    if found.named:
+        lines.append(f"With {', '.join(found.named)} the error is {error_words((found.after.ratio, found.after.held_ratio), after)}.")
+        held, then = found.stated[1].held_ratio, found.after.held_ratio
+        if held is not None and then is not None and then >= held:
+            lines.append(f"Not confirmed: on records that were not fitted the error was {held:.2f} without it.")
+    if open_ := undetermined(model, found.base.model):
+        lines.append(
+            f"But these data say nothing certain of {' and '.join(open_)}: every number of it is open by more than {100 * KNOWN:.0f} %, so "
+            "it may stand for a cause that the catalogue does not hold."
+        )
+    if found.verdict == NONE_EXPLAINS and found.after.objective < MISSING * found.after.problem.samples:
+        left = structures(found.data, found.after)
+        lines.append(
+            f"As a whole what is left is no more than the noise, but its mean {LEFT_WORDS[max(left, key=lambda name: left[name])]}."
+        )
+    if odd := unlikely(model, found.base.model):
+        lines.append(f"But it takes {' and '.join(odd)}: that stands for another cause, which the catalogue does not hold.")
+    if found.twins:
+        effect = effect_named(found.twins[0])
+        lines.append(f"These data cannot tell {' from '.join(found.twins)}: {effect.separate}.")
+    return lines
+
+
+def after_diagnosis(found: Diagnosis, run: Path, planned: str = "") -> list[str]:
+    """What to do next.   planned : the command that makes the records that were planned."""
+    if planned:
+        return [f"Next: {planned}"]
+    open_ = undetermined(with_intervals(found.after), found.base.model) if found.named else []
+    parts = {name: effect_named(name).completed_by for name in found.named}
+    along = {part for of_one in parts.values() for part in of_one}  # `add` tries them by itself
+    sure = {name for name in found.named if name not in open_}
+    certain = [name for name in found.named if name not in along and sure & {name, *parts[name]}]
+    if certain and found.verdict != NONE_EXPLAINS:
+        return [f"Next: {', then '.join(f'beltcomm add {name} {pasted(run)}' for name in certain)}"]
+    if found.verdict != "nothing missing":
+        return [f"Next: beltcomm compare {pasted(run)} shows where the error sits; look there on the machine."]
+    return [f"Next: beltcomm report {pasted(run)}   (nothing is missing in the model: everything known of the axis on one page)"]
+
+
+def lacking_lines(missing: Sequence[str]) -> list[str]:
+    """Which records are not there."""
+    return ["Little can be seen here of some things:", *(f"  {line}" for line in missing)] if missing else []
+
+
+def untried_lines(effects: Sequence[Effect]) -> list[str]:
+    """Effects that no diagnosis looks for."""
+    return [f"Not looked for: {e.name} ({e.title}), `beltcomm effects {e.name}` says why. Check: {e.check}." for e in effects]
+
+
+def sight_lines(sights: Sequence[Sight], run: Path, unnamed: Collection[str] = (), planned: bool = False) -> list[str]:
+    """What these data could not have shown.   unnamed : effects that are not named from them, whatever they show.   planned : what to
+    record next is said beside it.
+    """
+    blind = [sight for sight in sights if not sight.seen and sight.effect.name not in unnamed]
+    if not blind:
+        return [f"Every {'other ' if unnamed else ''}effect of the catalogue, of typical size, would have been seen in these data."]
+    lines = ["Could not have been seen here at its typical size:"]
+    for sight in blind:
+        if math.isinf(sight.hardest) or beyond_bounds(sight):
+            lines.append(f"  {sight.effect.name:24} these data say nothing of it")
+            continue
+        size = f" ({with_unit(f'{sight.parameter} {sight.hardest * sight.size:.2g}', sight.unit)})" if sight.unit else ""
+        lines.append(f"  {sight.effect.name:24} only from {sight.hardest:.2g} x a typical one on{size}")
+    return (
+        lines if planned else [*lines, f"  `beltcomm diagnose {pasted(run)} --next` writes the plan of the records that would show them."]
+    )
+
+
+def beyond_bounds(sight: Sight) -> bool:
+    """Whether an effect that could be seen would be larger than any."""
+    highs = [p.high for p in sight.effect.parameters if p.name == sight.parameter]
+    return bool(highs) and sight.hardest * sight.size > highs[0]
+
+
+def effect_lines(effect: Effect, model: Model) -> list[str]:
+    """What an effect is, its numbers, causes and what to check."""
+    lines, elsewhere = [f"{effect.name}: {effect.title}."], body_lines(effect, model)
+    for name, parameter in effect_parameters(effect).items():
+        item = model.parameters[name]
+        if parameter.form and item.low == item.high:
+            continue  # the usual form, which nothing spoke against
+        width = "" if item.interval is None else f" ± {item.interval:.2g}"
+        bound = item.interval is None and not parameter.form and not elsewhere and not item.low < item.value < item.high
+        doubt = ", at the bound of what is possible: hardly the cause" if bound else ""
+        usual = f" (its form; usual is {parameter.start:g})" if parameter.form else ""
+        lines.append(f"  {with_unit(f'{name} = {item.value:.4g}{width}', item.unit)}{doubt}{usual}")
+    lines += elsewhere
+    if effect.causes:
+        lines.append(f"  Usual causes: {effect.causes}.")
+    lines.append(f"  Check: {effect.check}.")
+    if effect.twins:
+        lines.append(
+            f"  Looks alike: {', '.join(effect.twins)}" + (f"; to tell them apart: {effect.separate}." if effect.separate else ".")
+        )
+    lines += family_lines(effect, model)
+    return lines
+
+
+def body_lines(effect: Effect, model: Model) -> list[str]:
+    """That an effect acts on the carriage, where the part of it that does is in the model, and what is left of it at the motor."""
+    behind = [name for name in effect.completed_by if name in model.effects and effect_named(name).body == "cart"]
+    own = model.parameters[effect.full_names()[0]] if behind else None
+    left = own is not None and own.interval is not None and own.interval < abs(own.value)
+    return [f"  It acts on the carriage{' and at the motor' if left else ', nothing of it is seen at the motor'}: {n}." for n in behind]
+
+
+def family_lines(effect: Effect, model: Model) -> list[str]:
+    """What tells the causes apart that an effect stands for, where no motion does; as which tilt a constant torque would be."""
+    causes = families(effect)
+    if not causes:
+        return []
+    lines = [f"  No motion of the axis tells {', '.join(causes)} apart. By hand:", *(f"    {text}" for text in hands_of(causes))]
+    if "tilt" in causes and "cart.mass" in model.parameters:
+        sine = model[f"{effect.name}.torque"] / (model["transmission.ratio"] * model["cart.mass"] * GRAVITY_M_S2)
+        stated = (
+            f"would be {math.degrees(math.asin(sine)):.2g}°"
+            if abs(sine) <= 1.0
+            else "is more than gravity has: it is none, or not tilt alone"
+        )
+        lines.append(f"    All of it by tilt {stated}, with the {model['cart.mass']:.3g} kg that move.")
+    return [*lines, f"    Compare with what the catalogue says: {', '.join(f'beltcomm effects {n}' for n in ('tilt', effect.name))}."]
+
+
+def added_notes(asked: str, effect: str, strays: bool) -> list[str]:
+    """What is to be said beside an effect that was asked for.   strays : it is a gap that a carriage which strays can do without."""
+    notes = []
+    if asked != effect:
+        notes.append(f"{asked}, friction by direction and an offset of the current look alike on this axis: added as {effect}")
+    if strays:
+        notes.append(
+            f"Doubt: a carriage that strays as far explains as much without {effect}. What follows the carriage through a gap follows "
+            "whatever else pushes it, friction that changes by chance for one; held-out records cannot contradict that."
+        )
+    return notes
+
+
+def change_lines(
+    was: tuple[Fitted, Plain], model: Model, after: Fitted, rung: Revision, notes: Sequence[str], run: Path, beside: Sequence[str] = ()
+) -> list[str]:
+    """``beltcomm add`` and ``beltcomm remove``.   was : the model before, and what it left in plain units.
+
+    notes : sentences before all else.   beside : effects that the last diagnosis names and the model does not have yet.
+    """
+    lines, (before, (plain, plain_held)) = list(notes), was
+    lines.append(f"{rung.change}: error {before.ratio:.2f} → {after.ratio:.2f} times the noise{fall(plain, rung.plain, 'of the torque')}")
+    if before.held_ratio is not None and after.held_ratio is not None:
+        held = fall(plain_held, rung.plain_held_out)
+        lines.append(f"  on records that were not fitted {before.held_ratio:.2f} → {after.held_ratio:.2f}{held}")
+    if rung.change.startswith("+"):
+        for name in (word[1:] for word in rung.change.split() if word.startswith("+")):
+            lines += effect_lines(effect_named(name), model)
+        if rung.confirmed is False:
+            lines.append("Warning: not confirmed. The error on records that were not fitted did not fall; this may not be the cause.")
+            lines += [f"The diagnosis names {name} beside it: `beltcomm add {name} {pasted(run)}`, then judge both." for name in beside[:1]]
+        elif rung.confirmed is None:
+            lines.append("Not confirmed: no record is held out, so nothing could contradict it.")
+    elif before.held_ratio is not None and after.held_ratio is not None and after.held_ratio > before.held_ratio:
+        lines.append(
+            "Warning: without it records that were not fitted fit worse. It is out all the same, and `design` rests on this model."
+        )
+    lines += [f"Saved as {rung.name}.", f"Next: beltcomm compare {pasted(run)}, or beltcomm ladder {pasted(run)}"]
+    return lines
+
+
+def ladder_lines(rungs: Sequence[Revision], changed: Sequence[str]) -> list[str]:
+    """``beltcomm ladder``: a falling staircase down to the noise."""
+    highest = max(1.0, *(rung.ratio for rung in rungs))
+    rows = [
+        [
+            rung.name,
+            rung.change,
+            f"{rung.ratio:.2f}",
+            "" if rung.held_out is None else f"{rung.held_out:.2f}",
+            " / ".join(f"{one.percent:.3g}" for one in (rung.plain, rung.plain_held_out) if one is not None),
+            "█" * max(1, round(BAR * rung.ratio / highest)),
+            "not confirmed" if rung.confirmed is False else "nothing held out" if rung.confirmed is None and rung.change[0] == "+" else "",
+        ]
+        for rung in rungs
+    ]
+    rows.append(["noise", "", "1.00", "", "", "█" * max(1, round(BAR / highest)), ""])
+    lines: list[str] = [*table(["revision", "change", ">error", ">held out", ">% of torque", "", ""], rows), "", "Where they come from:"]
+    for rung in rungs:
+        lines += provenance_lines(rung)
+    if changed:
+        lines.append(f"Since the last revision these recordings changed: {', '.join(changed)}.")
+    return lines
+
+
+def provenance_lines(rung: Revision) -> list[str]:
+    """When, from which data and by which command a revision was made; what not knowing its effects costs."""
+    number = f"{len(rung.data)} recording{'' if len(rung.data) == 1 else 's'}"
+    lines = [f"  {rung.name}  {', '.join(filter(None, [rung.when, f'{number}, data {rung.data_hash}']))}"]
+    lines += [f"    {rung.command}"] if rung.command else []
+    if rung.cost is not None:
+        lines.append(f"    error in µm without {rung.cost['of']} → with it ({rung.cost['move']}):")
+        for what, *errors in cost_rows(rung.cost):
+            without, aware = (f"{error} ({spread})" if spread else error for error, spread in zip(errors[::2], errors[1::2], strict=True))
+            lines.append(f"      {what:17} {without} → {aware}")
+    return lines
+
+
+def climb_lines(made: Sequence[Revision], named: Sequence[str], held_out: bool, run: Path) -> list[str]:
+    """Steps that ``diagnose --auto`` saved, and why it ended before the last that was named.   held_out : whether any record is."""
+    added = [rung for rung in made if rung.change.startswith("+")]
+    lines = ["", *ladder_lines(made, ())] if added else ["Nothing was added."]
+    left = [name for name in named if not any(name in rung.effects for rung in added)]
+    if left and held_out:
+        lines.append(f"Not added: {' and '.join(left)}. With {left[0]} the error on records that were not fitted did not fall.")
+    elif left:
+        lines.append(f"Not added: {' and '.join(left)}. No record is held out, so nothing could confirm it; `held_out: true` in a sidecar")
+        lines.append(f"makes one, and `beltcomm add {left[0]} {pasted(run)}` adds it as it is.")
+    return lines
+
+
+def error_words(ratios: tuple[float, float | None], plain: Plain) -> str:
+    """An error over the noise and in plain units, of the fitted records and of those held out where there are any."""
+    (ratio, held), (whole, whole_held) = ratios, plain
+    own = "" if whole is None else f", {with_unit(f'{whole.error:.3g}', whole.unit)} or {whole.percent:.2g} % of the torque"
+    theirs = "" if whole_held is None else f", {whole_held.percent:.2g} %"
+    return f"{ratio:.2f} times the noise{own}" + ("" if held is None else f", on records that were not fitted {held:.2f}{theirs}")
+
+
+def record_table(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
+    """Titles and rows: what each record leaves over, in plain units and over its noise."""
+    first = comparison.plain or comparison.plain_held_out
+    titles = [f">error {first.unit}", ">% of torque", f">noise {first.unit}"] if first is not None else []
+    rows = []
+    for r in comparison.records:
+        own = [] if r.plain is None else [f"{r.plain.error:.3g}", f"{r.plain.percent:.3g}", f"{r.plain.noise:.3g}"]
+        rows.append([r.name, *(own or [""] * len(titles)), f"{r.ratio:.2f}", "held out" if r.held_out else ""])
+    upto = f"up to {first.band_hz:g} Hz" if first is not None else ""
+    return ["record", *titles, ">error/noise", upto], rows
+
+
+def fall(before: PlainError | None, after: PlainError | None, of: str = "") -> str:
+    """By how much a plain error changes, in per cent; nothing where it is not known."""
+    return "" if before is None or after is None else f", {before.percent:.3g} → {after.percent:.3g} %{of and f' {of}'}"

@@ -1,0 +1,222 @@
+"""Results in plain sentences and small tables, for people.  No printing here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from beltcomm.control import Cascade
+from beltcomm.design.cascade import DesignResult
+from beltcomm.design.structure import late_s, unseen
+from beltcomm.drive import simulated
+from beltcomm.fit.model_fit import ModelFit
+from beltcomm.fit.noise_level import too_little
+from beltcomm.identify.friction import FrictionFit
+from beltcomm.identify.magnitude_fit import MagnitudeFit
+from beltcomm.model import Model
+from beltcomm.rundata.analyse import Characteristic, Nonlinearity
+from beltcomm.verify import Demand, Verdict
+
+#: Name in the model -> words, unit shown, factor.
+SHOWN = {
+    "motor.inertia": ("motor-side inertia", "kg cm²", 1e4),
+    "cart.mass": ("carriage mass", "kg", 1.0),
+    "belt_stiffness.stiffness": ("belt stiffness", "kN/m", 1e-3),
+    "belt_spans.specific_stiffness": ("belt specific stiffness EA", "kN", 1e-3),
+    "belt_spans.offset": ("free belt at position 0", "mm", 1e3),
+    "belt_damping.damping": ("belt damping", "N s/m", 1.0),
+    "viscous.damping": ("viscous friction, motor", "mN m s/rad", 1e3),
+    "viscous_cart.damping": ("viscous friction, carriage", "N s/m", 1.0),
+    "coulomb.level": ("Coulomb friction, motor", "mN m", 1e3),
+    "cart_friction.level": ("Coulomb friction, carriage", "N", 1.0),
+    "dead_time.time": ("dead time, reported torque to motion", "ms", 1e3),
+    "constant_offset.torque": ("constant torque: tilt, friction by direction, current offset", "mN m", 1e3),
+}
+_DERIVED = (
+    ("resonance", "resonance", "Hz", 1.0),
+    ("antiresonance", "antiresonance", "Hz", 1.0),
+    ("coulomb_total", "Coulomb friction, all, at the motor", "mN m", 1e3),
+    ("viscous_total", "viscous friction, all, at the motor", "mN m s/rad", 1e3),
+)
+
+
+def number(value: float, interval: float | None, unit: str) -> str:
+    """Value with its 95 % interval, rounded to the interval's second digit."""
+    if interval is None or not math.isfinite(interval) or interval <= 0.0:
+        return f"{value:.4g} {unit}"
+    digits = max(0, 1 - math.floor(math.log10(interval)))
+    return f"{value:.{digits}f} ± {interval:.{digits}f} {unit}"
+
+
+def model_lines(fit: ModelFit, characteristics: Mapping[str, Characteristic], error: float | None = None) -> list[str]:
+    """The fitted model with 95 % intervals, its misfit and what to know of it.   error : over the noise, in place of the misfit."""
+    lines = ["Model (95 % intervals):"]
+    for name, (words, unit, factor) in SHOWN.items():
+        item = fit.model.parameters.get(name)
+        if item is not None:
+            half = None if item.interval is None else item.interval * factor
+            lines.append(f"  {words:36} {number(item.value * factor, half, unit)}")
+    for name, words, unit, factor in _DERIVED:
+        if name in characteristics:
+            item2 = characteristics[name]
+            lines.append(f"  {words:36} {number(item2.value * factor, item2.interval * factor, unit)}")
+    level = math.sqrt(fit.misfit) if error is None else error
+    doubt = too_little(level)
+    lines.append(
+        f"  unexplained torque is {level:.2f} x the noise ({1e3 * fit.noise_nm:.1f} mN m){'' if doubt else '; 1.00: nothing is missing'}"
+    )
+    lines += [f"  {doubt}"] if doubt else []
+    if level > 1.3:
+        lines.append("  the model does not explain everything that was measured: look at the recordings before trusting it")
+    return lines + [f"  {_named(remark)}" for remark in fit.remarks]
+
+
+def _named(remark: str) -> str:
+    """A remark with the parameters' names as in the table above it."""
+    for name, (words, *_) in SHOWN.items():
+        remark = remark.replace(name, words)
+    return remark
+
+
+def thesis_lines(fits: Mapping[str, MagnitudeFit]) -> list[str]:
+    """The log-magnitude fits beside the final one."""
+    if not fits:
+        return []
+    lines = [
+        "For comparison, the usual fit to the frequency responses. Friction biases it by some per cent (mass, stiffness) and poses as "
+        "damping; the model above holds:"
+    ]
+    for name, fit in fits.items():
+        two = fit.two_mass
+        apparent = 1e3 * two.transmission_m_rad**2 * (two.motor_damping_n_s_m + two.cart_damping_n_s_m)
+        lines.append(
+            f"  {name:12} {two.mass_kg:.2f} kg, {two.stiffness_n_m / 1e3:.1f} kN/m, resonance {two.resonance_hz:.1f} Hz, antiresonance "
+            f"{two.antiresonance_hz:.1f} Hz, apparent damping {apparent:.0f} mN m s/rad at the motor, rest {fit.rms_db:.1f} dB"
+        )
+    return lines
+
+
+def friction_lines(friction: FrictionFit) -> list[str]:
+    """Coulomb and viscous friction of the sweep, per direction too."""
+    lines = [
+        "Friction from the sweep (motor and carriage together, at the motor):",
+        f"  Coulomb  {number(1e3 * friction.coulomb.value, _half(friction.coulomb.interval, 1e3), 'mN m')}",
+        f"  viscous  {number(1e3 * friction.viscous.value, _half(friction.viscous.interval, 1e3), 'mN m s/rad')}",
+    ]
+    for words, pair in (("forward", friction.forward), ("backward", friction.backward)):
+        if pair is not None:
+            viscous, coulomb = pair
+            lines.append(f"  {words:8} {1e3 * coulomb.value:.1f} mN m, {1e3 * viscous.value:.3f} mN m s/rad")
+    if friction.repeat_scatter_nm is not None:
+        scatter = f"{1e3 * friction.repeat_scatter_nm:.2g} mN m rms beyond" if friction.repeat_scatter_nm > 0.0 else "no more than"
+        lines.append(f"  strokes repeated at the same speed differ by {scatter} their noise")
+    return lines + [f"  {remark}" for remark in friction.remarks]
+
+
+def _half(interval: float | None, factor: float) -> float | None:
+    return None if interval is None else interval * factor
+
+
+def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
+    """Gains and the worst margins over all plants."""
+    worst = min(design.margins, key=lambda m: m.phase_margin_deg)
+    slowest = min(design.margins, key=lambda m: m.position_phase_margin_deg)
+    sensitivity = max(max(m.sensitivity_db, m.position_sensitivity_db) for m in design.margins)
+    prefilter = cascade.prefilter
+    shown = {
+        "none": "none",
+        "notch": f"notch at {prefilter.omega_rad_s / 2 / math.pi:.1f} Hz, d_n {prefilter.d_n:.2f}",
+        "butterworth": f"Butterworth at {prefilter.omega_rad_s / 2 / math.pi:.1f} Hz",
+    }[prefilter.kind]
+    shown += f", low-pass at {prefilter.roll_off_rad_s / 2 / math.pi:.1f} Hz" if prefilter.roll_off_rad_s else ""
+    feedforward = cascade.feedforward
+    lines = [
+        "Controller:",
+        f"  position gain (K_PP) {cascade.kpp_1_s:.3g} 1/s, velocity gain (K_P) {cascade.kp_nm_s_rad:.4g} N m s/rad, integral gain (K_I) "
+        f"{cascade.ki_nm_rad:.4g} N m/rad, filter of the speed (T_R) {1e3 * cascade.velocity_filter_s:.2g} ms, prefilter {shown}",
+        f"  feedforward at the motor: inertia {1e4 * feedforward.inertia_kg_m2:.2f} kg cm², viscous "
+        f"{1e3 * feedforward.viscous_nm_s_rad:.2f} mN m s/rad, Coulomb {1e3 * feedforward.coulomb_nm:.1f} mN m, "
+        f"velocity {feedforward.velocity:g}, {1e3 * feedforward.advance_s:.2f} ms ahead"
+        if feedforward.inertia_kg_m2 or feedforward.coulomb_nm or feedforward.viscous_nm_s_rad or feedforward.velocity
+        else "  feedforward: none" + ("" if design.structure.velocity_feedforward else ", this drive has none"),
+        f"  stable by calculation on {len(design.plants)} variants of the model (both ends, payloads, damping down to none)",
+        f"    with this to spare: phase margin {worst.phase_margin_deg:.0f}° in the velocity loop and "
+        f"{slowest.position_phase_margin_deg:.0f}° in the position loop, resonance at "
+        f"{max(m.suppression_db for m in design.margins):.1f} dB; what disturbs is amplified by {sensitivity:.1f} dB at most (sensitivity)",
+    ]
+    lines += [f"  gains cannot be higher: {reason}" for reason in design.binding]
+    return lines + [f"  {remark}" for remark in design.remarks]
+
+
+def knowledge_lines(model: Model, along: Sequence[str], which: str) -> list[str]:
+    """What of the effects in a model the controller uses, and how.   which : sentence on the model, "" for none."""
+    lines = [f"  {which}"] if which else []
+    if model.get("constant_offset.torque") or model.get("tilt.angle"):
+        lines.append("  the feedforward holds the constant torque of the axis")
+    if along:
+        lines.append(f"  sent along with the reference by `beltcomm verify`, beyond the drive's own feedforward: {', '.join(along)}")
+    late = late_s(model)
+    if late > 0.0:
+        lines.append(f"  the margins count {1e3 * late:.2f} ms of late torque that the model has")
+    if blind := unseen(model):
+        lines.append(f"  the margins do not know {', '.join(blind)}: the belt counts as it is under load")
+    return lines
+
+
+#: What the two errors are.
+_ERRORS = "dynamic: the largest error while it moves; static: the largest from 0.5 to 1.5 s after its end"
+
+
+def verdict_lines(verdict: Verdict, demand: Demand | None, feedforward: str | None = None) -> list[str]:
+    """Predicted and measured tracking error, in mm and µm.   feedforward : what took the place of the design's, if anything."""
+    lines = [f"Verification move{f', with feedforward {feedforward} for this move only' if feedforward else ''} ({_ERRORS}):"]
+    if demand is not None:
+        lines.append(
+            f"  planned: up to {demand.speed_m_s:.3g} m/s, {demand.acceleration_m_s2:.3g} m/s², {demand.feed_force_n:.3g} N feed force, "
+            f"{demand.torque_nm:.2f} N m at the motor"
+        )
+    for words, measured, expected, spread in (
+        ("at the motor", verdict.measured, verdict.predicted, verdict.predicted_range),
+        ("at the carriage", verdict.measured_cart, verdict.predicted_cart, None),
+    ):
+        parts = []
+        for what, name, unit, factor in (("dynamic", "dynamic_m", "mm", 1e3), ("static", "static_m", "µm", 1e6)):
+            between = f", range {' to '.join(_short(factor * getattr(end, name)) for end in spread)}" if spread else ""
+            guess = f"{_short(factor * getattr(expected, name))} {unit}"
+            if measured is None:
+                parts.append(f"{what} {guess}")
+            else:
+                parts.append(f"{what} {_short(factor * getattr(measured, name))} {unit} (predicted {guess}{between})")
+        lines.append(f"  {words:16} {', '.join(parts)}{' (predicted; nothing measures there)' if measured is None else ''}")
+    return lines + [f"  {reason}" for reason in verdict.reasons]
+
+
+def _short(value: float) -> str:
+    """Three digits, without powers of ten."""
+    return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
+
+
+def remarks_lines(remarks: Sequence[str]) -> list[str]:
+    """Everything else worth knowing."""
+    return [f"Note: {remark}" for remark in remarks]
+
+
+def lasting(drive: str) -> str:
+    """What a virtual drive keeps of what is written to it; nothing is said of a real one."""
+    return ". A virtual drive begins anew with every command and forgets what was written" if simulated(drive) else ""
+
+
+def nonlinearity_lines(found: Mapping[str, Nonlinearity]) -> list[str]:
+    """What the silent lines of multisines show, one line each."""
+    return [
+        f"{name}: on lines that were not excited, {n.low_hz:.3g} to {n.high_hz:.3g} Hz, the axis answers with {100 * n.odd:.1f} % of the "
+        f"linear answer on odd and {100 * n.even:.1f} % on even ones (noise {100 * n.noise:.2f} %): "
+        + (
+            "odd is friction or a stiffness that depends on its load"
+            if n.odd > max(n.even, 2.0 * n.noise)
+            else "even is something that differs by direction"
+            if n.even > 2.0 * n.noise
+            else "nothing above the noise"
+        )
+        for name, n in found.items()
+    ]

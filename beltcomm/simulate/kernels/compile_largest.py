@@ -1,0 +1,31 @@
+"""``python -m beltcomm.simulate.kernels.compile_largest``: what :mod:`beltcomm.simulate.kernels.ahead` has compiled beside a process."""
+
+from __future__ import annotations
+
+import gc
+
+import numpy as np
+
+from beltcomm.effects import EFFECTS
+from beltcomm.simulate.kernels import ahead, cached, compose
+from beltcomm.simulate.kernels.observer import NOTHING
+from beltcomm.simulate.kernels.plain_belt import plain_belt, values_of
+from beltcomm.simulate.kernels.writer import catalogue_parameters
+
+
+def main() -> None:
+    """Compile the masked load and the belt with what may stand beside it, by calls with the types of every other call."""
+    p, on = np.ones(len(catalogue_parameters())), np.zeros(len(EFFECTS), dtype=np.bool_)
+    motion, rest, load, cart = np.zeros((4, 3))
+    compose.load_module().load(motion, rest, p, on, 0.0, 1.0, 1.0, 0.0, load, cart, NOTHING)
+    richest = values_of(1, lambda name: 1.0 if name.endswith("distance") else 0.5, np.zeros(1))
+    plain_belt(motion, rest, 1.0, 2, 1.0, 0.0, richest)
+    note = ahead.note_file()
+    if note is not None:
+        cached.write_note(note)
+        cached.prune(note)
+
+
+if __name__ == "__main__":
+    gc.disable()  # a compiler drops little
+    main()

@@ -1,0 +1,145 @@
+"""What an observer learns at a sample: its gain, and the covariance ahead; the state's numbers side by side in registers.
+
+    k = F P h + G V d,    S = h P h + d V d,    P ← F P F' + G V G' - k k'/S
+
+with h, F, G, d at the share of the sample that is closed, V the variances of the noises, P symmetric.   Symbols as in ``observer``.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.compiled import inlined
+from beltcomm.simulate.kernels.observer import LOST, Watch
+from beltcomm.simulate.kernels.vectors import LANES, aligned, at, eight, put
+
+Array = NDArray[np.float64]
+
+
+#: The state and the noises of a usual observer, for which the compiler lays out every step; what has more goes through loops.
+SIZE, NOISES = 8, 5
+
+
+def prepared(watch: Watch) -> Watch:
+    """The watch with memory for what :func:`learn` needs: rows of so many numbers as fill whole registers, ``SIZE`` or more.
+
+    h, then what it changes by when the gap closes; the columns of F and of G, each likewise; P; memory for h, F, G at a share, F P, P h
+    and k; last d, likewise, and the variances of the noises.
+    """
+    size, noises = max(SIZE, len(watch.s)), max(NOISES, len(watch.variances))
+    own, wide = size - 2, -(-size // LANES) * LANES
+    memory = aligned(2 + 3 * (own + noises) + 2 * size + 3 + -(-3 * noises // wide), wide)
+    first = 0
+    for pair, rows in ((watch.H[:, None], 1), (watch.F[:, :, :-2].swapaxes(1, 2), own), (watch.G.swapaxes(1, 2), noises)):
+        for part in (pair[0], pair[1] - pair[0]):
+            memory[first : first + len(part), : part.shape[1]] = part
+            first += rows
+    memory[first : first + len(watch.P), : len(watch.P)] = watch.P
+    flat = memory.ravel()
+    for place, part in enumerate((watch.D[0], watch.D[1] - watch.D[0], watch.variances)):
+        flat[len(flat) - (3 - place) * noises :][: len(part)] = part
+    return watch._replace(room=flat)
+
+
+@inlined
+def results(size: int, noises: int, wide: int) -> tuple[int, int]:
+    """Where P and k begin."""
+    P = (2 + 2 * (size - 2) + 2 * noises) * wide
+    return P, P + (size + 1 + size - 2 + noises + size + 1) * wide
+
+
+@inlined
+def ahead(size: int, noises: int, wide: int, share: float, keep: bool, room: Array) -> float:
+    """k and the covariance ahead, which stand in ``room``; variance of ν, (N m)², 0 where it does not count.
+
+    wide : numbers in a row of ``room``.   share : of the sample in which the gap is closed.   keep : whether the sample counts.
+    """
+    own, variance = size - 2, 0.0
+    P, k = results(size, noises, wide)
+    F, h = 2 * wide, P + size * wide
+    G = F + 2 * own * wide
+    f, d = h + wide, room.shape[0] - 3 * noises
+    g = f + own * wide
+    fp = g + noises * wide
+    ph = fp + size * wide
+    for b in range(0, wide, LANES):
+        put(room, h + b, at(room, b) + share * at(room, wide + b))
+        for m in range(own):
+            put(room, f + m * wide + b, at(room, F + m * wide + b) + share * at(room, F + (own + m) * wide + b))
+        for m in range(noises):
+            put(room, g + m * wide + b, at(room, G + m * wide + b) + share * at(room, G + (noises + m) * wide + b))
+    for b in range(0, wide, LANES):  # once all of f stands there
+        for i in range(size):
+            total = eight(0.0)
+            for m in range(own):
+                total = total + room[f + m * wide + i] * at(room, P + m * wide + b)
+            put(room, fp + i * wide + b, total)
+    if keep:
+        for b in range(0, wide, LANES):
+            total = eight(0.0)
+            for m in range(size):
+                total = total + room[h + m] * at(room, P + m * wide + b)
+            put(room, ph + b, total)
+        for i in range(size):
+            variance += room[h + i] * room[ph + i]
+        for b in range(0, wide, LANES):
+            total = eight(0.0)
+            for m in range(own):
+                total = total + room[ph + m] * at(room, f + m * wide + b)
+            for m in range(noises):
+                reading = room[d + m] + share * room[d + noises + m]
+                total = total + reading * room[d + 2 * noises + m] * at(room, g + m * wide + b)
+                if b == 0:
+                    variance += reading * reading * room[d + 2 * noises + m]
+            put(room, k + b, total)
+    sure = -1.0 / variance if variance > 0.0 else 0.0
+    for i in range(size):
+        for b in range(0, wide, LANES):
+            total = sure * room[k + i] * at(room, k + b)
+            for m in range(noises):
+                total = total + room[g + m * wide + i] * room[d + 2 * noises + m] * at(room, g + m * wide + b)
+            for m in range(own):
+                total = total + room[fp + i * wide + m] * at(room, f + m * wide + b)
+            put(room, P + i * wide + b, total)
+    for i in range(size):
+        for m in range(i):
+            room[P + i * wide + m] = room[P + m * wide + i]  # symmetric to the last digit, or it drifts
+    return variance
+
+
+def learn(
+    n: int,
+    innovation: float,
+    keep: NDArray[np.bool_],
+    variances: Array,
+    gains: Array,
+    deviations: Array,
+    shares: Array,
+    lost: NDArray[np.bool_],
+    forgets: NDArray[np.bool_],
+    room: Array,
+    cart: int,
+    behind: int,
+    spread: Array,
+) -> None:
+    """Gain and deviation of sample n, and the covariance ahead.   innovation : N m, beyond ``LOST`` deviations the carriage is lost."""
+    size, noises = gains.shape[1], variances.shape[0]
+    if size <= SIZE and noises <= NOISES:
+        size, noises, wide = SIZE, NOISES, SIZE
+        variance = ahead(SIZE, NOISES, SIZE, shares[n], keep[n], room)
+    else:
+        size, noises = max(size, SIZE), max(noises, NOISES)
+        wide = (size + LANES - 1) // LANES * LANES
+        variance = ahead(size, noises, wide, shares[n], keep[n], room)
+    P, k = results(size, noises, wide)
+    if keep[n]:
+        deviations[n] = math.sqrt(variance)
+        lost[n] = abs(innovation) > LOST * deviations[n]
+        for i in range(gains.shape[1]):
+            gains[n, i] = room[k + i] / variance
+    if lost[n] or forgets[n]:
+        room[P + cart * wide + cart] += spread[0]
+        room[P + (cart + behind) * wide + cart + behind] += spread[1]

@@ -1,0 +1,83 @@
+"""Where the parameters of a model stand in what the kernels ask for, and which of those is asked: one switchboard for each combination."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.effects import EFFECTS, Effect, effect_named
+from beltcomm.model import expected_parameters
+from beltcomm.simulate.kernels.plain_belt import PLAIN, knows
+from beltcomm.simulate.kernels.writer import acts_on_motor, catalogue_parameters
+
+Array = NDArray[np.float64]
+
+#: Slots of what changes angle or torque and no load.
+BEFORE_THE_LOAD = ("sensor", "torque_path", "torque_delay", "torque_reading")
+_CATALOGUE_SIZE = len(catalogue_parameters())
+
+
+@dataclass(frozen=True)
+class Switchboard:
+    """Where the parameters of a model stand in the vector of the masked kernel, and which effects are on.
+
+    places : (k,), place of each entry of ``Model.vector()``.    on : (effects of the catalogue,) bool.   motor, belt : the same for
+    those that act on the motor alone, and for the others: the load is the sum of both.
+    delays : effects between reported and acting torque, with their places in the model's vector.     readings : the same for those
+    between the torque and its reading.     bent : whether the torque path is touched by an effect.   sensor : places in the model's vector
+    of the errors of the angle.
+    bare : whether nothing but ``PLAIN``, plain : whether nothing but what ``plain_belt`` knows is beyond the motor.   rubs : places in the
+    model's vector of what the effects that act on the motor alone ask for.
+    """
+
+    places: NDArray[np.intp]
+    on: NDArray[np.bool_]
+    motor: NDArray[np.bool_]
+    belt: NDArray[np.bool_]
+    delays: tuple[tuple[Callable[..., Array], tuple[int, ...]], ...]
+    readings: tuple[tuple[Callable[..., Array], tuple[int, ...]], ...]
+    bent: bool
+    sensor: tuple[int, ...]
+    bare: bool
+    plain: bool
+    rubs: tuple[int, ...]
+
+    def spread(self, vector: Array) -> Array:
+        """The vector of the masked kernel."""
+        p = np.zeros(_CATALOGUE_SIZE)
+        p[self.places] = vector
+        return p
+
+
+@lru_cache(maxsize=256)
+def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switchboard:
+    """The switchboard of one combination of effects."""
+    catalogue = catalogue_parameters()
+    own = list(expected_parameters(effects, base_bodies))
+    chosen = [effect_named(name) for name in effects]
+    laws: dict[str, list[tuple[Callable[..., Array], tuple[int, ...]]]] = {e.slot: [] for e in chosen}
+    for e in chosen:
+        laws[e.slot].append((cast("Callable[..., Array]", e.law), tuple(own.index(name) for name in e.full_names())))
+    return Switchboard(
+        np.array([catalogue[name] for name in own], dtype=np.intp),
+        np.array([effect.name in effects for effect in EFFECTS]),
+        np.array([effect.name in effects and acts_on_motor(effect) for effect in EFFECTS]),
+        np.array([effect.name in effects and not acts_on_motor(effect) for effect in EFFECTS]),
+        tuple(laws.get("torque_delay", ())),
+        tuple(laws.get("torque_reading", ())),
+        any(e.slot == "torque_path" for e in chosen),
+        tuple(own.index(name) for e in chosen if e.slot == "sensor" for name in e.full_names()),
+        base_bodies == ("motor", "cart") and _beyond(chosen) <= set(PLAIN),
+        base_bodies == ("motor", "cart") and knows(_beyond(chosen)),
+        tuple(own.index(name) for e in chosen if acts_on_motor(e) for name in (*e.full_names(), *e.uses) if name in own),
+    )
+
+
+def _beyond(chosen: Sequence[Effect]) -> set[str]:
+    """Names of the effects beyond the motor."""
+    return {e.name for e in chosen if not acts_on_motor(e) and e.slot not in BEFORE_THE_LOAD}

@@ -1,0 +1,195 @@
+"""What is done with one member of a study, wherever that is: values that can be sent to another process, and their results.
+
+The laboratory is imported when a member needs it: a worker that predicts moves starts in half the time without.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from beltcomm.axis import Axis
+from beltcomm.configfiles import to_yaml, write_text
+from beltcomm.errors import BeltcommError, DataError, Refused
+from beltcomm.model import Model, PlantFile
+from beltcomm.programs import source_hash
+from beltcomm.result import Result, jsonable
+from beltcomm.study.population import HIDDEN, NOTHING, DrawnAxis, Population, Values, drawn_axis
+from beltcomm.study.tracking import Ground, track
+
+
+class Work(Protocol):
+    """What finds the result of a member."""
+
+    def found(self, number: int, values: Values, folder: Path | None = None) -> dict[str, Any]:
+        """Plain values.   folder : where what it makes stays; None keeps nothing.   Raises BeltcommError."""
+        ...
+
+    def described(self, values: Values) -> Mapping[str, Any] | None:
+        """The member as a plant file, None for one that is no virtual axis."""
+        ...
+
+
+@dataclass(frozen=True)
+class Doing:
+    """Commands that a member may need, handed down by whoever knows them.   commission : as in :mod:`beltcomm.api`."""
+
+    commission: Callable[..., Result] | None
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """The design of the base on the member's axis."""
+
+    ground: Ground
+    population: Population
+
+    def found(self, number: int, values: Values, folder: Path | None = None) -> dict[str, Any]:
+        """See :func:`beltcomm.study.tracking.track`."""
+        return track(self.ground, self._axis(values))
+
+    def described(self, values: Values) -> Mapping[str, Any]:
+        """The member as a plant file."""
+        axis = self._axis(values)
+        return {**axis.model.to_dict(), "drive": {"setpoint_delay_s": axis.delay_s, "counts_per_rev": self.ground.loop.counts_per_rev}}
+
+    def _axis(self, values: Values) -> DrawnAxis:
+        return drawn_axis(self.population, values, self.ground.model, self.ground.loop.delay_s, self.ground.start_m)
+
+
+@dataclass(frozen=True)
+class Commissioned:
+    """A virtual drive on the member's axis, commissioned; then compared or diagnosed where ``each`` says so."""
+
+    plant: PlantFile
+    axis: Axis
+    population: Population
+    seed: int
+    each: str
+    doing: Doing
+
+    def found(self, number: int, values: Values, folder: Path | None = None) -> dict[str, Any]:
+        """What the commands say, beside the truth."""
+        if folder is not None:
+            return self._in(folder, number, values)
+        with tempfile.TemporaryDirectory(prefix="beltcomm-study-") as kept:
+            return self._in(Path(kept), number, values)
+
+    def described(self, values: Values) -> Mapping[str, Any]:
+        """The member as a plant file."""
+        drawn = drawn_axis(self.population, values, self.plant.model, self.plant.setpoint_delay_s, 0.0)
+        drive = {**self.plant.drive_section(), "setpoint_delay_s": drawn.delay_s}
+        return {**drawn.model.to_dict(), "drive": drive}
+
+    def _in(self, folder: Path, number: int, values: Values) -> dict[str, Any]:
+        from beltcomm.experiments.options import Options
+        from beltcomm.jobs.laboratory import compare_run, diagnose_run
+        from beltcomm.rundata.offline import middle_m
+
+        truth = drawn_axis(self.population, values, self.plant.model, self.plant.setpoint_delay_s, 0.0).model
+        folder.mkdir(parents=True, exist_ok=True)
+        write_text(folder / "plant.yaml", to_yaml(self.described(values)))
+        run = folder / "run"
+        place = {"start_position": middle_m(self.axis)}
+        options = Options(yes=True, seed=self.seed + number, thorough=self.each == "diagnose", drive=place)
+        assert self.doing.commission is not None
+        try:
+            made = self.doing.commission(f"virtual:{folder / 'plant.yaml'}", self.axis, run, options=options).to_json()
+            if self.each == "commission":
+                return commissioned(made, truth)
+            if self.each == "compare":
+                return compared(compare_run(run, pictures=False).to_json())
+            return diagnosed(diagnose_run(run, cost=False).to_json(), str(values.get(HIDDEN, NOTHING)))
+        except BeltcommError as error:  # the folder is another one every time
+            error.args = (str(error).replace(str(folder), "MEMBER"), *error.args[1:])
+            raise
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """A run folder that is there already."""
+
+    each: str
+
+    def found(self, number: int, values: Values, folder: Path | None = None) -> dict[str, Any]:
+        """What ``diagnose`` or ``compare`` says of it."""
+        from beltcomm.jobs.laboratory import compare_run, diagnose_run
+
+        run = Path(str(values["run"]))
+        if self.each == "compare":
+            return compared(compare_run(run, pictures=False).to_json())
+        return diagnosed(diagnose_run(run, cost=False).to_json(), None)
+
+    def described(self, values: Values) -> None:
+        """A real axis has no plant file."""
+        return None
+
+
+def commissioned(made: Mapping[str, Any], truth: Model) -> dict[str, Any]:
+    """Of a commissioning: the verdict, the errors, and for each parameter how far it is off, and whether its interval covers the truth."""
+    verdict = made.get("verdict") or {}
+    measured, predicted = verdict.get("measured") or {}, verdict.get("predicted") or {}
+    found: dict[str, Any] = {"passed": bool(verdict.get("passed")) and not made.get("reservations")}
+    found |= {
+        "dynamic_m": measured.get("dynamic_m"),
+        "static_m": measured.get("static_m"),
+        "predicted_dynamic_m": predicted.get("dynamic_m"),
+    }
+    if made.get("fit"):
+        found |= {"trusted": not made["fit"]["suspect"], "misfit": made["fit"]["misfit"]}
+    for name, one in (made.get("model") or {}).get("parameters", {}).items():
+        if one["interval"] is not None and name in truth.parameters:
+            off = abs(one["value"] - truth[name])
+            found |= {f"covers {name}": bool(off <= one["interval"]), f"off {name}": off}
+    return found
+
+
+def compared(made: Mapping[str, Any]) -> dict[str, Any]:
+    """Of a comparison: error over noise, and where it is worst."""
+    return {"ratio": made["ratio"]["overall"], "held_out": made["ratio"]["held_out"], "worst": [one["text"] for one in made["worst"][:1]]}
+
+
+def diagnosed(made: Mapping[str, Any], hidden: str | None) -> dict[str, Any]:
+    """Of a diagnosis: what it says, and whether that is the truth.   hidden : the truth, "none" of a healthy axis, None where not known."""
+    added = [step["added"] for step in made["steps"] if step["added"]]
+    found: dict[str, Any] = {"verdict": made["verdict"], "named": added}
+    if hidden == NOTHING:
+        found["healthy left alone"] = not added
+    elif hidden is not None:
+        found["hidden effect named"] = hidden in added
+        found["hidden effect named, nothing else"] = added == [hidden]
+    return found
+
+
+def lines_of(work: Work, members: Sequence[tuple[int, str, Values]]) -> list[dict[str, Any]]:
+    """A line of ``members.jsonl`` for each (number, key, values); a member that fails has its exit code and sentence for a result."""
+    return [line_of(work, *member) for member in members]
+
+
+def of_the_member(error: OSError | MemoryError, values: Values) -> bool:
+    """Whether a file of the run that is the member is in the way, and not this computer."""
+    run, file = values.get("run"), getattr(error, "filename", None)
+    full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
+    return run is not None and file is not None and not full and Path(os.fsdecode(file)).is_relative_to(str(run))
+
+
+def line_of(work: Work, number: int, key: str, values: Values, folder: Path | None = None) -> dict[str, Any]:
+    """One line.   Raises Refused where this computer is in the way, not the member: a full disk, no memory."""
+    line: dict[str, Any] = {"member": number, "key": key, "program": source_hash(), "values": dict(values)}
+    try:
+        found = work.found(number, values, folder)
+    except BeltcommError as error:
+        return {**line, "exit_code": error.exit_code, "error": str(error)}
+    except (OSError, MemoryError) as error:
+        if of_the_member(error, values):
+            return {**line, "exit_code": DataError.exit_code, "error": f"its files cannot be read: {error}"}
+        told = f"{type(error).__name__}: {error}".rstrip(": ")
+        raise Refused(f"member {number} cannot be computed here ({told}); what is done is kept, the same command goes on") from error
+    except Exception as error:  # an axis nobody thought of is a finding, not the end of the study
+        return {**line, "exit_code": 1, "error": f"an unexpected {type(error).__name__}: {error}"}
+    return {**line, "exit_code": int(found.get("passed") is False), "found": jsonable(found)}

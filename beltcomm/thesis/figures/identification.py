@@ -1,0 +1,50 @@
+"""Frequency responses of all ways on one axis, and what averaging gains (figures 3.5 to 3.7)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from beltcomm.report.style import FAINT, HELD_OUT, MEASURED, MODEL, RESIDUAL, SEVERE, Caption, figure, styled
+from beltcomm.thesis.identification import Study
+
+#: Ways that are drawn, with their colours.
+SHOWN = {
+    "open loop, standing": FAINT,
+    "direct": MODEL,
+    "indirect, C as it runs": RESIDUAL,
+    "strong, C 20 % off": SEVERE,
+    "speed setpoint": HELD_OUT,
+}
+
+
+def figures(study: Study, caption: Caption) -> Mapping[str, Figure]:
+    """Magnitudes with the true one and the controller, their errors below; scatter over averaged periods."""
+    with styled():
+        ways = figure("Open loop, direct, indirect, speed setpoint: the same axis (figure 3.6)", 6.0, caption)
+        top, below = ways.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+        top.semilogx(study.freq_hz, 20 * np.log10(np.abs(study.true)), color=MEASURED, linewidth=1.8, label="true, moving")
+        top.semilogx(
+            study.freq_hz, 20 * np.log10(np.abs(study.controller)), color=MEASURED, linestyle=":", label="controller C (weak), N m/rad"
+        )
+        for way in study.ways:
+            if way.name in SHOWN:
+                found = way.response
+                top.semilogx(found.freq_hz, 20 * np.log10(np.abs(found.h)), color=SHOWN[way.name], linewidth=1.0, label=way.name)
+                true = np.interp(found.freq_hz, study.freq_hz, np.abs(study.true))
+                below.semilogx(found.freq_hz, 20 * np.log10(np.abs(found.h) / true), color=SHOWN[way.name], linewidth=1.0)
+        top.set(ylabel="gain in dB, rad/(N m)")
+        top.legend(ncols=2)
+        below.set(ylabel="error in dB", xlabel="frequency in Hz", ylim=(-6, 6), xlim=(0.9, 400))
+        gain = figure("Averaging n periods", 3.2, caption)
+        axes = gain.subplots()
+        counts = np.array(list(study.averaging))
+        axes.loglog(counts, list(study.averaging.values()), "o", color=MODEL, label="scatter of the mean, measured")
+        axes.loglog(counts, 1 / np.sqrt(counts), color=MEASURED, label="1/√n")
+        axes.set(xlabel="periods averaged", ylabel="relative to one period")
+        axes.set_xticks(counts, [str(n) for n in counts])
+        axes.minorticks_off()
+        axes.legend()
+    return {"identification_ways": ways, "identification_averaging": gain}

@@ -1,0 +1,264 @@
+"""Open loop, direct and indirect closed loop, and injection at the speed setpoint, on the same axis (3.3, 3.4)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.control import Cascade, Feedforward, Prefilter, discrete_coefficients, new_state, reset_state, velocity_step
+from beltcomm.errors import Refused
+from beltcomm.excitation import Excitation, prbs
+from beltcomm.identify.dead_time import DeadTime, dead_time_between
+from beltcomm.identify.magnitude_fit import fit_magnitude
+from beltcomm.model import Model, load_plant
+from beltcomm.model.linear import modes, operating_point, sampled_response
+from beltcomm.response import FrequencyResponse, estimate_response
+from beltcomm.response.closed_loop import feedback, from_setpoint_excitation, from_torque_excitation, setpoint_path
+from beltcomm.simulate.plant import SimulatedPlant
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Inject = Literal["torque", "setpoint"]
+
+PLANT = "g_a"
+PERIOD_S, DELAY = 1e-3, 1
+COUNTS, NOISE_NM, SEED = 65536, 6e-3, 3
+#: m/s, speed of the carriage in the closed loop, from where to where, and the torque of the excitation, ± N m (3.4).
+SPEED_M_S, FROM_M, STANDS_M = 0.1, 0.05, 0.30
+AMPLITUDE_NM = 0.15
+#: Factor by which the excitation of the moving axis is lowered until the motor never reverses; the setpoint's first, over the speed.
+CALMER, SETPOINT_SHARE, QUIETEST = 0.8, 1.0, 0.01
+ORDER, CLOCK, PERIODS = 9, 2, 4
+#: A controller that is not what one believes: gains in other units, a torque constant from a data sheet.
+WRONG = 0.8
+#: The weak velocity controller: crossover below 1 Hz (figure 3.6).
+WEAK = Cascade(kp_nm_s_rad=0.009, ki_nm_rad=0.012, kpp_1_s=0.0, velocity_filter_s=0.002, feedforward=Feedforward(), filter_reference=False)
+#: Hz; a band below the antiresonance where the loop acts, and one above.
+LOW_HZ, HIGH_HZ = (0.9, 3.0), (3.0, 150.0)
+#: The same with a crossover of some 4 Hz.
+STRONG = replace(WEAK, kp_nm_s_rad=0.05, ki_nm_rad=0.6, prefilter=Prefilter("butterworth", 123.24))
+#: Periods of the record that shows what averaging gains.
+AVERAGED = (1, 2, 4, 8)
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to the frequency response.
+
+    amplitude_nm : half the span of the torque setpoint.   low_db, high_db : mean of 20 lg |Ĝ/G| below and above 3 Hz, G of the moving axis.
+    scatter_db : rms about it above 3 Hz.   mass_kg, viscous_nm_s_rad : of the thesis's log-magnitude fit, i_t² (d_m + d_c) for the latter.
+    crosses_zero : the motor reversed.
+    """
+
+    name: str
+    amplitude_nm: float
+    response: FrequencyResponse
+    low_db: float
+    high_db: float
+    scatter_db: float
+    mass_kg: float
+    viscous_nm_s_rad: float
+    crosses_zero: bool
+
+
+@dataclass(frozen=True)
+class Study:
+    """ways : by what was done.   true : |G| at the lines of the first.   controller : |C_ω| there.   dead_time : figure 3.5.
+
+    averaging : periods averaged and rms difference of two independent means over √2, relative to one period's.
+    """
+
+    ways: tuple[Way, ...]
+    freq_hz: Array
+    true: ComplexArray
+    controller: ComplexArray
+    dead_time: DeadTime
+    averaging: Mapping[int, float]
+    mass_kg: float
+    viscous_nm_s_rad: float
+
+
+@dataclass(frozen=True)
+class Record:
+    """What a drive would show.   torque : acting, with noise.   setpoint : asked for.   excitation : N m or rad/s.   reversed : motor."""
+
+    torque: Array
+    setpoint: Array
+    position: Array
+    excitation: Array
+    signal: Excitation
+    reversed: bool
+
+
+def compare() -> Study:
+    """All ways on one axis."""
+    model = load_plant(PLANT).model
+    signal = prbs(ORDER, CLOCK, 2.0 * AMPLITUDE_NM, PERIOD_S, PERIODS)
+    stands = open_loop(model, prbs(ORDER, CLOCK, 2.0 * AMPLITUDE_NM, PERIOD_S, 2 * max(AVERAGED)), SEED)
+    loud = closed_loop(model, signal, "torque", 1.0)
+    moves, asked = without_reversal(model, signal, "torque"), without_reversal(model, signal, "setpoint")
+    held = without_reversal(model, signal, "torque", STRONG)
+    at = operating_point(model, STANDS_M, 1.0)
+
+    def way(name: str, found: FrequencyResponse, record: Record) -> Way:
+        true = sampled_response(model, at, found.freq_hz, PERIOD_S)
+        off = 20.0 * np.log10(np.abs(found.h / true))
+        low, high = ((found.freq_hz >= a) & (found.freq_hz < b) for a, b in (LOW_HZ, HIGH_HZ))
+        fit = fit_magnitude(found, model["transmission.ratio"], model["motor.inertia"]).two_mass
+        lossy = model["transmission.ratio"] ** 2 * (fit.motor_damping_n_s_m + fit.cart_damping_n_s_m)
+        mean = float(np.mean(off[high]))
+        start = record.signal.first_sample
+        loudness = float(np.ptp(record.setpoint[start:])) / 2.0
+        return Way(name, loudness, found, float(np.mean(off[low])), mean, float(np.std(off[high])), fit.mass_kg, lossy, record.reversed)
+
+    direct = seen(moves, moves.torque)
+    through, by_setpoint = seen(moves, moves.excitation), seen(asked, asked.excitation)
+    controller = feedback(WEAK, through.freq_hz, PERIOD_S, "velocity")
+    stronger = seen(held, held.excitation)
+    hold = feedback(STRONG, stronger.freq_hz, PERIOD_S, "velocity")
+    path = setpoint_path(WEAK, by_setpoint.freq_hz, PERIOD_S)
+    ways = (
+        way("open loop, standing", seen(stands, stands.torque), stands),
+        way("direct, as loud", seen(loud, loud.torque), loud),
+        way("direct", direct, moves),
+        way("indirect, C as it runs", undelayed(from_torque_excitation(through, controller)), moves),
+        way("indirect, C continuous", undelayed(from_torque_excitation(through, continuous(through.freq_hz))), moves),
+        way("indirect, C 20 % off", undelayed(from_torque_excitation(through, WRONG * controller)), moves),
+        way("strong loop, direct", seen(held, held.torque), held),
+        way("strong loop, indirect", undelayed(from_torque_excitation(stronger, hold)), held),
+        way("strong, C 20 % off", undelayed(from_torque_excitation(stronger, WRONG * hold)), held),
+        way(
+            "speed setpoint",
+            undelayed(from_setpoint_excitation(by_setpoint, feedback(WEAK, by_setpoint.freq_hz, PERIOD_S, "velocity"), path)),
+            asked,
+        ),
+    )
+    freq = ways[0].response.freq_hz
+    resonance = min(m.freq_hz for m in modes(model, at))
+    lag = dead_time_between(seen(stands, stands.setpoint), seen(stands, stands.torque), lowest_hz=2.0, highest_hz=resonance)
+    true_viscous = model["viscous.damping"] + model["transmission.ratio"] ** 2 * model.get("viscous_cart.damping")
+    return Study(
+        ways,
+        freq,
+        sampled_response(model, at, freq, PERIOD_S),
+        feedback(WEAK, freq, PERIOD_S, "velocity"),
+        lag,
+        averaging(stands),
+        model["cart.mass"],
+        true_viscous,
+    )
+
+
+def open_loop(model: Model, signal: Excitation, seed: int) -> Record:
+    """The axis at rest under an excitation alone."""
+    return recorded(model, signal.torque, lambda n, _angle: float(signal.torque[n]), signal, STANDS_M, 0.0, seed)
+
+
+def without_reversal(model: Model, signal: Excitation, inject: Inject, cascade: Cascade = WEAK) -> Record:
+    """The loudest record in which the motor turns one way only: what the closed loop is for."""
+    share = 1.0
+    while (found := closed_loop(model, signal, inject, share, cascade)).reversed:
+        share *= CALMER
+        if share < QUIETEST:
+            raise Refused(f"the motor reverses however quiet the excitation is at {SPEED_M_S:g} m/s: the loop swings; lower its gains")
+    return found
+
+
+def closed_loop(model: Model, signal: Excitation, inject: Inject, share: float, cascade: Cascade = WEAK) -> Record:
+    """A velocity loop at constant speed, begun in motion with the integrator where friction needs it."""
+    speed = SPEED_M_S / model["transmission.ratio"]
+    friction = model["coulomb.level"] + model["transmission.ratio"] * model["cart_friction.level"] + model["viscous.damping"] * speed
+    excitation = share * signal.torque * (1.0 if inject == "torque" else SETPOINT_SHARE * speed / signal.amplitude_nm)
+    coefficients, state = discrete_coefficients(cascade, PERIOD_S, 3.1), new_state()
+    reset_state(state, 0.0, speed)
+    state[6] = friction / cascade.ki_nm_rad  # integrator: the state of a loop that has moved for long
+
+    def control(n: int, angle: float) -> float:
+        added = (float(excitation[n]), 0.0) if inject == "torque" else (0.0, float(excitation[n]))
+        return float(velocity_step(coefficients, state, speed + added[1], 0.0, angle, added[0]))
+
+    return recorded(model, excitation, control, signal, FROM_M, SPEED_M_S, SEED)
+
+
+def recorded(
+    model: Model, excitation: Array, control: Callable[[int, float], float], signal: Excitation, at_m: float, speed_m_s: float, seed: int
+) -> Record:
+    """What a drive shows of a run: counted angle, acting torque with noise; a setpoint acts one period after it was worked out."""
+    plant = SimulatedPlant(model, at_m, speed_m_s=speed_m_s)
+    n = len(excitation)
+    step = 2.0 * math.pi / COUNTS
+    torque, setpoint, position = np.zeros(n), np.zeros(n), np.zeros(n)
+    waiting = [0.0] * DELAY
+    turned = False
+    for k in range(n):
+        position[k] = math.floor(plant.position_rad / step + 0.5) * step
+        setpoint[k] = control(k, float(position[k]))
+        waiting.append(float(setpoint[k]))
+        torque[k] = waiting.pop(0)
+        plant.step(float(torque[k]), PERIOD_S)
+        turned = turned or plant.velocity_rad_s <= 0.0
+    noise = NOISE_NM * np.random.default_rng(seed).normal(size=n)
+    return Record(torque + noise, setpoint, position, excitation, signal, turned)
+
+
+def seen(record: Record, torque: Array) -> FrequencyResponse:
+    """The response of the angle to one of the record's signals."""
+    return estimate_response(torque, record.position, PERIOD_S, record.signal.period_samples, record.signal.first_sample)
+
+
+def undelayed(found: FrequencyResponse) -> FrequencyResponse:
+    """A response from the setpoint as one from the acting torque: the known dead time taken into the prefilter V_1 = z⁻ⁿ (3.4)."""
+    return replace(found, h=found.h * np.exp(2j * np.pi * found.freq_hz * DELAY * PERIOD_S))
+
+
+def continuous(freq_hz: Array) -> ComplexArray:
+    """C of (3.21) as it is printed, G_R = s/(1 + T_R s) and C_ω = K_P + K_I/s: not what a sampled loop does."""
+    s = 2j * np.pi * freq_hz
+    return np.asarray(s / (1.0 + WEAK.velocity_filter_s * s) * (WEAK.kp_nm_s_rad + WEAK.ki_nm_rad / s))
+
+
+def averaging(record: Record) -> dict[int, float]:
+    """Rms difference of the means over n periods each, over √2, relative to n = 1; 1/√n for noise alone."""
+    period, first = record.signal.period_samples, record.signal.first_sample
+    speed = np.diff(record.position, prepend=0.0)
+    blocks = [slice(first + i * period, first + (i + 1) * period) for i in range(record.signal.repeats)]
+    each = np.array([np.fft.rfft(speed[b])[1:] / np.fft.rfft(record.torque[b])[1:] for b in blocks])
+    freq = np.fft.rfftfreq(period, PERIOD_S)[1:]
+    band = (freq > HIGH_HZ[0]) & (freq < 2.0 * HIGH_HZ[1])
+    found = {}
+    for n in AVERAGED:
+        pairs = [(each[i : i + n].mean(axis=0), each[i + n : i + 2 * n].mean(axis=0)) for i in range(0, len(each) - 2 * n + 1, 2 * n)]
+        apart = [np.abs(a - b)[band] / np.abs(a)[band] for a, b in pairs]
+        found[n] = float(np.sqrt(np.mean([np.median(d) ** 2 for d in apart]) / 2.0))
+    return {n: value / found[1] for n, value in found.items()}
+
+
+def lines(study: Study) -> list[str]:
+    """The table and what it says."""
+    said = [
+        f"{PLANT}, closed loop at {1e3 * SPEED_M_S:.0f} mm/s with a crossover below 1 Hz; errors of |G| against the moving axis",
+        f"{'':24} {'torque':>9} {'below 3 Hz':>11} {'above':>8} {'scatter':>8} {'m_c':>9} {'i_t²(d_m+d_c)':>15}  motor reverses",
+    ]
+    for way in study.ways:
+        said.append(
+            f"{way.name:24} ±{way.amplitude_nm:.3f} N m {way.low_db:+8.2f} dB {way.high_db:+5.2f} dB {way.scatter_db:5.2f} dB "
+            f"{way.mass_kg:6.2f} kg {1e3 * way.viscous_nm_s_rad:9.2f} mN m s  {'yes' if way.crosses_zero else 'no'}"
+        )
+    said += [
+        f"{'true':24} {'':>38} {study.mass_kg:10.2f} kg {1e3 * study.viscous_nm_s_rad:9.2f} mN m s",
+        f"dead time from the phases of setpoint and acting torque (3.27): {1e3 * study.dead_time.value_s:.4f} ± "
+        f"{1e3 * study.dead_time.interval_s:.4f} ms (built in {1e3 * DELAY * PERIOD_S:g} ms; thesis 1 ms)",
+        "averaging n periods leaves of the scatter: "
+        + ", ".join(f"n = {n}: {v:.2f} (1/√n {1 / math.sqrt(n):.2f})" for n, v in study.averaging.items()),
+        "Standing, Coulomb friction is taken for damping (thesis.md 2.7); moving, where the motor never reverses, it is not: what is left "
+        "is the belt's own damping, which (2.42) does not have.",
+        "Indirect against direct (3.4): the thesis saw a bias of the indirect gain at low frequency, and with it of mass and damping.  It "
+        "comes with a controller that is not exactly known, ΔG/G = -G C ΔC/C: nothing in a weak loop, much below the crossover of a "
+        "strong one; with the loop as it runs there is none.",
+    ]
+    return said

@@ -1,0 +1,77 @@
+"""Topics of the design source: each is compared, told in words, and drawn when pictures are asked for."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from beltcomm.errors import UsageError
+from beltcomm.given import Place, place
+from beltcomm.result import Result, plain
+
+if TYPE_CHECKING:  # matplotlib takes longer to import than a command without pictures may last
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Topic:
+    """What a topic shows, and where in the source.   The module of its name computes it, that in ``figures`` draws."""
+
+    title: str
+    source: str
+
+
+#: Topics in the order of the source.
+TOPICS: Mapping[str, Topic] = {
+    "models": Topic("belt springs, parameter sets, approximations, carriage; high frequencies and data reduction", "thesis 2, 3.4, 3.5"),
+    "excitations": Topic("PRBS, generalised PRBS, chirp and multisine at equal machine time", "thesis 3.1"),
+    "identification": Topic("open loop, direct and indirect closed loop, speed setpoint; dead time; averaging", "thesis 3.3, 3.4"),
+    "friction": Topic("six orders of the friction sweep: drift, wear, load, Stribeck effect", "thesis 3.6, (A.1), figure 3.10"),
+    "designs": Topic("prefilters, gains, margins and the three knobs, beside the product's own design", "thesis chapter 4, appendix A"),
+    "discretisation": Topic("the discrete loops against the continuous design", "thesis chapters 4 and 6, (4.1) to (4.6), (6.1), (6.25)"),
+    "closed-loop": Topic(
+        "prefilter, feedforward, mass and anti-windup in the 0.5 m move, on the virtual drive", "thesis chapter 5, figure 6.10"
+    ),
+    "estimators": Topic("velocity from encoder edges: four estimators, their errors, debouncing, time-out", "thesis 6.1, appendix C"),
+}
+
+
+def thesis(topic: str | None = None, *, pictures: Place | None = None, command: str = "") -> Result:
+    """All topics, or one of them recomputed.   pictures : folder for its figures, None for none.
+
+    Raises UsageError for a word that is no topic.
+    """
+    if topic is None:
+        lines = [f"{name:14} {about.title} ({about.source})" for name, about in TOPICS.items()]
+        return Result({"topics": {name: plain(about) for name, about in TOPICS.items()}}, lines)
+    if topic not in TOPICS:
+        close = difflib.get_close_matches(topic, TOPICS, n=1)
+        hint = f"did you mean {close[0]}?" if close else f"the topics are {', '.join(TOPICS)}"
+        raise UsageError(f"there is no topic {topic!r}; {hint}")
+    module = importlib.import_module(f"beltcomm.thesis.{topic.replace('-', '_')}")
+    study: Any = module.compare()
+    made = drawn(topic, study, place(pictures, "folder"), command) if pictures is not None else []
+    data = {"topic": topic, **plain(study), "pictures": made}
+    return Result(data, [*module.lines(study), *(f"drawn: {path}" for path in made)])
+
+
+def drawn(topic: str, study: Any, folder: Path, command: str) -> list[str]:
+    """The figures of a topic as PNG; their paths.   Raises UsageError when the folder cannot be written."""
+    from beltcomm.report.style import Caption
+
+    report = importlib.import_module(f"beltcomm.thesis.figures.{topic.replace('-', '_')}")
+    figures: Mapping[str, Figure] = report.figures(study, Caption(command or f"beltcomm thesis {topic}", TOPICS[topic].source))
+    made = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, figure in figures.items():
+            path = folder / f"{name}.png"
+            figure.savefig(path, dpi=110)
+            made.append(str(path))
+    except OSError as error:
+        raise UsageError(f"the pictures cannot be written into {folder}: {error.strerror}") from error
+    return made
