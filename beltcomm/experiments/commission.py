@@ -12,11 +12,21 @@ from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
 from beltcomm.errors import DataError, NoMotion, Refused, SafetyStop
-from beltcomm.experiments import bounds, gain_steps, holding, own_strokes, phases, raising, sameness, sweeping, verification
-from beltcomm.experiments import execute_step as making
-from beltcomm.experiments import friction_feedforward as sliding
-from beltcomm.experiments import payload_mode_in_first_fit as swinging
-from beltcomm.experiments import sampling_limits as claims
+from beltcomm.experiments import (
+    bounds,
+    execute_step,
+    friction_feedforward,
+    gain_steps,
+    holding,
+    own_strokes,
+    payload_mode_in_first_fit,
+    phases,
+    raising,
+    sameness,
+    sampling_limits,
+    sweeping,
+    verification,
+)
 from beltcomm.experiments.proving import verify_move
 from beltcomm.experiments.recentre import MOST_STOPS, brought_back, exhausted, stands_after
 from beltcomm.fit.acting import acting_recording
@@ -35,7 +45,7 @@ from beltcomm.rundata.findings import Findings as Findings
 from beltcomm.rundata.findings import Settings as Settings
 from beltcomm.rundata.first_motions import Excited
 from beltcomm.rundata.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
-from beltcomm.schedule import record_schedule as programme
+from beltcomm.schedule import record_schedule
 from beltcomm.schedule.record_schedule import Extent
 from beltcomm.schedule.steps import SHORT_S
 from beltcomm.schedule.strokes import SWEEP_LONGEST_S
@@ -80,10 +90,10 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
     findings.calibrating_s = gain_steps.ensure(machine, findings.breakaway.coulomb_nm)
     sameness.repeat_first_excitation(machine, findings.breakaway, masses)
     machine.begin(TITLES[2])
-    short_s = SHORT_S if brief else making.RESPONSE_S
+    short_s = SHORT_S if brief else execute_step.RESPONSE_S
 
     def to_come(model: Model, at_most_nm: float) -> AmplitudeStep:
-        return making.short_if_possible(partial(phases.response_to_come, machine, model, at_most_nm), short_s)[1]
+        return execute_step.short_if_possible(partial(phases.response_to_come, machine, model, at_most_nm), short_s)[1]
 
     findings.excited = raising.raise_amplitude(machine, findings.breakaway, masses, response=to_come if brief else None)
     if findings.holding is not None:
@@ -105,7 +115,7 @@ def first_response(machine: Machine, findings: Findings, excited: Excited, secon
     while True:
         # A carriage that went too far is not held by friction: no sequence is tried that is louder for leaving out the resonance.
         chosen = partial(phases.response_to_come, machine, excited.model, excited.at_most_nm, loud=not machine.wanderings)
-        choice, step = making.short_if_possible(chosen, seconds)
+        choice, step = execute_step.short_if_possible(chosen, seconds)
         phases.louder(machine, step, above_nm)
         try:
             phases.planned_response(machine, "frf_1", excited.model, choice, step)
@@ -134,12 +144,12 @@ def first_model(machine: Machine, findings: Findings) -> Model:
         if found.fit.suspect and start is not None:
             found = from_records_alone(found, recordings, machine.axis, counts)
         findings.final = found
-        findings.swing = swinging.with_swing(found, recordings, machine.axis, counts) if found.fit.suspect else None
+        findings.swing = payload_mode_in_first_fit.with_swing(found, recordings, machine.axis, counts) if found.fit.suspect else None
     model = found.fit.model
     if findings.swing is not None:
-        model = swinging.as_one(findings.swing)
-        findings.remarks.append(swinging.swing_words(findings.swing))
-    claims.note_after(findings.remarks, model, machine.axis, machine.drive.capabilities, machine.position_m)
+        model = payload_mode_in_first_fit.as_one(findings.swing)
+        findings.remarks.append(payload_mode_in_first_fit.swing_words(findings.swing))
+    sampling_limits.note_after(findings.remarks, model, machine.axis, machine.drive.capabilities, machine.position_m)
     measure_delay_and_damping(findings, recordings, model)
     return model
 
@@ -186,7 +196,7 @@ def first_cascade(machine: Machine, findings: Findings, model: Model, at_m: floa
     result = analyse.first_loop(model, structure, *seen)
     margin = min(m.phase_margin_deg for m in result.margins)
     if findings.swing is not None:
-        margin = min(margin, swinging.proven_margin_deg(findings.swing, result.cascade, structure, *seen))
+        margin = min(margin, payload_mode_in_first_fit.proven_margin_deg(findings.swing, result.cascade, structure, *seen))
     return analyse.with_feedforward(result.cascade, model, structure, delay(findings)), margin
 
 
@@ -206,15 +216,15 @@ def close_loop(machine: Machine, findings: Findings, model: Model, cascade: Casc
 def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Cascade, extent: Extent) -> None:
     """Phase 5: the records of the programme, as many as the time allows."""
     machine.begin(TITLES[5])
-    loop = making.Closed(model, cascade, delay(findings))
-    course = making.course_of(machine, model)
+    loop = execute_step.Closed(model, cascade, delay(findings))
+    course = execute_step.course_of(machine, model)
     items = [
         i
-        for i in programme.BY_EXTENT[extent]
-        if not making.measured_already(machine, i.step) and (i.rank == 0 or bounds.has_room(i.step, course))
+        for i in record_schedule.BY_EXTENT[extent]
+        if not execute_step.measured_already(machine, i.step) and (i.rank == 0 or bounds.has_room(i.step, course))
     ]
-    for item in programme.BY_EXTENT[extent]:
-        if making.measured_already(machine, item.step):
+    for item in record_schedule.BY_EXTENT[extent]:
+        if execute_step.measured_already(machine, item.step):
             machine.talk.say(f"{item.step.title(course.place_m(item.step))}: frf_1 was recorded near there, and stands for it")
     kept = VERIFYING_S
     if machine.stroking() == "velocity":  # which drifts, and does not turn within a millimetre; its last move is a slow one
@@ -222,23 +232,25 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
         kept = DRIFTING_S
     first = [machine.folder.recording(n) for n in machine.folder.finished_names() if n.startswith("amplitude_") or n == "frf_1"]
     spent = CREPT_S + findings.calibrating_s + sum(float(np.ptp(r.t_s)) for r in first)
-    left = programme.BUDGET_S[extent] - spent - kept
-    steps, without = programme.fitting(items, lambda step: bounds.seconds_of(step, course), left)
+    left = record_schedule.BUDGET_S[extent] - spent - kept
+    steps, without = record_schedule.fitting(items, lambda step: bounds.seconds_of(step, course), left)
     if without:
         names = "; ".join(step.title(course.place_m(step)) for step in without)
         longer = "; --thorough has time for more" if extent == "standard" else ""
-        findings.remarks.append(f"not recorded, for {programme.BUDGET_S[extent]:.0f} s of machine time are not enough: {names}{longer}")
+        findings.remarks.append(
+            f"not recorded, for {record_schedule.BUDGET_S[extent]:.0f} s of machine time are not enough: {names}{longer}"
+        )
     loudest = findings.excited.step.amplitude_nm if findings.excited else machine.axis.torque_limit_nm
     share = 1.0
     needed = [item.step for item in items if item.rank == 0]
-    for name, step in programme.named(steps, ("frf_1",)):
+    for name, step in record_schedule.named(steps, ("frf_1",)):
         left_out = f"{name} ({step.title(course.place_m(step))}) was left out"
         if step.kind == "response" and exhausted(machine):
             findings.remarks.append(f"{left_out}: the carriage went too far {MOST_STOPS} times before")
             continue
         while True:
             try:
-                making.make(machine, loop, step, name, loudest, share)
+                execute_step.make(machine, loop, step, name, loudest, share)
             except SafetyStop as problem:  # the model does not quite know how far this machine goes: again, and all that follow, quieter
                 if not brought_back(machine, model, step, problem):
                     raise
@@ -252,8 +264,8 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
                     raise
                 findings.remarks.append(f"{left_out}: {problem}")
             break
-        if name == making.SWEEP:
-            loop = sliding.sent_ahead(machine, findings, loop)
+        if name == execute_step.SWEEP:
+            loop = friction_feedforward.sent_ahead(machine, findings, loop)
 
 
 def measure_friction(
@@ -295,7 +307,7 @@ def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> 
     measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
     middle = sum(machine.full_room().window_m) / 2
     findings.characteristics = analyse.characteristics(findings.final.fit, middle)
-    claims.note_after(findings.remarks, model, machine.axis, machine.drive.capabilities, middle)
+    sampling_limits.note_after(findings.remarks, model, machine.axis, machine.drive.capabilities, middle)
     try:
         findings.friction = analyse.friction_of(recordings, inertia_kg_m2=analyse.moved_inertia(model))
     except DataError as problem:
@@ -340,8 +352,8 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
     model = identify_here(machine, findings, brief=brief)
     cascade = close_first_loop(machine, findings, model, ask=settings.ask)
     if brief:
-        speeds = programme.quick_speeds_m_s(phases.gentle_limits(machine, model, np.inf).acceleration_m_s2)
-        measure_friction(machine, model, speeds_m_s=speeds, longest_s=programme.QUICK_PLATEAU_S)
+        speeds = record_schedule.quick_speeds_m_s(phases.gentle_limits(machine, model, np.inf).acceleration_m_s2)
+        measure_friction(machine, model, speeds_m_s=speeds, longest_s=record_schedule.QUICK_PLATEAU_S)
     else:
         record_steps(machine, findings, model, cascade, settings.extent)
     cascade = fit_and_design(machine, findings, settings)

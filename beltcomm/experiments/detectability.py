@@ -41,7 +41,7 @@ from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar
 from beltcomm.result import plain, with_unit
 from beltcomm.rundata import analyse
-from beltcomm.schedule import record_schedule as programme
+from beltcomm.schedule import record_schedule
 from beltcomm.schedule.record_schedule import Extent
 from beltcomm.schedule.sequences import held_choice
 from beltcomm.schedule.steps import LOUD, Step
@@ -182,10 +182,10 @@ def sheet_model(axis: Axis) -> Model:
 def records(axis: Axis, capabilities: Capabilities, model: Model, extent: Extent, noise_nm: float) -> Iterator[Recording]:
     """The records of an extent as a machine like the model would give them."""
     course, noise, clock_s = course_before(axis, capabilities, model["cart.mass"]), np.random.default_rng(SEED), 0.0
-    left = programme.BUDGET_S[extent] - FIRST_AND_LAST_S
-    steps = [Step("response"), *programme.fitting(programme.BY_EXTENT[extent], lambda step: seconds_of(step, course), left)[0]]
+    left = record_schedule.BUDGET_S[extent] - FIRST_AND_LAST_S
+    steps = [Step("response"), *record_schedule.fitting(record_schedule.BY_EXTENT[extent], lambda step: seconds_of(step, course), left)[0]]
     simulated = _Simulated(axis, capabilities, model, course)
-    for name, step in programme.named(steps):
+    for name, step in record_schedule.named(steps):
         motion = simulated.response(step) if step.kind == "response" else simulated.stroke(step)
         sidecar = replace(motion.sidecar, session_time_s=clock_s, held_out=step.held_out)
         torque = motion.torque_nm + noise.normal(0.0, noise_nm, len(motion.torque_nm))

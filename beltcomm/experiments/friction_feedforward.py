@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from beltcomm.control import Cascade
 from beltcomm.errors import DataError
-from beltcomm.experiments import execute_step as making
+from beltcomm.experiments import execute_step
 from beltcomm.identify.amplitude import around
 from beltcomm.machine import stops
 from beltcomm.machine.machine import Machine
@@ -20,11 +20,11 @@ from beltcomm.rundata import analyse
 from beltcomm.rundata.findings import Findings
 
 
-def sent_ahead(machine: Machine, findings: Findings, loop: making.Closed) -> making.Closed:
+def sent_ahead(machine: Machine, findings: Findings, loop: execute_step.Closed) -> execute_step.Closed:
     """The loop, in the drive too, with the friction of the sweep sent ahead, where the first fit leaves its records unexplained."""
-    if findings.final is None or not findings.final.fit.suspect or machine.folder.finished(making.SWEEP) is None:
+    if findings.final is None or not findings.final.fit.suspect or machine.folder.finished(execute_step.SWEEP) is None:
         return loop
-    cascade = with_sliding_friction(loop.cascade, loop.model, machine.folder.recording(making.SWEEP))
+    cascade = with_sliding_friction(loop.cascade, loop.model, machine.folder.recording(execute_step.SWEEP))
     if cascade == loop.cascade:
         return loop
     stops.count_on_loop(machine, around(loop.model), machine.write_cascade(cascade), loop.delay_s)

@@ -11,8 +11,7 @@ import numpy as np
 
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
-from beltcomm.experiments import gain_steps, own_strokes, phases
-from beltcomm.experiments import sampling_limits as claims
+from beltcomm.experiments import gain_steps, own_strokes, phases, sampling_limits
 from beltcomm.experiments.bounds import (
     CREEP_SECONDS,
     Experiment,
@@ -33,7 +32,7 @@ from beltcomm.machine import creep, gravity
 from beltcomm.machine.heat import HeatPlan, Thermal, heat_plan, path_rms_nm
 from beltcomm.model import Model
 from beltcomm.result import Row, plain, table
-from beltcomm.schedule import record_schedule as programme
+from beltcomm.schedule import record_schedule
 from beltcomm.schedule.record_schedule import Extent
 from beltcomm.schedule.strokes import fastest_stroke_m_s
 from beltcomm.simulate.stopping import Braking, total_friction
@@ -158,7 +157,7 @@ def identify_plan(axis: Axis, capabilities: Capabilities, window_m: tuple[float,
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will move by itself.",
         _here(axis, capabilities, window_m),
-        notes=claims.notes_before(axis, capabilities),
+        notes=sampling_limits.notes_before(axis, capabilities),
         points=identify_points(axis, capabilities, window_m),
     )
 
@@ -170,18 +169,18 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
     moved = _move_speed_m_s(axis, capabilities)
     lightest, heaviest = masses_kg(axis)
     course = course_before(axis, capabilities, heaviest)
-    possible = [i.step for i in programme.BY_EXTENT[extent] if i.rank == 0 or has_room(i.step, course)]
+    possible = [i.step for i in record_schedule.BY_EXTENT[extent] if i.rank == 0 or has_room(i.step, course)]
     steps = lines_of(axis, capabilities, possible)
     force = axis.belt_force_limit_n
     moving = _move_seconds(axis, capabilities) / (3.0 + MOVE_SECONDS)
     heating = math.sqrt(moving * stroking_nm(axis, 1.0) ** 2 + stroking_nm(axis, 0.0) ** 2)  # at rest friction may stay wound up
     move = Experiment("move that verifies the result", min(whole, MOVE_M), whole, moved, torque, force, 3.0 + MOVE_SECONDS, heating)
-    budget = programme.BUDGET_S[extent] + (HOLDING_SECONDS if axis.mounting.tilted else 0.0)
+    budget = record_schedule.BUDGET_S[extent] + (HOLDING_SECONDS if axis.mounting.tilted else 0.0)
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will move by itself.",
         (*_here(axis, capabilities), *steps, move),
         budget,
-        claims.notes_before(axis, capabilities),
+        sampling_limits.notes_before(axis, capabilities),
         points=commission_points(axis, capabilities, lightest, (heaviest, fastest_m_s(axis, capabilities, possible, heaviest))),
     )
 

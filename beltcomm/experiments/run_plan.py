@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from itertools import count
 
 from beltcomm.experiments import commission as sequence
-from beltcomm.experiments import execute_step as making
+from beltcomm.experiments import execute_step
 from beltcomm.experiments.bounds import lines_of
 from beltcomm.experiments.plan import Plan
 from beltcomm.machine.heat import Thermal
@@ -33,11 +33,11 @@ def follow(machine: Machine, model: Model, findings: Findings, wanted: NextPlan)
     """Run all steps; returns the names of the records.   Raises what the machine raises; what is recorded stays."""
     machine.holding_nm = model.get("constant_offset.torque")
     cascade = sequence.close_first_loop(machine, findings, model)
-    loop = making.Closed(model, cascade, delays.delay(findings))
+    loop = execute_step.Closed(model, cascade, delays.delay(findings))
     taken = set(machine.folder.finished_names())
     made = []
     for step, name in zip(wanted.steps, _names(wanted, taken), strict=True):
-        making.make(machine, loop, step, name, machine.axis.torque_limit_nm)
+        execute_step.make(machine, loop, step, name, machine.axis.torque_limit_nm)
         made.append(name)
     return made
 

@@ -29,8 +29,7 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.schedule import orders
 from beltcomm.schedule.orders import Stroke, Wanted
 from beltcomm.schedule.strokes import DEFAULT
-from beltcomm.sentences import friction as friction_words
-from beltcomm.sentences import words
+from beltcomm.sentences import friction, words
 from beltcomm.trajectory import Trajectory
 
 #: s: to bring the carriage to the start of a record and let it rest, at most.
@@ -101,7 +100,7 @@ def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted)
         lines.append(Experiment(title, way, whole, top, torque, gentle_force_n(axis), seconds, stroking_nm(axis)))
     if any(order != DEFAULT for order, _ in asked.sweeps):
         strokes, left_out = orders.strokes_for(orders.speeds_of("I", 1), room, course.gentle, axis)
-        notes += friction_words.stroke_lines(strokes, left_out)
+        notes += friction.stroke_lines(strokes, left_out)
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will {sign_words(axis, capabilities.kinds)}travel in closed loop at constant speeds, "
         "both ways, with a loop designed from the run's model. Keep people and tools out of its travel; Ctrl-C stops it at any time, what "
@@ -200,8 +199,8 @@ def result(
     text = [
         "Driven by a loop designed from the run's model:",
         *words.friction_lines(found.friction),
-        *friction_words.study_lines(found.sweeps, found.drifts, made.left_out_m_s),
-        *friction_words.standstill_lines(found.standstill),
+        *friction.study_lines(found.sweeps, found.drifts, made.left_out_m_s),
+        *friction.standstill_lines(found.standstill),
         *pictures.lines(folder, shown, remarks),
         *words.remarks_lines(made.remarks),
         f"Next: beltcomm fit {pasted(folder.path)}",

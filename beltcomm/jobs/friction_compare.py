@@ -19,8 +19,7 @@ from beltcomm.rundata.friction_study import Study, data_of, study_of
 from beltcomm.rundata.kept_path import kept_path
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.strokes import slowest_fitted_rad_s
-from beltcomm.sentences import friction as friction_words
-from beltcomm.sentences import words
+from beltcomm.sentences import friction, words
 from beltcomm.talk import Silence, Talk
 
 #: Share by which the differences of stated payloads and of identified masses may differ before it is said.
@@ -65,14 +64,14 @@ def friction_compare(runs: Place | Sequence[Place], *, pictures: bool = False, c
         data[str(folder.path)] = {"friction": plain(found.friction), **data_of(found), "pictures": shown}
         text += [f"{folder.path}:"] if len(folders) > 1 else []
         text += [f"Note: {remark}" for remark in folder.remarks]
-        text += words.friction_lines(found.friction) + friction_words.study_lines(found.sweeps, found.drifts, ())
-        text += [*friction_words.standstill_lines(found.standstill), *drawing.lines(folder, shown, remarks), ""]
+        text += words.friction_lines(found.friction) + friction.study_lines(found.sweeps, found.drifts, ())
+        text += [*friction.standstill_lines(found.standstill), *drawing.lines(folder, shown, remarks), ""]
     payloads = {s.payload_kg for _, found, _ in studies for s in found.sweeps if s.fit is not None}
     if len(folders) < 2 and len(payloads) < 2:
         return Result({"runs": data, "load": None}, text[:-1])
     by, found_load, common = load_of(studies)
     shown, remarks = drawing.load_picture(folders[0], found_load, by, command) if pictures else ([], [])
-    text += friction_words.load_lines(found_load, by, common) + drawing.lines(folders[0], shown, remarks)
+    text += friction.load_lines(found_load, by, common) + drawing.lines(folders[0], shown, remarks)
     text += [f"Note: {remark}" for remark in _told_apart(studies)]
     return Result({"runs": data, "load": {**plain(found_load), "by": by, "pictures": shown}}, text)
 
@@ -138,6 +137,6 @@ def _told_apart(studies: Sequence[tuple[RunFolder, Study, Model | None]]) -> lis
             )
     if any(drive != drives[0] for drive in drives):
         remarks.append("the runs were made on different drives or plants: what differs there counts as load here")
-    if any(isinstance(d, Drift) and friction_words.drifts(d) for _, found, _ in studies for d in found.drifts.values()):
+    if any(isinstance(d, Drift) and friction.drifts(d) for _, found, _ in studies for d in found.drifts.values()):
         remarks.append("friction drifts within a run: sweep each load after the same time in motion, or let the axis warm up first")
     return remarks

@@ -120,7 +120,7 @@ def diagnose_run(
 ) -> Result:
     """Which effect is missing; ``auto`` adds what is found and confirmed, step by step.
 
-    cost : say what it costs, see ``session.cost``.   following : write the plan of what to record next.
+    cost : say what it costs, see ``rundata.cost``.   following : write the plan of what to record next.
     """
     run, talk = place(run), talk or Silence()
     folder = RunFolder.open(run)

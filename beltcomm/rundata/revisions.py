@@ -26,7 +26,7 @@ class Revision:
 
     confirmed : the error on held-out records fell (None: there are none, or an effect was taken out).
     command : that made it.   data : SHA-256 of every recording.
-    cost : ``of``, the effects not known, and a ``session.cost.Cost``; None where nobody asked for it or it cannot be said.
+    cost : ``of``, the effects not known, and a ``rundata.cost.Cost``; None where nobody asked for it or it cannot be said.
     """
 
     name: str

@@ -19,8 +19,7 @@ from beltcomm.rundata.kept_fit import keep_fit
 from beltcomm.rundata.kept_path import KEY
 from beltcomm.rundata.store import design_to_dict, fit_to_dict, verdict_to_dict
 from beltcomm.runfolder import RunFolder
-from beltcomm.sentences import friction as friction_words
-from beltcomm.sentences import words
+from beltcomm.sentences import friction, words
 from beltcomm.sentences.torque_path import path_data, path_lines, period_of
 
 
@@ -195,7 +194,7 @@ def commission_text(
     ]
     details = [
         *(words.friction_lines(findings.friction) if findings.friction else []),
-        *friction_words.standstill_lines(findings.standstill),
+        *friction.standstill_lines(findings.standstill),
         *words.thesis_lines(findings.thesis),
     ]
     bottom = [

@@ -23,7 +23,7 @@ from beltcomm.laboratory.stage import Candidate
 from beltcomm.laboratory.structure import excess, partitions
 from beltcomm.model import build_model
 from beltcomm.rundata.revisions import Revision
-from beltcomm.sentences import ladder as ladder_words
+from beltcomm.sentences import ladder
 from beltcomm.sentences.ladder import climb_lines
 
 BASE = build_model("axis", ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb"), {})
@@ -250,15 +250,15 @@ def test_noise_has_no_structure_and_a_small_constant_has() -> None:
 def test_what_the_held_out_records_do_not_confirm_is_said(
     monkeypatch: pytest.MonkeyPatch, verdict: Any, held: Any, said: bool, following: str
 ) -> None:
-    monkeypatch.setattr(ladder_words, "with_intervals", lambda _fitted: BASE)
-    monkeypatch.setattr(ladder_words, "effect_lines", lambda *_: [])
+    monkeypatch.setattr(ladder, "with_intervals", lambda _fitted: BASE)
+    monkeypatch.setattr(ladder, "effect_lines", lambda *_: [])
     quiet = {"objective": 100.0, "problem": SimpleNamespace(pieces=(), samples=10)}
     base, after = (SimpleNamespace(model=BASE, ratio=2.0, held_ratio=ratio, held_residual=(), **quiet) for ratio in held)
     found: Any = SimpleNamespace(
         base=base, stated=(None, base), after=after, told=after, steps=(), named=["cogging", "tilt"], twins=(), verdict=verdict
     )
-    assert ("Not confirmed: on records that were not fitted the error was 1.49" in "\n".join(ladder_words.diagnosis_lines(found))) is said
-    assert following in ladder_words.after_diagnosis(found, Path("RUN"))[0]
+    assert ("Not confirmed: on records that were not fitted the error was 1.49" in "\n".join(ladder.diagnosis_lines(found))) is said
+    assert following in ladder.after_diagnosis(found, Path("RUN"))[0]
 
 
 @pytest.mark.parametrize(
@@ -312,7 +312,7 @@ def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
 def test_whatever_the_rest_goes_with_has_words() -> None:
     row = np.zeros(2)
     samples: Any = SimpleNamespace(speed=row, position=row, time=row, record=row)
-    assert set(partitions(samples)) == set(ladder_words.LEFT_WORDS)
+    assert set(partitions(samples)) == set(ladder.LEFT_WORDS)
 
 
 def test_each_stage_of_a_search_is_a_phase_of_its_own_and_no_number_of_them_is_promised() -> None:

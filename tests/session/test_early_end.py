@@ -13,8 +13,7 @@ import pytest
 from beltcomm.axis import load_axis
 from beltcomm.errors import BusError, DataError, Declined, NoMotion, Refused, SafetyStop
 from beltcomm.excitation import prbs
-from beltcomm.experiments import execute_step as making
-from beltcomm.experiments import payload_mode_in_first_fit as swinging
+from beltcomm.experiments import execute_step, payload_mode_in_first_fit
 from beltcomm.experiments.options import Options
 from beltcomm.jobs import early_end
 from beltcomm.machine import scale
@@ -144,14 +143,14 @@ def asked_of(monkeypatch: pytest.MonkeyPatch, moves_from_nm: float, share: float
         if amplitude < moves_from_nm:
             raise NoMotion("nothing moved", amplitude)
 
-    monkeypatch.setattr(making.phases, "move_to", lambda *_: None)
-    monkeypatch.setattr(making.phases, "frequency_response", respond)
+    monkeypatch.setattr(execute_step.phases, "move_to", lambda *_: None)
+    monkeypatch.setattr(execute_step.phases, "frequency_response", respond)
     here = SimpleNamespace(window_m=(0.0, 1.0))
     folder, talk = SimpleNamespace(finished=lambda _name: None), Silence()
     machine: Any = SimpleNamespace(full_room=lambda: here, folder=folder, wanderings=0, talk=talk)
     model: Any = None  # nobody asks it anything
     try:
-        making.respond(machine, model, Step("response", share=1.0), "frf_2", 0.2, share)
+        execute_step.respond(machine, model, Step("response", share=1.0), "frf_2", 0.2, share)
     except NoMotion:
         tried.append(math.inf)
     return tried
@@ -174,4 +173,4 @@ def test_no_loop_is_closed_on_a_carriage_that_weighs_nothing() -> None:
             model,
             SimpleNamespace(name="frf_1"),  # type: ignore[arg-type]
         )
-    assert not list(swinging._starts(model))
+    assert not list(payload_mode_in_first_fit._starts(model))

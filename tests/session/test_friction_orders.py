@@ -24,7 +24,7 @@ from beltcomm.recording.sidecar import Sidecar
 from beltcomm.rundata import analyse
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule import orders
-from beltcomm.sentences import friction as friction_words
+from beltcomm.sentences import friction
 from session.bench import RATIO, Bench
 from session.conftest import Complete
 from truth import TruthPlant
@@ -255,7 +255,7 @@ def test_a_record_in_motion_is_no_standstill(complete: Complete) -> None:
     fit = analyse.thesis_fit(response, model)
     with pytest.raises(DataError, match="in motion"):
         standstill_of(ride, fit, model, analyse.friction_of(recordings))
-    assert friction_words.standstill_lines(None) == []
+    assert friction.standstill_lines(None) == []
 
 
 def run_of(path: Path, payload_kg: float | None, coulomb: float, sweeps: int = 3, axis: Any = RIG) -> Path:

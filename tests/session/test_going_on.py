@@ -16,9 +16,7 @@ import yaml
 from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.errors import SafetyStop
-from beltcomm.experiments import commission
-from beltcomm.experiments import execute_step as making
-from beltcomm.experiments import recentre as wandering
+from beltcomm.experiments import commission, execute_step, recentre
 from beltcomm.experiments.options import claim
 from beltcomm.experiments.raising import as_made
 from beltcomm.experiments.recentre import brought_back, exhausted, stands_after
@@ -84,7 +82,7 @@ def test_one_drift_in_a_further_record_is_survived(make_bench: MakeBench, copy_o
 
 
 class Standing:
-    """What of a machine :mod:`wandering` looks at."""
+    """What of a machine :mod:`beltcomm.experiments.recentre` looks at."""
 
     def __init__(self, *places_m: float) -> None:
         self.places, self.lines, self.wanderings, self.talk = list(places_m), list[str](), 0, Listener()
@@ -101,8 +99,8 @@ class Standing:
 
 def test_what_a_session_goes_on_after(monkeypatch: pytest.MonkeyPatch) -> None:
     moved: list[tuple[float, float]] = []
-    monkeypatch.setattr(wandering.phases, "move_to", lambda _machine, target, _model, speed: moved.append((target, speed)))
-    monkeypatch.setattr(wandering.phases, "stroke_ends", lambda _machine: (0.03, 0.47))
+    monkeypatch.setattr(recentre.phases, "move_to", lambda _machine, target, _model, speed: moved.append((target, speed)))
+    monkeypatch.setattr(recentre.phases, "stroke_ends", lambda _machine: (0.03, 0.47))
     response, strokes = Step("response", place=0.5), Step("strokes", place=0.5)
     drift, model = SafetyStop("too far", "position"), load_plant("g_b").model
 
@@ -110,7 +108,7 @@ def test_what_a_session_goes_on_after(monkeypatch: pytest.MonkeyPatch) -> None:
         return brought_back(Standing(*places_m), model, step, problem)  # type: ignore[arg-type]
 
     assert survived(response, drift, 0.27, 0.27)
-    assert moved == [(0.25, wandering.BACK_M_S)]
+    assert moved == [(0.25, recentre.BACK_M_S)]
     assert not survived(response, drift, 0.27, 0.28)  # it does not stand
     assert not survived(response, drift, 0.51, 0.51)  # outside the travel
     assert not survived(strokes, drift, 0.27, 0.27)  # in closed loop
@@ -142,11 +140,11 @@ def test_the_third_stop_of_a_session_leaves_its_place_out_with_all_responses_aft
         if name == "frf_2":
             raise SafetyStop("too far", "position")
 
-    monkeypatch.setattr(wandering.phases, "move_to", lambda *_: None)
-    monkeypatch.setattr(wandering.phases, "stroke_ends", lambda _machine: (0.03, 0.47))
-    monkeypatch.setattr(making, "make", make)
-    monkeypatch.setattr(making, "course_of", lambda *_: SimpleNamespace(place_m=lambda step: step.place))
-    monkeypatch.setattr(making, "measured_already", lambda *_: False)
+    monkeypatch.setattr(recentre.phases, "move_to", lambda *_: None)
+    monkeypatch.setattr(recentre.phases, "stroke_ends", lambda _machine: (0.03, 0.47))
+    monkeypatch.setattr(execute_step, "make", make)
+    monkeypatch.setattr(execute_step, "course_of", lambda *_: SimpleNamespace(place_m=lambda step: step.place))
+    monkeypatch.setattr(execute_step, "measured_already", lambda *_: False)
     monkeypatch.setattr(commission.bounds, "has_room", lambda *_: True)
     monkeypatch.setattr(commission.bounds, "seconds_of", lambda *_: 1.0)
     monkeypatch.setattr(commission, "delay", lambda _findings: 0.0)
@@ -201,7 +199,7 @@ def test_a_first_response_that_wanders_is_made_again_with_less_torque(
     machine: Any = Standing(*[0.27] * 20)
     machine.drive.capabilities = SimpleNamespace(sample_period_s=1e-3)
     machine.excitation, machine.axis, machine.wanderings = "prbs", SimpleNamespace(torque_limit_nm=2.0), before
-    ends = reason != "position" or before + stops >= wandering.MOST_STOPS
+    ends = reason != "position" or before + stops >= recentre.MOST_STOPS
     with pytest.raises(SafetyStop) if ends else nullcontext():
         commission.first_response(machine, findings, excited, 5.0)
     assert made == amplitudes_nm
@@ -213,12 +211,12 @@ def test_a_first_response_that_wanders_is_made_again_with_less_torque(
 @pytest.mark.parametrize(("wanderings", "loud"), [(0, True), (1, False)])
 def test_after_a_stop_there_is_no_other_sequence_that_is_louder(monkeypatch: pytest.MonkeyPatch, wanderings: int, loud: bool) -> None:
     asked: dict[str, Any] = {}
-    monkeypatch.setattr(making.phases, "move_to", lambda *_: None)
-    monkeypatch.setattr(making.phases, "frequency_response", lambda *at, **by: asked.update(by, amplitude_nm=at[3]))
+    monkeypatch.setattr(execute_step.phases, "move_to", lambda *_: None)
+    monkeypatch.setattr(execute_step.phases, "frequency_response", lambda *at, **by: asked.update(by, amplitude_nm=at[3]))
     folder = SimpleNamespace(finished=lambda _name: None)
     machine: Any = SimpleNamespace(full_room=lambda: SimpleNamespace(window_m=(0.0, 1.0)), folder=folder, wanderings=wanderings)
     model: Any = None  # nobody asks it anything
-    making.respond(machine, model, Step("response", place=0.5, share=1.0), "frf_2", 0.4, 0.7)
+    execute_step.respond(machine, model, Step("response", place=0.5, share=1.0), "frf_2", 0.4, 0.7)
     assert asked == {"amplitude_nm": 0.4, "share": 0.7, "held_out": False, "loud": loud, "up_to_hz": 0.0, "above_nm": 0.0}
 
 

@@ -16,7 +16,7 @@ from beltcomm.axis import load_axis
 from beltcomm.drive import open_drive
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.errors import UsageError
-from beltcomm.experiments import execute_step as making
+from beltcomm.experiments import execute_step
 from beltcomm.experiments.bounds import course_before
 from beltcomm.experiments.paths import Course, path_of, start_of
 from beltcomm.experiments.redundant_steps import Before, shown_already
@@ -27,7 +27,7 @@ from beltcomm.recording.sidecar import ExcitationNote, Sidecar
 from beltcomm.rundata.proof import doubts
 from beltcomm.rundata.revisions import new_revision, trusted_model
 from beltcomm.runfolder import RunFolder
-from beltcomm.schedule import record_schedule as programme
+from beltcomm.schedule import record_schedule
 from beltcomm.schedule.next_plan import apart_of, load_plan, plan_apart, plan_for
 from beltcomm.schedule.record_schedule import Extent
 from beltcomm.schedule.steps import PLACES, Step
@@ -165,18 +165,18 @@ def course() -> Course:
 def session(extent: Extent, but: Collection[str] = ()) -> Before:
     """What a commissioning leaves, the search before it left out.   but : kinds for which there was no time."""
     clock_s, recordings = 0.0, []
-    steps = [Step("response"), *(item.step for item in programme.BY_EXTENT[extent] if item.step.kind not in but)]
-    for name, step in programme.named(steps):
+    steps = [Step("response"), *(item.step for item in record_schedule.BY_EXTENT[extent] if item.step.kind not in but)]
+    for name, step in record_schedule.named(steps):
         if step.kind == "response":
-            amplitude = making.quieter(1.0, 0.1, step.share)
-            made = excited(step.seconds or making.RESPONSE_S, 4, amplitude, course().place_m(step))
+            amplitude = execute_step.quieter(1.0, 0.1, step.share)
+            made = excited(step.seconds or execute_step.RESPONSE_S, 4, amplitude, course().place_m(step))
         else:
             start_m = start_of(step, course())
             path = path_of(step, course(), start_m)
             position, speed = path.position_m / RATIO, path.velocity_m_s / RATIO
             time = path.sample_period_s * np.arange(len(speed))
             made = Recording(
-                name, time, 1e-3 * time, position, reference_velocity=speed, sidecar=Sidecar(making.EXPERIMENT[step.kind], start_m)
+                name, time, 1e-3 * time, position, reference_velocity=speed, sidecar=Sidecar(execute_step.EXPERIMENT[step.kind], start_m)
             )
         sidecar = replace(made.sidecar, session_time_s=clock_s, held_out=step.held_out)
         recordings.append(replace(made, name=name, sidecar=sidecar))

@@ -23,7 +23,7 @@ from beltcomm.experiments.raising import believable
 from beltcomm.fit.first_estimate import data_sheet_model
 from beltcomm.recording import Recording
 from beltcomm.rundata import analyse
-from beltcomm.schedule import record_schedule as programme
+from beltcomm.schedule import record_schedule
 from beltcomm.schedule.record_schedule import BUDGET_S, BY_EXTENT, STANDARD, THOROUGH, Extent, Item, fitting, named
 from beltcomm.schedule.sequences import calmer_choice
 from beltcomm.schedule.steps import Step
@@ -185,8 +185,8 @@ def test_what_holds_the_carriage_is_read_off_the_strokes() -> None:
 
 
 def test_a_short_sweep_of_a_heavy_carriage_is_slower_in_proportion() -> None:
-    assert programme.quick_speeds_m_s(5.0) == pytest.approx(programme.QUICK_M_S)
-    assert programme.quick_speeds_m_s(2.5) == pytest.approx([0.5 * speed for speed in programme.QUICK_M_S])
+    assert record_schedule.quick_speeds_m_s(5.0) == pytest.approx(record_schedule.QUICK_M_S)
+    assert record_schedule.quick_speeds_m_s(2.5) == pytest.approx([0.5 * speed for speed in record_schedule.QUICK_M_S])
 
 
 class Counted:

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import load_axis
 from beltcomm.control import Cascade, Feedforward
-from beltcomm.experiments import execute_step as making
-from beltcomm.experiments import friction_feedforward as sliding
+from beltcomm.experiments import execute_step, friction_feedforward
 from beltcomm.fit.first_estimate import data_sheet_model
 from beltcomm.machine import stops
 from beltcomm.recording import Recording
@@ -35,7 +34,7 @@ def swept(viscous: float, coulomb: float, speeds: tuple[float, ...] = (40.0, 65.
 
 
 def test_the_friction_of_the_sweep_is_sent_ahead_and_nothing_else_changes() -> None:
-    found = sliding.with_sliding_friction(CASCADE, MODEL, swept(0.00275, 0.095))
+    found = friction_feedforward.with_sliding_friction(CASCADE, MODEL, swept(0.00275, 0.095))
     sent = found.feedforward
     assert sent.viscous_nm_s_rad == pytest.approx(0.00275, rel=0.05)
     assert sent.coulomb_nm == pytest.approx(0.095, rel=0.05)
@@ -44,9 +43,9 @@ def test_the_friction_of_the_sweep_is_sent_ahead_and_nothing_else_changes() -> N
 
 def test_a_sweep_that_does_not_tell_the_friction_and_a_drive_that_sends_none_change_nothing() -> None:
     for sweep in (swept(0.00275, 0.095, (40.0,)), swept(-0.001, 0.2)):
-        assert sliding.with_sliding_friction(CASCADE, MODEL, sweep) == CASCADE
+        assert friction_feedforward.with_sliding_friction(CASCADE, MODEL, sweep) == CASCADE
     none = replace(CASCADE, feedforward=Feedforward())
-    assert sliding.with_sliding_friction(none, MODEL, swept(0.00275, 0.095)) == none
+    assert friction_feedforward.with_sliding_friction(none, MODEL, swept(0.00275, 0.095)) == none
 
 
 @pytest.mark.parametrize("suspect", [True, False])
@@ -58,7 +57,7 @@ def test_only_a_fit_that_leaves_its_records_unexplained_gives_way_and_stops_are_
     folder = SimpleNamespace(finished=lambda _name: object(), recording=lambda _name: swept(0.00275, 0.095))
     machine: Any = SimpleNamespace(folder=folder, write_cascade=lambda cascade: cascade)
     findings: Any = SimpleNamespace(final=SimpleNamespace(fit=SimpleNamespace(suspect=suspect)))
-    loop = making.Closed(MODEL, CASCADE, 1e-3)
-    found = sliding.sent_ahead(machine, findings, loop)
+    loop = execute_step.Closed(MODEL, CASCADE, 1e-3)
+    found = friction_feedforward.sent_ahead(machine, findings, loop)
     assert counted == ([found.cascade] if suspect else [])
     assert (found != loop) == suspect

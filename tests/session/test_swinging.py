@@ -10,7 +10,7 @@ import pytest
 from beltcomm.axis import load_axis
 from beltcomm.control import Cascade
 from beltcomm.errors import Refused
-from beltcomm.experiments import payload_mode_in_first_fit as swinging
+from beltcomm.experiments import payload_mode_in_first_fit
 from beltcomm.identify.final import FinalModel, final_model
 from beltcomm.recording import Recording
 from beltcomm.rundata.analyse import moved_inertia
@@ -40,24 +40,24 @@ def test_a_swinging_payload_is_found_behind_a_fit_too_light_and_counts_as_a_part
     assert found.fit.suspect
     assert moved_inertia(found.fit.model) < 0.8 * whole
 
-    swing = swinging.with_swing(found, [record], RIG, COUNTS)
+    swing = payload_mode_in_first_fit.with_swing(found, [record], RIG, COUNTS)
     assert swing is not None
     assert swing["payload.mass"] == pytest.approx(hidden["mass_kg"], rel=0.05)
-    one = swinging.as_one(swing)
+    one = payload_mode_in_first_fit.as_one(swing)
     assert set(one.effects) == set(found.fit.model.effects)
     assert moved_inertia(one) == pytest.approx(moved_inertia(swing))
     assert moved_inertia(one) == pytest.approx(whole, rel=0.02)
     friction = base.viscous_nm_s_rad + base.radius_m**2 * base.drag_n_s_m
     assert one["viscous.damping"] + base.radius_m**2 * one["viscous_cart.damping"] == pytest.approx(friction, rel=0.1)
-    assert "0.3 kg" in swinging.swing_words(swing)
-    assert "36" in swinging.swing_words(swing)
+    assert "0.3 kg" in payload_mode_in_first_fit.swing_words(swing)
+    assert "36" in payload_mode_in_first_fit.swing_words(swing)
 
     gentle = Cascade(0.0094, 0.156, 3.77, 2e-3)
-    assert swinging.proven_margin_deg(swing, gentle, THESIS_STRUCTURE, AT_M, 1e-3, 0.034) > 30.0
+    assert payload_mode_in_first_fit.proven_margin_deg(swing, gentle, THESIS_STRUCTURE, AT_M, 1e-3, 0.034) > 30.0
     with pytest.raises(Refused, match=r"36.* Hz.*would not hold: fix the payload"):
-        swinging.proven_margin_deg(swing, replace(gentle, kp_nm_s_rad=0.2), THESIS_STRUCTURE, AT_M, 1e-3, 0.034)
+        payload_mode_in_first_fit.proven_margin_deg(swing, replace(gentle, kp_nm_s_rad=0.2), THESIS_STRUCTURE, AT_M, 1e-3, 0.034)
 
 
 def test_no_payload_is_made_of_a_machine_whose_response_something_else_bends() -> None:
     found, record = first_fit(draw(883006, ("cogging",), 0.7, "rig"))
-    assert swinging.with_swing(found, [record], RIG, COUNTS) is None
+    assert payload_mode_in_first_fit.with_swing(found, [record], RIG, COUNTS) is None

@@ -15,8 +15,7 @@ import pytest
 from beltcomm import api
 from beltcomm.axis import Axis, Mounting, load_axis
 from beltcomm.errors import DriveError, Refused, UsageError
-from beltcomm.experiments import execute_step as making
-from beltcomm.experiments import holding
+from beltcomm.experiments import execute_step, holding
 from beltcomm.machine import gravity, stops
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
@@ -57,7 +56,7 @@ def standing(axis: Axis | str, tilt_deg: float, **motor: Any) -> Axis:
 def soft_stops(monkeypatch: pytest.MonkeyPatch) -> None:
     """The search for the hardest stop takes seconds and is examined in tests/test_stopping.py: here any that is soft enough.  A second of
     response less is no worse here."""
-    monkeypatch.setattr(making, "RESPONSE_S", 5.0)
+    monkeypatch.setattr(execute_step, "RESPONSE_S", 5.0)
     found = Braking(1.5, 0.06, 5e-3), Stop(0.0, 0.0)
     monkeypatch.setattr(stops, "braked_by_loop", lambda *_args, **_kwargs: found)
 
