@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import hashlib
+import json
 import os
 import re
 from collections.abc import Iterable, Mapping
@@ -20,6 +22,8 @@ from beltcomm.errors import BeltcommError, UsageError
 _PACKAGE = Path(__file__).resolve().parent
 #: Where shipped files are looked for, first hit wins: the wheel's place, then the checkout's.
 CONFIG_FOLDERS = (_PACKAGE / "configs", _PACKAGE.parent / "configs")
+#: Key of the checksum in files that the tool writes for itself.
+CHECKSUM = "checksum"
 _WORD_FOR = {"axes": "axis", "plants": "plant", "drives": "drive profile", "studies": "study"}
 
 
@@ -155,6 +159,25 @@ def to_yaml(mapping: Mapping[str, Any]) -> str:
     Raises TypeError for a value that is none of these.
     """
     return yaml.dump(_plain(mapping), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
+
+
+def sealed(mapping: Mapping[str, Any]) -> dict[str, Any]:
+    """The mapping with a checksum, by which an edit made since shows.  It is no signature: whoever wants to can compute it anew."""
+    content = _plain(mapping)
+    return {**content, CHECKSUM: _checksum(content)}
+
+
+def unsealed(mapping: Mapping[str, Any]) -> tuple[dict[str, Any], bool]:
+    """The mapping without its checksum, and whether it is as :func:`sealed` left it; one without a checksum is not."""
+    content = {key: value for key, value in mapping.items() if key != CHECKSUM}
+    try:
+        return content, mapping.get(CHECKSUM) == _checksum(_plain(content))
+    except (TypeError, ValueError, RecursionError):  # nothing that to_yaml writes
+        return content, False
+
+
+def _checksum(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
 
 
 def write_text(path: Path, text: str) -> None:

@@ -6,7 +6,7 @@
       axis.yaml                what is known beforehand
       run.yaml                 the drive's identity and the tool's version
       recordings/NAME.csv      signals        recordings/NAME.yaml   what was done
-      models/NAME.yaml  designs/NAME.yaml  results/NAME.yaml         the tool's own
+      models/NAME.yaml  designs/NAME.yaml  results/NAME.yaml         the tool's own; designs and results with a checksum
       originals/               foreign files as they were, for recordings made by `beltcomm import`
       journal.txt              what the session did, one line each
       bus/NAME.log.gz          frames of the CAN bus (candump -L)
@@ -26,7 +26,7 @@ from typing import IO, Any
 
 from beltcomm import __version__
 from beltcomm.axis import Axis, load_axis, save_axis
-from beltcomm.configfiles import did_you_mean, read_yaml, to_yaml, write_text
+from beltcomm.configfiles import did_you_mean, read_yaml, sealed, to_yaml, unsealed, write_text
 from beltcomm.errors import DataError, NoMotion, UsageError
 from beltcomm.given import pasted
 from beltcomm.recording import Recording, RecordingWriter, Sidecar, common_side, load_recording, save_recording
@@ -110,6 +110,11 @@ class RunFolder:
                 f"`beltcomm init {pasted(self.path / 'axis.yaml')}`"
             )
         return self._axis
+
+    @property
+    def has_axis(self) -> bool:
+        """Whether it has an ``axis.yaml``."""
+        return self._axis is not None
 
     @property
     def recordings_folder(self) -> Path:
@@ -269,10 +274,17 @@ class RunFolder:
 
     def load(self, kind: str, name: str) -> dict[str, Any]:
         """The mapping in ``KIND/NAME.yaml``.   Raises DataError when it is missing, unreadable or empty."""
+        return self._unsealed(kind, name)[0]
+
+    def edited(self, kind: str, name: str) -> bool:
+        """Whether ``KIND/NAME.yaml`` is another one than this tool wrote.   Raises as :meth:`load`."""
+        return not self._unsealed(kind, name)[1]
+
+    def _unsealed(self, kind: str, name: str) -> tuple[dict[str, Any], bool]:
         path = self.file(kind, name)
         if not path.stat().st_size:  # nothing here is ever written empty: a full disk or a copy broken off
             raise DataError(f"{path} is empty; bring it back, or delete it and make it again")
-        return read_yaml(path, DataError)
+        return unsealed(read_yaml(path, DataError))
 
     def load_result(self, name: str) -> dict[str, Any] | None:
         """The mapping in ``results/NAME.yaml``, None when there is none.   Raises DataError when it is unreadable."""
@@ -306,7 +318,7 @@ class RunFolder:
     def _save(self, kind: str, name: str, mapping: Mapping[str, Any]) -> Path:
         _make_folder(self.path / kind)
         path = self.path / kind / f"{checked_name(name)}.yaml"
-        write_text(path, to_yaml(mapping))
+        write_text(path, to_yaml(mapping if kind == "models" else sealed(mapping)))  # a model is a file that people write, too
         return path
 
     def _about(self) -> dict[str, Any]:

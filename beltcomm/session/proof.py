@@ -13,6 +13,7 @@ from beltcomm.fit.model_fit import SUSPECT_MISFIT
 from beltcomm.given import pasted
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.runfolder import RunFolder
+from beltcomm.session.options import Options
 from beltcomm.session.revisions import revisions
 from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory
@@ -23,6 +24,8 @@ SAME_GAIN = 1e-3
 SURE_MARGIN_DEG = 30.0
 #: m: ends of a path that differ by less are the same.
 SAME_PLACE_M = 1e-4
+#: Of a file whose checksum is missing or another one.
+EDITED = "it was edited since, or is of a version that kept no checksum"
 #: Of a design whose model leaves too much.
 SUSPECT = "the model does not explain what was measured"
 
@@ -81,7 +84,7 @@ def move_name(folder: RunFolder, wanted: Mapping[str, Any]) -> str:
 
 def doubts(folder: RunFolder) -> list[str]:
     """Why the gains of ``designs/final.yaml`` should not be written to a drive yet, in words; empty when nothing speaks against it."""
-    found = []
+    found = [EDITED] if folder.edited("designs", "final") else []
     if suspect(folder):
         found.append(SUSPECT)
     designed = folder.load("designs", "final")
@@ -112,6 +115,19 @@ def admit(folder: RunFolder, talk: Talk, *, yes: bool, force: bool) -> None:
         raise Refused(f"nothing was written: {found}; verify the design first, or write it all the same with --force")
     if not talk.confirm("Write them all the same?"):
         raise Declined("nothing was written, as you said")
+
+
+def admit_edited(file: str, edited: bool, options: Options, talk: Talk) -> None:
+    """Say of a file that goes to a machine that beltcomm did not write it so, and ask; ``yes`` alone is no answer.   Raises Refused."""
+    if not edited:
+        return
+    talk.say(f"{file} is not as beltcomm wrote it: {EDITED}.")
+    if options.force:
+        return
+    if options.yes:
+        raise Refused(f"nothing was written and nothing moved: {file} is not as beltcomm wrote it; look through it, then use it with --force")
+    if not talk.confirm("Have you looked through it, and do you want it used?"):
+        raise Declined("nothing was written and nothing moved, as you said")
 
 
 def next_step(folder: RunFolder, drive: str, passed: bool) -> str:
