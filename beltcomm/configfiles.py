@@ -35,7 +35,7 @@ def find_config(kind: str, name: str) -> Path:
     Raises UsageError when there is no such file, with the names that exist.
     """
     word = _WORD_FOR.get(kind, kind)
-    if "/" in name or os.sep in name or name.endswith((".yaml", ".yml")):
+    if named_file(name):
         path = Path(name).expanduser()
         if path.is_file():
             return path
@@ -50,6 +50,11 @@ def find_config(kind: str, name: str) -> Path:
     raise UsageError(
         f"no {word} is called {name!r}{did_you_mean(name, known)}; known are {', '.join(known) or 'none'}, or give the path of a .yaml file"
     )
+
+
+def named_file(name: str) -> bool:
+    """Whether a name means a file of the user's and no shipped one."""
+    return "/" in name or os.sep in name or name.endswith((".yaml", ".yml"))
 
 
 def config_names(kind: str) -> list[str]:

@@ -128,7 +128,8 @@ def same_drive(backup: Backup, drive: Drive) -> None:
 def wanted_of(backup: Backup, drive: Drive) -> list[ObjectValue]:
     """What is to stand in the drive again.   Raises UsageError for a value that the drive cannot take.
 
-    The mode of operation, which older backups hold, does not go back: whoever uses the drive next chooses it.   An old run's backup has no raw values, and none of the parameters that are younger than it: these are as a plain cascade has them.
+    The mode of operation, which older backups hold, does not go back: whoever uses the drive next chooses it.
+    An old run's backup has no raw values, and none of the parameters that are younger than it: these are as a plain cascade has them.
     """
     if backup.objects:
         return [item for item in backup.objects if item.place != MODE]

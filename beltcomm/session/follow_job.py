@@ -15,6 +15,7 @@ from beltcomm.session.machine import Machine
 from beltcomm.session.next_plan import load_plan
 from beltcomm.session.options import Options, claim, settings_of
 from beltcomm.session.plan import Plan
+from beltcomm.session.proof import admit_edited
 from beltcomm.session.sign import check_sign
 from beltcomm.talk import Silence, Talk
 
@@ -25,6 +26,8 @@ def follow_plan(drive: Drive, run: Path, file: Path, options: Options, agree: Ca
     folder = RunFolder.open(run)
     model = offline.trusted(folder)[0]
     claim(folder, drive.capabilities, options.wall_clock)
+    if not options.dry_run:
+        admit_edited(str(file), wanted.edited, options, talk)
     findings = offline.fitted(folder, "lm", Silence(), model)
     with Machine(drive, folder.axis, folder, talk) as machine:
         referencing.reference(machine, settings_of(options))

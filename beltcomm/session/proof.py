@@ -125,9 +125,9 @@ def admit_edited(file: str, edited: bool, options: Options, talk: Talk) -> None:
     if options.force:
         return
     if options.yes:
-        raise Refused(f"nothing was written and nothing moved: {file} is not as beltcomm wrote it; look through it, then use it with --force")
+        raise Refused(f"nothing was written or moved: {file} is not as beltcomm wrote it; look through it, then use it with --force")
     if not talk.confirm("Have you looked through it, and do you want it used?"):
-        raise Declined("nothing was written and nothing moved, as you said")
+        raise Declined("nothing was written or moved, as you said")
 
 
 def next_step(folder: RunFolder, drive: str, passed: bool) -> str:

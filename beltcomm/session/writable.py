@@ -69,14 +69,16 @@ class Writable:
         kind = self.kinds[item.place]
         least, most = bounds_of(kind)
         if not least <= item.raw <= most or len(packed(item.kind, item.raw)) != len(packed(kind, item.raw)):
-            raise Refused(f"nothing was written: {item.title} holds one {kind} in this drive, not {item.raw:g} as {item.kind}; take another file")
+            raise Refused(
+                f"nothing was written: {item.title} holds one {kind} in this drive, not {item.raw:g} as {item.kind}; take another file"
+            )
         if item.place not in self.limits:
             return
         name, unit, highest, by = self.limits[item.place]
         if not 0.0 < unit * item.raw <= highest:
             raise Refused(
-                f"nothing was written: {name} ({item.title}) would be {unit * item.raw:.4g}, and must be above 0 and at most {highest:.4g} by "
-                f"{by}: a motor that runs away would be stopped too late, or not at all"
+                f"nothing was written: {name} ({item.title}) would be {unit * item.raw:.4g}, and must be above 0 and at most {highest:.4g} "
+                f"by {by}: a motor that runs away would be stopped too late, or not at all"
             )
 
     def check_named(self, names: Iterable[str], capabilities: Capabilities) -> None:
@@ -85,8 +87,8 @@ class Writable:
             entry = capabilities.parameters.get(name)
             if entry is not None and commands(entry.index, entry.subindex):
                 raise ObjectLocked(
-                    f"nothing was written: the drive's profile puts {name} into {name_of(entry.index, entry.subindex)}, which is a command or "
-                    "a setpoint; correct the profile",
+                    f"nothing was written: the drive's profile puts {name} into {name_of(entry.index, entry.subindex)}, which is a "
+                    "command or a setpoint; correct the profile",
                     entry.index,
                     entry.subindex,
                 )
@@ -107,8 +109,8 @@ def most_of(capabilities: Capabilities, axis: Axis) -> dict[str, tuple[float, st
         ),
         (LIMIT_NAMES[1], "max_speed_rad_s", axis.motor.max_speed_rad_s, capabilities.max_speed_rad_s, MOST_SPEED_RAD_S, "what motors do"),
     ):
-        stated, by = (here, f"what the drive has now (axis.yaml does not state motor.{entry})") if file is None else (file, f"motor.{entry}")
-        found[name] = min(((1.0 + RATED_TOLERANCE) * stated, by), (most, bounded))
+        by = f"what the drive has now (axis.yaml does not state motor.{entry})" if file is None else f"motor.{entry}"
+        found[name] = min(((1.0 + RATED_TOLERANCE) * (here if file is None else file), by), (most, bounded))
     return found
 
 

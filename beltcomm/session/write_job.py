@@ -119,7 +119,7 @@ def _of_file(read: ObjectFile, drive: Drive) -> tuple[list[ObjectValue], list[st
     wanted = [item for item in read.values if item.place in kept and item not in orders and item.index not in COMMUNICATION]
     others = [item for item in read.values if item not in orders and item not in wanted]
     left = []
-    for why, items in (("they are commands and no settings", orders), ("they are no settings of its motion that beltcomm backs up", others)):
+    for why, items in (("they are commands and no settings", orders), ("beltcomm does not back them up", others)):
         if items:
             left.append(f"left alone, for {why}: {titles(item.title for item in items)}")
     return wanted, left

@@ -150,7 +150,7 @@ def test_a_file_writes_settings_only(make_bench: MakeBench, copy_of_complete: Co
     result = api.apply(bench.name, run, dcf=file_of(tmp_path, kept), options=replace(YES, dry_run=True))
     text = "\n".join(result.text)
     assert [one["object"] for one in result.data["changes"]] == ["6072h"]
-    for words in ("left alone, for they are commands", "1010h:1, 6040h, 6071h", "that beltcomm backs up: 1800h:1, 5123h"):
+    for words in ("left alone, for they are commands", "1010h:1, 6040h, 6071h", "beltcomm does not back them up: 1800h:1, 5123h"):
         assert words in text
     locked = file_of(tmp_path, [ObjectValue(0x6075, 0, "uint32", 1), *kept[:-1]])
     assert "6075h" in "\n".join(api.apply(bench.name, run, dcf=locked, options=replace(YES, dry_run=True)).text)
