@@ -22,6 +22,10 @@ from beltcomm.errors import BeltcommError, UsageError
 _PACKAGE = Path(__file__).resolve().parent
 #: Where shipped files are looked for, first hit wins: the wheel's place, then the checkout's.
 CONFIG_FOLDERS = (_PACKAGE / "configs", _PACKAGE.parent / "configs")
+#: Characters of a whole number: 64 bits, with sign or 0x.
+LONGEST_INT = 20
+#: Values of one file: a covariance of a large model has some thousands.
+MOST_VALUES = 1_000_000
 #: Key of the checksum in files that the tool writes for itself.
 CHECKSUM = "checksum"
 _WORD_FOR = {"axes": "axis", "plants": "plant", "drives": "drive profile", "studies": "study"}
@@ -96,7 +100,16 @@ def _float(loader: Any, node: yaml.ScalarNode) -> float:
 
 def _int(loader: Any, node: yaml.ScalarNode) -> int:
     text = str(node.value)
-    return int(text, 16) if "x" in text.lower() else int(text)
+    if len(text) <= LONGEST_INT:
+        return int(text, 16) if "x" in text.lower() else int(text)
+    raise yaml.constructor.ConstructorError(None, None, f"a whole number with {len(text)} digits", node.start_mark)
+
+
+def _bool(loader: Any, node: yaml.ScalarNode) -> bool:
+    found = yaml.SafeLoader.bool_values.get(str(node.value).lower())
+    if found is None:
+        raise yaml.constructor.ConstructorError(None, None, f"{str(node.value)[:20]!r} is neither true nor false", node.start_mark)
+    return found
 
 
 _Loader.yaml_implicit_resolvers = {
@@ -107,9 +120,20 @@ _INT = re.compile(r"[-+]?[0-9]+$|0[xX][0-9a-fA-F]+$")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$|[-+]?\.(inf|Inf|INF)$|\.(nan|NaN|NAN)$")
 _Loader.add_implicit_resolver("tag:yaml.org,2002:int", _INT, list("-+0123456789"))
 _Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))
-_Loader.add_constructor("tag:yaml.org,2002:map", _mapping_without_repeats)
-_Loader.add_constructor("tag:yaml.org,2002:float", _float)
-_Loader.add_constructor("tag:yaml.org,2002:int", _int)
+#: The types of JSON and no other: a tag that asks for a set, bytes or a date has no meaning in a settings file.
+_Loader.yaml_constructors = {
+    tag and f"tag:yaml.org,2002:{tag}": found
+    for tag, found in {
+        "map": _mapping_without_repeats,
+        "float": _float,
+        "int": _int,
+        "bool": _bool,
+        "null": yaml.SafeLoader.construct_yaml_null,
+        "str": yaml.SafeLoader.construct_yaml_str,
+        "seq": yaml.SafeLoader.construct_yaml_seq,
+        None: yaml.SafeLoader.construct_undefined,
+    }.items()
+}
 
 
 class _Dumper(yaml.SafeDumper):
@@ -126,17 +150,34 @@ def read_yaml(path: Path, failure: type[BeltcommError] = UsageError) -> dict[str
     """
     try:
         data = yaml.load(path.read_text(encoding="utf-8-sig"), Loader=_Loader)
+        _size(data, {})
     except OSError as error:
         raise failure(f"{path} cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise failure(f"{path} is not UTF-8 text (byte {error.start}); save it as UTF-8") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+    except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError) as error:  # what a tag makes of another type
         raise failure(f"{path} is not valid YAML: {_first_words(error)}") from error
     if data is None:
         return {}
     if not isinstance(data, dict):
         raise failure(f"{path} holds a {type(data).__name__}; it must hold a mapping of names to values")
     return {str(key): value for key, value in data.items()}
+
+
+def _size(value: Any, known: dict[int, int]) -> int:
+    """How many values there are when each alias is written out.   known : by id; 0 of what is not counted yet.   Raises ValueError."""
+    if not isinstance(value, (dict, list)):
+        return 1
+    if (found := known.get(id(value))) is not None:
+        if not found:
+            raise ValueError("an alias stands inside what it stands for")
+        return found
+    known[id(value)] = 0
+    size = 1 + sum(_size(item, known) for item in (value.values() if isinstance(value, dict) else value))
+    if size > MOST_VALUES:
+        raise ValueError(f"its aliases written out make more than {MOST_VALUES} values")
+    known[id(value)] = size
+    return size
 
 
 def line_of(path: Path, keys: tuple[str, ...]) -> int:
