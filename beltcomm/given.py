@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import shlex
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
@@ -12,6 +13,8 @@ from pathlib import Path
 
 from beltcomm.errors import UsageError
 
+#: Bytes of a name in a file system.
+LONGEST_PART = 255
 #: A file or a folder as a program names it.
 Place = str | Path | PathLike[str]
 
@@ -19,7 +22,14 @@ Place = str | Path | PathLike[str]
 def place(value: Place, what: str = "run folder") -> Path:
     """The path that was given.   what : is meant by it.   Raises UsageError for what is no path."""
     if isinstance(value, (str, PathLike)) and str(value):
-        return Path(value)
+        path = Path(value)
+        if "\0" in str(path):
+            raise UsageError(f"the {what} is {str(path)[:LONGEST_PART]!r}, and no path holds a zero")
+        if long := next((part for part in path.parts if len(os.fsencode(part)) > LONGEST_PART), ""):
+            raise UsageError(
+                f"the {what} is a path with a name of {len(long)} letters ({long[:20]}...); no name has more than {LONGEST_PART}"
+            )
+        return path
     raise UsageError(f"the {what} is {value!r}, which is no path; give its path as text or as a pathlib.Path")
 
 

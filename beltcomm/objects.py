@@ -88,6 +88,18 @@ class ParameterObject:
     highest: int | None = None
     law: Literal["linear", "integral_time"] = "linear"
 
+    def __post_init__(self) -> None:
+        """Raise ValueError for what no drive has."""
+        if self.type not in (*TYPES,) or self.law not in ("linear", "integral_time"):
+            raise ValueError(f"type {self.type!r} or law {self.law!r} is none")
+        whole = all(isinstance(n, int) for n in (self.index, self.subindex, *(n for n in (self.lowest, self.highest) if n is not None)))
+        if not whole or not (0 <= self.index <= 0xFFFF and 0 <= self.subindex <= 0xFF):
+            raise ValueError(f"there is no object {self.index!r}, {self.subindex!r} with a range of {self.lowest!r} to {self.highest!r}")
+        least, most = bounds_of(self.type)
+        low, high = self.range
+        if not (0.0 < self.scale < math.inf and least <= low <= high <= most):
+            raise ValueError(f"a scale of {self.scale!r} and a range of {low} to {high} are none of {self.type}")
+
     @property
     def range(self) -> tuple[int, int]:
         """Smallest and largest raw value of an integer object."""

@@ -34,6 +34,8 @@ from beltcomm.recording_columns import MOTOR_COLUMNS
 from beltcomm.sidecar import load_sidecar
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+#: Letters of a name: file systems take 255 bytes, and ends such as .csv.part stand behind it.
+LONGEST_NAME = 100
 #: How an unfinished record is called after a second attempt was begun.
 _MOVED_ASIDE = re.compile(r"\.unfinished\d+$")
 #: What the journal of a run says that was left before anything moved.
@@ -315,6 +317,14 @@ class RunFolder:
         except OSError as error:
             raise UsageError(f"{path} cannot be written: {error.strerror or error}; make room or choose another --run folder") from error
 
+    def journal_lines(self) -> list[str]:
+        """What the journal says; nothing where there is none.   Raises DataError when it cannot be read."""
+        path = self.path / "journal.txt"
+        try:
+            return path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []
+        except OSError as error:
+            raise DataError(f"{path} cannot be read: {error.strerror or error}") from error
+
     def _save(self, kind: str, name: str, mapping: Mapping[str, Any]) -> Path:
         _make_folder(self.path / kind)
         path = self.path / kind / f"{checked_name(name)}.yaml"
@@ -335,7 +345,7 @@ def _untouched(path: Path) -> bool:
     results = [path / "results" / f"{name}.yaml" for name in ("backup", "drive", "rehearsal")]
     own = {path / "axis.yaml", path / "run.yaml", path / "journal.txt", path / "bundle.zip", *results}
     found = {item for item in path.rglob("*") if not item.is_dir() and item.parent.name != "bus"} if path.is_dir() else {path}
-    journal = (path / "journal.txt").read_text(encoding="utf-8").splitlines() if path / "journal.txt" in found else []
+    journal = RunFolder(path, None).journal_lines() if path / "journal.txt" in found else []
     if not found <= own or path / "run.yaml" not in found or not all(line.startswith(_HARMLESS) for line in journal):
         return False
     for item in found:
@@ -352,8 +362,9 @@ def _make_folder(path: Path) -> None:
 
 def checked_name(name: str) -> str:
     """The name, when it can be a file name everywhere.   Raises UsageError."""
-    if not _NAME.fullmatch(name):
-        raise UsageError(f"{name!r} cannot be a name; use letters, digits, '_', '-' and '.', a letter or digit first")
+    if not _NAME.fullmatch(name) or len(name) > LONGEST_NAME:
+        shown = name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}..."
+        raise UsageError(f"{shown!r} cannot be a name; use up to {LONGEST_NAME} letters, digits, '_', '-' and '.', a letter or digit first")
     return name
 
 

@@ -5,7 +5,6 @@ A quirk of a drive is a line in its file, never a branch on its name.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -13,7 +12,7 @@ from typing import Any, Final, Literal
 
 from beltcomm.configfiles import config_names, find_config, named_file, read_yaml
 from beltcomm.errors import UsageError
-from beltcomm.objects import TYPES, ParameterObject, bounds_of, name_of
+from beltcomm.objects import ParameterObject, name_of
 from beltcomm.parameters import GAIN_NAMES, PREFILTER_KINDS
 from beltcomm_adapters.locks import ALWAYS, Lock
 
@@ -26,7 +25,6 @@ UNSOURCED: Final = frozenset({"name", "title", "known_gains", "never_write"})
 MODES: Final[Mapping[str, tuple[int, ...]]] = {"torque": (4, 10), "position": (7, 8), "velocity": (3, 9), "profile": (1,)}
 #: Where drives keep settings of their controllers: the maker's own objects, and those of CiA 402 (60F6h, current control, is locked).
 CONTROLLERS: Final = (range(0x2000, 0x6000), range(0x60F6, 0x60FC))
-LAWS: Final = ("linear", "integral_time")
 CHOICES: Final = {
     "units": ("cia402", "factor_group"),
     "guarding": ("heartbeat", "node_guarding"),
@@ -167,8 +165,6 @@ def _profile(raw: dict[str, Any]) -> Profile:
     parameters = {name: ParameterObject(**entry) for name, entry in raw.pop("parameters").items()}
     if unknown := set(parameters) - set(GAIN_NAMES):
         raise ValueError(f"unknown parameters {sorted(unknown)}")
-    if wrong := [name for name, entry in parameters.items() if entry.type not in TYPES or entry.range[0] > entry.range[1]]:
-        raise ValueError(f"no data type, or a range that is none, for {wrong}")
     sources = raw.pop("sources")
     locks, gains = raw.pop("never_write", []), raw.pop("known_gains", [])
     told = [*sources.items(), *((str(entry), entry) for entry in (*locks, *gains))]
@@ -235,15 +231,12 @@ def _check_writes(profile: Profile, *, shipped: bool) -> None:
     places = [(entry.index, entry.subindex) for entry in profile.parameters.values()]
     for name, entry in profile.parameters.items():
         place = entry.index, entry.subindex
-        if not any(entry.index in known for known in CONTROLLERS) or not 0 <= entry.subindex <= 0xFF:
+        if not any(entry.index in known for known in CONTROLLERS):
             raise ValueError(f"{name} in {name_of(*place)}, where no drive has a setting of its controllers")
         if lock := next((lock for lock in (*ALWAYS, *profile.never_write) if lock.holds(*place)), None):
             raise ValueError(f"{name} in {name_of(*place)}, which holds {lock.what}")
         if places.count(place) > 1:
             raise ValueError(f"{name} in {name_of(*place)} as another parameter")
-        least, most = bounds_of(entry.type)
-        if not (0.0 < entry.scale < math.inf) or not all(least <= end <= most for end in entry.range) or entry.law not in LAWS:
-            raise ValueError(f"{name}: scale {entry.scale!r}, range {entry.range}, law {entry.law!r} cannot be")
     logic = profile.enable_logic
     if logic is not None and not shipped and logic not in {load_profile(name).enable_logic for name in config_names("drives")}:
         raise ValueError(f"enable_logic writes {name_of(*logic[:2])} before anybody is asked; a shipped profile may do so")

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 INTERRUPTED = 4
 #: What a file system that refuses says: not allowed, read-only, full.
 UNWRITABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT)
+#: What it says of a path that cannot be: too long, no folder, a folder, in a circle.
+NO_PATH = (errno.ENAMETOOLONG, errno.ENOTDIR, errno.EISDIR, errno.ELOOP)
 #: Verbs that go on with ``--resume``, and all that record.
 RESUMABLE = ("commission", "identify")
 RECORDING = (*RESUMABLE, "friction", "verify", "simulate")
@@ -125,9 +127,9 @@ class Frame:
         except OSError as error:
             if self.ended:
                 return self._interrupted()
-            if error.errno not in UNWRITABLE or not error.filename:
+            if error.errno not in UNWRITABLE + NO_PATH or not error.filename:
                 return self._unexpected(error)
-            remedy = "choose a folder that can be written, or make room"
+            remedy = "check the path" if error.errno in NO_PATH else "choose a folder that can be written, or make room"
             return self._failed(f"{error.filename} cannot be used: {error.strerror}; {remedy}", UsageError.exit_code)
         except Exception as error:  # what nobody thought of: a sentence and a log with the traceback, never a bare traceback
             if self.ended:  # with the terminal gone, whatever writes to it fails

@@ -23,7 +23,7 @@ from beltcomm.session import offline
 from beltcomm.session.files import may_write
 from beltcomm.session.options import Options
 from beltcomm.session.proof import doubts
-from beltcomm.session.store import cascade_from_dict, parameters_from_dict, structure_from_dict
+from beltcomm.session.store import cascade_from_dict, parameters_from_dict, saved_design, structure_from_dict
 from beltcomm.talk import Silence, Talk
 
 
@@ -50,7 +50,7 @@ def export(
     if format_ not in (*FORMATS, "dcf"):
         raise UsageError(f"there is no format {format_!r}; there are {', '.join(FORMATS)}, dcf")
     folder = RunFolder.open(run)
-    saved = folder.load("designs", "final")
+    saved = saved_design(folder)
     if format_ == "dcf":
         return _dcf(folder, saved, out, when, options, talk)
     cascade, structure = cascade_from_dict(saved), structure_from_dict(saved)

@@ -15,6 +15,7 @@ from beltcomm.parameters import cascade_to_parameters
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.options import Options
 from beltcomm.session.revisions import revisions
+from beltcomm.session.store import saved_design
 from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory
 
@@ -57,7 +58,10 @@ def same_gains(one: Any, other: Any) -> bool:
     """Whether two mappings name → value are one controller."""
     if not isinstance(one, Mapping) or not isinstance(other, Mapping) or one.keys() != other.keys():
         return False
-    return all(math.isclose(float(one[name]), float(other[name]), rel_tol=SAME_GAIN, abs_tol=1e-12) for name in one)
+    try:
+        return all(math.isclose(float(one[name]), float(other[name]), rel_tol=SAME_GAIN, abs_tol=1e-12) for name in one)
+    except (TypeError, ValueError, OverflowError):  # no numbers
+        return False
 
 
 def proves(recorded: Mapping[str, Any], wanted: Mapping[str, Any]) -> bool:
@@ -87,19 +91,20 @@ def doubts(folder: RunFolder) -> list[str]:
     found = [EDITED] if folder.edited("designs", "final") else []
     if suspect(folder):
         found.append(SUSPECT)
-    designed = folder.load("designs", "final")
+    designed = saved_design(folder)
     gains = designed.get("parameters")
     found += _thin(min((float(one["phase_margin_deg"]) for one in designed.get("margins") or ()), default=math.inf))
     found += (designed.get("proof") or {}).get("doubts") or ()
     results = [folder.load("results", name) for name in folder.names("results") if name.startswith("verify_")]
-    proofs = [(result, result.get("proof") or {}) for result in results]
+    proofs = [(result, shown) for result in results if isinstance(shown := result.get("proof"), Mapping)]
     driven = [result for result, shown in proofs if same_gains(shown.get("gains"), gains) and "led_by" not in shown]
     if not driven:
         found.append("no verification move was driven with these gains")
     elif not driven[-1].get("passed"):
         found.append("the verification move with these gains missed its target")
     else:
-        found += [reservation for reservation in driven[-1].get("reservations") or () if reservation not in found]
+        said = driven[-1].get("reservations") or ()
+        found += [str(one) for one in (said if isinstance(said, list) else [said]) if one not in found]
     return found
 
 
@@ -141,7 +146,7 @@ def next_step(folder: RunFolder, drive: str, passed: bool) -> str:
 
 def suspect(folder: RunFolder) -> bool:
     """Whether the design's model leaves too much unexplained: its own revision's word where it has one, else the fit's."""
-    revision = folder.load("designs", "final").get("revision") if "final" in folder.names("designs") else None
+    revision = saved_design(folder).get("revision") if "final" in folder.names("designs") else None
     for rung in revisions(folder):
         if rung.name == revision:
             return rung.confirmed is False or rung.ratio**2 > SUSPECT_MISFIT

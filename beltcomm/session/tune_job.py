@@ -22,7 +22,7 @@ from beltcomm.session import analyse, offline, phases
 from beltcomm.session.delays import assume_delay, delay
 from beltcomm.session.design_job import Basis, basis_of, delivered
 from beltcomm.session.options import Options
-from beltcomm.session.store import cascade_from_dict
+from beltcomm.session.store import cascade_from_dict, saved_design
 from beltcomm.talk import Silence, Talk
 from beltcomm.trajectory import Trajectory, held, load_move, plan_trajectory
 from beltcomm.tuning.bench import Bench, Shown, Tracked
@@ -46,7 +46,7 @@ class Tuning:
 
     def __init__(self, run: Path, *, payload_kg: float = 0.0, move: Path | None = None, seed: int = 0) -> None:
         self._basis = basis_of(run)
-        self._saved_design = self._basis.folder.load("designs", "final")
+        self._saved_design = saved_design(self._basis.folder)
         self._seed = seed
         self.bench = Bench(ground_of(self._basis, self._saved_design, move))
         self._start = self.bench.start(payload_kg, offline.middle_m(self._basis.folder.axis))
@@ -129,7 +129,7 @@ class Tuning:
         findings = replace(self._basis.findings, remarks=list(self._basis.findings.remarks))
         findings.design, findings.cascade = proven, ground.with_feedforward(found.cascade)
         replaced = 1 + sum(name.startswith("replaced_") for name in folder.names("designs"))
-        folder.save_design(f"replaced_{replaced}", folder.load("designs", "final"))
+        folder.save_design(f"replaced_{replaced}", saved_design(folder))
         result = delivered(
             replace(self._basis, findings=findings),
             self._saved_design.get("compensated") or (),

@@ -21,7 +21,7 @@ from beltcomm.session.plan import Plan, verification_plan
 from beltcomm.session.proof import admit_edited, next_step, proof
 from beltcomm.session.proving import Sending, verify_move
 from beltcomm.session.sign import check_sign
-from beltcomm.session.store import verdict_to_dict
+from beltcomm.session.store import saved_design, verdict_to_dict
 from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Demand, Verdict
@@ -82,7 +82,7 @@ def verify_with(
     if over_belt and not simulated(name):
         raise Refused("more than the feed force is for virtual belts only; slow the move down, or state another belt in axis.yaml")
     folder, feedforward = RunFolder.open(run), options.feedforward
-    saved = folder.load("designs", "final")
+    saved = saved_design(folder)
     model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
     claim(folder, drive.capabilities, options.wall_clock)
     if planned is None:

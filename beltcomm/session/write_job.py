@@ -26,7 +26,7 @@ from beltcomm.session.plan import Plan, verification_plan
 from beltcomm.session.proof import admit, admit_edited
 from beltcomm.session.proving import verify_move
 from beltcomm.session.sign import check_sign
-from beltcomm.session.store import cascade_from_dict
+from beltcomm.session.store import cascade_from_dict, saved_design
 from beltcomm.session.writable import Writable, titles
 from beltcomm.talk import Talk
 from beltcomm.trajectory import plan_trajectory
@@ -57,7 +57,7 @@ def apply_to(
     recall(drive, folder)
     remarks: list[str] = []
     if dcf is None:
-        found = gains.named_differences(drive, folder.axis, cascade_to_parameters(cascade_from_dict(folder.load("designs", "final"))))
+        found = gains.named_differences(drive, folder.axis, cascade_to_parameters(cascade_from_dict(saved_design(folder))))
     else:
         read = load_object_file(dcf)
         talk.say(*read.lines())
@@ -93,7 +93,7 @@ def admitted(folder: RunFolder, options: Options, talk: Talk, dcf: Path | None, 
         if shown:
             raise UsageError("what a file holds has no prediction that a move could show; apply it without --verify")
         return
-    saved = folder.load("designs", "final")
+    saved = saved_design(folder)
     cascade_from_dict(saved)
     for line in words.remarks_lines(saved.get("remarks") or ()):
         talk.say(line)
@@ -163,7 +163,7 @@ def _show(
     drive: Drive, folder: RunFolder, options: Options, talk: Talk, found: gains.Differences, agree: Callable[[Plan, Machine], None]
 ) -> Verdict:
     """A small move with what now stands in the drive; otherwise than predicted, and all is put back.   Raises what the move raises."""
-    saved = folder.load("designs", "final")
+    saved = saved_design(folder)
     model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
     cascade, delay_s = offline.cascade_of(saved, model, drive.capabilities.structure)
     try:

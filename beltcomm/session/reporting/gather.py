@@ -17,6 +17,7 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.session.opened import Opened, explainable, opened
 from beltcomm.session.pictures import middle_of
 from beltcomm.session.revisions import Revision, current_model, revisions
+from beltcomm.session.store import saved_design
 from beltcomm.talk import Talk
 
 
@@ -88,7 +89,7 @@ def gathered(run: Path, talk: Talk, against: Path | None = None, *, compared: bo
         comparison,
         revisions(folder),
         results_of(folder),
-        folder.load("designs", "final") if "final" in folder.names("designs") else {},
+        saved_design(folder) if "final" in folder.names("designs") else {},
         f"beltcomm report {pasted(folder.path.resolve().name)}"
         + (f" --against {pasted(against.resolve().name)}" if against is not None else ""),
         tuple(remarks),
