@@ -104,7 +104,7 @@ def doubts(folder: RunFolder) -> list[str]:
         found.append("the verification move with these gains missed its target")
     else:
         said = driven[-1].get("reservations") or ()
-        found += [str(one) for one in (said if isinstance(said, list) else [said]) if one not in found]
+        found += [str(one) for one in (said if isinstance(said, (list, tuple)) else [said]) if one not in found]
     return found
 
 
