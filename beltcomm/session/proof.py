@@ -13,6 +13,7 @@ from beltcomm.fit.model_fit import SUSPECT_MISFIT
 from beltcomm.given import pasted
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.runfolder import RunFolder
+from beltcomm.session.calibration import RESULT
 from beltcomm.session.options import Options
 from beltcomm.session.revisions import revisions
 from beltcomm.session.store import saved_design
@@ -26,7 +27,9 @@ SURE_MARGIN_DEG = 30.0
 #: m: ends of a path that differ by less are the same.
 SAME_PLACE_M = 1e-4
 #: Of a file whose checksum is missing or another one.
-EDITED = "it was edited since, or is of a version that kept no checksum"
+EDITED = "was edited since, or is of a version that kept no checksum"
+#: Files that say what gains a drive gets, and what its raw numbers mean.
+BEHIND_GAINS = (("designs", "final"), ("results", RESULT))
 #: Of a design whose model leaves too much.
 SUSPECT = "the model does not explain what was measured"
 
@@ -88,7 +91,7 @@ def move_name(folder: RunFolder, wanted: Mapping[str, Any]) -> str:
 
 def doubts(folder: RunFolder) -> list[str]:
     """Why the gains of ``designs/final.yaml`` should not be written to a drive yet, in words; empty when nothing speaks against it."""
-    found = [EDITED] if folder.edited("designs", "final") else []
+    found = [f"{name}.yaml {EDITED}" for name in edited_files(folder)]
     if suspect(folder):
         found.append(SUSPECT)
     designed = saved_design(folder)
@@ -122,11 +125,16 @@ def admit(folder: RunFolder, talk: Talk, *, yes: bool, force: bool) -> None:
         raise Declined("nothing was written, as you said")
 
 
+def edited_files(folder: RunFolder) -> list[str]:
+    """Names of files behind the run's gains that are not as beltcomm wrote them."""
+    return [name for kind, name in BEHIND_GAINS if name in folder.names(kind) and folder.edited(kind, name)]
+
+
 def admit_edited(file: str, edited: bool, options: Options, talk: Talk) -> None:
     """Say of a file that goes to a machine that beltcomm did not write it so, and ask; ``yes`` alone is no answer.   Raises Refused."""
     if not edited:
         return
-    talk.say(f"{file} is not as beltcomm wrote it: {EDITED}.")
+    talk.say(f"{file} is not as beltcomm wrote it: it {EDITED}.")
     if options.force:
         return
     if options.yes:

@@ -18,7 +18,7 @@ from beltcomm.session import analyse, offline, referencing, stops, verification,
 from beltcomm.session.machine import Machine
 from beltcomm.session.options import Options, claim, settings_of
 from beltcomm.session.plan import Plan, verification_plan
-from beltcomm.session.proof import admit_edited, next_step, proof
+from beltcomm.session.proof import admit_edited, edited_files, next_step, proof
 from beltcomm.session.proving import Sending, verify_move
 from beltcomm.session.sign import check_sign
 from beltcomm.session.store import saved_design, verdict_to_dict
@@ -86,7 +86,8 @@ def verify_with(
     model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
     claim(folder, drive.capabilities, options.wall_clock)
     if planned is None:
-        admit_edited(str(folder.file("designs", "final")), folder.edited("designs", "final"), options, talk)
+        edited = edited_files(folder)
+        admit_edited(", ".join(f"{name}.yaml of the run" for name in edited), bool(edited), options, talk)
     structure = drive.capabilities.structure
     leads = rungs or feedforward == "compliant"
     if leads and not (structure.torque_feedforward and structure.velocity_feedforward):

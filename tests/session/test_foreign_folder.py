@@ -12,6 +12,7 @@ from beltcomm import api
 from beltcomm.configfiles import read_yaml, sealed, to_yaml, unsealed
 from beltcomm.errors import Declined, Refused, UsageError
 from beltcomm.runfolder import RunFolder
+from beltcomm.session.proof import doubts
 from session.bench import Bench, Listener
 from session.test_commands import DRIVE, call
 
@@ -119,9 +120,9 @@ def test_an_edited_design_is_in_doubt(make_bench: MakeBench, copy_of_complete: C
     path = run / "designs" / "final.yaml"
     path.write_text(path.read_text(encoding="utf-8").replace("ff_velocity: 1.0", "ff_velocity: 0.9"), encoding="utf-8")
     assert RunFolder.open(run).edited("designs", "final")
-    with pytest.raises(Refused, match="it was edited since"):
+    with pytest.raises(Refused, match=r"final\.yaml was edited since"):
         api.apply(bench.name, run, options=YES)
-    with pytest.raises(Refused, match=r"final.yaml is not as beltcomm wrote it.*--force"):
+    with pytest.raises(Refused, match=r"final.yaml of the run is not as beltcomm wrote it.*--force"):
         api.verify(bench.name, run, options=YES)
     assert bench.plant.cart_position_m == 0.0
     outcome = call("apply", *DRIVE, "--run", run, "--yes", "--force")
@@ -153,3 +154,12 @@ def test_what_the_tool_wrote_is_whole(copy_of_complete: Copy) -> None:
     assert {("designs", "final"), ("results", "backup"), ("results", "plan")} <= set(names)
     assert not [(kind, name) for kind, name in names if folder.edited(kind, name)]
     assert not [name for name in folder.names("results") if "checksum" in folder.load("results", name)]
+
+
+def test_what_the_gains_mean_is_summed_too(copy_of_complete: Copy) -> None:
+    folder = RunFolder.open(copy_of_complete())
+    before = doubts(folder)
+    folder.save_result("calibration", {"kind": "x"})
+    assert doubts(folder) == before
+    (folder.path / "results" / "calibration.yaml").write_text("kind: y\n", encoding="utf-8")
+    assert doubts(folder) == [*before, "calibration.yaml was edited since, or is of a version that kept no checksum"]
