@@ -14,8 +14,9 @@ from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities, Drive
 from beltcomm.errors import ObjectLocked, Refused
 from beltcomm.objects import MODE, ObjectValue, bounds_of, commands, name_of, packed
-from beltcomm.parameters import LIMIT_NAMES
+from beltcomm.parameters import GAIN_NAMES, LIMIT_NAMES
 from beltcomm.session.ratings import RATED_TOLERANCE
+from beltcomm.session.store import MOST
 
 #: A servo motor's peak torque over its rated one: 2 to 5, hollow-shaft and linear motors up to 8.
 MOST_OVERLOAD = 10.0
@@ -28,7 +29,7 @@ LISTED = 5
 @dataclass(frozen=True)
 class Writable:
     """The closed list of one drive.   kinds : data types of what its adapter backs up, by index and subindex.   limits : those that hold a
-    limit, by place: name, SI value of one raw unit, the most that it may be, and by whose word.
+    limit or a gain, by place: name, SI value of one raw unit, the most that it may be, and by whose word.
     """
 
     kinds: Mapping[tuple[int, int], str]
@@ -40,8 +41,8 @@ class Writable:
         own = drive.capabilities
         kinds = {item.place: item.kind for item in found or drive.objects()}
         kinds |= {(entry.index, entry.subindex): entry.type for entry in own.parameters.values()}
-        rated = {} if axis is None else most_of(own, axis)
-        held = {name: own.parameters[name] for name in rated if name in own.parameters}
+        rated = {} if axis is None else most_of(own, axis) | {name: (MOST[name], "what drives have") for name in GAIN_NAMES[:4]}
+        held = {n: own.parameters[n] for n in rated if n in own.parameters and own.parameters[n].law == "linear"}
         limits = {(entry.index, entry.subindex): (name, entry.scale, *rated[name]) for name, entry in held.items()}
         return cls({place: kind for place, kind in kinds.items() if place == MODE or not commands(*place)}, limits)
 
@@ -75,10 +76,10 @@ class Writable:
         if item.place not in self.limits:
             return
         name, unit, highest, by = self.limits[item.place]
-        if not 0.0 < unit * item.raw <= highest:
+        if not 0.0 <= unit * item.raw <= highest or (name in LIMIT_NAMES and not item.raw):
             raise Refused(
-                f"nothing was written: {name} ({item.title}) would be {unit * item.raw:.4g}, and must be above 0 and at most {highest:.4g} "
-                f"by {by}: a motor that runs away would be stopped too late, or not at all"
+                f"nothing was written: {name} ({item.title}) would be {unit * item.raw:.4g}, and is possible above 0 and up to "
+                f"{highest:.4g}, by {by}; look at who made this file, and at axis.yaml"
             )
 
     def check_named(self, names: Iterable[str], capabilities: Capabilities) -> None:
