@@ -137,9 +137,16 @@ _Loader.yaml_constructors = {
 
 
 class _Dumper(yaml.SafeDumper):
-    """Quotes every text that :class:`_Loader` would take for a number."""
+    """Quotes every text that :class:`_Loader` would take for a number, and writes line ends of other alphabets as escapes."""
 
 
+def _text(dumper: Any, text: str) -> Any:
+    """A text that YAML would fold at a line end is quoted so that it comes back as it was."""
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style='"' if _LINE_END.search(text) else None)
+
+
+_LINE_END = re.compile("[\r\x85\u2028\u2029]")
+_Dumper.add_representer(str, _text)
 _Dumper.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))
 
 
