@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import os
 import shlex
+import sys
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from numbers import Integral, Real
@@ -13,6 +13,8 @@ from pathlib import Path
 
 from beltcomm.errors import UsageError
 
+#: The largest number that there is.
+LARGEST = sys.float_info.max
 #: Bytes of a name in a file system.
 LONGEST_PART = 255
 #: A file or a folder as a program names it.
@@ -44,8 +46,12 @@ def places(values: Place | Iterable[Place], what: str = "run folder") -> list[Pa
 
 def number(value: object, what: str, unit: str) -> float:
     """A finite number.   Raises UsageError: units stand in names here, never in values."""
-    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
-        raise UsageError(f"{what} is {value!r}; give a plain number" + (f" in {unit}, without the unit" if unit else ""))
+    if isinstance(value, bool) or not isinstance(value, Real) or not -LARGEST <= value <= LARGEST:
+        large = isinstance(value, Integral) and abs(value) > LARGEST  # too many digits to be written out
+        raise UsageError(
+            f"{what} is {'too large' if large else repr(value)[:LONGEST_PART]}; give a plain number"
+            + (f" in {unit}, without the unit" if unit else "")
+        )
     return float(value)
 
 

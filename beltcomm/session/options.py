@@ -23,7 +23,7 @@ from beltcomm.session.programme import Extent
 from beltcomm.session.store import drive_to_dict
 from beltcomm.talk import Hold
 
-#: What may stand in an option with names, and the unit of one with a number.
+#: What may stand in an option with names; of one with a number its unit and the most that anybody can mean.
 CHOICES = {
     "apply": get_args(Apply),
     "excitation": get_args(ExcitationKind),
@@ -32,7 +32,14 @@ CHOICES = {
     "feedforward": get_args(SentFeedforward),
     "order": get_args(Order),
 }
-NUMBERS = {"position_m": "m", "payload_kg": "kg", "base_speed_m_s": "m/s", "mounted_kg": "kg", "sample_period_s": "s", "longest_s": "s"}
+NUMBERS = {
+    "position_m": ("m", 100.0),
+    "payload_kg": ("kg", 1e5),
+    "base_speed_m_s": ("m/s", 100.0),
+    "mounted_kg": ("kg", 1e5),
+    "sample_period_s": ("s", 1.0),
+    "longest_s": ("s", 1e9),
+}
 COUNTS = ("seed", "repeat", "node", "bitrate")
 NAMES = ("profile", "first_motion")
 #: s: longest plan that ``yes`` answers for; a person beside the machine looks at it once in a quarter of an hour.
@@ -108,7 +115,9 @@ class Options:
             elif one.name in CHOICES:
                 choice(value, one.name, CHOICES[one.name])
             elif one.name in NUMBERS:
-                number(value, one.name, NUMBERS[one.name])
+                unit, most = NUMBERS[one.name]
+                if not abs(number(value, one.name, unit)) <= most:
+                    raise UsageError(f"{one.name} is {value:g} {unit}; at most {most:g} {unit} is possible, so look at the unit")
             elif one.name in COUNTS:
                 whole(value, one.name)
             elif one.name in NAMES:

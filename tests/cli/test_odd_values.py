@@ -16,6 +16,7 @@ from beltcomm.configfiles import find_config, from_json, read_yaml, sealed, to_y
 from beltcomm.errors import UsageError
 from beltcomm.given import place
 from beltcomm.objects import ParameterObject, object_from_dict
+from beltcomm.quantities import parse_quantity
 from beltcomm.runfolder import RunFolder
 
 LONG = "a" * 300
@@ -147,3 +148,20 @@ def test_a_checksum_holds_what_yaml_keeps(tmp_path: Path) -> None:
     assert not unsealed(read_yaml(path))[1]
     path.write_text(to_yaml(odd), encoding="utf-8")
     assert not unsealed(read_yaml(path))[1]
+
+
+@pytest.mark.parametrize("name", ["position_m", "payload_kg", "base_speed_m_s", "mounted_kg", "sample_period_s", "longest_s"])
+@pytest.mark.parametrize(
+    "value",
+    [1e308, -1e308, float("nan"), float("inf"), 10**400, 10**5000, "1", True],
+    ids=["big", "small", "nan", "inf", "400 digits", "5000 digits", "text", "true"],
+)
+def test_every_number_of_an_option_has_a_bound(name: str, value: object) -> None:
+    with pytest.raises(UsageError, match=name):
+        api.Options(**{name: value})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("text", ["1e999", "9" * 400, "-1e999 mm"])
+def test_a_quantity_is_finite(text: str) -> None:
+    with pytest.raises(UsageError, match="more than a number can be"):
+        parse_quantity(text, "position_m")
