@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shlex
-import sys
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from numbers import Integral, Real
@@ -13,8 +13,6 @@ from pathlib import Path
 
 from beltcomm.errors import UsageError
 
-#: The largest number that there is.
-LARGEST = sys.float_info.max
 #: Bytes of a name in a file system.
 LONGEST_PART = 255
 #: A file or a folder as a program names it.
@@ -46,13 +44,14 @@ def places(values: Place | Iterable[Place], what: str = "run folder") -> list[Pa
 
 def number(value: object, what: str, unit: str) -> float:
     """A finite number.   Raises UsageError: units stand in names here, never in values."""
-    if isinstance(value, bool) or not isinstance(value, Real) or not -LARGEST <= value <= LARGEST:
-        large = isinstance(value, Integral) and abs(value) > LARGEST  # too many digits to be written out
-        raise UsageError(
-            f"{what} is {'too large' if large else repr(value)[:LONGEST_PART]}; give a plain number"
-            + (f" in {unit}, without the unit" if unit else "")
-        )
-    return float(value)
+    try:
+        found = float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
+        shown = repr(value)[:LONGEST_PART]
+    except (OverflowError, ValueError):  # an integer of more digits than a number has, or than are written out
+        found, shown = math.inf, "too large"
+    if not math.isfinite(found):
+        raise UsageError(f"{what} is {shown}; give a plain number" + (f" in {unit}, without the unit" if unit else ""))
+    return found
 
 
 def whole(value: object, what: str) -> int:
