@@ -45,7 +45,7 @@ def places(values: Place | Iterable[Place], what: str = "run folder") -> list[Pa
 def number(value: object, what: str, unit: str) -> float:
     """A finite number.   Raises UsageError: units stand in names here, never in values."""
     try:
-        found = float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
+        found = math.nan if isinstance(value, bool) or not isinstance(value, Real) else float(value)
         shown = repr(value)[:LONGEST_PART]
     except (OverflowError, ValueError):  # an integer of more digits than a number has, or than are written out
         found, shown = math.inf, "too large"
