@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import hashlib
+import json
 import os
 import re
 from collections.abc import Iterable, Mapping
@@ -20,6 +22,12 @@ from beltcomm.errors import BeltcommError, UsageError
 _PACKAGE = Path(__file__).resolve().parent
 #: Where shipped files are looked for, first hit wins: the wheel's place, then the checkout's.
 CONFIG_FOLDERS = (_PACKAGE / "configs", _PACKAGE.parent / "configs")
+#: Characters of a whole number: 64 bits, with sign or 0x.
+LONGEST_INT = 20
+#: Values of one file: a covariance of a large model has some thousands.
+MOST_VALUES = 1_000_000
+#: Key of the checksum in files that the tool writes for itself.
+CHECKSUM = "checksum"
 _WORD_FOR = {"axes": "axis", "plants": "plant", "drives": "drive profile", "studies": "study"}
 
 
@@ -31,7 +39,7 @@ def find_config(kind: str, name: str) -> Path:
     Raises UsageError when there is no such file, with the names that exist.
     """
     word = _WORD_FOR.get(kind, kind)
-    if "/" in name or os.sep in name or name.endswith((".yaml", ".yml")):
+    if named_file(name):
         path = Path(name).expanduser()
         if path.is_file():
             return path
@@ -46,6 +54,11 @@ def find_config(kind: str, name: str) -> Path:
     raise UsageError(
         f"no {word} is called {name!r}{did_you_mean(name, known)}; known are {', '.join(known) or 'none'}, or give the path of a .yaml file"
     )
+
+
+def named_file(name: str) -> bool:
+    """Whether a name means a file of the user's and no shipped one."""
+    return "/" in name or os.sep in name or name.endswith((".yaml", ".yml"))
 
 
 def config_names(kind: str) -> list[str]:
@@ -87,7 +100,16 @@ def _float(loader: Any, node: yaml.ScalarNode) -> float:
 
 def _int(loader: Any, node: yaml.ScalarNode) -> int:
     text = str(node.value)
-    return int(text, 16) if "x" in text.lower() else int(text)
+    if len(text) <= LONGEST_INT:
+        return int(text, 16) if "x" in text.lower() else int(text)
+    raise yaml.constructor.ConstructorError(None, None, f"a whole number with {len(text)} digits", node.start_mark)
+
+
+def _bool(loader: Any, node: yaml.ScalarNode) -> bool:
+    found = yaml.SafeLoader.bool_values.get(str(node.value).lower())
+    if found is None:
+        raise yaml.constructor.ConstructorError(None, None, f"{str(node.value)[:20]!r} is neither true nor false", node.start_mark)
+    return found
 
 
 _Loader.yaml_implicit_resolvers = {
@@ -98,15 +120,33 @@ _INT = re.compile(r"[-+]?[0-9]+$|0[xX][0-9a-fA-F]+$")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$|[-+]?\.(inf|Inf|INF)$|\.(nan|NaN|NAN)$")
 _Loader.add_implicit_resolver("tag:yaml.org,2002:int", _INT, list("-+0123456789"))
 _Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))
-_Loader.add_constructor("tag:yaml.org,2002:map", _mapping_without_repeats)
-_Loader.add_constructor("tag:yaml.org,2002:float", _float)
-_Loader.add_constructor("tag:yaml.org,2002:int", _int)
+#: The types of JSON and no other: a tag that asks for a set, bytes or a date has no meaning in a settings file.
+_Loader.yaml_constructors = {
+    tag and f"tag:yaml.org,2002:{tag}": found
+    for tag, found in {
+        "map": _mapping_without_repeats,
+        "float": _float,
+        "int": _int,
+        "bool": _bool,
+        "null": yaml.SafeLoader.construct_yaml_null,
+        "str": yaml.SafeLoader.construct_yaml_str,
+        "seq": yaml.SafeLoader.construct_yaml_seq,
+        None: yaml.SafeLoader.construct_undefined,
+    }.items()
+}
 
 
 class _Dumper(yaml.SafeDumper):
-    """Quotes every text that :class:`_Loader` would take for a number."""
+    """Quotes every text that :class:`_Loader` would take for a number, and writes line ends of other alphabets as escapes."""
 
 
+def _text(dumper: Any, text: str) -> Any:
+    """A text that YAML would fold at a line end is quoted so that it comes back as it was."""
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style='"' if _LINE_END.search(text) else None)
+
+
+_LINE_END = re.compile("[\r\x85\u2028\u2029]")
+_Dumper.add_representer(str, _text)
 _Dumper.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))
 
 
@@ -117,17 +157,42 @@ def read_yaml(path: Path, failure: type[BeltcommError] = UsageError) -> dict[str
     """
     try:
         data = yaml.load(path.read_text(encoding="utf-8-sig"), Loader=_Loader)
+        _size(data, {})
     except OSError as error:
         raise failure(f"{path} cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise failure(f"{path} is not UTF-8 text (byte {error.start}); save it as UTF-8") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+    except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError) as error:  # what a tag makes of another type
         raise failure(f"{path} is not valid YAML: {_first_words(error)}") from error
     if data is None:
         return {}
     if not isinstance(data, dict):
         raise failure(f"{path} holds a {type(data).__name__}; it must hold a mapping of names to values")
     return {str(key): value for key, value in data.items()}
+
+
+def _size(value: Any, known: dict[int, int]) -> int:
+    """How many values there are when each alias is written out.   known : by id; 0 of what is not counted yet.   Raises ValueError."""
+    if not isinstance(value, (dict, list)):
+        return 1
+    if (found := known.get(id(value))) is not None:
+        if not found:
+            raise ValueError("an alias stands inside what it stands for")
+        return found
+    known[id(value)] = 0
+    size = 1 + sum(_size(item, known) for item in (value.values() if isinstance(value, dict) else value))
+    if size > MOST_VALUES:
+        raise ValueError(f"its aliases written out make more than {MOST_VALUES} values")
+    known[id(value)] = size
+    return size
+
+
+def from_json(text: str | bytes) -> Any:
+    """What a JSON text holds.   Raises ValueError, also for one that is nested deeper than this program can follow."""
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("the JSON text is nested too deeply") from None
 
 
 def line_of(path: Path, keys: tuple[str, ...]) -> int:
@@ -155,6 +220,25 @@ def to_yaml(mapping: Mapping[str, Any]) -> str:
     Raises TypeError for a value that is none of these.
     """
     return yaml.dump(_plain(mapping), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
+
+
+def sealed(mapping: Mapping[str, Any]) -> dict[str, Any]:
+    """The mapping with a checksum, by which an edit made since shows.  It is no signature: whoever wants to can compute it anew."""
+    content = _plain(mapping)
+    return {**content, CHECKSUM: _checksum(content)}
+
+
+def unsealed(mapping: Mapping[str, Any]) -> tuple[dict[str, Any], bool]:
+    """The mapping without its checksum, and whether it is as :func:`sealed` left it; one without a checksum is not."""
+    content = {key: value for key, value in mapping.items() if key != CHECKSUM}
+    try:
+        return content, mapping.get(CHECKSUM) == _checksum(_plain(content))
+    except (TypeError, ValueError, RecursionError):  # nothing that to_yaml writes
+        return content, False
+
+
+def _checksum(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
 
 
 def write_text(path: Path, text: str) -> None:

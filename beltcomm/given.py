@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import shlex
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
@@ -13,6 +14,8 @@ from pathlib import Path
 from beltcomm.errors import Refused, UsageError
 from beltcomm.talk import Talk
 
+#: Bytes of a name in a file system.
+LONGEST_PART = 255
 #: A file or a folder as a program names it.
 Place = str | Path | PathLike[str]
 
@@ -20,7 +23,14 @@ Place = str | Path | PathLike[str]
 def place(value: Place, what: str = "run folder") -> Path:
     """The path that was given.   what : is meant by it.   Raises UsageError for what is no path."""
     if isinstance(value, (str, PathLike)) and str(value):
-        return Path(value)
+        path = Path(value)
+        if "\0" in str(path):
+            raise UsageError(f"the {what} is {str(path)[:LONGEST_PART]!r}, and no path holds a zero")
+        if long := next((part for part in path.parts if len(os.fsencode(part)) > LONGEST_PART), ""):
+            raise UsageError(
+                f"the {what} is a path with a name of {len(long)} letters ({long[:20]}...); no name has more than {LONGEST_PART}"
+            )
+        return path
     raise UsageError(f"the {what} is {value!r}, which is no path; give its path as text or as a pathlib.Path")
 
 
@@ -35,9 +45,14 @@ def places(values: Place | Iterable[Place], what: str = "run folder") -> list[Pa
 
 def number(value: object, what: str, unit: str) -> float:
     """A finite number.   Raises UsageError: units stand in names here, never in values."""
-    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
-        raise UsageError(f"{what} is {value!r}; give a plain number" + (f" in {unit}, without the unit" if unit else ""))
-    return float(value)
+    try:
+        found = math.nan if isinstance(value, bool) or not isinstance(value, Real) else float(value)
+        shown = repr(value)[:LONGEST_PART]
+    except (OverflowError, ValueError):  # an integer of more digits than a number has, or than are written out
+        found, shown = math.inf, "too large"
+    if not math.isfinite(found):
+        raise UsageError(f"{what} is {shown}; give a plain number" + (f" in {unit}, without the unit" if unit else ""))
+    return found
 
 
 def whole(value: object, what: str) -> int:

@@ -91,6 +91,8 @@ def parse_quantity(text: str, name: str) -> float:
     if match is None:
         raise UsageError(f"{name} is {text!r}; give a number{symbol}")
     value = float(match[1])
+    if not math.isfinite(value):
+        raise UsageError(f"{name} is {text[:20]!r}, more than a number can be; give a number{symbol}")
     spelled = re.sub(r"[\s·*]", "", match[2]).replace("²", "2").replace("³", "3").replace("µ", "u").replace("μ", "u").lower()
     if not spelled:
         return value

@@ -6,7 +6,7 @@
       axis.yaml                what is known beforehand
       run.yaml                 the drive's identity and the tool's version
       recordings/NAME.csv      signals        recordings/NAME.yaml   what was done
-      models/NAME.yaml  designs/NAME.yaml  results/NAME.yaml         the tool's own
+      models/NAME.yaml  designs/NAME.yaml  results/NAME.yaml         the tool's own; designs and results with a checksum
       originals/               foreign files as they were, for recordings made by `beltcomm import`
       journal.txt              what the session did, one line each
       bus/NAME.log.gz          frames of the CAN bus (candump -L)
@@ -26,7 +26,7 @@ from typing import IO, Any
 
 from beltcomm import __version__
 from beltcomm.axis import Axis, load_axis, save_axis
-from beltcomm.configfiles import did_you_mean, read_yaml, to_yaml, write_text
+from beltcomm.configfiles import did_you_mean, read_yaml, sealed, to_yaml, unsealed, write_text
 from beltcomm.errors import DataError, NoMotion, UsageError
 from beltcomm.given import pasted
 from beltcomm.recording import Recording, RecordingWriter, Sidecar, common_side, load_recording, save_recording
@@ -34,6 +34,8 @@ from beltcomm.recording.columns import MOTOR_COLUMNS
 from beltcomm.recording.sidecar import load_sidecar
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+#: Letters of a name: file systems take 255 bytes, and ends such as .csv.part stand behind it.
+LONGEST_NAME = 100
 #: How an unfinished record is called after a second attempt was begun.
 _MOVED_ASIDE = re.compile(r"\.unfinished\d+$")
 #: What the journal of a run says that was left before anything moved.
@@ -110,6 +112,11 @@ class RunFolder:
                 f"`beltcomm init {pasted(self.path / 'axis.yaml')}`"
             )
         return self._axis
+
+    @property
+    def has_axis(self) -> bool:
+        """Whether it has an ``axis.yaml``."""
+        return self._axis is not None
 
     @property
     def recordings_folder(self) -> Path:
@@ -269,10 +276,17 @@ class RunFolder:
 
     def load(self, kind: str, name: str) -> dict[str, Any]:
         """The mapping in ``KIND/NAME.yaml``.   Raises DataError when it is missing, unreadable or empty."""
+        return self._unsealed(kind, name)[0]
+
+    def edited(self, kind: str, name: str) -> bool:
+        """Whether ``KIND/NAME.yaml`` is another one than this tool wrote.   Raises as :meth:`load`."""
+        return not self._unsealed(kind, name)[1]
+
+    def _unsealed(self, kind: str, name: str) -> tuple[dict[str, Any], bool]:
         path = self.file(kind, name)
         if not path.stat().st_size:  # nothing here is ever written empty: a full disk or a copy broken off
             raise DataError(f"{path} is empty; bring it back, or delete it and make it again")
-        return read_yaml(path, DataError)
+        return unsealed(read_yaml(path, DataError))
 
     def load_result(self, name: str) -> dict[str, Any] | None:
         """The mapping in ``results/NAME.yaml``, None when there is none.   Raises DataError when it is unreadable."""
@@ -303,10 +317,18 @@ class RunFolder:
         except OSError as error:
             raise UsageError(f"{path} cannot be written: {error.strerror or error}; make room or choose another --run folder") from error
 
+    def journal_lines(self) -> list[str]:
+        """What the journal says; nothing where there is none.   Raises DataError when it cannot be read."""
+        path = self.path / "journal.txt"
+        try:
+            return path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []
+        except OSError as error:
+            raise DataError(f"{path} cannot be read: {error.strerror or error}") from error
+
     def _save(self, kind: str, name: str, mapping: Mapping[str, Any]) -> Path:
         _make_folder(self.path / kind)
         path = self.path / kind / f"{checked_name(name)}.yaml"
-        write_text(path, to_yaml(mapping))
+        write_text(path, to_yaml(mapping if kind == "models" else sealed(mapping)))  # a model is a file that people write, too
         return path
 
     def _about(self) -> dict[str, Any]:
@@ -323,7 +345,7 @@ def _untouched(path: Path) -> bool:
     results = [path / "results" / f"{name}.yaml" for name in ("backup", "drive", "rehearsal")]
     own = {path / "axis.yaml", path / "run.yaml", path / "journal.txt", path / "bundle.zip", *results}
     found = {item for item in path.rglob("*") if not item.is_dir() and item.parent.name != "bus"} if path.is_dir() else {path}
-    journal = (path / "journal.txt").read_text(encoding="utf-8").splitlines() if path / "journal.txt" in found else []
+    journal = RunFolder(path, None).journal_lines() if path / "journal.txt" in found else []
     if not found <= own or path / "run.yaml" not in found or not all(line.startswith(_HARMLESS) for line in journal):
         return False
     for item in found:
@@ -340,8 +362,9 @@ def _make_folder(path: Path) -> None:
 
 def checked_name(name: str) -> str:
     """The name, when it can be a file name everywhere.   Raises UsageError."""
-    if not _NAME.fullmatch(name):
-        raise UsageError(f"{name!r} cannot be a name; use letters, digits, '_', '-' and '.', a letter or digit first")
+    if not _NAME.fullmatch(name) or len(name) > LONGEST_NAME:
+        shown = name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}..."
+        raise UsageError(f"{shown!r} cannot be a name; use up to {LONGEST_NAME} letters, digits, '_', '-' and '.', a letter or digit first")
     return name
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from beltcomm.axis import Axis, AxisLimits, Belt, Coupling, Gearbox, Motor, Pulley, Travel, load_axis, save_axis
+from beltcomm.axis import SECTIONS, Axis, AxisLimits, Belt, Coupling, Gearbox, Motor, Pulley, Travel, load_axis, save_axis
+from beltcomm.axis.entries import TrajectoryLimits, entries_of
 from beltcomm.configfiles import config_names
 from beltcomm.errors import UsageError
 
@@ -178,3 +179,38 @@ def test_a_rotor_that_no_motor_of_that_torque_has_is_a_wrong_unit(inertia: float
     with pytest.raises(UsageError, match=r"motor\.inertia_kg_m2 is .* a motor of 1\.43 N m .* look at its unit"):
         replace(RIG, motor=replace(RIG.motor, inertia_kg_m2=inertia))
     assert replace(RIG, motor=replace(RIG.motor, inertia_kg_m2=2e-3)).motor.inertia_kg_m2 == 2e-3  # with a flywheel
+
+
+def quantities() -> list[tuple[str, str]]:
+    """All numbers of axis.yaml: section and key; of a reference motion, too."""
+    sections = {**SECTIONS, "trajectories": TrajectoryLimits}
+    return [(section, key) for section, kind in sections.items() for key in entries_of(kind)]
+
+
+ODD = ["1e308", "-1e308", ".inf", ".nan", "9" * 400, "-" + "9" * 400, "9" * 5000, "true", "[1]", "{a: 1}", "!!binary aGk=", "text"]
+
+
+def of(section: str, key: str, value: str) -> str:
+    """An axis file with this entry, and what must stand beside it."""
+    if section != "trajectories":
+        return f"{section}: {{{key}: {value}}}\n"
+    limits = {"jerk_m_s3": "40", "acceleration_m_s2": "4", "speed_m_s": "1", key: value}
+    return "trajectories: {T: {" + ", ".join(f"{name}: {one}" for name, one in limits.items()) + "}}\n"
+
+
+@pytest.mark.parametrize(("section", "key"), quantities())
+def test_every_quantity_has_bounds_of_its_kind(tmp_path: Path, section: str, key: str) -> None:
+    path = tmp_path / "axis.yaml"
+    for value in ODD:
+        path.write_text(of(section, key, value), encoding="utf-8")
+        with pytest.raises(UsageError) as refused:
+            load_axis(path)
+        assert str(path) in str(refused.value), value
+        assert len(str(refused.value)) < 1000, value
+    entry = entries_of({**SECTIONS, "trajectories": TrajectoryLimits}[section])[key]
+    path.write_text(of(section, key, "1e-308"), encoding="utf-8")
+    if entry.fault(0.0):  # what is divided by has a smallest value
+        with pytest.raises(UsageError):
+            load_axis(path)
+    else:
+        assert load_axis(path)

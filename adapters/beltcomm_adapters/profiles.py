@@ -10,15 +10,33 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Final, Literal
 
-from beltcomm.configfiles import config_names, find_config, read_yaml
-from beltcomm.drive.objects import TYPES, ParameterObject
-from beltcomm.drive.parameters import GAIN_NAMES
+from beltcomm.configfiles import config_names, find_config, named_file, read_yaml
+from beltcomm.drive.objects import ParameterObject, name_of
+from beltcomm.drive.parameters import GAIN_NAMES, PREFILTER_KINDS
 from beltcomm.errors import UsageError
-from beltcomm_adapters.locks import Lock
+from beltcomm_adapters.locks import ALWAYS, Lock
 
 CONFIDENCES: Final = ("read", "inferred", "unconfirmed", "simulated")
 #: Keys of a file that state no fact about the drive; every other one has its source.
 UNSOURCED: Final = frozenset({"name", "title", "known_gains", "never_write"})
+
+
+#: Modes of CiA 402 by kind of motion: those whose setpoints are sent.
+MODES: Final[Mapping[str, tuple[int, ...]]] = {"torque": (4, 10), "position": (7, 8), "velocity": (3, 9), "profile": (1,)}
+#: Where drives keep settings of their controllers: the maker's own objects, and those of CiA 402 (60F6h, current control, is locked).
+CONTROLLERS: Final = (range(0x2000, 0x6000), range(0x60F6, 0x60FC))
+CHOICES: Final = {
+    "units": ("cia402", "factor_group"),
+    "guarding": ("heartbeat", "node_guarding"),
+    "torque_sampling": ("over", "after"),
+    "sync_change": ("at_once", "after_reset"),
+    "gain_meaning": ("documented", "unconfirmed", "none"),
+}
+#: What a structure has or has not, beside its prefilters.
+PARTS: Final = ("velocity_feedforward", "torque_feedforward", "reference_filter", "roll_off")
+RATED_PERMILLE: Final = 1000
+#: ms of a SYNC's period.
+SYNC_MS: Final = (0.05, 100.0)
 
 
 @dataclass(frozen=True)
@@ -108,9 +126,12 @@ def load_profile(name: str) -> Profile:
     path = find_config("drives", name)
     raw = read_yaml(path)
     try:
-        return _profile(raw)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        found = _profile(raw)
+        _check_words(found)
+        _check_writes(found, shipped=not named_file(name))
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise UsageError(f"the drive profile {path.name} cannot be used: {type(error).__name__}: {error}") from error
+    return found
 
 
 def choose_profile(identity: Mapping[str, str], wanted: str | None) -> Profile:
@@ -144,8 +165,6 @@ def _profile(raw: dict[str, Any]) -> Profile:
     parameters = {name: ParameterObject(**entry) for name, entry in raw.pop("parameters").items()}
     if unknown := set(parameters) - set(GAIN_NAMES):
         raise ValueError(f"unknown parameters {sorted(unknown)}")
-    if wrong := [name for name, entry in parameters.items() if entry.type not in TYPES or entry.range[0] > entry.range[1]]:
-        raise ValueError(f"no data type, or a range that is none, for {wrong}")
     sources = raw.pop("sources")
     locks, gains = raw.pop("never_write", []), raw.pop("known_gains", [])
     told = [*sources.items(), *((str(entry), entry) for entry in (*locks, *gains))]
@@ -177,6 +196,53 @@ def _profile(raw: dict[str, Any]) -> Profile:
         dead_zone=_place(raw.pop("dead_zone", None)),
         **raw,
     )
+
+
+def _check_words(profile: Profile) -> None:
+    """Raise ValueError for a word or a number that no profile has: nothing of it is to be found out on a connected drive."""
+    for key, known in CHOICES.items():
+        if getattr(profile, key) not in known:
+            raise ValueError(f"{key} is {getattr(profile, key)!r}; choose one of {', '.join(known)}")
+    own = profile.structure
+    if unknown := sorted(set(own) - {"prefilters", *PARTS}):
+        raise ValueError(f"structure has no {', '.join(unknown)}")
+    if not set(own["prefilters"]) <= set(PREFILTER_KINDS) or not all(isinstance(own.get(part, False), bool) for part in PARTS):
+        raise ValueError(f"structure is {dict(own)}; prefilters are some of {', '.join(PREFILTER_KINDS)}, the rest true or false")
+    logic, zero = profile.enable_logic, profile.referenced
+    places = [profile.loop_period, profile.overload_time, profile.output_limit, profile.dead_zone, logic and logic[:2], zero and zero[:2]]
+    places += [(entry["index"], entry.get("subindex", 0)) for entry in profile.signals.values()]
+    numbers = [zero[2] if zero else 0, profile.torque_slope_permille_s or 0, *profile.supported_modes, *profile.emergency]
+    numbers += [n for entry in profile.signals.values() for n in (entry.get("bit", 0), *entry.get("bits", {}).values())]
+    whole = all(isinstance(n, int) and 0 <= n <= 0xFFFFFFFF for n in numbers)
+    if not whole or not all(0 <= index <= 0xFFFF and 0 <= sub <= 0xFF for index, sub in filter(None, places)):
+        raise ValueError("an index, a subindex, a bit, a mode or a code that cannot be")
+    if not 0 <= profile.torque_limit_lowest_permille <= RATED_PERMILLE:
+        raise ValueError(f"torque_limit_lowest_permille is {profile.torque_limit_lowest_permille}; rated torque, {RATED_PERMILLE}, at most")
+
+
+def _check_writes(profile: Profile, *, shipped: bool) -> None:
+    """What a profile makes beltcomm write: settings of controllers and modes that fit, whoever wrote it.   Raises ValueError.
+
+    shipped : it came with this package; any other one may hand control to the bus by an object only that a shipped one does it by.
+    """
+    for kind, mode in profile.modes.items():
+        if mode not in MODES.get(kind, ()):
+            raise ValueError(f"mode {mode!r} for motions of kind {kind!r}; known are {', '.join(f'{k} {v}' for k, v in MODES.items())}")
+    places = [(entry.index, entry.subindex) for entry in profile.parameters.values()]
+    for name, entry in profile.parameters.items():
+        place = entry.index, entry.subindex
+        if not any(entry.index in known for known in CONTROLLERS):
+            raise ValueError(f"{name} in {name_of(*place)}, where no drive has a setting of its controllers")
+        if lock := next((lock for lock in (*ALWAYS, *profile.never_write) if lock.holds(*place)), None):
+            raise ValueError(f"{name} in {name_of(*place)}, which holds {lock.what}")
+        if places.count(place) > 1:
+            raise ValueError(f"{name} in {name_of(*place)} as another parameter")
+    logic = profile.enable_logic
+    if logic is not None and not shipped and logic not in {load_profile(name).enable_logic for name in config_names("drives")}:
+        raise ValueError(f"enable_logic writes {name_of(*logic[:2])} before anybody is asked; a shipped profile may do so")
+    least_ms, most_ms = SYNC_MS
+    if not (least_ms <= profile.shortest_sync_ms <= most_ms and least_ms <= profile.sync_step_ms <= most_ms):
+        raise ValueError(f"sync of {profile.shortest_sync_ms} ms in steps of {profile.sync_step_ms} ms; {least_ms:g} to {most_ms:g} can be")
 
 
 def _lock(entry: Mapping[str, Any]) -> Lock:

@@ -59,6 +59,10 @@ __all__ = [
 SLOWEST_ROTOR_RAD_S2, FASTEST_ROTOR_RAD_S2 = 1e2, 1e6
 
 
+#: Characters of a wrong value that are shown.
+LONGEST_SHOWN = 60
+
+
 class TorqueLimit(NamedTuple):
     """torque_nm : N m, motor shaft.   binds : in words, what sets it."""
 
@@ -280,22 +284,25 @@ def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:
         place = f"{path}, line {line}: " if line else f"{path}: " if path else ""
         return UsageError(f"{place}{text}")
 
+    def shown(value: Any) -> str:
+        return text if len(text := repr(value)) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]} ..."
+
     def section(kind: type[Any], value: Any, *keys: str) -> Any:
         if value is None:
             value = {}
         if not isinstance(value, Mapping):
-            raise fault(f"{'.'.join(keys)} is {value!r}; it must hold names and values", *keys)
+            raise fault(f"{'.'.join(keys)} is {shown(value)}; it must hold names and values", *keys)
         known = entries_of(kind)
         names = [item.name for item in fields(kind)]
         read = {}
         for key, item in value.items():
             if key not in names:
-                raise fault(f"unknown key {key!r} in {'.'.join(keys)}{did_you_mean(key, names)}", *keys, key)
+                raise fault(f"unknown key {shown(key)} in {'.'.join(keys)}{did_you_mean(key, names)}", *keys, key)
             if item is None:
                 continue
             if key in known and (isinstance(item, bool) or not isinstance(item, (int, float))):
                 unit = unit_of(key)
-                raise fault(f"{'.'.join(keys)}.{key} is {item!r}; give a number{unit and f' in {unit}'}", *keys, key)
+                raise fault(f"{'.'.join(keys)}.{key} is {shown(item)}; give a number{unit and f' in {unit}'}", *keys, key)
             number = known.get(key)
             read[key] = str(item) if number is None else int(item) if number.whole and float(item).is_integer() else float(item)
         missing = [item.name for item in fields(kind) if item.default is MISSING and item.name not in read]
@@ -307,7 +314,7 @@ def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:
     names = ["name", "trajectories", *SECTIONS]
     for key, value in data.items():
         if key not in names:
-            raise fault(f"unknown key {key!r}{did_you_mean(key, names)}; known are {', '.join(names)}", key)
+            raise fault(f"unknown key {shown(key)}{did_you_mean(key, names)}; known are {', '.join(names)}", key)
         if key == "name":
             read[key] = "" if value is None else str(value)
         elif key in SECTIONS:
@@ -315,7 +322,7 @@ def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:
         elif isinstance(value, Mapping):
             read[key] = {str(name): section(TrajectoryLimits, item, key, str(name)) for name, item in value.items()}
         elif value is not None:
-            raise fault(f"trajectories is {value!r}; it must hold names and their limits", key)
+            raise fault(f"trajectories is {shown(value)}; it must hold names and their limits", key)
     try:
         return Axis(**read)
     except ImpossibleEntry as error:

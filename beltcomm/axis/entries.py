@@ -33,13 +33,13 @@ class Entry:
         if value <= self.above:
             return f"it must be above {self.above:g}"
         if value < self.at_least:
-            return f"it must be at least {self.at_least:g}"
+            return f"it must be at least {self.at_least:g}" + (", so look at the unit" if self.at_least > 0.0 else "")
         if value > self.at_most:
             return f"it must be at most {self.at_most:g}, so look at the unit"
         return ""
 
 
-# Upper bounds catch a data sheet's kg mm², mm or N/mm written as SI; no toothed-belt axis comes near them.
+# Bounds catch a data sheet's kg mm², mm or N/mm written as SI, and what nobody can mean; no toothed-belt axis comes near them.
 def _known(meaning: str, **bounds: Any) -> Any:
     return field(default=None, metadata={"entry": Entry(meaning, **bounds)})
 
@@ -49,24 +49,26 @@ class Motor:
     """The motor; all at its shaft."""
 
     name: str = ""
-    inertia_kg_m2: float | None = _known("inertia of the rotor, with encoder and brake", above=0.0, at_most=1.0)
-    torque_constant_nm_a: float | None = _known("torque per ampere (rms)", above=0.0, at_most=100.0)
-    rated_torque_nm: float | None = _known("torque the motor holds for ever", above=0.0, at_most=1e4)
-    peak_torque_nm: float | None = _known("largest torque of the motor", above=0.0, at_most=1e5)
-    encoder_counts_per_rev: int | None = _known("encoder counts per motor revolution", above=0.0, whole=True)
+    inertia_kg_m2: float | None = _known("inertia of the rotor, with encoder and brake", above=0.0, at_least=1e-9, at_most=1.0)
+    torque_constant_nm_a: float | None = _known("torque per ampere (rms)", above=0.0, at_least=1e-4, at_most=100.0)
+    rated_torque_nm: float | None = _known("torque the motor holds for ever", above=0.0, at_least=1e-3, at_most=1e4)
+    peak_torque_nm: float | None = _known("largest torque of the motor", above=0.0, at_least=1e-3, at_most=1e5)
+    encoder_counts_per_rev: int | None = _known("encoder counts per motor revolution", above=0.0, at_most=2.0**32, whole=True)
     brake_torque_nm: float | None = _known(
-        "torque of the holding brake that the drive opens and closes; none without", above=0.0, at_most=1e4
+        "torque of the holding brake that the drive opens and closes; none without", above=0.0, at_least=1e-3, at_most=1e4
     )
     brake_time_s: float | None = _known("time in which the holding brake opens or closes", at_least=0.0, at_most=1.0)
-    max_speed_rad_s: float | None = _known("largest speed of the motor", above=0.0, at_most=1e4)
-    overload_time_s: float | None = _known("time for which the motor bears its peak torque from cold (I²t)", above=0.0, at_most=60.0)
+    max_speed_rad_s: float | None = _known("largest speed of the motor", above=0.0, at_least=0.1, at_most=1e4)
+    overload_time_s: float | None = _known(
+        "time for which the motor bears its peak torque from cold (I²t)", above=0.0, at_least=1e-3, at_most=60.0
+    )
 
 
 @dataclass(frozen=True)
 class Gearbox:
     """The gearbox: ratio i_g = motor speed over pulley speed (2.6); its inertia at the output, as Θ_g in (2.8)."""
 
-    ratio: float = field(default=1.0, metadata={"entry": Entry("motor speed over pulley speed i_g", above=0.0, at_most=1e3)})
+    ratio: float = field(default=1.0, metadata={"entry": Entry("motor speed over pulley speed i_g", above=0.0, at_least=1e-2, at_most=1e3)})
     inertia_kg_m2: float = field(
         default=0.0, metadata={"entry": Entry("inertia of the gearbox at its output shaft", at_least=0.0, at_most=1.0)}
     )
@@ -77,26 +79,28 @@ class Coupling:
     """The coupling on the motor shaft; without a stiffness it is rigid."""
 
     inertia_kg_m2: float = field(default=0.0, metadata={"entry": Entry("inertia of the coupling", at_least=0.0, at_most=1.0)})
-    stiffness_nm_rad: float | None = _known("torsional stiffness of the coupling", above=0.0)
+    stiffness_nm_rad: float | None = _known("torsional stiffness of the coupling", above=0.0, at_least=1e-2, at_most=1e8)
 
 
 @dataclass(frozen=True)
 class Pulley:
     """The driving pulley (and, of the same make, the end pulley)."""
 
-    effective_radius_m: float | None = _known("effective radius r: belt travel per radian of the pulley", above=0.0, at_most=1.0)
+    effective_radius_m: float | None = _known(
+        "effective radius r: belt travel per radian of the pulley", above=0.0, at_least=1e-3, at_most=1.0
+    )
     inertia_kg_m2: float | None = _known("inertia of one pulley", at_least=0.0, at_most=1.0)
-    teeth: int | None = _known("teeth of the pulley", above=0.0, whole=True)
+    teeth: int | None = _known("teeth of the pulley", above=0.0, at_most=1e3, whole=True)
 
 
 @dataclass(frozen=True)
 class Belt:
     """The toothed belt."""
 
-    specific_stiffness_n: float | None = _known("specific stiffness EA: force per unit strain", above=0.0)
-    pitch_m: float | None = _known("distance of the belt's teeth", above=0.0, at_most=0.1)
-    pulley_distance_m: float | None = _known("distance of the pulleys' centres l3", above=0.0, at_most=200.0)
-    preload_n: float | None = _known("pretension of the belt", at_least=0.0)
+    specific_stiffness_n: float | None = _known("specific stiffness EA: force per unit strain", above=0.0, at_least=1e2, at_most=1e9)
+    pitch_m: float | None = _known("distance of the belt's teeth", above=0.0, at_least=1e-4, at_most=0.1)
+    pulley_distance_m: float | None = _known("distance of the pulleys' centres l3", above=0.0, at_least=1e-2, at_most=200.0)
+    preload_n: float | None = _known("pretension of the belt", at_least=0.0, at_most=1e6)
 
 
 @dataclass(frozen=True)
@@ -115,19 +119,19 @@ class Travel:
 class AxisLimits:
     """What the mechanics allow, at the carriage and the pulley; the motor's own limits stand under motor."""
 
-    speed_m_s: float | None = _known("largest speed of the carriage", above=0.0, at_most=100.0)
-    acceleration_m_s2: float | None = _known("largest acceleration of the carriage", above=0.0, at_most=1e4)
-    feed_force_n: float | None = _known("largest force the belt may carry", above=0.0)
-    pulley_torque_nm: float | None = _known("largest torque at the driving pulley", above=0.0)
+    speed_m_s: float | None = _known("largest speed of the carriage", above=0.0, at_least=1e-3, at_most=100.0)
+    acceleration_m_s2: float | None = _known("largest acceleration of the carriage", above=0.0, at_least=1e-3, at_most=1e4)
+    feed_force_n: float | None = _known("largest force the belt may carry", above=0.0, at_least=0.1, at_most=1e6)
+    pulley_torque_nm: float | None = _known("largest torque at the driving pulley", above=0.0, at_least=1e-3, at_most=1e5)
 
 
 @dataclass(frozen=True)
 class TrajectoryLimits:
     """Limits of a reference motion, at the carriage (table A.8)."""
 
-    jerk_m_s3: float = field(metadata={"entry": Entry("largest jerk", above=0.0)})
-    acceleration_m_s2: float = field(metadata={"entry": Entry("largest acceleration", above=0.0, at_most=1e4)})
-    speed_m_s: float = field(metadata={"entry": Entry("largest speed", above=0.0, at_most=100.0)})
+    jerk_m_s3: float = field(metadata={"entry": Entry("largest jerk", above=0.0, at_least=1e-3, at_most=1e7)})
+    acceleration_m_s2: float = field(metadata={"entry": Entry("largest acceleration", above=0.0, at_least=1e-3, at_most=1e4)})
+    speed_m_s: float = field(metadata={"entry": Entry("largest speed", above=0.0, at_least=1e-4, at_most=100.0)})
 
 
 @dataclass(frozen=True)

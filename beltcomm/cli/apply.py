@@ -13,7 +13,7 @@ from beltcomm.cli.frame import Frame, api
 
 @click.command("apply")
 @shared.writing_options
-@click.option("--force", is_flag=True, help="Also gains whose model or verification is in doubt.")
+@shared.force_option
 @click.option("--verify", "shown", is_flag=True, help="Show by a small move that they do what was predicted, before --save; else put back.")
 @click.option(
     "--position", "position_m", type=shared.Quantity("position_m"), help="With --verify: where the carriage is, when the drive has no zero."

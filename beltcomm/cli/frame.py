@@ -22,7 +22,7 @@ from beltcomm import __version__
 from beltcomm.cli.aftermath import LEFT_AT_ONCE, aftermath, again_command, journal_of
 from beltcomm.cli.terminal import echo, failure
 from beltcomm.errors import BeltcommError, UsageError
-from beltcomm.given import pasted
+from beltcomm.given import pasted, place
 
 if TYPE_CHECKING:
     from beltcomm.axis import Axis
@@ -34,6 +34,10 @@ if TYPE_CHECKING:
 INTERRUPTED = 4
 #: What a file system that refuses says: not allowed, read-only, full.
 UNWRITABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT)
+#: What it says of a path that cannot be: too long, no folder, a folder, in a circle.
+NO_PATH = (errno.ENAMETOOLONG, errno.ENOTDIR, errno.EISDIR, errno.ELOOP)
+#: Letters of an axis's name in that of its run folder.
+LONGEST_WORD = 60
 #: Verbs that go on with ``--resume``, and all that record.
 RESUMABLE = ("commission", "identify")
 RECORDING = (*RESUMABLE, "friction", "verify", "simulate")
@@ -84,7 +88,8 @@ class Frame:
 
     @run.setter
     def run(self, folder: Path | None) -> None:
-        self._run, self._journal_before = folder, len(journal_of(folder))
+        self._run = None if folder is None else place(folder)  # a path that cannot be is said before anything is done there
+        self._journal_before = len(journal_of(folder))
 
     def _journal(self) -> list[str]:
         """What this command wrote into the run's journal: how an earlier one left the drive says nothing of today."""
@@ -125,9 +130,9 @@ class Frame:
         except OSError as error:
             if self.ended:
                 return self._interrupted()
-            if error.errno not in UNWRITABLE or not error.filename:
+            if error.errno not in UNWRITABLE + NO_PATH or not error.filename:
                 return self._unexpected(error)
-            remedy = "choose a folder that can be written, or make room"
+            remedy = "check the path" if error.errno in NO_PATH else "choose a folder that can be written, or make room"
             return self._failed(f"{error.filename} cannot be used: {error.strerror}; {remedy}", UsageError.exit_code)
         except Exception as error:  # what nobody thought of: a sentence and a log with the traceback, never a bare traceback
             if self.ended:  # with the terminal gone, whatever writes to it fails
@@ -292,7 +297,7 @@ def run_folder(run: Path | None, name: str) -> Path:
     if run is not None:
         return run
     plain = "".join(letter if letter.isalnum() else "-" for letter in name.lower()).strip("-") or "axis"
-    return Path("runs") / f"{plain}-{datetime.now():%Y%m%d-%H%M%S}"
+    return Path("runs") / f"{plain[:LONGEST_WORD]}-{datetime.now():%Y%m%d-%H%M%S}"
 
 
 def options_of(**values: Any) -> Any:

@@ -36,6 +36,7 @@ from beltcomm.errors import UsageError
 @click.option(
     "--plan", type=click.Path(path_type=Path), metavar="FILE", help="Go on with a run by the plan that `beltcomm diagnose --next` wrote."
 )
+@shared.force_option
 @shared.output_options
 @click.pass_obj
 def command(frame: Frame, /, drive: str, axis: str | None, run: Path | None, resume: bool, plan: Path | None, **given: Any) -> int:

@@ -189,6 +189,12 @@ def machine_options(function: Function, *, needed: bool = True) -> Function:
                 callback=held_key,
                 help="The axis moves only while the space bar is held, or while a script writes to the file descriptor FD.",
             ),
+            click.option(
+                "--longest",
+                "longest_s",
+                type=Quantity("longest_s"),
+                help="How long a plan may move the axis that --yes answers for; 15min when left out.",
+            ),
             click.option("--simulate-first", is_flag=True, help="Play the plan on a twin of the axis first; beyond a limit nothing moves."),
         )
     ):
@@ -213,6 +219,7 @@ def writing_options(function: Function, *, needed: bool = True) -> Function:
 
 
 yes_option = click.option("--yes", is_flag=True, help="Answer every question with yes.")
+force_option = click.option("--force", is_flag=True, help="Also what was edited by hand, and gains that are in doubt.")
 axis_option = click.option("--axis", metavar="FILE", shell_complete=completion.axes, help="axis.yaml, or the name of a shipped axis.")
 resume_option = click.option("--resume", is_flag=True, help="Go on with an existing run: only unfinished records are repeated.")
 new_run_option = click.option(

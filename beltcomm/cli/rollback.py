@@ -17,6 +17,7 @@ from beltcomm.cli.frame import Frame, api
 @click.option(
     "--backup", metavar="FILE|list", help="Another backup of the run, by name or path; list shows them all. The first when left out."
 )
+@shared.force_option
 @click.pass_context
 def command(ctx: click.Context, /, drive: str | None, run: Path, save: bool, backup: str | None, **given: Any) -> int:
     """Write back what the drive had when the run began, or what any other backup holds; nothing moves."""

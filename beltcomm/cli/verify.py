@@ -24,6 +24,7 @@ from beltcomm.errors import UsageError
     is_flag=True,
     help="Virtual drives only: no limit of the belt, nor of the way of a stop, holds the move back (T_B of the thesis).",
 )
+@shared.force_option
 @shared.output_options
 @click.pass_obj
 def command(

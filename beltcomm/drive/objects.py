@@ -25,6 +25,17 @@ TYPES: Final[Mapping[str, tuple[str, int]]] = {
     "real32": ("<f", 0x08),
 }
 _KIND_OF: Final = {number: kind for kind, (_, number) in TYPES.items()}
+#: Commands, not settings: what turns a stage on, chooses a mode, is a setpoint or an output, stores or loads a whole drive.  No file ever
+#: writes one (CiA 301: 1010h, 1011h, 1023h, 1024h; CiA 402: the rest).
+COMMANDS: Final = frozenset(
+    {0x1010, 0x1011, 0x1023, 0x1024, 0x6040, 0x6042, 0x6060, 0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60C1, 0x60FE, 0x60FF}
+)
+#: How the Metronix family takes interpolated positions: a setting beside a setpoint, of the same index.
+NO_COMMAND: Final = (0x60C1, 2)
+#: The mode of operation: a command, too, but one that a drive keeps, so that it is lent to a record and given back.
+MODE: Final = (0x6060, 0)
+#: Objects of communication, CiA 301.
+COMMUNICATION: Final = range(0x1000, 0x2000)
 #: The gain that an integral time rests on:  T_n = K_P / K_I.
 GAIN: Final = "kp_nm_s_rad"
 
@@ -32,6 +43,11 @@ GAIN: Final = "kp_nm_s_rad"
 def name_of(index: int, subindex: int = 0) -> str:
     """An object as the standards write it: 6041h, 2100h:3, 6510h:10h."""
     return f"{index:04X}h" if subindex == 0 else f"{index:04X}h:{subindex:X}" + "h" * (subindex > 9)
+
+
+def commands(index: int, subindex: int = 0) -> bool:
+    """Whether an object is a command and no setting."""
+    return index in COMMANDS and (index, subindex) != NO_COMMAND
 
 
 def kind_of(data_type: int) -> str | None:
@@ -72,6 +88,18 @@ class ParameterObject:
     highest: int | None = None
     law: Literal["linear", "integral_time"] = "linear"
 
+    def __post_init__(self) -> None:
+        """Raise ValueError for what no drive has."""
+        if self.type not in (*TYPES,) or self.law not in ("linear", "integral_time"):
+            raise ValueError(f"type {self.type!r} or law {self.law!r} is none")
+        whole = all(isinstance(n, int) for n in (self.index, self.subindex, *(n for n in (self.lowest, self.highest) if n is not None)))
+        if not whole or not (0 <= self.index <= 0xFFFF and 0 <= self.subindex <= 0xFF):
+            raise ValueError(f"there is no object {self.index!r}, {self.subindex!r} with a range of {self.lowest!r} to {self.highest!r}")
+        least, most = bounds_of(self.type)
+        low, high = self.range
+        if not (0.0 < self.scale < math.inf and least <= low <= high <= most):
+            raise ValueError(f"a scale of {self.scale!r} and a range of {low} to {high} are none of {self.type}")
+
     @property
     def range(self) -> tuple[int, int]:
         """Smallest and largest raw value of an integer object."""
@@ -89,6 +117,8 @@ class ParameterObject:
         if not math.isfinite(value):
             raise UsageError(f"{name} must be a number, not {value}")
         if self.type == "real32":
+            if abs(value) > bounds_of(self.type)[1]:
+                raise UsageError(f"{name} = {value:g} is beyond the real numbers that this drive takes; design with its limits")
             single: float = struct.unpack("<f", struct.pack("<f", value))[0]
             return single
         exact = math.inf  # the integral time of an integral part that is off
@@ -139,11 +169,13 @@ def object_from_dict(data: Mapping[str, Any]) -> ObjectValue:
         index, _, subindex = str(data["object"]).replace("h", "").partition(":")
         kind, raw = str(data["type"]), float(data["raw"])
         packed(kind, raw)
+        if not math.isfinite(raw):
+            raise ValueError(f"{raw} is no number")
         value = None if data.get("value") is None else float(data["value"])
         found = ObjectValue(int(index, 16), int(subindex or "0", 16), kind, raw, str(data.get("name") or ""), value)
         if not (0 <= found.index <= 0xFFFF and 0 <= found.subindex <= 0xFF):
             raise ValueError(f"there is no object {data['object']}")
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise DataError(f"an entry of the file's objects is damaged ({error}); take another backup") from error
     return found
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
 from beltcomm.axis import Axis
-from beltcomm.configfiles import write_text
+from beltcomm.configfiles import from_json, write_text
 from beltcomm.drive import Capabilities
 from beltcomm.errors import BeltcommError
 from beltcomm.excitation import choose_prbs, prbs
@@ -268,7 +268,7 @@ def kept(axis: Axis, capabilities: Capabilities, extent: Extent, make: Callable[
     """The last answer of this extent where everything is as it was, else a new one.   Raises what ``make`` raises."""
     path, key = user_cache_path("beltcomm") / f"foresight_{extent}.json", key_of(axis, capabilities, extent)
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = from_json(path.read_text(encoding="utf-8"))
         if found["key"] == key:
             return dict(found["visible"])
     except (OSError, ValueError, KeyError, TypeError):

@@ -23,7 +23,7 @@ from beltcomm.schedule.orders import Order
 from beltcomm.schedule.record_schedule import Extent
 from beltcomm.talk import Hold
 
-#: What may stand in an option with names, and the unit of one with a number.
+#: What may stand in an option with names; of one with a number its unit and the most that anybody can mean.
 CHOICES = {
     "apply": get_args(Apply),
     "excitation": get_args(ExcitationKind),
@@ -32,9 +32,18 @@ CHOICES = {
     "feedforward": get_args(SentFeedforward),
     "order": get_args(Order),
 }
-NUMBERS = {"position_m": "m", "payload_kg": "kg", "base_speed_m_s": "m/s", "mounted_kg": "kg", "sample_period_s": "s"}
+NUMBERS = {
+    "position_m": ("m", 100.0),
+    "payload_kg": ("kg", 1e5),
+    "base_speed_m_s": ("m/s", 100.0),
+    "mounted_kg": ("kg", 1e5),
+    "sample_period_s": ("s", 1.0),
+    "longest_s": ("s", 1e9),
+}
 COUNTS = ("seed", "repeat", "node", "bitrate")
 NAMES = ("profile", "first_motion")
+#: s: longest plan that ``yes`` answers for; a person beside the machine looks at it once in a quarter of an hour.
+LONGEST_S = 900.0
 
 
 @dataclass(frozen=True)
@@ -45,7 +54,8 @@ class Options:
     position_m : where the carriage stands.   window_m : how far it may move from there, (low, high).   home : find the zero first.
     payload_kg : heaviest further load.   apply : "keep", "restore" or "save" the new gains; None asks, with ``yes`` it restores.
     quick : one place only.   thorough : what every effect needs.   visible : of a quick session, too, say what it could show.
-    excitation : of the long frequency response; the rising ones before it stay binary.   force : gains in doubt too.
+    excitation : of the long frequency response; the rising ones before it stay binary.   force : gains in doubt, files edited.
+    longest_s : how long the axis may move without a question, with ``yes``.
     prefilter, feedforward : None is the best one; "compliant" is for ``verify``.   profile, node, bitrate, realtime : of the drive.
     order, repeat, mounted_kg : of friction sweeps (thesis 3.6), how often, and the payload that is mounted while they are driven.
     loop : way of identification.   base_speed_m_s : of the carriage in a closed one; None chooses it, 0 stands.   pictures : made of it.
@@ -76,6 +86,7 @@ class Options:
     report: bool = False
     search: bool = False
     force: bool = False
+    longest_s: float = LONGEST_S
     prefilter: PrefilterKind | None = None
     feedforward: SentFeedforward | None = None
     order: Order | None = None
@@ -104,7 +115,9 @@ class Options:
             elif one.name in CHOICES:
                 choice(value, one.name, CHOICES[one.name])
             elif one.name in NUMBERS:
-                number(value, one.name, NUMBERS[one.name])
+                unit, most = NUMBERS[one.name]
+                if not abs(number(value, one.name, unit)) <= most:
+                    raise UsageError(f"{one.name} is {value:g} {unit}; at most {most:g} {unit} is possible, so look at the unit")
             elif one.name in COUNTS:
                 whole(value, one.name)
             elif one.name in NAMES:

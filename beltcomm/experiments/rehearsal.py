@@ -229,12 +229,18 @@ def _copied(folder: RunFolder, run: Path) -> set[str]:
     return set(folder.finished_names())
 
 
+#: s: a twin moves nothing, however long.
+UNBOUNDED_S = 1e9
+
+
 def _options_for(options: Options, machine: Machine, twin: _Twin, place_m: float) -> Options:
     """The same job on the twin, with nobody to ask."""
     with_feedforward = machine.drive.capabilities.structure.torque_feedforward
     return replace(
         options,
         yes=True,
+        force=True,
+        longest_s=UNBOUNDED_S,
         seed=0,
         resume=False,
         apply="restore",

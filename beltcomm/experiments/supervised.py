@@ -6,6 +6,7 @@ Wraps any :class:`beltcomm.drive.Drive`; every command opens its drive through :
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from beltcomm.experiments.options import Options
 from beltcomm.machine import unrestored
 from beltcomm.machine.hardware import Hardware
 from beltcomm.machine.heat import HeatStore
+from beltcomm.machine.writable import Writable
 from beltcomm.talk import Talk
 
 #: Rows between two looks at a held key.
@@ -80,7 +82,8 @@ class Supervised:
         return self._drive.backup()
 
     def write(self, values: Mapping[str, float]) -> dict[str, float]:
-        """See :meth:`beltcomm.drive.Drive.write`; from now on a killed session leaves a note."""
+        """See :meth:`beltcomm.drive.Drive.write`; from now on a killed session leaves a note.   Raises ObjectLocked, too."""
+        self._writable.check_named(values, self.capabilities)
         self._put_note()
         self._failed = True
         stored = self._drive.write(values)
@@ -96,7 +99,8 @@ class Supervised:
         return self._drive.read_objects(places)
 
     def write_objects(self, values: Sequence[ObjectValue]) -> None:
-        """See :meth:`beltcomm.drive.Drive.write_objects`; as :meth:`write`."""
+        """See :meth:`beltcomm.drive.Drive.write_objects`; as :meth:`write`, and Refused for what is not on the closed list."""
+        self._writable.check(values)
         self._put_note()
         self._failed = True
         self._drive.write_objects(values)
@@ -186,6 +190,10 @@ class Supervised:
             self._heat.moved_until(self.clock.now())
 
     # -- inside -----------------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _writable(self) -> Writable:
+        return Writable.of(self._drive, found=self._initial)
 
     def _check_allowed(self) -> None:
         if not self._allowed:

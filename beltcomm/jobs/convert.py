@@ -9,7 +9,7 @@ from beltcomm.design.conversion import Cascades, Pid, to_cascades, to_pid
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.given import Place, pasted, place
 from beltcomm.result import Result, plain
-from beltcomm.rundata.store import cascade_from_dict
+from beltcomm.rundata.store import cascade_from_dict, saved_design
 from beltcomm.runfolder import RunFolder
 
 
@@ -36,7 +36,7 @@ def convert(run: Place | None = None, *, cascade: Cascade | None = None, pid: Pi
 
 def _designed(run: Path) -> tuple[Cascade, float]:
     """The cascade of a run's design and the period of the loops that it was designed for, s."""
-    saved = RunFolder.open(run).load("designs", "final")
+    saved = saved_design(RunFolder.open(run))
     try:
         return cascade_from_dict(saved), float(saved["structure"]["period_s"])
     except (KeyError, TypeError, ValueError) as error:

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from functools import wraps
 from typing import Any, ParamSpec
 
-from beltcomm.configfiles import write_text
+from beltcomm.configfiles import from_json, write_text
 from beltcomm.effects import effect_named
 from beltcomm.errors import BeltcommError, Declined, DriveError, SafetyStop
 from beltcomm.experiments.options import Options
@@ -153,7 +153,7 @@ def _key(folder: RunFolder) -> str:
 
 def _known(folder: RunFolder, key: str) -> dict[str, Any] | None:
     try:
-        found = json.loads(folder.path.joinpath(*FILE).read_text(encoding="utf-8"))
+        found = from_json(folder.path.joinpath(*FILE).read_text(encoding="utf-8"))
         return dict(found["told"]) if found["key"] == key else None
     except (OSError, ValueError, KeyError, TypeError):
         return None

@@ -21,7 +21,7 @@ from beltcomm.given import Place, may_write, pasted, place
 from beltcomm.result import Result
 from beltcomm.rundata import offline
 from beltcomm.rundata.proof import doubts
-from beltcomm.rundata.store import cascade_from_dict, parameters_from_dict, structure_from_dict
+from beltcomm.rundata.store import cascade_from_dict, parameters_from_dict, saved_design, structure_from_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Silence, Talk
 
@@ -49,7 +49,7 @@ def export(
     if format_ not in (*FORMATS, "dcf"):
         raise UsageError(f"there is no format {format_!r}; there are {', '.join(FORMATS)}, dcf")
     folder = RunFolder.open(run)
-    saved = folder.load("designs", "final")
+    saved = saved_design(folder)
     if format_ == "dcf":
         return _dcf(folder, saved, out, when, options, talk)
     cascade, structure = cascade_from_dict(saved), structure_from_dict(saved)

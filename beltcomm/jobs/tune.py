@@ -22,7 +22,7 @@ from beltcomm.jobs.design import Basis, basis_of, delivered
 from beltcomm.result import Result, plain
 from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.delays import assume_delay, delay
-from beltcomm.rundata.store import cascade_from_dict
+from beltcomm.rundata.store import cascade_from_dict, saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Silence, Talk
 from beltcomm.trajectory import Trajectory, held, load_move, plan_trajectory
@@ -47,7 +47,7 @@ class Tuning:
 
     def __init__(self, run: Path, *, payload_kg: float = 0.0, move: Path | None = None, seed: int = 0) -> None:
         self._basis = basis_of(run)
-        self._saved_design = self._basis.folder.load("designs", "final")
+        self._saved_design = saved_design(self._basis.folder)
         self._seed = seed
         self.bench = Bench(ground_of(self._basis, self._saved_design, move))
         self._start = self.bench.start(payload_kg, offline.middle_m(self._basis.folder.axis))
@@ -130,7 +130,7 @@ class Tuning:
         findings = replace(self._basis.findings, remarks=list(self._basis.findings.remarks))
         findings.design, findings.cascade = proven, ground.with_feedforward(found.cascade)
         replaced = 1 + sum(name.startswith("replaced_") for name in folder.names("designs"))
-        folder.save_design(f"replaced_{replaced}", folder.load("designs", "final"))
+        folder.save_design(f"replaced_{replaced}", saved_design(folder))
         result = delivered(
             replace(self._basis, findings=findings),
             self._saved_design.get("compensated") or (),

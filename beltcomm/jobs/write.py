@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from beltcomm.axis import Axis
 from beltcomm.drive import Drive
-from beltcomm.drive.objects import ObjectValue
+from beltcomm.drive.objects import COMMUNICATION, ObjectValue, commands
 from beltcomm.drive.parameters import cascade_to_parameters
 from beltcomm.errors import BeltcommError, Refused, UsageError
 from beltcomm.experiments import phases, referencing, verification
+from beltcomm.experiments.first_motion import admit_edited
 from beltcomm.experiments.options import Options, claim, settings_of
 from beltcomm.experiments.plan import Plan, verification_plan
 from beltcomm.experiments.proving import verify_move
@@ -22,11 +24,12 @@ from beltcomm.foreign.eds import ObjectFile, load_object_file
 from beltcomm.given import pasted
 from beltcomm.machine import gains, stops
 from beltcomm.machine.machine import Machine
+from beltcomm.machine.writable import Writable, titles
 from beltcomm.result import Result, plain
 from beltcomm.rundata import backups, offline
 from beltcomm.rundata.calibration import recall
 from beltcomm.rundata.proof import admit
-from beltcomm.rundata.store import cascade_from_dict
+from beltcomm.rundata.store import cascade_from_dict, saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import words
 from beltcomm.talk import Talk
@@ -37,9 +40,6 @@ from beltcomm.verify import Verdict
 SMALL_M, SMALL_M_S = 0.05, 0.2
 #: The move shows it when its error is within this factor of the predicted one, and this many m.
 AS_PREDICTED, SLACK_M = 1.5, 2e-4
-#: Objects that a file never sets: what moves an axis, saves or loads all of a drive, or makes its communication another one.
-COMMANDS = frozenset({0x1010, 0x1011, 0x6040, 0x6060, 0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60C1, 0x60FE, 0x60FF})
-COMMUNICATION = range(0x1000, 0x2000)
 
 
 def apply_to(
@@ -61,12 +61,12 @@ def apply_to(
     recall(drive, folder)
     remarks: list[str] = []
     if dcf is None:
-        found = gains.named_differences(drive, cascade_to_parameters(cascade_from_dict(folder.load("designs", "final"))))
+        found = gains.named_differences(drive, folder.axis, cascade_to_parameters(cascade_from_dict(saved_design(folder))))
     else:
         read = load_object_file(dcf)
         talk.say(*read.lines())
-        wanted, left = _of_file(read)
-        found = gains.differences(drive, wanted, left)
+        wanted, left = _of_file(read, drive)
+        found = gains.differences(drive, folder.axis, wanted, left)
     if options.dry_run:
         return _planned(folder, found)
     question = "Then the carriage makes a small move, asked for by itself." if shown else "Nothing moves."
@@ -82,9 +82,11 @@ def roll_back(drive: Drive, name: str, folder: RunFolder, which: str | None, opt
     claim(folder, drive.capabilities, options.wall_clock)
     backups.same_drive(backup, drive)
     recall(drive, folder)
-    found = gains.differences(drive, backups.wanted_of(backup, drive))
+    axis = folder.axis if folder.has_axis else Axis()
+    found = gains.differences(drive, axis, backups.wanted_of(backup, drive))
     if options.dry_run:
         return _planned(folder, found)
+    admit_edited(str(backup.path), backup.edited and bool(found.changes), options, talk)
     gains.write(drive, folder, found, talk, yes=options.yes, verb=f"rollback to {backup.name}")
     return _done(drive, name, folder, found, options, f"rolled back to {backup.name} of {backup.when} UTC", [], None)
 
@@ -95,7 +97,7 @@ def admitted(folder: RunFolder, options: Options, talk: Talk, dcf: Path | None, 
         if shown:
             raise UsageError("what a file holds has no prediction that a move could show; apply it without --verify")
         return
-    saved = folder.load("designs", "final")
+    saved = saved_design(folder)
     cascade_from_dict(saved)
     for line in words.remarks_lines(saved.get("remarks") or ()):
         talk.say(line)
@@ -114,17 +116,17 @@ def backup_list(folder: RunFolder) -> Result:
     )
 
 
-def _of_file(read: ObjectFile) -> tuple[list[ObjectValue], list[str]]:
-    """What of a file is written, and in words what is left alone."""
-    values = read.values
-    commands = [item.title for item in values if item.index in COMMANDS]
-    communication = [item.title for item in values if item.index in COMMUNICATION and item.index not in COMMANDS]
+def _of_file(read: ObjectFile, drive: Drive) -> tuple[list[ObjectValue], list[str]]:
+    """What of a file is written, and in words what is left alone: it may hold a whole drive, for another tool."""
+    kept = Writable.of(drive).kinds
+    orders = [item for item in read.values if commands(*item.place)]
+    wanted = [item for item in read.values if item.place in kept and item not in orders and item.index not in COMMUNICATION]
+    others = [item for item in read.values if item not in orders and item not in wanted]
     left = []
-    if commands:
-        left.append(f"left alone, for they are commands and no settings: {', '.join(commands)}")
-    if communication:
-        left.append(f"left alone, for beltcomm sets its communication by itself: {len(communication)} objects from {communication[0]} on")
-    return [item for item in values if item.index not in COMMANDS and item.index not in COMMUNICATION], left
+    for why, items in (("they are commands and no settings", orders), ("beltcomm does not back them up", others)):
+        if items:
+            left.append(f"left alone, for {why}: {titles(item.title for item in items)}")
+    return wanted, left
 
 
 def _planned(folder: RunFolder, found: gains.Differences) -> Result:
@@ -165,7 +167,7 @@ def _show(
     drive: Drive, folder: RunFolder, options: Options, talk: Talk, found: gains.Differences, agree: Callable[[Plan, Machine], None]
 ) -> Verdict:
     """A small move with what now stands in the drive; otherwise than predicted, and all is put back.   Raises what the move raises."""
-    saved = folder.load("designs", "final")
+    saved = saved_design(folder)
     model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
     cascade, delay_s = offline.cascade_of(saved, model, drive.capabilities.structure)
     try:

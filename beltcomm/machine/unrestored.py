@@ -15,7 +15,7 @@ from typing import IO, Any
 from beltcomm.configfiles import read_yaml, to_yaml
 from beltcomm.drive import Drive
 from beltcomm.drive.objects import ObjectValue, object_from_dict
-from beltcomm.errors import BeltcommError, UsageError
+from beltcomm.errors import BeltcommError, DataError, UsageError
 from beltcomm.given import pasted
 from beltcomm.machine import gains
 from beltcomm.machine.hardware import Hardware, state_folder
@@ -104,8 +104,11 @@ def settle(drive: Drive, note: Note, talk: Talk, *, yes: bool, dry_run: bool) ->
         return
     run = str(left.get("run") or "")
     which = f"the run {run}" if run else "an earlier command"
-    # raw values: what they mean may not be known, what stood there is
-    owed = gains.differences(drive, [object_from_dict(entry) for entry in left.get("objects") or ()])
+    try:
+        noted = [object_from_dict(entry) for entry in left.get("objects") or ()]
+    except (DataError, TypeError) as error:
+        raise DataError(f"{note.path} is damaged ({error}); set the drive back with `beltcomm rollback`, then delete that file") from error
+    owed = gains.differences(drive, None, noted)  # raw values: what they mean may not be known, what stood there is
     if not owed.changes:
         talk.say(f"{which[0].upper()}{which[1:]} ended without restoring this drive; its settings are those from before all the same.")
         if not dry_run:

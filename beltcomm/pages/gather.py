@@ -16,6 +16,7 @@ from beltcomm.pages.pictures import middle_of
 from beltcomm.recording import Recording
 from beltcomm.rundata.fitted_run import Opened, explainable, opened
 from beltcomm.rundata.revisions import Revision, current_model, revisions
+from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Talk
 
@@ -88,7 +89,7 @@ def gathered(run: Path, talk: Talk, against: Path | None = None, *, compared: bo
         comparison,
         revisions(folder),
         results_of(folder),
-        folder.load("designs", "final") if "final" in folder.names("designs") else {},
+        saved_design(folder) if "final" in folder.names("designs") else {},
         f"beltcomm report {pasted(folder.path.resolve().name)}"
         + (f" --against {pasted(against.resolve().name)}" if against is not None else ""),
         tuple(remarks),

@@ -95,8 +95,7 @@ def _driven(run: Gathered, recording: Recording) -> tuple[str, ...]:
 
 def journal_of(run: Gathered) -> list[str]:
     """Lines of the journal; none where no machine was moved."""
-    path = run.folder.path / "journal.txt"
-    return path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    return run.folder.journal_lines()
 
 
 def journal(run: Gathered) -> Section:

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from beltcomm.configfiles import did_you_mean, read_yaml
+from beltcomm.configfiles import did_you_mean, read_yaml, unsealed
 from beltcomm.drive import Drive
-from beltcomm.drive.objects import ObjectValue, object_from_dict, object_values
+from beltcomm.drive.objects import MODE, ObjectValue, object_from_dict, object_values
 from beltcomm.drive.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import BeltcommError, DataError, Refused, UsageError
 from beltcomm.result import table
@@ -30,6 +30,7 @@ class Backup:
     """One backup.   name : of its file.   when : date and time of the file, UTC.   before : what was to be written, in words.
 
     drive : identity of the drive.   parameters : name -> SI value.   objects : raw values; empty in backups of old runs.
+    edited : it is another one than beltcomm wrote.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Backup:
     drive: Mapping[str, str]
     parameters: Mapping[str, float]
     objects: tuple[ObjectValue, ...]
+    edited: bool = False
 
 
 def backup_of(drive: Drive, before: str) -> dict[str, Any]:
@@ -47,7 +49,7 @@ def backup_of(drive: Drive, before: str) -> dict[str, Any]:
         "drive": dict(drive.capabilities.identity),
         "before": before,
         "parameters": drive.backup(),
-        "objects": [item.to_dict() for item in drive.objects()],
+        "objects": [item.to_dict() for item in drive.objects() if item.place != MODE],
     }
 
 
@@ -67,7 +69,7 @@ def take(folder: RunFolder, drive: Drive, before: str) -> Path:
 def renew(folder: RunFolder, drive: Drive) -> None:
     """The SI values of the first backup, now that the meaning of raw ones is known; for a drive in which the same raw values stand."""
     saved = folder.load_result(FIRST)
-    if saved is not None and saved.get("objects") == [item.to_dict() | _si(saved, item) for item in drive.objects()]:
+    if saved is not None and saved.get("objects") == [item.to_dict() | _si(saved, item) for item in drive.objects() if item.place != MODE]:
         folder.save_result(FIRST, backup_of(drive, str(saved.get("before") or "the run")))
 
 
@@ -100,15 +102,15 @@ def chosen(folder: RunFolder, which: str | None) -> Backup:
 
 def read(path: Path) -> Backup:
     """A backup from its file.   Raises DataError when it is damaged."""
-    data = read_yaml(path, DataError)
+    data, whole = unsealed(read_yaml(path, DataError))
     try:
         parameters = {str(name): float(value) for name, value in data["parameters"].items()}
         drive = {str(key): str(value) for key, value in (data.get("drive") or {}).items()}
         objects = tuple(object_from_dict(entry) for entry in data.get("objects") or ())
-    except (KeyError, TypeError, ValueError, AttributeError, BeltcommError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, BeltcommError) as error:
         raise DataError(f"{path} is damaged ({error}); set the drive with its maker's tool") from error
     when = str(np.datetime64(int(path.stat().st_mtime), "s")).replace("T", " ")
-    return Backup(path.stem, path, when, str(data.get("before") or "the run"), drive, parameters, objects)
+    return Backup(path.stem, path, when, str(data.get("before") or "the run"), drive, parameters, objects, not whole)
 
 
 def same_drive(backup: Backup, drive: Drive) -> None:
@@ -126,10 +128,11 @@ def same_drive(backup: Backup, drive: Drive) -> None:
 def wanted_of(backup: Backup, drive: Drive) -> list[ObjectValue]:
     """What is to stand in the drive again.   Raises UsageError for a value that the drive cannot take.
 
+    The mode of operation, which older backups hold, does not go back: whoever uses the drive next chooses it.
     An old run's backup has no raw values, and none of the parameters that are younger than it: these are as a plain cascade has them.
     """
     if backup.objects:
-        return list(backup.objects)
+        return [item for item in backup.objects if item.place != MODE]
     offered = drive.capabilities.parameters
     known = dict(backup.parameters)
     if set(GAIN_NAMES[:4]) <= set(known):

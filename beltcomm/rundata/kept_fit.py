@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Collection, Sequence
 
-from beltcomm.configfiles import write_text
+from beltcomm.configfiles import from_json, write_text
 from beltcomm.errors import BeltcommError
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.records import Data
@@ -27,7 +27,7 @@ def fitted_to(folder: RunFolder, recordings: Sequence[Recording], model: Model |
     """
     path, key = folder.path.joinpath(*FILE), key_of(_hashes_of_fitted(folder, recordings), folder.axis, model)
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = from_json(path.read_text(encoding="utf-8"))
         if found["key"] == key:
             start = model_from_dict(found["start"]) if model is None else model
             return start, *restored(recordings, found["fit"])

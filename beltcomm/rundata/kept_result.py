@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from beltcomm.configfiles import write_text
+from beltcomm.configfiles import from_json, write_text
 from beltcomm.errors import BeltcommError
 from beltcomm.programs import source_hash
 from beltcomm.result import Result, Row, plain
@@ -26,11 +26,11 @@ def answered(folder: RunFolder, name: str, question: Sequence[object], make: Cal
     """
     path, key = folder.path / "kept" / f"{name}.json", _key(folder, name, question)
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = from_json(path.read_text(encoding="utf-8"))
         pictures = found["data"]["pictures"] if drawn else []
         if key and found["key"] == key and bool(pictures) is drawn and all((folder.path / picture).is_file() for picture in pictures):
             return Result(found["data"], [_line(kept) for kept in found["text"]], int(found["exit_code"]))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError):
         pass  # nothing there, or nothing that can be used: it is made again
     made = make()
     result = Result(plain(made.data), made.text, made.exit_code)

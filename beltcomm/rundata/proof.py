@@ -12,7 +12,9 @@ from beltcomm.drive.parameters import cascade_to_parameters
 from beltcomm.errors import Declined, Refused
 from beltcomm.fit.model_fit import SUSPECT_MISFIT
 from beltcomm.given import pasted
+from beltcomm.rundata.calibration import RESULT
 from beltcomm.rundata.revisions import revisions
+from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory
@@ -23,6 +25,10 @@ SAME_GAIN = 1e-3
 SURE_MARGIN_DEG = 30.0
 #: m: ends of a path that differ by less are the same.
 SAME_PLACE_M = 1e-4
+#: Of a file whose checksum is missing or another one.
+EDITED = "was edited since, or is of a version that kept no checksum"
+#: Files that say what gains a drive gets, and what its raw numbers mean.
+BEHIND_GAINS = (("designs", "final"), ("results", RESULT))
 #: Of a design whose model leaves too much.
 SUSPECT = "the model does not explain what was measured"
 
@@ -54,7 +60,10 @@ def same_gains(one: Any, other: Any) -> bool:
     """Whether two mappings name → value are one controller."""
     if not isinstance(one, Mapping) or not isinstance(other, Mapping) or one.keys() != other.keys():
         return False
-    return all(math.isclose(float(one[name]), float(other[name]), rel_tol=SAME_GAIN, abs_tol=1e-12) for name in one)
+    try:
+        return all(math.isclose(float(one[name]), float(other[name]), rel_tol=SAME_GAIN, abs_tol=1e-12) for name in one)
+    except (TypeError, ValueError, OverflowError):  # no numbers
+        return False
 
 
 def proves(recorded: Mapping[str, Any], wanted: Mapping[str, Any]) -> bool:
@@ -81,22 +90,23 @@ def move_name(folder: RunFolder, wanted: Mapping[str, Any]) -> str:
 
 def doubts(folder: RunFolder) -> list[str]:
     """Why the gains of ``designs/final.yaml`` should not be written to a drive yet, in words; empty when nothing speaks against it."""
-    found = []
+    found = [f"{name}.yaml {EDITED}" for name in edited_files(folder)]
     if suspect(folder):
         found.append(SUSPECT)
-    designed = folder.load("designs", "final")
+    designed = saved_design(folder)
     gains = designed.get("parameters")
     found += _thin(min((float(one["phase_margin_deg"]) for one in designed.get("margins") or ()), default=math.inf))
     found += (designed.get("proof") or {}).get("doubts") or ()
     results = [folder.load("results", name) for name in folder.names("results") if name.startswith("verify_")]
-    proofs = [(result, result.get("proof") or {}) for result in results]
+    proofs = [(result, shown) for result in results if isinstance(shown := result.get("proof"), Mapping)]
     driven = [result for result, shown in proofs if same_gains(shown.get("gains"), gains) and "led_by" not in shown]
     if not driven:
         found.append("no verification move was driven with these gains")
     elif not driven[-1].get("passed"):
         found.append("the verification move with these gains missed its target")
     else:
-        found += [reservation for reservation in driven[-1].get("reservations") or () if reservation not in found]
+        said = driven[-1].get("reservations") or ()
+        found += [str(one) for one in (said if isinstance(said, (list, tuple)) else [said]) if one not in found]
     return found
 
 
@@ -114,6 +124,11 @@ def admit(folder: RunFolder, talk: Talk, *, yes: bool, force: bool) -> None:
         raise Declined("nothing was written, as you said")
 
 
+def edited_files(folder: RunFolder) -> list[str]:
+    """Names of files behind the run's gains that are not as beltcomm wrote them."""
+    return [name for kind, name in BEHIND_GAINS if name in folder.names(kind) and folder.edited(kind, name)]
+
+
 def next_step(folder: RunFolder, drive: str, passed: bool) -> str:
     """The command after a verification move: never to write gains that are in doubt."""
     if suspect(folder):
@@ -125,7 +140,7 @@ def next_step(folder: RunFolder, drive: str, passed: bool) -> str:
 
 def suspect(folder: RunFolder) -> bool:
     """Whether the design's model leaves too much unexplained: its own revision's word where it has one, else the fit's."""
-    revision = folder.load("designs", "final").get("revision") if "final" in folder.names("designs") else None
+    revision = saved_design(folder).get("revision") if "final" in folder.names("designs") else None
     for rung in revisions(folder):
         if rung.name == revision:
             return rung.confirmed is False or rung.ratio**2 > SUSPECT_MISFIT

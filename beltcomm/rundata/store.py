@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,12 +10,31 @@ from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
 from beltcomm.drive import Capabilities
 from beltcomm.drive.objects import ParameterObject
-from beltcomm.drive.parameters import cascade_to_parameters, parameters_to_cascade
+from beltcomm.drive.parameters import PREFILTER_KINDS, cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import DataError, UsageError
 from beltcomm.fit.model_fit import ModelFit
 from beltcomm.result import plain
+from beltcomm.runfolder import RunFolder
 from beltcomm.verify import Verdict
 
+#: The most that a saved design may ask of a drive, SI at the motor shaft: no servo of a belt axis comes near it.
+MOST: Mapping[str, float] = {
+    "kp_nm_s_rad": 1e3,
+    "ki_nm_rad": 1e6,
+    "kpp_1_s": 1e4,
+    "velocity_filter_s": 1.0,
+    "prefilter_omega_rad_s": 1e6,
+    "prefilter_d_n": 1e3,
+    "ff_inertia_kg_m2": 10.0,
+    "ff_viscous_nm_s_rad": 1e3,
+    "ff_coulomb_nm": 1e4,
+    "ff_offset_nm": 1e4,
+    "ff_velocity": 10.0,
+    "ff_advance_s": 1.0,
+    "prefilter_roll_off_rad_s": 1e6,
+}
+#: s: longest delay that a design was made with.
+LONGEST_DELAY_S = 1.0
 #: Title of the plan that was agreed to, among the results of its run.
 PLAN = "plan"
 
@@ -28,16 +48,31 @@ def structure_from_dict(data: Mapping[str, Any]) -> CascadeStructure:
     """The cascade structure from :func:`drive_to_dict`.   Raises DataError when it is damaged."""
     try:
         fields = dict(data["structure"])
-        return CascadeStructure(**{**fields, "prefilters": tuple(fields["prefilters"])})
-    except (KeyError, TypeError) as error:
+        structure = CascadeStructure(**{**fields, "prefilters": tuple(fields["prefilters"])})
+        _check_structure(structure)
+        return structure
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise DataError(f"results/drive.yaml is damaged ({error}); connect to the drive again with a new run") from error
+
+
+def _check_structure(structure: CascadeStructure) -> None:
+    """Raise ValueError or TypeError for what no drive tells of itself."""
+    if not isinstance(structure.name, str) or not set(structure.prefilters) <= set(PREFILTER_KINDS):
+        raise ValueError(f"a name or prefilters {structure.prefilters} that cannot be")
+    if not 0.0 < _number(structure.period_s) <= LONGEST_DELAY_S:
+        raise ValueError(f"a period of {structure.period_s} s")
+    bounds = (structure.steps, structure.lowest, structure.highest)
+    if any(math.isnan(_number(value)) for one in bounds for value in one.values()):
+        raise ValueError("a bound of a gain is no number")
+    if not (_number(structure.output_limit_rad_s) > 0.0 and _number(structure.dead_zone_rad) >= 0.0):
+        raise ValueError(f"an output limit of {structure.output_limit_rad_s}, or a dead zone of {structure.dead_zone_rad}")
 
 
 def parameters_from_dict(data: Mapping[str, Any]) -> dict[str, ParameterObject]:
     """The objects of the drive's parameters from :func:`drive_to_dict`.   Raises DataError when they are missing or damaged."""
     try:
         found = {str(name): ParameterObject(**entry) for name, entry in data["parameters"].items()}
-    except (KeyError, TypeError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise DataError(
             f"results/drive.yaml does not tell the objects of the drive's parameters ({error}); it is damaged, or of an older run: begin a "
             "new run with this drive"
@@ -84,9 +119,45 @@ def design_to_dict(design: DesignResult, cascade: Cascade, dead_time_s: float, a
 def cascade_from_dict(data: Mapping[str, Any]) -> Cascade:
     """The controller of a saved design.   Raises DataError when it is damaged."""
     try:
-        return parameters_to_cascade({str(k): float(v) for k, v in data["parameters"].items()})
-    except (KeyError, TypeError, ValueError, AttributeError, UsageError) as error:
+        values = {str(k): float(v) for k, v in data["parameters"].items()}
+        if wrong := [f"{name} {value:g}" for name, value in values.items() if not abs(value) <= MOST.get(name, math.inf)]:
+            raise ValueError(f"{', '.join(wrong)} is more than any drive has")
+        return parameters_to_cascade(values)
+    except (OverflowError, KeyError, TypeError, ValueError, AttributeError, UsageError) as error:
         raise DataError(f"the design in this run folder is damaged ({error}); run `beltcomm design` again") from error
+
+
+def saved_design(folder: RunFolder) -> dict[str, Any]:
+    """``designs/final.yaml``, what is read of it checked.   Raises DataError when it is missing or damaged."""
+    saved = folder.load("designs", "final")
+    try:
+        cascade_from_dict(saved)
+        _check_design(saved)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise DataError(f"{folder.file('designs', 'final')} is damaged ({error}); run `beltcomm design` again") from error
+    return saved
+
+
+def _check_design(saved: Mapping[str, Any]) -> None:
+    """Raise ValueError, TypeError, ... for an entry of another type or size."""
+    for name, most in (("dead_time_s", LONGEST_DELAY_S), ("apparent_damping_nm_s_rad", MOST["kp_nm_s_rad"])):
+        if not abs(_number(saved.get(name) or 0.0)) <= most:
+            raise ValueError(f"{name} is {saved[name]}, at most {most:g} is possible")
+    proof = saved.get("proof") or {}
+    for name, texts in (*((name, saved.get(name)) for name in ("remarks", "binding", "compensated")), ("doubts", proof.get("doubts"))):
+        if not all(isinstance(text, str) for text in texts or ()) or isinstance(texts, str):
+            raise ValueError(f"{name} must be a list of texts")
+    if not isinstance(saved.get("revision") or "", str):
+        raise ValueError("revision must be a text")
+    for one in saved.get("margins") or ():
+        if math.isnan(_number(one["phase_margin_deg"])):
+            raise ValueError("a phase margin is no number")
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise TypeError(f"{str(value)[:40]!r} is no number")
+    return float(value)
 
 
 def delay_from_dict(data: Mapping[str, Any]) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from beltcomm.configfiles import read_yaml
+from beltcomm.configfiles import read_yaml, unsealed
 from beltcomm.effects import EFFECTS, Apart, Effect, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.given import pasted
@@ -40,19 +40,22 @@ BY_NAME: Mapping[str, tuple[str, ...]] = {
 }
 #: Share of the belt's force that fast moves use.
 FAST_SHARE = 0.9
+#: Steps of one plan: with all sets of records there are some 20.
+MOST_STEPS = 100
 SETS = ("sweep", "places", "quiet", "slow", "reversals", "fast", "sweep again")
 
 
 @dataclass(frozen=True)
 class NextPlan:
     """What to record.   reasons : by effect, why.   by_hand : what a person must change on the machine first, or besides.
-    left_out : steps that would show nothing new, and the record that shows it.
+    left_out : steps that would show nothing new, and the record that shows it.   edited : its file is not as beltcomm wrote it.
     """
 
     reasons: Mapping[str, str]
     by_hand: tuple[str, ...]
     steps: tuple[Step, ...]
     left_out: tuple[str, ...] = ()
+    edited: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """As it stands in the file."""
@@ -183,16 +186,22 @@ def steps_of(name: str) -> list[Step]:
 
 def load_plan(path: Path) -> NextPlan:
     """A plan from its file, checked.   Raises UsageError with the step that is wrong."""
-    data = read_yaml(path)
+    data, whole = unsealed(read_yaml(path))
     steps = []
     entries = data.get("steps")
     if entries == [] and data.get("reasons"):
-        text = "; ".join(map(str, data.get("by_hand") or ())) or "what it would record is there already"
+        by_hand = data.get("by_hand")
+        text = "; ".join(map(str, by_hand if isinstance(by_hand, list) else ())) or "what it would record is there already"
         raise UsageError(f"{path} has no steps: no record of this axis would tell more. By hand: {text}")
     if not isinstance(entries, list) or not entries:
         raise UsageError(f"{path} has no steps; write a plan with `beltcomm diagnose RUN --next`")
+    if len(entries) > MOST_STEPS:
+        raise UsageError(f"{path} has {len(entries)} steps; a plan has at most {MOST_STEPS}, split it")
     for number, entry in enumerate(entries, start=1):
         steps.append(checked_step(entry, f"{path}, step {number}"))
-    reasons = {str(k): str(v) for k, v in (data.get("reasons") or {}).items()}
-    by_hand, left_out = (tuple(map(str, data.get(key) or ())) for key in ("by_hand", "left_out"))
-    return NextPlan(reasons, by_hand, tuple(steps), left_out)
+    try:
+        reasons = {str(k): str(v) for k, v in (data.get("reasons") or {}).items()}
+        by_hand, left_out = (tuple(map(str, data.get(key) or ())) for key in ("by_hand", "left_out"))
+    except (AttributeError, TypeError) as error:
+        raise UsageError(f"{path}: reasons must hold names and texts, by_hand and left_out lists of texts ({error})") from error
+    return NextPlan(reasons, by_hand, tuple(steps), left_out, not whole)

@@ -30,6 +30,10 @@ SLOW_M_S = (0.01, 0.03, 0.06)
 TRIANGLES_M = (2e-3, 1e-3, 4e-4, 2e-4)
 #: m, longest triangle: more is a stroke.
 LONGEST_TRIANGLE_M = 2e-2
+#: s, longest record of a step.
+LONGEST_S = 60.0
+#: m/s: fastest stroke that a plan may name, as fast as an axis file may; numbers of one step; the largest seed.
+FASTEST_M_S, MOST_VALUES, LARGEST_SEED = 100.0, 50, 2**32 - 1
 #: Hz, highest band that a response may be asked for; a drive that is sampled too slowly for it refuses by itself.
 HIGHEST_HZ = 1000.0
 
@@ -107,28 +111,41 @@ class Step:
 
 def checked_step(entry: Any, where: str) -> Step:
     """A step from a plan file.   Raises UsageError, naming the place in the file."""
-    if not isinstance(entry, Mapping) or entry.get("kind") not in KEYS:
+    if not isinstance(entry, Mapping) or entry.get("kind") not in (*KEYS,):
         raise UsageError(f"{where}: kind must be one of {', '.join(KEYS)}")
     kind = entry["kind"]
-    unknown = sorted(set(entry) - {"kind", *KEYS[kind]})
+    unknown = sorted(str(key) for key in set(entry) - {"kind", *KEYS[kind]})
     if unknown:
         raise UsageError(f"{where}: there is no {', '.join(unknown)}; a step of kind {kind} has {', '.join(KEYS[kind])}")
-    try:
-        place, share = float(entry.get("place", 0.5)), float(entry.get("share", LOUD))
-        seconds, seed = float(entry.get("seconds", 0.0)), int(entry.get("seed", 0))
-        up_to_hz = float(entry.get("up_to_hz", 0.0))
-        speeds, amplitudes = (tuple(float(v) for v in entry.get(key) or ()) for key in ("speeds_m_s", "amplitudes_m"))
-    except (TypeError, ValueError) as error:
-        raise UsageError(f"{where}: {error}; give plain numbers") from error
-    if not (0.0 <= place <= 1.0 and 0.0 < share <= 1.0):
-        raise UsageError(f"{where}: place {place:g} and share {share:g} must lie between 0 and 1")
-    if not 0.0 <= seconds <= 60.0 or seed < 0:
-        raise UsageError(f"{where}: seconds must lie between 0 and 60 and the seed must not be negative, not {seconds:g} and {seed}")
-    if not 0.0 <= up_to_hz <= HIGHEST_HZ:
-        raise UsageError(f"{where}: up_to_hz must lie between 0 and {HIGHEST_HZ:g}, not {up_to_hz:g}")
+
+    def one(key: str, usual: float, least: float, most: float) -> float:
+        return _number(entry.get(key, usual), f"{where}: {key}", least, most)
+
+    def several(key: str, most: float) -> tuple[float, ...]:
+        values = entry.get(key) or ()
+        if not isinstance(values, (list, tuple)) or len(values) > MOST_VALUES:
+            raise UsageError(f"{where}: {key} must be a list of at most {MOST_VALUES} numbers")
+        return tuple(_number(value, f"{where}: {key}", 0.0, most) for value in values)
+
+    place, share = one("place", 0.5, 0.0, 1.0), one("share", LOUD, 0.0, 1.0)
+    seconds, seed, up_to_hz = one("seconds", 0.0, 0.0, LONGEST_S), one("seed", 0, 0, LARGEST_SEED), one("up_to_hz", 0.0, 0.0, HIGHEST_HZ)
+    speeds, amplitudes = several("speeds_m_s", FASTEST_M_S), several("amplitudes_m", LONGEST_TRIANGLE_M)
+    if not share > 0.0:
+        raise UsageError(f"{where}: share must be above 0")
+    if seed != int(seed):
+        raise UsageError(f"{where}: seed is {seed:g}; it must be a whole number")
     if (kind == "strokes" and not speeds) or (speeds and not min(speeds) > 0.0):
         raise UsageError(f"{where}: strokes need speeds_m_s, all above 0")
-    if kind == "reversals" and not (amplitudes and 0.0 < min(amplitudes) <= max(amplitudes) <= LONGEST_TRIANGLE_M):
+    if kind == "reversals" and not (amplitudes and min(amplitudes) > 0.0):
         raise UsageError(f"{where}: reversals need amplitudes_m, all above 0 and at most {LONGEST_TRIANGLE_M:g}")
-    again, held_out = bool(entry.get("again", False)), bool(entry.get("held_out", False))
-    return Step(kind, place, share, speeds, amplitudes, seconds, seed, up_to_hz, again, held_out)
+    again, held_out = entry.get("again", False), entry.get("held_out", False)
+    if not (isinstance(again, bool) and isinstance(held_out, bool)):
+        raise UsageError(f"{where}: again and held_out are true or false")
+    return Step(kind, place, share, speeds, amplitudes, seconds, int(seed), up_to_hz, again, held_out)
+
+
+def _number(value: Any, what: str, least: float, most: float) -> float:
+    """A number within bounds.   Raises UsageError."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value <= most:
+        raise UsageError(f"{what} is {str(value)[:40]}; give a number between {least:g} and {most:g}")
+    return float(value)

@@ -23,6 +23,7 @@ from beltcomm.result import jsonable, plain
 from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.cost import offline_move
 from beltcomm.rundata.findings import Findings
+from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.study.members import Commissioned, Doing, Fleet, Tracked, Work
 from beltcomm.study.population import Population, Values, nominal_of, population_from, units_of
@@ -197,7 +198,7 @@ def _ground_of_run(run: Path, file: Path | None, base: Mapping[str, Any], target
         if key in base:
             raise UsageError(f"base.{key} stands beside base.run, which has its own; leave it out")
     folder = RunFolder.open(run)
-    saved = folder.load("designs", "final")
+    saved = saved_design(folder)
     model, _, _ = offline.trusted(folder, str(saved.get("revision") or ""))
     if model.side != "motor" or not folder.axis.has_belt:
         raise UsageError(f"base.run {run} is an axis without a belt, or one in ampere; a move cannot be predicted on it")

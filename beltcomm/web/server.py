@@ -17,6 +17,7 @@ from werkzeug.exceptions import BadRequest, Forbidden, HTTPException, NotFound, 
 from werkzeug.routing import Map, Rule
 from werkzeug.wrappers import Request, Response
 
+from beltcomm.configfiles import from_json
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.result import jsonable
 
@@ -134,7 +135,7 @@ def _asked(request: Request) -> Any:
     if request.mimetype != "application/json":
         raise UnsupportedMediaType("questions are JSON")
     try:
-        return json.loads(request.get_data())
+        return from_json(request.get_data())
     except ValueError:
         raise BadRequest("this is no JSON") from None
 

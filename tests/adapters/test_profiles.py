@@ -153,3 +153,38 @@ def test_what_is_lent_is_backed_up_and_rolled_back_as_it_was_found():
         assert node.get(0x6094, 1) == 1  # lent until the end
         assert drive.read_objects([(0x6094, 1, "uint32"), (0x5555, 0, "uint8")]) == [0x800, None]
     assert node.get(0x6094, 1) == 0x800
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("index: 0x60F9, subindex: 1", "index: 0x60FF, subindex: 0", "60FFh, where no drive has a setting"),
+        ("index: 0x60F9, subindex: 1", "index: 0x6040, subindex: 0", "6040h, where no drive has a setting"),
+        ("index: 0x60F9, subindex: 1", "index: 0x60F6, subindex: 1", "60F6h:1, which holds gains of the current controller"),
+        ("index: 0x60F9, subindex: 1", "index: 0x60F9, subindex: 2", "as another parameter"),
+        ("index: 0x60F9, subindex: 1", "index: 0x60F9, subindex: 257", "there is no object 24825, 257"),
+        ("highest: 16384}     # 0", "highest: 1638400}     # 0", "range"),
+        ("scale: 7.8125e-5", "scale: .nan", "scale of nan"),
+        ("enable_logic: {index: 0x6510, subindex: 0x10", "enable_logic: {index: 0x6060, subindex: 0", "6060h before anybody is asked"),
+        ("torque: 4,", "torque: 3,", "mode 3 for motions of kind 'torque'"),
+        ("velocity: 3}", "velocity: 3, sideways: 3}", "mode 3 for motions of kind 'sideways'"),
+        ("shortest_ms: 1,", "shortest_ms: 1e-9,", "sync of 1e-09 ms"),
+        ("guarding: node_guarding", "guarding: none_at_all", "guarding is 'none_at_all'"),
+        ("reference_filter: false", "reference_filter: 7", "the rest true or false"),
+        ("torque_limit_lowest_permille: 1000", "torque_limit_lowest_permille: 65535", "torque_limit_lowest_permille is 65535"),
+        ("torque_slope_permille_s: 0x0E310F94", "torque_slope_permille_s: 0xFFFFFFFFFF", "cannot be"),
+        ("overload_time: {index: 0x6410, subindex: 3}", "overload_time: {index: 0x16410, subindex: 3}", "cannot be"),
+        ("{index: 0x60FD, bits", "{index: sixty, bits", "cannot be used"),
+    ],
+)
+def test_a_stranger_s_profile_writes_settings_only(tmp_path, old, new, words):
+    text = find_config("drives", "cmmp-as").read_text(encoding="utf-8")
+    assert old in text
+    path = tmp_path / "cmmp-as.yaml"
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    load_profile.cache_clear()
+    with pytest.raises(UsageError, match=re.escape(words)):
+        load_profile(str(path))
+    path.write_text(text, encoding="utf-8")
+    load_profile.cache_clear()
+    assert load_profile(str(path)).enable_logic == load_profile("cmmp-as").enable_logic

@@ -150,7 +150,7 @@ def test_verify_misses_a_target_with_exit_code_1(make_bench: MakeBench, copy_of_
     lines = path.read_text(encoding="utf-8").splitlines()
     weak = ["  ff_inertia_kg_m2: 0.0" if line.startswith("  ff_inertia_kg_m2:") else line for line in lines]
     path.write_text("\n".join(weak), encoding="utf-8")
-    outcome = call("verify", *DRIVE, "--yes", "--run", run)
+    outcome = call("verify", *DRIVE, "--yes", "--force", "--run", run)
     assert outcome.exit_code == 1, outcome.output
     assert "misses the target of 1 mm" in outcome.stdout
     assert f"Next: beltcomm design {run}" in outcome.stdout
@@ -178,7 +178,7 @@ def test_identify_goes_on_by_a_plan(make_bench: MakeBench, copy_of_complete: Cop
         "steps:\n- {kind: response, place: 0.6, share: 0.4}\n- {kind: strokes, place: 0.4, speeds_m_s: [0.02, 0.06], held_out: true}\n",
         encoding="utf-8",
     )
-    words = ("identify", *DRIVE, "--yes", "--run", run, "--plan", plan, "--json")
+    words = ("identify", *DRIVE, "--yes", "--force", "--run", run, "--plan", plan, "--json")
     shown = json_of(call(*words, "--dry-run"))
     assert len(shown["plan"]["experiments"]) == 2
     assert bench.carriage_m == pytest.approx(0.4, abs=1e-6)

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from beltcomm import api
-from beltcomm.axis import load_axis
+from beltcomm.axis import Axis, load_axis
 from beltcomm.cli.main import cli
 from beltcomm.errors import BeltcommError, Refused
 from beltcomm.virtual.faults import Faults
@@ -115,3 +115,59 @@ def test_a_virtual_drive_moves_nothing_and_asks_nothing(connect: Connect, state:
     assert creep(script).exit_code == 0
     assert script.asked == []
     assert not state.exists()
+
+
+def confirmed(axis: Axis) -> None:
+    assert creep(Person(answer=True), axis=axis).exit_code == 0
+    assert creep(Script(), axis=axis).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("section", "values", "words"),
+    [
+        ("travel", {"max_m": 0.65}, r"travel.max_m 0.65 m, was 0.57 m"),
+        ("travel", {"min_m": -0.04}, r"travel.min_m -0.04 m, was -0.01 m"),
+        ("limits", {"feed_force_n": 900.0}, r"limits.feed_force_n 900 N, was 100 N"),
+        ("limits", {"acceleration_m_s2": None}, r"limits.acceleration_m_s2 not stated"),
+        ("mounting", {"tilt_deg": 2.0}, r"mounting.tilt_deg 2, was 0"),
+        ("motor", {"peak_torque_nm": None}, r"motor.peak_torque_nm not stated, was 3.1 N m"),
+    ],
+)
+def test_another_limit_of_the_axis_file_is_asked_for(connect: Connect, section: str, values: dict[str, float | None], words: str) -> None:
+    connect(HardwareBench())
+    axis = load_axis("egc-70-600")
+    confirmed(axis)
+    other = replace(axis, **{section: replace(getattr(axis, section), **values)})
+    with pytest.raises(Refused, match=rf"was moved on this axis before, but what was confirmed then was less: .*{words}"):
+        creep(Script(), axis=other)
+    asked = Person(answer=True)
+    assert creep(asked, axis=other).exit_code == 0
+    assert asked.asked == ["Is all of this so, and may it move so far?"]
+    assert creep(Script(), axis=other).exit_code == 0
+
+
+def test_a_smaller_one_is_not(connect: Connect) -> None:
+    connect(HardwareBench())
+    axis = load_axis("egc-70-600")
+    confirmed(axis)
+    smaller = replace(axis, travel=replace(axis.travel, max_m=0.5), limits=replace(axis.limits, feed_force_n=80.0))
+    assert creep(Script(), axis=smaller).exit_code == 0
+    assert creep(Script(), axis=axis).exit_code == 0  # what was confirmed once stays so
+
+
+def test_a_larger_plan_is_asked_for(connect: Connect) -> None:
+    bench = connect(HardwareBench())
+    confirmed(load_axis("egc-70-600"))
+    with pytest.raises(Refused, match=r"was less: .*way with a stop \S+ m, was \S+ m"):
+        api.move(bench.name, "egc-70-600", 20.0 * BY_M, options=YES, talk=Script())
+
+
+@pytest.mark.parametrize("damage", ["confirmed: 3", "confirmed: {machine: 1, most: 2}", "confirmed: {machine: {}, most: {reach_m: far}}"])
+def test_what_cannot_be_read_confirms_nothing(connect: Connect, state: Path, damage: str) -> None:
+    connect(HardwareBench())
+    confirmed(load_axis("egc-70-600"))
+    (path,) = state.rglob("drives/*.yaml")
+    kept = path.read_text(encoding="utf-8").partition("confirmed:")[0]
+    path.write_text(kept + damage + "\n", encoding="utf-8")
+    with pytest.raises(Refused, match="what was confirmed then was less"):
+        creep(Script())

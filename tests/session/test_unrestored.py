@@ -14,7 +14,6 @@ import pytest
 
 from beltcomm import api
 from beltcomm.axis import load_axis
-from beltcomm.drive.objects import ObjectValue
 from beltcomm.errors import UsageError
 from beltcomm.experiments.supervised import supervised
 from beltcomm.virtual.faults import Faults
@@ -178,7 +177,7 @@ def test_a_command_that_fails_leaves_a_note_unless_it_restores(
         with bench.open(bench.name) as drive, supervised(drive, bench.name, tmp_path / "run", YES, Listener()) as session:
             session.write(LEFT)
             assert len(notes(state)) == 1
-            session.write_objects([ObjectValue(0x6060, 0, "int8", mode or 3)])  # as a record in that mode does
+            drive._objects.write(0x6060, 0, "int8", mode or 3)  # type: ignore[attr-defined]  # as a record in that mode does
             if restored:
                 session.write({name: bench.initial[name] for name in LEFT})
             raise ZeroDivisionError

@@ -89,7 +89,9 @@ def test_rollback_of_an_old_run_unsets_what_it_did_not_know(make_bench: MakeBenc
     old = read_yaml(run / "results" / "backup.yaml")
     parameters = {n: v for n, v in old["parameters"].items() if n not in ("prefilter_roll_off_rad_s", "ff_advance_s")}
     (run / "results" / "backup.yaml").write_text(to_yaml({"drive": old["drive"], "parameters": parameters}), encoding="utf-8")
-    api.rollback(bench.name, run, options=YES)
+    with pytest.raises(Refused, match=r"not as beltcomm wrote it.*--force"):
+        api.rollback(bench.name, run, options=YES)
+    api.rollback(bench.name, run, options=replace(YES, force=True))
     assert bench.parameters() == before
 
 
@@ -115,7 +117,7 @@ def test_a_backup_that_asks_for_a_locked_object_is_refused_whole(make_bench: Mak
     with bench.open(bench.name, {}) as drive:
         drive.write({"kp_nm_s_rad": 0.05})
     changed = bench.parameters()
-    with pytest.raises(ObjectLocked, match=r"6075h is never written.*rated current"):
+    with pytest.raises(ObjectLocked, match=r"6075h is never written.*none of the settings that beltcomm backs up"):
         api.rollback(bench.name, run, options=YES)
     assert bench.parameters() == changed  # none of the others either
 
@@ -148,11 +150,15 @@ def test_a_file_writes_settings_only(make_bench: MakeBench, copy_of_complete: Co
     result = api.apply(bench.name, run, dcf=file_of(tmp_path, kept), options=replace(YES, dry_run=True))
     text = "\n".join(result.text)
     assert [one["object"] for one in result.data["changes"]] == ["6072h"]
-    for words in ("left alone, for they are commands", "1010h:1, 6040h, 6071h", "1 objects from 1800h:1 on", "the drive has no 5123h"):
+    for words in ("left alone, for they are commands", "1010h:1, 6040h, 6071h", "beltcomm does not back them up: 1800h:1, 5123h"):
         assert words in text
-    locked = file_of(tmp_path, [*kept, ObjectValue(0x6075, 0, "uint32", 1)])
-    with pytest.raises(ObjectLocked, match="6075h is never written"):
-        api.apply(bench.name, run, dcf=locked, options=YES)
+    locked = file_of(tmp_path, [ObjectValue(0x6075, 0, "uint32", 1), *kept[:-1]])
+    assert "6075h" in "\n".join(api.apply(bench.name, run, dcf=locked, options=replace(YES, dry_run=True)).text)
+    assert api.apply(bench.name, run, dcf=locked, options=YES).data["changes"] == []
+    assert bench.parameters() == bench.initial
+    high = file_of(tmp_path, [ObjectValue(0x6072, 0, "uint16", 65535)])
+    with pytest.raises(Refused, match=r"torque_limit_nm \(6072h\) would be 93.7.*motor.peak_torque_nm"):
+        api.apply(bench.name, run, dcf=high, options=YES)
     assert bench.parameters() == bench.initial
     assert bench.state == "SWITCH_ON_DISABLED"
     same = file_of(tmp_path, [ObjectValue(0x6076, 0, "uint32", 1430), ObjectValue(0x6072, 0, "uint16", 1500)])
