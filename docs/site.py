@@ -64,7 +64,11 @@ def expanded(entry: Any, files: dict[str, Path]) -> Any:
         return entry
     ((title, content),) = entry.items()
     if isinstance(content, list):
-        known = [one for one in content if isinstance(one, str) or isinstance(*one.values(), list) or next(iter(one.values())) not in absent(files)]
+        known = [
+            one
+            for one in content
+            if isinstance(one, str) or isinstance(*one.values(), list) or next(iter(one.values())) not in absent(files)
+        ]
         return {title: [expanded(one, files) for one in known]}
     if not content.endswith("/"):
         return entry

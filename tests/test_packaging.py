@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from beltcomm import __version__
+
 CHECKOUT = Path(__file__).parent.parent
 HEAVY = ("numpy", "numba", "scipy", "can", "canopen", "ruckig", "matplotlib")
 
