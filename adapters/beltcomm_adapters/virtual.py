@@ -135,4 +135,5 @@ ADAPTER = Adapter(
     open=_open,
     examine=_examine,
     serve=_serve,
+    logs=True,
 )
