@@ -37,7 +37,11 @@ from beltcomm.session.fit_job import fit as fit
 from beltcomm.session.follow_job import follow_plan
 from beltcomm.session.foresight import foretold
 from beltcomm.session.friction_study import friction_compare as friction_compare
-from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
+from beltcomm.session.laboratory import add_to_run as add
+from beltcomm.session.laboratory import compare_run as compare
+from beltcomm.session.laboratory import diagnose_run as diagnose
+from beltcomm.session.laboratory import ladder_of_run as ladder
+from beltcomm.session.laboratory import remove_from_run as remove
 from beltcomm.session.loop_job import identify_in_loop
 from beltcomm.session.machine import Machine
 from beltcomm.session.move_file import trajectory as trajectory
@@ -58,9 +62,6 @@ from beltcomm.session.tune_job import tune as tune
 from beltcomm.session.verify_job import verify_with
 from beltcomm.session.write_job import admitted, apply_to, backup_list, roll_back
 from beltcomm.talk import Silence, Talk
-
-#: The laboratory's commands on a run folder; see :mod:`beltcomm.session.laboratory`.
-compare, diagnose, add, remove, ladder = compare_run, diagnose_run, add_to_run, remove_from_run, ladder_of_run
 
 
 @early_end.searched
