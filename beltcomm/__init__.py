@@ -3,4 +3,4 @@
 The public functions are collected in :mod:`beltcomm.api`; importing this package loads nothing else.
 """
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

@@ -39,7 +39,11 @@ from beltcomm.jobs.export import export as export
 from beltcomm.jobs.fit import fit as fit
 from beltcomm.jobs.follow import follow_plan
 from beltcomm.jobs.friction_compare import friction_compare as friction_compare
-from beltcomm.jobs.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
+from beltcomm.jobs.laboratory import add_to_run as add
+from beltcomm.jobs.laboratory import compare_run as compare
+from beltcomm.jobs.laboratory import diagnose_run as diagnose
+from beltcomm.jobs.laboratory import ladder_of_run as ladder
+from beltcomm.jobs.laboratory import remove_from_run as remove
 from beltcomm.jobs.loop import identify_in_loop
 from beltcomm.jobs.serve import serve as serve
 from beltcomm.jobs.simulate import run_experiment
@@ -64,9 +68,6 @@ from beltcomm.study.job import one_member, study_of
 from beltcomm.study.members import Doing
 from beltcomm.talk import Silence, Talk
 from beltcomm.thesis.topics import thesis as thesis
-
-#: The laboratory's commands on a run folder; see :mod:`beltcomm.jobs.laboratory`.
-compare, diagnose, add, remove, ladder = compare_run, diagnose_run, add_to_run, remove_from_run, ladder_of_run
 
 
 @early_end.searched

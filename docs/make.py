@@ -1,4 +1,5 @@
-"""Makes docs/effects from the catalogue: ``python docs/make.py`` writes pages, index and pictures, ``--pages`` no pictures.
+"""Makes docs/effects from the catalogue: ``python docs/make.py`` writes pages, index and pictures; with names of effects only their
+pictures, with ``--pages`` none.
 
 A page is what the effect's own declaration says, and nothing else: what is wrong in a page is put right in ``beltcomm/effects``.
 """
@@ -241,15 +242,19 @@ def experiments() -> dict[str, str]:
 
 
 def main(words: list[str]) -> None:
-    """Write everything."""
+    """Write all pages, and the pictures of the effects in ``words``, or of all.   Raises SystemExit for a name without a page."""
     FOLDER.mkdir(exist_ok=True)
+    names = [effect.name for effect in pages()]
+    if unknown := set(words) - {"--pages", *names}:
+        raise SystemExit(f"no page for {', '.join(sorted(unknown))}; effects with a page are {', '.join(names)}")
     if "--pages" not in words:
-        shown = {}
-        for effect in pages():
-            symptom = SYMPTOMS[effect.name]()
-            shown[effect.name] = symptom.experiment
-            write_picture(effect.name, symptom)
-        (FOLDER / "pictures" / "experiments.json").write_text(json.dumps(shown, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        shown = {} if not words else experiments()
+        for name in words or names:
+            symptom = SYMPTOMS[name]()
+            shown[name] = symptom.experiment
+            write_picture(name, symptom)
+        ordered = {name: shown[name] for name in names if name in shown}
+        (FOLDER / "pictures" / "experiments.json").write_text(json.dumps(ordered, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     experiment = experiments()
     for effect in pages():
         (FOLDER / f"{effect.name}.md").write_text(page(effect, experiment[effect.name]), encoding="utf-8")

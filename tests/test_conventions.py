@@ -10,19 +10,21 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
+from beltcomm import __version__
 from beltcomm.axis import load_axis
 from beltcomm.model import load_plant
 from beltcomm.study.file import load_study
 from beltcomm_adapters.profiles import load_profile
 
 CHECKOUT = Path(__file__).parent.parent
-SOURCES = [path for folder in ("beltcomm", "adapters", "tests", "docs") for path in (CHECKOUT / folder).rglob("*.py")]
-TEXTS = [path for path in CHECKOUT.glob("*.*") if path.suffix in (".md", ".toml")] + [
+SOURCES = [path for folder in ("beltcomm", "adapters", "tests", "docs", "examples") for path in (CHECKOUT / folder).rglob("*.py")]
+TEXTS = [path for path in CHECKOUT.glob("*.*") if path.suffix in (".md", ".toml", ".yml", ".yaml")] + [
     path
-    for folder in ("beltcomm", "adapters", "tests", "configs", "docs", ".ci")
+    for folder in ("beltcomm", "adapters", "tests", "configs", "docs", "examples", ".ci", ".github")
     for path in (CHECKOUT / folder).rglob("*")
-    if path.is_file() and path.suffix in ("", ".py", ".md", ".yaml", ".csv", ".json", ".toml")
+    if path.is_file() and path.suffix in ("", ".py", ".md", ".yaml", ".yml", ".csv", ".json", ".toml", ".ipynb")
 ]
 LOADERS: dict[str, Callable[[str], Any]] = {"axes": load_axis, "plants": load_plant, "drives": load_profile, "studies": load_study}
 CONFIGS = sorted((CHECKOUT / "configs").rglob("*.*"))
@@ -68,6 +70,20 @@ def test_the_two_commands_are_in_the_readme_and_ci_runs_the_second() -> None:
     assert TEST in readme
     assert TEST in script.read_text(encoding="utf-8").splitlines()
     assert os.access(script, os.X_OK)
+
+
+def test_the_hooks_are_the_checks_of_ci() -> None:
+    settings = yaml.safe_load((CHECKOUT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))
+    steps = (CHECKOUT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
+    hooks = [hook for repository in settings["repos"] for hook in repository["hooks"]]
+    assert {repository["repo"] for repository in settings["repos"]} == {"local"}, "nothing is downloaded"
+    assert [hook["entry"] for hook in hooks if hook["entry"] not in steps] == []
+
+
+def test_the_changelog_tells_of_this_version() -> None:
+    log = (CHECKOUT / "CHANGELOG.md").read_text(encoding="utf-8")
+    told = re.findall(r"^## \[(.+?)\]", log, re.MULTILINE)
+    assert told[:2] == ["Unreleased", __version__]
 
 
 def test_the_structure_page_shows_the_layers_that_are_enforced() -> None:

@@ -108,7 +108,7 @@ def test_is_complete(effect: Effect) -> None:
 
 @each_effect
 def test_stands_in_a_documented_slot(effect: Effect) -> None:
-    page = (Path(__file__).parent.parent / "docs" / "effects.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parent.parent / "docs" / "slots.md").read_text(encoding="utf-8")
     assert f"\n| `{effect.slot}` | " in page.split("## Slots")[1]
 
 

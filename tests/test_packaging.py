@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from beltcomm import __version__
+
 CHECKOUT = Path(__file__).parent.parent
 HEAVY = ("numpy", "numba", "scipy", "can", "canopen", "ruckig", "matplotlib")
 
@@ -70,7 +72,7 @@ def test_the_wheel_holds_both_packages_the_settings_and_the_types(wheel: Path) -
         }
         assert {f"{target}/{file.as_posix()}" for file in files} <= held
     assert {"beltcomm/py.typed", "beltcomm_adapters/py.typed"} <= held
-    assert {name.partition("/")[0] for name in held} == {"beltcomm", "beltcomm_adapters", "beltcomm-0.1.0.dist-info"}
+    assert {name.partition("/")[0] for name in held} == {"beltcomm", "beltcomm_adapters", f"beltcomm-{__version__}.dist-info"}
 
 
 def test_the_installed_command_shows_its_help(site: Path, tmp_path: Path) -> None:

@@ -317,4 +317,5 @@ ADAPTER = Adapter(
     claims=is_can_bus,
     examine=_examine,
     surroundings=surroundings,
+    logs=True,
 )

@@ -72,4 +72,5 @@ ADAPTER = Adapter(
     open=_open,
     examine=_examine,
     serve=_serve,
+    logs=True,
 )

@@ -311,6 +311,7 @@ class Adapter:
         those of ``open`` and ``try_bitrates``, ``sync_test`` (bool).  An unreachable drive is a finding, no exception.
     surroundings : what on this machine the adapter could be used with, or why nothing.
     serve : ``serve(address, on, options) -> Service``, of a drive that is simulated: for other processes, on the interface ``on``.
+    logs : ``open`` takes the option ``log``, which is called with every frame of its bus.
     """
 
     name: str
@@ -321,6 +322,7 @@ class Adapter:
     examine: Callable[[str, Mapping[str, object]], Iterable[Finding]] | None = None
     surroundings: Callable[[], Iterable[Finding]] | None = None
     serve: Callable[[str, str, Mapping[str, object]], Service] | None = None
+    logs: bool = False
 
 
 @dataclass(frozen=True)
@@ -356,7 +358,7 @@ def simulated(name: str) -> bool:
 def open_drive(name: str, options: Mapping[str, object] | None = None) -> Drive:
     """Open the drive called ``name`` (``virtual:g_a``, ``can0``, ``slcan:PORT`` ...).   Raises as adapter and :func:`adapter_for`."""
     adapter, address = adapter_for(name, find_adapters())
-    return adapter.open(address, options or {})
+    return adapter.open(address, {key: value for key, value in (options or {}).items() if key != "log" or adapter.logs})
 
 
 def adapter_for(name: str, found: Sequence[FoundAdapter]) -> tuple[Adapter, str]:

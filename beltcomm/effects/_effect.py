@@ -215,7 +215,7 @@ class Apart:
 class Effect:
     """One physical effect.
 
-    name : unique.     slot : see docs/effects.md.     law : the law of the slot as a function of plain floats that numba can
+    name : unique.     slot : see docs/slots.md.     law : the law of the slot as a function of plain floats that numba can
     compile; own parameters follow the slot's arguments, then the values of ``uses`` (full names of other parameters).
     body : the body a force or a friction level acts on.     elements, bodies : what an element or body effect brings.
     slope : linearisation; for ``force``: (position, speed, t, *p) -> (d force/d position, d force/d speed); for

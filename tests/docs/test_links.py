@@ -6,7 +6,8 @@ import re
 from pathlib import Path
 
 CHECKOUT = Path(__file__).parents[2]
-PAGES = [CHECKOUT / "README.md", *sorted((CHECKOUT / "docs").rglob("*.md"))]
+ROOT = [CHECKOUT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "examples/README.md")]
+PAGES = [*ROOT, *sorted((CHECKOUT / "docs").rglob("*.md"))]
 
 
 def targets(page: Path) -> list[Path]:

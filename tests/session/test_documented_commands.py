@@ -15,7 +15,7 @@ from beltcomm.cli.frame import Frame
 from beltcomm.cli.main import VERBS, cli
 
 CHECKOUT = Path(__file__).parents[2]
-PAGES = [CHECKOUT / "README.md", *sorted((CHECKOUT / "docs").rglob("*.md"))]
+PAGES = [CHECKOUT / "README.md", CHECKOUT / "CONTRIBUTING.md", *sorted((CHECKOUT / "docs").rglob("*.md"))]
 #: What stands in the documents for something of the reader's.
 PLACEHOLDERS = {
     "D": "virtual", "DRIVE": "virtual", "FILE": "file", "EFFECT": "cogging", "PLANT": "g_a", "TOPIC": "models", "INTERFACE": "slcan",
@@ -124,7 +124,7 @@ def test_every_option_that_is_named_exists() -> None:
         (page.relative_to(CHECKOUT).as_posix(), option)
         for page in PAGES
         for code in code_of(page.read_text(encoding="utf-8"))
-        if not re.match(r"(python|\S*pip|sudo|cd |pytest|cansend|ip |candump)", code)
+        if not re.match(r"(python|\S*pip|sudo|cd |pytest|ruff|cansend|ip |candump)", code)
         for option in re.findall(r"(?<![\w-])--[a-z][a-z-]+", code)
     }
     assert {one for one in named if one[1] not in known} == set()

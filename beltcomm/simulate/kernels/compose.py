@@ -1,4 +1,4 @@
-"""Composes the effects of a model into one compiled kernel (see docs/effects.md for the slots and the cost).
+"""Composes the effects of a model into one compiled kernel (see docs/slots.md for the slots and the cost).
 
 Numerics.  Positions and velocities are staggered (position Verlet):  q += h v/2;  v += h F(q, v̄)/m;  q += h v/2,  with v̄ the
 mean of old and new velocity from one predictor pass, so smooth forces are integrated to second order.  Set-valued friction
