@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from beltcomm.axis import Axis
 from beltcomm.drive import Drive
 from beltcomm.drive.objects import COMMUNICATION, ObjectValue, commands
 from beltcomm.drive.parameters import cascade_to_parameters
@@ -61,12 +60,12 @@ def apply_to(
     recall(drive, folder)
     remarks: list[str] = []
     if dcf is None:
-        found = gains.named_differences(drive, folder.axis, cascade_to_parameters(cascade_from_dict(saved_design(folder))))
+        found = gains.named_differences(drive, folder, cascade_to_parameters(cascade_from_dict(saved_design(folder))))
     else:
         read = load_object_file(dcf)
         talk.say(*read.lines())
         wanted, left = _of_file(read, drive)
-        found = gains.differences(drive, folder.axis, wanted, left)
+        found = gains.differences(drive, folder, wanted, left)
     if options.dry_run:
         return _planned(folder, found)
     question = "Then the carriage makes a small move, asked for by itself." if shown else "Nothing moves."
@@ -82,8 +81,7 @@ def roll_back(drive: Drive, name: str, folder: RunFolder, which: str | None, opt
     claim(folder, drive.capabilities, options.wall_clock)
     backups.same_drive(backup, drive)
     recall(drive, folder)
-    axis = folder.axis if folder.has_axis else Axis()
-    found = gains.differences(drive, axis, backups.wanted_of(backup, drive))
+    found = gains.differences(drive, folder, backups.wanted_of(backup, drive))
     if options.dry_run:
         return _planned(folder, found)
     admit_edited(str(backup.path), backup.edited and bool(found.changes), options, talk)

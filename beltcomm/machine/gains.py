@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from beltcomm.axis import Axis
 from beltcomm.drive import Drive
 from beltcomm.drive.objects import ObjectValue, object_values
 from beltcomm.drive.parameters import PREFILTER_KINDS
@@ -107,11 +106,11 @@ def _shown(name: str, value: float | None) -> str:
     return "?" if value is None else read_as(name, value)
 
 
-def named_differences(drive: Drive, axis: Axis, wanted: Mapping[str, float]) -> Differences:
+def named_differences(drive: Drive, folder: RunFolder, wanted: Mapping[str, float]) -> Differences:
     """What would change with these SI values.   Raises Refused where the meaning of a gain is not known yet, UsageError out of range."""
     offered = drive.capabilities.parameters
     values = object_values(offered, {name: value for name, value in wanted.items() if name in offered})
-    found = differences(drive, axis, values)
+    found = differences(drive, folder, values)
     if unknown := sorted(drive.capabilities.uncalibrated & {one.wanted.name for one in found.changes}):
         raise Refused(
             f"nothing was written: what one unit of {', '.join(unknown)} means in this kind of drive is not known; measure it with "
@@ -121,8 +120,8 @@ def named_differences(drive: Drive, axis: Axis, wanted: Mapping[str, float]) -> 
     return replace(found, left_out=(f"the drive has no {', '.join(missing)}",)) if missing else found
 
 
-def differences(drive: Drive, axis: Axis | None, wanted: Sequence[ObjectValue], left_out: Sequence[str] = ()) -> Differences:
-    """What would change with these raw values.   axis : behind the drive, None for what this computer itself noted of the drive.
+def differences(drive: Drive, folder: RunFolder | None, wanted: Sequence[ObjectValue], left_out: Sequence[str] = ()) -> Differences:
+    """What would change with these raw values.   folder : of the run, None for what this computer itself noted of the drive.
 
     Raises Refused for what is never written, see :mod:`beltcomm.machine.writable`; what the drive has not, or holds already, is not.
     """
@@ -135,7 +134,7 @@ def differences(drive: Drive, axis: Axis | None, wanted: Sequence[ObjectValue], 
         elif not _same(item, before):
             name = known.get(item.place, item.name)
             changes.append(Change(replace(item, name=name, value=_si(drive, item, wanted, name)), before, meant.get(name)))
-    Writable.of(drive, axis).check([one.wanted for one in changes], mode=axis is None)
+    Writable.of(drive, folder).check([one.wanted for one in changes], mode=folder is None)
     words = [f"the drive has no {', '.join(absent)}"] if absent else []
     return Differences(tuple(changes), (*words, *left_out))
 

@@ -7,16 +7,18 @@ and in :class:`beltcomm.experiments.supervised.Supervised`, behind which nothing
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from beltcomm.axis import Axis
+from beltcomm.axis import Motor
 from beltcomm.drive import Capabilities, Drive
 from beltcomm.drive.objects import MODE, ObjectValue, bounds_of, commands, name_of, packed
 from beltcomm.drive.parameters import GAIN_NAMES, LIMIT_NAMES
 from beltcomm.errors import ObjectLocked, Refused
 from beltcomm.machine.ratings import RATED_TOLERANCE
 from beltcomm.rundata.store import MOST
+from beltcomm.runfolder import RunFolder
 
 #: A servo motor's peak torque over its rated one: 2 to 5, hollow-shaft and linear motors up to 8.
 MOST_OVERLOAD = 10.0
@@ -36,12 +38,12 @@ class Writable:
     limits: Mapping[tuple[int, int], tuple[str, float, float, str]]
 
     @classmethod
-    def of(cls, drive: Drive, axis: Axis | None = None, found: Sequence[ObjectValue] = ()) -> Writable:
-        """Of a connected drive.   axis : whose motor's ratings count, None for none.   found : :meth:`Drive.objects`, where it was read."""
+    def of(cls, drive: Drive, folder: RunFolder | None = None, found: Sequence[ObjectValue] = ()) -> Writable:
+        """Of a connected drive.   folder : of the run whose ratings count, None for none.   found : :meth:`Drive.objects`, if read."""
         own = drive.capabilities
         kinds = {item.place: item.kind for item in found or drive.objects()}
         kinds |= {(entry.index, entry.subindex): entry.type for entry in own.parameters.values()}
-        rated = {} if axis is None else most_of(own, axis) | {name: (MOST[name], "what drives have") for name in GAIN_NAMES[:4]}
+        rated = {} if folder is None else most_of(own, folder) | {name: (MOST[name], "what drives have") for name in GAIN_NAMES[:4]}
         held = {n: own.parameters[n] for n in rated if n in own.parameters and own.parameters[n].law == "linear"}
         limits = {(entry.index, entry.subindex): (name, entry.scale, *rated[name]) for name, entry in held.items()}
         return cls({place: kind for place, kind in kinds.items() if place == MODE or not commands(*place)}, limits)
@@ -95,23 +97,21 @@ class Writable:
                 )
 
 
-def most_of(capabilities: Capabilities, axis: Axis) -> dict[str, tuple[float, str]]:
-    """The most that each limit may be, SI, and by whose word: axis.yaml's, else what stands in the drive; never more than motors do."""
+def most_of(capabilities: Capabilities, folder: RunFolder) -> dict[str, tuple[float, str]]:
+    """The most that each limit may be, SI, and by whose word: axis.yaml's, else what the drive has, or had when the run began: a session
+    that was cut off leaves it lower.  Never more than motors do."""
+    motor = folder.axis.motor if folder.has_axis else Motor()
+    begun = folder.load_result("drive") or {}
     rated = capabilities.rated_torque_nm
     found: dict[str, tuple[float, str]] = {}
-    for name, entry, file, here, most, bounded in (
-        (
-            LIMIT_NAMES[0],
-            "peak_torque_nm",
-            axis.motor.peak_torque_nm,
-            capabilities.peak_torque_nm,
-            MOST_OVERLOAD * rated,
-            f"{MOST_OVERLOAD:g} times the drive's rated torque of {rated:.4g} N m, more than motors have",
-        ),
-        (LIMIT_NAMES[1], "max_speed_rad_s", axis.motor.max_speed_rad_s, capabilities.max_speed_rad_s, MOST_SPEED_RAD_S, "what motors do"),
+    for name, key, most, bounded in (
+        (LIMIT_NAMES[0], "peak_torque_nm", MOST_OVERLOAD * rated, f"{MOST_OVERLOAD:g} times the drive's rated torque of {rated:.4g} N m"),
+        (LIMIT_NAMES[1], "max_speed_rad_s", MOST_SPEED_RAD_S, "what motors do"),
     ):
-        by = f"what the drive has now (axis.yaml does not state motor.{entry})" if file is None else f"motor.{entry}"
-        found[name] = min(((1.0 + RATED_TOLERANCE) * (here if file is None else file), by), (most, bounded))
+        file, before = getattr(motor, key), begun.get(key)
+        told = max(getattr(capabilities, key), before if isinstance(before, float) and math.isfinite(before) else 0.0)
+        by = f"what the drive has, or had when the run began (axis.yaml does not state motor.{key})" if file is None else f"motor.{key}"
+        found[name] = min(((1.0 + RATED_TOLERANCE) * (told if file is None else file), by), (most, bounded))
     return found
 
 
