@@ -8,6 +8,7 @@ from concurrent.futures.process import BrokenProcessPool
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from beltcomm import isolation
 from beltcomm.errors import Refused, UsageError
 from beltcomm.programs import source_hash
 from beltcomm.talk import Talk
@@ -64,7 +65,9 @@ def _on_processes(function: Callable[[Given], Found], given: Sequence[Given], wo
     while left:
         tasks = [delayed(_numbered)(function, number, one) for number, one in left.items()]
         try:
-            for number, found in Parallel(n_jobs=workers, backend="loky", batch_size=1, return_as="generator_unordered")(tasks):
+            with isolation.children_apart():
+                found_so_far = Parallel(n_jobs=workers, backend="loky", batch_size=1, return_as="generator_unordered")(tasks)
+            for number, found in found_so_far:
                 del left[number]
                 deaths = 0
                 yield found

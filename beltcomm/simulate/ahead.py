@@ -12,13 +12,13 @@ import gc
 import hashlib
 import os
 import subprocess
-import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from importlib.util import find_spec
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
+from beltcomm import isolation
 from beltcomm.simulate import cached
 
 _P = ParamSpec("_P")
@@ -36,7 +36,7 @@ def begin(meanwhile: Iterable[Callable[[], object]] = ()) -> None:
     _meanwhile[:] = reversed(tuple(meanwhile))
     note = _note()
     if note is not None and not note.exists() and len(os.sched_getaffinity(0)) > 1:
-        start([sys.executable, "-P", "-m", __name__])
+        start(isolation.python(__name__))
 
 
 def start(command: Sequence[str]) -> None:
@@ -44,7 +44,7 @@ def start(command: Sequence[str]) -> None:
     if _beside:
         return
     try:
-        child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        child = isolation.start(command)
     except OSError:
         return
     _beside.append(child)

@@ -1,0 +1,155 @@
+"""The cache of machine code: in places set here, each file held against its own hash, thrown away and made again where it is damaged.
+
+numba takes what stands in its cache as it is: one empty file, as a power cut leaves it, ends every command that needs the kernel, and a
+byte that has turned over is executed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ClassVar
+
+from platformdirs import user_cache_path
+
+from beltcomm import atomic, isolation
+
+with isolation.apart(Path(__file__).parent):
+    from numba.core import caching, config
+
+# numba looks for its settings again before each compilation
+config._config_fname = os.devnull
+# what NUMBA_CACHE_LOCATOR_CLASSES and the libraries' own folders say is not asked either
+
+#: How a file begins that this module has written; behind it the SHA-256 of the rest.
+_MAGIC = b"beltcomm machine code 1\n"
+#: How one begins that numba has written: from an earlier version.
+_EARLIER = b"\x80"
+_DIGEST = hashlib.sha256().digest_size
+_said: list[str] = []
+_listeners: list[Callable[[str], object]] = []
+
+
+def listen(say: Callable[[str], object]) -> None:
+    """From now on, and what has been to say so far: that something was made again, or cannot be kept; each once."""
+    _listeners.append(say)
+    for line in _said:
+        say(line)
+
+
+def tell(line: str) -> None:
+    """Say it once."""
+    if line not in _said:
+        _said.append(line)
+        for say in _listeners:
+            say(line)
+
+
+def kept(dispatcher: Any) -> None:
+    """Have the machine code of a compiled function kept, where there is a place for it."""
+    with contextlib.suppress(RuntimeError):  # in memory then, as long as the process lives
+        dispatcher._cache = _Cache(dispatcher.py_func)
+
+
+def user_folder() -> Path:
+    """Where machine code is kept that cannot stand beside its source."""
+    return user_cache_path("beltcomm") / "machine_code"
+
+
+class _Place(caching.UserWideCacheLocator):
+    """Beside the source, as numba does, else in this user's cache; ``NUMBA_CACHE_DIR`` comes before both."""
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> Any:
+        if not os.path.exists(py_file):
+            return None
+        found = cls(py_func, py_file)
+        own = str(user_folder() / cls.get_suitable_cache_subpath(py_file))
+        given = os.environ.get("NUMBA_CACHE_DIR")
+        beside = os.path.join(os.path.dirname(py_file), "__pycache__")
+        for place in [os.path.join(given, cls.get_suitable_cache_subpath(py_file))] if given else [beside, own]:
+            found._cache_path = place
+            with contextlib.suppress(OSError):
+                found.ensure_cache_path()
+                return found
+        tell(
+            f"Machine code cannot be kept, for {given or user_folder()} cannot be written: each command compiles anew; "
+            "make room there, or set XDG_CACHE_HOME to a folder that can be written."
+        )
+        return None
+
+
+class _Result(caching.CompileResultCacheImpl):
+    _locator_classes: ClassVar[Any] = [_Place]
+
+
+class _Cache(caching.FunctionCache):
+    _impl_class = _Result
+
+    def __init__(self, py_func: Any) -> None:
+        super().__init__(py_func)
+        own = self._cache_file
+        self._cache_file = _Files(own._cache_path, self._impl.filename_base, own._source_stamp)
+
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super()._load_overload(sig, target_context)
+        except Exception:  # whole, and yet not what this numba takes
+            self._cache_file.throw_away(self._cache_file._index_path)
+            return None
+
+    def _save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            super()._save_overload(sig, data)
+        except OSError as error:
+            tell(f"Machine code cannot be kept in {self.cache_path}: {error.strerror or error}; the next command compiles it again.")
+
+
+class _Files(caching.IndexDataCacheFile):
+    """The index of a function, and a file for each of its types."""
+
+    def load(self, key: Any) -> Any:
+        name = self._load_index().get(key)
+        return None if name is None else self._read(self._data_path(name))
+
+    def _load_index(self) -> dict[Any, str]:
+        found = self._read(self._index_path)
+        version, stamp, overloads = found or (None, None, {})
+        return overloads if (version, stamp) == (self._version, self._source_stamp) else {}
+
+    def _save_index(self, overloads: dict[Any, str]) -> None:
+        self._write(self._index_path, (self._version, self._source_stamp, overloads))
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._write(self._data_path(name), data)
+
+    def _write(self, path: str, content: Any) -> None:
+        data = self._dump(content)
+        atomic.write(Path(path), _MAGIC + hashlib.sha256(data).digest() + data)
+
+    def _read(self, path: str) -> Any:
+        """What a file holds; None where there is none, or none that can be used."""
+        try:
+            content = Path(path).read_bytes()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            tell(f"{path} cannot be read: {error.strerror or error}; its machine code is compiled again by each command.")
+            return None
+        if content.startswith(_EARLIER):
+            return None
+        digest, data = content[len(_MAGIC) : len(_MAGIC) + _DIGEST], content[len(_MAGIC) + _DIGEST :]
+        if content.startswith(_MAGIC) and hashlib.sha256(data).digest() == digest:
+            return pickle.loads(data)
+        self.throw_away(path)
+        return None
+
+    def throw_away(self, path: str) -> None:
+        """Take a damaged file away, so that it is made again."""
+        with contextlib.suppress(OSError):
+            os.unlink(path)
+        tell(f"Damaged files of compiled code in {os.path.dirname(path)} are thrown away and made again.")
