@@ -19,6 +19,7 @@ from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.job import check_imports, import_recordings
 from beltcomm.given import Place, number, pasted, place
+from beltcomm.locks import changes_run
 from beltcomm.model import load_plant
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
@@ -63,6 +64,7 @@ from beltcomm.talk import Silence, Talk
 compare, diagnose, add, remove, ladder = compare_run, diagnose_run, add_to_run, remove_from_run, ladder_of_run
 
 
+@changes_run(waits=False)
 @early_end.searched
 def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """The whole job: identify, fit, friction, design, verify.   Exit code 1 for a missed target or a model that does not explain the data.
@@ -102,6 +104,7 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
     return Result(found, text.short(), 0 if findings.succeeded else 1)
 
 
+@changes_run(waits=False)
 @early_end.searched
 def identify(drive: str, axis: Axis | Place, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Sign check, rising excitation, one open-loop response here, a first model; without a reference inside ``Options.window_m``.
@@ -140,6 +143,7 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     return Result({**outcome.data(folder, findings), "nonlinearity": plain(split)}, text, int(whole))
 
 
+@changes_run(waits=False)
 def follow(drive: str, run: Place, plan: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """The records of a plan that ``diagnose`` wrote, into the run that it was written for."""
     options, talk, run, plan = given(options), talk or Silence(), place(run), place(plan, "plan")
@@ -148,6 +152,7 @@ def follow(drive: str, run: Place, plan: Place, *, options: Options | None = Non
         return follow_plan(connected, run, plan, options, agreed, talk)
 
 
+@changes_run(waits=False)
 def friction(
     drive: str, run: Place, *, options: Options | None = None, pictures: bool = False, command: str = "", talk: Talk | None = None
 ) -> Result:
@@ -173,6 +178,7 @@ def friction(
     return friction_job.result(folder, model, findings.thesis, made, drawn=pictures, command=command)
 
 
+@changes_run()
 def design(
     run: Place,
     *,
@@ -197,6 +203,7 @@ def design(
     return delivered(basis, along, options.payload_kg, seed=options.seed or 0, pictures=pictures, command=command)
 
 
+@changes_run(waits=False)
 def verify(
     drive: str,
     run: Place,
@@ -229,6 +236,7 @@ def verify(
         )
 
 
+@changes_run(waits=False)
 def apply(
     drive: str, run: Place, *, dcf: Place | None = None, shown: bool = False, options: Options | None = None, talk: Talk | None = None
 ) -> Result:
@@ -250,6 +258,7 @@ def backups(run: Place) -> Result:
     return backup_list(RunFolder.open(place(run)))
 
 
+@changes_run(waits=False)
 def rollback(drive: str, run: Place, *, backup: str | None = None, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Write back what the drive had when the run began, or another backup of the run by name or path.   Nothing moves."""
     options, talk, run = given(options), talk or Silence(), place(run)
@@ -260,6 +269,7 @@ def rollback(drive: str, run: Place, *, backup: str | None = None, options: Opti
         return roll_back(connected, drive, folder, backup, options, talk)
 
 
+@changes_run(waits=False)
 def calibrate(drive: str, axis: Axis | Place | None, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """What the drive's gains mean, by small steps of its setpoints, into a run: a new one for ``axis``, or an existing one without it."""
     options, talk, run = given(options), talk or Silence(), place(run)
@@ -285,6 +295,7 @@ def move(drive: str, axis: Axis | Place, by_m: float, *, options: Options | None
         return short_move.moved(connected, drive, axis, by_m, options, talk)
 
 
+@changes_run(waits=False)
 def simulate(
     plant: str,
     axis: Axis | Place,

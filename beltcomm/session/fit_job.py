@@ -6,6 +6,7 @@ from typing import Literal
 
 from beltcomm.given import Place, pasted, place
 from beltcomm.identify.magnitude_fit import Solver
+from beltcomm.locks import changes_run
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import friction_words, offline, outcome, words
@@ -21,6 +22,7 @@ SUSPECT = (
 )
 
 
+@changes_run()
 def fit(
     run: Place,
     *,

@@ -13,11 +13,11 @@ from typing import Any
 from beltcomm.configfiles import find_config, to_yaml, write_text
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.given import pasted
+from beltcomm.locks import occupied
 from beltcomm.programs import source_hash
 from beltcomm.result import Result, jsonable, plain
 from beltcomm.session import study_words as words
 from beltcomm.session.study_file import Study, load_study
-from beltcomm.session.study_lock import held
 from beltcomm.session.study_members import Doing, line_of, lines_of
 from beltcomm.session.study_workers import answers, processors
 from beltcomm.study.summary import summary_of
@@ -63,7 +63,15 @@ def study_of(
         lines = _goes_on(asked, out, reads_only=True).lines
         _copy(file, out)
         return _result(asked, file, out, lines, report)
-    with held(out, talk):
+    with occupied(
+        out,
+        talk,
+        refusal=lambda holder: (
+            f"{out} is being computed by {holder}; wait for its end, or end it and the same command goes on; "
+            "--limit 0 reads what is known so far"
+        ),
+        unwritable="choose another --out",
+    ):
         lines = _computed(asked, file, out, workers=workers, scheduler=scheduler, limit=limit, talk=talk)
         return _result(asked, file, out, lines, report)
 
