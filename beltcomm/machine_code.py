@@ -10,7 +10,9 @@ import contextlib
 import hashlib
 import os
 import pickle
+import tempfile
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -21,9 +23,7 @@ from beltcomm import atomic, isolation
 with isolation.apart(Path(__file__).parent):
     from numba.core import caching, config
 
-# numba looks for its settings again before each compilation
-config._config_fname = os.devnull
-# what NUMBA_CACHE_LOCATOR_CLASSES and the libraries' own folders say is not asked either
+config._config_fname = os.devnull  # numba looks for its settings again before each compilation
 
 #: How a file begins that this module has written; behind it the SHA-256 of the rest.
 _MAGIC = b"beltcomm machine code 1\n"
@@ -60,19 +60,21 @@ def user_folder() -> Path:
     return user_cache_path("beltcomm") / "machine_code"
 
 
-class _Place(caching.UserWideCacheLocator):
-    """Beside the source, as numba does, else in this user's cache; ``NUMBA_CACHE_DIR`` comes before both."""
+class _Place:
+    """Of one function: beside its source, as numba does, else in this user's cache; ``NUMBA_CACHE_DIR`` comes before both."""
+
+    def __init__(self, function: Any, source: str, folder: str) -> None:
+        self._line, self._source, self._folder = function.__code__.co_firstlineno, source, folder
 
     @classmethod
-    def from_function(cls, py_func: Any, py_file: str) -> Any:
-        if not os.path.exists(py_file):
+    def from_function(cls, function: Any, source: str) -> _Place | None:
+        """The first place that can be written; None where there is none, which is said."""
+        if not os.path.exists(source):
             return None
-        found = cls(py_func, py_file)
-        own = str(user_folder() / cls.get_suitable_cache_subpath(py_file))
-        given = os.environ.get("NUMBA_CACHE_DIR")
-        beside = os.path.join(os.path.dirname(py_file), "__pycache__")
-        for place in [os.path.join(given, cls.get_suitable_cache_subpath(py_file))] if given else [beside, own]:
-            found._cache_path = place
+        given, beside = os.environ.get("NUMBA_CACHE_DIR"), os.path.dirname(source)
+        apart = f"{os.path.basename(beside)}_{hashlib.sha256(beside.encode()).hexdigest()[:20]}"
+        for folder in [os.path.join(given, apart)] if given else [os.path.join(beside, "__pycache__"), str(user_folder() / apart)]:
+            found = cls(function, source, folder)
             with contextlib.suppress(OSError):
                 found.ensure_cache_path()
                 return found
@@ -81,6 +83,28 @@ class _Place(caching.UserWideCacheLocator):
             "make room there, or set XDG_CACHE_HOME to a folder that can be written."
         )
         return None
+
+    def ensure_cache_path(self) -> None:
+        """Make the folder.   Raises OSError where nothing can be written into it."""
+        os.makedirs(self._folder, exist_ok=True)
+        tempfile.TemporaryFile(dir=self._folder).close()
+
+    def get_cache_path(self) -> str:
+        """The folder."""
+        return self._folder
+
+    def get_source_stamp(self) -> str:
+        """Changes with the text of the source."""
+        return _hash_of(self._source)
+
+    def get_disambiguator(self) -> str:
+        """Tells functions of one name in one file apart."""
+        return str(self._line)
+
+
+@cache
+def _hash_of(source: str) -> str:
+    return hashlib.sha256(Path(source).read_bytes()).hexdigest()
 
 
 class _Result(caching.CompileResultCacheImpl):
@@ -93,7 +117,7 @@ class _Cache(caching.FunctionCache):
     def __init__(self, py_func: Any) -> None:
         super().__init__(py_func)
         own = self._cache_file
-        self._cache_file = _Files(own._cache_path, self._impl.filename_base, own._source_stamp)
+        self._cache_file = _Files(self.cache_path, self._impl.filename_base, own._source_stamp)
 
     def _load_overload(self, sig: Any, target_context: Any) -> Any:
         try:

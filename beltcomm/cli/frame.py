@@ -117,8 +117,9 @@ class Frame:
             context = getattr(error, "ctx", None)
             remedy = f" (see {context.command_path} --help)" if context is not None else ""
             return self._failed(" ".join(error.format_message().split()).rstrip(".") + remedy, error.exit_code)
-        except (KeyboardInterrupt, click.Abort):
-            return self._interrupted()
+        except (KeyboardInterrupt, click.Abort) as error:
+            cause = error.__cause__  # click takes the end of any file for one at a question
+            return self._unexpected(cause) if isinstance(cause, EOFError) else self._interrupted()
         except BrokenPipeError:  # the reader of our output has gone: nobody is left to tell
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 1
