@@ -11,7 +11,6 @@ import hashlib
 import os
 import pickle
 import tempfile
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
@@ -19,6 +18,7 @@ from typing import Any, ClassVar
 from platformdirs import user_cache_path
 
 from beltcomm import atomic, isolation
+from beltcomm.caches import tell
 
 with isolation.apart(Path(__file__).parent):
     from numba.core import caching, config
@@ -30,23 +30,6 @@ _MAGIC = b"beltcomm machine code 1\n"
 #: How one begins that numba has written: from an earlier version.
 _EARLIER = b"\x80"
 _DIGEST = hashlib.sha256().digest_size
-_said: list[str] = []
-_listeners: list[Callable[[str], object]] = []
-
-
-def listen(say: Callable[[str], object]) -> None:
-    """From now on, and what has been to say so far: that something was made again, or cannot be kept; each once."""
-    _listeners.append(say)
-    for line in _said:
-        say(line)
-
-
-def tell(line: str) -> None:
-    """Say it once."""
-    if line not in _said:
-        _said.append(line)
-        for say in _listeners:
-            say(line)
 
 
 def kept(dispatcher: Any) -> None:

@@ -23,8 +23,8 @@ from pathlib import Path
 from types import ModuleType
 
 from beltcomm import atomic
+from beltcomm.caches import tell
 from beltcomm.effects import EFFECTS
-from beltcomm.machine_code import tell
 from beltcomm.model import Model, body_list
 from beltcomm.simulate.ahead import after_waiting
 from beltcomm.simulate.cached import VERSION, folder

@@ -12,12 +12,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beltcomm import caches
+from beltcomm.axis import load_axis
+from beltcomm.locks import changes_run
+from beltcomm.result import Result
+from beltcomm.runfolder import RunFolder
+from beltcomm.session.kept_result import answered
+
 SCRIPT = """
 import numpy as np
-from beltcomm import machine_code
+from beltcomm import caches
 from beltcomm.model import build_model
 from beltcomm.simulate.compose import kernel_for
-machine_code.listen(print)
+caches.listen(print)
 model = build_model('m', ('belt_stiffness',), {})
 kernel = kernel_for(model)
 q, v = np.zeros(2), np.zeros(2)
@@ -99,3 +106,54 @@ def test_a_place_where_nothing_can_be_written_is_told(tmp_path: Path) -> None:
     file.write_text("no folder")
     said = used(file)
     assert any("cannot be kept" in line for line in said[:-1])
+
+
+DAMAGED = (b"", b"\x00" * 40, b'{"key": "k", "x"', b"[1, 2]", b'"text"', b"null", b"\xff\xfe", b"[" * 200_000, b'{"x": 1}')
+
+
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What caches say, from nothing on."""
+    said: list[str] = []
+    monkeypatch.setattr(caches, "_said", [])
+    monkeypatch.setattr(caches, "_listeners", [said.append])
+    return said
+
+
+@pytest.mark.parametrize("content", DAMAGED, ids=lambda content: repr(content[:12]))
+def test_a_damaged_answer_is_thrown_away_and_said_once(tmp_path: Path, told: list[str], content: bytes) -> None:
+    path = tmp_path / "kept" / "answer.json"
+    assert caches.found(path, "k") is None
+    assert told == []
+    path.parent.mkdir()
+    for _ in range(2):
+        path.write_bytes(content)
+        assert caches.found(path, "k") is None
+        assert not path.exists()
+    assert told == [f"{path} is damaged; it is thrown away and made again."]
+    caches.keep(path, "k", {"x": 1.5})
+    assert caches.found(path, "k") == {"key": "k", "x": 1.5}
+    assert caches.found(path, "another") is None
+    assert path.exists()
+
+
+def test_an_answer_that_cannot_be_kept_is_said_and_no_more(tmp_path: Path, told: list[str]) -> None:
+    (tmp_path / "kept").write_text("no folder")
+    caches.keep(tmp_path / "kept" / "answer.json", "k", {})
+    assert len(told) == 1
+    assert "cannot be kept (" in told[0]
+
+
+def test_a_command_finds_its_answer_again(tmp_path: Path) -> None:
+    """What keeps other commands out of the folder meanwhile is not part of the question."""
+    folder, made = RunFolder.create(tmp_path / "run", load_axis("egc-70-600")), []
+
+    @changes_run()
+    def asked(run: Path) -> Result:
+        return answered(RunFolder.open(run), "x", (), lambda: made.append(1) or Result({}, ["found"]))
+
+    assert [asked(folder.path).text, asked(folder.path).text] == [["found"], ["found"]]
+    assert len(made) == 1
+    (folder.path / "kept" / "x.json").write_bytes(b"")
+    assert asked(folder.path).text == ["found"]
+    assert len(made) == 2
