@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltcomm import caches
+from beltcomm import caches, machine_code
 from beltcomm.axis import load_axis
 from beltcomm.locks import changes_run
 from beltcomm.result import Result
@@ -43,6 +43,15 @@ def used(home: Path, *, largest: int | None = None) -> list[str]:
     return done.stdout.splitlines()
 
 
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What caches say, from nothing on."""
+    said: list[str] = []
+    monkeypatch.setattr(caches, "_said", [])
+    monkeypatch.setattr(caches, "_listeners", [said.append])
+    return said
+
+
 def emptied(content: bytes, draw: np.random.Generator) -> bytes:
     return b""
 
@@ -66,8 +75,7 @@ def longer(content: bytes, draw: np.random.Generator) -> bytes:
     return content + draw.bytes(9)
 
 
-@pytest.mark.parametrize("damage", [emptied, zeroed, cut, turned, longer])
-@pytest.mark.parametrize("kind", ["*.nbi", "*.nbc", "*.py", "*"])
+@pytest.mark.parametrize(("kind", "damage"), [("*", emptied), ("*.nbc", turned), ("*.py", cut)])
 def test_damaged_files_of_compiled_code_are_made_again_and_that_is_one_line(
     tmp_path: Path, kind: str, damage: Callable[[bytes, np.random.Generator], bytes]
 ) -> None:
@@ -83,6 +91,23 @@ def test_damaged_files_of_compiled_code_are_made_again_and_that_is_one_line(
     assert [line for line in said if MENDED not in line] == []
     assert len(said) == len({line.partition(" in ")[2] for line in said}) <= 2
     assert used(tmp_path) == [f"{result.split()[0]} 1"], "and now everything is found"
+
+
+@pytest.mark.parametrize("damage", [emptied, zeroed, cut, turned, longer])
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+def test_no_damaged_byte_is_ever_executed(
+    tmp_path: Path, told: list[str], kind: str, damage: Callable[[bytes, np.random.Generator], bytes]
+) -> None:
+    files, draw = machine_code._Files(str(tmp_path), "function-1.py311", "source"), np.random.default_rng(7)
+    for _ in range(40):
+        files.save("types", {"code": draw.bytes(200)})
+        (path,) = tmp_path.glob(f"*.{kind}")
+        path.write_bytes(damage(path.read_bytes(), draw))
+        assert files.load("types") is None
+    assert len(told) <= 1
+    files.save("types", "whole")
+    assert files.load("types") == "whole"
+    assert machine_code._Files(str(tmp_path), "function-1.py311", "another source").load("types") is None
 
 
 def test_files_that_numba_itself_has_written_are_replaced_in_silence(tmp_path: Path) -> None:
@@ -109,15 +134,6 @@ def test_a_place_where_nothing_can_be_written_is_told(tmp_path: Path) -> None:
 
 
 DAMAGED = (b"", b"\x00" * 40, b'{"key": "k", "x"', b"[1, 2]", b'"text"', b"null", b"\xff\xfe", b"[" * 200_000, b'{"x": 1}')
-
-
-@pytest.fixture
-def told(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """What caches say, from nothing on."""
-    said: list[str] = []
-    monkeypatch.setattr(caches, "_said", [])
-    monkeypatch.setattr(caches, "_listeners", [said.append])
-    return said
 
 
 @pytest.mark.parametrize("content", DAMAGED, ids=lambda content: repr(content[:12]))
