@@ -313,6 +313,8 @@ def simulate(
     referencing.same_tilt(axis, model)
     if options.payload_kg:
         model = model.with_values({"cart.mass": model["cart.mass"] + options.payload_kg})
+    if RunFolder.broken_off(run):  # by this command: it goes on
+        options = replace(options, resume=True)
     with open_drive(f"virtual:{plant}", options.for_drive()) as connected:
         folder = new_folder(run, axis, connected, options)
         with Machine(connected, axis, folder, talk) as machine:

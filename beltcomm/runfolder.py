@@ -97,6 +97,11 @@ class RunFolder:
         return cls(path, load_axis(axis_path) if axis_path.is_file() else None)
 
     @classmethod
+    def broken_off(cls, path: Path) -> bool:
+        """Whether a run stands here whose first record was begun and never finished."""
+        return path.is_dir() and any(path.glob("recordings/*.csv.part")) and not any(path.glob("recordings/*.csv"))
+
+    @classmethod
     def _resumed(cls, path: Path, axis: Axis) -> RunFolder:
         if not path.is_dir():
             raise UsageError(f"--resume: the run folder {path} does not exist{_like(path)}; check --run or leave --resume out")

@@ -7,6 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from io import RawIOBase
 from pathlib import Path
 from typing import Any
 
@@ -96,13 +97,11 @@ def _computed(
         talk.phase(1, 1, f"{asked.each} {len(open_members)} members")
         done = 0  # in this session: what was there before says nothing of how long the others take
         _cut(out / MEMBERS)
-        with open(out / MEMBERS, "ab") as members:
+        with open(out / MEMBERS, "ab", buffering=0) as members:
             for made in answers(partial(lines_of, asked.work), tasks, workers=workers, scheduler=scheduler, talk=talk):
                 if any(line["program"] != source_hash() for line in made):  # a worker that joined later
                     raise Refused("a worker has another beltcomm than this computer; install the same one there. What is done is kept")
-                members.write("".join(_text(line) for line in made).encode())
-                members.flush()
-                os.fsync(members.fileno())
+                _append(members, "".join(map(_text, made)), out / MEMBERS)
                 lines |= {line["member"]: line for line in made}
                 done += len(made)
                 talk.progress(done / len(open_members), None)
@@ -111,6 +110,17 @@ def _computed(
     if kept.aside:
         write_text(out / GONE, "".join(_text(line) for line in kept.aside if _gone(line, asked)))
     return lines
+
+
+def _append(file: RawIOBase, text: str, path: Path) -> None:
+    """Lines onto the disk.   Raises UsageError; the last line may be torn then, and is cut off by whoever goes on."""
+    data = text.encode()
+    try:
+        while data:
+            data = data[file.write(data) or 0 :]
+        os.fsync(file.fileno())
+    except OSError as error:
+        raise UsageError(f"{path} cannot be written: {error.strerror or error}; make room, and the same command goes on") from error
 
 
 def _gone(line: Line, asked: Study) -> bool:
