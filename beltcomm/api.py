@@ -297,13 +297,7 @@ def move(drive: str, axis: Axis | Place, by_m: float, *, options: Options | None
 
 @changes_run(waits=False)
 def simulate(
-    plant: str,
-    axis: Axis | Place,
-    run: Place,
-    *,
-    experiment: str = "frf",
-    options: Options | None = None,
-    talk: Talk | None = None,
+    plant: str, axis: Axis | Place, run: Place, *, experiment: str = "frf", options: Options | None = None, talk: Talk | None = None
 ) -> Result:
     """A virtual experiment on a plant or model file, through the virtual drive, into a new run folder."""
     options, talk, axis, run = given(options), talk or Silence(), axis_of(axis), place(run)
@@ -313,8 +307,7 @@ def simulate(
     referencing.same_tilt(axis, model)
     if options.payload_kg:
         model = model.with_values({"cart.mass": model["cart.mass"] + options.payload_kg})
-    if RunFolder.broken_off(run):  # by this command: it goes on
-        options = replace(options, resume=True)
+    options = replace(options, resume=options.resume or RunFolder.broken_off(run))  # a simulation that was cut off goes on
     with open_drive(f"virtual:{plant}", options.for_drive()) as connected:
         folder = new_folder(run, axis, connected, options)
         with Machine(connected, axis, folder, talk) as machine:

@@ -65,12 +65,11 @@ def _on_processes(function: Callable[[Given], Found], given: Sequence[Given], wo
     while left:
         tasks = [delayed(_numbered)(function, number, one) for number, one in left.items()]
         try:
-            with isolation.children_apart():
-                found_so_far = Parallel(n_jobs=workers, backend="loky", batch_size=1, return_as="generator_unordered")(tasks)
-            for number, found in found_so_far:
-                del left[number]
-                deaths = 0
-                yield found
+            with isolation.children_apart():  # to the end: a worker may be started at any moment
+                for number, found in Parallel(n_jobs=workers, backend="loky", batch_size=1, return_as="generator_unordered")(tasks):
+                    del left[number]
+                    deaths = 0
+                    yield found
         except BrokenProcessPool:
             deaths += 1
             if deaths == DEATHS:

@@ -48,7 +48,13 @@ class Note:
         if not self.path.is_file():
             return None
         self._take().release()
-        return read_yaml(self.path)
+        try:
+            return read_yaml(self.path)
+        except UsageError as error:
+            raise UsageError(
+                f"a session on {self.hardware.words} ended without restoring it, and its note is damaged ({error}); roll its run back "
+                f"(`beltcomm rollback --drive {pasted(self.hardware.name)} --run RUN`), then delete the note"
+            ) from error
 
     def put(self, run: Path | None, objects: Sequence[ObjectValue]) -> None:
         """Write the note and keep it locked.   Raises UsageError when it cannot be kept: then nothing may be changed."""
