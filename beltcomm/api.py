@@ -51,6 +51,7 @@ from beltcomm.jobs.trajectory import trajectory as trajectory
 from beltcomm.jobs.tune import tune as tune
 from beltcomm.jobs.verify import verify_with
 from beltcomm.jobs.write import admitted, apply_to, backup_list, roll_back
+from beltcomm.locks import changes_run
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.scale import ruler as ruler
 from beltcomm.model import load_plant
@@ -70,6 +71,7 @@ from beltcomm.talk import Silence, Talk
 from beltcomm.thesis.topics import thesis as thesis
 
 
+@changes_run(waits=False)
 @early_end.searched
 def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """The whole job: identify, fit, friction, design, verify.   Exit code 1 for a missed target or a model that does not explain the data.
@@ -109,6 +111,7 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
     return Result(found, text.short(), 0 if findings.succeeded else 1)
 
 
+@changes_run(waits=False)
 @early_end.searched
 def identify(drive: str, axis: Axis | Place, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Sign check, rising excitation, one open-loop response here, a first model; without a reference inside ``Options.window_m``.
@@ -147,6 +150,7 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     return Result({**outcome.data(folder, findings), "nonlinearity": plain(split)}, text, int(whole))
 
 
+@changes_run(waits=False)
 def follow(drive: str, run: Place, plan: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """The records of a plan that ``diagnose`` wrote, into the run that it was written for."""
     options, talk, run, plan = given(options), talk or Silence(), place(run), place(plan, "plan")
@@ -155,6 +159,7 @@ def follow(drive: str, run: Place, plan: Place, *, options: Options | None = Non
         return follow_plan(connected, run, plan, options, agreed, talk)
 
 
+@changes_run(waits=False)
 def friction(
     drive: str, run: Place, *, options: Options | None = None, pictures: bool = False, command: str = "", talk: Talk | None = None
 ) -> Result:
@@ -180,6 +185,7 @@ def friction(
     return friction_job.result(folder, model, findings.thesis, made, drawn=pictures, command=command)
 
 
+@changes_run()
 def design(
     run: Place,
     *,
@@ -204,6 +210,7 @@ def design(
     return delivered(basis, along, options.payload_kg, seed=options.seed or 0, pictures=pictures, command=command)
 
 
+@changes_run(waits=False)
 def verify(
     drive: str,
     run: Place,
@@ -236,6 +243,7 @@ def verify(
         )
 
 
+@changes_run(waits=False)
 def apply(
     drive: str, run: Place, *, dcf: Place | None = None, shown: bool = False, options: Options | None = None, talk: Talk | None = None
 ) -> Result:
@@ -257,6 +265,7 @@ def backups(run: Place) -> Result:
     return backup_list(RunFolder.open(place(run)))
 
 
+@changes_run(waits=False)
 def rollback(drive: str, run: Place, *, backup: str | None = None, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Write back what the drive had when the run began, or another backup of the run by name or path.   Nothing moves."""
     options, talk, run = given(options), talk or Silence(), place(run)
@@ -267,6 +276,7 @@ def rollback(drive: str, run: Place, *, backup: str | None = None, options: Opti
         return roll_back(connected, drive, folder, backup, options, talk)
 
 
+@changes_run(waits=False)
 def calibrate(drive: str, axis: Axis | Place | None, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """What the drive's gains mean, by small steps of its setpoints, into a run: a new one for ``axis``, or an existing one without it."""
     options, talk, run = given(options), talk or Silence(), place(run)
@@ -292,14 +302,9 @@ def move(drive: str, axis: Axis | Place, by_m: float, *, options: Options | None
         return short_move.moved(connected, drive, axis, by_m, options, talk)
 
 
+@changes_run(waits=False)
 def simulate(
-    plant: str,
-    axis: Axis | Place,
-    run: Place,
-    *,
-    experiment: str = "frf",
-    options: Options | None = None,
-    talk: Talk | None = None,
+    plant: str, axis: Axis | Place, run: Place, *, experiment: str = "frf", options: Options | None = None, talk: Talk | None = None
 ) -> Result:
     """A virtual experiment on a plant or model file, through the virtual drive, into a new run folder."""
     options, talk, axis, run = given(options), talk or Silence(), axis_of(axis), place(run)
@@ -309,6 +314,7 @@ def simulate(
     referencing.same_tilt(axis, model)
     if options.payload_kg:
         model = model.with_values({"cart.mass": model["cart.mass"] + options.payload_kg})
+    options = replace(options, resume=options.resume or RunFolder.broken_off(run))  # a simulation that was cut off goes on
     with open_drive(f"virtual:{plant}", options.for_drive()) as connected:
         folder = new_folder(run, axis, connected, options)
         with Machine(connected, axis, folder, talk) as machine:

@@ -9,6 +9,9 @@ from contextlib import contextmanager
 from functools import lru_cache, wraps
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
+from beltcomm import machine_code  # before numba, which reads settings where it is loaded first
+
+# isort: split
 import numba
 from numba.core import event
 
@@ -28,12 +31,9 @@ def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """numba's ``njit`` with the types of the function kept.
 
     The machine code is kept beside the source, or in the user's cache where the package is read-only.  Where neither can be
-    written (``njit(cache=True)`` raises there, at import) it lives as long as the process.
+    written it lives as long as the process.
     """
-    try:
-        return cast("Callable[_P, _R]", numba.njit(cache=True, **_FROM_PYTHON)(function))
-    except RuntimeError:  # "no locator available": numba has found no place for its cache
-        return cast("Callable[_P, _R]", numba.njit(**_FROM_PYTHON)(function))
+    return cast("Callable[_P, _R]", _kept(numba.njit(**_FROM_PYTHON)(function)))
 
 
 def within_kernels(function: Callable[_P, _R]) -> Callable[_P, _R]:
@@ -54,15 +54,17 @@ def in_lanes(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
     With the test the compiler cannot put the neighbours into one register.
     """
-    try:
-        return cast("Callable[_P, _R]", numba.njit(cache=True, **_LANES)(function))
-    except RuntimeError:
-        return cast("Callable[_P, _R]", numba.njit(**_LANES)(function))
+    return cast("Callable[_P, _R]", _kept(numba.njit(**_LANES)(function)))
 
 
 def within_lanes(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """The same for what loops in lanes alone call, see :func:`within_kernels`."""
     return cast("Callable[_P, _R]", numba.njit(**_NO_WAY_IN, error_model="numpy", fastmath={"contract"})(function))
+
+
+def _kept(dispatcher: Any) -> Any:
+    machine_code.kept(dispatcher)
+    return dispatcher
 
 
 def when_compiling(begun: Callable[[], None], ended: Callable[[], None]) -> None:

@@ -5,7 +5,6 @@ Shipped files stand in ``beltcomm/configs`` inside a wheel and in ``configs`` be
 
 from __future__ import annotations
 
-import contextlib
 import difflib
 import hashlib
 import json
@@ -17,6 +16,7 @@ from typing import Any
 
 import yaml
 
+from beltcomm import atomic
 from beltcomm.errors import BeltcommError, UsageError
 
 _PACKAGE = Path(__file__).resolve().parent
@@ -242,20 +242,10 @@ def _checksum(content: Mapping[str, Any]) -> str:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all: a temporary file beside it, flushed to the disk, then renamed over it.
-
-    Raises UsageError when the folder is missing, read-only or full.
-    """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    """Write a text, see :mod:`beltcomm.atomic`.   Raises UsageError when the folder is missing, read-only or full."""
     try:
-        with open(temporary, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
+        atomic.write(path, text.encode(errors="backslashreplace"))
     except OSError as error:
-        with contextlib.suppress(OSError):  # a read-only file system refuses even to delete what is not there
-            temporary.unlink(missing_ok=True)
         raise UsageError(f"{path} cannot be written: {error.strerror or error}; choose another place") from error
 
 

@@ -20,18 +20,23 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from difflib import get_close_matches
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from beltcomm import __version__
+from beltcomm.atomic import is_draft
 from beltcomm.axis import Axis, load_axis, save_axis
 from beltcomm.configfiles import did_you_mean, read_yaml, sealed, to_yaml, unsealed, write_text
 from beltcomm.errors import DataError, NoMotion, UsageError
 from beltcomm.given import pasted
+from beltcomm.locks import NAME as LOCK
+from beltcomm.locks import at_work, link_refused, occupied
 from beltcomm.recording import Recording, RecordingWriter, Sidecar, common_side, load_recording, save_recording
 from beltcomm.recording.columns import MOTOR_COLUMNS
 from beltcomm.recording.sidecar import load_sidecar
+from beltcomm.talk import Talk
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 #: Letters of a name: file systems take 255 bytes, and ends such as .csv.part stand behind it.
@@ -67,13 +72,15 @@ class RunFolder:
         """
         if resume:
             return cls._resumed(path, axis)
-        if path.exists() and (not path.is_dir() or any(path.iterdir())) and not _untouched(path):
+        if path.exists() and not is_new(path):
             raise UsageError(f"{path} exists; choose another folder, or go on with that run (--resume of commission and identify)")
+        for item in _content(path):
+            item.unlink()
         run = cls(path, axis)
-        for folder in (path, run.recordings_folder):
-            _make_folder(folder)
+        _make_folder(path, inside=False)
+        run._write_about({})  # first: whoever is killed behind it has left the tool's own folder, which counts as new
         save_axis(axis, path / "axis.yaml")
-        run._write_about({})
+        _make_folder(run.recordings_folder)
         return run
 
     @classmethod
@@ -92,9 +99,16 @@ class RunFolder:
         return cls(path, load_axis(axis_path) if axis_path.is_file() else None)
 
     @classmethod
+    def broken_off(cls, path: Path) -> bool:
+        """Whether a run stands here whose first record was begun and never finished."""
+        return path.is_dir() and any(path.glob("recordings/*.csv.part")) and not any(path.glob("recordings/*.csv"))
+
+    @classmethod
     def _resumed(cls, path: Path, axis: Axis) -> RunFolder:
         if not path.is_dir():
             raise UsageError(f"--resume: the run folder {path} does not exist{_like(path)}; check --run or leave --resume out")
+        if not (path / "axis.yaml").is_file() and (path / "run.yaml").is_file() and is_new(path):  # killed before it had one
+            return cls.create(path, axis)
         run = cls.open(path)
         begun_with = run._about().get("axis_fingerprint", run.axis.fingerprint())
         if not axis.fingerprint() == run.axis.fingerprint() == begun_with:
@@ -292,27 +306,26 @@ class RunFolder:
         """The mapping in ``results/NAME.yaml``, None when there is none.   Raises DataError when it is unreadable."""
         return self.load("results", name) if (self.path / "results" / f"{checked_name(name)}.yaml").is_file() else None
 
-    def occupy(self) -> IO[str]:
-        """Keep other sessions out of this folder until the file given back is closed.   Raises UsageError when one is in it already."""
-        import fcntl  # not on every system, and only machines need it
-
-        path = self.path / "journal.txt"
-        try:
-            file = open(path, "a", encoding="utf-8")  # noqa: SIM115  # stays open as long as the session
-        except OSError as error:
-            raise UsageError(f"{path} cannot be written: {error.strerror or error}; choose another --run folder") from error
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            file.close()
-            raise UsageError(f"another session is at work in {self.path}; wait for its end, or choose another folder") from None
-        return file
+    def occupy(self, talk: Talk) -> ExitStack:
+        """Keep other commands out of this folder until what is given back is closed.   Raises UsageError when one is in it already."""
+        with ExitStack() as held:
+            held.enter_context(
+                occupied(
+                    self.path,
+                    talk,
+                    refusal=lambda holder: at_work(self.path, holder),
+                    session=True,
+                    unwritable="choose another --run folder",
+                )
+            )
+            return held.pop_all()
 
     def journal(self, line: str) -> None:
         """Append one line to the session's journal.   Raises UsageError when it cannot be written."""
         path = self.path / "journal.txt"
         try:
-            with open(path, "a", encoding="utf-8") as file:
+            handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
+            with open(handle, "a", encoding="utf-8", errors="backslashreplace") as file:
                 file.write(" ".join(line.split()) + "\n")
         except OSError as error:
             raise UsageError(f"{path} cannot be written: {error.strerror or error}; make room or choose another --run folder") from error
@@ -340,20 +353,34 @@ class RunFolder:
         write_text(self.path / "run.yaml", to_yaml(about if began_s is None else {**about, "began_s": began_s}))
 
 
-def _untouched(path: Path) -> bool:
-    """Whether a run in this folder ended before anything was recorded or written to a drive, as after a no; its few files are removed."""
+def is_new(path: Path) -> bool:
+    """Whether nothing is lost when a run begins in this folder: it is empty, or the run in it ended before anything was recorded or
+    written to a drive, as after a no.
+    """
+    if not path.is_dir():
+        return not path.exists()
     results = [path / "results" / f"{name}.yaml" for name in ("backup", "drive", "rehearsal")]
     own = {path / "axis.yaml", path / "run.yaml", path / "journal.txt", path / "bundle.zip", *results}
-    found = {item for item in path.rglob("*") if not item.is_dir() and item.parent.name != "bus"} if path.is_dir() else {path}
+    found = _content(path)
+    if not found:
+        return not any(item.is_dir() for item in path.iterdir())
     journal = RunFolder(path, None).journal_lines() if path / "journal.txt" in found else []
     if not found <= own or path / "run.yaml" not in found or not all(line.startswith(_HARMLESS) for line in journal):
         return False
-    for item in found:
-        item.unlink()
-    return True
+    journal = (path / "journal.txt").read_text(encoding="utf-8", errors="replace").splitlines() if path / "journal.txt" in found else []
+    return all(line.startswith(_HARMLESS) for line in journal)
 
 
-def _make_folder(path: Path) -> None:
+def _content(path: Path) -> set[Path]:
+    """The files of a run, but what was said on the bus, its lock and what is on its way."""
+    found = (item for item in path.rglob("*") if not item.is_dir() and item.parent.name != "bus")
+    return {item for item in found if item.name != LOCK and not is_draft(item.name)}
+
+
+def _make_folder(path: Path, *, inside: bool = True) -> None:
+    """inside : of a run, where nothing is written through links."""
+    if inside and path.is_symlink():
+        raise link_refused(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 from click import Context, Parameter
 
+from beltcomm.borders import for_terminal
+
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
@@ -68,7 +70,7 @@ def runs(_ctx: Context, _param: Parameter, incomplete: str) -> list[CompletionIt
     folder, slash, name = incomplete.rpartition("/")
     here = Path(folder + slash or ".")
     found = {path.parent for pattern in (f"{name}*", f"{name}*/*") for path in here.glob(f"{pattern}/{RECORDS}")}
-    return [CompletionItem(incomplete, type="dir"), *(CompletionItem(str(path)) for path in sorted(found))]
+    return [CompletionItem(incomplete, type="dir"), *map(CompletionItem, _beginning(map(str, sorted(found)), ""))]
 
 
 def _names_and_files(kind: str, incomplete: str) -> list[CompletionItem]:
@@ -91,7 +93,7 @@ def _yaml_files(incomplete: str) -> list[str]:
 
 
 def _beginning(names: Iterable[str], incomplete: str) -> list[str]:
-    return [name for name in names if name.startswith(incomplete)]
+    return [name for name in names if name.startswith(incomplete) and name == for_terminal(name)]
 
 
 def _can_interfaces() -> list[str]:

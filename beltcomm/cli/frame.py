@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import importlib
-import json
 import os
 import shlex
 import shutil
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import click
 
 from beltcomm import __version__
+from beltcomm.borders import for_file_name, for_json, for_terminal
 from beltcomm.cli.aftermath import LEFT_AT_ONCE, aftermath, again_command, journal_of
 from beltcomm.cli.terminal import echo, failure
 from beltcomm.errors import BeltcommError, UsageError
@@ -122,8 +122,9 @@ class Frame:
             context = getattr(error, "ctx", None)
             remedy = f" (see {context.command_path} --help)" if context is not None else ""
             return self._failed(" ".join(error.format_message().split()).rstrip(".") + remedy, error.exit_code)
-        except (KeyboardInterrupt, click.Abort):
-            return self._interrupted()
+        except (KeyboardInterrupt, click.Abort) as error:
+            cause = error.__cause__  # click takes the end of any file for one at a question
+            return self._unexpected(cause) if isinstance(cause, EOFError) else self._interrupted()
         except BrokenPipeError:  # the reader of our output has gone: nobody is left to tell
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 1
@@ -154,7 +155,7 @@ class Frame:
         """The sentence and the log for what nobody thought of; exit code 1."""
         log = self._write_log()
         if self.verbose:
-            click.echo(traceback.format_exc(), err=True)
+            click.echo(for_terminal(traceback.format_exc()), err=True)
         where = f"; details are in {log}" if log else ""
         return self._failed(f"an unexpected error stopped this command: {type(error).__name__}: {error}{where}", 1)
 
@@ -169,7 +170,7 @@ class Frame:
         if self.json:
             from beltcomm.result import jsonable  # numpy, which a command that prints help does without
 
-            click.echo(json.dumps(jsonable(data), ensure_ascii=False, allow_nan=False))
+            click.echo(for_json(jsonable(data)))
             return
         echo(typed(lines), sys.stdout)
 
@@ -225,7 +226,7 @@ class Frame:
             echo([f"{label.capitalize() + ':':8}{words}" for label, words in left.items()], sys.stderr)
             if self.json:
                 told = {} if diagnosis is None else {"diagnosis": diagnosis}
-                click.echo(json.dumps({"error": sentence, "exit_code": code, **left, **told}, ensure_ascii=False))
+                click.echo(for_json({"error": sentence, "exit_code": code, **left, **told}))
         except OSError:
             if not self.ended:
                 raise
@@ -296,8 +297,7 @@ def run_folder(run: Path | None, name: str) -> Path:
 
     if run is not None:
         return run
-    plain = "".join(letter if letter.isalnum() else "-" for letter in name.lower()).strip("-") or "axis"
-    return Path("runs") / f"{plain[:LONGEST_WORD]}-{datetime.now():%Y%m%d-%H%M%S}"
+    return Path("runs") / f"{for_file_name(name.lower(), 'axis')}-{datetime.now():%Y%m%d-%H%M%S}"
 
 
 def options_of(**values: Any) -> Any:

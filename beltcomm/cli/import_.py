@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from beltcomm.borders import for_terminal
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Frame, api, run_folder
 from beltcomm.cli.init import axis_with
@@ -138,9 +139,9 @@ def _can_be_asked() -> bool:
 
 def _ask(guess: Guess) -> str | None:
     """Put a guess to the person at the terminal."""
-    click.echo(f"{guess.column}: {guess.confidence}; {guess.why}", err=True)
+    click.echo(for_terminal(f"{guess.column}: {guess.confidence}; {guess.why}"), err=True)
     for number, choice in enumerate(guess.choices, start=1):
-        click.echo(f"  {number}  {choice}", err=True)
+        click.echo(for_terminal(f"  {number}  {choice}"), err=True)
     answer = str(click.prompt("Number, a mapping OURS=THEIRS*SCALE, or - for none", default="1", err=True)).strip()
     if answer.isdigit() and 1 <= int(answer) <= len(guess.choices):
         return guess.choices[int(answer) - 1]

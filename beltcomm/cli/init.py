@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from beltcomm.axis.entries import COMMISSION_NEEDS
+from beltcomm.borders import for_terminal
 from beltcomm.cli import completion
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Frame
@@ -301,7 +302,7 @@ def _yes(question: str) -> bool:
 
 def _answer(question: str, default: str, *, back: bool = False) -> str:
     """One line from stdin; the default for an empty one.   Raises UsageError when stdin is closed, _Back for that word."""
-    click.echo(f"{question}{f' (Enter keeps {default})' if default else ''}: ", nl=False, err=True)
+    click.echo(for_terminal(f"{question}{f' (Enter keeps {default})' if default else ''}: "), nl=False, err=True)
     line = sys.stdin.readline() if sys.stdin is not None else ""
     if not line:
         click.echo("", err=True)

@@ -46,11 +46,13 @@ def listen() -> None:
     """From now on what is compiled is told on stderr, once however often this is called."""
     if _told:
         return
+    from beltcomm import caches
     from beltcomm.compiled import when_compiling
 
     told = Told(_say)
     _told.append(told)
     when_compiling(told.begun, told.ended)
+    caches.listen(_say)
 
 
 def _say(line: str) -> None:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
+from beltcomm.borders import for_terminal
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -34,7 +36,8 @@ def width_of(stream: TextIO) -> int:
 
 
 def fitted(line: str, stream: TextIO) -> str:
-    """A line no wider than the terminal, broken between words and indented; whoever reads from a pipe gets it whole."""
+    """A line without anything that a terminal obeys, no wider than it, broken between words and indented; into a pipe it goes whole."""
+    line = for_terminal(line)
     if not stream.isatty() or len(line) <= (width := width_of(stream)):
         return line
     indent = " " * (len(line) - len(line.lstrip()) + 2)
@@ -96,6 +99,9 @@ def _draw_table(rows: list[Any], console: Console) -> None:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
+    from beltcomm.result import Row
+
+    rows = [Row(row, tuple(map(for_terminal, row.cells)), row.right, row.head) for row in rows]
     head, *body = rows
     widths = _widths(rows, console.width)
     if widths:

@@ -12,15 +12,14 @@ import math
 import textwrap
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
+from beltcomm import caches
 from beltcomm.axis import Axis
-from beltcomm.configfiles import from_json, write_text
 from beltcomm.drive import Capabilities
 from beltcomm.errors import BeltcommError
 from beltcomm.excitation import choose_prbs, prbs
@@ -267,24 +266,14 @@ class _Simulated:
 def kept(axis: Axis, capabilities: Capabilities, extent: Extent, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     """The last answer of this extent where everything is as it was, else a new one.   Raises what ``make`` raises."""
     path, key = user_cache_path("beltcomm") / f"foresight_{extent}.json", key_of(axis, capabilities, extent)
-    try:
-        found = from_json(path.read_text(encoding="utf-8"))
-        if found["key"] == key:
+    if found := caches.found(path, key):
+        try:
             return dict(found["visible"])
-    except (OSError, ValueError, KeyError, TypeError):
-        pass  # nothing there, or nothing that can be used: it is made again
+        except (ValueError, KeyError, TypeError):
+            caches.damaged(path)
     visible = make()
-    keep(path, {"key": key, "visible": visible})
+    caches.keep(path, key, {"visible": visible})
     return visible
-
-
-def keep(path: Path, found: dict[str, Any]) -> None:
-    """Write an answer where that is possible."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_text(path, json.dumps(found) + "\n")
-    except (OSError, BeltcommError):
-        pass  # a cache that cannot be written costs the time only
 
 
 def key_of(axis: Axis, capabilities: Capabilities, extent: Extent) -> str:

@@ -223,7 +223,7 @@ def _drive_of(axis: Axis, capabilities: Capabilities) -> Mapping[str, Any]:
 
 def _copied(folder: RunFolder, run: Path) -> set[str]:
     """A copy of what a job goes on with, as if made on the twin; returns the names of its records."""
-    shutil.copytree(folder.path, run)
+    shutil.copytree(folder.path, run, ignore=_linked_folders)
     about = read_yaml(run / "run.yaml") if (run / "run.yaml").is_file() else {}
     write_text(run / "run.yaml", to_yaml({**about, "drive": {}, "began_s": None}))
     return set(folder.finished_names())
@@ -231,6 +231,11 @@ def _copied(folder: RunFolder, run: Path) -> set[str]:
 
 #: s: a twin moves nothing, however long.
 UNBOUNDED_S = 1e9
+
+
+def _linked_folders(at: str, names: list[str]) -> list[str]:
+    """Links may lead anywhere, and to as much."""
+    return [name for name in names if (Path(at) / name).is_symlink() and (Path(at) / name).is_dir()]
 
 
 def _options_for(options: Options, machine: Machine, twin: _Twin, place_m: float) -> Options:

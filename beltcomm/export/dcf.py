@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from beltcomm.borders import for_comment
 from beltcomm.drive.objects import TYPES, ObjectValue, bounds_of
 
 #: What every device has, listed because CiA 306 asks for it; no value is set.
@@ -78,7 +79,7 @@ def _clock(text: str) -> str:
 
 
 def _section(name: str, **entries: Any) -> list[str]:
-    return [f"[{name}]", *(f"{key}={value}" for key, value in entries.items())]
+    return [f"[{name}]", *(f"{key}={for_comment(str(value))}" for key, value in entries.items())]
 
 
 def _listed(name: str, indices: Sequence[int]) -> list[str]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
+from beltcomm.borders import for_comment
 from beltcomm.configfiles import to_yaml
 from beltcomm.errors import UsageError
 from beltcomm.export.program import (
@@ -86,16 +87,6 @@ def _plainly(statement: Statement) -> list[str]:
     return lines + [f"else: {let.target} = {let.value}" for let in statement.otherwise]
 
 
-def _ascii(text: str) -> str:
-    """Text that can stand in a comment of C and of structured text: ASCII, one line, neither kind's delimiters."""
-    for special, plain in (("²", "2"), ("³", "3"), ("µ", "u"), ("μ", "u"), ("°", " deg"), ("−", "-"), ("·", "*")):
-        text = text.replace(special, plain)
-    text = " ".join(text.encode("ascii", "backslashreplace").decode().split())
-    for mark in ("/*", "*/", "(*", "*)"):
-        text = text.replace(mark, f"{mark[0]} {mark[1]}")
-    return text
-
-
 def _heading(controller: Controller, more: Sequence[str]) -> list[str]:
     """What stands above the code: where it comes from, what it computes, what else to know."""
     lines = [_TITLE, ""]
@@ -108,16 +99,16 @@ def _heading(controller: Controller, more: Sequence[str]) -> list[str]:
     if controller.notes:
         lines += ["", "To know:", *(f"- {note}" for note in controller.notes)]
     wrapped: list[str] = []
-    for line in map(_ascii_kept, lines):
+    for line in map(_aligned, lines):
         indent = "  " if line[:2] == "- " else "   " if line[:1].isdigit() else ""
         wrapped += textwrap.wrap(line, _WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False) or [""]
     return wrapped
 
 
-def _ascii_kept(line: str) -> str:
-    """As :func:`_ascii`, with the alignment of a word and its text."""
+def _aligned(line: str) -> str:
+    """As :func:`beltcomm.borders.for_comment`, with the alignment of a word and its text."""
     word, colon, rest = line.partition(": ")
-    return f"{_ascii(word)}: {' ' * (len(rest) - len(rest.lstrip()))}{_ascii(rest)}" if colon else _ascii(line)
+    return f"{for_comment(word)}: {' ' * (len(rest) - len(rest.lstrip()))}{for_comment(rest)}" if colon else for_comment(line)
 
 
 # C99
@@ -147,17 +138,17 @@ def as_c(controller: Controller) -> str:
     lines += ["#ifndef BELTCOMM_REAL", "#define BELTCOMM_REAL double", "#endif", f"typedef BELTCOMM_REAL {one};"]
     lines += ["#define BELTCOMM_C(number) ((beltcomm_real)(number))", ""]
     for name, quantities in (("beltcomm_coefficients", COEFFICIENTS), ("beltcomm_state", STATES)):
-        lines += ["typedef struct {", *(f"    {one} {q.name}; /* {_ascii(str(q))} */" for q in quantities), f"}} {name};", ""]
+        lines += ["typedef struct {", *(f"    {one} {q.name}; /* {for_comment(str(q))} */" for q in quantities), f"}} {name};", ""]
     lines += ["extern const beltcomm_coefficients beltcomm_design;", *(f"{each};" for each in (init, reset, position, velocity)), ""]
     values = [f"    BELTCOMM_C({_number(controller.values[q.name])}), /* {q.name} */" for q in COEFFICIENTS]
     lines += ["const beltcomm_coefficients beltcomm_design = {", *values, "};", ""]
     lines += [f"static {one} beltcomm_min({one} a, {one} b) {{ return b < a ? b : a; }}"]
     lines += [f"static {one} beltcomm_max({one} a, {one} b) {{ return b > a ? b : a; }}", ""]
     lines += [init, "{", *_c([Let(q.name, "0.0") for q in STATES]), "}", "", reset, "{", *_c(RESET), "}", ""]
-    lines += [loop, "{", *(f"    {one} {q.name}; /* {_ascii(str(q))} */" for q in (*LOCALS[2:], OUTPUT))]
+    lines += [loop, "{", *(f"    {one} {q.name}; /* {for_comment(str(q))} */" for q in (*LOCALS[2:], OUTPUT))]
     lines += [*_c(STEP), f"    return {OUTPUT.name};", "}"]
     for signature, first in ((position, POSITION_LOOP), (velocity, VELOCITY_LOOP)):
-        lines += ["", signature, "{", *(f"    {one} {q.name}; /* {_ascii(str(q))} */" for q in early), *_c(first), call, "}"]
+        lines += ["", signature, "{", *(f"    {one} {q.name}; /* {for_comment(str(q))} */" for q in early), *_c(first), call, "}"]
     return "\n".join(lines) + "\n"
 
 
@@ -170,7 +161,7 @@ def _comment(text: str, opening: str, closing: str, pad: str) -> list[str]:
     """A comment on as many lines as it needs."""
     inner = " " * (len(pad) + len(opening) + 1)
     return textwrap.wrap(
-        f"{pad}{opening} {_ascii(text)} {closing}", _WIDTH, subsequent_indent=inner, break_long_words=False, break_on_hyphens=False
+        f"{pad}{opening} {for_comment(text)} {closing}", _WIDTH, subsequent_indent=inner, break_long_words=False, break_on_hyphens=False
     )
 
 
@@ -214,7 +205,7 @@ def as_structured_text(controller: Controller) -> str:
     )
 
     def declared(title: str, quantities: Iterable[Quantity], values: Mapping[str, float] | None = None) -> list[str]:
-        found = [f"    {q.name} : LREAL := {_number((values or {}).get(q.name, 0.0))}; (* {_ascii(str(q))} *)" for q in quantities]
+        found = [f"    {q.name} : LREAL := {_number((values or {}).get(q.name, 0.0))}; (* {for_comment(str(q))} *)" for q in quantities]
         return [title, *found, "END_VAR"]
 
     switches = [

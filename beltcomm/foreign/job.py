@@ -16,11 +16,13 @@ from beltcomm.foreign.convert import Reading, alignment, line_of_table
 from beltcomm.foreign.files import Part, parts_of
 from beltcomm.foreign.guess import Ask, completed
 from beltcomm.given import Place, pasted, place, places
+from beltcomm.locks import changes_run
 from beltcomm.recording import Sidecar
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
 
 
+@changes_run()
 def import_recordings(
     files: Place | Sequence[Place],
     run: Place,
@@ -53,13 +55,17 @@ def import_recordings(
     left_out: list[str] = []
     for file in files:
         found += _parts_imported(file, name or store.recording_name(file), reading, noted, known, ask, left_out)
-    store.check_together(folder, found, known)
+    there = [item for item in found if folder is not None and store.stands(folder, item)]
+    new = [item for item in found if item not in there] or found  # with nothing left to do, it is the command that is wrong
+    there = [item for item in there if item not in new]
+    store.check_together(folder, new, known)
     if not dry_run:
-        store.write(run, folder, known, found)
+        store.write(run, folder, known, new)
     described = [_described(item) for item in found]
     data = {"run": str(run), "dry_run": dry_run, "axis": _axis_dict(known, folder, axis), "recordings": described}
     text = [line for item, recording in zip(described, found, strict=True) for line in _lines(item, recording)]
-    text += ["", *left_out, *_closing(run, folder, known, axis, dry_run)]
+    text += ["", *left_out, *(f"{item.recording.name} is in {run} already, the same rows of the same file." for item in there)]
+    text += _closing(run, folder, known, axis, dry_run)
     if sidecar.experiment != "static_map" and any("record" not in item.recording.sidecar.extra["import"]["reading"] for item in found):
         text.append(alignment(reading, found[0].converted.columns))
     if known.has_belt and not dry_run:

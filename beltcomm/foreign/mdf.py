@@ -9,7 +9,6 @@ from __future__ import annotations
 import importlib.util
 import io
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm import isolation
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.table import Table, words_of
 
@@ -41,11 +41,8 @@ def read_mdf(path: Path) -> Table:
     if not is_mdf(path):
         raise DataError(f"{path} does not begin as an MDF file does; is it one?")
     limit_s = _LIMIT_S + _PER_BYTE_S * path.stat().st_size
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(entry for entry in sys.path if entry)}
     try:
-        done = subprocess.run(
-            [sys.executable, "-m", "beltcomm.foreign.mdf", str(path)], capture_output=True, timeout=limit_s, env=environment, check=False
-        )
+        done = isolation.run(isolation.python("beltcomm.foreign.mdf", str(path)), limit_s)
     except subprocess.TimeoutExpired as error:
         raise DataError(f"{path} cannot be read as an MDF file (its reader did not end within {limit_s:.0f} s); is it cut off?") from error
     try:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,15 +20,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm import __version__
+from beltcomm import __version__, atomic
 from beltcomm.axis import Axis
+from beltcomm.borders import for_file_name
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.checks import check
 from beltcomm.foreign.convert import Converted, Reading, convert, reading_from_dict, without_time
 from beltcomm.foreign.files import Part, parts_of
 from beltcomm.foreign.plausibility import Finding, findings
+from beltcomm.locks import link_refused
 from beltcomm.recording import Recording, Sidecar, common_side, load_recording, recording_from_columns
-from beltcomm.runfolder import RunFolder, checked_name
+from beltcomm.runfolder import RunFolder, checked_name, is_new
 
 ORIGINALS = "originals"
 
@@ -96,7 +97,7 @@ def open_or_plan(run: Path, axis: Axis | None) -> tuple[RunFolder | None, Axis]:
     axis : what the user gave; None takes that of an existing run, and for a new one nothing but a name is known then.
     Raises UsageError when the run was recorded on a drive or has another axis.
     """
-    if not run.exists() or (run.is_dir() and not any(run.iterdir())):
+    if is_new(run) and not (run / "axis.yaml").is_file():
         return None, axis or Axis(name=run.resolve().name)
     folder = RunFolder.open(run)
     if folder.drive:
@@ -131,6 +132,19 @@ def check_together(folder: RunFolder | None, found: Sequence[Imported], axis: Ax
                 )
 
 
+def stands(folder: RunFolder, item: Imported) -> bool:
+    """Whether this import is in the run already, row for row: the same command after one that was cut off goes on behind it."""
+    path = folder.recordings_folder / f"{item.recording.name}.csv"
+    if not path.is_file():
+        return False
+    there = load_recording(path)
+    about = there.sidecar.extra.get("import")
+    if not isinstance(about, Mapping) or about.get("sha256") != item.sha256:
+        return False
+    before, after = there.columns(), item.recording.columns()
+    return list(before) == list(after) and all(_same(before[column], after[column]) for column in before)
+
+
 def write(run: Path, folder: RunFolder | None, axis: Axis, found: Sequence[Imported]) -> RunFolder:
     """Write what was imported: originals first, each recording whole.   Raises UsageError when the folder cannot be written."""
     folder = folder or RunFolder.create(run, axis)
@@ -149,6 +163,8 @@ def _keep_original(folder: RunFolder, source: Path, sha256: str) -> Path:
     """Copy the foreign file, unless the run has it already; another file of that name is not touched."""
     target = folder.path / ORIGINALS
     stem, ending = stem_and_ending(source)
+    if target.is_symlink():
+        raise link_refused(target)
     try:
         target.mkdir(exist_ok=True)
         number = 1
@@ -156,12 +172,10 @@ def _keep_original(folder: RunFolder, source: Path, sha256: str) -> Path:
             if hashlib.sha256(path.read_bytes()).hexdigest() == sha256:
                 return path
             number += 1
-        temporary = path.with_name(f".{path.name}.tmp")
-        shutil.copyfile(source, temporary)
-        if hashlib.sha256(temporary.read_bytes()).hexdigest() != sha256:
-            temporary.unlink()
-            raise DataError(f"{source} changed while it was imported; import it when the recorder has finished")
-        temporary.replace(path)
+        with atomic.replacing(path) as kept:
+            kept.write(content := source.read_bytes())
+            if hashlib.sha256(content).hexdigest() != sha256:
+                raise DataError(f"{source} changed while it was imported; import it when the recorder has finished")
     except OSError as error:
         raise UsageError(f"{target} cannot be written: {error.strerror or error}; choose another --run folder") from error
     return path
@@ -175,8 +189,7 @@ def stem_and_ending(path: Path) -> tuple[str, str]:
 
 def recording_name(path: Path) -> str:
     """A name for the recording of a file: letters, digits, '_', '-' and '.' of its own."""
-    plain = re.sub(r"[^A-Za-z0-9_.-]+", "_", stem_and_ending(path)[0]).strip("_.-")
-    return plain or "imported"
+    return for_file_name(stem_and_ending(path)[0], "imported", gap="_")
 
 
 def repeated(folder: RunFolder) -> dict[str, str]:
@@ -198,7 +211,9 @@ def repeated(folder: RunFolder) -> dict[str, str]:
 
 def _difference(folder: RunFolder, recording: Recording, about: Mapping[str, Any], read: dict[str, list[Part]]) -> str:
     """read : what files have been read for recordings before, so that a log of many moves is read once."""
-    original = folder.path / str(about.get("original", ""))
+    original = _original(folder, about.get("original"))
+    if original is None:
+        return f"its original is said to be {about.get('original')!r}, which is no file in {folder.path / ORIGINALS}"
     if not original.is_file():
         return f"its original {original} is missing"
     if hashlib.sha256(original.read_bytes()).hexdigest() != about.get("sha256"):
@@ -206,7 +221,10 @@ def _difference(folder: RunFolder, recording: Recording, about: Mapping[str, Any
     try:
         reading = reading_from_dict(about.get("reading") or {})
         if reading.dbc is not None:
-            reading = replace(reading, dbc=str(folder.path / reading.dbc))
+            dbc = _original(folder, reading.dbc)
+            if dbc is None:
+                return f"its DBC file is said to be {reading.dbc!r}, which is no file in {folder.path / ORIGINALS}"
+            reading = replace(reading, dbc=str(dbc))
         everything = replace(reading, record=None)
         key = f"{original} {everything.to_dict()}"
         if key not in read:
@@ -221,6 +239,14 @@ def _difference(folder: RunFolder, recording: Recording, about: Mapping[str, Any
         return f"its columns are {', '.join(before)}, imported again {', '.join(after)}"
     differing = [column for column in before if not _same(before[column], after[column])]
     return f"it differs from its original in {', '.join(differing)}" if differing else ""
+
+
+def _original(folder: RunFolder, name: object) -> Path | None:
+    """The file that a sidecar names, when it is one of the run's own: whoever wrote the sidecar may have named any file."""
+    if not isinstance(name, str) or re.fullmatch(rf"{ORIGINALS}/[^/\\\0]+", name) is None or name.endswith("/.."):
+        return None
+    path = folder.path / name
+    return None if path.is_symlink() or path.parent.is_symlink() else path
 
 
 def _part(parts: Sequence[Part], number: int | None) -> Part:

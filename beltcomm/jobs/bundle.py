@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from beltcomm import atomic
 from beltcomm.errors import UsageError
 from beltcomm.given import Place, place
 from beltcomm.result import Result
@@ -49,16 +50,16 @@ def versions() -> str:
 
 
 def write_bundle(run: Path, path: Path, *, recordings: bool = False, private: Sequence[str] = ()) -> list[str]:
-    """Write the zip and return the names in it.
+    """Write the zip and return the names in it; links are left out.
 
     recordings : with the rows of every record and foreign originals too; else their sidecars only.   private : words that are taken out.
     Raises DataError when there is no such folder, UsageError when the zip cannot be written.
     """
     if not run.is_dir():
         RunFolder.open(run)
-    chosen = [file for file in sorted(run.rglob("*")) if file.is_file() and _belongs(file.relative_to(run), recordings)]
+    chosen = [file for file in sorted(run.rglob("*")) if _stands_in(file, run) and _belongs(file.relative_to(run), recordings)]
     try:
-        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        with atomic.replacing(path) as whole, zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr(VERSIONS, versions())
             for file in chosen:
                 inside = file.relative_to(run).as_posix()
@@ -76,6 +77,12 @@ def bundle(run: Place, out: Place, *, recordings: bool = False, private: Sequenc
     run, out = place(run), place(out, "zip")
     names = write_bundle(run, out, recordings=recordings, private=private)
     return Result({"bundle": str(out), "files": names}, [f"{len(names)} files of {run} are in {out}, without paths and user names."])
+
+
+def _stands_in(file: Path, run: Path) -> bool:
+    """Whether a file is one of the run's own: what a link points to may be anything that this user can read."""
+    inside = file.relative_to(run)
+    return file.is_file() and not any((run / part).is_symlink() for part in (inside, *inside.parents[:-1]))
 
 
 def _belongs(inside: Path, recordings: bool) -> bool:

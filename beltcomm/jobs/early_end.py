@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import wraps
 from typing import Any, ParamSpec
 
-from beltcomm.configfiles import from_json, write_text
+from beltcomm import caches
 from beltcomm.effects import effect_named
 from beltcomm.errors import BeltcommError, Declined, DriveError, SafetyStop
 from beltcomm.experiments.options import Options
@@ -152,15 +152,14 @@ def _key(folder: RunFolder) -> str:
 
 
 def _known(folder: RunFolder, key: str) -> dict[str, Any] | None:
+    path = folder.path.joinpath(*FILE)
+    found = caches.found(path, key)
     try:
-        found = from_json(folder.path.joinpath(*FILE).read_text(encoding="utf-8"))
-        return dict(found["told"]) if found["key"] == key else None
-    except (OSError, ValueError, KeyError, TypeError):
+        return dict(found["told"]) if found else None
+    except (ValueError, KeyError, TypeError):
+        caches.damaged(path)
         return None
 
 
 def _keep(folder: RunFolder, key: str, told: Mapping[str, Any]) -> None:
-    path = folder.path.joinpath(*FILE)
-    with suppress(OSError, BeltcommError):  # a folder that cannot be written tells what it found all the same
-        path.parent.mkdir(exist_ok=True)
-        write_text(path, json.dumps({"key": key, "told": told}) + "\n")
+    caches.keep(folder.path.joinpath(*FILE), key, {"told": told})

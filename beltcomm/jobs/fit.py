@@ -8,6 +8,7 @@ from beltcomm.experiments.options import Options
 from beltcomm.given import Place, pasted, place
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.jobs.third_mass import fit_three_masses
+from beltcomm.locks import changes_run
 from beltcomm.result import Result, plain
 from beltcomm.rundata import offline
 from beltcomm.runfolder import RunFolder
@@ -23,6 +24,7 @@ SUSPECT = (
 )
 
 
+@changes_run()
 def fit(
     run: Place,
     *,

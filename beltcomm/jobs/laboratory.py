@@ -32,6 +32,7 @@ from beltcomm.laboratory.scope import lacking, not_named
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import MISSING, may_add, with_effect
 from beltcomm.laboratory.visible import visible
+from beltcomm.locks import changes_run
 from beltcomm.model import Model
 from beltcomm.pages import pictures as drawn
 from beltcomm.recording import Recording
@@ -60,6 +61,7 @@ from beltcomm.simulate.stopping import total_friction
 from beltcomm.talk import Silence, Talk
 
 
+@changes_run()
 def compare_run(run: Place, *, pictures: bool = True, command: str = "", talk: Talk | None = None) -> Result:
     """Model against measurement: ratios to the noise per record, and where it fails.   pictures : into ``RUN/pictures``."""
     run = place(run)
@@ -108,6 +110,7 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 
+@changes_run()
 def diagnose_run(
     run: Place,
     *,
@@ -237,6 +240,7 @@ def change_of(new: Sequence[str], removed: Sequence[str] = ()) -> str:
     return " ".join(effects + ["with its form" if owner in new else f"form of {owner}" for owner in owners])
 
 
+@changes_run()
 def add_to_run(
     effect: str,
     run: Place,
@@ -276,6 +280,7 @@ def add_to_run(
     return Result({**result.data, "cost": price}, [*result.text[:-1], *lines, result.text[-1]])
 
 
+@changes_run()
 def remove_from_run(
     effect: str, run: Place, *, pictures: bool = True, command: str = "", when: str = "", talk: Talk | None = None
 ) -> Result:
@@ -293,6 +298,7 @@ def remove_from_run(
     return change_result(here, data, after, rung, [], command, pictures)
 
 
+@changes_run()
 def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Result:
     """All revisions as a staircase.   pictures : it into ``RUN/pictures``."""
     run = place(run)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ from beltcomm.experiments import phases
 from beltcomm.experiments.options import Options
 from beltcomm.given import Place, pasted, place
 from beltcomm.jobs.design import Basis, basis_of, delivered
+from beltcomm.locks import at_work, occupied
 from beltcomm.result import Result, plain
 from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.delays import assume_delay, delay
@@ -53,6 +56,7 @@ class Tuning:
         self._start = self.bench.start(payload_kg, offline.middle_m(self._basis.folder.axis))
         self._move_words = _move_words(self.bench.ground.move, move)
         self.saved: list[Result] = []
+        self._saving = threading.Lock()  # the page is answered by several threads
 
     def answers(self) -> Mapping[str, Callable[[Any], Mapping[str, Any]]]:
         """By the name under which the page asks."""
@@ -129,21 +133,22 @@ class Tuning:
         proven = replace(found, plants=plants, margins=margins(found.cascade, plants, ground.structure.period_s))
         findings = replace(self._basis.findings, remarks=list(self._basis.findings.remarks))
         findings.design, findings.cascade = proven, ground.with_feedforward(found.cascade)
-        replaced = 1 + sum(name.startswith("replaced_") for name in folder.names("designs"))
-        folder.save_design(f"replaced_{replaced}", saved_design(folder))
-        result = delivered(
-            replace(self._basis, findings=findings),
-            self._saved_design.get("compensated") or (),
-            setting.payload_kg or None,
-            seed=self._seed,
-            noted={"tuned": plain(setting)},
-        )
+        with self._saving, occupied(folder.path, Silence(), refusal=lambda holder: at_work(folder.path, holder)):
+            replaced = next(name for k in count(1) if (name := f"replaced_{k}") not in folder.names("designs"))
+            folder.save_design(replaced, saved_design(folder))
+            result = delivered(
+                replace(self._basis, findings=findings),
+                self._saved_design.get("compensated") or (),
+                setting.payload_kg or None,
+                seed=self._seed,
+                noted={"tuned": plain(setting)},
+            )
         self.saved.append(result)
         return {
             "lines": list(result.text),
             "failed": bool(result.exit_code),
             "doubts": list(result.data["proof"]["doubts"]),
-            "replaced": f"designs/replaced_{replaced}.yaml",
+            "replaced": f"designs/{replaced}.yaml",
             "next": [
                 f"beltcomm verify --drive DRIVE --run {pasted(folder.path)}",
                 f"beltcomm apply --drive DRIVE --run {pasted(folder.path)}",

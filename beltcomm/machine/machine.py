@@ -90,9 +90,10 @@ class Machine:
         self._started = drive.clock.now()
         recall(drive, folder)
         self._backup = drive.backup()
-        self._occupied = folder.occupy()
-        keep_first(folder, drive)
-        folder.journal(f"connected to {drive.capabilities.name}; parameters saved as backup")
+        with folder.occupy(talk) as held:
+            keep_first(folder, drive)
+            folder.journal(f"connected to {drive.capabilities.name}; parameters saved as backup")
+            self._occupied = held.pop_all()
         if folder.elapsed_s > LONG_AGO_S:
             talk.say(
                 f"This run began {folder.elapsed_s / 60.0:.0f} min ago, its clock goes on. Whether the axis stayed warm since then nobody "

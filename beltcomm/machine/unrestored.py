@@ -1,7 +1,8 @@
 """A drive that a session has changed and not set back, because its process was killed or the cable was cut: noted and found again.
 
 Before the first setting is written a note is put into the user's state folder: which run, what stood in the drive.  It goes away when
-the drive is as it should be.  The note is locked as long as its session lives; the system gives the lock back whatever ends the process.
+the drive is as it should be.  Beside the note a lock is held as long as its session lives; the system gives it back whatever ends the
+process.
 """
 
 from __future__ import annotations
@@ -10,17 +11,22 @@ import contextlib
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import TYPE_CHECKING, Any
 
+from beltcomm import atomic
 from beltcomm.configfiles import read_yaml, to_yaml
 from beltcomm.drive import Drive
 from beltcomm.drive.objects import ObjectValue, object_from_dict
 from beltcomm.errors import BeltcommError, DataError, UsageError
 from beltcomm.given import pasted
+from beltcomm.locks import take
 from beltcomm.machine import gains
 from beltcomm.machine.hardware import Hardware, state_folder
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Talk
+
+if TYPE_CHECKING:
+    from filelock import FileLock
 
 #: What is in no backup: it is volatile in every drive.
 MAPPING = "which objects its PDOs carry comes back when the drive is switched off and on"
@@ -32,21 +38,23 @@ class Note:
     def __init__(self, hardware: Hardware) -> None:
         self.hardware = hardware
         self.path = state_folder() / "unrestored" / f"{hardware.key}.yaml"
-        self._file: IO[str] | None = None
+        self._held: FileLock | None = None
 
     def found(self) -> dict[str, Any] | None:
         """What an earlier session left; None when every session has ended well.
 
-        Raises UsageError when that session is still at work on this drive.
+        Raises UsageError when that session is still at work on this drive, or the note was damaged since.
         """
         if not self.path.is_file():
             return None
-        with open(self.path, encoding="utf-8") as file:
-            _lock(file, self.hardware)
+        self._take().release()
         try:
             return read_yaml(self.path)
-        except UsageError:  # killed while it was written: before anything else was
-            return {}
+        except UsageError as error:
+            raise UsageError(
+                f"a session on {self.hardware.words} ended without restoring it, and its note is damaged ({error}); roll its run back "
+                f"(`beltcomm rollback --drive {pasted(self.hardware.name)} --run RUN`), then delete the note"
+            ) from error
 
     def put(self, run: Path | None, objects: Sequence[ObjectValue]) -> None:
         """Write the note and keep it locked.   Raises UsageError when it cannot be kept: then nothing may be changed."""
@@ -59,12 +67,8 @@ class Note:
         }
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = open(self.path, "a", encoding="utf-8")  # noqa: SIM115  # stays open as long as the session
-            _lock(self._file, self.hardware)
-            self._file.truncate(0)
-            self._file.write(to_yaml(told))
-            self._file.flush()
-            os.fsync(self._file.fileno())
+            self._held = self._take()
+            atomic.write(self.path, to_yaml(told).encode())
         except OSError as error:
             raise UsageError(
                 f"{self.path} cannot be written: {error.strerror or error}; a session that is killed could not be found again. Make room, "
@@ -79,19 +83,17 @@ class Note:
 
     def release(self) -> None:
         """The session ends; the note stays."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
+        if self._held is not None:
+            self._held.release()
+            self._held = None
 
-
-def _lock(file: IO[str], hardware: Hardware) -> None:
-    """Raise UsageError when another process holds the file."""
-    import fcntl  # not on every system, and only machines need it
-
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise UsageError(f"another session is at work on {hardware.words} ({hardware.name}); wait for its end") from None
+    def _take(self) -> FileLock:
+        """The drive's lock.   Raises UsageError when another session has it."""
+        drive = self.hardware
+        return take(
+            self.path.with_suffix(".lock"),
+            lambda holder: f"another session is at work on {drive.words} ({drive.name}, {holder}); wait for its end",
+        )
 
 
 def settle(drive: Drive, note: Note, talk: Talk, *, yes: bool, dry_run: bool) -> None:

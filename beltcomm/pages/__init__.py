@@ -10,10 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from beltcomm.given import Place, pasted, place, places
+from beltcomm.locks import changes_run
 from beltcomm.result import Result
 from beltcomm.talk import Talk
 
 
+@changes_run()
 def report(run: Place, *, against: Place | None = None, out: Place | None = None, talk: Talk | None = None) -> Result:
     """The page on a run and its numbers beside it: :func:`beltcomm.pages.job.report`."""
     from beltcomm.pages.job import report as made

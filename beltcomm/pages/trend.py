@@ -15,6 +15,7 @@ from beltcomm.configfiles import did_you_mean, read_yaml, write_text
 from beltcomm.errors import DataError, UsageError
 from beltcomm.given import pasted
 from beltcomm.identify.course import FEWEST, Course, course_of
+from beltcomm.locks import occupied
 from beltcomm.pages.gather import results_of
 from beltcomm.pages.quantities import Quantity, quantities_of
 from beltcomm.report.page import Fact, Page, Section, State, Table, Words, picture_of, render
@@ -24,6 +25,7 @@ from beltcomm.result import Result, jsonable, plain
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.words import number
+from beltcomm.talk import Silence
 from beltcomm.verify import DYNAMIC_TARGET_M, STATIC_TARGET_M
 
 NAME = "trend.html"
@@ -130,14 +132,15 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
     page = _page(folders[0].axis.name or "Axis", followed, dated, [given[one.name] for one in dated], remarks)
     newest = max(runs, key=lambda run: next(d.t_s for d in dated if d.name == run.resolve().name))
     where = out or newest / NAME
-    write_text(where, render(page))
     data = {
         "runs": [{"name": d.name, "date": _date(d.t_s), "date_from": d.source} for d in dated],
         "verdict": page.verdict,
         "quantities": {one.last.key: plain(one) for one in followed},
         "remarks": remarks,
     }
-    write_text(where.with_suffix(".json"), json.dumps(jsonable(data), indent=1) + "\n")
+    with occupied(newest, Silence()):
+        write_text(where, render(page))
+        write_text(where.with_suffix(".json"), json.dumps(jsonable(data), indent=1) + "\n")
     reached = any(one.state == "reached" for one in followed)
     text = [page.verdict, *(f"  {one.text}" for one in followed), *(f"Note: {line}" for line in remarks)]
     return Result({**data, "page": str(where)}, [*text, f"Trend: {where}, numbers in {where.with_suffix('.json').name}"], int(reached))

@@ -6,6 +6,7 @@ known (side "load"), or the torque is in ampere where no torque constant is know
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,9 +16,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm import atomic
 from beltcomm.axis import Axis
 from beltcomm.configfiles import to_yaml, write_text
-from beltcomm.errors import DataError, NoMotion
+from beltcomm.errors import DataError, NoMotion, UsageError
 from beltcomm.quantities import unit_of
 from beltcomm.recording.checks import CLIPPED_SHARE, clipped_share, gaps, jitter, reference_unit_fault, usual_step, velocity_unit_fault
 from beltcomm.recording.columns import CHANNELS, COMMON, INERTIA_UNIT, KNOWN_COLUMNS, Side, side_of
@@ -336,8 +338,14 @@ def save_recording(recording: Recording, folder: Path) -> Path:
     path = folder / f"{recording.name}.csv"
     if path.exists():
         raise DataError(f"{path} exists and raw recordings are never changed; choose another name")
+    part = path.with_name(f"{path.name}.part")
+    write_columns(part, recording.columns())
     write_text(path.with_suffix(".yaml"), to_yaml(recording.sidecar.to_dict()))
-    write_columns(path, recording.columns())
+    try:
+        os.replace(part, path)  # last, as a RecordingWriter does: whenever the process dies, a record without NAME.csv is unfinished
+    except OSError as error:
+        raise UsageError(f"{path} cannot be written: {error.strerror or error}; choose another place") from error
+    atomic.sync(folder)
     return path
 
 

@@ -1,1 +1,17 @@
-"""Pictures: values to figures.  Absolute scales, so that two runs compare; colours that everybody can tell apart."""
+"""Pictures: values to figures.  Absolute scales, so that two runs compare; colours that everybody can tell apart.
+
+matplotlib is loaded here, with its own settings: a ``matplotlibrc`` of the working directory or of the user changes no report.
+"""
+
+import os
+from importlib.util import find_spec
+from pathlib import Path
+
+from platformdirs import user_cache_path
+
+from beltcomm import isolation
+
+os.environ.setdefault("MPLCONFIGDIR", str(user_cache_path("beltcomm") / "matplotlib"))
+_found = find_spec("matplotlib")
+with isolation.apart(Path(str(_found and _found.origin)).parent / "mpl-data"):  # which holds the settings that it is shipped with
+    import matplotlib  # noqa: F401

@@ -14,6 +14,7 @@ from matplotlib.backends.backend_mixed import MixedModeRenderer
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
+from beltcomm.borders import for_html
 from beltcomm.report import style
 from beltcomm.report.measuring import Vectors
 from beltcomm.report.placing import place
@@ -208,4 +209,4 @@ def render(page: Page) -> str:
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.tests["number"] = lambda cell: re.fullmatch(r"[-+±−]?[\d.,]+(e[-+]\d+)?( (±|to) [\d.,]+)?", cell) is not None
     environment.filters["part"] = lambda part: type(part).__name__
-    return environment.from_string(source).render(page=page)
+    return for_html(environment.from_string(source).render(page=page))

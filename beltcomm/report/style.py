@@ -15,6 +15,8 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedFormatter, FixedLocator, Formatter, FuncFormatter, NullLocator
 
+from beltcomm import atomic
+
 #: Okabe and Ito's colours, told apart with any kind of colour vision and in grey.
 MEASURED, MODEL, RESIDUAL, HELD_OUT, SEVERE = "#000000", "#E69F00", "#0072B2", "#56B4E9", "#D55E00"
 FAINT = "#BBBBBB"
@@ -125,9 +127,8 @@ def highest_shown(values: Sequence[float]) -> float:
 def save(picture: Figure, path: Path) -> Path:
     """Write a figure as PNG, whole or not at all; the same figure gives the same bytes."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
-    laid_out(picture).savefig(part, format="png", dpi=DPI, metadata={"Software": "beltcomm"})
-    part.replace(path)
+    with atomic.replacing(path) as file:
+        laid_out(picture).savefig(file, format="png", dpi=DPI, metadata={"Software": "beltcomm"})
     return path
 
 

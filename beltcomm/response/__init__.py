@@ -14,6 +14,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm import atomic
 from beltcomm.errors import DataError
 
 Array = NDArray[np.float64]
@@ -84,7 +85,7 @@ class FrequencyResponse:
 
     def save(self, path: Path) -> None:
         """Write everything to one ``.npz`` file.  Raises OSError."""
-        with path.open("wb") as file:
+        with atomic.replacing(path) as file:
             np.savez(
                 file,
                 freq_hz=self.freq_hz,

@@ -7,6 +7,9 @@ from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 
+from beltcomm import atomic
+from beltcomm.locks import link_refused
+
 #: Frames of the cyclic exchange (SYNC, PDO, signs of life) that are kept: the last 20 s at 1 kHz with five frames each.
 CYCLIC_KEPT = 100_000
 #: All other frames (NMT, EMCY, SDO): an ordinary command has some thousands.
@@ -48,10 +51,12 @@ class BusLog:
 
     def write(self, folder: Path, name: str, channel: str) -> Path:
         """All of it into ``NAME.log.gz``, or NAME-2 and so on when there is one already.   Raises OSError."""
+        if folder.is_symlink():
+            raise link_refused(folder)
         folder.mkdir(parents=True, exist_ok=True)
         number = 1
         while (path := folder / f"{name}{f'-{number}' if number > 1 else ''}.log.gz").exists():
             number += 1
-        with gzip.open(path, "wt", encoding="ascii", newline="\n") as file:
+        with atomic.replacing(path) as raw, gzip.open(raw, "wt", encoding="ascii", newline="\n") as file:
             file.writelines(f"{line}\n" for line in self.lines(channel))
         return path

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Collection, Sequence
 
-from beltcomm.configfiles import from_json, write_text
+from beltcomm import caches
 from beltcomm.errors import BeltcommError
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.records import Data
@@ -26,13 +25,12 @@ def fitted_to(folder: RunFolder, recordings: Sequence[Recording], model: Model |
     model : the run's present one; None begins with what the axis file and the records tell.
     """
     path, key = folder.path.joinpath(*FILE), key_of(_hashes_of_fitted(folder, recordings), folder.axis, model)
-    try:
-        found = from_json(path.read_text(encoding="utf-8"))
-        if found["key"] == key:
+    if found := caches.found(path, key):
+        try:
             start = model_from_dict(found["start"]) if model is None else model
             return start, *restored(recordings, found["fit"])
-    except (OSError, ValueError, KeyError, TypeError, BeltcommError):
-        pass  # nothing there, or nothing that can be used: it is made again
+        except (ValueError, KeyError, TypeError, BeltcommError):
+            caches.damaged(path)
     from beltcomm.laboratory.diagnosis import fitted_base  # the report mostly finds its fit, and imports no search
 
     start = start_model(folder.axis, recordings) if model is None else model
@@ -50,12 +48,8 @@ def keep_fit(folder: RunFolder, data: Data, fitted: Fitted, model: Model) -> Non
 def _write(folder: RunFolder, recordings: Sequence[Recording], model: Model | None, start: Model, data: Data, fitted: Fitted) -> None:
     if (fit := kept(data, fitted)) is None:
         return
-    path, key = folder.path.joinpath(*FILE), key_of(_hashes_of_fitted(folder, recordings), folder.axis, model)
-    try:
-        path.parent.mkdir(exist_ok=True)
-        write_text(path, json.dumps({"key": key, "start": start.to_dict(), "fit": fit}) + "\n")
-    except (OSError, BeltcommError):
-        pass  # a folder that cannot be written serves its results all the same
+    key = key_of(_hashes_of_fitted(folder, recordings), folder.axis, model)
+    caches.keep(folder.path.joinpath(*FILE), key, {"start": start.to_dict(), "fit": fit})
 
 
 def _hashes_of_fitted(folder: RunFolder, recordings: Sequence[Recording]) -> dict[str, str]:

@@ -8,13 +8,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from beltcomm.configfiles import from_json, write_text
-from beltcomm.errors import BeltcommError
+from beltcomm import caches
 from beltcomm.programs import source_hash
 from beltcomm.result import Result, Row, plain
 from beltcomm.runfolder import RunFolder
 
-#: Parts of a run folder that no result rests on: foreign files before they became records, what is kept, drawn, told or written down.
+#: Parts of a run folder that no result rests on, beside hidden files: foreign files before they became records, what is kept, drawn, told
+#: or written down.
 BESIDE = ("originals", "kept", "pictures", "report.html", "report.json", "journal.txt", "verdict.txt")
 
 
@@ -25,30 +25,29 @@ def answered(folder: RunFolder, name: str, question: Sequence[object], make: Cal
     drawn : pictures belong to it, and must be there.
     """
     path, key = folder.path / "kept" / f"{name}.json", _key(folder, name, question)
+    found = caches.found(path, key) if key else None
     try:
-        found = from_json(path.read_text(encoding="utf-8"))
-        pictures = found["data"]["pictures"] if drawn else []
-        if key and found["key"] == key and bool(pictures) is drawn and all((folder.path / picture).is_file() for picture in pictures):
+        pictures = found["data"]["pictures"] if found and drawn else []
+        if found and bool(pictures) is drawn and all((folder.path / picture).is_file() for picture in pictures):
             return Result(found["data"], [_line(kept) for kept in found["text"]], int(found["exit_code"]))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError):
-        pass  # nothing there, or nothing that can be used: it is made again
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
+        caches.damaged(path)
     made = make()
     result = Result(plain(made.data), made.text, made.exit_code)
     if not key:
         return result
-    kept = {"key": key, "data": result.data, "text": [_kept(line) for line in result.text], "exit_code": result.exit_code}
-    try:
-        path.parent.mkdir(exist_ok=True)
-        write_text(path, json.dumps(kept) + "\n")
-    except (OSError, BeltcommError):
-        pass  # a folder that cannot be written serves its results all the same
+    caches.keep(path, key, {"data": result.data, "text": [_kept(line) for line in result.text], "exit_code": result.exit_code})
     return result
 
 
 def _key(folder: RunFolder, name: str, question: Sequence[object]) -> str:
     """Changes with everything that the answer rests on; empty where a file cannot be read: then nothing is kept."""
     own = folder.path / "results" / f"{name}.yaml"
-    there = (p for p in sorted(folder.path.rglob("*")) if p.is_file() and p != own and p.relative_to(folder.path).parts[0] not in BESIDE)
+    there = (
+        path
+        for path in sorted(folder.path.rglob("*"))
+        if path.is_file() and path != own and path.relative_to(folder.path).parts[0] not in BESIDE and path.name[0] != "."
+    )
     try:
         found = [(str(p.relative_to(folder.path)), _digest(p)) for p in there]
     except OSError:

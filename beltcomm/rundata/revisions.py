@@ -130,12 +130,14 @@ def new_revision(
     """Save a model as a new rung and make it the one that counts.   plain : errors in plain units, fitted and held out."""
     rungs = revisions(folder)
     parent = current_revision(folder)
-    name = f"revision_{len(rungs) + 1}"
     above, data = parent.name if parent else "", recording_hashes(folder)
+    if rungs and (rungs[-1].parent, rungs[-1].change, rungs[-1].data, rungs[-1].command) == (above, change, data, command):
+        rungs.pop()  # of this very command, cut off before its model counted
+    name = f"revision_{len(rungs) + 1}"
     rung = Revision(name, above, change, model.effects, ratio, held_out, confirmed, command, when, data, None, *plain)
     folder.save_model(name, model.to_dict())
-    folder.save_model(CURRENT, model.to_dict())
     folder.save_result(LADDER, {"revisions": [as_plain(r) for r in [*rungs, rung]]})
+    folder.save_model(CURRENT, model.to_dict())  # last: until then the model is the one before, and the same command goes on
     return rung
 
 

@@ -7,17 +7,18 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from io import RawIOBase
 from pathlib import Path
 from typing import Any
 
 from beltcomm.configfiles import find_config, to_yaml, write_text
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.given import pasted
+from beltcomm.locks import occupied
 from beltcomm.programs import source_hash
 from beltcomm.result import Result, jsonable, plain
 from beltcomm.study import words as words
 from beltcomm.study.file import Study, load_study
-from beltcomm.study.lock import held
 from beltcomm.study.members import Doing, line_of, lines_of
 from beltcomm.study.summary import summary_of
 from beltcomm.study.workers import answers, processors
@@ -63,7 +64,15 @@ def study_of(
         lines = _goes_on(asked, out, reads_only=True).lines
         _copy(file, out)
         return _result(asked, file, out, lines, report)
-    with held(out, talk):
+    with occupied(
+        out,
+        talk,
+        refusal=lambda holder: (
+            f"{out} is being computed by {holder}; wait for its end, or end it and the same command goes on; "
+            "--limit 0 reads what is known so far"
+        ),
+        unwritable="choose another --out",
+    ):
         lines = _computed(asked, file, out, workers=workers, scheduler=scheduler, limit=limit, talk=talk)
         return _result(asked, file, out, lines, report)
 
@@ -88,13 +97,11 @@ def _computed(
         talk.phase(1, 1, f"{asked.each} {len(open_members)} members")
         done = 0  # in this session: what was there before says nothing of how long the others take
         _cut(out / MEMBERS)
-        with open(out / MEMBERS, "ab") as members:
+        with open(out / MEMBERS, "ab", buffering=0) as members:
             for made in answers(partial(lines_of, asked.work), tasks, workers=workers, scheduler=scheduler, talk=talk):
                 if any(line["program"] != source_hash() for line in made):  # a worker that joined later
                     raise Refused("a worker has another beltcomm than this computer; install the same one there. What is done is kept")
-                members.write("".join(_text(line) for line in made).encode())
-                members.flush()
-                os.fsync(members.fileno())
+                _append(members, "".join(map(_text, made)), out / MEMBERS)
                 lines |= {line["member"]: line for line in made}
                 done += len(made)
                 talk.progress(done / len(open_members), None)
@@ -103,6 +110,17 @@ def _computed(
     if kept.aside:
         write_text(out / GONE, "".join(_text(line) for line in kept.aside if _gone(line, asked)))
     return lines
+
+
+def _append(file: RawIOBase, text: str, path: Path) -> None:
+    """Lines onto the disk.   Raises UsageError; the last line may be torn then, and is cut off by whoever goes on."""
+    data = text.encode()
+    try:
+        while data:
+            data = data[file.write(data) or 0 :]
+        os.fsync(file.fileno())
+    except OSError as error:
+        raise UsageError(f"{path} cannot be written: {error.strerror or error}; make room, and the same command goes on") from error
 
 
 def _gone(line: Line, asked: Study) -> bool:

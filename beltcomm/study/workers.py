@@ -8,6 +8,7 @@ from concurrent.futures.process import BrokenProcessPool
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from beltcomm import isolation
 from beltcomm.errors import Refused, UsageError
 from beltcomm.programs import source_hash
 from beltcomm.talk import Talk
@@ -64,10 +65,11 @@ def _on_processes(function: Callable[[Given], Found], given: Sequence[Given], wo
     while left:
         tasks = [delayed(_numbered)(function, number, one) for number, one in left.items()]
         try:
-            for number, found in Parallel(n_jobs=workers, backend="loky", batch_size=1, return_as="generator_unordered")(tasks):
-                del left[number]
-                deaths = 0
-                yield found
+            with isolation.children_apart():  # to the end: a worker may be started at any moment
+                for number, found in Parallel(n_jobs=workers, backend="loky", batch_size=1, return_as="generator_unordered")(tasks):
+                    del left[number]
+                    deaths = 0
+                    yield found
         except BrokenProcessPool:
             deaths += 1
             if deaths == DEATHS:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from beltcomm import atomic
 from beltcomm.errors import UsageError
 from beltcomm.given import Place, place
 from beltcomm.result import Result, plain
@@ -70,7 +71,8 @@ def drawn(topic: str, study: Any, folder: Path, command: str) -> list[str]:
         folder.mkdir(parents=True, exist_ok=True)
         for name, figure in figures.items():
             path = folder / f"{name}.png"
-            figure.savefig(path, dpi=110)
+            with atomic.replacing(path) as file:
+                figure.savefig(file, format="png", dpi=110)
             made.append(str(path))
     except OSError as error:
         raise UsageError(f"the pictures cannot be written into {folder}: {error.strerror}") from error

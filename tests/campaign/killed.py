@@ -13,6 +13,7 @@ import numpy as np
 
 from beltcomm.errors import BeltcommError
 from beltcomm.runfolder import RunFolder
+from beltcomm.talk import Silence
 
 WORDS = ("identify", "--drive", "virtual", "--yes", "--realtime", "--run")
 
@@ -42,7 +43,7 @@ def damages(run: Path) -> list[str]:
             folder.recording(name)
         if not {"drive", "parameters", "objects"} <= set(folder.load("results", "backup")):
             wrong.append("the backup is not whole")
-        folder.occupy().close()  # the lock went with the process
+        folder.occupy(Silence()).close()  # the lock went with the process
     except BeltcommError as error:
         return [str(error)]
     for part in folder.recordings_folder.glob("*.csv.part"):

@@ -109,6 +109,14 @@ def test_a_search_that_hangs_or_fails_is_given_up(monkeypatch: pytest.MonkeyPatc
     assert detected(["pcan"]) == []
 
 
+def test_no_address_is_listened_on_unasked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """socketcand finds its servers by what they send to everybody on the network, which takes an open port on every address."""
+    bound: list[object] = []
+    monkeypatch.setattr("socket.socket.bind", lambda _, address: bound.append(address))
+    found(tmp_path, backends=importable, detect=detected)
+    assert bound == []
+
+
 def test_this_very_machine_can_be_looked_at() -> None:
     reasons = importable()
     assert reasons["virtual"] == reasons["slcan"] == ""

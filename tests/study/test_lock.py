@@ -12,18 +12,17 @@ from pathlib import Path
 
 import pytest
 
-from beltcomm import api
+from beltcomm import api, locks
 from beltcomm.errors import UsageError
-from beltcomm.study import lock
 from beltcomm.talk import Silence
 
 #: Another process that holds the folder until it is killed, as a study does.
 HOLDING = """
 import sys, time
 from pathlib import Path
-from beltcomm.study.lock import held
+from beltcomm.locks import occupied
 from beltcomm.talk import Silence
-with held(Path(sys.argv[1]), Silence()):
+with occupied(Path(sys.argv[1]), Silence()):
     print(flush=True)
     time.sleep(60)
 """
@@ -41,7 +40,7 @@ def test_a_second_study_is_refused_reading_is_not_and_a_killed_one_leaves_no_loc
             assert api.study(study, tmp_path, limit=0, report=False).data["done"] == 0
         finally:
             other.kill()
-    assert "process" in (tmp_path / lock.LOCK).read_text(encoding="utf-8"), "the file stays and does not matter"
+    assert "process" in (tmp_path / locks.NAME).read_text(encoding="utf-8"), "the file stays and does not matter"
     assert api.study(study, tmp_path, workers=1, report=False).data["done"] == 2
     assert api.study(study, tmp_path, workers=1, report=False).data["done"] == 2, "whoever came to its end lets go"
 
@@ -63,7 +62,7 @@ def test_the_processes_that_a_killed_study_leaves_behind_do_not_hold_its_lock(wr
 def test_a_folder_without_locks_is_computed_in_and_that_is_said(
     written: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def none(_: object) -> None:
+    def none(*_: object) -> None:
         raise OSError(errno.ENOLCK, "No locks available")
 
     class Told(Silence):
@@ -71,12 +70,12 @@ def test_a_folder_without_locks_is_computed_in_and_that_is_said(
             said.extend(lines)
 
     said: list[str] = []
-    monkeypatch.setattr(lock, "_lock", none)
+    monkeypatch.setattr("fcntl.flock", none)
     assert api.study(written(members=2), tmp_path, workers=1, report=False, talk=Told()).data["done"] == 2
-    assert "knows no locks (No locks available): let no other study compute into it meanwhile" in said[0]
+    assert "knows no locks (No locks available): let no other command change it meanwhile" in said[0]
 
 
 def test_a_folder_where_nothing_can_be_written_is_refused(written: Callable[..., Path], tmp_path: Path) -> None:
-    (tmp_path / lock.LOCK).mkdir()
-    with pytest.raises(UsageError, match=r"study\.lock cannot be written: .*; choose another --out"):
+    (tmp_path / locks.NAME).mkdir()
+    with pytest.raises(UsageError, match=r"/\.lock cannot be written: .*; choose another --out"):
         api.study(written(members=2), tmp_path, workers=1)

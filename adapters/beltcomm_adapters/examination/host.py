@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from beltcomm import isolation
+
 _CAN_TYPE: Final = 280  # ARPHRD_CAN
 _UP: Final = 0x1  # IFF_UP
 _IP_TIME_S: Final = 3.0
@@ -45,10 +47,10 @@ class Port:
 def _ip_link() -> str:
     """Output of ``ip``; "" where it is missing or fails."""
     try:
-        done = subprocess.run(["ip", "-details", "-json", "link", "show"], capture_output=True, text=True, timeout=_IP_TIME_S, check=True)
+        done = isolation.run(["ip", "-details", "-json", "link", "show"], _IP_TIME_S)
     except (OSError, subprocess.SubprocessError):
         return ""
-    return done.stdout
+    return done.stdout.decode(errors="replace") if done.returncode == 0 else ""
 
 
 def _can_socket() -> bool:

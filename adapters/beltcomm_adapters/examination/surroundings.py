@@ -38,8 +38,12 @@ _SLCAN: Final = {
     (0x04D8, 0x000A): "USBtin",
     (0x0403, 0xFFA8): "Lawicel CANUSB",
 }
-#: Interfaces that the rest of this list covers, or that reach no drive.
-_COVERED: Final = frozenset({"socketcan", "virtual", "udp_multicast", "serial", "slcan", "robotell", "seeedstudio"})
+#: Interfaces of python-can whose adapters hang on this machine and are searched for there; others listen on the network (socketcand), open
+#: ports that may belong to anything (robotell), reach no drive (virtual), or are covered by the rest of this list.
+_SEARCHED: Final = frozenset({
+    "canalystii", "cantact", "etas", "gs_usb", "iscan", "ixxat", "kvaser", "neousys", "neovi", "nican", "nixnet", "pcan", "systec",
+    "usb2can", "vector",
+})  # fmt: skip
 #: s, after which a maker's library that searches its adapters is given up.
 _SEARCH_S: Final = 5.0
 
@@ -147,7 +151,7 @@ def _python_can(reasons: dict[str, str], detect: Callable[[list[str]], list[dict
     if broken := sorted(set(reasons) - set(usable)):
         text += f"; {len(broken)} more need their maker's library or another system ({', '.join(broken)})"
     yield Finding(_AREA, "python-can", "ok" if usable else "wrong", text, "" if usable else "`pip install python-can`", values)
-    searched = [name for name in usable if name not in _COVERED]
+    searched = [name for name in usable if name in _SEARCHED]
     if not searched:
         return
     found = detect(searched)

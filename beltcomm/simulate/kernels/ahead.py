@@ -11,13 +11,13 @@ import atexit
 import hashlib
 import os
 import subprocess
-import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from importlib.util import find_spec
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
+from beltcomm import isolation
 from beltcomm.simulate.kernels import cached
 
 _P = ParamSpec("_P")
@@ -35,7 +35,7 @@ def begin(meanwhile: Iterable[Callable[[], object]] = ()) -> None:
     _meanwhile[:] = reversed(tuple(meanwhile))
     note = note_file()
     if note is not None and not note.exists() and len(os.sched_getaffinity(0)) > 1:
-        start([sys.executable, "-P", "-m", "beltcomm.simulate.kernels.compile_largest"])
+        start(isolation.python("beltcomm.simulate.kernels.compile_largest"))
 
 
 def start(command: Sequence[str]) -> None:
@@ -43,7 +43,7 @@ def start(command: Sequence[str]) -> None:
     if _beside:
         return
     try:
-        child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        child = isolation.start(command)
     except OSError:
         return
     _beside.append(child)

@@ -15,12 +15,14 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
+from beltcomm import atomic
+
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
 VERSION = 19
 #: Notes of what was compiled ahead; drafts of kernels; machine code of kernels as numba and Python name it.  Sources are left: a process
 #: of the version that wrote them may be about to read them, and they are short.
 _NOTE = re.compile(r"ahead_[0-9a-f]{20}")
-_DRAFT = re.compile(r"kernel_(\d+)_[0-9a-f]{20}\w+\.draft")
+_DRAFT = re.compile(r"kernel_(\d+)_[0-9a-f]{20}\w+\.draft")  # as earlier versions named them
 _CODE = re.compile(r"kernel_(\d+)_[0-9a-f]{20}\.(?:\w+-\d+\.py\d+\w*\.(?:nbi|\d+\.nbc)|[\w-]+\.pyc)")
 #: Longest note, in bytes, that this package writes.
 _LONGEST = 10_000
@@ -38,7 +40,7 @@ def package() -> Path:
 
 def write_note(note: Path) -> None:
     """Whose note it is: of which program, and for which cache of machine code."""
-    note.write_text(json.dumps(_owner()) + "\n", encoding="utf-8")
+    atomic.write(note, json.dumps(_owner()).encode() + b"\n")
 
 
 def prune(note: Path) -> None:

@@ -13,10 +13,7 @@ combination, so that a diagnosis can try any effect at once.
 from __future__ import annotations
 
 import hashlib
-import importlib.util
-import os
 import sys
-import tempfile
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,6 +22,8 @@ from itertools import groupby, pairwise
 from pathlib import Path
 from types import ModuleType
 
+from beltcomm import atomic
+from beltcomm.caches import tell
 from beltcomm.effects import EFFECTS
 from beltcomm.model import Model, body_list
 from beltcomm.simulate.imperfect import LEAST_STEEP, ROUNDS
@@ -356,25 +355,11 @@ def import_stable(source: str) -> ModuleType:
 
 def _imported(name: str, source: str) -> ModuleType:
     path = _source_file(name, source)
-    if path is not None:
-        try:
-            return _from_file(name, path)
-        except FileNotFoundError:  # another version has pruned the cache in between: it is as if none could be written
-            pass
     module = ModuleType(name)
-    exec(compile(source, f"<{name}>", "exec"), module.__dict__)
-    sys.modules[name] = module
-    return module
-
-
-def _from_file(name: str, path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"cannot import the generated kernel {path}")
-    module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:
-        spec.loader.exec_module(module)
+        # what is executed is the text made here: of the file, numba needs the name and the hash
+        exec(compile(source, f"<{name}>" if path is None else str(path), "exec"), module.__dict__)
     except BaseException:  # also Ctrl-C: the next call must not be given half of it
         sys.modules.pop(name, None)
         raise
@@ -382,16 +367,19 @@ def _from_file(name: str, path: Path) -> ModuleType:
 
 
 def _source_file(name: str, source: str) -> Path | None:
-    """The file with ``source`` in the user's cache, where it outlives the process; None when none can be read or written there."""
+    """The file with ``source`` in the user's cache, where it outlives the process; None when it can neither be read nor written there."""
     path = folder() / f"{name}.py"
-    if os.access(path, os.R_OK):
-        return path
+    wanted = source.encode()
+    try:
+        if path.read_bytes() == wanted:
+            return path
+        tell(f"Damaged files of compiled code in {path.parent} are thrown away and made again.")
+    except OSError:
+        pass
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, draft = tempfile.mkstemp(dir=path.parent, prefix=name, suffix=".draft")
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(source)
-        os.replace(draft, path)  # atomic: another process sees all of it or nothing
-    except OSError:
+        atomic.write(path, wanted)
+    except OSError as error:
+        tell(f"Compiled code cannot be kept in {path.parent}: {error.strerror or error}; each command makes it anew.")
         return None
     return path

@@ -12,6 +12,9 @@ from fractions import Fraction
 from types import FunctionType, ModuleType
 from typing import Any
 
+import beltcomm.compiled  # noqa: F401  # numba is loaded there, apart from the working directory
+
+# isort: split
 import numba
 import numpy as np
 from numpy.typing import NDArray

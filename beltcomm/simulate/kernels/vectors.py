@@ -15,6 +15,9 @@ import operator
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol, cast
 
+import beltcomm.compiled  # noqa: F401  # numba is loaded there, apart from the working directory
+
+# isort: split
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]  # it has no types
 from numba import types

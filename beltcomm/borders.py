@@ -1,0 +1,55 @@
+"""Text that a file brought along, made harmless where it leaves this program: one function for each border.
+
+Inside, names and sentences are what they are; nobody cleans them twice.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import unicodedata
+from typing import Any
+
+#: What a reader does not see and a terminal or a browser obeys: control characters but the tab and the end of a line, marks that turn
+#: the direction of writing or join and hide, separators of lines that only some know, halves of characters.
+_OBEYED = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\xad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff\U000e0000-\U000e007f]"
+)
+#: What opens and closes comments of C and of structured text.
+_MARKS = ("/*", "*/", "(*", "*)")
+_SPELLED = (("²", "2"), ("³", "3"), ("µ", "u"), ("μ", "u"), ("°", " deg"), ("−", "-"), ("·", "*"))
+
+
+def for_terminal(text: str) -> str:
+    """What is obeyed is shown: ``\\x1b`` in place of an escape."""
+    return _OBEYED.sub(lambda found: found[0].encode("unicode_escape", "surrogatepass").decode(), text)
+
+
+def for_html(text: str) -> str:
+    """A whole page or a part of it, whose markup stands already: what is obeyed is shown as a box with a question mark."""
+    return _OBEYED.sub("\N{REPLACEMENT CHARACTER}", text)
+
+
+def for_json(data: Any) -> str:
+    """One line of JSON that any program reads and any terminal shows.   Raises ValueError for nan."""
+    text = json.dumps(data, ensure_ascii=False, allow_nan=False)
+    return _OBEYED.sub(lambda found: json.dumps(found[0])[1:-1], text)
+
+
+def for_comment(text: str) -> str:
+    """Text that can stand in a comment of C and of structured text: ASCII, one line, neither kind's delimiters."""
+    for special, plain in _SPELLED:
+        text = text.replace(special, plain)
+    text = " ".join(for_terminal(" ".join(text.split())).encode("ascii", "backslashreplace").decode().split())
+    for mark in _MARKS:
+        text = text.replace(mark, f"{mark[0]} {mark[1]}")
+    return text
+
+
+def for_file_name(text: str, otherwise: str, gap: str = "-", longest: int = 60) -> str:
+    """A part of a file name on any system: letters, digits, '_', '-' and '.', a letter or digit at both ends.
+
+    otherwise : where nothing is left.   gap : stands for everything else.
+    """
+    ascii_only = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
+    return re.sub(r"[^A-Za-z0-9_.-]+", gap, ascii_only)[:longest].strip("_.-") or otherwise

@@ -1,0 +1,59 @@
+"""What took long to find and is found again: JSON files that are made again where they cannot be used, and one line that says so."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from beltcomm import atomic
+
+_said: list[str] = []
+_listeners: list[Callable[[str], object]] = []
+
+
+def listen(say: Callable[[str], object]) -> None:
+    """From now on, and what there has been to say so far: that something was made again, or cannot be kept; each once."""
+    _listeners.append(say)
+    for line in _said:
+        say(line)
+
+
+def tell(line: str) -> None:
+    """Say it once."""
+    if line not in _said:
+        _said.append(line)
+        for say in _listeners:
+            say(line)
+
+
+def found(path: Path, key: str) -> dict[str, Any] | None:
+    """What was kept under this key; None for nothing, or another one's, or what cannot be read, which is thrown away and said."""
+    try:
+        content: dict[str, Any] = json.loads(path.read_bytes())
+        return content if content["key"] == key else None
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        tell(f"{path} cannot be read ({error.strerror or error}); what it keeps is found anew.")
+    except (ValueError, KeyError, TypeError, RecursionError):
+        damaged(path)
+    return None
+
+
+def damaged(path: Path) -> None:
+    """Throw away what is no more than a cache."""
+    tell(f"{path} is damaged; it is thrown away and made again.")
+    with suppress(OSError):  # made again it is all the same
+        path.unlink(missing_ok=True)
+
+
+def keep(path: Path, key: str, content: Mapping[str, Any]) -> None:
+    """Keep it under a key, where that is possible; where it is not, results are the same."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        atomic.write(path, json.dumps({"key": key, **content}).encode() + b"\n")
+    except OSError as error:
+        tell(f"{path} cannot be kept ({error.strerror or error}); the next command finds it anew.")

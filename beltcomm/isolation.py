@@ -1,0 +1,85 @@
+"""Nothing of the working directory is code or configuration: here alone processes are started, and libraries loaded that look there.
+
+A stranger's folder may hold a ``numpy.py``, a ``matplotlibrc`` or a program called ``ip``.  What this user has put into the environment
+(``PATH``, ``PYTHONPATH``) holds, as far as it names a place and not "wherever I stand".
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+_PACKAGES = str(Path(__file__).resolve().parents[1])
+#: What a child is given before its module: the places of this process, not those that Python would find for it.
+_BEGIN = (
+    "import json, runpy, sys; sys.path[:] = json.loads(sys.argv.pop(1)); "
+    "runpy.run_module(sys.argv.pop(1), run_name='__main__', alter_sys=True)"
+)
+_LISTS = ("PATH", "PYTHONPATH")
+
+
+def start(command: Sequence[str]) -> subprocess.Popen[bytes]:
+    """A process beside this one that reads and says nothing.   Raises OSError."""
+    quiet = subprocess.DEVNULL
+    return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, env=environment())
+
+
+def run(command: Sequence[str], limit_s: float) -> subprocess.CompletedProcess[bytes]:
+    """A process and what it says.   Raises OSError, subprocess.TimeoutExpired when it does not end in time."""
+    quiet = subprocess.DEVNULL
+    return subprocess.run(command, stdin=quiet, capture_output=True, timeout=limit_s, env=environment(), check=False)
+
+
+def python(module: str, *words: str) -> list[str]:
+    """The command that runs a module of this program in a process of its own, with the packages that are found here."""
+    return [sys.executable, "-P", "-c", _BEGIN, json.dumps(_search_path()), module, *words]
+
+
+def environment() -> dict[str, str]:
+    """That of every child: Python adds no working directory to where it looks, and nobody else looks there for programs."""
+    lists = {name: os.pathsep.join(filter(os.path.isabs, os.environ[name].split(os.pathsep))) for name in _LISTS if name in os.environ}
+    return {**os.environ, **lists, "PYTHONSAFEPATH": "1"}
+
+
+@contextmanager
+def children_apart() -> Iterator[None]:
+    """The same for processes that a library starts meanwhile."""
+    before = {name: os.environ.get(name) for name in (*_LISTS, "PYTHONSAFEPATH")}
+    os.environ.update(environment())
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name, None)
+            if value is not None:
+                os.environ[name] = value
+
+
+@contextmanager
+def apart(folder: Path) -> Iterator[None]:
+    """Be in a folder of an installed package meanwhile: for the import of a library that reads settings from the working directory."""
+    try:
+        here = os.open(".", getattr(os, "O_PATH", os.O_RDONLY))
+    except OSError:  # no way back, which is also the case in a folder that is no more
+        yield
+        return
+    try:
+        os.chdir(folder)
+        yield
+    finally:
+        os.fchdir(here)
+        os.close(here)
+
+
+def _search_path() -> list[str]:
+    """Where this process finds packages, without the working directory, unless this package stands there."""
+    try:
+        here = os.getcwd()
+    except OSError:
+        here = ""
+    return [entry for entry in sys.path if os.path.isabs(entry) and (entry != here or entry == _PACKAGES)]

@@ -1,0 +1,96 @@
+"""A run folder from somebody else: what it names or links to outside of itself is neither read nor packed."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from pathlib import Path
+
+import pytest
+import yaml
+from click.testing import CliRunner, Result
+
+from beltcomm.cli.main import cli
+from beltcomm.configfiles import to_yaml, write_text
+from beltcomm.jobs.bundle import write_bundle
+from foreign.samples import options, text, write
+
+SECRET = "-----BEGIN OPENSSH PRIVATE KEY-----"
+
+
+def call(*words: object) -> Result:
+    return CliRunner().invoke(cli, [*map(str, words)])
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    log, folder = write(tmp_path / "log.csv", text()), tmp_path / "run"
+    assert call("import", log, "--run", folder, "--axis", "egc-70-600", *options()).exit_code == 0
+    return folder
+
+
+@pytest.fixture
+def secret(tmp_path: Path) -> Path:
+    (tmp_path / "home").mkdir()
+    path = tmp_path / "home" / "id.txt"
+    path.write_text(SECRET)
+    return path
+
+
+@pytest.mark.parametrize("recordings", [True, False])
+def test_a_bundle_packs_nothing_that_a_link_points_to(run: Path, secret: Path, tmp_path: Path, recordings: bool) -> None:
+    (run / "notes.txt").symlink_to(secret)
+    (run / "results").mkdir(exist_ok=True)
+    (run / "results" / "more.yaml").symlink_to(secret)
+    (run / "recordings" / "more.csv").symlink_to(secret)
+    (run / "elsewhere").symlink_to(secret.parent)
+    (run / "relative.txt").symlink_to(os.path.relpath(secret, run))
+    os.mkfifo(run / "pipe.txt")
+    names = write_bundle(run, tmp_path / "out.zip", recordings=recordings)
+    with zipfile.ZipFile(tmp_path / "out.zip") as archive:
+        assert all(SECRET.encode() not in archive.read(name) for name in archive.namelist())
+    assert "axis.yaml" in names
+    assert ("recordings/log.csv" in names) is recordings
+
+
+def test_a_bundle_does_not_follow_a_link_in_its_own_place(run: Path, secret: Path) -> None:
+    (run / "bundle.zip").symlink_to(secret)
+    write_bundle(run, run / "bundle.zip")
+    assert secret.read_text() == SECRET
+    assert zipfile.is_zipfile(run / "bundle.zip")
+
+
+@pytest.mark.parametrize("way", ["absolute", "upwards", "link", "folder", "dbc", "dots", "nothing", "number"])
+def test_repeating_imports_reads_no_file_outside(run: Path, secret: Path, way: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    sidecar = run / "recordings" / "log.yaml"
+    data = yaml.safe_load(sidecar.read_text())
+    about = data["import"]
+    if way == "absolute":
+        about["original"] = str(secret)
+    elif way == "upwards":
+        about["original"] = f"originals/../../home/{secret.name}"
+    elif way == "dots":
+        about["original"] = "originals/.."
+    elif way == "nothing":
+        about["original"] = None
+    elif way == "number":
+        about["original"] = 7
+    elif way == "link":
+        (run / "originals" / "log.csv").unlink()
+        (run / "originals" / "log.csv").symlink_to(secret)
+    elif way == "folder":
+        (run / "originals" / "log.csv").rename(secret.parent / "log.csv")
+        (run / "originals").rmdir()
+        (run / "originals").symlink_to(secret.parent)
+    else:
+        about["reading"]["dbc"] = str(secret)
+    write_text(sidecar, to_yaml(data))
+    read: list[str] = []
+    whole, stream = Path.read_bytes, Path.open
+
+    monkeypatch.setattr(Path, "read_bytes", lambda path: (read.append(os.path.realpath(path)), whole(path))[1])
+    monkeypatch.setattr(Path, "open", lambda path, *a, **k: (read.append(os.path.realpath(path)), stream(path, *a, **k))[1])
+    done = call("import", "--check", "--run", run)
+    assert done.exit_code == 1
+    assert "which is no file in" in done.stdout
+    assert not [path for path in read if path.startswith(str(secret.parent))]
