@@ -16,10 +16,13 @@ from typing import Any
 import yaml
 
 from beltcomm.errors import BeltcommError, UsageError
+from beltcomm.outside import read_text
 
 _PACKAGE = Path(__file__).resolve().parent
 #: Where shipped files are looked for, first hit wins: the wheel's place, then the checkout's.
 CONFIG_FOLDERS = (_PACKAGE / "configs", _PACKAGE.parent / "configs")
+#: Values in a settings file, and how deep they nest.
+MOST_NODES, MOST_DEPTH = 200_000, 60
 _WORD_FOR = {"axes": "axis", "plants": "plant", "drives": "drive profile", "studies": "study"}
 
 
@@ -87,7 +90,10 @@ def _float(loader: Any, node: yaml.ScalarNode) -> float:
 
 def _int(loader: Any, node: yaml.ScalarNode) -> int:
     text = str(node.value)
-    return int(text, 16) if "x" in text.lower() else int(text)
+    value = int(text, 16) if "x" in text.lower() else int(text)
+    if not -(1 << 63) <= value < 1 << 64:
+        raise ValueError(f"a whole number of {len(text)} digits is beyond 64 bits, in line {node.start_mark.line + 1}")
+    return value
 
 
 _Loader.yaml_implicit_resolvers = {
@@ -101,6 +107,12 @@ _Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.012345
 _Loader.add_constructor("tag:yaml.org,2002:map", _mapping_without_repeats)
 _Loader.add_constructor("tag:yaml.org,2002:float", _float)
 _Loader.add_constructor("tag:yaml.org,2002:int", _int)
+# what a settings file may hold: all else (dates, bytes, sets, objects) is refused as an unknown tag
+_Loader.yaml_constructors = {
+    tag: make
+    for tag, make in _Loader.yaml_constructors.items()
+    if tag is None or tag.rsplit(":", 1)[1] in {"null", "bool", "int", "float", "str", "seq", "map"}
+}
 
 
 class _Dumper(yaml.SafeDumper):
@@ -113,15 +125,22 @@ _Dumper.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.012345
 def read_yaml(path: Path, failure: type[BeltcommError] = UsageError) -> dict[str, Any]:
     """The mapping in a YAML file; an empty file is an empty mapping.
 
-    Raises ``failure`` for a file that cannot be read, is not UTF-8 or not YAML, holds one key twice, or is no mapping.
+    Raises ``failure`` for a file that cannot be read (see :mod:`beltcomm.outside`), is not UTF-8 or not YAML, holds one key twice, more
+    than any settings do, or no mapping.
     """
     try:
-        data = yaml.load(path.read_text(encoding="utf-8-sig"), Loader=_Loader)
+        text = _text_of(path, failure)
     except OSError as error:
         raise failure(f"{path} cannot be read: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise failure(f"{path} is not UTF-8 text (byte {error.start}); save it as UTF-8") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+    try:
+        loader = _Loader(text)
+        try:
+            node = loader.get_single_node()
+            _check_size(node)
+            data = None if node is None else loader.construct_document(node)
+        finally:
+            loader.dispose()
+    except (yaml.YAMLError, ValueError, RecursionError, LookupError, TypeError, AttributeError, OverflowError) as error:
         raise failure(f"{path} is not valid YAML: {_first_words(error)}") from error
     if data is None:
         return {}
@@ -130,11 +149,38 @@ def read_yaml(path: Path, failure: type[BeltcommError] = UsageError) -> dict[str
     return {str(key): value for key, value in data.items()}
 
 
+def _text_of(path: Path, failure: type[BeltcommError]) -> str:
+    """The text of a settings file; installers may make links of shipped ones."""
+    if any(path.is_relative_to(folder) for folder in CONFIG_FOLDERS):
+        return path.read_text(encoding="utf-8-sig")
+    return read_text(path, failure=failure)
+
+
+def _check_size(node: yaml.Node | None) -> None:
+    """Raise ValueError for more values, or deeper ones, than any settings hold; what is referred to counts each time."""
+    sizes: dict[int, int] = {}
+
+    def size(part: yaml.Node, depth: int) -> int:
+        if depth > MOST_DEPTH:
+            raise ValueError(f"its values nest deeper than {MOST_DEPTH}, or refer to themselves")
+        if isinstance(part, yaml.ScalarNode):
+            return 1
+        if id(part) not in sizes:
+            inside = part.value if isinstance(part, yaml.SequenceNode) else [one for pair in part.value for one in pair]
+            sizes[id(part)] = 1 + sum(size(one, depth + 1) for one in inside)
+            if sizes[id(part)] > MOST_NODES:
+                raise ValueError(f"it holds more than {MOST_NODES} values; settings and results hold far fewer")
+        return sizes[id(part)]
+
+    if node is not None:
+        size(node, 0)
+
+
 def line_of(path: Path, keys: tuple[str, ...]) -> int:
     """The line where a key stands, counted from 1, for messages; 0 when it is not found.   keys : from the outermost."""
     try:
-        node = yaml.compose(path.read_text(encoding="utf-8-sig"), Loader=_Loader)
-    except (OSError, ValueError, yaml.YAMLError):
+        node = yaml.compose(_text_of(path, UsageError), Loader=_Loader)
+    except (OSError, ValueError, yaml.YAMLError, UsageError):
         return 0
     line = 0
     for wanted in keys:
@@ -157,15 +203,15 @@ def to_yaml(mapping: Mapping[str, Any]) -> str:
     return yaml.dump(_plain(mapping), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
 
 
-def write_text(path: Path, text: str) -> None:
+def write_text(path: Path, text: str | Iterable[str]) -> None:
     """Write a file whole or not at all: a temporary file beside it, flushed to the disk, then renamed over it.
 
-    Raises UsageError when the folder is missing, read-only or full.
+    text : or pieces of it, of which only one is in memory.   Raises UsageError when the folder is missing, read-only or full.
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         with open(temporary, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
+            file.writelines([text] if isinstance(text, str) else text)
             file.flush()
             os.fsync(file.fileno())
         os.replace(temporary, path)

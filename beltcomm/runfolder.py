@@ -29,11 +29,12 @@ from beltcomm.axis import Axis, load_axis, save_axis
 from beltcomm.configfiles import did_you_mean, read_yaml, to_yaml, write_text
 from beltcomm.errors import DataError, NoMotion, UsageError
 from beltcomm.given import pasted
+from beltcomm.outside import KEPT_BYTES, read_text
 from beltcomm.recording import Recording, RecordingWriter, Sidecar, common_side, load_recording, save_recording
 from beltcomm.recording_columns import MOTOR_COLUMNS
 from beltcomm.sidecar import load_sidecar
 
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 #: How an unfinished record is called after a second attempt was begun.
 _MOVED_ASIDE = re.compile(r"\.unfinished\d+$")
 #: What the journal of a run says that was left before anything moved.
@@ -84,6 +85,7 @@ class RunFolder:
         if not path.is_dir():
             what = "is a file, not a folder" if path.exists() else f"does not exist{_like(path)}"
             raise DataError(f"the run folder {path} {what}; give the folder that holds axis.yaml and recordings/")
+        _check_links(path)
         axis_path = path / "axis.yaml"
         if not axis_path.is_file() and not (path / "recordings").is_dir():
             raise DataError(f"{path} is no run folder: it has neither axis.yaml nor recordings/; check the path")
@@ -323,12 +325,20 @@ def _untouched(path: Path) -> bool:
     results = [path / "results" / f"{name}.yaml" for name in ("backup", "drive", "rehearsal")]
     own = {path / "axis.yaml", path / "run.yaml", path / "journal.txt", path / "bundle.zip", *results}
     found = {item for item in path.rglob("*") if not item.is_dir() and item.parent.name != "bus"} if path.is_dir() else {path}
-    journal = (path / "journal.txt").read_text(encoding="utf-8").splitlines() if path / "journal.txt" in found else []
+    journal = read_text(path / "journal.txt", KEPT_BYTES, errors="replace").splitlines() if path / "journal.txt" in found else []
     if not found <= own or path / "run.yaml" not in found or not all(line.startswith(_HARMLESS) for line in journal):
         return False
     for item in found:
         item.unlink()
     return True
+
+
+def _check_links(path: Path) -> None:
+    """Raise DataError for a folder of a run that is a link to elsewhere: a stranger's run could read and write any place through it."""
+    home = path.resolve()
+    for item in path.iterdir():
+        if item.is_symlink() and not item.resolve().is_relative_to(home):
+            raise DataError(f"{item} is a link out of the run folder, to {item.resolve()}; copy what it names into the run, or take it out")
 
 
 def _make_folder(path: Path) -> None:
@@ -341,7 +351,8 @@ def _make_folder(path: Path) -> None:
 def checked_name(name: str) -> str:
     """The name, when it can be a file name everywhere.   Raises UsageError."""
     if not _NAME.fullmatch(name):
-        raise UsageError(f"{name!r} cannot be a name; use letters, digits, '_', '-' and '.', a letter or digit first")
+        short = f"{name[:40]!r}..." if len(name) > 43 else repr(name)
+        raise UsageError(f"{short} cannot be a name; use letters, digits, '_', '-' and '.', a letter or digit first, at most 100")
     return name
 
 

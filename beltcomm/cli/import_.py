@@ -12,6 +12,7 @@ from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Frame, api, run_folder
 from beltcomm.cli.init import axis_with
 from beltcomm.errors import Refused, UsageError
+from beltcomm.outside import read_text
 from beltcomm.quantities import parse_quantity
 
 if TYPE_CHECKING:
@@ -173,7 +174,7 @@ def _mappings(written: tuple[str, ...]) -> tuple[str, ...]:
             found.append(text)
             continue
         try:
-            found += mappings_in(Path(text).read_text(encoding="utf-8"))
+            found += mappings_in(read_text(Path(text), failure=UsageError))
         except (OSError, ValueError) as error:
             raise UsageError(
                 f"--map {text} is no mapping and no file of mappings; write OURS=THEIRS*SCALE, such as torque_nm=Iq*0.65"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import io
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.table import words_of
+from beltcomm.outside import MEASURED_BYTES, MOST_VALUES, in_words, opened
 
 _READ_BY_PYTHON_CAN = {".blf": "BLFReader", ".trc": "TRCReader"}
 #: ``candump -L``: (1436509052.249713) can0 181#0011223344556677
@@ -32,6 +34,8 @@ _AT_TURN_NS = 1_000_000_000
 _LAST_NS = 1 << 61
 #: Lines from which a text file is recognised as a log.
 _LOOKED_AT = 20
+#: Letters of a line that are read at once: no frame takes more.
+_LONGEST_LINE = 4096
 _LONGEST = 8
 #: .asc:   0.001000 1  181             Rx   d 8 00 11 22 33 44 55 66 77; stamps may lie before the trigger, below zero
 _ASC = re.compile(
@@ -87,7 +91,11 @@ def is_frame_log(path: Path) -> bool:
         return True
     try:
         with _opened(path) as file:
-            lines = [line.strip() for line, _ in zip(file, range(_LOOKED_AT), strict=False) if line.strip()]
+            lines = [
+                line.strip()
+                for _, line in zip(range(_LOOKED_AT), iter(lambda: file.readline(_LONGEST_LINE), ""), strict=False)
+                if line.strip()
+            ]
     except (OSError, EOFError, ValueError):
         return False
     fitting = sum(_matched(line) is not None for line in lines)
@@ -146,9 +154,10 @@ class _Others:
 
 
 def _opened(path: Path) -> Any:
+    file = opened(path)
     if path.suffix.lower() == ".gz":
-        return gzip.open(path, "rt", encoding="utf-8", errors="replace")
-    return open(path, encoding="utf-8", errors="replace")
+        return io.TextIOWrapper(gzip.GzipFile(fileobj=file), encoding="utf-8", errors="replace")
+    return io.TextIOWrapper(file, encoding="utf-8", errors="replace")
 
 
 def _matched(line: str) -> Frame | None:
@@ -185,7 +194,12 @@ def _identifier(text: str) -> int:
 def _lines(path: Path, others: _Others) -> Iterator[tuple[int, str]]:
     try:
         with _opened(path) as file:
-            yield from enumerate(file, start=1)
+            total = 0
+            for number, line in enumerate(iter(lambda: file.readline(_LONGEST_LINE), ""), start=1):
+                total += len(line)
+                if total > MEASURED_BYTES or number > MOST_VALUES:
+                    raise ValueError(f"more than {in_words(MEASURED_BYTES)} of text, or {MOST_VALUES} lines")
+                yield number, line
     except (OSError, EOFError, ValueError) as error:
         others.notes.append(f"the file breaks off ({words_of(error)}): what came before is taken")
 
@@ -241,7 +255,7 @@ def _by_python_can(path: Path, reader: str, others: _Others) -> Iterator[Frame]:
     others.what = "error, CAN FD and other entries that are no classic CAN frames"
     try:
         # opened here, for a reader that fails in its first line leaves the file open
-        with open(path, "rb") if reader == "BLFReader" else _opened(path) as file:
+        with opened(path) if reader == "BLFReader" else _opened(path) as file:
             messages = getattr(can, reader)(file)
             there = int(getattr(messages, "object_count", 0))
             for message in messages:

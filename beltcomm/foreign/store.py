@@ -10,12 +10,11 @@ With the original and that key an import can be repeated (:func:`repeated`), and
 
 from __future__ import annotations
 
-import hashlib
 import re
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -28,6 +27,7 @@ from beltcomm.foreign.checks import check
 from beltcomm.foreign.convert import Converted, Reading, convert, reading_from_dict, without_time
 from beltcomm.foreign.files import Part, parts_of
 from beltcomm.foreign.plausibility import Finding, findings
+from beltcomm.outside import opened, sha256_of
 from beltcomm.recording import Recording, Sidecar, common_side, load_recording, recording_from_columns
 from beltcomm.runfolder import RunFolder, checked_name
 
@@ -64,7 +64,7 @@ def imported(path: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Ax
         "beltcomm": __version__,
     }
     if reading.dbc is not None:
-        about["dbc_sha256"] = hashlib.sha256(Path(reading.dbc).read_bytes()).hexdigest()
+        about["dbc_sha256"] = sha256_of(Path(reading.dbc))
     noted = replace(sidecar, extra={**sidecar.extra, "import": about})
     try:
         recording = recording_from_columns(name, converted.columns, noted, file=str(path))
@@ -153,12 +153,14 @@ def _keep_original(folder: RunFolder, source: Path, sha256: str) -> Path:
         target.mkdir(exist_ok=True)
         number = 1
         while (path := target / (f"{stem}{ending}" if number == 1 else f"{stem}-{number}{ending}")).exists():
-            if hashlib.sha256(path.read_bytes()).hexdigest() == sha256:
+            if sha256_of(path) == sha256:
                 return path
             number += 1
         temporary = path.with_name(f".{path.name}.tmp")
-        shutil.copyfile(source, temporary)
-        if hashlib.sha256(temporary.read_bytes()).hexdigest() != sha256:
+        temporary.unlink(missing_ok=True)  # of an import that was killed; and nothing is written through a link
+        with opened(source) as file, open(temporary, "xb") as copy:
+            shutil.copyfileobj(file, copy, 1 << 20)
+        if sha256_of(temporary) != sha256:
             temporary.unlink()
             raise DataError(f"{source} changed while it was imported; import it when the recorder has finished")
         temporary.replace(path)
@@ -198,15 +200,15 @@ def repeated(folder: RunFolder) -> dict[str, str]:
 
 def _difference(folder: RunFolder, recording: Recording, about: Mapping[str, Any], read: dict[str, list[Part]]) -> str:
     """read : what files have been read for recordings before, so that a log of many moves is read once."""
-    original = folder.path / str(about.get("original", ""))
-    if not original.is_file():
-        return f"its original {original} is missing"
-    if hashlib.sha256(original.read_bytes()).hexdigest() != about.get("sha256"):
-        return f"its original {original} was changed since"
     try:
+        original = _kept(folder, about.get("original"))
+        if not original.is_file():
+            return f"its original {original} is missing"
+        if sha256_of(original) != about.get("sha256"):
+            return f"its original {original} was changed since"
         reading = reading_from_dict(about.get("reading") or {})
         if reading.dbc is not None:
-            reading = replace(reading, dbc=str(folder.path / reading.dbc))
+            reading = replace(reading, dbc=str(_kept(folder, reading.dbc)))
         everything = replace(reading, record=None)
         key = f"{original} {everything.to_dict()}"
         if key not in read:
@@ -221,6 +223,14 @@ def _difference(folder: RunFolder, recording: Recording, about: Mapping[str, Any
         return f"its columns are {', '.join(before)}, imported again {', '.join(after)}"
     differing = [column for column in before if not _same(before[column], after[column])]
     return f"it differs from its original in {', '.join(differing)}" if differing else ""
+
+
+def _kept(folder: RunFolder, place: object) -> Path:
+    """A file among the originals of a run, as a sidecar names it.   Raises DataError for a place elsewhere."""
+    path = PurePosixPath(str(place))
+    if path.parts[:-1] != (ORIGINALS,) or path.name in {"", ".."}:
+        raise DataError(f"its sidecar names {str(place)[:80]!r} as its original, which is not a file in {ORIGINALS}/; import it again")
+    return folder.path / ORIGINALS / path.name
 
 
 def _part(parts: Sequence[Part], number: int | None) -> Part:

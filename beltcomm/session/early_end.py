@@ -13,6 +13,7 @@ from beltcomm.configfiles import write_text
 from beltcomm.effects import effect_named
 from beltcomm.errors import BeltcommError, Declined, DriveError, SafetyStop
 from beltcomm.given import pasted
+from beltcomm.outside import read_json
 from beltcomm.programs import source_hash
 from beltcomm.result import Result, with_unit
 from beltcomm.runfolder import RunFolder
@@ -152,9 +153,9 @@ def _key(folder: RunFolder) -> str:
 
 def _known(folder: RunFolder, key: str) -> dict[str, Any] | None:
     try:
-        found = json.loads(folder.path.joinpath(*FILE).read_text(encoding="utf-8"))
+        found = read_json(folder.path.joinpath(*FILE))
         return dict(found["told"]) if found["key"] == key else None
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, BeltcommError):
         return None
 
 

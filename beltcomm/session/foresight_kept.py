@@ -15,6 +15,7 @@ from beltcomm.axis import Axis
 from beltcomm.configfiles import write_text
 from beltcomm.drive import Capabilities
 from beltcomm.errors import BeltcommError
+from beltcomm.outside import read_json
 from beltcomm.programs import source_hash
 from beltcomm.session.programme import Extent
 
@@ -23,10 +24,10 @@ def kept(axis: Axis, capabilities: Capabilities, extent: Extent, make: Callable[
     """The last answer of this extent where everything is as it was, else a new one.   Raises what ``make`` raises."""
     path, key = user_cache_path("beltcomm") / f"foresight_{extent}.json", key_of(axis, capabilities, extent)
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = read_json(path)
         if found["key"] == key:
             return dict(found["visible"])
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, BeltcommError):
         pass  # nothing there, or nothing that can be used: it is made again
     visible = make()
     keep(path, {"key": key, "visible": visible})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Collection, Sequence
 
@@ -13,6 +12,7 @@ from beltcomm.fit.records import Data
 from beltcomm.fit.start import start_model
 from beltcomm.fit.stored import kept, key_of, restored
 from beltcomm.model import Model, model_from_dict
+from beltcomm.outside import read_json, sha256_of
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
 
@@ -27,7 +27,7 @@ def fitted_to(folder: RunFolder, recordings: Sequence[Recording], model: Model |
     """
     path, key = folder.path.joinpath(*FILE), key_of(_hashes_of_fitted(folder, recordings), folder.axis, model)
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = read_json(path)
         if found["key"] == key:
             start = model_from_dict(found["start"]) if model is None else model
             return start, *restored(recordings, found["fit"])
@@ -67,4 +67,4 @@ def hashes(folder: RunFolder, names: Collection[str] | None = None) -> dict[str,
     """SHA-256 of every file of every complete recording, or of some of them."""
     stems = set(folder.finished_names()) if names is None else set(names)
     files = (path for path in folder.recordings_folder.iterdir() if path.stem in stems and path.suffix in (".csv", ".yaml"))
-    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    return {path.name: sha256_of(path) for path in files}

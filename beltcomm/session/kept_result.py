@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 from beltcomm.configfiles import write_text
 from beltcomm.errors import BeltcommError
+from beltcomm.outside import read_json, sha256_of
 from beltcomm.programs import source_hash
 from beltcomm.result import Result, Row, plain
 from beltcomm.runfolder import RunFolder
@@ -26,11 +26,11 @@ def answered(folder: RunFolder, name: str, question: Sequence[object], make: Cal
     """
     path, key = folder.path / "kept" / f"{name}.json", _key(folder, name, question)
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = read_json(path)
         pictures = found["data"]["pictures"] if drawn else []
         if key and found["key"] == key and bool(pictures) is drawn and all((folder.path / picture).is_file() for picture in pictures):
             return Result(found["data"], [_line(kept) for kept in found["text"]], int(found["exit_code"]))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, BeltcommError):
         pass  # nothing there, or nothing that can be used: it is made again
     made = make()
     result = Result(plain(made.data), made.text, made.exit_code)
@@ -50,16 +50,11 @@ def _key(folder: RunFolder, name: str, question: Sequence[object]) -> str:
     own = folder.path / "results" / f"{name}.yaml"
     there = (p for p in sorted(folder.path.rglob("*")) if p.is_file() and p != own and p.relative_to(folder.path).parts[0] not in BESIDE)
     try:
-        found = [(str(p.relative_to(folder.path)), _digest(p)) for p in there]
-    except OSError:
+        found = [(str(p.relative_to(folder.path)), sha256_of(p)) for p in there]
+    except (OSError, BeltcommError):
         return ""
     text = json.dumps([found, source_hash(), str(folder.path), *question])
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _kept(line: str) -> str | list[object]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from beltcomm.outside import KEPT_BYTES, read_text
 from beltcomm.recording import Recording
 from beltcomm.report.page import Section, Table, Words
 from beltcomm.session.reporting.gather import Gathered
@@ -96,7 +97,7 @@ def _driven(run: Gathered, recording: Recording) -> tuple[str, ...]:
 def journal_of(run: Gathered) -> list[str]:
     """Lines of the journal; none where no machine was moved."""
     path = run.folder.path / "journal.txt"
-    return path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    return read_text(path, KEPT_BYTES, errors="replace").splitlines() if path.is_file() else []
 
 
 def journal(run: Gathered) -> Section:
