@@ -119,7 +119,14 @@ class _Dumper(yaml.SafeDumper):
     """Quotes every text that :class:`_Loader` would take for a number."""
 
 
+def _text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
+    """Between double quotes where something in it is not printable: other styles change line ends of other systems."""
+    plain = text.replace("\n", "").isprintable()
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=None if plain else '"')
+
+
 _Dumper.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))
+_Dumper.add_representer(str, _text)
 
 
 def read_yaml(path: Path, failure: type[BeltcommError] = UsageError) -> dict[str, Any]:

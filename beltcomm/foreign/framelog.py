@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import io
 import re
+import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -96,7 +97,7 @@ def is_frame_log(path: Path) -> bool:
                 for _, line in zip(range(_LOOKED_AT), iter(lambda: file.readline(_LONGEST_LINE), ""), strict=False)
                 if line.strip()
             ]
-    except (OSError, EOFError, ValueError):
+    except (OSError, EOFError, ValueError, zlib.error):
         return False
     fitting = sum(_matched(line) is not None for line in lines)
     return fitting > 0 and fitting >= 0.7 * len(lines)
@@ -200,7 +201,7 @@ def _lines(path: Path, others: _Others) -> Iterator[tuple[int, str]]:
                 if total > MEASURED_BYTES or number > MOST_VALUES:
                     raise ValueError(f"more than {in_words(MEASURED_BYTES)} of text, or {MOST_VALUES} lines")
                 yield number, line
-    except (OSError, EOFError, ValueError) as error:
+    except (OSError, EOFError, ValueError, zlib.error) as error:
         others.notes.append(f"the file breaks off ({words_of(error)}): what came before is taken")
 
 
@@ -260,7 +261,7 @@ def _by_python_can(path: Path, reader: str, others: _Others) -> Iterator[Frame]:
             there = int(getattr(messages, "object_count", 0))
             for message in messages:
                 number += 1
-                if message.is_error_frame or message.is_fd or len(message.data) > _LONGEST:
+                if message.is_error_frame or message.is_fd or len(message.data) > _LONGEST or not 0 <= message.arbitration_id < 1 << 29:
                     continue
                 extended = 1 << 31 if message.is_extended_id else 0
                 remote = bool(message.is_remote_frame)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Sequence
+from pathlib import Path
 
 from beltcomm.configfiles import write_text
 from beltcomm.errors import BeltcommError
@@ -60,7 +61,7 @@ def _write(folder: RunFolder, recordings: Sequence[Recording], model: Model | No
 
 def _hashes_of_fitted(folder: RunFolder, recordings: Sequence[Recording]) -> dict[str, str]:
     """Of the records that are fitted alone: those held out, as a move that verifies, change no fit."""
-    return hashes(folder, {r.name for r in recordings if not (r.sidecar.held_out or r.is_static_map)})
+    return hashes(folder, {Path(r.file).stem if r.file else r.name for r in recordings if not (r.sidecar.held_out or r.is_static_map)})
 
 
 def hashes(folder: RunFolder, names: Collection[str] | None = None) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -107,19 +108,26 @@ class Step:
 
 def checked_step(entry: Any, where: str) -> Step:
     """A step from a plan file.   Raises UsageError, naming the place in the file."""
-    if not isinstance(entry, Mapping) or entry.get("kind") not in KEYS:
+    if not isinstance(entry, Mapping) or str(entry.get("kind")) not in KEYS:
         raise UsageError(f"{where}: kind must be one of {', '.join(KEYS)}")
-    kind = entry["kind"]
-    unknown = sorted(set(entry) - {"kind", *KEYS[kind]})
+    kind = str(entry["kind"])
+    unknown = sorted(set(map(str, entry)) - {"kind", *KEYS[kind]})
     if unknown:
         raise UsageError(f"{where}: there is no {', '.join(unknown)}; a step of kind {kind} has {', '.join(KEYS[kind])}")
     try:
         place, share = float(entry.get("place", 0.5)), float(entry.get("share", LOUD))
         seconds, seed = float(entry.get("seconds", 0.0)), int(entry.get("seed", 0))
         up_to_hz = float(entry.get("up_to_hz", 0.0))
-        speeds, amplitudes = (tuple(float(v) for v in entry.get(key) or ()) for key in ("speeds_m_s", "amplitudes_m"))
-    except (TypeError, ValueError) as error:
+        speeds, amplitudes = (tuple(float(v) for v in list(entry.get(key) or ())) for key in ("speeds_m_s", "amplitudes_m"))
+    except (TypeError, ValueError, OverflowError) as error:
         raise UsageError(f"{where}: {error}; give plain numbers") from error
+    if not all(map(math.isfinite, (*speeds, *amplitudes))) or any(
+        isinstance(entry.get(key), str) for key in ("speeds_m_s", "amplitudes_m")
+    ):
+        raise UsageError(f"{where}: speeds_m_s and amplitudes_m are lists of finite numbers, such as [0.02, 0.05]")
+    for key in ("again", "held_out"):
+        if not isinstance(entry.get(key, False), bool):
+            raise UsageError(f"{where}: {key} is {entry[key]!r}; write true or false")
     if not (0.0 <= place <= 1.0 and 0.0 < share <= 1.0):
         raise UsageError(f"{where}: place {place:g} and share {share:g} must lie between 0 and 1")
     if not 0.0 <= seconds <= 60.0 or seed < 0:

@@ -29,7 +29,7 @@ def structure_from_dict(data: Mapping[str, Any]) -> CascadeStructure:
     try:
         fields = dict(data["structure"])
         return CascadeStructure(**{**fields, "prefilters": tuple(fields["prefilters"])})
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"results/drive.yaml is damaged ({error}); connect to the drive again with a new run") from error
 
 
