@@ -124,7 +124,9 @@ def command(
     words = {"axis": chosen, "sidecar": _sidecar(given), "name": given["name"], "dry_run": given["dry_run"]}
     try:
         return frame.show(
-            api("beltcomm.foreign.job").import_recordings(files, frame.run, _reading(given), **words, ask=_ask if _can_be_asked() else None)
+            api("beltcomm.foreign.job").import_recordings(
+                files, frame.run, _reading(given), **words, ask=_ask if _can_be_asked() else None, talk=frame.talk()
+            )
         )
     except NeedsAnswers as error:
         if given["dry_run"]:

@@ -5,9 +5,9 @@ of a rigid axis with friction: the matrix Σ φφᵀ of the regression
 
     torque = φ·parameters,   φ = (acceleration, speed, speed|speed|, constant, fast torque; direction by place, by speed and by time).
 
-Windows are taken one by one, each time the one that raises ln det of the sum most per row (D-optimal design), so that every place, speed
-and time of the record is seen; then those in which this regression leaves most torque over, for there something happens that it does not
-know.   Source: Fedorov, Theory of Optimal Experiments, 1972, the exchange of points by the gain in ln det.
+Those in which the regression over all leaves most torque are taken, for there something happens that it does not know.  Then, one by one,
+the window that raises ln det of the sum most per row (D-optimal design), so that every place, speed and time of the record is seen.
+Source: Fedorov, Theory of Optimal Experiments, 1972, the gain in ln det of one more measurement.
 """
 
 from __future__ import annotations
@@ -214,22 +214,24 @@ def _told(
 
 
 def best_windows(windows: Sequence[Window], most_rows: int) -> list[Window]:
-    """Windows up to so many rows: by what they tell, then by what the regression over all leaves in them."""
+    """Windows of so many rows: the oddest, in which the regression over all leaves most, at least one; then those that tell most."""
     told = np.array([w.told for w in windows])
     rows = np.array([w.rows for w in windows], dtype=np.float64)
     total = told.sum(axis=0)
     present = np.eye(len(total)) * (1e-3 * np.trace(total) / len(total) / len(windows))
     free, taken, used = np.ones(len(windows), dtype=bool), [], 0.0
-    while free.any() and used < (1.0 - ODD_SHARE) * most_rows:
-        gain = np.where(free, (np.linalg.slogdet(present + told)[1] - np.linalg.slogdet(present)[1]) / rows, -math.inf)
-        best = int(np.argmax(gain))
-        present, used, free[best] = present + told[best], used + rows[best], False
-        taken.append(windows[best])
-    left = _left(windows)
-    for best in np.argsort(-left, kind="stable"):
-        if free[best] and used + rows[best] <= most_rows:
-            used += rows[best]
-            taken.append(windows[best])
+
+    def take(number: int) -> None:
+        nonlocal present, used
+        present, used, free[number] = present + told[number], used + rows[number], False
+        taken.append(windows[number])
+
+    for number in np.argsort(-_left(windows), kind="stable"):
+        if not taken or used + rows[number] <= ODD_SHARE * most_rows:
+            take(int(number))
+    while free.any() and used < most_rows:
+        gain = (np.linalg.slogdet(present + told)[1] - np.linalg.slogdet(present)[1]) / rows
+        take(int(np.argmax(np.where(free, gain, -math.inf))))
     return taken
 
 

@@ -14,6 +14,7 @@ from beltcomm.laboratory.cross_checks import SheetDoubt
 from beltcomm.laboratory.run_checks import Checked, checked
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.cross_check_words import doubts_of
+from beltcomm.session.foretold import foretell
 from beltcomm.session.kept_fit import fitted_to
 from beltcomm.session.revisions import current_model
 from beltcomm.talk import Talk
@@ -50,6 +51,7 @@ def left_out(folder: RunFolder, records: Checked) -> Checked:
 def opened(run: Path, talk: Talk) -> Opened:
     """The current model of a run, or the base model where there is none yet, fitted to all records."""
     folder = RunFolder.open(run)
+    foretell(folder, talk)
     records = records_of(folder)
     talk.phase(1, 1, "fit of the present model")
     _, data, fitted = fitted_to(folder, records.recordings, current_model(folder))

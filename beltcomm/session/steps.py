@@ -110,7 +110,7 @@ def checked_step(entry: Any, where: str) -> Step:
     """A step from a plan file.   Raises UsageError, naming the place in the file."""
     if not isinstance(entry, Mapping) or str(entry.get("kind")) not in KEYS:
         raise UsageError(f"{where}: kind must be one of {', '.join(KEYS)}")
-    kind = str(entry["kind"])
+    kind = entry["kind"]
     unknown = sorted(set(map(str, entry)) - {"kind", *KEYS[kind]})
     if unknown:
         raise UsageError(f"{where}: there is no {', '.join(unknown)}; a step of kind {kind} has {', '.join(KEYS[kind])}")
