@@ -1,5 +1,5 @@
-"""MATLAB, HDF5, MDF and NumPy files are read in a process of their own: on a damaged file their readers crash, turn in circles for ever,
-or ask for all memory there is.
+"""MATLAB, HDF5, MDF, NumPy and BLF files are read in a process of their own: on a damaged one their readers crash, turn in circles for
+ever, or ask for all memory there is.
 
 ``python -P -m beltcomm.foreign.apart KIND FILE`` writes to its standard output: the length of a JSON text (8 bytes, little endian), that
 text (names and numbers of rows, units, clocks, notes, or the fault in words), then the columns as float64 one after the other.
@@ -23,7 +23,7 @@ from beltcomm.errors import DataError
 from beltcomm.foreign.table import Table, words_of
 from beltcomm.outside import check_columns, check_count, in_words, opened
 
-Kind = Literal["matlab", "hdf5", "mdf", "numpy"]
+Kind = Literal["matlab", "hdf5", "mdf", "numpy", "blf"]
 
 #: s that a reader may take, and how much more for each byte of the file: ten times what whole files take.
 _LIMIT_S, _PER_BYTE_S = 30.0, 1e-6
@@ -31,7 +31,7 @@ _LIMIT_S, _PER_BYTE_S = 30.0, 1e-6
 _MEMORY, _PER_BYTE, _MOST_MEMORY = 1 << 30, 32, 6 << 30
 #: Bytes of the text before the columns, at most.
 _MOST_TEXT: Final = 1 << 26
-_NAMES: Final = {"matlab": "a MATLAB file", "hdf5": "an HDF5 file", "mdf": "an MDF file", "numpy": "a NumPy file"}
+_NAMES: Final = {"matlab": "a MATLAB file", "hdf5": "an HDF5 file", "mdf": "an MDF file", "numpy": "a NumPy file", "blf": "a BLF file"}
 
 
 def read_apart(kind: Kind, path: Path) -> Table:
@@ -154,7 +154,13 @@ def _numpy(path: Path) -> Table:
     return table_of(path, arrays)
 
 
-_READERS: Final[dict[str, Callable[[Path], Table]]] = {"matlab": _matlab, "hdf5": _hdf5, "mdf": _mdf, "numpy": _numpy}
+def _blf(path: Path) -> Table:
+    from beltcomm.foreign.framelog import read_blf
+
+    return read_blf(path)
+
+
+_READERS: Final[dict[str, Callable[[Path], Table]]] = {"matlab": _matlab, "hdf5": _hdf5, "mdf": _mdf, "numpy": _numpy, "blf": _blf}
 
 
 def _bounded(kind: str, memory: int, limit_s: int) -> None:

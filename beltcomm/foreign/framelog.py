@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import gzip
 import io
+import json
 import re
 import zlib
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import DataError, UsageError
-from beltcomm.foreign.table import words_of
+from beltcomm.foreign.apart import read_apart
+from beltcomm.foreign.table import Table, words_of
 from beltcomm.outside import MEASURED_BYTES, MOST_VALUES, in_words, opened
 
 _READ_BY_PYTHON_CAN = {".blf": "BLFReader", ".trc": "TRCReader"}
@@ -112,14 +115,17 @@ def read_frames(path: Path, channel: str | None = None) -> FrameLog:
     others = _Others()
     ending = path.suffix.lower()
     reader = _READ_BY_PYTHON_CAN.get(ending)
-    frames = list(_by_python_can(path, reader, others) if reader else (_asc if ending == ".asc" else _candump)(path, others))
+    if ending == ".blf":
+        frames = _of_table(read_apart("blf", path), others)
+    else:
+        frames = list(_by_python_can(path, reader, others) if reader else (_asc if ending == ".asc" else _candump)(path, others))
     notes = others.notes
     if others.count:
         notes.append(f"{others.count} {others.what} left out{f', the first is line {others.first}' if others.first else ''}")
     in_file = len(frames) + others.count
     if not frames:
         raise DataError(f"{path} holds no CAN frames that can be read{'; ' + notes[0] if notes else ''}; is it cut off?")
-    names = sorted({frame.channel for frame in frames}, key=lambda name: -sum(frame.channel == name for frame in frames))
+    names = [name for name, _ in Counter(frame.channel for frame in frames).most_common()]
     if channel is not None and channel not in names:
         raise UsageError(f"{path} has no frames of the interface {channel!r}; it has {', '.join(names)}")
     chosen = channel or names[0]
@@ -246,6 +252,8 @@ def _asc_frame(line: str, base: int, now: int) -> Frame | None:
     words = (rest or "").split()[:size]
     if len(words) < size or (not remote and length is None):
         return None
+    if int(identifier, base) >= 1 << 29:
+        return None
     return Frame(now, channel, int(identifier, base) | (1 << 31 if extended else 0), remote, bytes(int(word, base) for word in words))
 
 
@@ -275,6 +283,33 @@ def _by_python_can(path: Path, reader: str, others: _Others) -> Iterator[Frame]:
     if reader == "TRCReader":  # it passes over what it does not understand, remote frames too, and does not say so
         there = sum(bool(line.strip()) and not line.lstrip().startswith(";") for _, line in _lines(path, others))
     others.count = max(there, number) - taken
+
+
+def read_blf(path: Path) -> Table:
+    """All frames of a BLF file as columns of numbers, with what else is known in a note: python-can turns in circles on damaged ones, so it
+    is read apart."""
+    others = _Others()
+    frames = list(_by_python_can(path, "BLFReader", others))
+    channels = list(dict.fromkeys(frame.channel for frame in frames))
+    numbers = {name: k for k, name in enumerate(channels)}
+    rows = [
+        (*divmod(f.time_ns or 0, 10**9), numbers[f.channel], f.identifier, f.remote, len(f.data), *f.data.ljust(_LONGEST, b"\0"))
+        for f in frames
+    ]
+    about = {"count": others.count, "what": others.what, "notes": others.notes, "channels": channels}
+    columns = np.array(rows, dtype=np.float64).reshape(len(rows), 6 + _LONGEST)
+    return Table(str(path), {str(k): column for k, column in enumerate(columns.T.copy())}, notes=(json.dumps(about),))
+
+
+def _of_table(table: Table, others: _Others) -> list[Frame]:
+    """The frames of :func:`read_blf`."""
+    about = json.loads(table.notes[0])
+    others.count, others.what, others.notes = int(about["count"]), str(about["what"]), list(map(str, about["notes"]))
+    whole = np.column_stack(list(table.columns.values())).astype(np.int64)
+    return [
+        Frame(s * 10**9 + ns, str(about["channels"][channel]), identifier, bool(remote), bytes(data[:length]))
+        for s, ns, channel, identifier, remote, length, *data in whole.tolist()
+    ]
 
 
 def _risen(stamps: Sequence[int | None], notes: list[str]) -> NDArray[np.float64]:

@@ -207,7 +207,7 @@ def parsers(folder: Path) -> dict[str, Parser]:
         "mapping": Parser("fuzzed.map", b"# t_s\ntorque_nm=Iq*0.65\nposition_rad=enc*rev/65536+0.3\n", lambda p: mappings_in(read_text(p))),
         "foreign text": Parser("fuzzed.csv", foreign.encode(), foreign_file),
         "foreign text, packed": Parser("fuzzed.csv.gz", gzip.compress(foreign.encode()), foreign_file),
-        **{f"frames {ending}": Parser(f"fuzzed.{ending}", frames[ending], foreign_file) for ending in frames},
+        **{f"frames {ending}": Parser(f"fuzzed.{ending}", frames[ending], foreign_file, apart=ending == "blf") for ending in frames},
         "matlab 5": Parser("fuzzed.mat", write_v5(folder / "5.mat", value).read_bytes(), foreign_file, apart=True),
         "matlab 7.3": Parser("fuzzed.mat", write_v73(folder / "7.mat", value).read_bytes(), foreign_file, apart=True),
         "hdf5": Parser("fuzzed.h5", (folder / "a.h5").read_bytes(), foreign_file, apart=True),
@@ -226,8 +226,16 @@ def parsers(folder: Path) -> dict[str, Parser]:
         found["reader of mdf"] = Parser("fuzzed.mf4", found["mdf"].good, inside("mdf"))
     except ImportError:
         pass
-    for word, kind in {"matlab 5": "matlab", "matlab 7.3": "matlab", "hdf5": "hdf5", "npz": "numpy", "npy": "numpy"}.items():
-        found[f"reader of {word}"] = Parser(found[word].name, found[word].good, inside(kind))  # type: ignore[arg-type]
+    kinds: dict[str, Kind] = {
+        "matlab 5": "matlab",
+        "matlab 7.3": "matlab",
+        "hdf5": "hdf5",
+        "npz": "numpy",
+        "npy": "numpy",
+        "frames blf": "blf",
+    }
+    for word, kind in kinds.items():
+        found[f"reader of {word}"] = Parser(found[word].name, found[word].good, inside(kind))
     return found
 
 

@@ -1,4 +1,4 @@
-"""Extracts of long records: rows as they are, at their place and time, beginning at rest, telling more than nearly all choices of as many rows."""
+"""Extracts of long records: rows as they are, at their place and time, telling more than nearly all choices of as many."""
 
 from __future__ import annotations
 
