@@ -25,8 +25,9 @@ from beltcomm.outside import check_columns, check_count, in_words, opened
 
 Kind = Literal["matlab", "hdf5", "mdf", "numpy", "blf"]
 
-#: s that a reader may take, and how much more for each byte of the file: ten times what whole files take.
-_LIMIT_S, _PER_BYTE_S = 30.0, 1e-6
+#: s of processor time that a reader may take, and how much more for each byte of the file: ten times what whole files take; and how many
+#: times as long by the clock, on a machine that is busy otherwise.
+_LIMIT_S, _PER_BYTE_S, _PATIENCE = 30.0, 1e-6, 4.0
 #: Bytes of memory that a reader may take, how many more for each byte of the file, and at most.
 _MEMORY, _PER_BYTE, _MOST_MEMORY = 1 << 30, 32, 6 << 30
 #: Bytes of the text before the columns, at most.
@@ -46,7 +47,7 @@ def read_apart(kind: Kind, path: Path) -> Table:
             too_late.set()
             child.kill()
 
-        guard = threading.Timer(limit_s, stop)
+        guard = threading.Timer(_PATIENCE * limit_s, stop)
         guard.start()
         try:
             assert child.stdout is not None

@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from fuzz.parsers import Parser, case, damaged, parsers
 
 #: s of one case, on a machine that others load, too; what starts a process has its own limit.
-LONGEST_S, LONGEST_APART_S = 30.0, 60.0
+LONGEST_S, LONGEST_APART_S = 60.0, 180.0
 #: Bytes of memory of the process with the cases, and cases of one process.
 MEMORY, BATCH, BATCH_APART = 6 << 30, 200, 8
 
