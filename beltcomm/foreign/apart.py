@@ -150,6 +150,8 @@ def _numpy(path: Path) -> Table:
         with opened(path) as file:
             loaded = np.load(file, allow_pickle=False)
             arrays = {"": loaded} if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded.files}
+    except MemoryError:
+        raise
     except Exception as error:  # on damaged bytes these readers raise whatever they stumble over
         raise DataError(f"{path} cannot be read as a NumPy file ({words_of(error)}); is it cut off, or does it hold objects?") from error
     return table_of(path, arrays)
