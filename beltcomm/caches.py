@@ -8,7 +8,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from beltcomm import atomic
+from beltcomm import atomic, outside
+from beltcomm.errors import BeltcommError
 
 _said: list[str] = []
 _listeners: list[Callable[[str], object]] = []
@@ -32,13 +33,13 @@ def tell(line: str) -> None:
 def found(path: Path, key: str) -> dict[str, Any] | None:
     """What was kept under this key; None for nothing, or another one's, or what cannot be read, which is thrown away and said."""
     try:
-        content: dict[str, Any] = json.loads(path.read_bytes())
+        content: dict[str, Any] = outside.read_json(path)
         return content if content["key"] == key else None
     except FileNotFoundError:
         return None
     except OSError as error:
         tell(f"{path} cannot be read ({error.strerror or error}); what it keeps is found anew.")
-    except (ValueError, KeyError, TypeError, RecursionError):
+    except (BeltcommError, ValueError, KeyError, TypeError):
         damaged(path)
     return None
 

@@ -18,14 +18,15 @@ import yaml
 
 from beltcomm import atomic
 from beltcomm.errors import BeltcommError, UsageError
+from beltcomm.outside import read_text
 
 _PACKAGE = Path(__file__).resolve().parent
 #: Where shipped files are looked for, first hit wins: the wheel's place, then the checkout's.
 CONFIG_FOLDERS = (_PACKAGE / "configs", _PACKAGE.parent / "configs")
 #: Characters of a whole number: 64 bits, with sign or 0x.
 LONGEST_INT = 20
-#: Values of one file: a covariance of a large model has some thousands.
-MOST_VALUES = 1_000_000
+#: Values in a settings file, and how deep they nest.
+MOST_NODES, MOST_DEPTH = 200_000, 60
 #: Key of the checksum in files that the tool writes for itself.
 CHECKSUM = "checksum"
 _WORD_FOR = {"axes": "axis", "plants": "plant", "drives": "drive profile", "studies": "study"}
@@ -140,29 +141,35 @@ class _Dumper(yaml.SafeDumper):
     """Quotes every text that :class:`_Loader` would take for a number, and writes line ends of other alphabets as escapes."""
 
 
-def _text(dumper: Any, text: str) -> Any:
-    """A text that YAML would fold at a line end is quoted so that it comes back as it was."""
-    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style='"' if _LINE_END.search(text) else None)
+def _text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
+    """Between double quotes where something in it is not printable: other styles change line ends of other systems."""
+    plain = text.replace("\n", "").isprintable()
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=None if plain else '"')
 
 
-_LINE_END = re.compile("[\r\x85\u2028\u2029]")
-_Dumper.add_representer(str, _text)
 _Dumper.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))
+_Dumper.add_representer(str, _text)
 
 
 def read_yaml(path: Path, failure: type[BeltcommError] = UsageError) -> dict[str, Any]:
     """The mapping in a YAML file; an empty file is an empty mapping.
 
-    Raises ``failure`` for a file that cannot be read, is not UTF-8 or not YAML, holds one key twice, or is no mapping.
+    Raises ``failure`` for a file that cannot be read (see :mod:`beltcomm.outside`), is not UTF-8 or not YAML, holds one key twice, more
+    than any settings do, or no mapping.
     """
     try:
-        data = yaml.load(path.read_text(encoding="utf-8-sig"), Loader=_Loader)
-        _size(data, {})
+        text = _text_of(path, failure)
     except OSError as error:
         raise failure(f"{path} cannot be read: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise failure(f"{path} is not UTF-8 text (byte {error.start}); save it as UTF-8") from error
-    except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError) as error:  # what a tag makes of another type
+    try:
+        loader = _Loader(text)
+        try:
+            node = loader.get_single_node()
+            _check_size(node)
+            data = None if node is None else loader.construct_document(node)
+        finally:
+            loader.dispose()
+    except (yaml.YAMLError, ValueError, RecursionError, LookupError, TypeError, AttributeError, OverflowError) as error:
         raise failure(f"{path} is not valid YAML: {_first_words(error)}") from error
     if data is None:
         return {}
@@ -171,20 +178,31 @@ def read_yaml(path: Path, failure: type[BeltcommError] = UsageError) -> dict[str
     return {str(key): value for key, value in data.items()}
 
 
-def _size(value: Any, known: dict[int, int]) -> int:
-    """How many values there are when each alias is written out.   known : by id; 0 of what is not counted yet.   Raises ValueError."""
-    if not isinstance(value, (dict, list)):
-        return 1
-    if (found := known.get(id(value))) is not None:
-        if not found:
-            raise ValueError("an alias stands inside what it stands for")
-        return found
-    known[id(value)] = 0
-    size = 1 + sum(_size(item, known) for item in (value.values() if isinstance(value, dict) else value))
-    if size > MOST_VALUES:
-        raise ValueError(f"its aliases written out make more than {MOST_VALUES} values")
-    known[id(value)] = size
-    return size
+def _text_of(path: Path, failure: type[BeltcommError]) -> str:
+    """The text of a settings file; installers may make links of shipped ones."""
+    if any(path.is_relative_to(folder) for folder in CONFIG_FOLDERS):
+        return path.read_text(encoding="utf-8-sig")
+    return read_text(path, failure=failure)
+
+
+def _check_size(node: yaml.Node | None) -> None:
+    """Raise ValueError for more values, or deeper ones, than any settings hold; what is referred to counts each time."""
+    sizes: dict[int, int] = {}
+
+    def size(part: yaml.Node, depth: int) -> int:
+        if depth > MOST_DEPTH:
+            raise ValueError(f"its values nest deeper than {MOST_DEPTH}, or refer to themselves")
+        if isinstance(part, yaml.ScalarNode):
+            return 1
+        if id(part) not in sizes:
+            inside = part.value if isinstance(part, yaml.SequenceNode) else [one for pair in part.value for one in pair]
+            sizes[id(part)] = 1 + sum(size(one, depth + 1) for one in inside)
+            if sizes[id(part)] > MOST_NODES:
+                raise ValueError(f"it holds more than {MOST_NODES} values; settings and results hold far fewer")
+        return sizes[id(part)]
+
+    if node is not None:
+        size(node, 0)
 
 
 def from_json(text: str | bytes) -> Any:
@@ -198,8 +216,8 @@ def from_json(text: str | bytes) -> Any:
 def line_of(path: Path, keys: tuple[str, ...]) -> int:
     """The line where a key stands, counted from 1, for messages; 0 when it is not found.   keys : from the outermost."""
     try:
-        node = yaml.compose(path.read_text(encoding="utf-8-sig"), Loader=_Loader)
-    except (OSError, ValueError, yaml.YAMLError):
+        node = yaml.compose(_text_of(path, UsageError), Loader=_Loader)
+    except (OSError, ValueError, yaml.YAMLError, UsageError):
         return 0
     line = 0
     for wanted in keys:
@@ -241,10 +259,15 @@ def _checksum(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text, see :mod:`beltcomm.atomic`.   Raises UsageError when the folder is missing, read-only or full."""
+def write_text(path: Path, text: str | Iterable[str]) -> None:
+    """Write a text, see :mod:`beltcomm.atomic`.
+
+    text : or pieces of it, of which only one is in memory.   Raises UsageError when the folder is missing, read-only or full.
+    """
     try:
-        atomic.write(path, text.encode(errors="backslashreplace"))
+        with atomic.replacing(path) as file:
+            for piece in [text] if isinstance(text, str) else text:
+                file.write(piece.encode(errors="backslashreplace"))
     except OSError as error:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}; choose another place") from error
 

@@ -29,6 +29,12 @@ def start(command: Sequence[str]) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, env=environment())
 
 
+def piped(command: Sequence[str], **variables: str) -> subprocess.Popen[bytes]:
+    """A process that writes what it finds into a pipe.   variables : of its environment.   Raises OSError."""
+    quiet = subprocess.DEVNULL
+    return subprocess.Popen(command, stdin=quiet, stdout=subprocess.PIPE, stderr=quiet, env={**environment(), **variables})
+
+
 def run(command: Sequence[str], limit_s: float) -> subprocess.CompletedProcess[bytes]:
     """A process and what it says.   Raises OSError, subprocess.TimeoutExpired when it does not end in time."""
     quiet = subprocess.DEVNULL

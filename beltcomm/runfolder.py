@@ -33,6 +33,7 @@ from beltcomm.errors import DataError, NoMotion, UsageError
 from beltcomm.given import pasted
 from beltcomm.locks import NAME as LOCK
 from beltcomm.locks import at_work, link_refused, occupied
+from beltcomm.outside import KEPT_BYTES, read_text
 from beltcomm.recording import Recording, RecordingWriter, Sidecar, common_side, load_recording, save_recording
 from beltcomm.recording.columns import MOTOR_COLUMNS
 from beltcomm.recording.sidecar import load_sidecar
@@ -93,6 +94,7 @@ class RunFolder:
         if not path.is_dir():
             what = "is a file, not a folder" if path.exists() else f"does not exist{_like(path)}"
             raise DataError(f"the run folder {path} {what}; give the folder that holds axis.yaml and recordings/")
+        _check_links(path)
         axis_path = path / "axis.yaml"
         if not axis_path.is_file() and not (path / "recordings").is_dir():
             raise DataError(f"{path} is no run folder: it has neither axis.yaml nor recordings/; check the path")
@@ -334,7 +336,7 @@ class RunFolder:
         """What the journal says; nothing where there is none.   Raises DataError when it cannot be read."""
         path = self.path / "journal.txt"
         try:
-            return path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []
+            return read_text(path, KEPT_BYTES, errors="replace").splitlines() if path.is_file() else []
         except OSError as error:
             raise DataError(f"{path} cannot be read: {error.strerror or error}") from error
 
@@ -369,6 +371,14 @@ def is_new(path: Path) -> bool:
         return False
     journal = (path / "journal.txt").read_text(encoding="utf-8", errors="replace").splitlines() if path / "journal.txt" in found else []
     return all(line.startswith(_HARMLESS) for line in journal)
+
+
+def _check_links(path: Path) -> None:
+    """Raise DataError for a folder of a run that is a link to elsewhere: a stranger's run could read and write any place through it."""
+    home = path.resolve()
+    for item in path.iterdir():
+        if item.is_symlink() and not item.resolve().is_relative_to(home):
+            raise DataError(f"{item} is a link out of the run folder, to {item.resolve()}; copy what it names into the run, or take it out")
 
 
 def _content(path: Path) -> set[Path]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from beltcomm.errors import BeltcommError, Declined, DriveError
 from beltcomm.given import pasted
+from beltcomm.outside import KEPT_BYTES, read_text
 
 #: How the last word of a journal begins when somebody could not wait.
 LEFT_AT_ONCE = "left at once"
@@ -25,7 +26,7 @@ _STATES = {
 def journal_of(run: Path | None) -> list[str]:
     """Lines of a run's journal; none where there is none."""
     try:
-        return (run / "journal.txt").read_text(encoding="utf-8").splitlines() if run else []
+        return read_text(run / "journal.txt", KEPT_BYTES, errors="replace").splitlines() if run else []
     except (OSError, ValueError):
         return []
 

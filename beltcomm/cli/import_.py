@@ -13,6 +13,7 @@ from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Frame, api, run_folder
 from beltcomm.cli.init import axis_with
 from beltcomm.errors import Refused, UsageError
+from beltcomm.outside import read_text
 from beltcomm.quantities import parse_quantity
 
 if TYPE_CHECKING:
@@ -124,7 +125,9 @@ def command(
     words = {"axis": chosen, "sidecar": _sidecar(given), "name": given["name"], "dry_run": given["dry_run"]}
     try:
         return frame.show(
-            api("beltcomm.foreign.job").import_recordings(files, frame.run, _reading(given), **words, ask=_ask if _can_be_asked() else None)
+            api("beltcomm.foreign.job").import_recordings(
+                files, frame.run, _reading(given), **words, ask=_ask if _can_be_asked() else None, talk=frame.talk()
+            )
         )
     except NeedsAnswers as error:
         if given["dry_run"]:
@@ -174,7 +177,7 @@ def _mappings(written: tuple[str, ...]) -> tuple[str, ...]:
             found.append(text)
             continue
         try:
-            found += mappings_in(Path(text).read_text(encoding="utf-8"))
+            found += mappings_in(read_text(Path(text), failure=UsageError))
         except (OSError, ValueError) as error:
             raise UsageError(
                 f"--map {text} is no mapping and no file of mappings; write OURS=THEIRS*SCALE, such as torque_nm=Iq*0.65"

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from beltcomm.errors import DataError
 from beltcomm.foreign.table import Table
+from beltcomm.outside import check_columns
 
 Column = NDArray[Any]
 _TIME = re.compile(r"(t|time|times|timestamps?|tout|zeit|t_?(s|sec|ms|us))$", re.I)
@@ -34,7 +35,7 @@ def table_of(path: Path, arrays: Mapping[str, Any], extra_notes: tuple[str, ...]
 
     Raises DataError when there is no vector of numbers.
     """
-    found = _Found()
+    found = _Found(str(path))
     found.structure(arrays, "", 0)
     if not found.columns:
         raise DataError(f"{path} holds no vectors of numbers; give a file with one vector per signal{found.objects_hint()}")
@@ -45,7 +46,8 @@ def table_of(path: Path, arrays: Mapping[str, Any], extra_notes: tuple[str, ...]
 class _Found:
     """What the walk through the structures has found: columns, units, and which column holds the time of which."""
 
-    def __init__(self) -> None:
+    def __init__(self, file: str) -> None:
+        self.file = file
         self.columns: dict[str, Column] = {}
         self.units: dict[str, str] = {}
         self.clocks: dict[str, str] = {}
@@ -54,6 +56,7 @@ class _Found:
     def structure(self, value: Mapping[str, Any], prefix: str, depth: int) -> None:
         """Everything inside one structure."""
         if depth > _DEEPEST:
+            self.left_out.append(prefix.rstrip("."))
             return
         outer = prefix.rstrip(".")
         if self._time_series(value, outer) or self._simulink(value, outer) or self._dspace(value, outer):
@@ -99,6 +102,7 @@ class _Found:
         flat[~np.isfinite(flat)] = np.nan
         parts = {name or "c1": flat} if flat.ndim == 1 else _of_matrix(name or "c", flat)
         self.columns |= parts
+        check_columns(self.file, len(self.columns))
         if unit:
             self.units |= dict.fromkeys(parts, unit)
         return list(parts)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,11 +86,29 @@ class Reading:
 
 def reading_from_dict(data: Mapping[str, Any]) -> Reading:
     """The inverse of :meth:`Reading.to_dict`.   Raises DataError for keys that are none."""
-    given: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in data.items()}
+    kinds = get_type_hints(Reading)
+    given: dict[str, Any] = {}
+    for key, value in (data if isinstance(data, Mapping) else {"reading": data}).items():
+        value = (
+            tuple(value) if isinstance(value, list) else float(value) if type(value) is int and kinds.get(key) == float | None else value
+        )
+        if key not in kinds or not _is(value, kinds[key]):
+            raise DataError(f"the sidecar's import section is damaged: reading.{key} is {str(value)[:80]!r}; import the file again")
+        given[key] = value
     try:
         return Reading(**given)
-    except TypeError as error:
-        raise DataError(f"the sidecar's import section is damaged ({error}); import the file again") from error
+    except UsageError as error:
+        raise DataError(f"the sidecar's import section is damaged: {error}; import the file again") from error
+
+
+def _is(value: Any, kind: Any) -> bool:
+    """Whether a value is of the type of a field of :class:`Reading`."""
+    choices = get_args(kind)
+    if get_origin(kind) is Literal:
+        return value in choices
+    if get_origin(kind) is tuple:
+        return isinstance(value, tuple) and all(_is(item, choices[0]) for item in value)
+    return any(_is(value, choice) for choice in choices) if choices else type(value) is kind
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +141,7 @@ def convert(table: Table, reading: Reading, *, timed: bool = True) -> Converted:
     rows = np.arange(first, min(len(next(iter(columns.values()), ())), reading.last_row or 2**62))
     if not len(rows):
         raise UsageError(f"{table.file} has no row {reading.first_row}; it has {len(next(iter(columns.values()), ()))}")
-    columns = {name: column[rows] for name, column in columns.items()}
+    columns = {name: column[first : first + len(rows)] for name, column in columns.items()}
     if timed and reading.period_s is not None:
         columns = {"t_s": reading.period_s * np.arange(len(rows)), **columns}
         notes.append("without time stamps: lost samples cannot be seen")

@@ -17,6 +17,7 @@ from typing import Final
 
 from beltcomm.drive.objects import ObjectValue, bounds_of, kind_of, name_of
 from beltcomm.errors import DataError
+from beltcomm.outside import read_bytes
 
 #: Bytes; the largest data sheets have one.
 LARGEST_FILE: Final = 8_000_000
@@ -100,9 +101,7 @@ class _Repairs:
 def load_object_file(path: Path, node: int = 1) -> ObjectFile:
     """Read an EDS or DCF.   node : what $NODEID stands for.   Raises DataError for a file that cannot be read or holds no object."""
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise DataError(f"{path} has more than {LARGEST_FILE / 1e6:g} MB; that is no data sheet")
-        content = path.read_bytes()
+        content = read_bytes(path, LARGEST_FILE)
     except OSError as error:
         raise DataError(f"{path} cannot be read: {error.strerror or error}") from error
     return parse(content, path, node)

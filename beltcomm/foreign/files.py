@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError, UsageError
-from beltcomm.foreign.arrays import table_of
+from beltcomm.foreign.apart import Kind, read_apart
 from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.framelog import is_frame_log, read_frames
-from beltcomm.foreign.matlab import read_hdf5, read_matlab
-from beltcomm.foreign.mdf import is_mdf, read_mdf
-from beltcomm.foreign.table import Decimal, Separator, Table, words_of
+from beltcomm.foreign.mdf import check_mdf, is_mdf
+from beltcomm.foreign.table import Decimal, Separator, Table
 from beltcomm.foreign.textfile import read_text_table
+from beltcomm.outside import opened, sha256_of
 from beltcomm.recording.sidecar import ExcitationNote
 
 #: What cannot be read, by ending, and what to do instead.
@@ -30,6 +27,8 @@ _REFUSED = {
     ".tdms": "a TDMS file; export it as CSV",
     ".zip": "an archive; unpack it first",
 }
+#: Readers that are kept apart, by ending.
+_APART: dict[str, Kind] = {".mat": "matlab", ".h5": "hdf5", ".hdf5": "hdf5", ".npz": "numpy", ".npy": "numpy"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +52,7 @@ class Part:
 def parts_of(path: Path, reading: Reading, axis: Axis) -> list[Part]:
     """All recordings that a file holds.   axis : gives units that a log of frames does not show.   Raises UsageError, DataError."""
     _check_there(path)
-    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    sha256 = sha256_of(path)
     if not is_frame_log(path):
         for option in ("signals", "dbc", "channel", "record", "node"):
             if getattr(reading, option):
@@ -89,6 +88,10 @@ def _check_there(path: Path) -> None:
         raise UsageError(f"{path} {what}; give the file with the measurements")
     if path.suffix.lower() in _REFUSED:
         raise UsageError(f"{path} is {_REFUSED[path.suffix.lower()]}")
+    try:
+        opened(path).close()
+    except OSError as error:
+        raise DataError(f"{path} cannot be read: {error.strerror or error}") from error
 
 
 def read_table(
@@ -102,21 +105,9 @@ def read_table(
     """
     _check_there(path)
     ending = path.suffix.lower()
-    if ending == ".mat":
-        return table_of(path, read_matlab(path))
-    if ending in {".h5", ".hdf5"}:
-        return table_of(path, read_hdf5(path))
-    if ending in {".npz", ".npy"}:
-        return table_of(path, _npz(path))
     if ending in {".mf4", ".mdf"} or (ending == ".dat" and is_mdf(path)):
-        return read_mdf(path)
+        check_mdf(path)
+        return read_apart("mdf", path)
+    if ending in _APART:
+        return read_apart(_APART[ending], path)
     return read_text_table(path, separator, decimal, skip_lines, torn_rows)
-
-
-def _npz(path: Path) -> Mapping[str, Any]:
-    try:
-        with open(path, "rb") as file:
-            loaded = np.load(file, allow_pickle=False)
-            return {"": loaded} if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded.files}
-    except Exception as error:  # on damaged bytes these readers raise whatever they stumble over
-        raise DataError(f"{path} cannot be read as a NumPy file ({words_of(error)}); is it cut off, or does it hold objects?") from error

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import gzip
+import io
+import json
 import re
+import zlib
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import DataError, UsageError
-from beltcomm.foreign.table import words_of
+from beltcomm.foreign.apart import read_apart
+from beltcomm.foreign.table import Table, words_of
+from beltcomm.outside import MEASURED_BYTES, MOST_VALUES, in_words, opened
 
 _READ_BY_PYTHON_CAN = {".blf": "BLFReader", ".trc": "TRCReader"}
 #: ``candump -L``: (1436509052.249713) can0 181#0011223344556677
@@ -32,6 +38,8 @@ _AT_TURN_NS = 1_000_000_000
 _LAST_NS = 1 << 61
 #: Lines from which a text file is recognised as a log.
 _LOOKED_AT = 20
+#: Letters of a line that are read at once: no frame takes more.
+_LONGEST_LINE = 4096
 _LONGEST = 8
 #: .asc:   0.001000 1  181             Rx   d 8 00 11 22 33 44 55 66 77; stamps may lie before the trigger, below zero
 _ASC = re.compile(
@@ -87,8 +95,12 @@ def is_frame_log(path: Path) -> bool:
         return True
     try:
         with _opened(path) as file:
-            lines = [line.strip() for line, _ in zip(file, range(_LOOKED_AT), strict=False) if line.strip()]
-    except (OSError, EOFError, ValueError):
+            lines = [
+                line.strip()
+                for _, line in zip(range(_LOOKED_AT), iter(lambda: file.readline(_LONGEST_LINE), ""), strict=False)
+                if line.strip()
+            ]
+    except (OSError, EOFError, ValueError, zlib.error):
         return False
     fitting = sum(_matched(line) is not None for line in lines)
     return fitting > 0 and fitting >= 0.7 * len(lines)
@@ -103,14 +115,17 @@ def read_frames(path: Path, channel: str | None = None) -> FrameLog:
     others = _Others()
     ending = path.suffix.lower()
     reader = _READ_BY_PYTHON_CAN.get(ending)
-    frames = list(_by_python_can(path, reader, others) if reader else (_asc if ending == ".asc" else _candump)(path, others))
+    if ending == ".blf":
+        frames = _of_table(read_apart("blf", path), others)
+    else:
+        frames = list(_by_python_can(path, reader, others) if reader else (_asc if ending == ".asc" else _candump)(path, others))
     notes = others.notes
     if others.count:
         notes.append(f"{others.count} {others.what} left out{f', the first is line {others.first}' if others.first else ''}")
     in_file = len(frames) + others.count
     if not frames:
         raise DataError(f"{path} holds no CAN frames that can be read{'; ' + notes[0] if notes else ''}; is it cut off?")
-    names = sorted({frame.channel for frame in frames}, key=lambda name: -sum(frame.channel == name for frame in frames))
+    names = [name for name, _ in Counter(frame.channel for frame in frames).most_common()]
     if channel is not None and channel not in names:
         raise UsageError(f"{path} has no frames of the interface {channel!r}; it has {', '.join(names)}")
     chosen = channel or names[0]
@@ -146,9 +161,10 @@ class _Others:
 
 
 def _opened(path: Path) -> Any:
+    file = opened(path)
     if path.suffix.lower() == ".gz":
-        return gzip.open(path, "rt", encoding="utf-8", errors="replace")
-    return open(path, encoding="utf-8", errors="replace")
+        return io.TextIOWrapper(gzip.GzipFile(fileobj=file), encoding="utf-8", errors="replace")
+    return io.TextIOWrapper(file, encoding="utf-8", errors="replace")
 
 
 def _matched(line: str) -> Frame | None:
@@ -185,8 +201,13 @@ def _identifier(text: str) -> int:
 def _lines(path: Path, others: _Others) -> Iterator[tuple[int, str]]:
     try:
         with _opened(path) as file:
-            yield from enumerate(file, start=1)
-    except (OSError, EOFError, ValueError) as error:
+            total = 0
+            for number, line in enumerate(iter(lambda: file.readline(_LONGEST_LINE), ""), start=1):
+                total += len(line)
+                if total > MEASURED_BYTES or number > MOST_VALUES:
+                    raise ValueError(f"more than {in_words(MEASURED_BYTES)} of text, or {MOST_VALUES} lines")
+                yield number, line
+    except (OSError, EOFError, ValueError, zlib.error) as error:
         others.notes.append(f"the file breaks off ({words_of(error)}): what came before is taken")
 
 
@@ -231,6 +252,8 @@ def _asc_frame(line: str, base: int, now: int) -> Frame | None:
     words = (rest or "").split()[:size]
     if len(words) < size or (not remote and length is None):
         return None
+    if int(identifier, base) >= 1 << 29:
+        return None
     return Frame(now, channel, int(identifier, base) | (1 << 31 if extended else 0), remote, bytes(int(word, base) for word in words))
 
 
@@ -241,12 +264,12 @@ def _by_python_can(path: Path, reader: str, others: _Others) -> Iterator[Frame]:
     others.what = "error, CAN FD and other entries that are no classic CAN frames"
     try:
         # opened here, for a reader that fails in its first line leaves the file open
-        with open(path, "rb") if reader == "BLFReader" else _opened(path) as file:
+        with opened(path) if reader == "BLFReader" else _opened(path) as file:
             messages = getattr(can, reader)(file)
             there = int(getattr(messages, "object_count", 0))
             for message in messages:
                 number += 1
-                if message.is_error_frame or message.is_fd or len(message.data) > _LONGEST:
+                if message.is_error_frame or message.is_fd or len(message.data) > _LONGEST or not 0 <= message.arbitration_id < 1 << 29:
                     continue
                 extended = 1 << 31 if message.is_extended_id else 0
                 remote = bool(message.is_remote_frame)
@@ -260,6 +283,33 @@ def _by_python_can(path: Path, reader: str, others: _Others) -> Iterator[Frame]:
     if reader == "TRCReader":  # it passes over what it does not understand, remote frames too, and does not say so
         there = sum(bool(line.strip()) and not line.lstrip().startswith(";") for _, line in _lines(path, others))
     others.count = max(there, number) - taken
+
+
+def read_blf(path: Path) -> Table:
+    """All frames of a BLF file as columns of numbers, with what else is known in a note: python-can turns in circles on damaged ones, so it
+    is read apart."""
+    others = _Others()
+    frames = list(_by_python_can(path, "BLFReader", others))
+    channels = list(dict.fromkeys(frame.channel for frame in frames))
+    numbers = {name: k for k, name in enumerate(channels)}
+    rows = [
+        (*divmod(f.time_ns or 0, 10**9), numbers[f.channel], f.identifier, f.remote, len(f.data), *f.data.ljust(_LONGEST, b"\0"))
+        for f in frames
+    ]
+    about = {"count": others.count, "what": others.what, "notes": others.notes, "channels": channels}
+    columns = np.array(rows, dtype=np.float64).reshape(len(rows), 6 + _LONGEST)
+    return Table(str(path), {str(k): column for k, column in enumerate(columns.T.copy())}, notes=(json.dumps(about),))
+
+
+def _of_table(table: Table, others: _Others) -> list[Frame]:
+    """The frames of :func:`read_blf`."""
+    about = json.loads(table.notes[0])
+    others.count, others.what, others.notes = int(about["count"]), str(about["what"]), list(map(str, about["notes"]))
+    whole = np.column_stack(list(table.columns.values())).astype(np.int64)
+    return [
+        Frame(s * 10**9 + ns, str(about["channels"][channel]), identifier, bool(remote), bytes(data[:length]))
+        for s, ns, channel, identifier, remote, length, *data in whole.tolist()
+    ]
 
 
 def _risen(stamps: Sequence[int | None], notes: list[str]) -> NDArray[np.float64]:

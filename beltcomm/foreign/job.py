@@ -17,9 +17,14 @@ from beltcomm.foreign.files import Part, parts_of
 from beltcomm.foreign.guess import Ask, completed
 from beltcomm.given import Place, pasted, place, places
 from beltcomm.locks import changes_run
+from beltcomm.outside import in_words
 from beltcomm.recording import Sidecar
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
+from beltcomm.talk import Talk
+
+#: Bytes of files above which the time is told that they take, and s for each; packed files take longer.
+_LONG_BYTES, _SECONDS_PER_BYTE = 20_000_000, 1.2e-7
 
 
 @changes_run()
@@ -33,13 +38,14 @@ def import_recordings(
     name: str | None = None,
     dry_run: bool = False,
     ask: Ask | None = None,
+    talk: Talk | None = None,
 ) -> Result:
     """Foreign measurements into a run folder, all files or none: of a table one recording, of a log of frames one per move.
 
     files : CSV or text (also .gz), .mat, HDF5, MDF, .npz, .npy, logs of CAN frames.   reading : the mapping and how the files are read.
     axis : an axis, its file or the name of a shipped one; None takes that of the run, or notes only a name: one rigid mass.
     sidecar : what was done, the same for all files.   name : of the recording, when it is one file.   dry_run : write nothing.
-    ask : puts guesses that are not sure to a person; None: NeedsAnswers is raised instead.
+    ask : puts guesses that are not sure to a person; None: NeedsAnswers is raised instead.   talk : hears how long it will take.
     Raises UsageError, DataError, NeedsAnswers; nothing is written then.
     """
     files, run, sidecar = places(files, "file"), place(run), sidecar or Sidecar()
@@ -49,6 +55,9 @@ def import_recordings(
         raise UsageError(f"--name {name} is for one file, {len(files)} are given; import them one by one")
     if len(files) > 1 and sidecar.session_time_s is not None:
         raise UsageError("--session-time belongs to one record; import the files one by one")
+    size = sum(file.stat().st_size for file in files if file.is_file())
+    if talk is not None and size > _LONG_BYTES:
+        talk.say(f"Reading {in_words(size)} takes about {_SECONDS_PER_BYTE * size:.0f} s.")
     folder, known = store.open_or_plan(run, axis if isinstance(axis, Axis) or axis is None else load_axis(axis))
     noted = replace(sidecar, source=sidecar.source or "imported with beltcomm import")
     found: list[store.Imported] = []

@@ -10,6 +10,7 @@ import numpy as np
 from beltcomm.errors import DataError
 from beltcomm.foreign.matsizes import check_sizes
 from beltcomm.foreign.table import words_of
+from beltcomm.outside import check_count, opened
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: Structures nest no deeper in any measurement; a file that refers to itself would go on for ever.
@@ -26,18 +27,22 @@ def read_matlab(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat
 
     try:
-        check_sizes(path.read_bytes())
-        return dict(loadmat(path, simplify_cells=True))
+        with opened(path) as file:
+            if _is_hdf5(file.read(4096)):
+                return read_hdf5(path)
+            file.seek(0)
+            check_sizes(file.read())
+            file.seek(0)
+            return dict(loadmat(path, simplify_cells=True))
+    except (DataError, MemoryError):
+        raise
     except NotImplementedError:  # what SciPy says of version 7.3
         return read_hdf5(path)
     except Exception as error:  # on damaged bytes these readers raise whatever they stumble over
-        if _is_hdf5(path):
-            return read_hdf5(path)
         raise DataError(f"{path} cannot be read as a MATLAB file ({words_of(error)}); is it cut off?") from error
 
 
-def _is_hdf5(path: Path) -> bool:
-    head = path.read_bytes()[:4096]
+def _is_hdf5(head: bytes) -> bool:
     return any(head[place : place + 8] == _HDF5 for place in (0, 512, 1024, 2048))
 
 
@@ -47,8 +52,8 @@ def read_hdf5(path: Path) -> dict[str, Any]:
 
     try:
         with h5py.File(path, "r") as file:
-            return _Reader(file).group(file, 0)
-    except DataError:
+            return _Reader(file, str(path)).group(file, 0)
+    except (DataError, MemoryError):
         raise
     except Exception as error:  # as above
         raise DataError(f"{path} cannot be read as a MATLAB 7.3 or HDF5 file ({words_of(error)}); is it cut off?") from error
@@ -58,9 +63,29 @@ class _Reader:
     """Walks through an open HDF5 file: https://www.mathworks.com/help/matlab/import_export/mat-file-versions.html says no more
     than that version 7.3 is HDF5; attributes and layout are as MATLAB writes them."""
 
-    def __init__(self, file: Any) -> None:
-        self._file = file
-        self._members = 0
+    def __init__(self, file: Any, name: str) -> None:
+        self._file, self._name = file, name
+        self._members, self._values = 0, 0
+
+    def _member(self, group: Any, key: str) -> Any:
+        """A member of a group; None where nothing is behind a link.   Raises DataError for a link into another file, and for too many."""
+        import h5py
+
+        self._members += 1
+        if self._members > _MOST_MEMBERS:
+            raise DataError(f"{self._name} has more than {_MOST_MEMBERS} members, which no measurement has; export the signals as CSV")
+        link = group.get(key, getlink=True)
+        if isinstance(link, h5py.ExternalLink):
+            raise DataError(f"{self._name}: {key} is a link into another file, {link.filename}; save this file with the data in it")
+        return group.get(key)
+
+    def _content(self, item: Any) -> Any:
+        """What a data set holds.   Raises DataError for one that lies in other files, and for more than any measurement."""
+        if item.is_virtual or item.external:
+            raise DataError(f"{self._name}: the data of {item.name} lie in another file; save this file with the data in it")
+        self._values += int(item.size or 0)
+        check_count(self._name, self._values, 1)
+        return item[()]
 
     def group(self, group: Any, depth: int) -> dict[str, Any]:
         """The members of a group; those of a structure array become a list of structures."""
@@ -68,10 +93,9 @@ class _Reader:
 
         found: dict[str, Any] = {}
         for key in group:
-            self._members += 1
-            if key.startswith("#") or depth > _DEEPEST or self._members > _MOST_MEMBERS:
+            if key.startswith("#") or depth > _DEEPEST:
                 continue
-            item = group.get(key)
+            item = self._member(group, key)
             if isinstance(item, h5py.Group):
                 found[key] = self._structure(item, depth + 1)
             elif isinstance(item, h5py.Dataset):
@@ -82,11 +106,14 @@ class _Reader:
         return found
 
     def _structure(self, group: Any, depth: int) -> Any:
-        members = [group.get(key) for key in group]
+        members = [self._member(group, key) for key in group]
         arrays = [member for member in members if _is_reference(member) and "MATLAB_class" not in member.attrs]
         if not arrays or len(arrays) != len(members) or len({member.size for member in members}) != 1:
             return self.group(group, depth)
-        columns = {key: [self._referred(ref, depth) for ref in np.ravel(group[key][()].T)] for key in group}
+        columns = {
+            key: [self._referred(ref, depth) for ref in np.ravel(self._content(member).T)]
+            for key, member in zip(group, members, strict=True)
+        }
         return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
     def dataset(self, item: Any, depth: int) -> Any:
@@ -97,8 +124,8 @@ class _Reader:
         if item.shape is None:
             return np.zeros(0)
         if _is_reference(item):
-            return [self._referred(ref, depth) for ref in np.ravel(item[()].T)]
-        values = item[()]
+            return [self._referred(ref, depth) for ref in np.ravel(self._content(item).T)]
+        values = self._content(item)
         if kind == "char":
             return "".join(chr(code) for code in np.ravel(np.asarray(values).T))
         if isinstance(values, bytes):
@@ -109,7 +136,7 @@ class _Reader:
         import h5py
 
         self._members += 1
-        if not reference or depth > _DEEPEST or self._members > _MOST_MEMBERS:
+        if not reference or depth > _DEEPEST or self._members > _MOST_MEMBERS:  # a file that refers to itself
             return None
         item = self._file[reference]
         return self._structure(item, depth + 1) if isinstance(item, h5py.Group) else self.dataset(item, depth + 1)

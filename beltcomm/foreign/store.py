@@ -14,7 +14,7 @@ import hashlib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,7 @@ from beltcomm.foreign.convert import Converted, Reading, convert, reading_from_d
 from beltcomm.foreign.files import Part, parts_of
 from beltcomm.foreign.plausibility import Finding, findings
 from beltcomm.locks import link_refused
+from beltcomm.outside import opened, sha256_of
 from beltcomm.recording import Recording, Sidecar, common_side, load_recording, recording_from_columns
 from beltcomm.runfolder import RunFolder, checked_name, is_new
 
@@ -65,7 +66,7 @@ def imported(path: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Ax
         "beltcomm": __version__,
     }
     if reading.dbc is not None:
-        about["dbc_sha256"] = hashlib.sha256(Path(reading.dbc).read_bytes()).hexdigest()
+        about["dbc_sha256"] = sha256_of(Path(reading.dbc))
     noted = replace(sidecar, extra={**sidecar.extra, "import": about})
     try:
         recording = recording_from_columns(name, converted.columns, noted, file=str(path))
@@ -169,12 +170,15 @@ def _keep_original(folder: RunFolder, source: Path, sha256: str) -> Path:
         target.mkdir(exist_ok=True)
         number = 1
         while (path := target / (f"{stem}{ending}" if number == 1 else f"{stem}-{number}{ending}")).exists():
-            if hashlib.sha256(path.read_bytes()).hexdigest() == sha256:
+            if sha256_of(path) == sha256:
                 return path
             number += 1
-        with atomic.replacing(path) as kept:
-            kept.write(content := source.read_bytes())
-            if hashlib.sha256(content).hexdigest() != sha256:
+        with opened(source) as file, atomic.replacing(path) as copy:
+            digest = hashlib.sha256()
+            while block := file.read(1 << 20):
+                digest.update(block)
+                copy.write(block)
+            if digest.hexdigest() != sha256:
                 raise DataError(f"{source} changed while it was imported; import it when the recorder has finished")
     except OSError as error:
         raise UsageError(f"{target} cannot be written: {error.strerror or error}; choose another --run folder") from error
@@ -211,20 +215,15 @@ def repeated(folder: RunFolder) -> dict[str, str]:
 
 def _difference(folder: RunFolder, recording: Recording, about: Mapping[str, Any], read: dict[str, list[Part]]) -> str:
     """read : what files have been read for recordings before, so that a log of many moves is read once."""
-    original = _original(folder, about.get("original"))
-    if original is None:
-        return f"its original is said to be {about.get('original')!r}, which is no file in {folder.path / ORIGINALS}"
-    if not original.is_file():
-        return f"its original {original} is missing"
-    if hashlib.sha256(original.read_bytes()).hexdigest() != about.get("sha256"):
-        return f"its original {original} was changed since"
     try:
+        original = _kept(folder, about.get("original"))
+        if not original.is_file():
+            return f"its original {original} is missing"
+        if sha256_of(original) != about.get("sha256"):
+            return f"its original {original} was changed since"
         reading = reading_from_dict(about.get("reading") or {})
         if reading.dbc is not None:
-            dbc = _original(folder, reading.dbc)
-            if dbc is None:
-                return f"its DBC file is said to be {reading.dbc!r}, which is no file in {folder.path / ORIGINALS}"
-            reading = replace(reading, dbc=str(dbc))
+            reading = replace(reading, dbc=str(_kept(folder, reading.dbc)))
         everything = replace(reading, record=None)
         key = f"{original} {everything.to_dict()}"
         if key not in read:
@@ -241,12 +240,15 @@ def _difference(folder: RunFolder, recording: Recording, about: Mapping[str, Any
     return f"it differs from its original in {', '.join(differing)}" if differing else ""
 
 
-def _original(folder: RunFolder, name: object) -> Path | None:
-    """The file that a sidecar names, when it is one of the run's own: whoever wrote the sidecar may have named any file."""
-    if not isinstance(name, str) or re.fullmatch(rf"{ORIGINALS}/[^/\\\0]+", name) is None or name.endswith("/.."):
-        return None
-    path = folder.path / name
-    return None if path.is_symlink() or path.parent.is_symlink() else path
+def _kept(folder: RunFolder, place: object) -> Path:
+    """A file among the originals of a run, as a sidecar names it.   Raises DataError for a place elsewhere."""
+    path = PurePosixPath(str(place))
+    if path.parts[:-1] != (ORIGINALS,) or path.name in {"", ".."}:
+        raise DataError(f"its sidecar names {str(place)[:80]!r} as its original, which is not a file in {ORIGINALS}/; import it again")
+    kept = folder.path / ORIGINALS / path.name
+    if kept.is_symlink() or kept.parent.is_symlink():
+        raise DataError(f"its original {kept} is a link; put the file itself there")
+    return kept
 
 
 def _part(parts: Sequence[Part], number: int | None) -> Part:

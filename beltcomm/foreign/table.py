@@ -33,6 +33,10 @@ class Table:
     notes: tuple[str, ...] = ()
     clocks: Mapping[str, str] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        for column in self.columns.values():
+            column.setflags(write=False)  # what is taken from it needs no copy
+
     def find(self, name: str) -> str | None:
         """The column that a name means: itself, else the only one that differs in case or by a unit in brackets, or c1 for the first.
 

@@ -8,11 +8,11 @@ is the line above it.
 from __future__ import annotations
 
 import csv
-import gzip
+import io
 import re
 import zlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +20,7 @@ import numpy as np
 
 from beltcomm.errors import DataError
 from beltcomm.foreign.table import Column, Decimal, Separator, Table
+from beltcomm.outside import blocks, check_columns, check_count, text_blocks, unreadable
 from beltcomm.quantities import UNITS
 
 _SEPARATORS: dict[Separator, str] = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " "}
@@ -27,6 +28,8 @@ _COMMENT = ("#", "%", "//")
 _MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "inf", "-inf", "+inf"}
 #: Lines looked at to recognise the format, and the share of them that must be rows of one length.
 _SAMPLED_LINES = 60
+#: Lines at the beginning among which the first row is looked for; of up to twice as many, from everywhere, the format is recognised.
+_HEAD_LINES = 4096
 _REGULAR_SHARE = 0.8
 _UNIT_WORDS = {other for unit in UNITS.values() for other in unit.others} | {"v", "%", "-", "1", "counts", "inc", "bool", "w", "k"}
 
@@ -64,51 +67,93 @@ class _Format(NamedTuple):
 
 
 def read_text_table(path: Path, separator: Separator | None, decimal: Decimal | None, skip_lines: int, torn_rows: bool) -> Table:
-    """As :func:`beltcomm.foreign.table.read_table`, for text."""
-    text, encoding = _text(path)
-    lines = [_Line(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip() and number > skip_lines]
-    content = [line for line in lines if not line.text.lstrip().startswith(_COMMENT)]
+    """As :func:`beltcomm.foreign.table.read_table`, for text; read twice, piece by piece: no more is kept in memory than its numbers."""
+    look = _looked_at(path, skip_lines)
+    content = [line for line in look.sample if not line.text.lstrip().startswith(_COMMENT)]
     if not content:
         raise DataError(f"{path} holds no rows")
     form = _recognised(path, content, separator, decimal)
-    begin = next((i for i, line in enumerate(content) if form.is_row(form.fields(line.text))), None)
+    lines = [line for line in look.head if line.text.strip()]
+    begin = next((line for line in lines if not line.text.lstrip().startswith(_COMMENT) and form.is_row(form.fields(line.text))), None)
     if begin is None:
-        raise DataError(f"{path} holds no row of numbers ({form.words()}); give --separator, --decimal or --skip-lines")
-    above = [line for line in lines if line.number < content[begin].number]
-    names, units, header_line = _header(path, above, form)
+        where = f" in its first {_HEAD_LINES} lines" if len(look.head) == _HEAD_LINES else ""
+        raise DataError(f"{path} holds no row of numbers{where} ({form.words()}); give --separator, --decimal or --skip-lines")
+    names, units, header_line = _header(path, [line for line in lines if line.number < begin.number], form)
     header = f"header in line {header_line}, " if names else ""
-    notes = [f"{form.words()}, {header}first row in line {content[begin].number}"]
-    if encoding != "utf-8":
-        notes.append(f"read as {encoding} text")
+    notes = [f"{form.words()}, {header}first row in line {begin.number}"]
+    if look.encoding != "utf-8-sig":
+        notes.append(f"read as {look.encoding} text")
     if not names:
         names = [f"c{j}" for j in range(1, form.width + 1)]
         notes.append(f"it has no header: its columns are called c1 to c{form.width}")
-    rows = content[begin:]
-    if text[-1] not in "\r\n" and len(rows) > 1:
-        rows = rows[:-1]
+    rows = Rows(path, form, names, torn_rows)
+    number, without_end = 0, False
+    for piece in _pieces(path, look.encoding):
+        first, number = number + 1, number + len(piece.splitlines())
+        if number < begin.number:
+            continue
+        if first < begin.number:
+            piece = "".join(piece.splitlines(keepends=True)[begin.number - first :])
+            first = begin.number
+        if piece[-1] not in "\r\n" and number > begin.number:
+            whole = piece.splitlines(keepends=True)[:-1]
+            without_end, piece = bool(piece[sum(map(len, whole)) :].strip()), "".join(whole)
+        rows.add(first, piece)
+    if without_end:
         notes.append("its last line has no end and was left out: it may be torn")
-    columns, remarks = _columns(path, rows, form, names, torn_rows)
+    columns, remarks = rows.columns()
     stated = {name: unit for name, unit in zip(names, units, strict=True) if unit} if units else {}
     return Table(str(path), columns, stated, (*notes, *remarks))
 
 
-def _text(path: Path) -> tuple[str, str]:
+class _Look(NamedTuple):
+    """encoding : of the file.   head : its first lines, blank ones too.   sample : lines with content, from everywhere in it."""
+
+    encoding: str
+    head: list[_Line]
+    sample: list[_Line]
+
+
+def _looked_at(path: Path, skip_lines: int) -> _Look:
+    """The whole file once, for what it is and what its lines look like.   Raises DataError."""
     try:
-        raw = path.read_bytes()
-        if raw[:2] == b"\x1f\x8b":
-            raw = gzip.decompress(raw)
+        begin = next(blocks(path), b"")
+        if begin[:2] in {b"\xff\xfe", b"\xfe\xff"}:
+            return _sampled(path, "utf-16", skip_lines)
+        if b"\0" in begin[:4096]:
+            raise DataError(f"{path} is not a text file (it holds zero bytes); give CSV, .mat or .npz")
+        try:
+            return _sampled(path, "utf-8-sig", skip_lines)
+        except UnicodeDecodeError:  # the degree sign of an older Windows program
+            return _sampled(path, "cp1252", skip_lines)
     except (OSError, EOFError, zlib.error) as error:
-        raise DataError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    if not raw.strip():
+        raise DataError(f"{path} cannot be read: {unreadable(error)}") from error
+
+
+def _sampled(path: Path, encoding: str, skip_lines: int) -> _Look:
+    head: list[_Line] = []
+    sample: list[_Line] = []
+    number, every, blank = 0, 1, True
+    for piece in _pieces(path, encoding):
+        lines = piece.splitlines()
+        blank = blank and not piece.strip()
+        if len(head) < _HEAD_LINES:
+            head += [_Line(number + k, text) for k, text in enumerate(lines, start=1) if number + k > skip_lines][: _HEAD_LINES - len(head)]
+        sample += [
+            _Line(number + k + 1, lines[k])
+            for k in range(-number % every, len(lines), every)
+            if number + k >= skip_lines and lines[k].strip()
+        ]
+        number += len(lines)
+        while len(sample) > 2 * _HEAD_LINES:
+            sample, every = [line for line in sample if (line.number - 1) % (2 * every) == 0], 2 * every
+    if blank:
         raise DataError(f"{path} is empty")
-    if raw[:2] in {b"\xff\xfe", b"\xfe\xff"}:
-        return raw.decode("utf-16", errors="replace"), "utf-16"
-    if b"\0" in raw[:4096]:
-        raise DataError(f"{path} is not a text file (it holds zero bytes); give CSV, .mat or .npz")
-    try:
-        return raw.decode("utf-8-sig"), "utf-8"
-    except UnicodeDecodeError:  # the degree sign of an older Windows program
-        return raw.decode("cp1252", errors="replace"), "cp1252"
+    return _Look(encoding, head, sample)
+
+
+def _pieces(path: Path, encoding: str) -> Iterator[str]:
+    return text_blocks(path, encoding, "strict" if encoding == "utf-8-sig" else "replace")
 
 
 def _split(line: str, separator: str) -> list[str]:
@@ -141,7 +186,7 @@ def _recognised(path: Path, content: Sequence[_Line], separator: Separator | Non
         for comma in [False, True] if decimal is None else [decimal == "comma"]:
             if mark == "," and comma:
                 continue
-            found = _tried(sample, mark, comma)
+            found = _tried(str(path), sample, mark, comma)
             if found is not None and (best is None or found[0] > best[0] + 1e-9):
                 best = found
     if best is None and (len(content) < 3 or all(_number(line.replace(",", "."), False) is not None for line in sample)):
@@ -155,12 +200,13 @@ def _recognised(path: Path, content: Sequence[_Line], separator: Separator | Non
     return best[1]
 
 
-def _tried(sample: Sequence[str], mark: str, comma: bool) -> tuple[float, _Format] | None:
+def _tried(file: str, sample: Sequence[str], mark: str, comma: bool) -> tuple[float, _Format] | None:
     """Share of numbers among the cells under one format, None when the lines make no rows."""
     rows = [_split(line, mark) for line in sample]
     width, count = Counter(len(row) for row in rows).most_common(1)[0]
     if width < 2 or count < _REGULAR_SHARE * len(rows):
         return None
+    check_columns(file, width)
     rows = [row for row in rows if len(row) == width]
     filled = [[cell for cell in column if cell.lower() not in _MISSING] for column in zip(*rows, strict=True)]
     numbers = [[_number(cell, comma) is not None for cell in column] for column in filled]
@@ -215,60 +261,115 @@ def _is_unit(cell: str) -> bool:
 
 def _unique(names: Sequence[str]) -> list[str]:
     """Names without blanks at the ends; an empty one becomes c and its number, a repeated one gets a number."""
-    found: list[str] = []
+    found: dict[str, None] = {}
     for number, name in enumerate(names, start=1):
         plain = name.strip().strip('"') or f"c{number}"
-        copies = sum(plain == known or known.startswith(f"{plain}_") for known in found)
-        found.append(f"{plain}_{copies + 1}" if plain in found else plain)
-    return found
+        copies = sum(plain == known or known.startswith(f"{plain}_") for known in found) if plain in found else 0
+        while (free := f"{plain}_{copies + 1}" if copies else plain) in found:
+            copies += 1
+        found[free] = None
+    return list(found)
 
 
-def _columns(
-    path: Path, rows: Sequence[_Line], form: _Format, names: Sequence[str], torn_rows: bool
-) -> tuple[dict[str, Column], list[str]]:
-    if all(form.numeric):
+class Rows:
+    """The rows of a text table, as they come; :meth:`columns` at the end."""
+
+    def __init__(self, path: Path, form: _Format, names: Sequence[str], torn_rows: bool) -> None:
+        self._path, self._form, self._names, self._torn_rows = path, form, names, torn_rows
+        self._parts: list[list[Column]] = [[] for _ in names]
+        #: Lines that are no rows: a footer, unless a row comes after them.
+        self._waiting: list[tuple[_Line, list[str]]] = []
+        self._torn: list[int] = []
+        self._odd: dict[int, tuple[int, str, int]] = {}
+        self._count = 0
+
+    def add(self, first: int, text: str) -> None:
+        """Whole lines, the first of which has this number.   Raises DataError for torn ones, a second header, too many values."""
+        if not text.strip():
+            return
+        table = self._numbers(text)
+        if table is None:
+            self._slowly([_Line(first + k, line) for k, line in enumerate(text.splitlines())])
+            return
+        if self._waiting:
+            self._keep(self._waiting)
+            self._waiting = []
+        table[np.isinf(table)] = np.nan
+        self._append([np.ascontiguousarray(column) for column in table.T])
+
+    def columns(self) -> tuple[dict[str, Column], list[str]]:
+        """All columns by name, and sentences on what was left out; only once."""
+        remarks = []
+        if self._waiting:
+            remarks.append(f"left out from line {self._waiting[0][0].number} on: {len(self._waiting)} lines that are no rows")
+        if self._torn:
+            remarks.append(f"{len(self._torn)} torn lines left out, the first is line {self._torn[0]}")
+        for j, (count, cell, line) in sorted(self._odd.items()):
+            remarks.append(f"{self._names[j]} is no number in {count} rows, first {cell!r} in line {line}: taken as missing")
+        found: dict[str, Column] = {}
+        for name, parts in zip(self._names, self._parts, strict=True):
+            found[name] = np.concatenate(parts) if parts else np.zeros(0)
+            parts.clear()  # never all columns twice in memory
+        return found, remarks
+
+    def _numbers(self, text: str) -> Column | None:
+        """The table of a piece in which every cell is a number; None for any other."""
+        form = self._form
+        if not all(form.numeric) or (form.decimal_comma and "." in text):
+            return None
+        body = text.replace(",", ".") if form.decimal_comma else text
+        delimiter = None if form.separator == " " else form.separator
         try:
-            body = (line.text.replace(",", ".") if form.decimal_comma else line.text for line in rows)
-            delimiter = None if form.separator == " " else form.separator
-            table = np.loadtxt(body, delimiter=delimiter, comments=None, ndmin=2, dtype=np.float64)
-            if table.shape[1] == form.width and (not form.decimal_comma or not any("." in line.text for line in rows)):
-                table[np.isinf(table)] = np.nan
-                return {name: table[:, i] for i, name in enumerate(names)}, []
+            table = np.loadtxt(io.StringIO(body, newline=None), delimiter=delimiter, comments=None, ndmin=2, dtype=np.float64)
         except ValueError:
-            pass
-    return _slowly(path, rows, form, names, torn_rows)
+            return None
+        return table if table.shape[1] == form.width else None
 
+    def _slowly(self, lines: Sequence[_Line]) -> None:
+        """Cell by cell: with text columns, missing values, a footer or a torn last line."""
+        form = self._form
+        rows = [(line, form.fields(line.text)) for line in lines if line.text.strip() and not line.text.lstrip().startswith(_COMMENT)]
+        end = len(rows)
+        while end and not form.is_row(rows[end - 1][1]):
+            end -= 1
+        if end:
+            self._keep([*self._waiting, *rows[:end]])
+            self._waiting = []
+        self._waiting += rows[end:]
 
-def _slowly(path: Path, rows: Sequence[_Line], form: _Format, names: Sequence[str], torn_rows: bool) -> tuple[dict[str, Column], list[str]]:
-    """Cell by cell: with text columns, missing values, a footer or a torn last line."""
-    split = [form.fields(line.text) for line in rows]
-    end = len(rows)
-    while end and not (len(split[end - 1]) == form.width and form.is_row(split[end - 1])):
-        end -= 1
-    remarks = [f"left out from line {rows[end].number} on: {len(rows) - end} lines that are no rows"] if end < len(rows) else []
-    whole = [i for i in range(end) if len(split[i]) == form.width]
-    if len(whole) < end:
-        bad = next(i for i in range(end) if len(split[i]) != form.width)
-        if not torn_rows:
-            raise DataError(
-                f"{path}: line {rows[bad].number} has {len(split[bad])} values, the rows have {form.width}; it is torn or begins another "
-                "record: --rows takes a part of the file, --drop-incomplete leaves such lines out"
-            )
-        remarks.append(f"{end - len(whole)} torn lines left out, the first is line {rows[bad].number}")
-    columns: dict[str, Column] = {}
-    for j, name in enumerate(names):
-        cells = [split[i][j] for i in whole]
-        if not form.numeric[j]:
-            columns[name] = np.array(cells)
-            continue
-        values = [form.number(cell) for cell in cells]
+    def _keep(self, rows: Sequence[tuple[_Line, list[str]]]) -> None:
+        form, path = self._form, self._path
+        whole = [row for row in rows if len(row[1]) == form.width]
+        if len(whole) < len(rows):
+            bad, fields = next(row for row in rows if len(row[1]) != form.width)
+            if not self._torn_rows:
+                raise DataError(
+                    f"{path}: line {bad.number} has {len(fields)} values, the rows have {form.width}; it is torn or begins another "
+                    "record: --rows takes a part of the file, --drop-incomplete leaves such lines out"
+                )
+            self._torn += [line.number for line, fields in rows if len(fields) != form.width]
+        cells = list(zip(*(fields for _, fields in whole), strict=True)) or [()] * form.width
+        self._append([self._column(j, cells[j], whole) for j in range(form.width)])
+
+    def _column(self, j: int, cells: Sequence[str], rows: Sequence[tuple[_Line, list[str]]]) -> Column:
+        if not self._form.numeric[j]:
+            return np.array(cells, dtype=np.str_)
+        values = [self._form.number(cell) for cell in cells]
         odd = [i for i, (cell, value) in enumerate(zip(cells, values, strict=True)) if value is None and cell.lower() not in _MISSING]
         if odd:
-            line, cell = rows[whole[odd[0]]].number, cells[odd[0]][:30]
-            if cell.strip('"') == name or names.count(cell):
-                raise DataError(f"{path}: the header stands again in line {line}: a second record begins there; take a part with --rows")
-            remarks.append(f"{name} is no number in {len(odd)} rows, first {cell!r} in line {line}: taken as missing")
+            line, cell = rows[odd[0]][0].number, cells[odd[0]][:30]
+            if cell.strip('"') == self._names[j] or self._names.count(cell):
+                raise DataError(
+                    f"{self._path}: the header stands again in line {line}: a second record begins there; take a part with --rows"
+                )
+            count, known, first = self._odd.get(j, (0, cell, line))
+            self._odd[j] = (count + len(odd), known, first)
         column = np.array([np.nan if value is None else value for value in values])
         column[np.isinf(column)] = np.nan
-        columns[name] = column
-    return columns, remarks
+        return column
+
+    def _append(self, columns: Sequence[Column]) -> None:
+        self._count += len(columns[0])
+        check_count(str(self._path), self._count, len(columns))
+        for part, column in zip(self._parts, columns, strict=True):
+            part.append(column)

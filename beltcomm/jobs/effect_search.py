@@ -10,6 +10,7 @@ from beltcomm.laboratory.run_checks import Checked
 from beltcomm.laboratory.scope import within_scope
 from beltcomm.rundata.fitted_run import explainable, records_of
 from beltcomm.rundata.kept_fit import fitted_to
+from beltcomm.rundata.reading_time import foretell
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import ladder as words
@@ -23,6 +24,7 @@ def search_of(folder: RunFolder, talk: Talk, most: int = MOST_EFFECTS) -> tuple[
     Raises DataError for records that nothing can be said of.
     """
     ahead.begin(last_compiled())
+    foretell(folder, talk)
     records = records_of(folder)
     talk.phase(1, 0, "search for missing effects")
     start, seen_so, base = fitted_to(folder, records.recordings, current_model(folder))

@@ -71,7 +71,7 @@ def before_gaps(timed: Sequence[Recording], remarks: list[str]) -> list[Recordin
     with_gaps = [r for r in timed if len(r.gaps())]
     if not with_gaps:
         return list(timed)
-    kept = [r if not len(r.gaps()) else _first_rows(r, int(r.gaps()[0]) + 1) for r in timed]
+    kept = [r if not len(r.gaps()) else first_rows(r, int(r.gaps()[0]) + 1) for r in timed]
     used = [r for r in kept if r is not None]
     rows, left = sum(len(r.t_s) for r in timed), sum(len(r.t_s) for r in used)
     if left < LEFT * rows or all(r.sidecar.held_out for r in used):
@@ -89,7 +89,7 @@ def before_gaps(timed: Sequence[Recording], remarks: list[str]) -> list[Recordin
     return used
 
 
-def _first_rows(record: Recording, rows: int) -> Recording | None:
+def first_rows(record: Recording, rows: int) -> Recording | None:
     """The record's first rows; None where they are too few or show nothing."""
     if rows * record.sample_period_s < UNBROKEN_S:
         return None

@@ -17,6 +17,7 @@ from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.noise_level import torque_noise
 from beltcomm.foreign.checks import check
+from beltcomm.laboratory.extracts import extracted
 from beltcomm.laboratory.gap_checks import before_gaps, check_whole, gap_remarks
 from beltcomm.laboratory.place_checks import names_of, placed, sensor_remarks
 from beltcomm.recording import Recording
@@ -82,8 +83,8 @@ def checked(recordings: Sequence[Recording], axis: Axis, *, foreign: bool) -> Ch
     _refuse_two_axes(evened, axis)
     known = placed(evened, axis, remarks)
     remarks += sensor_remarks(known, axis)
-    by_name = {record.name: record for record in known}
-    return Checked(tuple(by_name.get(r.name, r) for r in recordings if r.is_static_map or r.name in by_name), tuple(remarks))
+    parts = {record.name: [record] for record in known} | extracted(known, axis, remarks)
+    return Checked(tuple(part for r in recordings for part in parts.get(r.name, [r] if r.is_static_map else [])), tuple(remarks))
 
 
 def _duration(record: Recording) -> float:

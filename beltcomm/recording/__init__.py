@@ -52,7 +52,7 @@ LONGEST_STEP_S = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """The signals of one experiment, arrays of one length n, copied, checked and read-only.
+    """The signals of one experiment, arrays of one length n, checked and read-only; copied where anybody could write into them.
 
     t_s : ndarray (n,), s, strictly rising; of a static map ndarray (0,): it has no time.
     torque : ndarray (n,), N m at the motor shaft (side "load": N; "ampere": A); torque[n] acts from t[n] to t[n+1].
@@ -180,7 +180,8 @@ class Recording:
         for signal in ("t_s", "torque", "position", *_OPTIONAL):
             values = getattr(self, signal)
             if values is not None:
-                values = np.array(values, dtype=np.float64)
+                if not _unchanging(values):
+                    values = np.array(values, dtype=np.float64)
                 if values.ndim != 1:
                     raise self._fault(f"{signal} has {values.ndim} dimensions; give one value per sample")
                 values.setflags(write=False)
@@ -282,6 +283,18 @@ class Recording:
         if spread > 0.05:
             remarks.append(f"the time steps deviate by up to {100.0 * spread:.0f} % from {self.sample_period_s:.4g} s")
         return remarks
+
+
+def _unchanging(values: Any) -> bool:
+    """Whether nobody can write into an array of numbers, nor into what it is a part of: then it needs no copy."""
+    if not isinstance(values, np.ndarray) or values.dtype != np.float64:
+        return False
+    part: Any = values
+    while isinstance(part, np.ndarray):
+        if part.flags.writeable:
+            return False
+        part = part.base
+    return part is None
 
 
 def load_recording(path: Path | str, axis: Axis | None = None) -> Recording:

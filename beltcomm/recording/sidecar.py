@@ -135,7 +135,7 @@ def _excitation(value: Any) -> ExcitationNote | None:
     note = _mapping("excitation", value)
     if not note:
         return None
-    if "kind" not in note:
+    if note.get("kind") is None:
         raise DataError(f"excitation.kind is missing; it is one of {', '.join(EXCITATION_KINDS)}")
     # what else a recorder notes about its excitation (excited lines, seed) means nothing here
     names = {item.name for item in fields(ExcitationNote)}

@@ -8,7 +8,8 @@ from __future__ import annotations
 import codecs
 import csv
 import io
-from collections.abc import Collection, Mapping
+import re
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,14 @@ from numpy.typing import NDArray
 
 from beltcomm.configfiles import write_text
 from beltcomm.errors import DataError
+from beltcomm.outside import check_columns, check_count, opened
 
 Column = NDArray[Any]
+#: Bytes read at a time.
+_BLOCK = 1 << 22
+_LINE_END = re.compile(r"\r\n|\r|\n")
+#: Rows that are written at a time.
+_ROWS = 1 << 16
 
 
 def read_columns(path: Path, numeric: Collection[str], *, torn: bool = False) -> dict[str, Column]:
@@ -29,22 +36,30 @@ def read_columns(path: Path, numeric: Collection[str], *, torn: bool = False) ->
     Raises DataError, naming file, column and row, for a file that does not exist, is no UTF-8 text, has another separator or
     decimal comma, no or a doubled column name, rows of unequal length, missing or unreadable values.
     """
-    text = _text(path)
-    if torn:
-        text = text[: text.rfind("\n") + 1]
-    header, _, body = text.partition("\n")
+    header, lines = _looked_at(path)
     names = _names(path, header)
-    if not body.strip():
+    if not lines:
         raise DataError(f"{path} has a header and no rows; record it again")
+    check_count(str(path), lines, len(names))
     try:
-        # numpy reads a file in larger pieces than a string: 15 % faster
-        source = io.StringIO(body) if torn else path
-        table = np.loadtxt(source, delimiter=",", comments=None, ndmin=2, skiprows=0 if torn else 1, encoding=_encoding(path))
+        if torn:
+            text = _text(path)
+            body = text[: text.rfind("\n") + 1].partition("\n")[2]
+            if not body.strip():
+                raise DataError(f"{path} has a header and no rows; record it again")
+            table = np.loadtxt(io.StringIO(body), delimiter=",", comments=None, ndmin=2)
+        else:  # numpy reads a file in larger pieces than a string: 15 % faster
+            table = np.loadtxt(path, delimiter=",", comments=None, ndmin=2, skiprows=1, encoding=_encoding(path))
     except ValueError:
-        return _read_slowly(path, names, body, numeric)
+        text = _text(path)
+        return _read_slowly(path, names, (text[: text.rfind("\n") + 1] if torn else text).partition("\n")[2], numeric)
     if table.shape[1] != len(names):
         raise _unequal(path, 1, table.shape[1], len(names))
-    columns: dict[str, Column] = {name: table[:, i] for i, name in enumerate(names)}
+    columns: dict[str, Column] = {}
+    for i, name in enumerate(names):
+        columns[name] = np.ascontiguousarray(table[:, i])
+        columns[name].setflags(write=False)
+    del table
     for name in names:
         if name in numeric and not np.all(np.isfinite(columns[name])):
             row = int(np.flatnonzero(~np.isfinite(columns[name]))[0])
@@ -54,9 +69,15 @@ def read_columns(path: Path, numeric: Collection[str], *, torn: bool = False) ->
 
 def write_columns(path: Path, columns: Mapping[str, Column]) -> None:
     """Write columns as CSV, whole or not at all; floats come back exactly.   Raises UsageError when it cannot be written."""
-    text = [map(_cell, column.tolist()) for column in columns.values()]
-    rows = map(",".join, zip(*text, strict=True))
-    write_text(path, "\n".join([",".join(map(_cell, columns)), *rows, ""]))
+    write_text(path, _pieces(columns))
+
+
+def _pieces(columns: Mapping[str, Column]) -> Iterator[str]:
+    """The text of a CSV file, some rows at a time."""
+    yield ",".join(map(_cell, columns)) + "\n"
+    for first in range(0, max((len(column) for column in columns.values()), default=0), _ROWS):
+        text = [map(_cell, column[first : first + _ROWS].tolist()) for column in columns.values()]
+        yield "".join(f"{row}\n" for row in map(",".join, zip(*text, strict=True)))
 
 
 def _cell(value: object) -> str:
@@ -67,35 +88,59 @@ def _cell(value: object) -> str:
     return '"' + text.replace('"', '""') + '"' if any(mark in text for mark in ',"\r\n') else text
 
 
-def _text(path: Path) -> str:
+def _looked_at(path: Path) -> tuple[str, int]:
+    """The first line, and how many come after it at least, 0 when they are blank.   Raises DataError for what is no text in UTF-8."""
+    decoder = codecs.getincrementaldecoder("utf-8-sig")()
+    header, blank, lines, seen = "", True, 0, False
     try:
-        raw = path.read_bytes()
+        with opened(path) as file:
+            while raw := file.read(_BLOCK):
+                if not seen and raw[:2] in {b"\xff\xfe", b"\xfe\xff"}:
+                    raise DataError(f"{path} is UTF-16 text; save it as UTF-8")
+                if b"\0" in raw:
+                    raise DataError(f"{path} is not a text file (it holds zero bytes); give a CSV file")
+                try:
+                    text = decoder.decode(raw)
+                except UnicodeDecodeError as error:
+                    line = lines + error.object.count(b"\n", 0, error.start) + 1
+                    raise DataError(f"{path} is not UTF-8 text (line {line}); save it as UTF-8") from error
+                lines += max(raw.count(b"\n"), raw.count(b"\r"))
+                if not seen:
+                    begin = text
+                    header = _LINE_END.split(text, maxsplit=1)[0]
+                    text, seen = text[len(header) :], True
+                blank = blank and not text.strip()
+        decoder.decode(b"", final=True)
     except FileNotFoundError as error:
         raise DataError(f"{path} does not exist; check the run folder and the name") from error
     except OSError as error:
         raise DataError(f"{path} cannot be read: {error.strerror or error}") from error
-    if not raw.strip():
-        raise DataError(f"{path} is empty; record it again")
-    if raw[:2] in {b"\xff\xfe", b"\xfe\xff"}:
-        raise DataError(f"{path} is UTF-16 text; save it as UTF-8")
-    if b"\0" in raw:
-        raise DataError(f"{path} is not a text file (it holds zero bytes); give a CSV file")
-    try:
-        text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        line = raw.count(b"\n", 0, error.start) + 1
-        raise DataError(f"{path} is not UTF-8 text (line {line}); save it as UTF-8") from error
+        raise DataError(f"{path} is not UTF-8 text (line {lines + 1}); save it as UTF-8") from error
+    if not seen or (blank and not begin.strip()):
+        raise DataError(f"{path} is empty; record it again")
+    return header, 0 if blank else max(lines, 1)
+
+
+def _text(path: Path) -> str:
+    """The whole text of a file that was looked at, its lines ended by a line feed."""
+    with opened(path) as file:
+        text = file.read().decode("utf-8-sig")
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
 def _encoding(path: Path) -> str:
     """UTF-8; the decoder that looks for a byte order mark takes as long as the reading, so it is left to files with one."""
-    with path.open("rb") as file:
+    with opened(path) as file:
         return "utf-8-sig" if file.read(3) == codecs.BOM_UTF8 else "utf-8"
 
 
 def _names(path: Path, header: str) -> list[str]:
-    names = [name.strip() for name in next(csv.reader([header]), [])]
+    check_columns(str(path), header.count(",") + 1)
+    try:
+        names = [name.strip() for name in next(csv.reader([header]), [])]
+    except csv.Error as error:
+        raise DataError(f"{path}, first line: {error}; name the columns in it, separated by commas") from error
     for separator, word in ((";", "semicolons"), ("\t", "tabs")):
         if header.count(separator) > header.count(","):
             raise DataError(f"{path} separates its columns by {word}; separate them by commas, with '.' as the decimal point")

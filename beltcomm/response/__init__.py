@@ -5,6 +5,7 @@ Torque at the motor shaft in N m, angle of the motor shaft in rad, so h is in ra
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from beltcomm import atomic
 from beltcomm.errors import DataError
+from beltcomm.outside import KEPT_BYTES, in_words, opened
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -101,7 +103,9 @@ class FrequencyResponse:
     def load(cls, path: Path) -> Self:
         """Read what :meth:`save` wrote.  Raises DataError when the file is missing, damaged or of another kind."""
         try:
-            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            with opened(path, KEPT_BYTES) as stream, np.load(stream, allow_pickle=False) as file:
+                if sum(item.file_size for item in file.zip.infolist()) > KEPT_BYTES:
+                    raise ValueError(f"it unpacks to more than {in_words(KEPT_BYTES)}")
                 return cls(
                     file["freq_hz"],
                     file["h"],
@@ -111,7 +115,18 @@ class FrequencyResponse:
                     float(file["sample_period_s"]),
                     tuple(str(remark) for remark in file["remarks"]),
                 )
-        except (OSError, ValueError, KeyError, EOFError, TypeError, BadZipFile) as error:
+        except (
+            OSError,
+            ValueError,
+            KeyError,
+            EOFError,
+            TypeError,
+            AttributeError,
+            NotImplementedError,
+            OverflowError,
+            zlib.error,
+            BadZipFile,
+        ) as error:
             raise DataError(f"{path} is no frequency response that can be read ({error}); estimate it anew") from error
 
 

@@ -13,6 +13,7 @@ from beltcomm.given import pasted
 from beltcomm.laboratory.cross_checks import SheetDoubt, doubts_of
 from beltcomm.laboratory.run_checks import Checked, checked
 from beltcomm.rundata.kept_fit import fitted_to
+from beltcomm.rundata.reading_time import foretell
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Talk
@@ -49,6 +50,7 @@ def left_out(folder: RunFolder, records: Checked) -> Checked:
 def opened(run: Path, talk: Talk) -> Opened:
     """The current model of a run, or the base model where there is none yet, fitted to all records."""
     folder = RunFolder.open(run)
+    foretell(folder, talk)
     records = records_of(folder)
     talk.phase(1, 1, "fit of the present model")
     _, data, fitted = fitted_to(folder, records.recordings, current_model(folder))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Collection, Sequence
+from pathlib import Path
 
 from beltcomm import caches
 from beltcomm.errors import BeltcommError
@@ -12,6 +12,7 @@ from beltcomm.fit.records import Data
 from beltcomm.fit.start import start_model
 from beltcomm.fit.stored import kept, key_of, restored
 from beltcomm.model import Model, model_from_dict
+from beltcomm.outside import sha256_of
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
 
@@ -54,11 +55,11 @@ def _write(folder: RunFolder, recordings: Sequence[Recording], model: Model | No
 
 def _hashes_of_fitted(folder: RunFolder, recordings: Sequence[Recording]) -> dict[str, str]:
     """Of the records that are fitted alone: those held out, as a move that verifies, change no fit."""
-    return hashes(folder, {r.name for r in recordings if not (r.sidecar.held_out or r.is_static_map)})
+    return hashes(folder, {Path(r.file).stem if r.file else r.name for r in recordings if not (r.sidecar.held_out or r.is_static_map)})
 
 
 def hashes(folder: RunFolder, names: Collection[str] | None = None) -> dict[str, str]:
     """SHA-256 of every file of every complete recording, or of some of them."""
     stems = set(folder.finished_names()) if names is None else set(names)
     files = (path for path in folder.recordings_folder.iterdir() if path.stem in stems and path.suffix in (".csv", ".yaml"))
-    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    return {path.name: sha256_of(path) for path in files}

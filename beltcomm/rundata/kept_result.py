@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 from beltcomm import caches
+from beltcomm.errors import BeltcommError
+from beltcomm.outside import sha256_of
 from beltcomm.programs import source_hash
 from beltcomm.result import Result, Row, plain
 from beltcomm.runfolder import RunFolder
@@ -49,16 +50,11 @@ def _key(folder: RunFolder, name: str, question: Sequence[object]) -> str:
         if path.is_file() and path != own and path.relative_to(folder.path).parts[0] not in BESIDE and path.name[0] != "."
     )
     try:
-        found = [(str(p.relative_to(folder.path)), _digest(p)) for p in there]
-    except OSError:
+        found = [(str(p.relative_to(folder.path)), sha256_of(p)) for p in there]
+    except (OSError, BeltcommError):
         return ""
     text = json.dumps([found, source_hash(), str(folder.path), *question])
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _kept(line: str) -> str | list[object]:

@@ -11,6 +11,7 @@ from beltcomm.errors import DataError, UsageError
 from beltcomm.given import pasted
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.model import Model, load_model
+from beltcomm.outside import sha256_of
 from beltcomm.result import plain as as_plain
 from beltcomm.runfolder import RunFolder
 
@@ -149,7 +150,7 @@ def keep_cost(folder: RunFolder, name: str, cost: Mapping[str, Any] | None) -> N
 
 def recording_hashes(folder: RunFolder) -> dict[str, str]:
     """SHA-256 of every complete recording."""
-    return {name: hashlib.sha256((folder.recordings_folder / f"{name}.csv").read_bytes()).hexdigest() for name in folder.finished_names()}
+    return {name: sha256_of(folder.recordings_folder / f"{name}.csv") for name in folder.finished_names()}
 
 
 def changed_recordings(folder: RunFolder, rung: Revision) -> list[str]:

@@ -134,6 +134,9 @@ def checked_step(entry: Any, where: str) -> Step:
         raise UsageError(f"{where}: share must be above 0")
     if seed != int(seed):
         raise UsageError(f"{where}: seed is {seed:g}; it must be a whole number")
+    for key in ("again", "held_out"):
+        if not isinstance(entry.get(key, False), bool):
+            raise UsageError(f"{where}: {key} is {entry[key]!r}; write true or false")
     if (kind == "strokes" and not speeds) or (speeds and not min(speeds) > 0.0):
         raise UsageError(f"{where}: strokes need speeds_m_s, all above 0")
     if kind == "reversals" and not (amplitudes and min(amplitudes) > 0.0):

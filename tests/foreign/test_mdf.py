@@ -12,9 +12,9 @@ from click.testing import CliRunner
 
 from beltcomm.cli.main import cli
 from beltcomm.errors import DataError, UsageError
-from beltcomm.foreign import mdf
+from beltcomm.foreign import apart
 from beltcomm.foreign.files import read_table
-from beltcomm.foreign.mdf import channels_of
+from beltcomm.foreign.mdf import read_mdf
 from beltcomm.runfolder import RunFolder
 from foreign.samples import COUNTS, swing
 
@@ -42,14 +42,14 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_groups_keep_their_rasters(measured: Path) -> None:
-    columns, about = channels_of(measured)
-    assert about["units"] == {"time of group 0": "s", "ActTorque": "Nm", "time of group 1": "s", "ActPosition": "deg"}
-    np.testing.assert_array_equal(columns[about["clocks"]["ActTorque"]], T[::2])
-    np.testing.assert_array_equal(columns[about["clocks"]["ActPosition"]], T)
-    assert about["notes"] == [
+    table = read_mdf(measured)
+    assert table.units == {"time of group 0": "s", "ActTorque": "Nm", "time of group 1": "s", "ActPosition": "deg"}
+    np.testing.assert_array_equal(table.columns[table.clocks["ActTorque"]], T[::2])
+    np.testing.assert_array_equal(table.columns[table.clocks["ActPosition"]], T)
+    assert table.notes == (
         "2 channel groups, each with time stamps of its own",
         "not read, because they are no channels of numbers: State",
-    ]
+    )
 
 
 def test_a_file_is_imported_without_any_mapping(measured: Path, tmp_path: Path) -> None:
@@ -73,7 +73,7 @@ def test_a_damaged_file_is_said_to_be_one(measured: Path, tmp_path: Path) -> Non
 
 
 def test_a_reader_that_does_not_end_is_ended(measured: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mdf, "_LIMIT_S", 0.01)
-    monkeypatch.setattr(mdf, "_PER_BYTE_S", 0.0)
+    monkeypatch.setattr(apart, "_LIMIT_S", 0.01)
+    monkeypatch.setattr(apart, "_PER_BYTE_S", 0.0)
     with pytest.raises(DataError, match="its reader did not end within 0 s"):
         read_table(measured)

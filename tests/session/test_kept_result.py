@@ -80,7 +80,7 @@ def test_a_file_that_cannot_be_read_is_no_reason_to_fail(ask: Ask, folder: RunFo
     def unreadable(path: Path) -> str:
         raise PermissionError(13, "not allowed", str(path))
 
-    monkeypatch.setattr("beltcomm.rundata.kept_result._digest", unreadable)
+    monkeypatch.setattr("beltcomm.rundata.kept_result.sha256_of", unreadable)
     assert ask().data["times"] == 1
     assert ask().data["times"] == 2
     assert not (folder.path / "kept").exists()

@@ -1,0 +1,115 @@
+"""The process that reads a file whose reader may break down: the table to its standard output, for :mod:`beltcomm.foreign.apart`."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from beltcomm.errors import DataError
+from beltcomm.foreign.apart import Kind
+from beltcomm.foreign.table import Table, words_of
+from beltcomm.outside import check_columns, check_count, in_words, opened
+
+
+def table_in(kind: Kind, path: Path) -> Table:
+    """The table in a file, read in this process.   Raises DataError, or nothing that can be named."""
+    return _READERS[kind](path)
+
+
+def _matlab(path: Path) -> Table:
+    from beltcomm.foreign.arrays import table_of
+    from beltcomm.foreign.matlab import read_matlab
+
+    return table_of(path, read_matlab(path))
+
+
+def _hdf5(path: Path) -> Table:
+    from beltcomm.foreign.arrays import table_of
+    from beltcomm.foreign.matlab import read_hdf5
+
+    return table_of(path, read_hdf5(path))
+
+
+def _mdf(path: Path) -> Table:
+    from beltcomm.foreign.mdf import read_mdf
+
+    return read_mdf(path)
+
+
+def _numpy(path: Path) -> Table:
+    from beltcomm.foreign.arrays import table_of
+
+    try:
+        with opened(path) as file:
+            loaded = np.load(file, allow_pickle=False)
+            arrays = {"": loaded} if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded.files}
+    except MemoryError:
+        raise
+    except Exception as error:  # on damaged bytes these readers raise whatever they stumble over
+        raise DataError(f"{path} cannot be read as a NumPy file ({words_of(error)}); is it cut off, or does it hold objects?") from error
+    return table_of(path, arrays)
+
+
+def _blf(path: Path) -> Table:
+    from beltcomm.foreign.framelog import read_blf
+
+    return read_blf(path)
+
+
+_READERS: Final[dict[str, Callable[[Path], Table]]] = {"matlab": _matlab, "hdf5": _hdf5, "mdf": _mdf, "numpy": _numpy, "blf": _blf}
+
+
+def _bounded(kind: str, memory: int, limit_s: int) -> None:
+    """Bounds for this process, where the system knows them."""
+    try:
+        import resource
+    except ImportError:
+        return
+    bounds = {"RLIMIT_AS": memory, "RLIMIT_CPU": limit_s, "RLIMIT_CORE": 0}
+    if kind != "mdf":  # asammdf keeps what it unpacks in temporary files
+        bounds["RLIMIT_FSIZE"] = 0
+    for name, bound in bounds.items():
+        number = getattr(resource, name, None)
+        if number is not None:
+            _, hard = resource.getrlimit(number)
+            most = bound if hard == resource.RLIM_INFINITY else min(bound, hard)
+            resource.setrlimit(number, (most, hard))
+
+
+def _answer(kind: Kind, path: Path, given: str, memory: int, limit_s: int) -> None:
+    """The table of a file to the standard output.   given : how the file was named."""
+    _bounded(kind, memory, limit_s)
+    table, fault = Table(given, {}), ""
+    try:
+        table = table_in(kind, path)
+        check_columns(given, len(table.columns))
+        check_count(given, sum(map(len, table.columns.values())), 1)
+    except DataError as error:
+        fault = str(error).replace(str(path), given)
+    except MemoryError:
+        fault = (
+            f"{given} asks for more than {in_words(memory)} of memory, a file of its size needs far less; is it damaged? Export it as CSV"
+        )
+    columns = {} if fault else table.columns
+    about = {
+        "fault": fault,
+        "columns": [(name, len(column)) for name, column in columns.items()],
+        "units": dict(table.units),
+        "clocks": dict(table.clocks),
+        "notes": [note.replace(str(path), given) for note in table.notes],
+    }
+    text = json.dumps(about).encode("utf-8", "replace")
+    with os.fdopen(1, "wb") as out:
+        out.write(len(text).to_bytes(8, "little") + text)
+        for column in columns.values():
+            out.write(np.ascontiguousarray(column, dtype=np.float64).data)
+
+
+if __name__ == "__main__":
+    _answer(sys.argv[1], Path(sys.argv[2]), sys.argv[3], int(sys.argv[4]), int(sys.argv[5]))  # type: ignore[arg-type]
