@@ -22,6 +22,7 @@ from beltcomm.foreign import apart
 from beltcomm.foreign.convert import Reading, reading_from_dict
 from beltcomm.foreign.files import parts_of, read_table
 from beltcomm.outside import opened, read_bytes, text_blocks
+from beltcomm.runfolder import RunFolder
 
 SECRET = "t,Iq,enc\n" + "".join(f"{k / 1000},{np.sin(k)},{k}\n" for k in range(40))
 
@@ -199,3 +200,17 @@ def test_a_reading_of_a_sidecar_has_its_types(damaged: object) -> None:
     assert reading_from_dict({"period_s": 1, "mapping": ["a=b"], "torque_acts": "after"}) == Reading(
         period_s=1.0, mapping=("a=b",), torque_acts="after"
     )
+
+
+def test_folders_of_a_run_lead_nowhere_else(folder: Path) -> None:
+    run = RunFolder.create(folder / "run", Axis(name="a")).path
+    (folder / "elsewhere").mkdir()
+    (run / "designs").symlink_to(folder / "elsewhere")
+    with pytest.raises(DataError, match="designs is a link out of the run folder"):
+        RunFolder.open(run)
+    (run / "designs").unlink()
+    (run / "designs").symlink_to("recordings")
+    assert RunFolder.open(run).axis.name == "a"
+    (run / "recordings" / "a.csv").symlink_to(folder.parent / "secret.csv")
+    with pytest.raises(DataError, match="a link out of its folder"):
+        RunFolder.open(run).recording("a")

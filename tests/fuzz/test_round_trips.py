@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from beltcomm.axis import axis_from_dict, load_axis, save_axis
-from beltcomm.configfiles import read_yaml, to_yaml, write_text
+from beltcomm.configfiles import read_yaml, sealed, to_yaml, write_text
 from beltcomm.errors import BeltcommError, DataError
 from beltcomm.foreign.apart_reader import table_in
 from beltcomm.foreign.convert import Reading, reading_from_dict
@@ -208,7 +208,7 @@ def test_plans(listed: list[Step], reasons: dict[str, str], by_hand: list[str]) 
     plan = NextPlan(reasons, tuple(by_hand), tuple(listed), ())
     with TemporaryDirectory() as folder:
         path = Path(folder) / "plan.yaml"
-        write_text(path, to_yaml(plan.to_dict()))
+        write_text(path, to_yaml(sealed(plan.to_dict())))
         assert load_plan(path) == plan
 
 

@@ -91,6 +91,10 @@ def test_repeating_imports_reads_no_file_outside(run: Path, secret: Path, way: s
     monkeypatch.setattr(Path, "read_bytes", lambda path: (read.append(os.path.realpath(path)), whole(path))[1])
     monkeypatch.setattr(Path, "open", lambda path, *a, **k: (read.append(os.path.realpath(path)), stream(path, *a, **k))[1])
     done = call("import", "--check", "--run", run)
-    assert done.exit_code == 1
-    assert "which is no file in" in done.stdout
+    if way == "folder":  # the whole run is refused
+        assert done.exit_code == 3
+        assert "is a link out of the run folder" in done.stderr
+    else:
+        assert done.exit_code == 1
+        assert ("is a link" if way == "link" else "which is not a file in originals/") in done.stdout
     assert not [path for path in read if path.startswith(str(secret.parent))]
