@@ -229,7 +229,7 @@ def _best(
     usual = trials[:1] if plain_first else [trial for trial in trials if trial[0].reading.faithful]
     faithful, first = min(usual, key=lambda trial: _level(trial[1]))
     samples = first.problem.samples
-    path, best = min(trials, key=lambda trial: _level(trial[1], first) + less_likely.get(trial[0].reading.at_end, 0.0) / samples)
+    path, best = min(trials, key=lambda trial: _level(trial[1], first) + less_likely.get(trial[0].reading.at_end, 0.0) / max(samples, 1))
     gain = samples * (_level(first) - _level(best))
     above = samples * (_level(first) - 1.0)
     if gain <= math.log(max(samples, 2)) + CLEAR or gain < EXPLAINED * above:
