@@ -30,7 +30,7 @@ from beltcomm.experiments import (
 from beltcomm.experiments.proving import verify_move
 from beltcomm.experiments.recentre import MOST_STOPS, brought_back, exhausted, stands_after
 from beltcomm.fit.acting import acting_recording
-from beltcomm.identify.amplitude import AmplitudeStep, around, unknown_masses_kg
+from beltcomm.identify.amplitude import AmplitudeStep, family_around, unknown_masses_kg
 from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.identify.standstill import largest
 from beltcomm.machine import scale, stops
@@ -209,7 +209,7 @@ def close_loop(machine: Machine, findings: Findings, model: Model, cascade: Casc
         )
         if ask and not machine.talk.confirm("Close this loop and travel with it?"):
             raise Refused("the loop was not closed, as you said; the recordings so far are kept, `beltcomm fit` makes a model of them")
-    stops.count_on_loop(machine, around(model), machine.write_cascade(cascade), delay(findings))
+    stops.count_on_loop(machine, family_around(model), machine.write_cascade(cascade), delay(findings))
     return cascade
 
 

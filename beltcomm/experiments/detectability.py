@@ -31,9 +31,9 @@ from beltcomm.experiments.paths import Course, path_of, start_of
 from beltcomm.experiments.plan import Plan
 from beltcomm.fit.first_estimate import data_sheet_model
 from beltcomm.identify.amplitude import MotionLimits, largest_amplitude
-from beltcomm.laboratory.diagnosis import fitted_base
+from beltcomm.laboratory.diagnosis import fit_base_of
 from beltcomm.laboratory.score import Scorer, ground_of
-from beltcomm.laboratory.visible import Sight, visible
+from beltcomm.laboratory.visible import DetectionLimit, detection_limits
 from beltcomm.model import Model
 from beltcomm.programs import source_hash
 from beltcomm.recording import Recording
@@ -72,7 +72,7 @@ SUBSTEPS = 20
 class Foresight:
     """sights : of every effect.   assumed : in words.   records : how many were simulated.   extent : of the session."""
 
-    sights: tuple[Sight, ...]
+    sights: tuple[DetectionLimit, ...]
     assumed: str
     records: int
     extent: Extent
@@ -106,7 +106,7 @@ def lines_of(found: Mapping[str, Any], whole: bool) -> list[str]:
     return lines
 
 
-def as_entry(sight: Sight) -> dict[str, Any]:
+def as_entry(sight: DetectionLimit) -> dict[str, Any]:
     """One effect for ``--json``."""
     weakest = None if math.isinf(sight.hardest) else sight.hardest * sight.size
     strength = None if math.isinf(sight.hardest) else sight.hardest
@@ -116,7 +116,7 @@ def as_entry(sight: Sight) -> dict[str, Any]:
         "weakest": weakest,
         "unit": sight.unit,
         "strength": strength,
-        "seen": sight.seen,
+        "seen": sight.is_detectable,
     }
 
 
@@ -141,8 +141,8 @@ def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight
     model = sheet_model(axis)
     noise = NOISE_SHARE * (axis.motor.rated_torque_nm or capabilities.rated_torque_nm)
     recordings = list(records(axis, capabilities, model, extent, noise))
-    data, fitted = fitted_base(recordings, axis, model)
-    sights = visible(Scorer(fitted), ground_of(fitted, data.fitted, axis))
+    data, fitted = fit_base_of(recordings, axis, model)
+    sights = detection_limits(Scorer(fitted), ground_of(fitted, data.fitted, axis))
     assumed = (
         f"assumed: carriage {model['cart.mass']:.3g} kg, friction {total_friction(model):.2g} N m, {1e3 * noise:.2g} mN m of torque noise, "
         f"{capabilities.counts_per_rev} encoder steps per turn"

@@ -11,7 +11,7 @@ from dataclasses import replace
 from beltcomm.control import Cascade
 from beltcomm.errors import DataError
 from beltcomm.experiments import execute_step
-from beltcomm.identify.amplitude import around
+from beltcomm.identify.amplitude import family_around
 from beltcomm.machine import stops
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
@@ -27,7 +27,7 @@ def sent_ahead(machine: Machine, findings: Findings, loop: execute_step.Closed) 
     cascade = with_sliding_friction(loop.cascade, loop.model, machine.folder.recording(execute_step.SWEEP))
     if cascade == loop.cascade:
         return loop
-    stops.count_on_loop(machine, around(loop.model), machine.write_cascade(cascade), loop.delay_s)
+    stops.count_on_loop(machine, family_around(loop.model), machine.write_cascade(cascade), loop.delay_s)
     return replace(loop, cascade=cascade)
 
 

@@ -20,7 +20,7 @@ from beltcomm.experiments.bounds import Experiment, stroking_nm
 from beltcomm.experiments.execute_step import RESPONSE_S
 from beltcomm.experiments.plan import MOVE_SECONDS, Plan, gentle_force_n
 from beltcomm.experiments.sign import sign_words
-from beltcomm.identify.amplitude import MotionLimits, around
+from beltcomm.identify.amplitude import MotionLimits, family_around
 from beltcomm.identify.loop_amplitude import (
     ClosedLoop,
     Into,
@@ -28,7 +28,7 @@ from beltcomm.identify.loop_amplitude import (
     MovingPrediction,
     largest_moving,
     predict_moving,
-    simulated,
+    simulate_record,
 )
 from beltcomm.identify.loop_response import Way
 from beltcomm.machine.heat import Thermal
@@ -155,7 +155,7 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
     signal = cast("Any", choice)
     shape = moving(replace(signal, repeats=1).excitation(1.0, loop.sample_period_s), speed, 1, ramp, settle)
     shape = shape.louder(1.0 / float(np.max(np.abs(shape.added))))
-    family = around(model)
+    family = family_around(model)
     start = near if speed else min(max(machine.position_m, near), far)
     step = largest_moving(family, loop, shape, start, limits, max(most, least), least)
     found = step.prediction
@@ -205,7 +205,7 @@ def plan_of(machine: Machine, job: Job) -> Plan:
 
 def is_moved(job: Job, amplitude: float, at_m: float) -> bool:
     """Whether the model of a standing axis is moved by an excitation."""
-    run = simulated(job.model, job.loop, job.motion(amplitude, rising=True), at_m)
+    run = simulate_record(job.model, job.loop, job.motion(amplitude, rising=True), at_m)
     return float(np.ptp(run.position_rad)) > MOVED_COUNTS * 2.0 * math.pi / job.loop.drive.counts_per_rev
 
 
@@ -285,7 +285,7 @@ def _settling(model: Model, loop: ClosedLoop, choice: Choice, speed: float, ramp
     length = signal.period_samples * loop.sample_period_s
     path = moving(replace(cast("Any", choice), repeats=1).excitation(1.0, loop.sample_period_s), speed, 2, ramp, LONGEST_SETTLE_S)
     held = max(1, round(loop.sample_period_s / loop.drive.period_s))
-    run = simulated(model, loop, path.louder(0.0), start_m)
+    run = simulate_record(model, loop, path.louder(0.0), start_m)
     base = np.repeat(path.base_m_s, held)
     steady = np.abs(base) == abs(speed)
     off = np.abs(model["transmission.ratio"] * run.velocity_rad_s - base) > SETTLED_SHARE * speed

@@ -13,12 +13,12 @@ from beltcomm.experiments import commission as sequence
 from beltcomm.experiments import phases
 from beltcomm.experiments.loop_plan import RISES, TITLES, Job, inside, is_moved
 from beltcomm.experiments.raising import GROWTH
-from beltcomm.identify.amplitude import around
+from beltcomm.identify.amplitude import family_around
 from beltcomm.identify.loop_amplitude import (
     SLOWEST_SHARE,
     MovingPrediction,
     predict_moving,
-    simulated,
+    simulate_record,
 )
 from beltcomm.identify.loop_response import KnownController
 from beltcomm.machine.machine import Machine, Room
@@ -81,14 +81,14 @@ def _record(machine: Machine, job: Job, name: str, amplitude: float, *, rising: 
     motion = job.motion(amplitude, 1.0 if far > near else -1.0, rising=rising)
     running = machine.write_cascade(loop.cascade)
     exactly = replace(loop, cascade=running)
-    predicted = predict_moving(around(model), exactly, motion, at, machine.braking)
+    predicted = predict_moving(family_around(model), exactly, motion, at, machine.braking)
     inside(machine, predicted)
     low_word = f", the motor never slower than {100 * predicted.slowest:.0f} % of that" if math.isfinite(predicted.slowest) else ""
     machine.talk.say(
         f"{name}: ±{amplitude:.3g} {job.unit} at {1e3 * job.speed_m_s:.4g} mm/s{low_word}; {predicted.belt_force_n:.0f} N in the belt, "
         f"{predicted.torque_nm:.2f} N m, between {1e3 * predicted.low_m:.0f} and {1e3 * predicted.high_m:.0f} mm with a stop"
     )
-    first = simulated(model, exactly, motion, at)
+    first = simulate_record(model, exactly, motion, at)
     held = max(1, round(loop.sample_period_s / loop.drive.period_s))
     carriage = first.cart_m[::held]
     base, zero = at + motion.base_m, np.zeros(len(motion.added))

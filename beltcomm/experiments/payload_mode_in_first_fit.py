@@ -16,7 +16,7 @@ from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.margins import margins
 from beltcomm.effects.payload_mode import unlikely
 from beltcomm.errors import DataError, Refused
-from beltcomm.fit.segment import OUTLIER, segments, whitened
+from beltcomm.fit.segment import OUTLIER, segments, whitened_residual
 from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -40,7 +40,7 @@ def with_swing(found: FinalModel, recordings: Sequence[Recording], axis: Axis, c
 
     def left(start: Model) -> float:
         pieces = [p for r in recordings for p in segments(r, start, step, noise_nm, fitted=True, path=path)]
-        return float(sum(np.sum(np.minimum(whitened(p, start, start.vector()) ** 2, OUTLIER)) for p in pieces))
+        return float(sum(np.sum(np.minimum(whitened_residual(p, start, start.vector()) ** 2, OUTLIER)) for p in pieces))
 
     for start in sorted(_starts(found.fit.model), key=left)[:STARTS]:
         try:

@@ -23,7 +23,7 @@ from beltcomm.experiments import own_strokes
 from beltcomm.identify.amplitude import (
     AmplitudeStep,
     MotionLimits,
-    around,
+    family_around,
     largest_amplitude,
 )
 from beltcomm.machine import exciting, host_loss, stops
@@ -187,7 +187,10 @@ def planned_response(
         f"{name}: {choice.reason}; ±{step.amplitude_nm:.3f} N m, bound by {step.binds}; a stop takes up to "
         f"{1e3 * step.prediction.stop_m:.1f} mm; {run_on}"
     )
-    exposed, room = exciting.Exposed(step.prediction, around(balanced(model)), host_loss.losses_of(machine)), excitation_room(machine, at)
+    exposed, room = (
+        exciting.Exposed(step.prediction, family_around(balanced(model)), host_loss.losses_of(machine)),
+        excitation_room(machine, at),
+    )
     return exciting.excite(machine, name, excitation, at, room, exposed, held_out), excitation, step
 
 
@@ -225,7 +228,7 @@ def _loudest(machine: Machine, model: Model, choice: Choice, at_most_nm: float, 
     shape = choice.excitation(1.0, period)
     unit = shape.torque / shape.amplitude_nm
     counted = stops.braking_of(machine), host_loss.losses_of(machine)
-    return largest_amplitude(around(balanced(model)), unit, period, at, limits, at_most_nm, *counted)
+    return largest_amplitude(family_around(balanced(model)), unit, period, at, limits, at_most_nm, *counted)
 
 
 def balanced(model: Model) -> Model:

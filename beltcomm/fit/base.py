@@ -24,11 +24,11 @@ from beltcomm.fit.records import (
     PUBLISHED_SUBSTEPS,
     SUBSTEPS,
     Data,
+    is_mostly_rounding,
     likeliest_noise,
     likeliest_step,
-    made,
+    prepare_records,
     remade,
-    rounded,
     with_process_noise,
 )
 from beltcomm.fit.reversals import turns_at_once
@@ -90,19 +90,23 @@ def _fit_base(
     commanded = commands(chain, data.recordings)
     if commanded:  # then nothing but the motion tells how noisy the torque is
         loud = LOUD * max(float(np.sqrt(np.mean(piece.torque**2))) for piece in data.fitted)
-        data = made(data.recordings, start, loud, data.step_rad, {}, path=TorquePath(chain.law if chain else None, commanded=True))
+        data = prepare_records(
+            data.recordings, start, loud, data.step_rad, {}, path=TorquePath(chain.law if chain else None, commanded=True)
+        )
     first = fit(data, start, FIRST_ITERATIONS, fixed=fixed)
     if commanded:
-        data, first = with_own_noise(*again(data, first, NEXT_ITERATIONS, fixed=fixed))
+        data, first = with_own_noise(*refit_with_rebuilt_motion(data, first, NEXT_ITERATIONS, fixed=fixed))
     progress(0.3)
     chosen = path if path is not None else replace(choose_path(data, first, start, chain).path, commanded=commanded)
     if chosen != data.path:
         size, colour = chosen.noise_undone(data.colour)
         data = replace(data, noise_nm=data.noise_nm * size, colour=colour)
-        data = made(data.recordings, first.model if commanded else start, data.noise_nm, data.step_rad, {}, path=chosen, colour=data.colour)
+        data = prepare_records(
+            data.recordings, first.model if commanded else start, data.noise_nm, data.step_rad, {}, path=chosen, colour=data.colour
+        )
         first = fit(data, first.model if commanded else start, FIRST_ITERATIONS, fixed=fixed)
     progress(0.5)
-    data, fitted = again(data, first, NEXT_ITERATIONS, fixed=fixed)
+    data, fitted = refit_with_rebuilt_motion(data, first, NEXT_ITERATIONS, fixed=fixed)
     if path is None:
         data, fitted = _best_rival(*refine_path(data, fitted), fixed)
     progress(0.7)
@@ -112,30 +116,32 @@ def _fit_base(
         quieter = split.sensor_nm < CALMER * data.noise_nm
         data = replace(data, noise_nm=split.sensor_nm, colour=split.colour, path=replace(data.path, acts=acts))
         if quieter and path is None:  # the motion tells more of the path now
-            data, fitted = refine_path(*again(data, fitted, NEXT_ITERATIONS, fixed=fixed))
+            data, fitted = refine_path(*refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS, fixed=fixed))
     elif chain is None or commanded:
         data, fitted = with_own_noise(data, fitted)
-    if fitted.ratio < ROUGH and rounded(data, fitted.model):
-        data, fitted = again(replace(data, single=True), fitted, NEXT_ITERATIONS, fixed=fixed)
+    if fitted.ratio < ROUGH and is_mostly_rounding(data, fitted.model):
+        data, fitted = refit_with_rebuilt_motion(replace(data, single=True), fitted, NEXT_ITERATIONS, fixed=fixed)
     least = min(smallest_step(r.position) for r in data.recordings)
     if (fitted.ratio < NEARLY and data.step_rad > NOISY * least) or (data.single and GOOD < fitted.ratio < ROUGH):
         step = likeliest_step(data, fitted.model, _residuals(fitted), least)
         underrated, data = step > UNDERRATED * data.step_rad, replace(data, step_rad=step)
         if underrated:  # what was fitted so far stands where noise that was taken for motion has pulled it
-            data, fitted = _afresh(*again(data, fitted, NEXT_ITERATIONS, fixed=fixed), start, fixed)
+            data, fitted = _refit_from_start(*refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS, fixed=fixed), start, fixed)
             data = replace(data, step_rad=likeliest_step(data, fitted.model, _residuals(fitted), least))
-    data, fitted = again(data, fitted, LAST_ITERATIONS, PUBLISHED_SUBSTEPS if publish else SUBSTEPS, fixed=fixed)
+    data, fitted = refit_with_rebuilt_motion(data, fitted, LAST_ITERATIONS, PUBLISHED_SUBSTEPS if publish else SUBSTEPS, fixed=fixed)
     progress(0.9)
-    data, fitted = through_reversals(data, fitted, fixed=fixed)
+    data, fitted = refit_with_reversals(data, fitted, fixed=fixed)
     progress(1.0)
     return data, with_nuisance(data, fitted)
 
 
-def _afresh(data: Data, fitted: Fitted, start: Model, fixed: Sequence[str]) -> tuple[Data, Fitted]:
+def _refit_from_start(data: Data, fitted: Fitted, start: Model, fixed: Sequence[str]) -> tuple[Data, Fitted]:
     """Records and fit from the start values once more, with the noise as it is known now; those given where that ends worse."""
-    ahead = made(data.recordings, start, data.noise_nm, data.step_rad, {}, path=data.path, colour=data.colour, single=data.single)
-    ahead, found = again(ahead, fit(ahead, start, FIRST_ITERATIONS, fixed=fixed), NEXT_ITERATIONS, fixed=fixed)
-    return (ahead, found) if in_groups_of(found, fitted) < in_groups_of(fitted, found) else (data, fitted)
+    ahead = prepare_records(
+        data.recordings, start, data.noise_nm, data.step_rad, {}, path=data.path, colour=data.colour, single=data.single
+    )
+    ahead, found = refit_with_rebuilt_motion(ahead, fit(ahead, start, FIRST_ITERATIONS, fixed=fixed), NEXT_ITERATIONS, fixed=fixed)
+    return (ahead, found) if ratio_in_groups_of(found, fitted) < ratio_in_groups_of(fitted, found) else (data, fitted)
 
 
 def _best_rival(data: Data, fitted: Fitted, fixed: Sequence[str]) -> tuple[Data, Fitted]:
@@ -171,7 +177,7 @@ def _residuals(fitted: Fitted) -> list[Array]:
     return [fitted.problem.balance(i, fitted.x, OFFSET_M * o).residual for i, o in enumerate(fitted.offsets)]
 
 
-def through_reversals(data: Data, fitted: Fitted, *, fixed: Sequence[str] = ()) -> tuple[Data, Fitted]:
+def refit_with_reversals(data: Data, fitted: Fitted, *, fixed: Sequence[str] = ()) -> tuple[Data, Fitted]:
     """The fit with the samples in which the motor passes through a reversal; as it was where these do not fit to the others.
 
     Friction that needs a way to turn round, or is higher at low speed, is seen there first and would pull at all parameters.
@@ -180,7 +186,7 @@ def through_reversals(data: Data, fitted: Fitted, *, fixed: Sequence[str] = ()) 
         return data, fitted
     ahead = remade(data, fitted.model, OFFSET_M * fitted.offsets, PUBLISHED_SUBSTEPS, reversals=True)
     more = fit(ahead, fitted.model, LAST_ITERATIONS, offsets=fitted.offsets, fixed=fixed)
-    added = np.concatenate([(a.keep & ~b.keep)[a.counted] for a, b in zip(ahead.fitted, data.fitted, strict=True)])
+    added = np.concatenate([(a.keep & ~b.keep)[a.value_samples] for a, b in zip(ahead.fitted, data.fitted, strict=True)])
     squares = more.residual**2
     if not added.any() or float(np.mean(squares[added])) > REVERSAL_MISFIT * max(1.0, float(np.mean(squares[~added]))):
         return data, fitted
@@ -192,7 +198,9 @@ def through_reversals(data: Data, fitted: Fitted, *, fixed: Sequence[str] = ()) 
     return ahead, more
 
 
-def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS, *, fixed: Sequence[str] = ()) -> tuple[Data, Fitted]:
+def refit_with_rebuilt_motion(
+    data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS, *, fixed: Sequence[str] = ()
+) -> tuple[Data, Fitted]:
     """Motion and noise rebuilt by a fitted model, and the model fitted to them; as they were where nothing comes of it."""
     ahead = remade(data, fitted.model, OFFSET_M * fitted.offsets, substeps)
     left, before = (sum(np.count_nonzero(piece.keep) for piece in which.fitted) for which in (ahead, data))
@@ -213,16 +221,16 @@ def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS,
     # Behind an observer a light body may fly off; a motion rebuilt by a model far off makes it worse.
     first = fitted.problem.pieces[0]
     louder = first.noise_nm / (first.noise_factor * data.noise_nm)  # the same error over a noise that is known better now
-    now, then = in_groups_of(found, fitted), in_groups_of(fitted, found)
+    now, then = ratio_in_groups_of(found, fitted), ratio_in_groups_of(fitted, found)
     sound = math.isfinite(found.objective) and now < WORSE * then * max(louder, 1.0)
     return (ahead, found) if sound else (data, fitted)
 
 
-def in_groups_of(one: Fitted, other: Fitted) -> float:
+def ratio_in_groups_of(one: Fitted, other: Fitted) -> float:
     """Error over the noise of one fit where as many neighbours make a value as in another: else they see other frequencies."""
     parts = np.split(one.residual, one.problem.ends[1:-1])
     squares = [
-        (replace(piece, group=beside.group).grouped(white) if piece.group == 1 else white) ** 2
+        (replace(piece, group=beside.group).group_sums(white) if piece.group == 1 else white) ** 2
         for white, piece, beside in zip(parts, one.problem.pieces, other.problem.pieces, strict=True)
     ]
     return float(np.sqrt(np.mean(np.concatenate(squares))))

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.fit.likelihood import OFFSET_M, Minimum, Problem, hopeless, time_blocks
-from beltcomm.fit.local_quadratic import Nearby
+from beltcomm.fit.local_quadratic import LocalQuadratic
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
-from beltcomm.fit.segment import Segment, whitened, with_observer, with_observers
+from beltcomm.fit.segment import Segment, whitened_residual, with_observer, with_observers
 from beltcomm.fit.touches import free_parameters
 from beltcomm.model import Model
 
@@ -80,9 +80,9 @@ class Fitted:
         return self.problem.offsets(self.x) if self.problem.movable else np.zeros(len(self.problem.pieces))
 
     @cached_property
-    def nearby(self) -> Nearby:
+    def nearby(self) -> LocalQuadratic:
         """The neighbourhood of this minimum, worked out once: several questions in a row ask for it."""
-        return Nearby(self.problem, self.x, self.residual)
+        return LocalQuadratic(self.problem, self.x, self.residual)
 
 
 def fit(
@@ -115,8 +115,8 @@ def fit_of(
 ) -> Fitted:
     """The same of a problem made already by :func:`problem_of`."""
     if needs_observer(problem.model):  # then an observer knows itself how the carriage may stand at first
-        return _followed(problem, data, iterations, fixed, enough, goal)
-    return _found(problem, problem.minimise(problem.start(offsets), iterations, enough=enough, goal=goal), data)
+        return _fit_with_observers(problem, data, iterations, fixed, enough, goal)
+    return _fitted_at(problem, problem.minimise(problem.start(offsets), iterations, enough=enough, goal=goal), data)
 
 
 def resume_fit(data: Data, begun: Fitted, iterations: int) -> Fitted:
@@ -124,10 +124,10 @@ def resume_fit(data: Data, begun: Fitted, iterations: int) -> Fitted:
     if begun.onward is None:
         return begun
     best = begun.problem, Minimum(begun.x, begun.residual, begun.objective)
-    return _followed(problem_of(data, begun.onward), data, iterations, best=best)
+    return _fit_with_observers(problem_of(data, begun.onward), data, iterations, best=best)
 
 
-def _followed(
+def _fit_with_observers(
     problem: Problem,
     data: Data,
     iterations: int,
@@ -156,7 +156,7 @@ def _followed(
         lost |= hopeless(best[1].objective - goal, least - best[1].objective, math.ceil(left / AT_A_TIME))
         through = not gain >= FOLLOWED_ENOUGH  # also where a body flew off, and it is no number
         if left <= 0 or through or lost:
-            return _found(*best, data, None if through or lost else problem.model)
+            return _fitted_at(*best, data, None if through or lost else problem.model)
         found = problem.minimise(x, min(left, AT_A_TIME), enough=enough)
         left, gain = left - AT_A_TIME, here.objective - found.objective
         if best[0] is not problem:
@@ -164,11 +164,11 @@ def _followed(
         problem = problem_of(data, problem.model_at(found.x, "laboratory"), fixed)
 
 
-def _found(problem: Problem, at: Minimum, data: Data, onward: Model | None = None) -> Fitted:
+def _fitted_at(problem: Problem, at: Minimum, data: Data, onward: Model | None = None) -> Fitted:
     """A minimum, and what its model makes of the records held out."""
     problem.forget()  # most fits are only compared; what they looked at would be kept with each of them
     best = problem.model_at(at.x, "laboratory")
-    held_residual = tuple(judged(piece, best) for piece in data.held_out)
+    held_residual = tuple(held_out_residual(piece, best) for piece in data.held_out)
     return Fitted(best, problem, at.x, at.residual, at.objective, held_residual, held_objective(data, held_residual), onward)
 
 
@@ -194,19 +194,19 @@ def problem_of(data: Data, model: Model, fixed: Sequence[str] = (), block_s: flo
     return Problem(pieces, model, free_parameters(model, ("transmission.ratio", *fixed)), block_s)
 
 
-def judged(piece: Segment, model: Model) -> Array:
+def held_out_residual(piece: Segment, model: Model) -> Array:
     """Whitened residual of a held-out stretch; only where its carriage stuck at the start is fitted to it."""
     vector, piece = model.vector(), with_observer(piece, model)
-    here = whitened(piece, model, vector)
+    here = whitened_residual(piece, model, vector)
     if "cart" not in model.base_bodies or piece.observer is not None:
         return here
 
     def cost(offset: float) -> float:
-        return float(np.sum(np.minimum(whitened(piece, model, vector, offset) ** 2, OUTLIER**2)))
+        return float(np.sum(np.minimum(whitened_residual(piece, model, vector, offset) ** 2, OUTLIER**2)))
 
     near = min((APART_M * k for k in range(-SIDEWAYS, SIDEWAYS + 1)), key=cost)
     found = minimize_scalar(cost, bounds=(near - APART_M, near + APART_M), method="bounded", options={"xatol": 1e-3 * APART_M})
-    return whitened(piece, model, vector, found.x) if found.fun < cost(0.0) else here
+    return whitened_residual(piece, model, vector, found.x) if found.fun < cost(0.0) else here
 
 
 def held_objective(data: Data, residuals: Sequence[Array]) -> float:

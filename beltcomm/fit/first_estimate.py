@@ -15,7 +15,7 @@ from scipy.optimize import minimize, nnls
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
-from beltcomm.fit.jumps import CERTAIN, Jump, refuse, striking_step
+from beltcomm.fit.jumps import CERTAIN, Jump, largest_step, refuse
 from beltcomm.fit.low_pass import fine, legible, smooth
 from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.segment import Segment, evaluate, segments
@@ -116,7 +116,7 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
     """
     step = 2.0 * np.pi / counts_per_rev
     for recording in recordings:
-        striking = striking_step(recording, start["motor.inertia"], step, CERTAIN)
+        striking = largest_step(recording, start["motor.inertia"], step, CERTAIN)
         if striking is not None:
             first, size = striking
             refuse([Jump(recording.name, float(recording.t_s[first]), size)], step)
@@ -171,7 +171,7 @@ def _lowest(rests: Array, number: int) -> list[tuple[int, int]]:
     return [(int(i), int(j)) for i, j in zip(*np.unravel_index(order, rests.shape), strict=True)]
 
 
-def moved_enough(recording: Recording, model: Model, counts_per_rev: int) -> bool:
+def is_excited(recording: Recording, model: Model, counts_per_rev: int) -> bool:
     """Whether a record has enough moving samples for a first estimate."""
     noise = torque_noise([recording])
     return _moving(legible_stretches(recording, model, 2.0 * np.pi / counts_per_rev, noise)) >= FEWEST_SAMPLES

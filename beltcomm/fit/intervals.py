@@ -144,7 +144,7 @@ def information_of(fitted: Fitted) -> Information:
     free = np.flatnonzero(seen)
     norms = np.linalg.norm(columns[:, free], axis=0)
     columns, scale = columns[:, free] / norms, problem.scale[free] / norms
-    slope, curvature = problem.rounding(fitted.x)
+    slope, curvature = problem.rounding_derivatives(fitted.x)
     of_block = np.zeros(len(problem.count))
     of_block[problem.blocks] = weights**2
     pulled = (of_block / problem.count)[:, None] * slope[:, free] / norms
@@ -157,7 +157,7 @@ def information_of(fitted: Fitted) -> Information:
     whole = parts.sum(axis=0)
     inverse, unknown = inverse_of(whole - turned * least_left(whole, turned))
     names = tuple(problem.free[i] for i in free)
-    scores, pulls = summed(gradient, time_blocks(problem.pieces, GROUP_S)), summed(gradient, records)
+    scores, pulls = sum_by_label(gradient, time_blocks(problem.pieces, GROUP_S)), sum_by_label(gradient, records)
     elsewhere = np.zeros_like(inverse)
     if problem.nuisance is not None:
         others, known = problem.nuisance.columns * weights[:, None], problem.nuisance.information
@@ -195,7 +195,7 @@ def spread_of(fitted: Fitted) -> Spread:
     return Spread(names, told.covariance * units, told.freedom, moved * scale, shares * units, systematic, bound)
 
 
-def wanted_of(fitted: Fitted) -> dict[str, tuple[float, float]]:
+def unbounded_estimates(fitted: Fitted) -> dict[str, tuple[float, float]]:
     """Where the data alone, without bounds, would have each parameter at a bound, and one standard deviation of it, in its unit.
 
     One of which the residual does not depend is missing.
@@ -223,7 +223,7 @@ def inverse_of(information: Array) -> tuple[Array, Array]:
     return (vectors / np.maximum(values, least)) @ vectors.T, unseen @ unseen.T / least
 
 
-def summed(rows: Array, labels: NDArray[np.int64]) -> Array:
+def sum_by_label(rows: Array, labels: NDArray[np.int64]) -> Array:
     """Sum over each group, (groups, n), of (values, n)."""
     sums = np.zeros((int(labels.max()) + 1, rows.shape[1]))
     np.add.at(sums, labels, rows)
@@ -233,7 +233,7 @@ def summed(rows: Array, labels: NDArray[np.int64]) -> Array:
 def records_of(problem: Problem) -> NDArray[np.int64]:
     """Running number of the record of every value of the residual."""
     numbers = {name: i for i, name in enumerate(dict.fromkeys(piece.record for piece in problem.pieces))}
-    return np.repeat([numbers[piece.record] for piece in problem.pieces], [len(piece.counted) for piece in problem.pieces])
+    return np.repeat([numbers[piece.record] for piece in problem.pieces], [len(piece.value_samples) for piece in problem.pieces])
 
 
 def without_each(told: Information) -> tuple[Array, Array]:

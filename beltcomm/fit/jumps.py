@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.errors import DamagedRecord
-from beltcomm.fit.segment import segments, whitened
+from beltcomm.fit.segment import segments, whitened_residual
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -42,7 +42,7 @@ class Jump:
     size_rad: float
 
 
-def striking_step(recording: Recording, inertia_kg_m2: float, step_rad: float, striking: float) -> tuple[int, float] | None:
+def largest_step(recording: Recording, inertia_kg_m2: float, step_rad: float, striking: float) -> tuple[int, float] | None:
     """(first sample after it, rad) of the step that stands out most, None when none stands out.   striking : see ``CERTAIN``."""
     torque, steps = recording.torque, np.diff(recording.position)
     if len(steps) < 4:
@@ -64,7 +64,7 @@ def proven_jumps(recording: Recording, model: Model, step_rad: float, noise_nm: 
     remaining = recording
     before = _squares(remaining, model, step_rad, noise_nm)
     while before is not None and len(found) < MOST_JUMPS:
-        step = striking_step(remaining, model["motor.inertia"], step_rad, SUSPICIOUS)
+        step = largest_step(remaining, model["motor.inertia"], step_rad, SUSPICIOUS)
         if step is None:
             break
         first, size = step
@@ -105,5 +105,5 @@ def refuse(jumps: Sequence[Jump], step_rad: float) -> None:
 
 def _squares(recording: Recording, model: Model, step_rad: float, noise_nm: float) -> Array | None:
     pieces = segments(recording, model, step_rad, noise_nm, fitted=True)
-    squares = [whitened(piece, model, model.vector()) ** 2 for piece in pieces]
+    squares = [whitened_residual(piece, model, model.vector()) ** 2 for piece in pieces]
     return np.concatenate(squares) if sum(map(len, squares)) else None

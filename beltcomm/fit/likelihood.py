@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from beltcomm.compiled import in_one_thread
 from beltcomm.fit.arrowhead import ArrowheadJacobian
-from beltcomm.fit.observer import Step, slopes
+from beltcomm.fit.observer import Perturbation, slopes
 from beltcomm.fit.reversals import LEVEL
 from beltcomm.fit.rounding_bias import RoundingBias
-from beltcomm.fit.segment import Segment, followed, in_noise, with_observers
+from beltcomm.fit.segment import Segment, in_noise, observed_residuals, with_observers
 from beltcomm.fit.touches import Touch, touched_by, touches_noise
 from beltcomm.model import Model, expected_parameters
 from beltcomm.simulate.inverse import (
@@ -112,10 +112,10 @@ class Problem:
         self.inertia = model.index("motor.inertia")
         self.touches = [touched_by(model, name) for name in self.free]
         self.touches_noise = [touches_noise(model, name) for name in self.free]
-        self.ends = np.cumsum([0, *(len(piece.counted) for piece in self.pieces)])
+        self.ends = np.cumsum([0, *(len(piece.value_samples) for piece in self.pieces)])
         self.blocks = time_blocks(self.pieces, block_s)
         self.count = np.bincount(self.blocks).astype(np.float64)
-        owners = np.repeat(np.arange(len(self._pieces)), [len(piece.counted) for piece in self._pieces])
+        owners = np.repeat(np.arange(len(self._pieces)), [len(piece.value_samples) for piece in self._pieces])
         self.piece_of_block = np.zeros(len(self.count), dtype=np.intp)
         self.piece_of_block[self.blocks] = owners
         self.nuisance: Nuisance | None = None
@@ -178,18 +178,18 @@ class Problem:
     def one(self, i: int, x: Array) -> Array:
         """Whitened residual of piece i."""
         if self.pieces[i].observer is not None:
-            return self.followed(x)[i]
+            return self.observed_residuals(x)[i]
         offset = OFFSET_M * float(x[len(self.free) + i]) if self.movable else 0.0
         key = (x[: len(self.free)].tobytes(), offset)
         parts = self.balance(i, x, offset)
         self.last[i] = (key, parts)
         return in_noise(self.pieces[i], self.model, self.full(x), parts.residual)
 
-    def followed(self, x: Array) -> list[Array]:
+    def observed_residuals(self, x: Array) -> list[Array]:
         """Whitened residuals of all pieces, which have observers."""
         key = x[: len(self.free)].tobytes()
         if not self.seen[1] or self.seen[0] != key:
-            self.seen = (key, followed(self.pieces, self.model, [self.full(x)] * len(self.pieces)))
+            self.seen = (key, observed_residuals(self.pieces, self.model, [self.full(x)] * len(self.pieces)))
         return self.seen[1]
 
     def balance(self, i: int, x: Array, offset_m: float) -> Parts:
@@ -220,7 +220,7 @@ class Problem:
         inertia[1:-1] = vector[self.inertia] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
         return inertia
 
-    def beside(self, i: int, x: Array, offset_m: float, old: Parts, touch: Touch) -> Parts:
+    def neighbour(self, i: int, x: Array, offset_m: float, old: Parts, touch: Touch) -> Parts:
         """The same at neighbouring unknowns; parts that are not touched are taken from ``old``."""
         vector, motion = self.full(x), old.motion
         if touch == "inertia":
@@ -246,7 +246,7 @@ class Problem:
         vector = self.full(x)
         observed = [j for j in shared if self.touches[j] in ("belt", "all")] if self.pieces[0].observer is not None else []
         if observed:
-            columns[:, observed] = self.followed_slopes(x, observed)
+            columns[:, observed] = self.observed_slopes(x, observed)
         for i, piece in enumerate(self.pieces):
             old = self.balance(i, x, float(offsets[i]))
             here = old.residual
@@ -255,13 +255,13 @@ class Problem:
             # An observer knows itself how the carriage may stand at first.
             offset_of = [own + i] if own + i in asked and piece.observer is None else []
             for j in [j for j in shared if j not in observed] + offset_of:
-                step, ahead = self.stepped(x, j)
+                step, ahead = self.perturbed(x, j)
                 touch: Touch = self.touches[j] if j < own else "belt"
                 offset = OFFSET_M * float(ahead[own + i]) if self.movable else 0.0
                 if touch == "belt":
                     belts[j] = (self.full(ahead), offset)
                 else:
-                    neighbours[j] = self.beside(i, ahead, offset, old, touch).residual
+                    neighbours[j] = self.neighbour(i, ahead, offset, old, touch).residual
             if belts:
                 vectors, places = zip(*belts.values(), strict=True)
                 loads = belt_loads(self.model, old.motion, vectors, places)
@@ -269,7 +269,7 @@ class Problem:
             changes: dict[int, Array] = {}
             own_white = in_noise(piece, self.model, vector, here) if piece.own_noise else np.zeros(0)
             for j, beside in neighbours.items():
-                step, ahead = self.stepped(x, j)
+                step, ahead = self.perturbed(x, j)
                 if piece.own_noise and j < own and self.touches_noise[j]:
                     columns[self.ends[i] : self.ends[i + 1], j] = (in_noise(piece, self.model, self.full(ahead), beside) - own_white) / step
                 else:
@@ -279,16 +279,16 @@ class Problem:
                 columns[self.ends[i] : self.ends[i + 1], [min(j, own) for j in changes]] = white
         return ArrowheadJacobian(columns, self.ends if self.movable else self.ends[:1])
 
-    def followed_slopes(self, x: Array, numbers: Sequence[int]) -> Array:
+    def observed_slopes(self, x: Array, numbers: Sequence[int]) -> Array:
         """Columns of unknowns behind the observers of the pieces, (n, numbers)."""
         steps = []
         for j in numbers:
-            length, ahead = self.stepped(x, j)
-            steps.append(Step(length, self.full(ahead), self.touches[j] == "all"))
-        found = slopes([one for piece in self.pieces for one in piece.seen], self.model, self.full(x), steps)
-        return np.concatenate([piece.grouped(white[piece.keep]) for piece, white in zip(self.pieces, found, strict=True)])
+            length, ahead = self.perturbed(x, j)
+            steps.append(Perturbation(length, self.full(ahead), self.touches[j] == "all"))
+        found = slopes([one for piece in self.pieces for one in piece.observations], self.model, self.full(x), steps)
+        return np.concatenate([piece.group_sums(white[piece.keep]) for piece, white in zip(self.pieces, found, strict=True)])
 
-    def stepped(self, x: Array, j: int) -> tuple[float, Array]:
+    def perturbed(self, x: Array, j: int) -> tuple[float, Array]:
         """A small step of one unknown, to the side where there is room, and the unknowns there."""
         step = 1e-3 * max(abs(x[j]), 0.1)
         if x[j] + step > self.high[j]:
@@ -316,13 +316,13 @@ class Problem:
         """Square root of φ'(c) of every sample's block, (n,)."""
         return np.asarray((1.0 / np.sqrt(np.maximum(1.0, self.block_means(residual))))[self.blocks])
 
-    def rounding(self, x: Array) -> tuple[Array, Array]:
+    def rounding_derivatives(self, x: Array) -> tuple[Array, Array]:
         """Slope, (blocks, p), and curvature, (blocks, p, p), of what rounding adds to the squares of each block; p : shared unknowns."""
         own = len(self.free)
         moved = [j for j in range(own) if self.touches_noise[j]]
         steps, others = [], []
         for j in moved:
-            step, ahead = self.stepped(x, j)
+            step, ahead = self.perturbed(x, j)
             steps.append(step)
             others.append(self.full(ahead))
         slope, curvature = self.bias.responses(self.full(x), others, np.array(steps))
@@ -348,7 +348,7 @@ class Problem:
             unit, own = np.diag(information).copy(), len(self.free)
             of_block = np.zeros(len(self.count))
             of_block[self.blocks] = weights**2
-            slope, curvature = self.rounding(x)
+            slope, curvature = self.rounding_derivatives(x)
             gradient[:own] -= 0.5 * of_block @ slope
             information[:own, :own] -= np.tensordot(of_block, curvature, 1)
             outward = ((x <= self.low) & (gradient > 0.0)) | ((x >= self.high) & (gradient < 0.0))
@@ -388,7 +388,7 @@ def time_blocks(pieces: Sequence[Segment], seconds: float) -> NDArray[np.int64]:
     """Running number of the time block of every value of the residual, blocks never crossing a stretch."""
     labels, first = [], 0
     for piece in pieces:
-        block = piece.counted // max(int(seconds / piece.motion.sample_s), 1)
+        block = piece.value_samples // max(int(seconds / piece.motion.sample_s), 1)
         labels.append(block + first)
         first += piece.motion.samples
     if not labels:

@@ -37,7 +37,7 @@ class Near:
     step: Array
 
 
-class Nearby:
+class LocalQuadratic:
     """The neighbourhood of the unknowns x of a problem, with the residual r found there."""
 
     def __init__(self, problem: Problem, x: Array, residual: Array) -> None:
@@ -103,7 +103,7 @@ class Nearby:
         found[:, :k], found[:, k], found[:, k + 1 :] = place[:k], of_stretch[0 if self.segment is None else self.segment], place[p:]
         return found
 
-    def screened(self, columns: Array, group: int, signed: bool) -> tuple[Array, Array]:
+    def rough_gains(self, columns: Array, group: int, signed: bool) -> tuple[Array, Array]:
         """Roughly how far O falls with each group of neighbouring columns, weights as they stand, no bounds; and how far it would fall if
         the group were there, with the phase that shows least; (n, k) -> (k/group,) each.
 

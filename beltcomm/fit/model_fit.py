@@ -14,10 +14,10 @@ from scipy.special import stdtrit
 from beltcomm.errors import DataError
 from beltcomm.fit.base import fit_base
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import Spread, spread_of, wanted_of, with_intervals
+from beltcomm.fit.intervals import Spread, spread_of, unbounded_estimates, with_intervals
 from beltcomm.fit.noise_level import noise_colour, torque_noise
 from beltcomm.fit.nuisance import held_remarks
-from beltcomm.fit.records import Data, made, shown_step
+from beltcomm.fit.records import Data, apparent_step, prepare_records
 from beltcomm.fit.remarks import remark_on, remarks_on_pairs
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.model import Model
@@ -125,7 +125,7 @@ class ModelFit:
         """Sentences: bounds, what is known badly and why."""
         parameters, deviation = self.model.parameters, np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         wanted = {n: (parameters[n].value, float(deviation[i])) for i, n in enumerate(self.free)}
-        wanted |= {n: told for n, told in wanted_of(self.fitted).items() if parameters[n].interval is None}
+        wanted |= {n: told for n, told in unbounded_estimates(self.fitted).items() if parameters[n].interval is None}
         told = [remark_on(n, parameters[n], *wanted[n]) for n in self.free]
         if self.suspect:
             told.append(
@@ -156,8 +156,8 @@ def fit_model(
     """
     to_fit = [r for r in recordings if not r.sidecar.held_out]
     noise = torque_noise(to_fit) if noise_nm is None else noise_nm
-    step = shown_step(to_fit, 2.0 * np.pi / counts_per_rev, noise)
-    data = made(recordings, start, noise, step, {}, path=path, colour=noise_colour(to_fit))
+    step = apparent_step(to_fit, 2.0 * np.pi / counts_per_rev, noise)
+    data = prepare_records(recordings, start, noise, step, {}, path=path, colour=noise_colour(to_fit))
     _check_enough(data, len(start.parameters) - len(fixed) - 1)
     data, fitted = fit_base(data, start, fixed=fixed, path=path, sheet=sheet, progress=progress)
     if not math.isfinite(fitted.objective):

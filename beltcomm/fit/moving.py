@@ -24,7 +24,7 @@ RUN_IN_TRAVEL_M = 1e-4
 RUN_IN_S = 0.2
 
 
-def resting(motion: FineMotion, stick_speed: float) -> NDArray[np.bool_]:
+def resting_samples(motion: FineMotion, stick_speed: float) -> NDArray[np.bool_]:
     """Samples whose triangular weight (one period before and after) touches a reversal or a speed below the stick speed."""
     n, m = motion.samples, motion.substeps
     omega = motion.omega if motion.creep is None else motion.creep[1]
@@ -36,7 +36,7 @@ def resting(motion: FineMotion, stick_speed: float) -> NDArray[np.bool_]:
     return touched
 
 
-def creeping(position: Array, sample_s: float, step_rad: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def creeping_samples(position: Array, sample_s: float, step_rad: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Samples around which the motor goes on in one direction, however slowly, and those of them where it does so evenly, (n,) each.
 
     In each of the two spans of time before and after it, it gets on by several steps of the encoder, nowhere there back by one, and
@@ -81,7 +81,7 @@ def crept(motion: FineMotion, position: Array, creeps: NDArray[np.bool_]) -> tup
     return theta, omega
 
 
-def between_steps(angle: Array, position: Array, step_rad: float) -> NDArray[np.bool_]:
+def samples_between_counts(angle: Array, position: Array, step_rad: float) -> NDArray[np.bool_]:
     """Samples around which an angle swings further than its counts tell, (n,): a slow motion that steps now and then looks so.
 
     angle : the likeliest, rad, (n,).   position : as it was counted, rad, (n,).

@@ -28,7 +28,7 @@ def noise_information(problem: Problem, x: Array, weights: Array) -> Array:
     own = len(problem.free)
     found = np.zeros((own, own))
     moved = [j for j in range(own) if problem.touches_noise[j]]
-    ahead = [problem.stepped(x, j) for j in moved]
+    ahead = [problem.perturbed(x, j) for j in moved]
     here = problem.model.with_vector(problem.full(x))
     beside = [problem.model.with_vector(problem.full(other)) for _, other in ahead]
     at = np.array(moved, dtype=np.intp)
@@ -36,20 +36,22 @@ def noise_information(problem: Problem, x: Array, weights: Array) -> Array:
         if not piece.own_noise:
             continue
         weight = weights[problem.ends[i] : problem.ends[i + 1]]
-        base = passed_on(piece, here, i)
-        columns = np.stack([weight * (passed_on(piece, other, i) - base) / step for other, (step, _) in zip(beside, ahead, strict=True)], 1)
+        base = draw_of_noise(piece, here, i)
+        columns = np.stack(
+            [weight * (draw_of_noise(piece, other, i) - base) / step for other, (step, _) in zip(beside, ahead, strict=True)], 1
+        )
         found[at[:, None], at] += columns.T @ columns
     return found
 
 
-def passed_on(piece: Segment, model: Model, seed: int) -> Array:
+def draw_of_noise(piece: Segment, model: Model, seed: int) -> Array:
     """One draw, by ``seed``, of the noises of a segment as a model passes them on, over the deviation that it expects; (values,)."""
     along = noise_paths_of(piece, model)
     levels = [noises(path, piece.step_rad, piece.noise_nm, piece.rounding, piece.colour) for path in along.paths]
     f, g, h, d = (np.stack([getattr(path, name) for path, _, _ in levels]) for name in "FGHD")
     variances = levels[0][1]
     drawn = np.random.default_rng(seed).standard_normal((len(piece.keep), len(variances))) * np.sqrt(variances)
-    return piece.grouped(whitener_of(piece, model)(_driven(f, g, h, d, along.level, drawn), piece.keep))
+    return piece.group_sums(whitener_of(piece, model)(_driven(f, g, h, d, along.level, drawn), piece.keep))
 
 
 @compiled

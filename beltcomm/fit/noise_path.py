@@ -73,14 +73,14 @@ class NoisePath:
 
 
 @dataclass(frozen=True)
-class Way:
+class NoiseSchedule:
     """Noise paths along the way of a stretch.   paths : of all levels.   level : (n,), which of them holds at each sample."""
 
     paths: tuple[NoisePath, ...]
     level: NDArray[np.int64]
 
 
-def way(model: Model, places_m: Array, sample_s: float, left: Array | None = None) -> Way:
+def way(model: Model, places_m: Array, sample_s: float, left: Array | None = None) -> NoiseSchedule:
     """The paths at the places of the carriage, (n,), m: one in the middle of the way, several where the belt's stiffness changes on it
     and is known everywhere, or where a strand goes slack.
 
@@ -88,22 +88,22 @@ def way(model: Model, places_m: Array, sample_s: float, left: Array | None = Non
     belt's stiffness at each sample; all of it without.
     """
     low, high = float(places_m.min()), float(places_m.max())
-    at, stiffness = course(model, low, high)
+    at, stiffness = stiffness_levels(model, low, high)
     own, shares = np.interp(places_m, at, stiffness), np.ones(len(at))
     if left is not None:
         at, stiffness, shares = places_m, own + np.log(left), left
         own = stiffness
     if np.ptp(stiffness) < LEVEL:
-        return Way((noise_path(model, 0.5 * (low + high), sample_s),), np.zeros(len(places_m), dtype=np.int64))
+        return NoiseSchedule((noise_path(model, 0.5 * (low + high), sample_s),), np.zeros(len(places_m), dtype=np.int64))
     number = math.ceil(np.ptp(stiffness) / LEVEL)
     edges = np.linspace(stiffness.min(), stiffness.max(), number + 1)
     shown = [np.argmin(np.abs(stiffness - 0.5 * (a + b))) for a, b in itertools.pairwise(edges)]
     paths = tuple(noise_path(model, float(at[i]), sample_s, float(shares[i])) for i in shown)
-    return Way(paths, np.searchsorted(edges[1:-1], own))
+    return NoiseSchedule(paths, np.searchsorted(edges[1:-1], own))
 
 
-def course(model: Model, low_m: float, high_m: float) -> tuple[Array, Array]:
-    """Places, m, and the logarithm of :func:`held` there; one place and 0 where it hardly changes, or is not known everywhere."""
+def stiffness_levels(model: Model, low_m: float, high_m: float) -> tuple[Array, Array]:
+    """Places, m, and ln of :func:`stiffness_to_ground` there; one place and 0 where it hardly changes, or is not known everywhere."""
     ends, places, at = (np.linspace(low_m, high_m, number) for number in (3, PLACES, FINE_PLACES))
     rough = stiffnesses(model, ends) if "cart" in model.base_bodies else None
     if rough is None or np.ptp(rough) < LEVEL or (known := stiffnesses(model, places)) is None:
@@ -112,15 +112,15 @@ def course(model: Model, low_m: float, high_m: float) -> tuple[Array, Array]:
 
 
 def stiffnesses(model: Model, places_m: Array) -> Array | None:
-    """Logarithm of :func:`held`, N/m, at places m, (n,) -> (n,); None where a law, as a search has it, holds nothing at one of them."""
+    """ln of :func:`stiffness_to_ground`, N/m, at places m, (n,) -> (n,); None where a law, as a search has it, holds nothing at one."""
     try:
-        found = np.array([held(model, float(x)) for x in places_m])
+        found = np.array([stiffness_to_ground(model, float(x)) for x in places_m])
     except ZeroDivisionError:
         return None
     return np.asarray(np.log(found)) if np.all(np.isfinite(found)) and found.min() > 0.0 else None
 
 
-def held(model: Model, position_m: float) -> float:
+def stiffness_to_ground(model: Model, position_m: float) -> float:
     """Stiffness of all that holds the carriage at a place while the other bodies stand, N/m."""
     total, cart = 0.0, carriage_of([body.name for _, body in model.bodies()])
     for effect in model.effect_list():
@@ -193,7 +193,7 @@ def _path(
         # Free in a gap, a force that goes with the place may push it away from where it is.
         begins[n // 2 + i - 1, n // 2 + i - 1, MOTION] = swings[i] ** 2 * max(stiffness[i, i], 0.0) / mass[i, i]
     path = NoisePath(f, gain, h, np.array([after[n + 3] + NEW * g, -0.5]), begins, sample_s)
-    return acting_late(read_late(path, reading_s), dead_s, lag_s)
+    return with_dead_time(read_late(path, reading_s), dead_s, lag_s)
 
 
 def with_state_in_front(begins: Array) -> Array:
@@ -228,7 +228,7 @@ def read_late(path: NoisePath, time_s: float) -> NoisePath:
     return NoisePath(f, gain, h, np.array([c * path.D[0], path.D[1]]), begins, path.sample_s)
 
 
-def acting_late(path: NoisePath, dead_s: float, lag_s: float) -> NoisePath:
+def with_dead_time(path: NoisePath, dead_s: float, lag_s: float) -> NoisePath:
     """The path where the reported torque acts ``dead_s`` later, behind a lag ``lag_s``: its noise is smoothed, rounding as before.
 
     The noise w[n] of a period acts from its share f = dead_s/T - floor(dead_s/T) on; whole periods make no other noise.  With y what acts,

@@ -18,7 +18,7 @@ from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.likelihood import OFFSET_M, Nuisance
 from beltcomm.fit.path_values import path_nuisance
 from beltcomm.fit.records import Data
-from beltcomm.fit.segment import evaluated
+from beltcomm.fit.segment import evaluate_each
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]
@@ -84,7 +84,7 @@ def _held_nuisance(fitted: Fitted) -> Nuisance | None:
     steps = {name: STEP * fitted.model[name] for name in held}
     moved = [vector + step * np.eye(len(vector))[fitted.model.index(name)] for name, step in steps.items()]
     for piece, offset in zip(problem.pieces, OFFSET_M * fitted.offsets, strict=True):
-        here, *ahead = evaluated(piece, fitted.model, [vector, *moved], [float(offset)] * (1 + len(moved)))
+        here, *ahead = evaluate_each(piece, fitted.model, [vector, *moved], [float(offset)] * (1 + len(moved)))
         changes = np.stack([(one - here) / step for one, step in zip(ahead, steps.values(), strict=True)], axis=1)
         columns.append(piece.white(changes))
     deviations = [TOLERANCES[name] * fitted.model[name] / 1.96 for name in held]

@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.fit.noise_path import course, path_of
+from beltcomm.fit.noise_path import path_of, stiffness_levels
 from beltcomm.fit.whitening import noises
 from beltcomm.model import Model
 from beltcomm.model.linear import matrices, operating_point
-from beltcomm.simulate.inverse import FineMotion, acting_torque, followed, followed_beside, motor_load, true_motion
-from beltcomm.simulate.kernels.observer import Watch, filtered, unseen
+from beltcomm.simulate.inverse import FineMotion, acting_torque, follow_bodies, linear_innovations, motor_load, true_motion
+from beltcomm.simulate.kernels.observer import ObserverState, filter_columns, reset
 from beltcomm.simulate.kernels.writer import catalogue_bodies
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 FORGOTTEN_S = 0.04
 
 
-class Step(NamedTuple):
+class Perturbation(NamedTuple):
     """A small step of one unknown.   vector : of the model at its end.   moves : whether the motor's angle, or what the torque leaves for
     the bodies, is another there."""
 
@@ -40,7 +40,7 @@ class Observer:
     model, motion, torque : those it was worked out with; what it found on the way stands in ``watch`` as well.
     """
 
-    watch: Watch
+    watch: ObserverState
     model: Model
     motion: FineMotion
     torque: Array
@@ -49,16 +49,16 @@ class Observer:
         """What changes of the residual, N m, (n,) or (n, k), change of the innovations to first order, over their deviation."""
         w = self.watch
         columns = np.ascontiguousarray(torque if torque.ndim == 2 else torque[:, None])
-        out = filtered(columns, keep, w.F, w.H, w.gains, w.deviations, w.shares)
+        out = filter_columns(columns, keep, w.F, w.H, w.gains, w.deviations, w.shares)
         return out if torque.ndim == 2 else out[:, 0]
 
-    def knows(self, seen: Seen, model: Model, vector: Array) -> bool:
+    def knows(self, seen: Observation, model: Model, vector: Array) -> bool:
         """Whether this is what it was worked out with."""
         same = seen.motion is self.motion and seen.torque is self.torque and model.effects == self.model.effects
         return same and np.allclose(vector, self.model.vector(), rtol=1e-12, atol=0.0)
 
 
-class Seen(NamedTuple):
+class Observation(NamedTuple):
     """What is looked at behind an observer.   torque : ndarray (n,), N m, as reported."""
 
     observer: Observer
@@ -66,26 +66,26 @@ class Seen(NamedTuple):
     torque: Array
 
 
-def innovations(seen: Sequence[Seen], model: Model, vectors: Sequence[Array]) -> list[tuple[Array, Array]]:
+def innovations(seen: Sequence[Observation], model: Model, vectors: Sequence[Array]) -> list[tuple[Array, Array]]:
     """ν over its deviation, 0 where nothing is kept, and e, N m at the motor shaft, of a model behind each observer; (n,) each."""
     watches = [one.observer.watch for one in seen]
     others = [i for i, (one, vector) in enumerate(zip(seen, vectors, strict=True)) if not one.observer.knows(one, model, vector)]
     motions = [true_motion(model, seen[i].motion, vectors[i]) for i in others]
     for i, motion in zip(others, motions, strict=True):
-        watches[i] = unseen(watches[i], left_for_bodies(model, motion, seen[i].torque, vectors[i]))
+        watches[i] = reset(watches[i], load_beyond_motor(model, motion, seen[i].torque, vectors[i]))
     if others:
-        followed(model, motions, [vectors[i] for i in others], [watches[i] for i in others])
+        follow_bodies(model, motions, [vectors[i] for i in others], [watches[i] for i in others])
     return [(watch.white, watch.left) for watch in watches]
 
 
-def slopes(seen: Sequence[Seen], model: Model, vector: Array, steps: Sequence[Step]) -> list[Array]:
+def slopes(seen: Sequence[Observation], model: Model, vector: Array, steps: Sequence[Perturbation]) -> list[Array]:
     """By how much ν over its deviation changes with each step, over its length, behind each observer; (n, steps) each."""
     still, moving = ([number for number, step in enumerate(steps) if step.moves == moves] for moves in (False, True))
     found = []
     for one in seen:
         true = true_motion(model, one.motion, vector)
-        watch = one.observer.watch._replace(wanted=left_for_bodies(model, true, one.torque, vector))
-        white = followed_beside(model, true, [vector, *(steps[number].vector for number in still)], watch)
+        watch = one.observer.watch._replace(wanted=load_beyond_motor(model, true, one.torque, vector))
+        white = linear_innovations(model, true, [vector, *(steps[number].vector for number in still)], watch)
         found.append(np.column_stack((white, np.empty((len(white), len(moving))))))
     for place, number in enumerate(moving, start=1 + len(still)):
         for white, (other, _) in zip(found, innovations(seen, model, [steps[number].vector] * len(seen)), strict=True):
@@ -101,7 +101,7 @@ def needs_observer(model: Model) -> bool:
     return loose and not any(e.slot == "torque_reading" for e in effects)
 
 
-def left_for_bodies(model: Model, motion: FineMotion, torque: Array, vector: Array) -> Array:
+def load_beyond_motor(model: Model, motion: FineMotion, torque: Array, vector: Array) -> Array:
     """Load that the torque leaves for everything beyond the motor, N m, (n,).   motion : true."""
     left = acting_torque(model, motion, torque, vector) - motor_load(model, motion, vector)
     left[1:-1] -= vector[model.index("motor.inertia")] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
@@ -121,11 +121,11 @@ def stiffest(model: Model, low_m: float, high_m: float, places_m: Array) -> tupl
 
     A filter whose gains are worked out for a belt less than half as stiff as it is overshoots and flies off.
     """
-    at, logarithms = course(model, low_m, high_m)
+    at, logarithms = stiffness_levels(model, low_m, high_m)
     return float(at[np.argmax(logarithms)]), np.exp(np.interp(places_m, at, logarithms) - logarithms.max())
 
 
-def untuned(
+def untuned_observer(
     model: Model,
     motion: FineMotion,
     torque: Array,
@@ -137,7 +137,7 @@ def untuned(
     process_noise: float,
     freedom_m: float = 0.0,
 ) -> Observer:
-    """The observer of a stretch for a model, before it is :func:`tuned`.   start_m : rms stretch of the belt at first, m.
+    """The observer of a stretch for a model, before it is :func:`tuned_observers`.   start_m : rms stretch of the belt at first, m.
 
     process_noise : by how much the speed of the carriage changes in each sample as no model tells, rms, as a share of that at which it
     would swing through half the gap on its belt: in its gap it strikes rough ends at an angle, and rubs.
@@ -164,8 +164,8 @@ def untuned(
     by_chance[:, cart + len(names) - 1] = 1.0
     vector = model.vector()
     true = true_motion(model, motion, vector)
-    watch = Watch(
-        wanted=left_for_bodies(model, true, torque, vector),
+    watch = ObserverState(
+        wanted=load_beyond_motor(model, true, torque, vector),
         keep=keep,
         places=places,
         behind=len(names) - 1,
@@ -196,10 +196,10 @@ def untuned(
     return Observer(watch, model, motion, torque)
 
 
-def tuned(followers: Sequence[Observer]) -> list[Observer]:
+def tuned_observers(followers: Sequence[Observer]) -> list[Observer]:
     """Observers of models with the same effects, each with the gains, deviations and shares that its model finds on its stretch."""
     vectors = [observer.model.vector() for observer in followers]
     motions = [true_motion(observer.model, observer.motion, vector) for observer, vector in zip(followers, vectors, strict=True)]
     if followers:
-        followed(followers[0].model, motions, vectors, [observer.watch for observer in followers])
+        follow_bodies(followers[0].model, motions, vectors, [observer.watch for observer in followers])
     return [replace(observer, watch=observer.watch._replace(learning=False)) for observer in followers]

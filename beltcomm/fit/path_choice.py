@@ -21,7 +21,7 @@ from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.noise_level import repeats_itself
 from beltcomm.fit.path_values import columns_of, refine_path
 from beltcomm.fit.reading_fit import CLEAR, COMMAND, NORMAL_95, WHOLE, ReadingFit
-from beltcomm.fit.records import Data, made, rounding_torque
+from beltcomm.fit.records import Data, prepare_records, rounding_torque
 from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -89,24 +89,24 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     faithful = TorquePath(chain.law if chain is not None else None)
     shaped = chain is not None and (bool(chain.law.lags) or abs(chain.law.delay - round(chain.law.delay)) > WHOLE)
     if chain is None:
-        good = fitted.ratio <= GOOD and not _asked_for(data, fitted)
+        good = fitted.ratio <= GOOD and not _motion_asks_for_path(data, fitted)
         return PathChoice(faithful, chain) if good else _undone(data, start, to_fit)
     if (fitted.ratio <= GOOD and not shaped) or _illegible(data, start):
         return PathChoice(faithful, chain)
     lively = _liveliest(to_fit)
     other = next((rival for rival in sorted(chain.rivals, key=lambda rival: rival.cost) if rival.at_end != chain.at_end), None)
-    ways = [path for one in (chain, other) if one is not None for law in _apart(one.law) for path in splits(law, one.at_end)]
+    ways = [path for one in (chain, other) if one is not None for law in _split_second_order(one.law) for path in splits(law, one.at_end)]
     if not any(path.reading.faithful for path in ways):
         ways.append(faithful)
-    trials = sorted(((path, _tried(data, lively, start, path)) for path in ways), key=lambda trial: _level(trial[1]))
-    trials = [*(_refined(data, lively, *trial) for trial in trials[:REFINED]), *trials[REFINED:]]
+    trials = sorted(((path, _fit_by(data, lively, start, path)) for path in ways), key=lambda trial: _level(trial[1]))
+    trials = [*(_refine(data, lively, *trial) for trial in trials[:REFINED]), *trials[REFINED:]]
     less_likely = {other.at_end: other.cost - chain.cost} if other is not None else {}
     return _best_shape(data, lively, _best(trials, chain, less_likely=less_likely))
 
 
-def _refined(data: Data, recordings: Sequence[Recording], path: TorquePath, fitted: Fitted) -> tuple[TorquePath, Fitted]:
+def _refine(data: Data, recordings: Sequence[Recording], path: TorquePath, fitted: Fitted) -> tuple[TorquePath, Fitted]:
     """A path with its values as motion and reading together have them, and the fit by it."""
-    trial = made(recordings, fitted.model, data.noise_nm, data.step_rad, {}, path=path, colour=data.colour)
+    trial = prepare_records(recordings, fitted.model, data.noise_nm, data.step_rad, {}, path=path, colour=data.colour)
     ahead, found = refine_path(trial, fitted)
     return ahead.path, found
 
@@ -117,7 +117,7 @@ def _illegible(data: Data, start: Model) -> bool:
     return all(nm > ILLEGIBLE * float(np.std(piece.torque)) for nm, piece in zip(feigned, data.fitted, strict=True))
 
 
-def _apart(law: DriveLaw) -> list[DriveLaw]:
+def _split_second_order(law: DriveLaw) -> list[DriveLaw]:
     """The law, and the same with two filters of first order in place of a damped one of second: one of them may be the reading's."""
     found = [law]
     for place, lag in enumerate(law.lags):
@@ -158,7 +158,11 @@ def _best_shape(data: Data, recordings: Sequence[Recording], choice: PathChoice)
     best, path = choice.fitted, choice.path
     for law in laws:
         trial = replace(choice.path, drive=law)
-        found = fit(made(recordings, best.model, data.noise_nm, data.step_rad, {}, path=trial, colour=data.colour), best.model, ITERATIONS)
+        found = fit(
+            prepare_records(recordings, best.model, data.noise_nm, data.step_rad, {}, path=trial, colour=data.colour),
+            best.model,
+            ITERATIONS,
+        )
         more = _values(law) - _values(path.drive or law)
         price = max(more, 0) * (math.log(max(best.problem.samples, 2)) + CLEAR)
         if _level(found) < _level(best) - price / max(best.problem.samples, 1):
@@ -199,11 +203,11 @@ def _liveliest(recordings: Sequence[Recording]) -> list[Recording]:
     return chosen
 
 
-def _tried(data: Data, recordings: Sequence[Recording], start: Model, path: TorquePath) -> Fitted:
+def _fit_by(data: Data, recordings: Sequence[Recording], start: Model, path: TorquePath) -> Fitted:
     """The base model fitted to some records by one path, and once more with the motion rebuilt."""
-    trial = made(recordings, start, data.noise_nm, data.step_rad, {}, path=path, colour=data.colour)
+    trial = prepare_records(recordings, start, data.noise_nm, data.step_rad, {}, path=path, colour=data.colour)
     found = fit(trial, start, ITERATIONS)
-    again = made(recordings, found.model, data.noise_nm, data.step_rad, {}, path=path, colour=data.colour)
+    again = prepare_records(recordings, found.model, data.noise_nm, data.step_rad, {}, path=path, colour=data.colour)
     better = fit(again, found.model, ITERATIONS, offsets=found.offsets)
     return better if better.objective / max(better.problem.samples, 1) < found.objective / max(found.problem.samples, 1) else found
 
@@ -247,7 +251,7 @@ def _differ(one: TorquePath, other: TorquePath, sample_s: float) -> bool:
     return abs(one.drive.delay_s(sample_s) - other.drive.delay_s(sample_s)) > WHOLE * sample_s
 
 
-def _searched(
+def _best_time_constant(
     data: Data,
     recordings: Sequence[Recording],
     start: Model,
@@ -261,7 +265,7 @@ def _searched(
     """
 
     def level(logarithm: float) -> float:
-        return _level(_tried(data, recordings, start, path_of(math.exp(logarithm), 0.0)), first)
+        return _level(_fit_by(data, recordings, start, path_of(math.exp(logarithm), 0.0)), first)
 
     grid = np.log(times_s)
     levels = [level(float(x)) for x in grid]
@@ -275,7 +279,7 @@ def _searched(
         best += min(max(0.5 * APART * (below - above) / curved, -APART), APART)
         half = NORMAL_95 * APART * math.sqrt(2.0 / (first.problem.samples * curved))
     path = path_of(math.exp(best), half * math.exp(best))
-    return path, _tried(data, recordings, start, path)
+    return path, _fit_by(data, recordings, start, path)
 
 
 def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice:
@@ -294,14 +298,14 @@ def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice
     def late(time_s: float, half_s: float) -> TorquePath:
         return TorquePath(None, ReadingLaw(min(time_s / sample_s, 1.0)))
 
-    first = _tried(data, lively, start, faithful)
-    found = [(faithful, first), _searched(data, lively, start, first, path_of)]
+    first = _fit_by(data, lively, start, faithful)
+    found = [(faithful, first), _best_time_constant(data, lively, start, first, path_of)]
     for family, shares in ((behind_loop, LOOP_SHARES), (late, LATE_SHARES)):
-        found.append(_searched(data, lively, start, first, family, [share * sample_s for share in shares]))
+        found.append(_best_time_constant(data, lively, start, first, family, [share * sample_s for share in shares]))
     return _best(found, None, plain_first=True)
 
 
-def _asked_for(data: Data, fitted: Fitted) -> bool:
+def _motion_asks_for_path(data: Data, fitted: Fitted) -> bool:
     """True where the motion asks for a loop inside the period, or for a reading that is late or filtered, to first order."""
     sample_s = data.recordings[0].sample_period_s
     late, filtered = ReadingLaw(LATE_SHARES[0]), ReadingLaw(0.0, (Lag("sampled", (NEARLY_NEW,)),))
@@ -333,7 +337,7 @@ def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: Rea
         limit = Lag("slew rate", (swing / time_s,), (half_s * swing / time_s**2,))
         return TorquePath(replace(chain.law, lags=(*chain.law.lags, limit)), commanded=True)
 
-    first = _tried(data, lively, start, plain)
+    first = _fit_by(data, lively, start, plain)
     families = (behind, later, limited) if swing > 0.0 else (behind, later)
-    trials = [(plain, first), *(_searched(data, lively, start, first, family) for family in families)]
+    trials = [(plain, first), *(_best_time_constant(data, lively, start, first, family) for family in families)]
     return _best(trials, chain, plain_first=True)

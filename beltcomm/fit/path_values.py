@@ -18,7 +18,7 @@ from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.likelihood import Nuisance
 from beltcomm.fit.noise_level import robust_rms, torque_step
 from beltcomm.fit.reading_fit import NORMAL_95, TAPS, WHOLE, colour_of, lively_pairs, whitened_row
-from beltcomm.fit.records import Data, made
+from beltcomm.fit.records import Data, prepare_records
 from beltcomm.fit.torque_path import Lag, TorquePath
 from beltcomm.model import Model
 from beltcomm.simulate.inverse import acting_torque, true_motion
@@ -117,7 +117,7 @@ def by_path(data: Data, model: Model, path: TorquePath) -> Data:
     """Records with the torque as another path has it, and the motion between the samples by a model."""
     shares = {piece.record: piece.rounding for piece in (*data.fitted, *data.held_out)}
     same = (data.noise_nm, data.step_rad, shares, data.substeps, path, data.reversals, data.colour, data.single)
-    return made(data.recordings, model, *same)
+    return prepare_records(data.recordings, model, *same)
 
 
 def _free_delays(path: TorquePath) -> tuple[int, ...]:

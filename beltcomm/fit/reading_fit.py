@@ -94,7 +94,7 @@ def fit_reading(recordings: Sequence[Recording]) -> ReadingFit | None:
 
 def _best_chain(pairs: Sequence[Pair], sample_s: float, free: float, colour: float, first: Kind | None = None) -> ReadingFit | None:
     """The chain that explains pairs best.   free : what a free response leaves, N m rms.   colour : of the noise.   first : known."""
-    best = _fitted(pairs, sample_s, (), colour)
+    best = _fit_chain(pairs, sample_s, (), colour)
     if best is None:
         return None
     enough = free * math.exp(0.5 * (TAPS * math.log(best.samples) + CLEAR) / best.samples)
@@ -104,7 +104,7 @@ def _best_chain(pairs: Sequence[Pair], sample_s: float, free: float, colour: flo
     for number in (1, 2):  # a second filter must be clearly better than one, but not one than another
         chains = [(chain, at_end) for at_end, some in ((False, CHAINS), (True, AT_END)) for chain in some if len(chain) == number]
         chains = [(chain, at_end) for chain, at_end in chains if first in (None, chain[0])]
-        found = [one for chain, at_end in chains if (one := _fitted(pairs, sample_s, chain, colour, at_end)) is not None]
+        found = [one for chain, at_end in chains if (one := _fit_chain(pairs, sample_s, chain, colour, at_end)) is not None]
         every += found
         # What more values do must be clear, and a held torque behind a filter is at the end what one of the samples is in the mean.
         better = min(found, key=lambda one: one.cost + CLEAR * (one.values + one.at_end), default=best)
@@ -171,13 +171,13 @@ def _start(chain: tuple[Kind, ...], pairs: Sequence[Pair]) -> list[tuple[float, 
     return bounds
 
 
-def _shown(law: DriveLaw, setpoint: Array, sample_s: float, at_end: bool) -> Array:
+def _predicted_reading(law: DriveLaw, setpoint: Array, sample_s: float, at_end: bool) -> Array:
     """Reading without noise, (n,), N m, of gain 1."""
     cells = law.cells(setpoint, sample_s, COARSE)
     return torque_at(cells, 1.0) if at_end else np.asarray(cells.mean(axis=1))
 
 
-def _fitted(
+def _fit_chain(
     pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...], colour: float = 0.0, at_end: bool = False
 ) -> ReadingFit | None:
     """The best values of a chain, from every whole delay.   colour : of the noise, by which all is whitened."""
@@ -189,7 +189,7 @@ def _fitted(
 
     def left(x: Array) -> tuple[Array, float]:
         law = _law(chain, x, sample_s)
-        shown = np.concatenate([whitened_row(_shown(law, setpoint, sample_s, at_end), colour)[skip:] for setpoint, _ in pairs])
+        shown = np.concatenate([whitened_row(_predicted_reading(law, setpoint, sample_s, at_end), colour)[skip:] for setpoint, _ in pairs])
         shown_0, read_0 = shown - shown.mean(), read - read.mean()
         gain = float(shown_0 @ read_0) / max(float(shown_0 @ shown_0), 1e-300)
         return read_0 - gain * shown_0, gain
@@ -257,7 +257,7 @@ def _with_intervals(law: DriveLaw, deviations: Array) -> DriveLaw:
 
 def _colour_beside(found: ReadingFit, pairs: Sequence[Pair], sample_s: float) -> float:
     """Colour of what a law leaves."""
-    rests = [reading - _shown(found.law, setpoint, sample_s, found.at_end) for setpoint, reading in pairs]
+    rests = [reading - _predicted_reading(found.law, setpoint, sample_s, found.at_end) for setpoint, reading in pairs]
     return colour_of([rest - rest.mean() for rest in rests])
 
 

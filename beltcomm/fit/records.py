@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.decimation import smallest_step
-from beltcomm.fit.moving import creeping
+from beltcomm.fit.moving import creeping_samples
 from beltcomm.fit.noise_level import noise_colour, torque_noise
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.segment import Segment, evaluate, noise_paths_of, segments, whitener_of, with_observers
@@ -67,7 +67,8 @@ class Data:
 
     recordings : all of them.   noise_nm : rms of the torque's noise, N m.   step_rad : step of the encoder, rad.   path : from setpoint and
     reading to the torque that acts.   substeps : usual fine steps a sample.   reversals : whether samples count in which the motor
-    passes through a reversal.   colour : of the torque's noise.   single : whether each value is one by itself, see :func:`rounded`.
+    passes through a reversal.   colour : of the torque's noise.   single : whether each value is one by itself, see
+    :func:`is_mostly_rounding`.
     """
 
     recordings: tuple[Recording, ...]
@@ -92,14 +93,14 @@ def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
     if not to_fit:
         raise DataError("all recordings are held out or static maps; nothing is left to fit: set held_out: false in one sidecar")
     noise = torque_noise(to_fit, QUIETEST_SHARE * float(np.std(to_fit[0].torque)))
-    step = shown_step(to_fit, encoder_step(axis, timed), noise)
+    step = apparent_step(to_fit, encoder_step(axis, timed), noise)
     if "cart" not in model.base_bodies:
         step = min(step, max(white_step(r.position) for r in to_fit))
         noise = max(noise, repeat_noise(to_fit, step))
-    return made(timed, model, noise, step, {}, colour=noise_colour(to_fit))
+    return prepare_records(timed, model, noise, step, {}, colour=noise_colour(to_fit))
 
 
-def made(
+def prepare_records(
     recordings: Sequence[Recording],
     model: Model,
     noise_nm: float,
@@ -125,7 +126,7 @@ def made(
         stroke = recording.sidecar.experiment == "friction_sweep"
         substeps = (RATTLING_STROKE_SUBSTEPS if rattles else STROKE_SUBSTEPS) if stroke else (RATTLING_SUBSTEPS if rattles else usual)
         for piece in segments(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps, path=path, reversals=reversals):
-            known = rewhitened(replace(piece, rounding=shown, group=group, colour=colour), model)
+            known = with_whitener(replace(piece, rounding=shown, group=group, colour=colour), model)
             pieces.append(band_limited(known, EXCITED_BAND_HZ if recording.sidecar.experiment == "frf" else CALM_BAND_HZ))
     return Data(
         tuple(recordings),
@@ -141,7 +142,7 @@ def made(
     )
 
 
-def rounded(data: Data, model: Model) -> bool:
+def is_mostly_rounding(data: Data, model: Model) -> bool:
     """True where rounding is most of the noise: at a steady speed it goes with the motion, and over several samples it is not white."""
     sample_s = min(recording.sample_period_s for recording in data.recordings)
     return rounding_torque(model["motor.inertia"], data.step_rad, sample_s) > ROUNDED * data.noise_nm
@@ -169,7 +170,7 @@ def band_limited(piece: Segment, band_hz: float) -> Segment:
     return replace(piece, group=max(piece.group, round(0.5 / (band_hz * piece.motion.sample_s))))
 
 
-def rewhitened(piece: Segment, model: Model) -> Segment:
+def with_whitener(piece: Segment, model: Model) -> Segment:
     """A stretch with the noise as a model passes it on."""
     worked_out = whitener_of(piece, model)
     kept = worked_out.deviations[piece.keep]
@@ -196,7 +197,9 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS,
         # Where rounding is most of the noise, a share of it found from few samples would make them count for all others.
         calm = {name: parts for name, parts in left.items() if not any(piece.own_noise for piece, _ in parts)}
         shares = {name: rounding_shares(parts, model) for name, parts in calm.items()}
-    ahead = made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps, data.path, reversals, data.colour, data.single)
+    ahead = prepare_records(
+        data.recordings, model, data.noise_nm, data.step_rad, shares, substeps, data.path, reversals, data.colour, data.single
+    )
     return with_process_noise(ahead, model) if needs_observer(model) else ahead
 
 
@@ -257,7 +260,7 @@ def rounding_shares(parts: Sequence[tuple[Segment, Array]], model: Model) -> tup
         here = best
 
 
-def shown_step(recordings: Sequence[Recording], step_rad: float, noise_nm: float) -> float:
+def apparent_step(recordings: Sequence[Recording], step_rad: float, noise_nm: float) -> float:
     """Step whose rounding would be as rough as the angle is where the torque is calmest, rad: more than the encoder's where it is noisy.
 
     Rounding of a step q has the variance q²/12; noise of the angle adds its own.  Where the torque changes by more than its noise does,
@@ -341,7 +344,7 @@ def white_step(position: Array) -> float:
 def repeat_noise(recordings: Sequence[Recording], step_rad: float) -> float:
     """What no model of the motion can explain, N m rms: torque at the same place in records of the same slow motion, 0 without any."""
     found = []
-    creeps = [(r, creeping(r.position, r.sample_period_s, step_rad)[0]) for r in recordings]
+    creeps = [(r, creeping_samples(r.position, r.sample_period_s, step_rad)[0]) for r in recordings]
     for (one, first), (two, second) in itertools.combinations(creeps, 2):
         if min(first.sum(), second.sum()) < FEWEST:
             continue

@@ -48,7 +48,7 @@ def turns_at_once(model: Model) -> bool:
     return "cart" in model.base_bodies and rubbing <= {"coulomb"}
 
 
-def passed(
+def motion_through_reversals(
     motion: FineMotion, model: Model, slow_rad_s: float, rebuilt: Callable[..., FineMotion]
 ) -> tuple[FineMotion, NDArray[np.bool_], Array | None]:
     """The motion with friction that turns at the right instants, samples that count, (n,), and what the kernel's friction of level 1 lacks.
@@ -64,19 +64,19 @@ def passed(
     least, fine_s = TO_SPARE * slows, motion.sample_s / motion.substeps
     acted: Array | None = None
     for _ in range(ROUNDS):
-        doubtful, instants = passages(motion, slow_rad_s, least)
-        lacking, acting = missed(motion, instants, ratio)[0], kernel_directions(motion, ratio)
+        doubtful, instants = find_passages(motion, slow_rad_s, least)
+        lacking, acting = reversal_correction(motion, instants, ratio)[0], kernel_directions(motion, ratio)
         rubbed = acting + lacking
         if acted is not None:  # the motion is then that of a friction that is known
             left = np.diff(motion.omega) / (slows * fine_s) + acted
             _rest(motion.omega, left, doubtful, slows * fine_s, slow_rad_s, rubbed)
         motion, acted = rebuilt(motion, lacking=level * (rubbed - acting)), rubbed
-    last, instants = passages(motion, slow_rad_s, least)
+    last, instants = find_passages(motion, slow_rad_s, least)
     # Where it was made to rest it now may look as if it went through: a rest is short beside a fine step there.
-    return motion, ~samples_at(doubtful | last, motion.substeps), missed(motion, instants, ratio)[1]
+    return motion, ~samples_at(doubtful | last, motion.substeps), reversal_correction(motion, instants, ratio)[1]
 
 
-def passages(motion: FineMotion, slow_rad_s: float, least_rad_s2: float) -> tuple[NDArray[np.bool_], Array]:
+def find_passages(motion: FineMotion, slow_rad_s: float, least_rad_s2: float) -> tuple[NDArray[np.bool_], Array]:
     """Points of the fine grid, (fine,), at which the motor may have stuck; and instants at which it surely did not, in fine steps.
 
     slow_rad_s : speed above which it is surely moving.   least_rad_s2 : with this much, before and after, it goes through a reversal.
@@ -89,7 +89,7 @@ def passages(motion: FineMotion, slow_rad_s: float, least_rad_s2: float) -> tupl
 
 @compiled
 def _passages(omega: Array, slow: float, least: float, doubtful: NDArray[np.bool_], instants: Array) -> int:
-    """:func:`passages` with ``least`` per fine step; number of instants."""
+    """:func:`find_passages` with ``least`` per fine step; number of instants."""
     n, count, i = omega.shape[0], 0, 0
     while i < n:
         turned = i > 0 and abs(omega[i]) >= slow and omega[i - 1] * omega[i] < 0.0
@@ -130,7 +130,7 @@ def samples_at(doubtful: NDArray[np.bool_], substeps: int) -> NDArray[np.bool_]:
     return touched
 
 
-def missed(motion: FineMotion, instants: Array, ratio: float) -> tuple[Array, Array]:
+def reversal_correction(motion: FineMotion, instants: Array, ratio: float) -> tuple[Array, Array]:
     """What the kernel's friction of level 1 N m lacks around these instants: mean over each fine step, (fine - 1,), and over each
     sample with its triangular weight, (n,), ends 0.   ratio : m/rad.
     """

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
-from beltcomm.fit.noise_path import NoisePath, course, noise_path
+from beltcomm.fit.noise_path import NoisePath, noise_path, stiffness_levels
 from beltcomm.fit.segment import Segment
 from beltcomm.fit.whitening import gains_of, noises
 from beltcomm.model import Model
@@ -51,7 +51,7 @@ class RoundingBias:
         middles = [segment.middle_m(reference) for segment, reference in zip(segments, references, strict=True)]
         models = {id(one): one for one in (model, *references)}.values()
         # where the belt is as stiff everywhere, one place stands for all
-        even = bool(segments) and all(len(course(one, min(middles), max(middles))[1]) == 1 for one in models)
+        even = bool(segments) and all(len(stiffness_levels(one, min(middles), max(middles))[1]) == 1 for one in models)
         for i, segment in enumerate(segments):
             if segment.observer is not None:
                 continue
@@ -139,7 +139,7 @@ class _Kind:
             parts = []
             for m, variance in enumerate(variances):
                 out = np.zeros(LONGEST)
-                length = _passed(path.F, path.G[:, m].copy(), path.H, float(path.D[m]), known.F, known.H, gains, out)
+                length = _impulse_response(path.F, path.G[:, m].copy(), path.H, float(path.D[m]), known.F, known.H, gains, out)
                 size = np.sqrt(variance) / (deviation * np.sqrt(segment.group))
                 parts.append(np.convolve(out[:length], np.ones(segment.group)) * size)
             used = max(len(part) for part in parts)
@@ -162,7 +162,7 @@ def _padded(rows: Array, length: int) -> Array:
 
 
 @compiled
-def _passed(f: Array, g: Array, h: Array, d: float, f0: Array, h0: Array, gains: Array, out: Array) -> int:
+def _impulse_response(f: Array, g: Array, h: Array, d: float, f0: Array, h0: Array, gains: Array, out: Array) -> int:
     """Innovations of a filter (f0, h0, gains) to which a path (f, g, h, d) passes a unit impulse; how many are worth counting."""
     size, own = h.shape[0], h0.shape[0]
     s, moved, z, next_z = np.zeros(size), np.zeros(size), np.zeros(own), np.zeros(own)

@@ -21,12 +21,12 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.compiled import compiled
 from beltcomm.fit.decimation import decimated, decimated_noise, decimated_torque, decimation, smallest_step
-from beltcomm.fit.moving import between_steps, creeping, crept, ran_in, resting
-from beltcomm.fit.noise_path import Way, way
-from beltcomm.fit.observer import Observer, Seen, innovations, needs_observer, tuned, untuned
-from beltcomm.fit.reversals import LEVEL, passed, turns_at_once
+from beltcomm.fit.moving import creeping_samples, crept, ran_in, resting_samples, samples_between_counts
+from beltcomm.fit.noise_path import NoiseSchedule, way
+from beltcomm.fit.observer import Observation, Observer, innovations, needs_observer, tuned_observers, untuned_observer
+from beltcomm.fit.reversals import LEVEL, motion_through_reversals, turns_at_once
 from beltcomm.fit.slack import stiffness_left
-from beltcomm.fit.smoother import smoothed
+from beltcomm.fit.smoother import smooth_motion
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.fit.whitening import Whitener, whitener
 from beltcomm.model import Model
@@ -82,10 +82,11 @@ class Segment:
     position, torque : ndarray (n,), rad and N m at the motor shaft.   motion : the same on a fine grid.
     keep : ndarray (n,) bool, samples that count.     noise_nm : torque noise, N m rms.    step_rad : encoder step, rad.
     offset_m : m, the belt may be stretched by up to this at the start.   whitener : gains worked out beforehand for the reference, a model
-    near the right one; without it every evaluation works out its own.   group : see :func:`grouped`.   rounding : shares for ``whitener``.
-    process_noise, freedom_m : for ``observer``, that of a carriage which is free at times, see :func:`with_observer`.   turns : what the
-    kernel's Coulomb friction of level 1 lacks at the reversals that count, (n,); None where none of those count, or the motor has no such
-    friction.   colour : of the torque's noise, see ``whitening``.   noise_factor : factor on the noise of a stretch that was decimated.
+    near the right one; without it every evaluation works out its own.   group : see :func:`group_starts`.
+    rounding : shares for ``whitener``.   process_noise, freedom_m : for ``observer``, that of a carriage which is free at times, see
+    :func:`with_observer`.   turns : what the kernel's Coulomb friction of level 1 lacks at the reversals that count, (n,); None where none
+    of those count, or the motor has no such friction.   colour : of the torque's noise, see ``whitening``.   noise_factor : factor on the
+    noise of a stretch that was decimated.
     own_noise : whether every model is judged in the noise that it passes on itself, for rounding is most of it; else in the reference's.
     """
 
@@ -115,17 +116,17 @@ class Segment:
     @cached_property
     def firsts(self) -> NDArray[np.intp]:
         """Places, among the kept samples, of the first of each group."""
-        return grouped(self.keep, self.group)
+        return group_starts(self.keep, self.group)
 
     @property
-    def counted(self) -> NDArray[np.intp]:
+    def value_samples(self) -> NDArray[np.intp]:
         """Sample at which each value of the whitened residual stands."""
         return np.flatnonzero(self.keep)[self.firsts]
 
     @property
-    def seen(self) -> list[Seen]:
+    def observations(self) -> list[Observation]:
         """What is looked at behind its observer; nothing without one."""
-        return [] if self.observer is None else [Seen(self.observer, self.motion, self.torque)]
+        return [] if self.observer is None else [Observation(self.observer, self.motion, self.torque)]
 
     def middle_m(self, model: Model) -> float:
         """Middle of the way of the carriage, m."""
@@ -134,11 +135,11 @@ class Segment:
     def white(self, torque: Array) -> Array:
         """A torque, N m, (n,) or (n, k), in units of the noise by the whitener worked out beforehand; linear in the torque."""
         if self.observer is not None:
-            return self.grouped(self.observer.white(torque, self.keep))
+            return self.group_sums(self.observer.white(torque, self.keep))
         assert self.whitener is not None
-        return self.grouped(self.whitener(torque, self.keep))
+        return self.group_sums(self.whitener(torque, self.keep))
 
-    def grouped(self, single: Array) -> Array:
+    def group_sums(self, single: Array) -> Array:
         """Values of the kept samples, (kept,) or (kept, k), put together group by group."""
         if self.group == 1 or len(single) == 0:  # of a record in which the axis never slid nothing counts
             return single
@@ -202,31 +203,31 @@ def segments(
         )
         stick_speed, turns = STICK_SPEED_M_S if recording.side == "load" else STICK_SPEED_RAD_S, None
         hidden = fitted and step_rad / sample > COARSE_RAD_S
-        smooth = smoothed(model, motion, push, step_rad, noise_nm) if hidden else None
+        smooth = smooth_motion(model, motion, push, step_rad, noise_nm) if hidden else None
         if fitted:
             likely = motion if smooth is None else replace(motion, theta=smooth.theta, omega=smooth.omega)
-            motion = rebuilt(likely, model, position, push, place)
+            motion = rebuild_motion(likely, model, position, push, place)
         if smooth is not None:
             motion = replace(motion, creep=(smooth.theta, smooth.omega))
-            keep = ~resting(motion, max(stick_speed + SURE * smooth.off_rad_s, WHITE_STEPS * counted / sample))
-            keep &= ~between_steps(smooth.theta[:: motion.substeps] - smooth.theta[0], position - position[0], counted)
+            keep = ~resting_samples(motion, max(stick_speed + SURE * smooth.off_rad_s, WHITE_STEPS * counted / sample))
+            keep &= ~samples_between_counts(smooth.theta[:: motion.substeps] - smooth.theta[0], position - position[0], counted)
         elif fitted and reversals and turns_at_once(model):
             slow = max(stick_speed, STICK_STEPS * step_rad / sample)
-            motion, keep, turns = passed(
-                motion, model, slow, partial(rebuilt, model=model, position=position, torque=push, start_rad=place)
+            motion, keep, turns = motion_through_reversals(
+                motion, model, slow, partial(rebuild_motion, model=model, position=position, torque=push, start_rad=place)
             )
         else:
             sure = 0.0 if "cart" in model.base_bodies else SURE_STEPS * step_rad / sample
-            keep = ~resting(motion, max(stick_speed, sure))
+            keep = ~resting_samples(motion, max(stick_speed, sure))
         if "cart" in model.base_bodies:
             keep &= ran_in(motion, ratio)
         else:
             # Nothing rings behind the motor: what creeps on counts as well, and friction that turns within a step of the encoder is noise.
             if smooth is None:
-                creeps, even = creeping(position, sample, step_rad)
+                creeps, even = creeping_samples(position, sample, step_rad)
                 creep = crept(motion, position, even)
                 motion = replace(motion, bristle_m=max(motion.bristle_m, ratio * step_rad), creep=creep)
-                keep |= even | (creeps & ~resting(motion, 0.0))
+                keep |= even | (creeps & ~resting_samples(motion, 0.0))
         pieces.append(
             Segment(
                 recording.name,
@@ -245,7 +246,7 @@ def segments(
     return pieces
 
 
-def rebuilt(
+def rebuild_motion(
     motion: FineMotion, model: Model, position: Array, torque: Array, start_rad: float, *, lacking: Array | float = 0.0
 ) -> FineMotion:
     """The motion between the samples with the load that it gives rise to, and one that is lacking there, N m, mean over each fine step.
@@ -289,18 +290,18 @@ def with_observers(segments: Sequence[Segment], models: Sequence[Model]) -> list
     observers = []
     for segment, model in zip(segments, models, strict=True):
         noise = (segment.step_rad, segment.noise_nm, segment.rounding, segment.offset_m, segment.process_noise, segment.freedom_m)
-        observers.append(untuned(model, segment.motion, segment.torque, segment.keep, *noise))
-    return [replace(segment, observer=observer) for segment, observer in zip(segments, tuned(observers), strict=True)]
+        observers.append(untuned_observer(model, segment.motion, segment.torque, segment.keep, *noise))
+    return [replace(segment, observer=observer) for segment, observer in zip(segments, tuned_observers(observers), strict=True)]
 
 
 def evaluate(segment: Segment, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
     """Residual e[n], N m at the motor shaft, (n,): all samples, also those not kept.   offset_m : see ``fine_load``."""
     if segment.observer is not None:
-        return innovations(segment.seen, model, [vector])[0][1]
-    return evaluated(segment, model, [vector], [offset_m])[0]
+        return innovations(segment.observations, model, [vector])[0][1]
+    return evaluate_each(segment, model, [vector], [offset_m])[0]
 
 
-def evaluated(segment: Segment, model: Model, vectors: Sequence[Array], offsets_m: Sequence[float]) -> list[Array]:
+def evaluate_each(segment: Segment, model: Model, vectors: Sequence[Array], offsets_m: Sequence[float]) -> list[Array]:
     """The same of a stretch without an observer for several vectors of parameters side by side, (n,) each."""
     left = torque_residuals(model, segment.motion, segment.torque, vectors, offsets_m)
     if segment.turns is None:
@@ -309,10 +310,10 @@ def evaluated(segment: Segment, model: Model, vectors: Sequence[Array], offsets_
     return [e + p[level] * segment.turns for e, p in zip(left, vectors, strict=True)]
 
 
-def whitened(segment: Segment, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
+def whitened_residual(segment: Segment, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
     """Residual of the kept samples in units of its own noise: independent, variance 1 where the model is right."""
     if segment.observer is not None:
-        return followed([segment], model, [vector])[0]
+        return observed_residuals([segment], model, [vector])[0]
     return in_noise(segment, model, vector, evaluate(segment, model, vector, offset_m))
 
 
@@ -320,16 +321,16 @@ def squares_left(piece: Segment, model: Model, vector: Array) -> Array:
     """Squared whitened residual of a stretch that the model was not fitted to; only where its carriage stuck at the start is."""
 
     def cost(offset_m: float) -> float:
-        return float(np.sum(np.minimum(whitened(piece, model, vector, offset_m) ** 2, OUTLIER)))
+        return float(np.sum(np.minimum(whitened_residual(piece, model, vector, offset_m) ** 2, OUTLIER)))
 
     best = minimize_scalar(cost, bounds=(-piece.offset_m, piece.offset_m), method="bounded", options={"xatol": 1e-7})
-    return whitened(piece, model, vector, float(best.x)) ** 2
+    return whitened_residual(piece, model, vector, float(best.x)) ** 2
 
 
-def followed(segments: Sequence[Segment], model: Model, vectors: Sequence[Array]) -> list[Array]:
+def observed_residuals(segments: Sequence[Segment], model: Model, vectors: Sequence[Array]) -> list[Array]:
     """The same of stretches with observers, each with a vector of its own."""
-    whites = innovations([one for segment in segments for one in segment.seen], model, vectors)
-    return [segment.grouped(white[segment.keep]) for segment, (white, _) in zip(segments, whites, strict=True)]
+    whites = innovations([one for segment in segments for one in segment.observations], model, vectors)
+    return [segment.group_sums(white[segment.keep]) for segment, (white, _) in zip(segments, whites, strict=True)]
 
 
 def in_noise(segment: Segment, model: Model, vector: Array, torque: Array) -> Array:
@@ -344,7 +345,7 @@ def in_noise(segment: Segment, model: Model, vector: Array, torque: Array) -> Ar
         while len(segment.known) >= KNOWN:
             del segment.known[next(iter(segment.known))]
         segment.known[key] = whitener_of(segment, model.with_vector(vector))
-    return segment.grouped(segment.known[key](torque, segment.keep))
+    return segment.group_sums(segment.known[key](torque, segment.keep))
 
 
 def whitener_of(segment: Segment, model: Model) -> Whitener:
@@ -352,7 +353,7 @@ def whitener_of(segment: Segment, model: Model) -> Whitener:
     return whitener(segment.keep, noise_paths_of(segment, model), segment.step_rad, segment.noise_nm, segment.rounding, segment.colour)
 
 
-def grouped(keep: NDArray[np.bool_], size: int) -> NDArray[np.intp]:
+def group_starts(keep: NDArray[np.bool_], size: int) -> NDArray[np.intp]:
     """Places, among the kept samples, of the first of every ``size`` neighbours in time.
 
     The sum of neighbouring values of the whitened residual over √size is white again and holds the lower 1/size of the frequencies: above
@@ -377,7 +378,7 @@ def _together(single: Array, firsts: NDArray[np.intp], size: int, out: Array) ->
             out[g, c] = scale * total
 
 
-def noise_paths_of(segment: Segment, model: Model) -> Way:
+def noise_paths_of(segment: Segment, model: Model) -> NoiseSchedule:
     """How torque noise and rounding reach the residual of a stretch."""
     motion = segment.motion
     places = motion.theta[:: motion.substeps] * model["transmission.ratio"]

@@ -42,7 +42,7 @@ class Smoothed:
     off_rad_s: float
 
 
-def smoothed(model: Model, motion: FineMotion, torque: Array, step_rad: float, noise_nm: float) -> Smoothed | None:
+def smooth_motion(model: Model, motion: FineMotion, torque: Array, step_rad: float, noise_nm: float) -> Smoothed | None:
     """The likeliest motion of the motor; None where no filter settles on the model.
 
     Parameters

@@ -47,7 +47,7 @@ def start_model(axis: Axis, recordings: Sequence[Recording]) -> Model:
     counts = int(axis.get("motor.encoder_counts_per_rev") or 65536)
     sheet = data_sheet(axis, usable)
     assert sheet is not None
-    found = anchored(belt_start(axis, excited, counts), sheet, usable)
+    found = correct_by_slow_motion(belt_start(axis, excited, counts), sheet, usable)
     friction = found["coulomb.level"] + axis.transmission_m_rad * found["cart_friction.level"]
     return found.without_effect("cart_friction").with_values({"coulomb.level": friction}, "first estimate")
 
@@ -90,7 +90,7 @@ def belt_start(axis: Axis, excited: Sequence[Recording], counts_per_rev: int) ->
     return first_estimate([record], sheet.with_values(shared, "data sheet"), counts_per_rev, first.path).model
 
 
-def anchored(found: Model, sheet: Model, recordings: Sequence[Recording]) -> Model:
+def correct_by_slow_motion(found: Model, sheet: Model, recordings: Sequence[Recording]) -> Model:
     """The first estimate, put right where slow motion shows clearly another inertia of everything that moves.
 
     A filter of the reading weakens the fast torque that a first estimate lives on, and so inertia, mass and stiffness by one factor; slow

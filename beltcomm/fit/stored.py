@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from beltcomm.axis import Axis
-from beltcomm.fit.estimate import Fitted, held_objective, judged, problem_of
+from beltcomm.fit.estimate import Fitted, held_objective, held_out_residual, problem_of
 from beltcomm.fit.nuisance import with_nuisance
 from beltcomm.fit.observer import needs_observer
-from beltcomm.fit.records import Data, made
+from beltcomm.fit.records import Data, prepare_records
 from beltcomm.fit.torque_path import path_from_dict, path_to_dict
 from beltcomm.model import Model, model_from_dict
 from beltcomm.programs import source_hash
@@ -30,8 +30,8 @@ def key_of(records: Mapping[str, str], axis: Axis, start: Model | None) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def kept(data: Data, fitted: Fitted) -> dict[str, Any] | None:
-    """What :func:`restored` needs; None for a model with an observer, whose gains go with the way of the search."""
+def store_fit(data: Data, fitted: Fitted) -> dict[str, Any] | None:
+    """What :func:`restore_fit` needs; None for a model with an observer, whose gains go with the way of the search."""
     if needs_observer(fitted.model):
         return None
     return {
@@ -49,13 +49,13 @@ def kept(data: Data, fitted: Fitted) -> dict[str, Any] | None:
     }
 
 
-def restored(recordings: Sequence[Recording], found: Mapping[str, Any]) -> tuple[Data, Fitted]:
+def restore_fit(recordings: Sequence[Recording], found: Mapping[str, Any]) -> tuple[Data, Fitted]:
     """The fit at its minimum: one evaluation, no search.   Raises KeyError, TypeError, ValueError or BeltcommError for damaged contents."""
     model = model_from_dict(found["made_by"])
     shares = {str(name): (float(white), float(slow)) for name, (white, slow) in found["shares"].items()}
     timed = [r for r in recordings if not r.is_static_map]
     path, substeps = path_from_dict(found["path"]), int(found["substeps"])
-    data = made(
+    data = prepare_records(
         timed,
         model,
         float(found["noise_nm"]),
@@ -73,5 +73,5 @@ def restored(recordings: Sequence[Recording], found: Mapping[str, Any]) -> tuple
         raise ValueError(f"{len(x)} unknowns kept, {len(problem.scale)} needed")
     residual = problem.residual(x)
     best = problem.model_at(x, "laboratory")
-    held = tuple(judged(piece, best) for piece in data.held_out)
+    held = tuple(held_out_residual(piece, best) for piece in data.held_out)
     return data, with_nuisance(data, Fitted(best, problem, x, residual, problem.objective(residual, x), held, held_objective(data, held)))

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled, in_lanes, inlined
-from beltcomm.fit.noise_path import SLOW, NoisePath, Way, with_state_in_front
-from beltcomm.simulate.kernels.observer import filtered, lanes_for
+from beltcomm.fit.noise_path import SLOW, NoisePath, NoiseSchedule, with_state_in_front
+from beltcomm.simulate.kernels.observer import filter_columns, lanes_for
 
 Array = NDArray[np.float64]
 
@@ -70,11 +70,16 @@ class Whitener:
         if levels > 1:
             return np.stack([self(np.ascontiguousarray(column), keep) for column in residual.T], axis=1)
         f, h = np.concatenate([self.F] * 2), np.concatenate([self.H] * 2)  # one path, however much of a sample nothing is closed
-        return filtered(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, np.zeros(len(keep)))
+        return filter_columns(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, np.zeros(len(keep)))
 
 
 def whitener(
-    keep: NDArray[np.bool_], way: Way, step_rad: float, noise_nm: float, shares: tuple[float, float] = (1.0, 0.0), colour: float = 0.0
+    keep: NDArray[np.bool_],
+    way: NoiseSchedule,
+    step_rad: float,
+    noise_nm: float,
+    shares: tuple[float, float] = (1.0, 0.0),
+    colour: float = 0.0,
 ) -> Whitener:
     """Gains for the kept samples of a stretch.   step_rad : rad.   noise_nm : N m rms.
 

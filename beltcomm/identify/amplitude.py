@@ -136,7 +136,7 @@ def unknown_payload(
     return family
 
 
-def around(model: Model, spread: float = FIRST_ESTIMATE_SPREAD) -> list[Model]:
+def family_around(model: Model, spread: float = FIRST_ESTIMATE_SPREAD) -> list[Model]:
     """Family around an estimate: mass and stiffness apart by ``spread``, friction and belt damping lowered by it."""
     lossy = [n for n in model.parameters if n.endswith((".damping", ".level")) and not n.startswith("coupling")]
     calmer = model.with_values(_scaled(model, lossy, 1.0 - spread))

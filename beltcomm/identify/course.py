@@ -20,7 +20,7 @@ NORMAL = 1.96
 
 
 @dataclass(frozen=True)
-class Course:
+class LinearTrend:
     """y = level + slope (t - middle_s).   half widths : 95 %, of level and slope, which are independent of each other.
 
     sure_interval : of the slope, so wide that of all quantities looked at together hardly one seems to drift by chance.
@@ -63,7 +63,7 @@ class Course:
         return self.middle_s + first, self.middle_s - away / self.slope, self.middle_s + last
 
 
-def course_of(t_s: Array, values: Array, intervals: Array, looked_at: int = 1) -> Course:
+def course_of(t_s: Array, values: Array, intervals: Array, looked_at: int = 1) -> LinearTrend:
     """A line by weighted least squares.   t_s, values (n,); intervals (n,): half widths, 95 %, nan where they are not known.
 
     looked_at : quantities of which this is one; a drift is sure with 1 - 0.05/looked_at (Bonferroni).
@@ -88,4 +88,4 @@ def course_of(t_s: Array, values: Array, intervals: Array, looked_at: int = 1) -
 
     level_interval, slope_interval = wide(0.05) / math.sqrt(float(np.sum(weights))), wide(0.05) / math.sqrt(spread)
     sure = wide(0.05 / looked_at) / math.sqrt(spread)
-    return Course(middle, level, slope, level_interval, slope_interval, sure, math.sqrt(square) if known else math.nan)
+    return LinearTrend(middle, level, slope, level_interval, slope_interval, sure, math.sqrt(square) if known else math.nan)

@@ -16,7 +16,7 @@ from beltcomm.errors import DataError
 from beltcomm.fit.acting import acting_recording
 from beltcomm.fit.jumps import proven_jumps, refuse
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
-from beltcomm.fit.segment import OUTLIER, Segment, segments, whitened
+from beltcomm.fit.segment import OUTLIER, Segment, segments, whitened_residual
 from beltcomm.fit.start import belt_start, data_sheet
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.model import Model
@@ -158,7 +158,7 @@ def stiffness_by_record(
         def cost(logarithm: float, pieces: Sequence[Segment] = pieces) -> float:
             vector = model.vector()
             vector[place] *= np.exp(logarithm)
-            return float(sum(np.sum(np.minimum(whitened(p, model, vector) ** 2, OUTLIER)) for p in pieces))
+            return float(sum(np.sum(np.minimum(whitened_residual(p, model, vector) ** 2, OUTLIER)) for p in pieces))
 
         coarse = np.log(np.geomspace(0.25, 6.0, 30))
         best = coarse[int(np.argmin([cost(float(c)) for c in coarse]))]

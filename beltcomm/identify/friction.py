@@ -41,7 +41,7 @@ class Plateau:
     duration_s: float
 
     @property
-    def followed(self) -> bool:
+    def reached_speed(self) -> bool:
         """Whether the motor turned about as fast as it was asked to."""
         return abs(self.speed_rad_s - self.reference_rad_s) <= LARGEST_SPEED_ERROR * abs(self.reference_rad_s)
 
@@ -135,7 +135,7 @@ def fit_friction(plateaus: Sequence[Plateau], *, slowest_rad_s: float = 0.0) -> 
     (Stribeck effect).     Passes whose speed misses the reference by over 10 % are left out and named.
     Raises DataError with fewer than two speeds, or only one direction.     Source: thesis (3.36), 3.6.
     """
-    followed = [p for p in plateaus if p.followed]
+    followed = [p for p in plateaus if p.reached_speed]
     used = [p for p in followed if abs(p.speed_rad_s) >= slowest_rad_s]
     speeds = {round(abs(p.reference_rad_s), 6) for p in used}
     directions = {p.reference_rad_s > 0 for p in used}

@@ -80,7 +80,7 @@ class LoopStep:
     binds: str
 
 
-def simulated(model: Model, loop: ClosedLoop, motion: MovingExcitation, start_m: float) -> LoopRun:
+def simulate_record(model: Model, loop: ClosedLoop, motion: MovingExcitation, start_m: float) -> LoopRun:
     """One record on one model; an exchange slower than the loop holds its setpoints.   start_m : carriage, m."""
     ratio = model["transmission.ratio"]
     held = max(1, round(loop.sample_period_s / loop.drive.period_s))
@@ -102,7 +102,7 @@ def predict_moving(
     slowest, low, high = (math.inf if travels else math.nan), start_m, start_m
     top = torque = force = off = 0.0
     for model in family:
-        run = simulated(model, loop, motion, start_m)
+        run = simulate_record(model, loop, motion, start_m)
         moved = np.gradient(run.cart_m, loop.drive.period_s)
         if travels:  # the carriage rubs as well, and where the motor hardly answers it swings most
             slower = np.minimum(ratio * run.velocity_rad_s[excited] / speed[excited], moved[excited] / speed[excited])

@@ -55,7 +55,7 @@ class KnownController:
         return feedback(self.cascade, freq_hz, self.period_s, self.loop)
 
 
-def known_controller(entry: Mapping[str, Any], record: str) -> KnownController:
+def controller_of(entry: Mapping[str, Any], record: str) -> KnownController:
     """The controller of a record.   Raises DataError, naming the record, when its sidecar does not state one."""
     try:
         numbers = {str(k): float(v) for k, v in entry.items() if k != "loop"}
@@ -103,11 +103,11 @@ def plant_response(recording: Recording, way: Way) -> FrequencyResponse:
     if way not in ways_of(recording):
         raise DataError(f"{recording.name} cannot be read by the way {way}: it has {', '.join(ways_of(recording))}")
     if way in ("open", "direct"):
-        return seen(recording, recording.torque)
-    known = known_controller(recording.sidecar.controller, recording.name)
+        return response_to_signal(recording, recording.torque)
+    known = controller_of(recording.sidecar.controller, recording.name)
     signal = recording.torque_offset if way == "indirect" else recording.reference_velocity
     assert signal is not None  # ways_of has looked
-    through = seen(recording, signal)
+    through = response_to_signal(recording, signal)
     controller = known.feedback(through.freq_hz)
     if way == "indirect":
         found = from_torque_excitation(through, controller)
@@ -117,7 +117,7 @@ def plant_response(recording: Recording, way: Way) -> FrequencyResponse:
     return replace(found, h=found.h * np.exp(2j * np.pi * found.freq_hz * known.delay_s), remarks=found.remarks + _slower(known, recording))
 
 
-def seen(recording: Recording, signal: Array) -> FrequencyResponse:
+def response_to_signal(recording: Recording, signal: Array) -> FrequencyResponse:
     """Response of the motor angle to one of a record's signals.   Raises DataError."""
     note = recording.sidecar.excitation
     if note is None or not note.period_samples:

@@ -197,7 +197,7 @@ def drift_of(plateaus: Sequence[Plateau]) -> Drift:
 
     plateaus : on one clock.   Raises DataError where too few speeds were repeated.
     """
-    groups = [g for g in _same_speed([p for p in plateaus if p.followed]) if len(g) > 1]
+    groups = [g for g in _same_speed([p for p in plateaus if p.reached_speed]) if len(g) > 1]
     passes = [p for group in groups for p in group]
     left = len(passes) - len(groups) - 3
     if left < FEWEST_LEFT or len({p.reference_rad_s > 0.0 for p in passes}) < 2:

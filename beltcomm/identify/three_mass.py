@@ -17,7 +17,7 @@ from beltcomm.axis import Axis
 from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError, Refused
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
-from beltcomm.fit.segment import segments, whitened
+from beltcomm.fit.segment import segments, whitened_residual
 from beltcomm.identify.final import FinalModel, PlaceStiffness, by_position, evidence, final_model
 from beltcomm.model import Model, build_model
 from beltcomm.model.linear import modes, operating_point
@@ -109,7 +109,7 @@ def compare_masses(
     if "belt_stiffness" in two.fit.model.effects and evidence(three, two.fit) > 0.0:
         two = with_spans(two, axis, recordings, counts_per_rev)
     progress(1.0)
-    return judged(two, three, axis, recordings, responses)
+    return judge_third_mass(two, three, axis, recordings, responses)
 
 
 def with_spans(two: FinalModel, axis: Axis, recordings: Sequence[Recording], counts_per_rev: int) -> FinalModel:
@@ -221,7 +221,7 @@ def _ranked(starts: Sequence[Model], excited: Sequence[Recording], counts_per_re
         for record in few:
             substeps = 2 * math.ceil(record.sample_period_s / (2.0 * RANKING_STEP_S))  # even, for Simpson's rule
             for piece in segments(record, start, math.tau / counts_per_rev, noise_nm, fitted=True, substeps=substeps):
-                cost += float(np.sum(np.log1p(whitened(piece, start, start.vector()) ** 2)))
+                cost += float(np.sum(np.log1p(whitened_residual(piece, start, start.vector()) ** 2)))
         if math.isfinite(cost) and (start[MASS] not in costs or cost < costs[start[MASS]][0]):
             costs[start[MASS]] = (cost, start)
     return [model for _, model in sorted(costs.values(), key=lambda entry: entry[0])]
@@ -275,7 +275,7 @@ def _reach(name: str, place_m: float | None, response: FrequencyResponse, model:
     return Reach(name, place_m, signal_up_to(response), 0.5 / response.sample_period_s, mode, ratio)
 
 
-def judged(
+def judge_third_mass(
     two: FinalModel, three: ModelFit, axis: Axis, recordings: Sequence[Recording], responses: Mapping[str, FrequencyResponse]
 ) -> ThreeMass:
     """Whether the third mass is identified: evidence, intervals, held-out records, what is left over, and its mode within the records."""

@@ -120,12 +120,12 @@ def _search(folder: RunFolder, talk: Talk) -> dict[str, Any]:
     except BeltcommError as trouble:
         return {"found": f"cannot tell: {trouble}", "check": "", "verdict": "", "named": []}
     model = with_intervals(found.after)
-    sheets = () if found.named else doubts_of(found.after, folder.axis, records.recordings)
+    sheets = () if found.added_effects else doubts_of(found.after, folder.axis, records.recordings)
     odd = [str(line) for line in sheet_lines(sheets)]
     error = f"the error falls from {found.base.ratio:.3g} to {found.after.ratio:.3g} times the noise"
-    if found.named:
+    if found.added_effects:
         said = []
-        for name in found.named:
+        for name in found.added_effects:
             effect = effect_named(name)
             first = effect.full_names()[0]
             item = model.parameters[first]
@@ -133,7 +133,7 @@ def _search(folder: RunFolder, talk: Talk) -> dict[str, Any]:
             said.append(f"{effect.title} ({with_unit(f'{first} {item.value:.3g}{width}', item.unit)})")
         twin = f"; or {effect_named(found.twins[1]).title}, which these records cannot tell from it" if found.twins else ""
         text = f"{' and '.join(said)}: {found.verdict}, {error}{twin}"
-        checks = list(dict.fromkeys(effect_named(name).check for name in found.named))
+        checks = list(dict.fromkeys(effect_named(name).check for name in found.added_effects))
     else:
         text = f"{found.verdict}, the error is {found.base.ratio:.3g} times the noise"
         if found.verdict == "nothing missing":
@@ -142,7 +142,12 @@ def _search(folder: RunFolder, talk: Talk) -> dict[str, Any]:
     if odd:
         text += f". {odd[0]}"
         checks += [line.strip() for line in odd if line.strip().startswith("Check")]
-    return {"found": text, "check": "; ".join(check.rstrip(".") for check in checks), "verdict": found.verdict, "named": found.named}
+    return {
+        "found": text,
+        "check": "; ".join(check.rstrip(".") for check in checks),
+        "verdict": found.verdict,
+        "named": found.added_effects,
+    }
 
 
 def _key(folder: RunFolder) -> str:

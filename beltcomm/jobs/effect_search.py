@@ -7,7 +7,7 @@ from collections.abc import Callable
 from beltcomm.laboratory.diagnosis import MOST_EFFECTS, Diagnosis, diagnose
 from beltcomm.laboratory.prepared import last_compiled
 from beltcomm.laboratory.run_checks import Checked
-from beltcomm.laboratory.scope import within_scope
+from beltcomm.laboratory.scope import restrict_to_scope
 from beltcomm.rundata.fitted_run import explainable, records_of
 from beltcomm.rundata.kept_fit import fitted_to
 from beltcomm.rundata.reading_time import foretell
@@ -38,7 +38,7 @@ def search_of(folder: RunFolder, talk: Talk, most: int = MOST_EFFECTS) -> tuple[
         trying=lambda candidate: talk.say(words.trial_line(candidate)),
     )
     explainable(found.base.ratio, folder.path)
-    return records, *within_scope(found, records.recordings)
+    return records, *restrict_to_scope(found, records.recordings)
 
 
 def staged(talk: Talk) -> Callable[[int, float], None]:

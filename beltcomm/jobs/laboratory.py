@@ -11,7 +11,7 @@ from beltcomm.effects import EFFECTS, effect_named, stands_for
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.experiments.redundant_steps import Before, shown_already
 from beltcomm.fit.acting import acting_recordings
-from beltcomm.fit.base import NEXT_ITERATIONS, again
+from beltcomm.fit.base import NEXT_ITERATIONS, refit_with_rebuilt_motion
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.noise_level import noise_doubt
@@ -21,17 +21,17 @@ from beltcomm.given import Place, pasted, place, word
 from beltcomm.jobs.confounded_effects import together
 from beltcomm.jobs.effect_search import search_of
 from beltcomm.jobs.rungs import base_revision, plain_of, revision_of
-from beltcomm.laboratory.acceptance import confirmed, drop_by
+from beltcomm.laboratory.acceptance import drop_by, is_confirmed
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
-from beltcomm.laboratory.diagnosis import Diagnosis, Step, settled
-from beltcomm.laboratory.forms import formed, held, placed
-from beltcomm.laboratory.freedom import unneeded
+from beltcomm.laboratory.diagnosis import Diagnosis, Stage, final_refit
+from beltcomm.laboratory.forms import assign_body, fit_law_shapes, fixed_forms
+from beltcomm.laboratory.freedom import is_replaceable_gap
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.plain_error import of_run
-from beltcomm.laboratory.scope import lacking, not_named
+from beltcomm.laboratory.scope import missing_records, not_named
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import MISSING, may_add, with_effect
-from beltcomm.laboratory.visible import visible
+from beltcomm.laboratory.visible import detection_limits
 from beltcomm.locks import changes_run
 from beltcomm.model import Model
 from beltcomm.pages import pictures as drawn
@@ -148,13 +148,13 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         "remarks": list(records.remarks),
         "doubts": doubts,
     }
-    belonging = together(found.after, found.named)
+    belonging = together(found.after, found.added_effects)
     data["together"] = [plain(one) for one in belonging]
     text = words.remark_lines(records.remarks) + words.diagnosis_lines(found, before, after) + [one.text for one in belonging] + doubts
     text += [*path_sentences(found.data.path, recordings), *check_lines(crossed)]
-    if cost and found.named:
+    if cost and found.added_effects:
         talk.phase(1, 1, "what it costs in tracking")
-        data["cost"], lines = cost_and_words(folder, found.base.model, with_intervals(found.after), " and ".join(found.named))
+        data["cost"], lines = cost_and_words(folder, found.base.model, with_intervals(found.after), " and ".join(found.added_effects))
         text += lines
     seen, lines, planned = sight(folder, found, recordings, following)
     data |= seen
@@ -168,7 +168,11 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
     data["revisions"] = [as_mapping(r) for r in added]
     return Result(
         data,
-        [*text, *words.climb_lines(added, found.named, found.after.held_ratio is not None, run), f"Next: beltcomm design {pasted(run)}"],
+        [
+            *text,
+            *words.climb_lines(added, found.added_effects, found.after.held_ratio is not None, run),
+            f"Next: beltcomm design {pasted(run)}",
+        ],
     )
 
 
@@ -189,10 +193,10 @@ def with_lines(result: Result, lines: Sequence[str]) -> Result:
 def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], following: bool) -> tuple[dict[str, Any], list[str], str]:
     """What these data could not have shown, and with ``following`` the plan of what to record next, saved, and the command that does it."""
     planned = ""
-    sights = visible(found.scorer, ground_of(found.base, found.base.problem.pieces, folder.axis))
+    sights = detection_limits(found.scorer, ground_of(found.base, found.base.problem.pieces, folder.axis))
     data: dict[str, Any] = {"visible": [seen_as(one) for one in sights]}
     model = found.base.model
-    missing = lacking(recordings, model["transmission.ratio"]) if "cart" in model.base_bodies else []
+    missing = missing_records(recordings, model["transmission.ratio"]) if "cart" in model.base_bodies else []
     data["lacking"] = missing
     untried = [e for e in EFFECTS if e.untried and may_add(found.base, e)]
     data["untried"] = [{"effect": e.name, "why": e.untried} for e in untried]
@@ -201,8 +205,8 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
     if following:
         window = (float(folder.axis.travel.min_m or 0.0), float(folder.axis.travel.max_m or 1.0))
         before = Before(recordings, window, model["transmission.ratio"], total_friction(model))
-        blind = [one for one in sights if not one.seen]
-        wanted = plan_for(found.twins, blind, found.named, lambda step: shown_already(step, before))
+        blind = [one for one in sights if not one.is_detectable]
+        wanted = plan_for(found.twins, blind, found.added_effects, lambda step: shown_already(step, before))
         data["next"] = wanted.to_dict()
         folder.save_result(NAME, plain(wanted.to_dict()))
         lines += wanted.lines(folder.path)
@@ -217,15 +221,15 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
     """
     made = []
     if not (known and current_revision(folder)):
-        made.append(base_revision(folder, *found.stated, command, when))
-    (seen, before), parts = found.stated, list[Step]()
+        made.append(base_revision(folder, *found.published_base, command, when))
+    (seen, before), parts = found.published_base, list[Stage]()
     for number, step in enumerate(found.steps):
         if not step.added:
             continue
         # Forms belong to what was named before them, as with ``add``.
         parts += [step, *takewhile(lambda other: not other.added, found.steps[number + 1 :])]
         after = parts[-1].after
-        if confirmed(seen, before, after, found.data):
+        if is_confirmed(seen, before, after, found.data):
             change = change_of([name for s in parts for name in (s.added, *s.forms) if name], [name for s in parts for name in s.removed])
             made.append(revision_of(folder, (found.data, after), (seen, before), change, command, when))
             before, seen, parts = after, found.data, []
@@ -263,15 +267,15 @@ def add_to_run(
         raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {pasted(run)}`")
     grown = with_effect(here.data, here.fitted, ground_of(here.fitted, here.data.fitted, here.folder.axis), effect_named(effect))
     grown = better(here.folder, here.data, here.fitted, grown, effect)
-    data, named = again(here.data, grown, NEXT_ITERATIONS)
-    on_body = placed(data, named, effect_named(effect))
-    shaped = formed(data, on_body.fitted, here.fitted.model)
-    data, after = settled(data, shaped.fitted)
+    data, named = refit_with_rebuilt_motion(here.data, grown, NEXT_ITERATIONS)
+    on_body = assign_body(data, named, effect_named(effect))
+    shaped = fit_law_shapes(data, on_body.fitted, here.fitted.model)
+    data, after = final_refit(data, shaped.fitted)
     if current_revision(here.folder) is None:
         base_revision(here.folder, here.data, here.fitted, command, when)
     change = change_of((effect, *on_body.new, *shaped.new))
     rung = revision_of(here.folder, (data, after), (here.data, here.fitted), change, command, when)
-    notes = words.added_notes(asked, effect, unneeded(data, after, effect_named(effect)))
+    notes = words.added_notes(asked, effect, is_replaceable_gap(data, after, effect_named(effect)))
     result = change_result(here, data, after, rung, notes, command, pictures)
     if not cost:
         return result
@@ -293,7 +297,7 @@ def remove_from_run(
     if current_revision(here.folder) is None:
         base_revision(here.folder, here.data, here.fitted, command, when)
     smaller = fit(here.data, here.fitted.model.without_effect(effect), NEXT_ITERATIONS, offsets=here.fitted.offsets)
-    data, after = settled(*again(here.data, smaller, NEXT_ITERATIONS))
+    data, after = final_refit(*refit_with_rebuilt_motion(here.data, smaller, NEXT_ITERATIONS))
     rung = revision_of(here.folder, (data, after), (here.data, here.fitted), f"-{effect}", command, when)
     return change_result(here, data, after, rung, [], command, pictures)
 
@@ -356,7 +360,7 @@ def told_before(folder: RunFolder, model: Model, effect: str) -> Model | None:
             return None
         grown = model.with_effect(effect)
         told = {name: float(said["value"]) for name, said in after["parameters"].items() if name in grown.parameters}
-        for form in held(grown, effect_named(effect)):  # stays the usual one: it is found after the effect
+        for form in fixed_forms(grown, effect_named(effect)):  # stays the usual one: it is found after the effect
             told.pop(form, None)
         return grown.with_values(told, "diagnosis")
     except (BeltcommError, KeyError, TypeError, ValueError, AttributeError):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.records import Data
-from beltcomm.laboratory.acceptance import confirmed
+from beltcomm.laboratory.acceptance import is_confirmed
 from beltcomm.laboratory.diagnosis import Diagnosis
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.plain_error import band_of, of_run
@@ -29,7 +29,7 @@ def revision_of(folder: RunFolder, new: tuple[Data, Fitted], old: tuple[Data, Fi
     What stands on a rung that is not confirmed must be better than the last one that is, too.
     """
     (data, after), (seen, before) = new, old
-    fell = None if change.startswith("-") else confirmed(seen, before, after, data)  # who takes one out has decided
+    fell = None if change.startswith("-") else is_confirmed(seen, before, after, data)  # who takes one out has decided
     plain = of_run(data, after, band_of(seen, before.model))
     parent = current_revision(folder)
     if fell and parent is not None and after.held_ratio is not None:
@@ -50,8 +50,8 @@ def revision_of(folder: RunFolder, new: tuple[Data, Fitted], old: tuple[Data, Fi
 
 def plain_of(found: Diagnosis) -> tuple[Plain, Plain]:
     """Errors of the first and of the last model of a search in plain units, in the band of the first."""
-    band = band_of(found.stated[0], found.base.model)
-    before = of_run(*found.stated, band)
+    band = band_of(found.published_base[0], found.base.model)
+    before = of_run(*found.published_base, band)
     return before, before if found.after is found.base else of_run(found.data, found.after, band)
 
 

@@ -24,7 +24,7 @@ from beltcomm.effects import Effect
 from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood import Problem
 from beltcomm.fit.observer import needs_observer
-from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, group_of, rewhitened
+from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, group_of, with_whitener
 from beltcomm.fit.segment import Segment
 from beltcomm.laboratory.plain_error import changes
 from beltcomm.model import Model
@@ -58,14 +58,14 @@ def explained_share(drop: float, base: Fitted) -> float:
 
 def enough(evidence: float, explained: float, drop: float, held_gain: float, base: Fitted) -> bool:
     """Whether an effect may be named."""
-    if evidence <= EVIDENCE or refuted(evidence, held_gain):
+    if evidence <= EVIDENCE or is_refuted(evidence, held_gain):
         return False
     held = sum(len(r) for r in base.held_residual)
     confirmed = held > 0 and held_gain / held > CONFIRMED_GAIN * drop / base.problem.samples
     return explained > (CONFIRMED_EXPLAINED if confirmed else EXPLAINED)
 
 
-def left_as_a_whole(before: Fitted, after: Fitted) -> float:
+def share_left(before: Fitted, after: Fitted) -> float:
     """Share of the squares above the noise that is left, of the fitted records; of those held out where less than half is left there.
 
     O forgives bad places, which may fall while the error as a whole stays or grows.
@@ -97,7 +97,7 @@ def falls(change: tuple[float, float], before: float, after: float) -> bool:
     return rise <= chance and (rise < 0.0 or after < before)
 
 
-def confirmed(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None) -> bool | None:
+def is_confirmed(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None) -> bool | None:
     """Whether the held-out records confirm a change of the model; None without any.
 
     The error over the noise must fall, in the mean square and without its outliers, and the plain error must not rise by more than chance.
@@ -119,7 +119,7 @@ def impossible(model: Model) -> list[str]:
     return [name for name, v in limits.items() if v.low < v.high and not v.low * (1.0 + CLOSE) < v.value < v.high * (1.0 - CLOSE)]
 
 
-def grown_out_of_bounds(model: Model, effect: Effect) -> bool:
+def exceeds_bounds(model: Model, effect: Effect) -> bool:
     """Whether what scales an effect, its first fitted parameter, grew until it met its bound: no size of the effect is right."""
     scale = next((f"{effect.name}.{p.name}" for p in effect.parameters if p.fitted), "")
     if scale not in model.parameters:
@@ -131,7 +131,7 @@ def grown_out_of_bounds(model: Model, effect: Effect) -> bool:
     return item.value >= item.high - near or (item.low < 0.0 and item.value <= item.low + near)
 
 
-def fitted_to_nothing(model: Model, effect: Effect) -> bool:
+def is_negligible(model: Model, effect: Effect) -> bool:
     """Whether an effect was fitted to less than is one.
 
     A gap of no width: then what explains is the observer that follows the carriage, which forgives other effects.
@@ -139,7 +139,7 @@ def fitted_to_nothing(model: Model, effect: Effect) -> bool:
     return effect.least > 0.0 and model[effect.full_names()[0]] <= effect.least
 
 
-def refuted(evidence: float, held_gain: float) -> bool:
+def is_refuted(evidence: float, held_gain: float) -> bool:
     """Whether the held-out records speak against an effect that the fitted ones speak for."""
     return held_gain < -HELD_OUT_LOSS * max(evidence, 0.0)
 
@@ -191,7 +191,7 @@ def loudness(pieces: Sequence[Segment]) -> float:
     for piece in pieces:
         noise = piece.observer.watch if piece.observer is not None else piece.whitener
         if noise is not None:
-            total += 2.0 * float(np.sum(piece.grouped(np.log(noise.deviations[piece.keep])))) / math.sqrt(piece.group)
+            total += 2.0 * float(np.sum(piece.group_sums(np.log(noise.deviations[piece.keep])))) / math.sqrt(piece.group)
     return total
 
 
@@ -203,7 +203,7 @@ def lags(fitted: Fitted) -> bool:
 def base_noise(grown: Fitted) -> float:
     """What O gains when a model whose reading lags is judged by its own noise, its smaller deviations counted; nats."""
     before = [replace(piece, group=1) for piece in grown.problem.pieces]
-    after = [replace(rewhitened(piece, grown.model), group=1) for piece in before]
+    after = [replace(with_whitener(piece, grown.model), group=1) for piece in before]
     old, new = (Problem(pieces, grown.model, grown.problem.free, BLOCK_S) for pieces in (before, after))
     fall = 0.0
     for one, other in zip(before, after, strict=True):
@@ -221,6 +221,6 @@ def price_of_bending(problem: Problem, x: np.ndarray) -> float:
         motion = true_motion(problem.model, piece.motion, vector)
         step = STEP * float(np.abs(piece.torque).max())
         raised, plain = (acting_torque(problem.model, motion, piece.torque + shift, vector) for shift in (step, 0.0))
-        passed = (raised - plain)[piece.counted] / step
+        passed = (raised - plain)[piece.value_samples] / step
         total -= 2.0 * float(np.sum(np.log(np.maximum(passed, 1e-3))))
     return total

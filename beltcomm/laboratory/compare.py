@@ -15,7 +15,7 @@ from beltcomm.fit.segment import Segment, evaluate
 from beltcomm.identify.landmarks import shape_of
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.places import Place, worst_places
-from beltcomm.laboratory.plain_error import band_of, banded, plain_error
+from beltcomm.laboratory.plain_error import band_limited_errors, band_of, plain_error
 from beltcomm.laboratory.samples import Judged, units_of
 from beltcomm.model import Model
 
@@ -63,7 +63,7 @@ def compare(data: Data, fitted: Fitted) -> Comparison:
         judged.append(_judged(piece, fitted, vector, white, OFFSET_M * float(fitted.offsets[i])))
     for piece, white in zip(data.held_out, fitted.held_residual, strict=True):
         judged.append(_judged(piece, fitted, vector, white, 0.0))
-    parts = banded(data, fitted, band)
+    parts = band_limited_errors(data, fitted, band)
     records = []
     for name in dict.fromkeys(j.piece.record for j in judged):
         white = np.concatenate([j.white for j in judged if j.piece.record == name])
@@ -78,7 +78,7 @@ def compare(data: Data, fitted: Fitted) -> Comparison:
 
 def _judged(piece: Segment, fitted: Fitted, vector: Array, white: Array, offset_m: float) -> Judged:
     torque = evaluate(piece, fitted.model, vector, offset_m)
-    return Judged(piece, white, torque[piece.counted], fitted.model["transmission.ratio"], torque, units_of(fitted.model))
+    return Judged(piece, white, torque[piece.value_samples], fitted.model["transmission.ratio"], torque, units_of(fitted.model))
 
 
 def worst(comparison: Comparison, count: int = 5) -> list[Place]:

@@ -10,22 +10,31 @@ from typing import Final, Literal
 from beltcomm.axis import Axis
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, effect_named
-from beltcomm.fit.base import FIRST_ITERATIONS, NEXT_ITERATIONS, again, fit_base
+from beltcomm.fit.base import FIRST_ITERATIONS, NEXT_ITERATIONS, fit_base, refit_with_rebuilt_motion
 from beltcomm.fit.estimate import Fitted, escape_local_minimum, fit
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, prepare
 from beltcomm.fit.start import data_sheet
-from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, impossible, left_as_a_whole, lowers, refuted
+from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, impossible, is_refuted, lowers, share_left
 from beltcomm.laboratory.compare import compare
-from beltcomm.laboratory.forms import formed, placed
-from beltcomm.laboratory.freedom import unneeded
-from beltcomm.laboratory.masked import behind_a_delay
-from beltcomm.laboratory.plausible import run_away, undetermined, unlikely
+from beltcomm.laboratory.forms import assign_body, fit_law_shapes
+from beltcomm.laboratory.freedom import is_replaceable_gap
+from beltcomm.laboratory.masked import gap_with_delay
+from beltcomm.laboratory.plausible import run_away, undetermined_effects, unlikely
 from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of
-from beltcomm.laboratory.stage import MISSING, MOSTLY, Candidate, candidate, held_at, merged, search, strayed
+from beltcomm.laboratory.stage import (
+    MISSING,
+    MOSTLY,
+    Candidate,
+    candidate,
+    fit_with_sheet_values,
+    left_start_values,
+    merge_candidates,
+    search,
+)
 from beltcomm.laboratory.structure import structure
-from beltcomm.laboratory.superfluous import superfluous
+from beltcomm.laboratory.superfluous import drop_superfluous
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -54,7 +63,7 @@ TWIN_GAP, TWIN_SHARE = 50.0, 0.002
 
 
 @dataclass(frozen=True)
-class Step:
+class Stage:
     """One stage.   before : the model it began with.   candidates : ranked.   added : the effect taken on trial, "" for none.
     removed : effects that became superfluous.   after : the model it ended with.   forms : see ``forms``; beside an effect that was
     added what of it acts on the carriage.   detour : effects that were taken on trial first and became superfluous beside that one."""
@@ -75,7 +84,7 @@ class Diagnosis:
 
     base: Fitted
     data: Data
-    steps: tuple[Step, ...]
+    steps: tuple[Stage, ...]
     verdict: Verdict
     twins: tuple[str, ...]
     scorer: Scorer
@@ -83,14 +92,14 @@ class Diagnosis:
     published: tuple[Data, Fitted] | None = None
 
     @property
-    def stated(self) -> tuple[Data, Fitted]:
+    def published_base(self) -> tuple[Data, Fitted]:
         """Records and fit of the base whose numbers are told: those that were published, where the search began from them."""
         return self.published or (self.first, self.base)
 
     @property
-    def told(self) -> Fitted:
+    def published_model(self) -> Fitted:
         """The model whose numbers are told: the base as it was published, where nothing was added."""
-        return self.stated[1] if self.after is self.base else self.after
+        return self.published_base[1] if self.after is self.base else self.after
 
     @property
     def after(self) -> Fitted:
@@ -98,25 +107,27 @@ class Diagnosis:
         return self.steps[-1].after if self.steps else self.base
 
     @property
-    def named(self) -> list[str]:
+    def added_effects(self) -> list[str]:
         """Effects that were added and stayed, in that order, each followed by what completes it."""
         every = [name for step in self.steps for name in (step.added, *step.forms)]
         return [name for name in dict.fromkeys(every) if name in self.after.model.effects]
 
 
-def fitted_base(recordings: Sequence[Recording], axis: Axis, start: Model) -> tuple[Data, Fitted]:
+def fit_base_of(recordings: Sequence[Recording], axis: Axis, start: Model) -> tuple[Data, Fitted]:
     """The start model fitted to the records, and the records as it sees them."""
     return fit_base(prepare(recordings, axis, start), start, sheet=data_sheet(axis, recordings))
 
 
 def as_searched(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
     """The fit of a base with the steps of time of a search."""
-    return (data, fitted) if needs_observer(fitted.model) else again(data, fitted, SETTLED_ITERATIONS)
+    return (data, fitted) if needs_observer(fitted.model) else refit_with_rebuilt_motion(data, fitted, SETTLED_ITERATIONS)
 
 
-def settled(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
+def final_refit(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
     """The last model of a search at its best, with the steps of time halved: they cost stiffness 0.05 % and belt damping 0.5 %."""
-    return (data, fitted) if needs_observer(fitted.model) else again(data, fitted, SETTLED_ITERATIONS, PUBLISHED_SUBSTEPS)
+    return (
+        (data, fitted) if needs_observer(fitted.model) else refit_with_rebuilt_motion(data, fitted, SETTLED_ITERATIONS, PUBLISHED_SUBSTEPS)
+    )
 
 
 @in_one_thread
@@ -130,7 +141,7 @@ def diagnose(
     progress: Callable[[int, float], None] = lambda _stage, _fraction: None,
     trying: Callable[[Candidate], None] = lambda _candidate: None,
 ) -> Diagnosis:
-    """The whole search from a start model.   begun : its :func:`fitted_base`, where known.
+    """The whole search from a start model.   begun : its :func:`fit_base_of`, where known.
 
     progress : hears the number of the stage, from 1, and how much of it is done; nobody knows how many there will be.
     trying : hears of each effect on trial, and again, with what speaks against it, where it is refused.
@@ -141,7 +152,7 @@ def diagnose(
         data, base = fit_base(prepare(recordings, axis, start), start, sheet=data_sheet(axis, recordings), publish=False)
     else:
         data, base = as_searched(*begun)
-    steps: list[Step] = []
+    steps: list[Stage] = []
     seen: list[Data] = []  # what each step began with
     current = base
     at_base, at_first = Scorer(base), data
@@ -152,67 +163,67 @@ def diagnose(
     for number in range(limit):
         above = BESIDE_ADDED if any(step.added for step in steps) else MISSING
         if ranked is None:
-            ranked = looked_for(
+            ranked = find_candidates(
                 data, current, at_base if current is base else Scorer(current), start, axis, above, in_stage(progress, number)
             )
         # Further orders of a ripple that is there already are no new cause.
         causes = sum(bool(step.added) and not further(step.added) for step in steps)
-        taken = on_trial(data, current, ranked, trying, causes < most)
+        taken = accept_best(data, current, ranked, trying, causes < most)
         ranked = None
         current.problem.forget()  # observers of a stage that is over: every step keeps its model
         if taken.best is None or taken.grown is None:
             if doubted is not None:
-                data, current, ranked = taken_back(seen, steps, doubted, trying)
+                data, current, ranked = revert_step(seen, steps, doubted, trying)
                 doubted, patient = None, False
                 continue
-            better = beyond(data, current) if causes else None
+            better = escape_if_far_off(data, current) if causes else None
             if better is not None:
-                data, current = again(data, better, NEXT_ITERATIONS)
+                data, current = refit_with_rebuilt_motion(data, better, NEXT_ITERATIONS)
                 steps[-1] = replace(steps[-1], after=current)
                 continue
-            shaped = formed(data, current, base.model)
+            shaped = fit_law_shapes(data, current, base.model)
             seen.append(data)
-            steps.append(Step(current, tuple(taken.candidates), "", shaped.removed, shaped.fitted, shaped.new))
+            steps.append(Stage(current, tuple(taken.candidates), "", shaped.removed, shaped.fitted, shaped.new))
             current = shaped.fitted
             if not shaped.new or current.objective < MISSING * current.problem.samples:
                 break
             continue
         seen.append(data)
         data, name = taken.data, taken.best.effect.name
-        kept, removed = superfluous(data, taken.grown, base.model, name)
-        on_body = placed(data, kept, taken.best.effect)
+        kept, removed = drop_superfluous(data, taken.grown, base.model, name)
+        on_body = assign_body(data, kept, taken.best.effect)
         if on_body.new:
-            data, kept = again(data, on_body.fitted, NEXT_ITERATIONS)
-        steps.append(Step(current, tuple(taken.candidates), name, removed, kept, on_body.new))
+            data, kept = refit_with_rebuilt_motion(data, on_body.fitted, NEXT_ITERATIONS)
+        steps.append(Stage(current, tuple(taken.candidates), name, removed, kept, on_body.new))
         current = kept
         at = len(steps) - 1 if doubted is None else doubted
-        strays = steps[at].added in kept.model.effects and unneeded(data, kept, effect_named(steps[at].added))
+        strays = steps[at].added in kept.model.effects and is_replaceable_gap(data, kept, effect_named(steps[at].added))
         if strays and not (patient and doubted is None):
-            data, current, ranked = taken_back(seen, steps, at, trying)
+            data, current, ranked = revert_step(seen, steps, at, trying)
             doubted, patient = None, False
             continue
-        direct = shorter(seen, steps) if removed else None
+        direct = find_detour(seen, steps) if removed else None
         if direct is not None:
             first, step = direct
             steps[first:], seen[first + 1 :] = [step], []
         doubted = len(steps) - 1 if strays else None  # what a gap hides may show itself behind it, as a slack strand does
-    twins = next((pair for step in steps if step.added and (pair := twins_of(standing(step.candidates)))), ())
+    twins = next((pair for step in steps if step.added and (pair := twins_of(uncontradicted(step.candidates)))), ())
     if twins and twins[0] not in current.model.effects:
         twins = ()
     against = base  # what the last model is held against: a base of the same steps of time and groups of samples
     if any(step.added for step in steps):
-        data, last = settled(data, current)
+        data, last = final_refit(data, current)
         steps = [replace(step, after=last) if step.after is current else step for step in steps]
         current = last
         alike = data.substeps != at_first.substeps  # the last model with finer steps, and so the first one, too
-        before, against = (begun or settled(at_first, base)) if alike else (at_first, base)
+        before, against = (begun or final_refit(at_first, base)) if alike else (at_first, base)
         if not lowers(before, against, current, data):
             data, current, twins, steps, against = at_first, base, (), [withdrawn(steps, base)], base
     verdict = verdict_of(against, steps, twins, remaining_structure(data, current))
     return Diagnosis(base, data, tuple(steps), verdict, twins, at_base, at_first, begun)
 
 
-def looked_for(
+def find_candidates(
     data: Data, current: Fitted, scorer: Scorer, start: Model, axis: Axis, above: float, progress: Callable[[float], None]
 ) -> list[Candidate]:
     """What may be missing, best first.
@@ -222,19 +233,19 @@ def looked_for(
     """
     ground = ground_of(current, data.fitted, axis)
     candidates = search(data, scorer, ground, progress=progress, swallowed_above=above)
-    if not strayed(current, start, above):
+    if not left_start_values(current, start, above):
         return candidates
-    held = held_at(data, current, start)
+    held = fit_with_sheet_values(data, current, start)
     beside = ground_of(held, data.fitted, axis)
-    both = merged(candidates, search(data, Scorer(held), beside, swallowed_above=math.inf, against=current))
+    both = merge_candidates(candidates, search(data, Scorer(held), beside, swallowed_above=math.inf, against=current))
     if any(c.accepted and c.explained > MOSTLY for c in both):
         return both
-    masked = behind_a_delay(data, current, held)
-    return both if masked is None else merged([c for c in both if c.effect is not masked.effect], [masked])
+    masked = gap_with_delay(data, current, held)
+    return both if masked is None else merge_candidates([c for c in both if c.effect is not masked.effect], [masked])
 
 
-def taken_back(
-    seen: list[Data], steps: list[Step], first: int, trying: Callable[[Candidate], None]
+def revert_step(
+    seen: list[Data], steps: list[Stage], first: int, trying: Callable[[Candidate], None]
 ) -> tuple[Data, Fitted, list[Candidate]]:
     """Records, model and candidates as a step began with them, its effect refused: a carriage that strays can do without it.
 
@@ -248,15 +259,15 @@ def taken_back(
     return data, step.before, [refused if c is best else c for c in step.candidates]
 
 
-def withdrawn(steps: Sequence[Step], base: Fitted) -> Step:
+def withdrawn(steps: Sequence[Stage], base: Fitted) -> Stage:
     """The first step with its effect refused: with all that was added the error in plain units is no less than without."""
     first = steps[0]
     refused = [replace(c, accepted=False, idle=True) if c.effect.name == first.added else c for c in first.candidates]
-    return Step(base, tuple(refused), "", (), base)
+    return Stage(base, tuple(refused), "", (), base)
 
 
 @dataclass(frozen=True)
-class Taken:
+class Trial:
     """candidates : with what the fits said of them.   best : the one taken, None for none.   data, grown : with it, all fitted again."""
 
     candidates: list[Candidate]
@@ -265,7 +276,7 @@ class Taken:
     grown: Fitted | None = None
 
 
-def on_trial(data: Data, current: Fitted, candidates: list[Candidate], trying: Callable[[Candidate], None], causes_left: bool) -> Taken:
+def accept_best(data: Data, current: Fitted, candidates: list[Candidate], trying: Callable[[Candidate], None], causes_left: bool) -> Trial:
     """The best candidate with everything fitted again; the next one where the error as a whole grows, and none where that is not accepted.
 
     Such a one explains only what it does to the noise, as a lag of the reading beside a dead time does.
@@ -273,20 +284,20 @@ def on_trial(data: Data, current: Fitted, candidates: list[Candidate], trying: C
     causes_left : whether one more cause may be named; else only further orders of one.
     """
     while True:
-        best = next(iter(standing(candidates)), None)
+        best = next(iter(uncontradicted(candidates)), None)
         if best is None or not best.accepted or best.fitted is None or not (causes_left or further(best.effect.name)):
-            return Taken(candidates, None, data)
+            return Trial(candidates, None, data)
         trying(best)
-        ahead, grown = again(data, best.fitted, NEXT_ITERATIONS)
-        less = grown.ratio <= GROWN * current.ratio or left_as_a_whole(current, grown) < 1.0
+        ahead, grown = refit_with_rebuilt_motion(data, best.fitted, NEXT_ITERATIONS)
+        less = grown.ratio <= GROWN * current.ratio or share_left(current, grown) < 1.0
         if less and lowers(data, current, grown, ahead):
-            return Taken(candidates, best, ahead, grown)
+            return Trial(candidates, best, ahead, grown)
         refused = replace(best, accepted=False, grows=not less, idle=less)
         trying(refused)
         candidates = [refused if c is best else c for c in candidates]
 
 
-def beyond(data: Data, fitted: Fitted) -> Fitted | None:
+def escape_if_far_off(data: Data, fitted: Fitted) -> Fitted | None:
     """The model in a better valley where the error is far above the noise; None where it is not, or where none is found.
 
     Asked when nothing more explains what is left beside an added effect, so that it costs no time where a search ends well.
@@ -295,10 +306,10 @@ def beyond(data: Data, fitted: Fitted) -> Fitted | None:
         return None
     found = escape_local_minimum(data, fitted, NEXT_ITERATIONS)
     drop, held_gain = drop_by(fitted, found), fitted.held_objective - found.held_objective
-    return found if drop > EVIDENCE and not refuted(drop, held_gain) and not impossible(found.model) else None
+    return found if drop > EVIDENCE and not is_refuted(drop, held_gain) and not impossible(found.model) else None
 
 
-def standing(candidates: Sequence[Candidate]) -> list[Candidate]:
+def uncontradicted(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Candidates that neither the held-out records nor their own values contradict: the others stand in no one's way."""
     return [c for c in candidates if c.stands]
 
@@ -313,7 +324,7 @@ def further(name: str) -> bool:
     return name.rpartition("_")[2].isdigit()
 
 
-def shorter(seen: Sequence[Data], steps: Sequence[Step]) -> tuple[int, Step] | None:
+def find_detour(seen: Sequence[Data], steps: Sequence[Stage]) -> tuple[int, Stage] | None:
     """The step that goes straight to where the last ones came by a detour, and the number of the first that it stands for.
 
     Far from the truth the score test does not see every effect, and one that explains a part shows it the way.  Where that one is
@@ -326,12 +337,12 @@ def shorter(seen: Sequence[Data], steps: Sequence[Step]) -> tuple[int, Step] | N
             continue
         straight = fit(seen[number], last.after.model, FIRST_ITERATIONS, offsets=last.after.offsets)
         found = candidate(seen[number], step.before, effect_named(last.added), 0.0, straight, len(steps) - number)
-        candidates = merged(step.candidates, [found])
-        if standing(candidates)[0] is found and found.accepted:
+        candidates = merge_candidates(step.candidates, [found])
+        if uncontradicted(candidates)[0] is found and found.accepted:
             detour = tuple(name for name in last.removed if name not in step.before.model.effects)
             left = {*last.after.model.parameters, *last.after.model.effects}
             forms = tuple(name for other in steps[number:] for name in other.forms if name in left)
-            return number, Step(step.before, tuple(candidates), last.added, (), last.after, forms, detour)
+            return number, Stage(step.before, tuple(candidates), last.added, (), last.after, forms, detour)
     return None
 
 
@@ -358,12 +369,12 @@ def structures(data: Data, fitted: Fitted) -> dict[str, float]:
     return structure(compare(data, fitted).judged)
 
 
-def verdict_of(base: Fitted, steps: Sequence[Step], twins: tuple[str, ...], left: float) -> Verdict:
+def verdict_of(base: Fitted, steps: Sequence[Stage], twins: tuple[str, ...], left: float) -> Verdict:
     """The verdict about the state after adding the best effects on trial.   left : structure of the rest."""
     after = steps[-1].after if steps else base
     level = after.objective / after.problem.samples
     added = [step.added for step in steps if step.added]
-    if added and left_as_a_whole(base, after) > MOSTLY_LEFT:
+    if added and share_left(base, after) > MOSTLY_LEFT:
         return NONE_EXPLAINS
     if not added:
         # Rounding is most of the noise.
@@ -372,6 +383,6 @@ def verdict_of(base: Fitted, steps: Sequence[Step], twins: tuple[str, ...], left
         return "nothing missing" if level < NOISE_KNOWN and left < most else NONE_EXPLAINS
     if level >= MISSING or left >= STRUCTURED_BESIDE or run_away(after.model, base.model):
         return "partly explained"
-    if undetermined(with_intervals(after), base.model) or unlikely(after.model, base.model):
+    if undetermined_effects(with_intervals(after), base.model) or unlikely(after.model, base.model):
         return "partly explained"
     return "cannot tell" if twins else "explained"

@@ -22,9 +22,9 @@ from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.likelihood import OFFSET_M
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
-from beltcomm.fit.segment import whitened
+from beltcomm.fit.segment import whitened_residual
 from beltcomm.laboratory.acceptance import EVIDENCE as TO_BE_NAMED  # of an effect; that of a form is below
-from beltcomm.laboratory.acceptance import drop_by, grown_out_of_bounds, impossible, refuted
+from beltcomm.laboratory.acceptance import drop_by, exceeds_bounds, impossible, is_refuted
 from beltcomm.model import Model
 
 #: Evidence that a form must have, nats: noise alone reaches 10 once in some thousands.
@@ -39,7 +39,7 @@ PARTS = (1.0, 0.3, 0.1)
 
 
 @dataclass(frozen=True)
-class Formed:
+class ShapedFit:
     """A model with forms.   new : what became free (parameters) or came (effects).   removed : effects that a form made superfluous."""
 
     fitted: Fitted
@@ -47,40 +47,40 @@ class Formed:
     removed: tuple[str, ...] = ()
 
 
-def formed(data: Data, fitted: Fitted, base: Model) -> Formed:
+def fit_law_shapes(data: Data, fitted: Fitted, base: Model) -> ShapedFit:
     """The model with the forms of its added effects fitted where that pays.   base : model without the added effects.
 
     First a form in place of an effect that was added later, then one form after the other, in the order of the model's effects.
     """
     if needs_observer(fitted.model):
-        return Formed(fitted)  # an observer forgives what a form would explain
+        return ShapedFit(fitted)  # an observer forgives what a form would explain
     new: list[str] = []
     removed: list[str] = []
     for effect in reversed(additions(fitted.model, base)[1:]):
         smaller = without(fitted.model, effect.name)
         formable = [] if smaller is None else [e for e in additions(smaller, base) if any(p.form for p in e.parameters)]
         if smaller is not None and formable:
-            names = [name for e in formable for name in held(smaller, e)]
+            names = [name for e in formable for name in fixed_forms(smaller, e)]
             trial = fit(data, reduce(Model.with_forms, [e.name for e in formable], smaller), ITERATIONS, offsets=fitted.offsets)
-            if drop_by(trial, fitted) < TO_BE_NAMED and not spoiled(fitted, trial):
+            if drop_by(trial, fitted) < TO_BE_NAMED and not is_contradicted(fitted, trial):
                 fitted = trial
                 new += names
                 removed.append(effect.name)
     for effect in additions(fitted.model, base):
         for one in ("", *effect.completed_by):
             if one and rubs_like(effect, one):
-                on_body = divided(data, fitted, effect, one, EVIDENCE)
+                on_body = split_between_bodies(data, fitted, effect, one, EVIDENCE)
                 new += [name for name in on_body.model.effects if name not in fitted.model.effects]
                 fitted = on_body
             elif found := variant(fitted.model, effect, one):
                 trial = fit(data, found[1], ITERATIONS, offsets=fitted.offsets)
-                if pays(fitted, trial):
+                if is_worth_its_parameters(fitted, trial):
                     fitted = trial
                     new += found[0]
-    return Formed(fitted, tuple(new), tuple(removed))
+    return ShapedFit(fitted, tuple(new), tuple(removed))
 
 
-def placed(data: Data, fitted: Fitted, effect: Effect) -> Formed:
+def assign_body(data: Data, fitted: Fitted, effect: Effect) -> ShapedFit:
     """The model with what of a law acts on the carriage, asked as soon as the law is named at the motor.
 
     On the wrong body it would mislead the search.  It takes the evidence of an effect; with less it is asked again when all is found.
@@ -88,11 +88,11 @@ def placed(data: Data, fitted: Fitted, effect: Effect) -> Formed:
     before = fitted
     for one in effect.completed_by if not needs_observer(fitted.model) else ():
         if rubs_like(effect, one):
-            fitted = divided(data, fitted, effect, one, TO_BE_NAMED)
-    return Formed(fitted, tuple(name for name in fitted.model.effects if name not in before.model.effects))
+            fitted = split_between_bodies(data, fitted, effect, one, TO_BE_NAMED)
+    return ShapedFit(fitted, tuple(name for name in fitted.model.effects if name not in before.model.effects))
 
 
-def divided(data: Data, fitted: Fitted, effect: Effect, one: str, evidence: float) -> Fitted:
+def split_between_bodies(data: Data, fitted: Fitted, effect: Effect, one: str, evidence: float) -> Fitted:
     """The model with a law's friction where it acts: at the motor, at the carriage, or at both.   evidence : for its part at the carriage.
 
     Both parts are nearly the same to a motor that feels them together.  A fit that begins at the motor may stay there, and a part that is
@@ -106,16 +106,16 @@ def divided(data: Data, fitted: Fitted, effect: Effect, one: str, evidence: floa
         if promise_at_carriage(begun, effect, one) < PROMISED * (evidence + choice):
             return begun
         trial = fit(data, behind, ITERATIONS, offsets=begun.offsets)
-        fitted = trial if pays(begun, trial, evidence + choice) else begun
+        fitted = trial if is_worth_its_parameters(begun, trial, evidence + choice) else begun
         if found := variant(begun.model, effect, one):
             trial = fit(data, found[1], ITERATIONS, offsets=begun.offsets)
-            fitted = trial if pays(fitted, trial, evidence) else fitted
+            fitted = trial if is_worth_its_parameters(fitted, trial, evidence) else fitted
         if fitted is begun:
             return begun
-    if not held_at_none(fitted.model, effect):
+    if not acts_at_carriage_only(fitted.model, effect):
         return smaller(data, fitted, effect, one)
-    both = fit(data, freed(fitted.model, effect), ITERATIONS, offsets=fitted.offsets)
-    return smaller(data, both, effect, one) if pays(fitted, both, TO_BE_NAMED) else fitted
+    both = fit(data, release(fitted.model, effect), ITERATIONS, offsets=fitted.offsets)
+    return smaller(data, both, effect, one) if is_worth_its_parameters(fitted, both, TO_BE_NAMED) else fitted
 
 
 def promise_at_carriage(fitted: Fitted, effect: Effect, one: str) -> float:
@@ -127,18 +127,20 @@ def promise_at_carriage(fitted: Fitted, effect: Effect, one: str) -> float:
     if behind is None:
         return 0.0
     nearby, part = fitted.nearby, effect_named(one).full_names()[0]
-    found = [nearby.best(changed(fitted, behind)).objective]
+    found = [nearby.best(residual_change(fitted, behind)).objective]
     for share in PARTS:
         beside = fitted.model.with_effect(one, {part: share * behind[part]})
-        found.append(nearby.best(columns=changed(fitted, beside)[:, None]).objective)
+        found.append(nearby.best(columns=residual_change(fitted, beside)[:, None]).objective)
     return nearby.objective - min(found)
 
 
-def changed(fitted: Fitted, model: Model) -> np.ndarray:
+def residual_change(fitted: Fitted, model: Model) -> np.ndarray:
     """Change of the whitened residual by another model of the same records, nothing fitted again, (n,)."""
     vector, offsets = model.vector(), OFFSET_M * fitted.offsets
     pieces = zip(fitted.problem.pieces, offsets, strict=True)
-    return np.asarray(np.concatenate([whitened(piece, model, vector, float(offset)) for piece, offset in pieces]) - fitted.residual)
+    return np.asarray(
+        np.concatenate([whitened_residual(piece, model, vector, float(offset)) for piece, offset in pieces]) - fitted.residual
+    )
 
 
 def smaller(data: Data, both: Fitted, effect: Effect, one: str) -> Fitted:
@@ -150,7 +152,7 @@ def smaller(data: Data, both: Fitted, effect: Effect, one: str) -> Fitted:
     if behind is None:
         return both
     alone = fit(data, behind, ITERATIONS, offsets=both.offsets)
-    return both if pays(alone, both, TO_BE_NAMED) or impossible(alone.model) else alone
+    return both if is_worth_its_parameters(alone, both, TO_BE_NAMED) or impossible(alone.model) else alone
 
 
 def rubs_like(effect: Effect, one: str) -> bool:
@@ -158,7 +160,7 @@ def rubs_like(effect: Effect, one: str) -> bool:
     return effect_named(one).slot == effect.slot
 
 
-def held_at_none(model: Model, effect: Effect) -> bool:
+def acts_at_carriage_only(model: Model, effect: Effect) -> bool:
     """Whether all of a law acts at the carriage."""
     size = model.parameters[effect.full_names()[0]]
     return size.low == size.high == 0.0
@@ -180,7 +182,7 @@ def at_carriage(model: Model, effect: Effect, one: str) -> Model | None:
     return replace(grown, parameters={**grown.parameters, size: none, part: all_of_it})
 
 
-def freed(model: Model, effect: Effect) -> Model:
+def release(model: Model, effect: Effect) -> Model:
     """The model with the motor's part of a law to be fitted again."""
     size = effect.full_names()[0]
     usual = model.parameters_of(effect)[size]
@@ -202,7 +204,7 @@ def without(model: Model, name: str) -> Model | None:
         return None
 
 
-def held(model: Model, effect: Effect) -> list[str]:
+def fixed_forms(model: Model, effect: Effect) -> list[str]:
     """Forms of an effect's law that are not free yet."""
     forms = [f"{effect.name}.{p.name}" for p in effect.parameters if p.form]
     return [name for name in forms if model.parameters[name].low == model.parameters[name].high]
@@ -214,21 +216,21 @@ def variant(model: Model, effect: Effect, one: str) -> tuple[list[str], Model] |
     None where there is nothing new, or no body for it.
     """
     if not one:
-        return (names, model.with_forms(effect.name)) if (names := held(model, effect)) else None
+        return (names, model.with_forms(effect.name)) if (names := fixed_forms(model, effect)) else None
     try:
         return None if one in model.effects else ([one], model.with_effect(one))
     except UsageError:
         return None
 
 
-def pays(before: Fitted, after: Fitted, evidence: float = EVIDENCE) -> bool:
+def is_worth_its_parameters(before: Fitted, after: Fitted, evidence: float = EVIDENCE) -> bool:
     """Whether a form explains so much more than what it costs, and as an axis can be."""
     price = (len(after.problem.free) - len(before.problem.free)) * math.log(before.problem.samples)
-    return drop_by(before, after) - price > evidence and not spoiled(before, after)
+    return drop_by(before, after) - price > evidence and not is_contradicted(before, after)
 
 
-def spoiled(before: Fitted, after: Fitted) -> bool:
+def is_contradicted(before: Fitted, after: Fitted) -> bool:
     """Whether the held-out records or its own values speak against a form."""
-    against = refuted(drop_by(before, after), before.held_objective - after.held_objective)
+    against = is_refuted(drop_by(before, after), before.held_objective - after.held_objective)
     new = [e for e in after.model.effect_list() if e.name not in before.model.effects]
-    return against or bool(impossible(after.model)) or any(grown_out_of_bounds(after.model, e) for e in new)
+    return against or bool(impossible(after.model)) or any(exceeds_bounds(after.model, e) for e in new)

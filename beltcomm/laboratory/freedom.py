@@ -27,12 +27,12 @@ ITERATIONS, WIDER = 6, 3.0
 CLEARLY = 4.0
 
 
-def unneeded(data: Data, grown: Fitted, effect: Effect) -> bool:
+def is_replaceable_gap(data: Data, grown: Fitted, effect: Effect) -> bool:
     """Whether an effect is a gap that a carriage which strays can do without."""
-    return effect.rattles and needs_observer(grown.model) and not needed(data, grown, effect)
+    return effect.rattles and needs_observer(grown.model) and not gap_is_supported(data, grown, effect)
 
 
-def needed(data: Data, grown: Fitted, gap: Effect) -> bool:
+def gap_is_supported(data: Data, grown: Fitted, gap: Effect) -> bool:
     """Whether a gap may be named beside a carriage that strays without one, by the rule for any effect.
 
     On friction that jumped, a gap that explained 56 000 nats led by 1000 of them, where both models left 3.4 times the noise.
@@ -42,17 +42,17 @@ def needed(data: Data, grown: Fitted, gap: Effect) -> bool:
     """
     names = gap.full_names()
     shut = grown.model.with_values({names[0]: 0.0}, "closed")
-    loose = straying(free_by(data, grown.model[names[0]]), shut)
+    loose = with_likeliest_stray(with_stray(data, grown.model[names[0]]), shut)
     begun = fit(loose, shut, 0, fixed=names)
-    if not leads(grown, begun):
+    if not exceeds_threshold(grown, begun):
         return False
     first = fit(loose, shut, ITERATIONS, fixed=names)
-    if not leads(grown, first) or leads(grown, first, CLEARLY):
-        return leads(grown, first)
-    return leads(grown, fit(straying(loose, first.model), first.model, 0, fixed=names))
+    if not exceeds_threshold(grown, first) or exceeds_threshold(grown, first, CLEARLY):
+        return exceeds_threshold(grown, first)
+    return exceeds_threshold(grown, fit(with_likeliest_stray(loose, first.model), first.model, 0, fixed=names))
 
 
-def leads(grown: Fitted, closed: Fitted, times: float = 1.0) -> bool:
+def exceeds_threshold(grown: Fitted, closed: Fitted, times: float = 1.0) -> bool:
     """Whether a gap explains enough beside a model of the same records without one.   times : so many times over."""
     lead = lead_of(grown, closed) / times
     return enough(lead, explained_share(lead, closed), lead, 0.0, closed)
@@ -66,17 +66,17 @@ def lead_of(grown: Fitted, closed: Fitted) -> float:
     return lead
 
 
-def free_by(data: Data, width_m: float) -> Data:
+def with_stray(data: Data, width_m: float) -> Data:
     """The same with a carriage that has the freedom of a gap of this width, whatever the model's."""
     fitted, held_out = (tuple(replace(piece, freedom_m=width_m) for piece in pieces) for pieces in (data.fitted, data.held_out))
     return replace(data, fitted=fitted, held_out=held_out)
 
 
-def straying(data: Data, model: Model) -> Data:
+def with_likeliest_stray(data: Data, model: Model) -> Data:
     """The same with a carriage that strays as far as is likeliest."""
     best = with_process_noise(data, model)
     while best.fitted[0].process_noise == AGITATIONS[-1]:
-        wider = with_process_noise(free_by(best, WIDER * best.fitted[0].freedom_m), model)
+        wider = with_process_noise(with_stray(best, WIDER * best.fitted[0].freedom_m), model)
         if negative_log_likelihood(wider.fitted, model) >= negative_log_likelihood(best.fitted, model):
             break
         best = wider

@@ -11,7 +11,7 @@ from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood import OFFSET_M, Problem
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import SUBSTEPS
-from beltcomm.fit.segment import Segment, followed, in_noise, with_observers
+from beltcomm.fit.segment import Segment, in_noise, observed_residuals, with_observers
 from beltcomm.simulate.inverse import belt_loads, fine_load, true_motion
 from beltcomm.simulate.kernels.vectors import LANES
 
@@ -43,14 +43,14 @@ def stiffness_by_record(fitted: Fitted) -> tuple[tuple[float, float, float], ...
         theta = piece.motion.theta * ratio
         if float(np.std(piece.torque)) < loud:
             continue
-        if np.ptp(theta) < ONE_PLACE_M and len(piece.counted) >= ENOUGH:
+        if np.ptp(theta) < ONE_PLACE_M and len(piece.value_samples) >= ENOUGH:
             stiffness = likeliest(fitted, piece)
             if stiffness is not None:
                 found.append((float(np.mean(theta)), float(np.std(piece.torque)), stiffness))
     return tuple(found)
 
 
-def explained_stretch(fitted: Fitted) -> tuple[float, float]:
+def explained_elongation(fitted: Fitted) -> tuple[float, float]:
     """How far the belt was stretched, m, to the negative and positive side, in moments that the model explains; (0, 0) without a belt.
 
     A strand that goes slack does so beyond it, however little the moments beyond tell of where.
@@ -65,13 +65,13 @@ def explained_stretch(fitted: Fitted) -> tuple[float, float]:
         motion = true_motion(model, piece.motion, vector)
         cart = fine_load(model, motion, vector, OFFSET_M * float(offset))[1]
         stretch = (ratio * motion.theta - cart)[:: motion.substeps]
-        here = slice(first, first + len(piece.counted))
+        here = slice(first, first + len(piece.value_samples))
         first = here.stop
         squares, blocks = fitted.residual[here] ** 2, problem.blocks[here]
         for block in np.unique(blocks):
             mine = blocks == block
             if np.mean(squares[mine]) < EXPLAINS:
-                at = piece.counted[mine]
+                at = piece.value_samples[mine]
                 part = stretch[int(at.min()) : int(at.max()) + 1]
                 ends.append((-float(part.min()), float(part.max())))
     if not ends:
@@ -85,8 +85,8 @@ def likeliest(fitted: Fitted, piece: Segment) -> float | None:
     rough = replace(piece, motion=piece.motion.coarser(min(SUBSTEPS, piece.motion.substeps)))
     vector, place = fitted.model.vector(), fitted.model.index(STIFFNESS)
     size = max(1, int(BLOCK_S / piece.motion.sample_s))
-    blocks = np.arange(0, len(piece.counted), size)
-    counts = np.diff([*blocks, len(piece.counted)])
+    blocks = np.arange(0, len(piece.value_samples), size)
+    counts = np.diff([*blocks, len(piece.value_samples)])
     problem = Problem([rough], fitted.model, (), BLOCK_S)
     parts = problem.balance(0, problem.start(), 0.0)
 
@@ -99,7 +99,7 @@ def likeliest(fitted: Fitted, piece: Segment) -> float | None:
         vectors = [at(logarithm) for logarithm in logarithms]
         if needs_observer(fitted.model):
             models = [fitted.model.with_vector(there) for there in vectors]
-            white = np.stack(followed(with_observers([rough] * len(models), models), models[0], vectors), axis=1)
+            white = np.stack(observed_residuals(with_observers([rough] * len(models), models), models[0], vectors), axis=1)
         else:
             belts = belt_loads(fitted.model, parts.motion, vectors, [0.0] * len(vectors))
             white = in_noise(rough, fitted.model, vector, np.stack([replace(parts, belt=belt).residual for belt in belts.T], axis=1))

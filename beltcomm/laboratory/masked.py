@@ -15,7 +15,7 @@ from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
 from beltcomm.laboratory.acceptance import EVIDENCE, STIFFNESS, drop_by, explained_share, impossible
-from beltcomm.laboratory.stage import Candidate, candidate, may_add, price
+from beltcomm.laboratory.stage import Candidate, bic_penalty, candidate, may_add
 from beltcomm.model import Model
 
 #: m and s; gaps and delays that are tried with each other: smaller ones hide nothing.
@@ -26,7 +26,7 @@ NEARLY_ALL = 0.8
 ITERATIONS = 9
 
 
-def behind_a_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | None:
+def gap_with_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | None:
     """The gap as a candidate for what it explains beside a delay; None where both together do not explain nearly all.
 
     evidence = O_current - O_both - (n ln N + 2 ln ways),   n : parameters of both   (see ``stage``)
@@ -46,7 +46,7 @@ def behind_a_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | Non
     gap, delay, best = min(fits, key=lambda fitted: fitted[2].objective)
     drop = drop_by(current, best)
     ways = len(fits) * len(GAPS_M) * len(DELAYS_S)
-    evidence, explained = drop - price(gap, current, ways) - price(delay, current, 1), explained_share(drop, current)
+    evidence, explained = drop - bic_penalty(gap, current, ways) - bic_penalty(delay, current, 1), explained_share(drop, current)
     if evidence <= EVIDENCE or explained <= NEARLY_ALL or best.ratio >= current.ratio or impossible(best.model):
         return None
     alone = candidate(data, current, gap, 0.0, fit(data, best.model.without_effect(delay.name), 0), 1)

@@ -61,7 +61,7 @@ def line_through(angle: Array, place: Array, slope: float | None = None) -> Line
     return max(lines, key=lambda line: (int(line.agree.sum()), -float(np.sum(np.minimum(np.abs(line.far), PLACE_M)))))
 
 
-def placed(timed: Sequence[Recording], axis: Axis, remarks: list[str]) -> list[Recording]:
+def checked_positions(timed: Sequence[Recording], axis: Axis, remarks: list[str]) -> list[Recording]:
     """Start positions against the angles, which go on from record to record where the drive was not switched off."""
     ratio = transmission(axis)
     known = [r for r in timed if r.sidecar.start_position_m is not None]

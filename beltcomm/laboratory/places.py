@@ -23,7 +23,7 @@ from beltcomm.laboratory.samples import (
     bands,
     bins_of,
     dimensions,
-    gathered,
+    gather_samples,
     motor_angle,
 )
 
@@ -94,7 +94,7 @@ def worst_places(judged: Sequence[Judged]) -> list[Place]:
     judged = [j for j in judged if len(j.white)]
     if not judged:
         return []
-    samples = gathered(judged)
+    samples = gather_samples(judged)
     squares = samples.white**2
     found = []
     for dimension, (values, edges, unit) in dimensions(samples).items():

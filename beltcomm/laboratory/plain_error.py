@@ -22,7 +22,7 @@ from scipy.ndimage import correlate1d
 
 from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.records import Data
-from beltcomm.fit.segment import Segment, evaluate, evaluated, noise_paths_of, with_observers
+from beltcomm.fit.segment import Segment, evaluate, evaluate_each, noise_paths_of, with_observers
 from beltcomm.fit.whitening import noises
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.samples import units_of
@@ -75,7 +75,7 @@ def band_of(data: Data, model: Model) -> float:
     return bands[-1]
 
 
-def banded(data: Data, fitted: Fitted, band_hz: float) -> list[Banded]:
+def band_limited_errors(data: Data, fitted: Fitted, band_hz: float) -> list[Banded]:
     """All stretches of the records, those held out last, as a model leaves them in the band."""
     pieces = (*data.fitted, *data.held_out)
     vector = fitted.model.vector()
@@ -93,7 +93,7 @@ def in_band(piece: Segment, model: Model, vector: Array, band_hz: float) -> Band
     if piece.observer is not None or piece.offset_m == 0.0:
         error, _ = low_passed(evaluate(piece, model, vector), piece.keep, band_hz, sample)
     else:
-        left, stretched = evaluated(piece, model, [vector, vector], [0.0, STRETCH_M])
+        left, stretched = evaluate_each(piece, model, [vector, vector], [0.0, STRETCH_M])
         error, _ = low_passed(left, piece.keep, band_hz, sample)
         answer, _ = low_passed(stretched - left, piece.keep, band_hz, sample)
         ways = np.column_stack((answer, np.gradient(answer)))
@@ -116,7 +116,7 @@ def plain_error(parts: Sequence[Banded], model: Model, band_hz: float) -> PlainE
 def of_run(data: Data, fitted: Fitted, band_hz: float | None = None) -> tuple[PlainError | None, PlainError | None]:
     """Over the fitted records and over those held out; None where there are none.   band_hz : :func:`band_of` without one."""
     band = band_of(data, fitted.model) if band_hz is None else band_hz
-    parts = banded(data, fitted, band)
+    parts = band_limited_errors(data, fitted, band)
     fitted_parts, held = ([part for part in parts if part.held_out is out] for out in (False, True))
     return plain_error(fitted_parts, fitted.model, band), plain_error(held, fitted.model, band)
 
@@ -127,7 +127,7 @@ def changes(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None
     data : records as that model sees them.   ahead : as the model after does; the same without it.
     """
     band = band_of(data, before.model)
-    pairs = list(zip(banded(data, before, band), banded(ahead or data, after, band), strict=True))
+    pairs = list(zip(band_limited_errors(data, before, band), band_limited_errors(ahead or data, after, band), strict=True))
     fitted, held = ([pair for pair in pairs if pair[0].held_out is out] for out in (False, True))
     return change(fitted), change(held)
 

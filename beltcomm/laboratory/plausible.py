@@ -19,7 +19,7 @@ def run_away(model: Model, base: Model) -> list[str]:
     return [n for n, v in added.items() if v.value >= v.high - near[n] or (v.low < 0.0 and v.value <= v.low + near[n])]
 
 
-def undetermined(model: Model, base: Model) -> list[str]:
+def undetermined_effects(model: Model, base: Model) -> list[str]:
     """Added effects of which no number is known better than to ``KNOWN``: they stand for something else.   model : with intervals."""
     found = []
     for effect in (e for e in model.effect_list() if e.name not in base.effects):

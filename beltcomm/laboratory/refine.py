@@ -29,15 +29,15 @@ LOOKS, FOLLOWED_LOOKS, ENOUGH = 18, 8, 0.5
 BELT = ("belt_stiffness.stiffness",)
 
 
-def refined(scorer: Scorer, ways: Sequence[Scored], number: int) -> Scored:
+def refine_best(scorer: Scorer, ways: Sequence[Scored], number: int) -> Scored:
     """The best of the first ``number`` ways with its own parameters searched; the best way itself where there is nothing to search."""
-    names = searched(scorer, ways[0])
+    names = searched_names(scorer, ways[0])
     if not names:
         return ways[0]
-    return max((climbed(scorer, way, names, [w.trial.values for w in ways]) for way in ways[:number]), key=lambda w: w.drop)
+    return max((refine_way(scorer, way, names, [w.trial.values for w in ways]) for way in ways[:number]), key=lambda w: w.drop)
 
 
-def searched(scorer: Scorer, way: Scored) -> list[str]:
+def searched_names(scorer: Scorer, way: Scored) -> list[str]:
     """Names of what is searched, bare, or full ones of the base model: values of the trial that are fitted and no amplitudes."""
     effect = way.effect
     if effect.needs_observer:
@@ -50,11 +50,11 @@ def searched(scorer: Scorer, way: Scored) -> list[str]:
     return names
 
 
-def climbed(scorer: Scorer, way: Scored, names: Sequence[str], trials: Sequence[Mapping[str, float]]) -> Scored:
+def refine_way(scorer: Scorer, way: Scored, names: Sequence[str], trials: Sequence[Mapping[str, float]]) -> Scored:
     """One way with the named values searched."""
     effect = way.effect
     limits = {name: limit_of(scorer.model, effect, name) for name in names}
-    extended = scorer.grown(effect, way.values, way.trial)
+    extended = scorer.model_with(effect, way.values, way.trial)
     start = np.array([extended[full_name(scorer.model, effect, name)] for name in names])
     scale = np.array([first_step(name, value, trials) for name, value in zip(names, start, strict=True)])
     low, high = ((np.array([limits[name][i] for name in names]) - start) / scale for i in (0, 1))
@@ -65,7 +65,7 @@ def climbed(scorer: Scorer, way: Scored, names: Sequence[str], trials: Sequence[
         values = {name: float(np.clip(v, *limits[name])) for name, v in zip(names, start + scale * place, strict=True)}
         base = {**way.trial.base, **{name: value for name, value in values.items() if name in BELT}}
         own = {**way.values, **{name: value for name, value in values.items() if name not in BELT}}
-        found = scorer.looked_at(effect, replace(way.trial, base=base), own)
+        found = scorer.score_at(effect, replace(way.trial, base=base), own)
         if found.drop > best.drop:
             best = found
         return -found.drop

@@ -19,7 +19,7 @@ from beltcomm.fit.noise_level import torque_noise
 from beltcomm.foreign.checks import check
 from beltcomm.laboratory.extracts import extracted
 from beltcomm.laboratory.gap_checks import before_gaps, check_whole, gap_remarks
-from beltcomm.laboratory.place_checks import names_of, placed, sensor_remarks
+from beltcomm.laboratory.place_checks import checked_positions, names_of, sensor_remarks
 from beltcomm.recording import Recording
 from beltcomm.recording.checks import clipped_share, long_steps, rigid_inertia, unit_words
 from beltcomm.recording.columns import CHANNELS
@@ -61,7 +61,7 @@ class Checked:
     remarks: tuple[str, ...]
 
 
-def checked(recordings: Sequence[Recording], axis: Axis, *, foreign: bool) -> Checked:
+def check_run(recordings: Sequence[Recording], axis: Axis, *, foreign: bool) -> Checked:
     """The recordings of a run, put right where that is beyond doubt.   foreign : not made by a drive of the tool's own.
 
     Raises DataError for records that cannot be analysed, naming them, with what to do.
@@ -81,7 +81,7 @@ def checked(recordings: Sequence[Recording], axis: Axis, *, foreign: bool) -> Ch
         for record in evened:
             check(record)
     _refuse_two_axes(evened, axis)
-    known = placed(evened, axis, remarks)
+    known = checked_positions(evened, axis, remarks)
     remarks += sensor_remarks(known, axis)
     parts = {record.name: [record] for record in known} | extracted(known, axis, remarks)
     return Checked(tuple(part for r in recordings for part in parts.get(r.name, [r] if r.is_static_map else [])), tuple(remarks))

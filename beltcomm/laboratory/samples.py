@@ -105,7 +105,7 @@ class Bins:
     count: Array
 
 
-def gathered(judged: Sequence[Judged]) -> Samples:
+def gather_samples(judged: Sequence[Judged]) -> Samples:
     """The samples of all stretches side by side."""
     names = tuple(dict.fromkeys(j.piece.record for j in judged))
     return Samples(
@@ -113,8 +113,8 @@ def gathered(judged: Sequence[Judged]) -> Samples:
         -np.concatenate([j.torque for j in judged]),
         np.concatenate([motor_speed(j) * j.ratio_m_rad for j in judged]),
         np.concatenate([motor_angle(j) * j.ratio_m_rad for j in judged]),
-        np.concatenate([j.piece.motion.time_s + j.piece.motion.sample_s * j.piece.counted for j in judged]),
-        np.concatenate([j.piece.torque[j.piece.counted] for j in judged]),
+        np.concatenate([j.piece.motion.time_s + j.piece.motion.sample_s * j.piece.value_samples for j in judged]),
+        np.concatenate([j.piece.torque[j.piece.value_samples] for j in judged]),
         np.concatenate([np.full(len(j.white), names.index(j.piece.record)) for j in judged]),
         names,
         judged[0].units,
@@ -167,7 +167,7 @@ def bands(judged: Sequence[Judged], width_hz: float = BAND_HZ) -> Bands:
     edges = np.linspace(0.0, 0.5 / sample / narrowest, count + 1)
     total, weight = np.zeros((len(names), count)), np.zeros((len(names), count))
     for item in judged:
-        counted, stride = item.piece.counted, item.piece.group
+        counted, stride = item.piece.value_samples, item.piece.group
         if len(counted) < FEWEST:
             continue
         row = np.zeros(item.piece.motion.samples // stride + 1)
@@ -185,12 +185,12 @@ def bands(judged: Sequence[Judged], width_hz: float = BAND_HZ) -> Bands:
 
 def motor_speed(item: Judged) -> Array:
     """Speed of the motor at the kept samples, rad/s."""
-    return np.asarray(item.piece.motion.omega[:: item.piece.motion.substeps][item.piece.counted])
+    return np.asarray(item.piece.motion.omega[:: item.piece.motion.substeps][item.piece.value_samples])
 
 
 def motor_angle(item: Judged) -> Array:
     """Absolute angle of the motor at the kept samples, rad."""
-    return np.asarray(item.piece.motion.theta[:: item.piece.motion.substeps][item.piece.counted])
+    return np.asarray(item.piece.motion.theta[:: item.piece.motion.substeps][item.piece.value_samples])
 
 
 def grid(values: Array, width: float) -> Array:

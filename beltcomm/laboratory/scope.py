@@ -15,7 +15,7 @@ import numpy as np
 from beltcomm.effects import EFFECTS
 from beltcomm.fit.noise_level import noise_doubt
 from beltcomm.identify.landmarks import shape_of
-from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Step
+from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Stage
 from beltcomm.laboratory.samples import units_of
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -34,14 +34,14 @@ UNDECIDED = 1.2
 SLOW_M_S, APART_M = 0.08, 0.1
 
 
-def within_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Diagnosis, list[str]]:
+def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Diagnosis, list[str]]:
     """The diagnosis without names or a verdict that these records cannot bear, and sentences on it."""
     doubt = noise_doubt(found.after.ratio, recordings)
     if doubt and found.verdict != "partly explained":
         return replace(found, verdict="cannot tell"), [doubt]
-    if found.data.path.commanded and all(SLOTS.get(name) in DRIVE_SLOTS for name in found.named):
+    if found.data.path.commanded and all(SLOTS.get(name) in DRIVE_SLOTS for name in found.added_effects):
         return without_names(found), [only_commanded(found)]
-    sentence = "" if found.verdict == "explained" or acts_slowly(found) else undersampled(found.base.model, recordings)
+    sentence = "" if found.verdict == "explained" or acts_slowly(found) else undersampling_remark(found.base.model, recordings)
     sentence = sentence or unknown_delivery(found, recordings)
     if sentence and found.verdict != "nothing missing":
         return without_names(found), [sentence]
@@ -50,7 +50,7 @@ def within_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Dia
         return found, []
     for number, step in enumerate(found.steps):
         if step.added in unnamed:
-            kept = (*found.steps[:number], Step(step.before, step.candidates, "", (), step.before))
+            kept = (*found.steps[:number], Stage(step.before, step.candidates, "", (), step.before))
             sentence = (
                 f"{step.added} fits best, but no record is excited: strokes and moves hardly contain the frequencies at which it acts, so "
                 "it is not named. Record an excitation (frf) and ask again."
@@ -68,13 +68,13 @@ def within_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Dia
 
 def acts_slowly(found: Diagnosis) -> bool:
     """True where the effect that was named first shows far below the antiresonance, too."""
-    return bool(found.named) and SLOTS.get(found.named[0], FAST_SLOTS[0]) not in FAST_SLOTS
+    return bool(found.added_effects) and SLOTS.get(found.added_effects[0], FAST_SLOTS[0]) not in FAST_SLOTS
 
 
 def without_names(found: Diagnosis) -> Diagnosis:
     """The diagnosis with nothing added and no verdict."""
     first = found.steps[0] if found.steps else None
-    kept = (Step(first.before, first.candidates, "", (), first.before),) if first is not None else ()
+    kept = (Stage(first.before, first.candidates, "", (), first.before),) if first is not None else ()
     return replace(found, steps=kept, verdict="cannot tell", twins=(), data=found.first)
 
 
@@ -88,7 +88,7 @@ def only_commanded(found: Diagnosis) -> str:
     )
 
 
-def undersampled(model: Model, recordings: Sequence[Recording]) -> str:
+def undersampling_remark(model: Model, recordings: Sequence[Recording]) -> str:
     """That a belt swings too fast for the sampling, in words; "" where it does not.
 
     Between two samples nothing but a model says how the motor moves; with less than four of them to a swing that decides the fit.
@@ -109,7 +109,7 @@ def undersampled(model: Model, recordings: Sequence[Recording]) -> str:
 def unknown_delivery(found: Diagnosis, recordings: Sequence[Recording]) -> str:
     """That an error may be how the drive delivers and reads its torque, in words; "" where setpoints tell or another name stands."""
     effects = {effect.name: effect for effect in EFFECTS}
-    named = [effects[name] for name in found.named if name in effects]
+    named = [effects[name] for name in found.added_effects if name in effects]
     told = any(r.torque_setpoint is not None for r in recordings) or recordings[0].side == "load"
     if told or (named and named[0].slot not in DRIVE_SLOTS) or found.base.ratio > FAR_OFF_BASE:
         return ""
@@ -123,21 +123,21 @@ def unknown_delivery(found: Diagnosis, recordings: Sequence[Recording]) -> str:
 
 def not_named(model: Model, recordings: Sequence[Recording]) -> set[str]:
     """Effects that these records cannot bear a name of."""
-    if "cart" not in model.base_bodies or excited(recordings):
+    if "cart" not in model.base_bodies or is_excited(recordings):
         return set()
     return {effect.name for effect in EFFECTS if effect.slot in FAST_SLOTS}
 
 
-def excited(recordings: Sequence[Recording]) -> bool:
+def is_excited(recordings: Sequence[Recording]) -> bool:
     """Whether a record to fit is excited."""
     return any(r.sidecar.experiment == "frf" and not r.sidecar.held_out for r in recordings)
 
 
-def lacking(recordings: Sequence[Recording], ratio_m_rad: float) -> list[str]:
+def missing_records(recordings: Sequence[Recording], ratio_m_rad: float) -> list[str]:
     """Kinds of records that a belt axis' data set lacks, as sentences.   ratio_m_rad : carriage travel per radian of the motor."""
     to_fit = [r for r in recordings if not (r.sidecar.held_out or r.is_static_map)]
     lines = []
-    if not excited(to_fit):
+    if not is_excited(to_fit):
         lines.append("no excited record (frf): nothing about belt, delays, lags and payloads on springs is named")
     speeds = [float(np.percentile(np.abs(np.gradient(r.position, r.t_s)), 90.0)) * ratio_m_rad for r in to_fit]
     strokes = [speed for r, speed in zip(to_fit, speeds, strict=True) if r.sidecar.experiment != "frf"]

@@ -19,10 +19,10 @@ from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood import OFFSET_M, Parts, Problem
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import SUBSTEPS
-from beltcomm.fit.segment import Segment, followed, in_noise, whitened, with_observers
+from beltcomm.fit.segment import Segment, in_noise, observed_residuals, whitened_residual, with_observers
 from beltcomm.laboratory.acceptance import loudness
 from beltcomm.laboratory.harmonics import gain_means, line_columns, load_means, powers_of
-from beltcomm.laboratory.hints import explained_stretch, stiffness_by_record
+from beltcomm.laboratory.hints import explained_elongation, stiffness_by_record
 from beltcomm.model import Model, on_side
 from beltcomm.simulate.inverse import (
     ENOUGH_LANES,
@@ -86,17 +86,17 @@ class Scorer:
     def score(self, effect: Effect, ground: Ground) -> list[Scored]:
         """The best trials of an effect that the model can take, best first."""
         if effect.needs_observer:
-            return sorted((self.followed(effect, trial) for trial in self.listed(effect, ground)), key=lambda s: -s.drop)
-        scored = [self.judged(effect, trial, columns) for _, trial, columns in self.screened(effect, ground)]
+            return sorted((self.score_observed(effect, trial) for trial in self.trials_of(effect, ground)), key=lambda s: -s.drop)
+        scored = [self.score_columns(effect, trial, columns) for _, trial, columns in self.screen(effect, ground)]
         return sorted((s for s in scored if s.drop > 0.0), key=lambda s: -s.drop)
 
-    def screened(self, effect: Effect, ground: Ground) -> list[tuple[float, Trial, Array]]:
+    def screen(self, effect: Effect, ground: Ground) -> list[tuple[float, Trial, Array]]:
         """The trials to look at again: rough drop, trial and its columns; what all of them show is kept for :meth:`powers_of`."""
         best: list[tuple[float, Trial, Array]] = []
         seen = self._powers[effect.name] = []
         for some, columns in self.trials(effect, ground):
             width = columns.shape[1] // len(some)
-            drops, powers = self.nearby.screened(columns, width, some[0].signed)
+            drops, powers = self.nearby.rough_gains(columns, width, some[0].signed)
             seen += zip(powers.tolist(), some, strict=True)
             best += [(drops[i], trial, columns[:, i * width : (i + 1) * width].copy()) for i, trial in enumerate(some)]
             best = sorted(best, key=lambda entry: -entry[0])
@@ -107,21 +107,21 @@ class Scorer:
     def powers_of(self, effect: Effect, ground: Ground) -> Sequence[tuple[float, Trial]]:
         """By how much O would fall if the effect were there as a trial says, and the trial; worked out once."""
         if effect.name not in self._powers:
-            self.screened(effect, ground)
+            self.screen(effect, ground)
         return self._powers[effect.name]
 
     def trials(self, effect: Effect, ground: Ground) -> Iterator[tuple[list[Trial], Array]]:
         """All trials of an effect and their columns, some at a time."""
-        trials = [trial for trial in self.listed(effect, ground) if not trial.swallowed]
+        trials = [trial for trial in self.trials_of(effect, ground) if not trial.swallowed]
         if effect.harmonic == "angle":
             return self.lines(effect, trials)
         return self.harmonics(effect, trials) if effect.harmonic and len(trials) > 3 else self.batches(effect, trials)
 
-    def listed(self, effect: Effect, ground: Ground) -> list[Trial]:
+    def trials_of(self, effect: Effect, ground: Ground) -> list[Trial]:
         """Every way to switch an effect on, inside the bounds."""
-        return [self.bounded(effect, trial) for trial in effect.trials(ground)] if effect.trials is not None else []
+        return [self.clip_to_bounds(effect, trial) for trial in effect.trials(ground)] if effect.trials is not None else []
 
-    def bounded(self, effect: Effect, trial: Trial) -> Trial:
+    def clip_to_bounds(self, effect: Effect, trial: Trial) -> Trial:
         """The trial with its values inside the bounds of this model's side."""
         limits = self.model.parameters_of(effect)
         values = {}
@@ -135,7 +135,7 @@ class Scorer:
         """Trials and their columns, some at a time."""
         for first in range(0, len(trials), BATCH):
             some = list(trials[first : first + BATCH])
-            yield some, self.columns(effect, [self.grown(effect, v, t) for t in some for v in switched_on(effect, t)])
+            yield some, self.columns(effect, [self.model_with(effect, v, t) for t in some for v in amplitude_columns(effect, t)])
 
     def harmonics(self, effect: Effect, trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], Array]]:
         """The same for all orders of an effect that repeats with the motor angle."""
@@ -155,7 +155,7 @@ class Scorer:
                 for order, (sine, cosine) in zip(orders, scan, strict=True):
                     if order in wanted:
                         for k, mean in enumerate((sine, cosine)):
-                            means[:, place, k] = self.shown(i, mean) if load else mean
+                            means[:, place, k] = self.as_read(i, mean) if load else mean
                         place += 1
                 parts.append(in_noise(piece, self.model, self.vector, means.reshape(len(means), -1)))
             if some:
@@ -170,44 +170,48 @@ class Scorer:
             parts = []
             for i, piece in enumerate(self.rough):
                 asked = line_columns(piece, inertia, trial.values[key]).T
-                parts.append(in_noise(piece, self.model, self.vector, np.stack([self.shown(i, one) for one in asked], axis=1)))
+                parts.append(in_noise(piece, self.model, self.vector, np.stack([self.as_read(i, one) for one in asked], axis=1)))
             yield [trial], np.concatenate(parts) * sizes
 
-    def judged(self, effect: Effect, trial: Trial, columns: Array) -> Scored:
+    def score_columns(self, effect: Effect, trial: Trial, columns: Array) -> Scored:
         """One trial by its columns; by what the whole axis does to an error of the angle, where the columns only said which to look at."""
         if effect.harmonic == "angle":
-            columns = self.columns(effect, [self.grown(effect, values, trial) for values in switched_on(effect, trial)])
+            columns = self.columns(effect, [self.model_with(effect, values, trial) for values in amplitude_columns(effect, trial)])
         if trial.base:
-            return self.looked_at(effect, trial, trial.values)
+            return self.score_at(effect, trial, trial.values)
         near = self.nearby.best(columns=columns)
         drop = self.nearby.objective - near.objective
         if not trial.signed and not trial.amplitudes and near.amounts[0] <= 0.0:
             drop = 0.0
         return Scored(effect, trial, drop, self.start_values(effect, trial, near.amounts), near.step)
 
-    def followed(self, effect: Effect, trial: Trial) -> Scored:
+    def score_observed(self, effect: Effect, trial: Trial) -> Scored:
         """A trial of an effect that needs an observer: what one of its own leaves instead of the residual."""
-        grown = self.grown(effect, trial.values, trial)
+        grown = self.model_with(effect, trial.values, trial)
         pieces = with_observers(self.problem.pieces, [grown] * len(self.problem.pieces))
-        near = self.nearby.best(np.concatenate([whitened(piece, grown, grown.vector()) for piece in pieces]) - self.fitted.residual)
+        near = self.nearby.best(
+            np.concatenate([whitened_residual(piece, grown, grown.vector()) for piece in pieces]) - self.fitted.residual
+        )
         drop = self.nearby.objective - near.objective + loudness(self.problem.pieces) - loudness(pieces)
         return Scored(effect, trial, drop, dict(trial.values), near.step)
 
-    def looked_at(self, effect: Effect, trial: Trial, own: Mapping[str, float]) -> Scored:
+    def score_at(self, effect: Effect, trial: Trial, own: Mapping[str, float]) -> Scored:
         """A trial with these own values as they are; amplitudes as the score test wants them."""
         if trial.amplitudes:
             unit = replace(trial, values={**own, **{name: trial.values[name] for name in trial.amplitudes}})
-            near = self.nearby.best(columns=self.columns(effect, [self.grown(effect, v, unit) for v in switched_on(effect, unit)]))
+            near = self.nearby.best(
+                columns=self.columns(effect, [self.model_with(effect, v, unit) for v in amplitude_columns(effect, unit)])
+            )
             own = self.start_values(effect, unit, near.amounts)
         else:
-            near = self.nearby.best(self.columns(effect, [self.grown(effect, own, trial)])[:, 0])
+            near = self.nearby.best(self.columns(effect, [self.model_with(effect, own, trial)])[:, 0])
         step = near.step.copy()
         for name, value in trial.base.items():
             number = self.problem.free.index(name)
             step[number] += value / self.problem.scale[number] - self.fitted.x[number]
         return Scored(effect, replace(trial, values=own), self.nearby.objective - near.objective, own, step)
 
-    def grown(self, effect: Effect, own: Mapping[str, float], trial: Trial) -> Model:
+    def model_with(self, effect: Effect, own: Mapping[str, float], trial: Trial) -> Model:
         """The model with the effect, and with what the trial changes of the base."""
         bounds = self.model.parameters  # on data that do not fit their axis file a trial may lead beyond what can be
         base = {name: min(max(value, bounds[name].low), bounds[name].high) for name, value in trial.base.items()} if trial.base else {}
@@ -233,7 +237,7 @@ class Scorer:
         """
         vectors = [model.vector() for model in extended]
         if self.rough[0].observer is not None and not (acts_on_motor(effect) and effect.slot != "friction_onset"):
-            return self.told(effect, extended) - self.told_here[:, None]
+            return self.observed_innovations(effect, extended) - self.innovations_here[:, None]
         parts = []
         for i, piece in enumerate(self.rough):
             motion = true_motion(self.model, piece.motion, self.vector)
@@ -241,11 +245,11 @@ class Scorer:
                 changes = [self.change(effect, m, v, i, motion) for m, v in zip(extended, vectors, strict=True)]
             else:
                 loads = belt_loads(extended[0], motion, vectors, [float(self.offsets[i])] * len(vectors))
-                changes = [self.shown(i, load - self.parts[i].belt) for load in loads.T]
+                changes = [self.as_read(i, load - self.parts[i].belt) for load in loads.T]
             parts.append(in_noise(piece, self.model, self.vector, np.stack(changes, axis=1)))
         return np.concatenate(parts)
 
-    def told(self, effect: Effect, extended: Sequence[Model]) -> Array:
+    def observed_innovations(self, effect: Effect, extended: Sequence[Model]) -> Array:
         """Innovations of models that have the effect, over their deviations, (n, models)."""
         # An observer of a model that is far off has lost the carriage; what finds it again needs one of its own.
         anew = effect.slot in BELT_SLOTS and self.fitted.objective > FAR_OFF * self.problem.samples
@@ -254,14 +258,14 @@ class Scorer:
         parts = []
         for pieces in [[piece] for piece in self.rough] if many else [self.rough]:
             every, models = [p for p in pieces for _ in extended], [*extended] * len(pieces)
-            found = followed(with_observers(every, models) if anew else every, extended[0], [model.vector() for model in models])
+            found = observed_residuals(with_observers(every, models) if anew else every, extended[0], [model.vector() for model in models])
             parts += [np.stack(found[i : i + len(extended)], axis=1) for i in range(0, len(found), len(extended))]
         return np.concatenate(parts)
 
     @cached_property
-    def told_here(self) -> Array:
+    def innovations_here(self) -> Array:
         """The same of the model as it is."""
-        return np.concatenate(followed(self.rough, self.model, [self.vector] * len(self.rough)))
+        return np.concatenate(observed_residuals(self.rough, self.model, [self.vector] * len(self.rough)))
 
     def change(self, effect: Effect, extended: Model, vector: Array, i: int, motion: FineMotion) -> Array:
         """Change of a piece's residual by an effect of the motor, its torque or its angle, N m, (n,)."""
@@ -269,19 +273,19 @@ class Scorer:
         if effect.slot == "sensor":
             return Problem([piece], extended, (), 1.0).balance(0, np.zeros(1), offset).residual - old.residual
         if acts_on_motor(effect) and effect.slot != "friction_onset":
-            return self.shown(i, motor_load(extended, motion, vector, effect.name))
+            return self.as_read(i, motor_load(extended, motion, vector, effect.name))
         if acts_on_motor(effect):
-            return self.shown(i, motor_load(extended, motion, vector) - old.motor)
+            return self.as_read(i, motor_load(extended, motion, vector) - old.motor)
         if effect.slot in ("torque_path", "torque_delay"):
             return old.acting - acting_torque(extended, motion, piece.torque, vector)
         return replace(old, lags=reading_lags(extended, vector)).residual - old.residual
 
-    def shown(self, i: int, torque: Array) -> Array:
+    def as_read(self, i: int, torque: Array) -> Array:
         """A change of the torque that piece i needs as its reading shows it, N m, (n,)."""
         return as_read(torque, 0.0, self.parts[i].motion.sample_s, self.parts[i].lags)
 
 
-def switched_on(effect: Effect, trial: Trial) -> Iterator[dict[str, float]]:
+def amplitude_columns(effect: Effect, trial: Trial) -> Iterator[dict[str, float]]:
     """Values of each column: the whole trial, or each of its amplitudes alone."""
     if not trial.amplitudes:
         yield dict(trial.values)
@@ -318,7 +322,7 @@ def ground_of(fitted: Fitted, pieces: Sequence[Segment], axis: Axis) -> Ground:
         side=model.side,
         belt="cart" in model.base_bodies,
         gear=axis.gearbox.ratio,
-        explained_m=explained_stretch(fitted),
+        explained_m=explained_elongation(fitted),
         counts=float(axis.get("motor.encoder_counts_per_rev") or 0),
         step_rad=pieces[0].step_rad,
     )

@@ -25,15 +25,15 @@ from beltcomm.laboratory.acceptance import (
     drop_by,
     drop_in_means,
     enough,
+    exceeds_bounds,
     explained_share,
-    fitted_to_nothing,
-    grown_out_of_bounds,
     impossible,
-    left_as_a_whole,
+    is_negligible,
+    is_refuted,
     lowers,
-    refuted,
+    share_left,
 )
-from beltcomm.laboratory.refine import refined
+from beltcomm.laboratory.refine import refine_best
 from beltcomm.laboratory.score import Scored, Scorer
 from beltcomm.model import Model
 
@@ -85,7 +85,7 @@ class Candidate:
     def stands(self) -> bool:
         """Whether nothing speaks against it: records held out, error as a whole or in plain units, own values, a carriage that strays."""
         return self.fitted is None or not (
-            self.hollow or self.grows or self.unneeded or self.idle or refuted(self.evidence, self.held_gain)
+            self.hollow or self.grows or self.unneeded or self.idle or is_refuted(self.evidence, self.held_gain)
         )
 
     @property
@@ -101,7 +101,7 @@ class Candidate:
             return "a carriage that strays as far without it explains as much"
         if self.idle:
             return "the error in plain units does not fall"
-        if refuted(self.evidence, self.held_gain):
+        if is_refuted(self.evidence, self.held_gain):
             return "records held out speak against it"
         return f"evidence below {EVIDENCE:.0f}" if self.evidence <= EVIDENCE else "explains too little"
 
@@ -127,19 +127,19 @@ def search(
         ways[effect.name] = scorer.score(effect, ground)
         progress(0.4 * (number + 1) / len(wanted))
     best = {name: found[0] for name, found in ways.items() if found}
-    order = sorted(best, key=lambda name: -promise(best[name], base, len(ways[name])))
-    most = promise(best[order[0]], base, len(ways[order[0]])) if order else 0.0
+    order = sorted(best, key=lambda name: -expected_gain(best[name], base, len(ways[name])))
+    most = expected_gain(best[order[0]], base, len(ways[order[0]])) if order else 0.0
     for number, name in enumerate(order[:SEARCHED]):
         if needs_observer(base.model):
-            most = max(promise(best[n], base, len(ways[n])) for n in order)
+            most = max(expected_gain(best[n], base, len(ways[n])) for n in order)
         share = FOLLOWED_SEARCH_SHARE if needs_observer(base.model) else SEARCH_SHARE
-        if promise(best[name], base, len(ways[name])) > max(SEARCH_PROMISE, share * most):
-            best[name] = refined(scorer, ways[name], 1 if needs_observer(base.model) else WAYS)
+        if expected_gain(best[name], base, len(ways[name])) > max(SEARCH_PROMISE, share * most):
+            best[name] = refine_best(scorer, ways[name], 1 if needs_observer(base.model) else WAYS)
         progress(0.4 + 0.3 * (number + 1) / SEARCHED)
-    order = sorted(best, key=lambda name: -promise(best[name], base, len(ways[name])))
+    order = sorted(best, key=lambda name: -expected_gain(best[name], base, len(ways[name])))
     candidates: list[Candidate] = []
     for number, name in enumerate(order):
-        promised = promise(best[name], base, len(ways[name]))
+        promised = expected_gain(best[name], base, len(ways[name]))
         found_most = max((c.evidence for c in candidates if c.stands), default=promised)
         if number < (FOLLOWED_REFITTED if needs_observer(base.model) else REFITTED) and promised > max(
             REFIT_PROMISE, REFIT_SHARE * found_most
@@ -152,15 +152,15 @@ def search(
     if unexplained and needs_observer(base.model) and not any(c.accepted and c.explained > MOSTLY for c in candidates):
         left = {c.effect.name for c in candidates if c.fitted is None}
         for way in (best[e.name] for e in wanted if e.name in left and e.name in best and rubs_behind(e)):
-            more = refitted(data, base, way, len(ways[way.effect.name]), against or base)
+            more = refit_with_effect(data, base, way, len(ways[way.effect.name]), against or base)
             candidates = [c for c in candidates if c.effect is not way.effect] + [more]
     elif unexplained and not any(c.accepted for c in candidates):
         for effect in wanted:
-            candidates = swallowed(data, scorer, effect, ground, candidates, len(ways[effect.name]))
-    return ranked(candidates)
+            candidates = candidates_absorbed_by_base(data, scorer, effect, ground, candidates, len(ways[effect.name]))
+    return rank_candidates(candidates)
 
 
-def ranked(candidates: Sequence[Candidate]) -> list[Candidate]:
+def rank_candidates(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Best first; of two that the records hardly tell apart the one with fewer parameters."""
     order = sorted(candidates, key=lambda c: (c.fitted is None, -c.evidence))
     best = next((c for c in order if c.accepted), None)
@@ -179,13 +179,15 @@ def rubs_behind(effect: Effect) -> bool:
     return effect.slot == "friction_level" and effect.body == "cart"
 
 
-def swallowed(data: Data, scorer: Scorer, effect: Effect, ground: Ground, candidates: list[Candidate], starts: int) -> list[Candidate]:
+def candidates_absorbed_by_base(
+    data: Data, scorer: Scorer, effect: Effect, ground: Ground, candidates: list[Candidate], starts: int
+) -> list[Candidate]:
     """The candidates with this effect fitted from where the base model may have swallowed it, if that is better."""
     before = max((c.evidence for c in candidates if c.effect is effect and c.fitted is not None), default=0.0)
-    for trial in scorer.listed(effect, ground):
+    for trial in scorer.trials_of(effect, ground):
         if trial.swallowed:
-            model = scorer.grown(effect, trial.values, trial)
-            goal = scorer.fitted.objective - before - price(effect, scorer.fitted, starts + 1)
+            model = scorer.model_with(effect, trial.values, trial)
+            goal = scorer.fitted.objective - before - bic_penalty(effect, scorer.fitted, starts + 1)
             best = fit(data, model, SWALLOWED_ITERATIONS, offsets=scorer.fitted.offsets, enough=ENOUGH, goal=goal)
             found = candidate(data, scorer.fitted, effect, 0.0, best, starts + 1)
             if found.evidence > before:
@@ -212,32 +214,34 @@ def may_add(base: Fitted, effect: Effect) -> bool:
     return True
 
 
-def promise(way: Scored, base: Fitted, starts: int) -> float:
+def expected_gain(way: Scored, base: Fitted, starts: int) -> float:
     """What a way of an effect promises, its price taken off."""
-    return way.drop - price(way.effect, base, starts)
+    return way.drop - bic_penalty(way.effect, base, starts)
 
 
-def price(effect: Effect, base: Fitted, starts: int) -> float:
+def bic_penalty(effect: Effect, base: Fitted, starts: int) -> float:
     """n ln N + 2 ln starts."""
     added = sum(p.fitted for p in effect.parameters) + len(effect.bodies)
     return added * math.log(base.problem.samples) + 2.0 * math.log(max(starts, 1))
 
 
-def refitted(data: Data, base: Fitted, way: Scored, starts: int, against: Fitted) -> Candidate:
+def refit_with_effect(data: Data, base: Fitted, way: Scored, starts: int, against: Fitted) -> Candidate:
     """Everything fitted again with the effect, from its best way."""
-    return candidate(data, against, way.effect, way.drop, grown(data, base, way, against.objective), starts)
+    return candidate(data, against, way.effect, way.drop, refit_with(data, base, way, against.objective), starts)
 
 
 def best_standing(data: Data, base: Fitted, ways: Sequence[Scored], against: Fitted) -> Candidate:
     """The first way refitted; where something speaks against it, and the next is another order of a ripple, that one."""
-    first = refitted(data, base, ways[0], len(ways), against)
+    first = refit_with_effect(data, base, ways[0], len(ways), against)
     if first.stands or not first.effect.harmonic:
         return first
-    others = (refitted(data, base, way, len(ways), against) for way in ways[1:] if promise(way, base, len(ways)) > REFIT_PROMISE)
+    others = (
+        refit_with_effect(data, base, way, len(ways), against) for way in ways[1:] if expected_gain(way, base, len(ways)) > REFIT_PROMISE
+    )
     return next((other for other in others if other.accepted), first)
 
 
-def strayed(base: Fitted, start: Model, above: float = MISSING) -> bool:
+def left_start_values(base: Fitted, start: Model, above: float = MISSING) -> bool:
     """Whether a fit that explains little left what the start values say of the masses and of the belt, to make up for what is missing.
 
     above : O per sample from which on it explains little.
@@ -248,21 +252,21 @@ def strayed(base: Fitted, start: Model, above: float = MISSING) -> bool:
     return missing and any(abs(math.log(base.model[name] / start[name])) > math.log(STRAYED) for name in shared)
 
 
-def held_at(data: Data, base: Fitted, start: Model) -> Fitted:
+def fit_with_sheet_values(data: Data, base: Fitted, start: Model) -> Fitted:
     """The model fitted with masses and belt as the start values have them."""
     solid = [inertia for inertia, body in base.model.bodies() if body.name in base.model.base_bodies]
     held = {name: start[name] for name in (*solid, STIFFNESS) if name in base.model.parameters and name in start.parameters}
     return fit(data, base.model.with_values(held, "start"), ITERATIONS, fixed=tuple(held), enough=ENOUGH)
 
 
-def merged(candidates: Sequence[Candidate], more: Sequence[Candidate]) -> list[Candidate]:
+def merge_candidates(candidates: Sequence[Candidate], more: Sequence[Candidate]) -> list[Candidate]:
     """Both searches: of every effect the candidate that stands and has more evidence."""
     best: dict[str, Candidate] = {}
     for item in (*candidates, *more):
         old = best.get(item.effect.name)
         if old is None or rank(item) > rank(old):
             best[item.effect.name] = item
-    return ranked(list(best.values()))
+    return rank_candidates(list(best.values()))
 
 
 def rank(item: Candidate) -> tuple[bool, bool, float]:
@@ -275,19 +279,19 @@ def candidate(data: Data, base: Fitted, effect: Effect, promised: float, best: F
     if not math.isfinite(best.objective + best.held_objective):
         return Candidate(effect, promised, promised, 0.0, 0.0, None, False)
     drop = drop_by(base, best)
-    evidence, explained = drop - price(effect, base, starts), explained_share(drop, base)
+    evidence, explained = drop - bic_penalty(effect, base, starts), explained_share(drop, base)
     held_gain = base.held_objective - best.held_objective
-    hollow = bool(impossible(best.model)) or grown_out_of_bounds(best.model, effect) or fitted_to_nothing(best.model, effect)
-    grows = left_as_a_whole(base, best) >= 1.0
+    hollow = bool(impossible(best.model)) or exceeds_bounds(best.model, effect) or is_negligible(best.model, effect)
+    grows = share_left(base, best) >= 1.0
     accepted = enough(evidence, explained, drop, held_gain, base) and not (hollow or grows)
     if accepted and (means := drop_in_means(data, base, best)) < drop:
-        evidence = means - price(effect, base, starts)
+        evidence = means - bic_penalty(effect, base, starts)
         accepted = evidence > EVIDENCE
     idle = accepted and not lowers(data, base, best)
     return Candidate(effect, promised, evidence, explained, held_gain, best, accepted and not idle, hollow, grows, idle=idle)
 
 
-def grown(data: Data, base: Fitted, way: Scored, goal: float = math.inf) -> Fitted:
+def refit_with(data: Data, base: Fitted, way: Scored, goal: float = math.inf) -> Fitted:
     """The model with the effect, begun where the score test says, or with no more of the base moved than the trial moves; the better.
 
     goal : O above which it does not matter where an observer makes the fit dear.
@@ -318,4 +322,4 @@ def with_effect(data: Data, base: Fitted, ground: Ground, effect: Effect) -> Fit
     ways = scorer.score(effect, ground)
     if not ways:
         return fit(data, base.model.with_effect(effect.name), ITERATIONS, offsets=base.offsets)
-    return grown(data, base, refined(scorer, ways, WAYS))
+    return refit_with(data, base, refine_best(scorer, ways, WAYS))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from beltcomm.laboratory.samples import Judged, Samples, gathered
+from beltcomm.laboratory.samples import Judged, Samples, gather_samples
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ FEWEST, OUTLIER = 60, 5.0
 
 def structure(judged: Sequence[Judged]) -> dict[str, float]:
     """z of the module by partition: speed, position, time and record, each by direction."""
-    samples = replace(gathered(judged), speed=np.concatenate([steady_speed(item) for item in judged]))
+    samples = replace(gather_samples(judged), speed=np.concatenate([steady_speed(item) for item in judged]))
     white = np.clip(samples.white, -OUTLIER, OUTLIER)
     return {name: excess(white, number) for name, number in partitions(samples).items()}
 
@@ -37,7 +37,7 @@ def steady_speed(item: Judged) -> Array:
     """Speed at the kept samples, length per second, smooth: by its own noise a stroke would be sorted into samples above and below."""
     motion = item.piece.motion
     smooth = gaussian_filter1d(motion.omega[:: motion.substeps], STEADY_S / motion.sample_s, mode="nearest")
-    return np.asarray(smooth[item.piece.counted] * item.ratio_m_rad)
+    return np.asarray(smooth[item.piece.value_samples] * item.ratio_m_rad)
 
 
 def partitions(samples: Samples) -> dict[str, NDArray[np.int64]]:

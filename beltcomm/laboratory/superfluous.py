@@ -10,7 +10,7 @@ from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import Fitted, fit_of, problem_of
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
-from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, fitted_to_nothing, most_within
+from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, is_negligible, most_within
 from beltcomm.laboratory.forms import additions, without
 from beltcomm.model import Model
 
@@ -22,7 +22,7 @@ SURE = 4.0
 WORSE = 1.5
 
 
-def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[Fitted, tuple[str, ...]]:
+def drop_superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[Fitted, tuple[str, ...]]:
     """Throw out earlier additions without which the model is as good, or of which nothing is left: what stays, and their names.
 
     base : model that the search began with.   newest : name of the effect that was added last, which is not asked.
@@ -37,7 +37,7 @@ def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[F
             continue
         # Where an observer is no longer needed, where each carriage stood at first has to be found anew.
         iterations = ITERATIONS if needs_observer(smaller) == needs_observer(fitted.model) else MORE_ITERATIONS
-        nothing = fitted_to_nothing(fitted.model, effect_named(name))
+        nothing = is_negligible(fitted.model, effect_named(name))
         problem = problem_of(data, smaller)
         goal = math.inf if nothing else most_within(problem, fitted, SURE * EVIDENCE)
         trial = fit_of(problem, data, iterations, offsets=fitted.offsets, goal=goal)

@@ -21,7 +21,7 @@ from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, Effect, Ground, Trial
 from beltcomm.laboratory.acceptance import EVIDENCE
 from beltcomm.laboratory.score import Scorer
-from beltcomm.laboratory.stage import may_add, price
+from beltcomm.laboratory.stage import bic_penalty, may_add
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ TYPICAL = 1.0
 
 
 @dataclass(frozen=True)
-class Sight:
+class DetectionLimit:
     """How well one effect could be seen.
 
     weakest, hardest : strength that can just be named, in the way that shows best (the best place, speed or order) and in the median way;
@@ -45,13 +45,13 @@ class Sight:
     unit: str
 
     @property
-    def seen(self) -> bool:
+    def is_detectable(self) -> bool:
         """Whether a typical one would be named."""
         return self.hardest <= TYPICAL
 
 
 @in_one_thread
-def visible(scorer: Scorer, ground: Ground) -> list[Sight]:
+def detection_limits(scorer: Scorer, ground: Ground) -> list[DetectionLimit]:
     """Every effect that the model could still take, the least visible first.   scorer : a search from this model has filled most of it."""
     fitted, found = scorer.fitted, []
     for effect in EFFECTS:
@@ -62,11 +62,11 @@ def visible(scorer: Scorer, ground: Ground) -> list[Sight]:
         if not falls:
             continue
         falls = sorted(falls, key=lambda entry: -entry[0])
-        needed = EVIDENCE + price(effect, fitted, len(falls))
+        needed = EVIDENCE + bic_penalty(effect, fitted, len(falls))
         strengths = [math.sqrt(needed / fall) if fall > 0.0 else math.inf for fall, _ in falls]
         middle = strengths[(len(strengths) - 1) // 2]
         name, size, unit = scale_of(effect, falls[0][1])
-        found.append(Sight(effect, strengths[0], middle, name, size, unit))
+        found.append(DetectionLimit(effect, strengths[0], middle, name, size, unit))
     return sorted(found, key=lambda sight: -sight.hardest)
 
 

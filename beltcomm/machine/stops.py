@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from beltcomm.control import Cascade
 from beltcomm.errors import Refused
-from beltcomm.identify.amplitude import around
+from beltcomm.identify.amplitude import family_around
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.rundata import analyse
@@ -115,4 +115,4 @@ def lend_brake(machine: Machine, model: Model, position_m: float) -> None:
         machine.folder.journal(f"only friction stops an open-loop record: {problem}")
         return
     cascade = analyse.with_feedforward(result.cascade, model, structure, delay_s)
-    count_on_loop(machine, around(model), machine.write_cascade(cascade), delay_s)
+    count_on_loop(machine, family_around(model), machine.write_cascade(cascade), delay_s)

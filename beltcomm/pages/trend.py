@@ -14,7 +14,7 @@ import numpy as np
 from beltcomm.configfiles import did_you_mean, read_yaml, write_text
 from beltcomm.errors import DataError, UsageError
 from beltcomm.given import pasted
-from beltcomm.identify.course import FEWEST, Course, course_of
+from beltcomm.identify.course import FEWEST, LinearTrend, course_of
 from beltcomm.locks import occupied
 from beltcomm.pages.gather import results_of
 from beltcomm.pages.quantities import Quantity, quantities_of
@@ -96,7 +96,7 @@ class Line:
     intervals: tuple[float | None, ...]
     limits: tuple[float | None, float | None]
     why: str
-    course: Course | None
+    course: LinearTrend | None
     state: str
     text: str
     reach_s: tuple[float, float, float] | None
@@ -226,7 +226,7 @@ def _followed(key: str, dated: Sequence[Dated], limit: Limit | None, looked_at: 
 
 
 def _said(
-    items: Sequence[Quantity], t_s: np.ndarray, course: Course | None, limits: tuple[float | None, float | None]
+    items: Sequence[Quantity], t_s: np.ndarray, course: LinearTrend | None, limits: tuple[float | None, float | None]
 ) -> tuple[str, str, tuple[float, float, float] | None]:
     """State, words, and when the limit is reached."""
     first, last = items[0], items[-1]
@@ -357,7 +357,7 @@ def _scaled(one: Line, side: int) -> float | None:
     return None if value is None else one.last.scale * value
 
 
-def _course_scaled(one: Line) -> Course | None:
+def _course_scaled(one: Line) -> LinearTrend | None:
     if one.course is None:
         return None
     k = one.last.scale

@@ -17,7 +17,7 @@ from beltcomm.laboratory.samples import (
     bands,
     bins_of,
     dimensions,
-    gathered,
+    gather_samples,
     position_edges,
 )
 from beltcomm.report import style
@@ -40,7 +40,7 @@ def maps_figure(
 ) -> Figure:
     """Frequency and record; speed and direction; position and direction; amplitude; time.   sentences : below the title."""
     judged = [j for j in judged if len(j.white)]
-    samples = gathered(judged)
+    samples = gather_samples(judged)
     squares = samples.white**2
     held = "" if held_out is None else f", held out {held_out:.2f}"
     with style.styled():

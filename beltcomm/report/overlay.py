@@ -53,7 +53,7 @@ def trace_of(judged: Sequence[Judged], record: str, excited: bool) -> Trace:
         held_out = held_out or piece.held_out
         time = piece.motion.time_s - begin + piece.motion.sample_s * np.arange(len(piece.torque))
         white = np.full(len(piece.torque), np.nan)
-        white[piece.counted] = item.white
+        white[piece.value_samples] = item.white
         for column, values in zip(columns, (time, piece.torque, piece.torque + item.whole, white), strict=True):
             column.append(np.append(values, np.nan))
     joined = [np.concatenate(column) for column in columns]

@@ -11,7 +11,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from beltcomm.identify.course import Course
+from beltcomm.identify.course import LinearTrend
 from beltcomm.report import style
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ class Followed:
     values: Array
     intervals: Array
     limits: tuple[float | None, float | None]
-    course: Course | None
+    course: LinearTrend | None
 
 
 def trend_figure(followed: Sequence[Followed], caption: style.Caption) -> Figure:

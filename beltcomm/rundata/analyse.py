@@ -27,7 +27,7 @@ from beltcomm.fit.model_fit import ModelFit
 from beltcomm.identify.dead_time import DeadTime, dead_time_between
 from beltcomm.identify.friction import FrictionFit, Plateau, fit_friction
 from beltcomm.identify.landmarks import Shape, shape_of
-from beltcomm.identify.loop_response import seen
+from beltcomm.identify.loop_response import response_to_signal
 from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver, fit_magnitude
 from beltcomm.identify.sweeps import plateaus_of
 from beltcomm.model import Model
@@ -61,7 +61,7 @@ def responses(recordings: Sequence[Recording], *, setpoint: bool = False) -> dic
         if recording.sidecar.experiment != "frf" or note is None or not note.period_samples or torque is None:
             continue
         try:
-            found[recording.name] = seen(recording, torque)
+            found[recording.name] = response_to_signal(recording, torque)
         except DataError:
             continue  # a record with a single period: it serves the final fit, not the picture
     return found

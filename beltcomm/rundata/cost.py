@@ -214,7 +214,7 @@ def priced(folder: RunFolder, found: Diagnosis, made: list[Revision], whole: dic
     new = [name for name in last.effects if name not in found.base.model.effects]
     if not new:
         return made
-    if set(found.named) - set(last.effects):
+    if set(found.added_effects) - set(last.effects):
         whole, _ = cost_and_words(folder, found.base.model, model_named(folder, last.name), "")
     kept = None if whole is None else {"of": " and ".join(new), **whole}
     keep_cost(folder, last.name, kept)

@@ -20,7 +20,7 @@ from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, fit_model
 from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.remarks import joint_draws
-from beltcomm.fit.segment import segments, squares_left, whitened, with_observer
+from beltcomm.fit.segment import segments, squares_left, whitened_residual, with_observer
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.identify.dead_time import DeadTime
 from beltcomm.model import Model
@@ -292,7 +292,7 @@ def contradicting(
     for recording in recordings:
         pieces = [with_observer(p, model) for p in segments(recording, model, step, noise, fitted=True, path=grounds.path)]
         pieces = [p for p in pieces if p.keep.any()]
-        if not pieces or np.mean(np.concatenate([whitened(p, model, model.vector()) for p in pieces]) ** 2) <= SUSPECT_MISFIT:
+        if not pieces or np.mean(np.concatenate([whitened_residual(p, model, model.vector()) for p in pieces]) ** 2) <= SUSPECT_MISFIT:
             continue
         # Where its carriage stuck before is nobody's fault.
         misfit = float(np.mean(np.concatenate([squares_left(p, model, model.vector()) for p in pieces])))

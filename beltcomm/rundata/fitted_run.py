@@ -11,7 +11,7 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.records import Data
 from beltcomm.given import pasted
 from beltcomm.laboratory.cross_checks import SheetDoubt, doubts_of
-from beltcomm.laboratory.run_checks import Checked, checked
+from beltcomm.laboratory.run_checks import Checked, check_run
 from beltcomm.rundata.kept_fit import fitted_to
 from beltcomm.rundata.reading_time import foretell
 from beltcomm.rundata.revisions import current_model
@@ -39,7 +39,7 @@ class Opened:
 
 def records_of(folder: RunFolder) -> Checked:
     """The records of a run, checked together.   Raises DataError for records that no model can be judged on."""
-    return left_out(folder, checked(folder.recordings(), folder.axis, foreign=not folder.drive))
+    return left_out(folder, check_run(folder.recordings(), folder.axis, foreign=not folder.drive))
 
 
 def left_out(folder: RunFolder, records: Checked) -> Checked:

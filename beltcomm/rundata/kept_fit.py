@@ -10,7 +10,7 @@ from beltcomm.errors import BeltcommError
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.records import Data
 from beltcomm.fit.start import start_model
-from beltcomm.fit.stored import kept, key_of, restored
+from beltcomm.fit.stored import key_of, restore_fit, store_fit
 from beltcomm.model import Model, model_from_dict
 from beltcomm.outside import sha256_of
 from beltcomm.recording import Recording
@@ -21,7 +21,7 @@ FILE = ("kept", "fit.json")
 
 
 def fitted_to(folder: RunFolder, recordings: Sequence[Recording], model: Model | None) -> tuple[Model, Data, Fitted]:
-    """The model that the fit began with and :func:`beltcomm.laboratory.diagnosis.fitted_base`; kept, it costs one evaluation.
+    """The model that the fit began with and :func:`beltcomm.laboratory.diagnosis.fit_base_of`; kept, it costs one evaluation.
 
     model : the run's present one; None begins with what the axis file and the records tell.
     """
@@ -29,13 +29,13 @@ def fitted_to(folder: RunFolder, recordings: Sequence[Recording], model: Model |
     if found := caches.found(path, key):
         try:
             start = model_from_dict(found["start"]) if model is None else model
-            return start, *restored(recordings, found["fit"])
+            return start, *restore_fit(recordings, found["fit"])
         except (ValueError, KeyError, TypeError, BeltcommError):
             caches.damaged(path)
-    from beltcomm.laboratory.diagnosis import fitted_base  # the report mostly finds its fit, and imports no search
+    from beltcomm.laboratory.diagnosis import fit_base_of  # the report mostly finds its fit, and imports no search
 
     start = start_model(folder.axis, recordings) if model is None else model
-    data, fitted = fitted_base(recordings, folder.axis, start)
+    data, fitted = fit_base_of(recordings, folder.axis, start)
     _write(folder, recordings, model, start, data, fitted)
     return start, data, fitted
 
@@ -47,7 +47,7 @@ def keep_fit(folder: RunFolder, data: Data, fitted: Fitted, model: Model) -> Non
 
 
 def _write(folder: RunFolder, recordings: Sequence[Recording], model: Model | None, start: Model, data: Data, fitted: Fitted) -> None:
-    if (fit := kept(data, fitted)) is None:
+    if (fit := store_fit(data, fitted)) is None:
         return
     key = key_of(_hashes_of_fitted(folder, recordings), folder.axis, model)
     caches.keep(folder.path.joinpath(*FILE), key, {"start": start.to_dict(), "fit": fit})

@@ -19,7 +19,7 @@ from beltcomm.identify.final import final_model
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.identify.standstill import largest
 from beltcomm.laboratory.cross_checks import sheet_doubts
-from beltcomm.laboratory.run_checks import Checked, checked
+from beltcomm.laboratory.run_checks import Checked, check_run
 from beltcomm.model import Model
 from beltcomm.recording import Recording, common_side
 from beltcomm.rundata import analyse
@@ -166,7 +166,7 @@ def fit_for_belt_model(folder: RunFolder) -> Checked:
     if not folder.drive:  # a sign or a unit before what is held out: an adapter has them right, whoever writes files by hand may not
         for recording in recordings:
             check(recording)
-    return left_out(folder, checked(recordings, folder.axis, foreign=False))
+    return left_out(folder, check_run(recordings, folder.axis, foreign=False))
 
 
 def middle_m(axis: Axis) -> float:

@@ -12,7 +12,7 @@ from beltcomm.configfiles import read_yaml, unsealed
 from beltcomm.effects import EFFECTS, Apart, Effect, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.given import pasted
-from beltcomm.laboratory.visible import Sight
+from beltcomm.laboratory.visible import DetectionLimit
 from beltcomm.result import plain
 from beltcomm.schedule.steps import PLACES, QUIET, SHORT_S, SLOW_M_S, TRIANGLES_M, Step, checked_step
 
@@ -87,7 +87,7 @@ class NextPlan:
 
 def plan_for(
     twins: Sequence[str],
-    blind: Sequence[Sight],
+    blind: Sequence[DetectionLimit],
     named: Sequence[str] = (),
     already: Callable[[Step], str] = lambda _step: "",
 ) -> NextPlan:

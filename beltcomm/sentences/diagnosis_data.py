@@ -10,7 +10,7 @@ from beltcomm.fit.intervals import with_intervals
 from beltcomm.laboratory.diagnosis import Diagnosis
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.stage import Candidate
-from beltcomm.laboratory.visible import Sight
+from beltcomm.laboratory.visible import DetectionLimit
 from beltcomm.model import Model
 from beltcomm.result import plain
 from beltcomm.schedule.next_plan import by_hand_of
@@ -24,15 +24,15 @@ def diagnosis_data(found: Diagnosis, before: Plain, after: Plain) -> dict[str, A
     first = found.steps[0].candidates if found.steps else ()
     return {
         "verdict": found.verdict,
-        "named": list(found.named),
+        "named": list(found.added_effects),
         "base": {
             "effects": list(found.base.model.effects),
-            **error_data(found.stated[1], before),
-            "parameters": values_of(with_intervals(found.stated[1])),
+            **error_data(found.published_base[1], before),
+            "parameters": values_of(with_intervals(found.published_base[1])),
         },
         "ranking": [ranked(c) for c in first],
         "twins": list(found.twins),
-        "by_hand": [entry for name in found.named for entry in by_hand_of(name)],
+        "by_hand": [entry for name in found.added_effects for entry in by_hand_of(name)],
         "steps": [
             {
                 "added": step.added,
@@ -47,8 +47,8 @@ def diagnosis_data(found: Diagnosis, before: Plain, after: Plain) -> dict[str, A
         ],
         "after": {
             "effects": list(found.after.model.effects),
-            **error_data(found.told, after),
-            "parameters": values_of(with_intervals(found.told)),
+            **error_data(found.published_model, after),
+            "parameters": values_of(with_intervals(found.published_model)),
         },
     }
 
@@ -82,8 +82,8 @@ def values_of(model: Model) -> dict[str, Any]:
     return {name: {"value": v.value, "unit": v.unit, "interval": v.interval} for name, v in model.parameters.items()}
 
 
-def seen_as(one: Sight) -> dict[str, Any]:
+def seen_as(one: DetectionLimit) -> dict[str, Any]:
     """One line of what could have been seen; null for never."""
     weakest, hardest = (None if math.isinf(v) else v for v in (one.weakest, one.hardest))
-    known = {"parameter": one.parameter, "typical": one.size, "unit": one.unit, "seen": one.seen}
+    known = {"parameter": one.parameter, "typical": one.size, "unit": one.unit, "seen": one.is_detectable}
     return {"effect": one.effect.name, "weakest": weakest, "usual": hardest, **known}

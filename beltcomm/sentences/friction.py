@@ -63,7 +63,7 @@ def study_lines(sweeps: Sequence[Sweep], drifts: Mapping[int, Drift | str], left
         lines += _table(shown)
         lines += _order_lines(shown)
     passes = [p for s in shown for p in s.plateaus]
-    missed = sum(not p.followed for p in passes)
+    missed = sum(not p.reached_speed for p in passes)
     if missed > MISSED_SHARE * len(passes):
         lines.append(
             f"  {missed} of {len(passes)} passes missed their speed: this drive's loop is too weak for them; it may not have "
@@ -105,7 +105,7 @@ def slow_above(sweep: Sweep) -> tuple[float, float] | None:
     """Mean and half 95 % interval of what the passes that were not fitted need above the law, N m; None with fewer than four."""
     if sweep.fit is None:
         return None
-    slow = [p for p in sweep.plateaus if p.followed and abs(p.reference_rad_s) < sweep.slowest_rad_s]
+    slow = [p for p in sweep.plateaus if p.reached_speed and abs(p.reference_rad_s) < sweep.slowest_rad_s]
     if len(slow) < 4:
         return None
     speed = np.array([p.speed_rad_s for p in slow])

@@ -15,9 +15,9 @@ from beltcomm.given import pasted
 from beltcomm.laboratory.compare import Comparison
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, structures
 from beltcomm.laboratory.figures import PlainError
-from beltcomm.laboratory.plausible import KNOWN, undetermined, unlikely
+from beltcomm.laboratory.plausible import KNOWN, undetermined_effects, unlikely
 from beltcomm.laboratory.stage import MISSING, Candidate
-from beltcomm.laboratory.visible import Sight
+from beltcomm.laboratory.visible import DetectionLimit
 from beltcomm.model import Model, effect_parameters
 from beltcomm.result import table, with_unit
 from beltcomm.rundata.cost import cost_rows
@@ -67,7 +67,7 @@ def trial_line(candidate: Candidate) -> str:
 
 def diagnosis_lines(found: Diagnosis, before: Plain = (None, None), after: Plain = (None, None)) -> list[str]:
     """``beltcomm diagnose``.   before, after : errors of the first and of the last model in plain units."""
-    lines = [f"Error before: {error_words((found.stated[1].ratio, found.stated[1].held_ratio), before)}."]
+    lines = [f"Error before: {error_words((found.published_base[1].ratio, found.published_base[1].held_ratio), before)}."]
     known = [name for name in found.base.model.effects if name not in (*BELT_BASE, *RIGID_BASE)]
     if known:
         lines.append(f"The model has already: {', '.join(known)}.")
@@ -92,15 +92,17 @@ def diagnosis_lines(found: Diagnosis, before: Plain = (None, None), after: Plain
                 f"{' and '.join(step.detour)} came first on trial and became superfluous beside {step.added}, which explains more.",
             ]
     model = with_intervals(found.after)
-    for name in found.named:
+    for name in found.added_effects:
         lines += ["", *effect_lines(effect_named(name), model)]
     lines += ["", f"Verdict: {found.verdict}."]
-    if found.named:
-        lines.append(f"With {', '.join(found.named)} the error is {error_words((found.after.ratio, found.after.held_ratio), after)}.")
-        held, then = found.stated[1].held_ratio, found.after.held_ratio
+    if found.added_effects:
+        lines.append(
+            f"With {', '.join(found.added_effects)} the error is {error_words((found.after.ratio, found.after.held_ratio), after)}."
+        )
+        held, then = found.published_base[1].held_ratio, found.after.held_ratio
         if held is not None and then is not None and then >= held:
             lines.append(f"Not confirmed: on records that were not fitted the error was {held:.2f} without it.")
-    if open_ := undetermined(model, found.base.model):
+    if open_ := undetermined_effects(model, found.base.model):
         lines.append(
             f"But these data say nothing certain of {' and '.join(open_)}: every number of it is open by more than {100 * KNOWN:.0f} %, so "
             "it may stand for a cause that the catalogue does not hold."
@@ -122,11 +124,11 @@ def after_diagnosis(found: Diagnosis, run: Path, planned: str = "") -> list[str]
     """What to do next.   planned : the command that makes the records that were planned."""
     if planned:
         return [f"Next: {planned}"]
-    open_ = undetermined(with_intervals(found.after), found.base.model) if found.named else []
-    parts = {name: effect_named(name).completed_by for name in found.named}
+    open_ = undetermined_effects(with_intervals(found.after), found.base.model) if found.added_effects else []
+    parts = {name: effect_named(name).completed_by for name in found.added_effects}
     along = {part for of_one in parts.values() for part in of_one}  # `add` tries them by itself
-    sure = {name for name in found.named if name not in open_}
-    certain = [name for name in found.named if name not in along and sure & {name, *parts[name]}]
+    sure = {name for name in found.added_effects if name not in open_}
+    certain = [name for name in found.added_effects if name not in along and sure & {name, *parts[name]}]
     if certain and found.verdict != NONE_EXPLAINS:
         return [f"Next: {', then '.join(f'beltcomm add {name} {pasted(run)}' for name in certain)}"]
     if found.verdict != "nothing missing":
@@ -144,11 +146,11 @@ def untried_lines(effects: Sequence[Effect]) -> list[str]:
     return [f"Not looked for: {e.name} ({e.title}), `beltcomm effects {e.name}` says why. Check: {e.check}." for e in effects]
 
 
-def sight_lines(sights: Sequence[Sight], run: Path, unnamed: Collection[str] = (), planned: bool = False) -> list[str]:
+def sight_lines(sights: Sequence[DetectionLimit], run: Path, unnamed: Collection[str] = (), planned: bool = False) -> list[str]:
     """What these data could not have shown.   unnamed : effects that are not named from them, whatever they show.   planned : what to
     record next is said beside it.
     """
-    blind = [sight for sight in sights if not sight.seen and sight.effect.name not in unnamed]
+    blind = [sight for sight in sights if not sight.is_detectable and sight.effect.name not in unnamed]
     if not blind:
         return [f"Every {'other ' if unnamed else ''}effect of the catalogue, of typical size, would have been seen in these data."]
     lines = ["Could not have been seen here at its typical size:"]
@@ -163,7 +165,7 @@ def sight_lines(sights: Sequence[Sight], run: Path, unnamed: Collection[str] = (
     )
 
 
-def beyond_bounds(sight: Sight) -> bool:
+def beyond_bounds(sight: DetectionLimit) -> bool:
     """Whether an effect that could be seen would be larger than any."""
     highs = [p.high for p in sight.effect.parameters if p.name == sight.parameter]
     return bool(highs) and sight.hardest * sight.size > highs[0]

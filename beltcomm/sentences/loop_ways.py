@@ -16,8 +16,8 @@ from beltcomm.identify.loop_response import (
     Biased,
     Way,
     bias_of,
+    controller_of,
     difference_db,
-    known_controller,
     plant_response,
     rigid_damping,
     ways_of,
@@ -163,7 +163,7 @@ def bias_by(recording: Recording, ways: Sequence[Shown]) -> Biased | None:
     if own is None:
         return None
     clear = (own.response.noise < LARGEST_NOISE * np.abs(own.response.h)) & (own.response.freq_hz <= own.highest_hz)
-    return bias_of(own.response.lines(clear), known_controller(recording.sidecar.controller, recording.name))
+    return bias_of(own.response.lines(clear), controller_of(recording.sidecar.controller, recording.name))
 
 
 def lines(recording: Recording, ways: Sequence[Shown], slowest: float) -> list[str]:

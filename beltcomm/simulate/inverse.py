@@ -28,9 +28,9 @@ from beltcomm.effects import EFFECTS
 from beltcomm.model import Model
 from beltcomm.simulate.intersample import Intersample
 from beltcomm.simulate.kernels.compose import inverse_kernel
-from beltcomm.simulate.kernels.learning import prepared
+from beltcomm.simulate.kernels.learning import with_memory
 from beltcomm.simulate.kernels.mean import triangular_mean
-from beltcomm.simulate.kernels.observer import NOTHING, Watch, unseen
+from beltcomm.simulate.kernels.observer import NOTHING, ObserverState, reset
 from beltcomm.simulate.kernels.plain_belt import plain_belt, values_of
 from beltcomm.simulate.kernels.switchboard import switchboard
 from beltcomm.simulate.kernels.vectors import LANES
@@ -123,13 +123,13 @@ def reconstruct(
     faster = push / inertia * h
     speed = np.concatenate(([0.0], np.cumsum(faster)))
     known = np.concatenate(([0.0], np.cumsum((speed[:-1] + 0.5 * faster) * h)))
-    rest, rate = between(position - known[::substeps], substeps)
+    rest, rate = interpolate(position - known[::substeps], substeps)
     theta = rest + known
     omega = rate / sample_s + speed
     return FineMotion(theta - position[0] + start_rad, omega, n, sample_s, substeps, time_s, within=within)
 
 
-def between(values: Array, substeps: int) -> tuple[Array, Array]:
+def interpolate(values: Array, substeps: int) -> tuple[Array, Array]:
     """Samples, (n,), and their rate per sample on the fine grid, (fine,) each, by a cubic spline."""
     spline = CubicSpline(np.arange(len(values)), values)  # not-a-knot: at rest the load that friction carries bends the rest at its ends
     place = np.arange((len(values) - 1) * substeps + 1) / substeps
@@ -188,7 +188,7 @@ def true_motion(model: Model, motion: FineMotion, vector: Array | None = None) -
         shown = np.ascontiguousarray(motion.theta[:: motion.substeps])
         correction = np.empty_like(shown)
         inverse_kernel().angle(shown, correction, board.spread(values), board.on)
-        way, rate = between(correction, motion.substeps)
+        way, rate = interpolate(correction, motion.substeps)
         motion.made_true.clear()
         motion.made_true[key] = replace(motion, theta=motion.theta + way, omega=motion.omega + rate / motion.sample_s)
     return motion.made_true[key]
@@ -265,7 +265,7 @@ def belt_loads(model: Model, motion: FineMotion, vectors: Sequence[Array], offse
     return means.T
 
 
-def followed(model: Model, motions: Sequence[FineMotion], vectors: Sequence[Array], watches: Sequence[Watch]) -> None:
+def follow_bodies(model: Model, motions: Sequence[FineMotion], vectors: Sequence[Array], watches: Sequence[ObserverState]) -> None:
     """Everything beyond the motor followed by the torque, of several stretches or models; the results stand in the watches.
 
     In lock step where there are enough of one kind, the others one by one.   vectors : with one transmission.
@@ -276,18 +276,18 @@ def followed(model: Model, motions: Sequence[FineMotion], vectors: Sequence[Arra
         alike.setdefault((motion.substeps, motion.sample_s, len(watch.s), watch.cart), []).append(i)
     for group in alike.values():
         h = motions[group[0]].sample_s / motions[group[0]].substeps
-        for some in together(group, [len(motion.theta) for motion in motions]):
+        for some in lock_step_groups(group, [len(motion.theta) for motion in motions]):
             if len(some) >= ENOUGH_LANES:
                 lock_step([_lane(motions[i], board.spread(vectors[i]), watches[i]) for i in some], board.belt, h)
                 continue
             for i in some:
                 motion, p = motions[i], board.spread(vectors[i])
-                watch = prepared(watches[i]) if watches[i].learning else watches[i]
+                watch = with_memory(watches[i]) if watches[i].learning else watches[i]
                 load, cart = _SCRATCH.rows(len(motion.theta))
                 inverse_kernel().load(motion.theta, motion.omega, p, board.belt, motion.time_s, h, motion.bristle_m, 0.0, load, cart, watch)
 
 
-def together(group: Sequence[int], lengths: Sequence[int]) -> list[list[int]]:
+def lock_step_groups(group: Sequence[int], lengths: Sequence[int]) -> list[list[int]]:
     """The members of a group, the longest first, by as many as run in lock step; one by itself where the others would end long before."""
     order, found = sorted(group, key=lambda i: -lengths[i]), list[list[int]]()
     while order:
@@ -298,17 +298,17 @@ def together(group: Sequence[int], lengths: Sequence[int]) -> list[list[int]]:
     return found
 
 
-def _lane(motion: FineMotion, p: Array, watch: Watch) -> Lane:
+def _lane(motion: FineMotion, p: Array, watch: ObserverState) -> Lane:
     return Lane(motion.theta, motion.omega, first_speed(motion), motion.time_s, motion.bristle_m, p, watch)
 
 
-def followed_beside(model: Model, motion: FineMotion, vectors: Sequence[Array], watch: Watch) -> Array:
+def linear_innovations(model: Model, motion: FineMotion, vectors: Sequence[Array], watch: ObserverState) -> Array:
     """Innovations over their deviation, (n, k), of several vectors by one observer that does not learn.
 
     One load is ``wanted`` and one transmission is theirs.
     """
-    watches = [unseen(watch, watch.wanted) for _ in vectors]
-    followed(model, [motion] * len(vectors), vectors, watches)
+    watches = [reset(watch, watch.wanted) for _ in vectors]
+    follow_bodies(model, [motion] * len(vectors), vectors, watches)
     return np.stack([one.white for one in watches], axis=1)
 
 

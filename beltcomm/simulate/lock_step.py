@@ -18,10 +18,23 @@ from numpy.typing import NDArray
 from beltcomm.effects import EFFECTS
 from beltcomm.simulate.kernels.addresses import address
 from beltcomm.simulate.kernels.compose import import_stable
-from beltcomm.simulate.kernels.fences import blocks, indented, needed
-from beltcomm.simulate.kernels.observer import Watch
-from beltcomm.simulate.kernels.observer_lanes import AIM, ASTRAY, HALF, HURRY, LEVER, NEW, OWN, SHUT, STIFFNESS, WANDER, observers, watched
-from beltcomm.simulate.kernels.vectors import LANES, aligned
+from beltcomm.simulate.kernels.fences import blocks, indent, needed_lines
+from beltcomm.simulate.kernels.observer import ObserverState
+from beltcomm.simulate.kernels.observer_lanes import (
+    AIM,
+    ASTRAY,
+    HALF,
+    HURRY,
+    LEVER,
+    NEW,
+    OWN,
+    SHUT,
+    STIFFNESS,
+    WANDER,
+    observed_rows,
+    observers,
+)
+from beltcomm.simulate.kernels.vectors import LANES, aligned_zeros
 from beltcomm.simulate.kernels.writer import Writer, acts_on_motor
 
 Array = NDArray[np.float64]
@@ -43,7 +56,7 @@ class Lane(NamedTuple):
     time_s: float
     bristle_m: float
     p: Array
-    watch: Watch
+    watch: ObserverState
 
 
 def lock_step(lanes: Sequence[Lane], on: NDArray[np.bool_], step_s: float) -> None:
@@ -56,17 +69,19 @@ def lock_step(lanes: Sequence[Lane], on: NDArray[np.bool_], step_s: float) -> No
     lengths = np.array([len(lane.theta) for lane in lanes])
     known: dict[int, int] = {}
     where = np.array([_addresses(lane, known) for lane in padded], dtype=np.int64).T.copy()
-    memory = aligned(OWN, LANES)
-    for row, numbers in zip((HALF, STIFFNESS, WANDER, HURRY), zip(*(watched(lane.watch) for lane in padded), strict=True), strict=True):
+    memory = aligned_zeros(OWN, LANES)
+    for row, numbers in zip(
+        (HALF, STIFFNESS, WANDER, HURRY), zip(*(observed_rows(lane.watch) for lane in padded), strict=True), strict=True
+    ):
         memory[row // LANES] = numbers
     masses, ratio = _places()
     p = np.array([lane.p for lane in padded]).T
     light = np.divide(1.0, p[masses], out=np.zeros((len(masses), LANES)), where=p[masses] > 0.0)
     begins = np.array([(lane.first, lane.time_s, lane.bristle_m) for lane in padded]).T
-    values = aligned(len(p) + len(light) + len(begins), LANES)
+    values = aligned_zeros(len(p) + len(light) + len(begins), LANES)
     values[:] = np.concatenate((p, light, begins))
     bodies, cart = np.asarray(watch.places), (watch.cart, watch.cart + watch.behind)
-    following, course = observers([lane.watch for lane in padded]), aligned(2 * AHEAD, LANES).reshape(2, AHEAD, LANES)
+    following, course = observers([lane.watch for lane in padded]), aligned_zeros(2 * AHEAD, LANES).reshape(2, AHEAD, LANES)
     at_once = (where, lengths, values.ravel(), on, step_s, float(p[ratio, 0]), watch.substeps, bodies, watch.behind, cart, watch.learning)
     _kernel()(*at_once, *following, course, memory.ravel())
 
@@ -88,7 +103,7 @@ def _addresses(lane: Lane, known: dict[int, int]) -> list[int]:
 
 
 def _writer() -> Writer:
-    return Writer.masked_over((e for e in EFFECTS if not acts_on_motor(e) or e.slot == "friction_onset"), in_vectors=True)
+    return Writer.masked_kernel((e for e in EFFECTS if not acts_on_motor(e) or e.slot == "friction_onset"), in_vectors=True)
 
 
 @lru_cache(maxsize=1)
@@ -108,11 +123,11 @@ def lock_step_source() -> str:
     """Python source of the kernel."""
     writer = _writer()
     others, driven, onset = range(1, len(writer.bodies)), writer.driven, writer.onsets()[0]
-    fences, follow_up = writer.fenced(granted(writer.follow_up(), "belt"))
+    fences, follow_up = writer.fence_effects(drop_switch(writer.follow_up(), "belt"))
     correct = []
     for i in others:
         moved = [f"{name}{i} = {name}{i} - at(memory, {place}{i})" for name, place in (("q", "at"), ("v", "to"), ("o", "to"))]
-        correct += [f"if see{i}:", *indented([*moved, f"put(memory, at{i}, nothing)", f"put(memory, to{i}, nothing)"], 1)]
+        correct += [f"if see{i}:", *indent([*moved, f"put(memory, at{i}, nothing)", f"put(memory, to{i}, nothing)"], 1)]
     cart = writer.cart
     turn = [
         "step = ratio * (at(course, there) - q0)",
@@ -131,7 +146,7 @@ def lock_step_source() -> str:
         "now = later = new = shut = nothing",
         "j, here = 0, block - 1",
         "for i in range(lengths[0]):",
-        *indented([
+        *indent([
             "while i >= lengths[active - 1]:",
             "    active -= 1",
             "simpson = (4.0 if j % 2 else 2.0) / (3.0 * substeps * substeps)",
@@ -142,7 +157,7 @@ def lock_step_source() -> str:
             "    brought(i, active, where, lengths, course)",
             f"there = {LANES} * here",
             f"if {loaded}:",
-            *indented(turn, 1),
+            *indent(turn, 1),
             "q0 = at(course, there)", f"v0 = at(course, there + {LANES} * block)",
             *follow_up,
             "load = l0 * z0 - f0",
@@ -150,14 +165,14 @@ def lock_step_source() -> str:
             "if i > 0:",
             "    shut = shut + closed",
             "if j == 0 and i > 0:",
-            *indented([
+            *indent([
                 f"put(s, {NEW}, new)", f"put(s, {SHUT}, shut)", f"put(s, {LEVER}, lever)",
                 "shut = nothing",
                 "sampled(i // substeps - 1, active, substeps, learning, where, s, rows, memory, passes, reaches, cart)",
                 *correct,
                 f"q{cart} = either(at(s, {ASTRAY}) > 0.0, u - at(s, {AIM}), q{cart})",
             ], 1),
-            *granted([line for i in others for line in writer.with_body(i, [f"q{i} += h * v{i}"])], "belt"),
+            *drop_switch([line for i in others for line in writer.with_body(i, [f"q{i} += h * v{i}"])], "belt"),
             "t += h",
             "j += 1",
             "if j == substeps:",
@@ -168,8 +183,8 @@ def lock_step_source() -> str:
         ], 1),
     ]  # fmt: skip
     given = "where, lengths, values, on, h, ratio, substeps, bodies, behind, cart, learning, rows, memory, passes, reaches, course, s"
-    text = constant([*needed([*_known(writer), *fences, *_seen(others)], body), *body])
-    return writer.assemble([["@in_lanes", f"def together({given}):", *indented(["nothing = eight(0.0)", *text], 1)]])
+    text = broadcast_constants([*needed_lines([*_known(writer), *fences, *_seen(others)], body), *body])
+    return writer.assemble([["@in_lanes", f"def together({given}):", *indent(["nothing = eight(0.0)", *text], 1)]])
 
 
 def _known(writer: Writer) -> list[str]:
@@ -191,22 +206,22 @@ def _seen(others: Iterable[int]) -> list[str]:
     return lines
 
 
-def constant(lines: Sequence[str]) -> list[str]:
+def broadcast_constants(lines: Sequence[str]) -> list[str]:
     """Lines in which a name that is set to a number is set to eight of them."""
     return [re.sub(r"^(\s*\w+ = )(-?\d+\.\d+)$", r"\1eight(\2)", line).replace("max(", "most(").replace("min(", "least(") for line in lines]
 
 
-def granted(lines: Sequence[str], switch: str) -> list[str]:
+def drop_switch(lines: Sequence[str], switch: str) -> list[str]:
     """Lines without the question for a switch that is always on."""
     out: list[str] = []
     for block in blocks(list(lines)):
         end = block.index("else:") if "else:" in block else len(block)
         yes, no = ([line[4:] for line in part] for part in (block[1:end], block[end + 1 :]))
         if block[0] == f"if {switch}:":
-            out += granted(yes, switch)
+            out += drop_switch(yes, switch)
         elif yes:
-            out += [block[0], *indented(granted(yes, switch), 1)]
-            out += ["else:", *indented(granted(no, switch), 1)] if no else []
+            out += [block[0], *indent(drop_switch(yes, switch), 1)]
+            out += ["else:", *indent(drop_switch(no, switch), 1)] if no else []
         else:
             out += block
     return out

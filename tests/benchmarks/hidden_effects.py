@@ -39,9 +39,9 @@ from beltcomm.errors import BeltcommError
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.intervals import spread_of
 from beltcomm.fit.start import start_model
-from beltcomm.laboratory.diagnosis import Diagnosis, diagnose, fitted_base
-from beltcomm.laboratory.run_checks import checked
-from beltcomm.laboratory.scope import within_scope
+from beltcomm.laboratory.diagnosis import Diagnosis, diagnose, fit_base_of
+from beltcomm.laboratory.run_checks import check_run
+from beltcomm.laboratory.scope import restrict_to_scope
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import with_effect
 from beltcomm.runfolder import RunFolder
@@ -116,18 +116,18 @@ def examined(name: str, seed: int, names: tuple[str, ...], strength: float) -> d
         run = RunFolder.open(Path(folder) / "run")
         begin = time.process_time()
         try:
-            records = checked(run.recordings(), run.axis, foreign=True)
+            records = check_run(run.recordings(), run.axis, foreign=True)
             recordings, line["remarks"] = records.recordings, list(records.remarks)
             start = start_model(run.axis, recordings)
             if "belt_damping" in names:
                 start = start.without_effect("belt_damping")
-            begun = fitted_base(recordings, run.axis, start)  # the fit that is published, as a user's diagnosis begins with
+            begun = fit_base_of(recordings, run.axis, start)  # the fit that is published, as a user's diagnosis begins with
             found = diagnose(recordings, run.axis, start, begun=begun)
             if name in FAMILIES:  # as a user hears it
-                found, line["doubts"] = within_scope(found, recordings)
+                found, line["doubts"] = restrict_to_scope(found, recordings)
             line["cpu_s"] = time.process_time() - begin
             line |= judged(machine, found, run)
-            return line | ({"base": base_of(machine, found.told)} if name in FAMILIES else {})
+            return line | ({"base": base_of(machine, found.published_model)} if name in FAMILIES else {})
         except BeltcommError as error:
             said = str(error).replace(f"{folder}/run/recordings/", "")
             return line | {"verdict": f"{type(error).__name__}: {said}", "cpu_s": time.process_time() - begin}

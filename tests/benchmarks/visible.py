@@ -18,10 +18,10 @@ from beltcomm.effects import Ground, effect_named
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory.acceptance import EVIDENCE
-from beltcomm.laboratory.diagnosis import fitted_base
+from beltcomm.laboratory.diagnosis import fit_base_of
 from beltcomm.laboratory.score import Scorer, ground_of
-from beltcomm.laboratory.stage import price
-from beltcomm.laboratory.visible import visible
+from beltcomm.laboratory.stage import bic_penalty
+from beltcomm.laboratory.visible import detection_limits
 from beltcomm.runfolder import RunFolder
 from truth.hidden import draw, write_session
 
@@ -50,7 +50,7 @@ def fitted(seed: int, effects: tuple[str, ...], strength: float) -> tuple[Fitted
         write_session(machine, folder, plan="default")
         run = RunFolder.open(Path(folder))
         recordings = run.recordings()
-        data, found = fitted_base(recordings, run.axis, start_model(run.axis, recordings))
+        data, found = fit_base_of(recordings, run.axis, start_model(run.axis, recordings))
         return found, ground_of(found, data.fitted, run.axis), machine.hidden
 
 
@@ -59,13 +59,13 @@ def main(first: int, last: int) -> None:
     above, below = [0, 0], [0, 0]
     for seed in range(first, last):
         healthy, ground, _ = fitted(seed, (), 0.0)
-        sights = {sight.effect.name: sight for sight in visible(Scorer(healthy), ground)}
+        sights = {sight.effect.name: sight for sight in detection_limits(Scorer(healthy), ground)}
         for effect, key in SIZES.items():
             sight = sights[NAMES.get(effect, effect)]
             for strength in STRENGTHS:
                 found, here, hidden = fitted(seed, (effect,), strength)
                 ways = Scorer(found).score(effect_named(sight.effect.name), here)
-                needed = EVIDENCE + price(sight.effect, found, len(sight.effect.trials(here) if sight.effect.trials else ()))
+                needed = EVIDENCE + bic_penalty(sight.effect, found, len(sight.effect.trials(here) if sight.effect.trials else ()))
                 drop = ways[0].drop if ways else 0.0
                 size = abs(float(hidden[effect][key])) / (sight.hardest * sight.size)
                 print(f"{seed} {effect:22} {size:6.2f} x the predicted weakest: drop {drop:7.0f}, needed {needed:.0f}")

@@ -23,7 +23,7 @@ def test_a_model_that_flies_off_on_the_motion_that_it_rebuilds_is_not_taken(
     data, fitted = seen_by_base(10)
     monkeypatch.setattr(base, "remade", lambda *_: rebuilt)
     monkeypatch.setattr(base, "fit", lambda *_, **_options: found)
-    assert base.again(data, fitted, 3) == {"before": (data, fitted), "after": (rebuilt, found)}[kept]
+    assert base.refit_with_rebuilt_motion(data, fitted, 3) == {"before": (data, fitted), "after": (rebuilt, found)}[kept]
 
 
 @pytest.mark.parametrize(("left", "kept"), [(40, "before"), (60, "after")])
@@ -34,7 +34,7 @@ def test_a_motion_by_which_the_motor_hardly_moves_is_not_taken(monkeypatch: pyte
     data, fitted = seen_by_base(100)
     monkeypatch.setattr(base, "remade", lambda *_: rebuilt)
     monkeypatch.setattr(base, "fit", lambda *_, **_options: found)
-    assert base.again(data, fitted, 3) == {"before": (data, fitted), "after": (rebuilt, found)}[kept]
+    assert base.refit_with_rebuilt_motion(data, fitted, 3) == {"before": (data, fitted), "after": (rebuilt, found)}[kept]
 
 
 def test_noise_of_other_frequencies_is_no_worse_motion(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -44,9 +44,9 @@ def test_noise_of_other_frequencies_is_no_worse_motion(monkeypatch: pytest.Monke
     data, fitted = seen_by_base(100, group=4)
     monkeypatch.setattr(base, "remade", lambda *_: rebuilt)
     monkeypatch.setattr(base, "fit", lambda *_, **_options: found)
-    assert base.again(data, fitted, 3) == (rebuilt, found)
+    assert base.refit_with_rebuilt_motion(data, fitted, 3) == (rebuilt, found)
     monkeypatch.setattr(found, "residual", np.full(100, 3.0))
-    assert base.again(data, fitted, 3) == (data, fitted), "and one that does not is seen in fours too"
+    assert base.refit_with_rebuilt_motion(data, fitted, 3) == (data, fitted), "and one that does not is seen in fours too"
 
 
 def alike(objective: float, left: float, number: int = 100, group: int = 1) -> Any:

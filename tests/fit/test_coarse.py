@@ -11,7 +11,7 @@ from beltcomm.fit.decimation import decimated_noise, decimated_torque, decimatio
 from beltcomm.fit.model_fit import fit_model
 from beltcomm.fit.nuisance import HELD, TOLERANCES
 from beltcomm.fit.segment import segments
-from beltcomm.fit.smoother import smoothed
+from beltcomm.fit.smoother import smooth_motion
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from identify.records import NOISE_NM, PERIOD_S, Recorder, true_model
@@ -31,7 +31,7 @@ def test_the_likeliest_speed_is_nearer_than_a_difference_and_says_how_near() -> 
     (fine,), _ = recorded(FINE)
     step = 2.0 * np.pi / COUNTS
     (piece,) = segments(coarse, truth, 2.0 * np.pi / FINE, NOISE_NM, fitted=True)  # as if it were fine: nothing is smoothed
-    found = smoothed(truth, piece.motion, coarse.torque, step, NOISE_NM)
+    found = smooth_motion(truth, piece.motion, coarse.torque, step, NOISE_NM)
     assert found is not None
     right = np.gradient(fine.position, PERIOD_S)
     moving = np.abs(right) > 1.0  # where it rests the model slides

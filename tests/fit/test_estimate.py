@@ -95,7 +95,7 @@ def test_a_refit_without_an_earlier_effect_is_told_from_where_on_it_matters(
     monkeypatch.setattr(superfluous, "fit_of", without_it)
     smaller = begun.model.without_effect("backlash")
     grown = replace(begun, model=begun.model.with_values({"backlash.gap": gap_m}, "test").with_effect("cogging"))
-    superfluous.superfluous(data, grown, smaller, "cogging")
+    superfluous.drop_superfluous(data, grown, smaller, "cogging")
     assert [goal < np.inf for goal in goals] == [told]
 
 

@@ -10,12 +10,12 @@ import pytest
 
 from beltcomm.fit.arrowhead import ArrowheadJacobian
 from beltcomm.fit.likelihood import Problem
-from beltcomm.fit.local_quadratic import Nearby
+from beltcomm.fit.local_quadratic import LocalQuadratic
 
 SAMPLES, BLOCKS = 4000, 20
 
 
-def beside(seed: int) -> tuple[Nearby, np.ndarray, np.ndarray]:
+def beside(seed: int) -> tuple[LocalQuadratic, np.ndarray, np.ndarray]:
     """A fit of two columns to loud noise, all blocks alike: then O is N (1 + ln(rest²/N))."""
     rng = np.random.default_rng(seed)
     known = rng.normal(size=(SAMPLES, 2))
@@ -26,7 +26,7 @@ def beside(seed: int) -> tuple[Nearby, np.ndarray, np.ndarray]:
     problem = SimpleNamespace(
         jacobian=lambda _x: jacobian, low=np.full(2, -9.0), high=np.full(2, 9.0), blocks=blocks, count=np.bincount(blocks).astype(float)
     )
-    return Nearby(cast("Problem", problem), np.zeros(2), residual), known, residual
+    return LocalQuadratic(cast("Problem", problem), np.zeros(2), residual), known, residual
 
 
 def test_a_pair_of_columns_promises_what_least_squares_says() -> None:
@@ -38,7 +38,7 @@ def test_a_pair_of_columns_promises_what_least_squares_says() -> None:
     wanted = residual * root[:, 0]
     left = [np.sum((wanted - c @ np.linalg.lstsq(c, wanted, rcond=None)[0]) ** 2) for c in (known * root, both)]
     # Its weights are those of the blocks after a reweighting, which ends when it gains less than 0.05 nats: a share of 0.05/N of O.
-    assert near.screened(pair, 2, True)[0][0] == pytest.approx(left[0] - left[1], rel=1e-3)
+    assert near.rough_gains(pair, 2, True)[0][0] == pytest.approx(left[0] - left[1], rel=1e-3)
 
 
 @pytest.mark.parametrize("factor", [1.0, -2.0, 0.0])
@@ -46,8 +46,8 @@ def test_a_pair_that_looks_alike_promises_what_one_does(factor: float) -> None:
     """Sine and cosine of an order on an axis that hardly turns; a cosine that is not there promises nothing."""
     near, _, residual = beside(1)
     one = np.random.default_rng(3).normal(size=SAMPLES) + 0.02 * residual
-    alone = near.screened(one[:, None], 1, True)[0][0]
-    together = near.screened(np.stack([one, factor * one], axis=1), 2, True)[0][0]
+    alone = near.rough_gains(one[:, None], 1, True)[0][0]
+    together = near.rough_gains(np.stack([one, factor * one], axis=1), 2, True)[0][0]
     assert alone > 1.0
     assert together == pytest.approx(alone if factor else 0.0, rel=1e-6)
 
@@ -68,9 +68,9 @@ def test_an_unknown_of_each_stretch_counts_as_one_of_all_that_is_zero_elsewhere(
     found = []
     for jacobian in (ArrowheadJacobian(columns, ends), ArrowheadJacobian(np.pad(written_out, ((0, 0), (0, 1))), ends[:1])):
         problem = SimpleNamespace(jacobian=lambda _x, j=jacobian: j, blocks=blocks, count=np.bincount(blocks).astype(float), **bounds)
-        near = Nearby(cast("Problem", problem), np.zeros(2 + segments), residual)
+        near = LocalQuadratic(cast("Problem", problem), np.zeros(2 + segments), residual)
         best = near.best(change, extra)
-        found.append((near.objective, best.objective, best.amounts, best.step, *near.screened(extra, 2, True), near.rest))
+        found.append((near.objective, best.objective, best.amounts, best.step, *near.rough_gains(extra, 2, True), near.rest))
     for one, other in zip(*found, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
     assert np.any(found[0][3] == -0.2), "a bound binds"

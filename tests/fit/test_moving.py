@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltcomm.fit.moving import CREEP_S, between_steps, creeping
+from beltcomm.fit.moving import CREEP_S, creeping_samples, samples_between_counts
 
 PERIOD_S, STEP_RAD = 1e-3, 2e-3
 TIME_S = np.arange(0.0, 2.0, PERIOD_S)
@@ -19,13 +19,13 @@ def counted(angle: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_an_even_creep_counts_with_an_even_speed(side: float) -> None:
-    creeps, even = creeping(counted(side * 0.2 * TIME_S), PERIOD_S, STEP_RAD)
+    creeps, even = creeping_samples(counted(side * 0.2 * TIME_S), PERIOD_S, STEP_RAD)
     assert creeps[INSIDE].all()
     assert even[INSIDE].all()
 
 
 def test_a_cogging_motor_goes_on_unevenly() -> None:
-    creeps, even = creeping(counted(1.0 * TIME_S + 0.03 * np.sin(2.0 * np.pi * 4.0 * TIME_S)), PERIOD_S, STEP_RAD)
+    creeps, even = creeping_samples(counted(1.0 * TIME_S + 0.03 * np.sin(2.0 * np.pi * 4.0 * TIME_S)), PERIOD_S, STEP_RAD)
     assert creeps[INSIDE].mean() > 0.95
     assert even[INSIDE].mean() < 0.6
 
@@ -33,20 +33,20 @@ def test_a_cogging_motor_goes_on_unevenly() -> None:
 def test_a_motor_that_stops_in_between_may_be_stuck() -> None:
     """Evenly on its way but for one stop as long as two parts, so that one of them lies in it."""
     stopped = np.where(TIME_S < 1.0, TIME_S, np.maximum(TIME_S - CREEP_S, 1.0))
-    creeps, _ = creeping(counted(0.5 * stopped), PERIOD_S, STEP_RAD)
+    creeps, _ = creeping_samples(counted(0.5 * stopped), PERIOD_S, STEP_RAD)
     assert not creeps[np.abs(TIME_S - 1.0 - 0.5 * CREEP_S) < 0.5 * CREEP_S].any()
     assert creeps[INSIDE][:500].all()
 
 
 def test_a_motor_about_to_turn_does_not_count() -> None:
-    creeps, _ = creeping(counted(-4.0 * (TIME_S - 1.0) ** 2), PERIOD_S, STEP_RAD)
+    creeps, _ = creeping_samples(counted(-4.0 * (TIME_S - 1.0) ** 2), PERIOD_S, STEP_RAD)
     assert not creeps[np.abs(TIME_S - 1.0) < 0.9 * CREEP_S].any()
 
 
 def test_an_angle_that_swings_between_its_counts_tells_no_friction() -> None:
     slow = 0.1 * TIME_S
     swings = slow + STEP_RAD * np.sin(2.0 * np.pi * 50.0 * TIME_S)
-    assert between_steps(swings, counted(slow), STEP_RAD)[INSIDE].mean() > 0.95
-    assert not between_steps(slow, counted(slow), STEP_RAD).any()
+    assert samples_between_counts(swings, counted(slow), STEP_RAD)[INSIDE].mean() > 0.95
+    assert not samples_between_counts(slow, counted(slow), STEP_RAD).any()
     lively = slow + 20.0 * STEP_RAD * np.sin(2.0 * np.pi * 50.0 * TIME_S)
-    assert not between_steps(lively, counted(lively), STEP_RAD).any()
+    assert not samples_between_counts(lively, counted(lively), STEP_RAD).any()

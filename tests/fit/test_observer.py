@@ -14,7 +14,7 @@ from beltcomm.fit import estimate as fitting
 from beltcomm.fit.likelihood import Problem
 from beltcomm.fit.observer import forgotten, stiffest
 from beltcomm.fit.records import Data, prepare, remade, with_process_noise
-from beltcomm.fit.segment import Segment, evaluate, in_noise, whitened, with_observer
+from beltcomm.fit.segment import Segment, evaluate, in_noise, whitened_residual, with_observer
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory.stage import candidate
 from beltcomm.model import Model, build_model
@@ -39,14 +39,14 @@ def rattling(tmp_path_factory: pytest.TempPathFactory) -> tuple[Data, Model]:
 
 
 def excited(data: Data) -> list[Segment]:
-    return [piece for piece in data.fitted if "frf" in piece.record and len(piece.counted) > 300]
+    return [piece for piece in data.fitted if "frf" in piece.record and len(piece.value_samples) > 300]
 
 
 def test_true_values_leave_noise_only_where_the_torque_tells_where_the_carriage_is(rattling: tuple[Data, Model]) -> None:
     data, model = rattling
     followed, rebuilt = [], []
     for piece in excited(data):
-        followed.append(whitened(with_observer(piece, model), model, model.vector()))
+        followed.append(whitened_residual(with_observer(piece, model), model, model.vector()))
         rebuilt.append(in_noise(piece, model, model.vector(), evaluate(piece, model, model.vector())))
     assert len(followed) >= 4
     rms = [float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) for parts in (followed, rebuilt)]
@@ -59,7 +59,7 @@ def test_a_wrong_gap_leaves_more_than_noise(rattling: tuple[Data, Model]) -> Non
     errors = []
     for share in (1.0, 0.7, 1.3):
         wrong = model.with_values({"backlash.gap": share * model["backlash.gap"]})
-        white = [whitened(with_observer(piece, wrong), wrong, wrong.vector()) for piece in excited(data)]
+        white = [whitened_residual(with_observer(piece, wrong), wrong, wrong.vector()) for piece in excited(data)]
         errors.append(float(np.mean(np.log(np.maximum(np.concatenate(white) ** 2, 1.0)))))
     assert errors[1] > 1.5 * errors[0]
     assert errors[2] > 1.5 * errors[0]
@@ -93,9 +93,9 @@ def test_without_a_gap_the_observer_is_the_whitening_filter(rattling: tuple[Data
     data, model = rattling
     plain, closed = model.without_effect("backlash"), model.with_values({"backlash.gap": 0.0})
     piece = replace(excited(data)[0], offset_m=0.0)
-    one = whitened(piece, plain, plain.vector())
+    one = whitened_residual(piece, plain, plain.vector())
     # The observer takes its correction off at the end of a sample, the filter in the middle of its weight.
-    other = whitened(with_observer(piece, closed), closed, closed.vector())
+    other = whitened_residual(with_observer(piece, closed), closed, closed.vector())
     assert np.sqrt(np.mean((one - other) ** 2)) < 0.03 * np.sqrt(np.mean(one**2))
 
 
@@ -105,7 +105,7 @@ def test_a_torque_beside_the_observer_is_whitened_to_first_order(rattling: tuple
     change = 1e-6 * np.sin(np.arange(piece.motion.samples) / 7.0)
     change[[0, -1]] = 0.0
     felt = replace(piece, torque=piece.torque + change)
-    exact = whitened(felt, model, model.vector()) - whitened(piece, model, model.vector())
+    exact = whitened_residual(felt, model, model.vector()) - whitened_residual(piece, model, model.vector())
     acting = np.zeros_like(change)
     acting[1:-1] = 0.5 * (change[:-2] + change[1:-1])
     assert np.sqrt(np.mean((exact - piece.white(-acting)) ** 2)) < 0.05 * np.sqrt(np.mean(exact**2))
@@ -117,7 +117,7 @@ def test_a_gap_in_a_belt_of_two_spans_is_followed_too(rattling: tuple[Data, Mode
     spans = build_model("spans", effects, {n: v.value for n, v in model.parameters.items() if not n.startswith("belt_stiffness")})
     piece = with_observer(excited(data)[0], spans)
     residual = evaluate(piece, spans, spans.vector())
-    assert np.all(np.isfinite(whitened(piece, spans, spans.vector())))
+    assert np.all(np.isfinite(whitened_residual(piece, spans, spans.vector())))
     assert np.all(residual[2:-2] != 0.0)  # of all samples, also of those that do not count
 
 
@@ -183,7 +183,7 @@ def test_on_a_belt_that_stiffens_threefold_along_the_way_the_observer_keeps_the_
     model = model.with_values(truth | {"backlash.gap": machine.hidden["backlash"]["gap_m"]})
     data = prepare(records, run.axis, model)
     for piece in data.fitted:
-        white = whitened(with_observer(piece, model), model, model.vector())
+        white = whitened_residual(with_observer(piece, model), model, model.vector())
         assert float(np.sqrt(np.mean(white**2))) < 1.5
     place, held = stiffest(model, 0.1, 0.9, np.linspace(0.1, 0.9, 9))
     assert place == pytest.approx(0.1, abs=0.01)

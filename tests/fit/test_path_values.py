@@ -11,7 +11,7 @@ import pytest
 from beltcomm.fit.base import fit_base
 from beltcomm.fit.estimate import fit
 from beltcomm.fit.path_values import path_nuisance, refine_path
-from beltcomm.fit.records import made
+from beltcomm.fit.records import prepare_records
 from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
 from fit.test_rounding_bias import model, turned
 from identify.records import NOISE_NM, STEP_RAD, Recorder, true_model
@@ -30,7 +30,7 @@ def test_any_path_is_refined_to_finite_values(path: TorquePath) -> None:
     """Also a wrong one, whose drive has no delay at all: nothing is divided by it."""
     plant = draw("g_b", np.random.default_rng(41))
     truth, record = true_model(plant), Recorder(41).shaken(plant, 0.3, 2)
-    data = made([record], truth, NOISE_NM, STEP_RAD, {}, path=path)
+    data = prepare_records([record], truth, NOISE_NM, STEP_RAD, {}, path=path)
     data, fitted = fit_base(data, truth, path=path, publish=False)
     data, fitted = refine_path(data, fitted)
     drive = data.path.drive
@@ -46,7 +46,7 @@ def test_a_coarse_record_tells_the_values_of_a_path_too() -> None:
     fine, step = turned(3), math.tau / 1500
     coarse = replace(fine, position=step * np.floor(fine.position / step), torque_setpoint=fine.torque)
     path = TorquePath(DriveLaw(0.3), ReadingLaw(0.1))
-    data = made([coarse], model(), 0.01, step, {}, path=path)
+    data = prepare_records([coarse], model(), 0.01, step, {}, path=path)
     assert data.fitted[0].motion.sample_s == 2.0 * fine.sample_period_s
     nuisance = path_nuisance(data, fit(data, model(), 3))
     assert nuisance is not None

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltcomm.fit.records import shown_step
+from beltcomm.fit.records import apparent_step
 from beltcomm.recording import Recording
 from identify.records import NOISE_NM, STEP_RAD, Recorder
 from truth.rigs import draw
@@ -23,9 +23,9 @@ def noisy(record: Recording, counts: float) -> Recording:
 @pytest.mark.parametrize("counts", [1.0, 3.0])
 def test_noise_of_the_angle_counts_as_a_larger_step(counts: float) -> None:
     stroke = Recorder(1).stroked(draw("g_b", np.random.default_rng(1)), (0.1, 0.3), 1.0)
-    assert shown_step([stroke], STEP_RAD, NOISE_NM) == STEP_RAD
+    assert apparent_step([stroke], STEP_RAD, NOISE_NM) == STEP_RAD
     true = STEP_RAD * math.sqrt(2.0 + 12.0 * counts**2)
-    assert shown_step([noisy(stroke, counts)], STEP_RAD, NOISE_NM) == pytest.approx(true, rel=0.15)
+    assert apparent_step([noisy(stroke, counts)], STEP_RAD, NOISE_NM) == pytest.approx(true, rel=0.15)
 
 
 def test_a_motion_that_is_shaken_all_the_time_tells_nothing_of_its_angles_noise() -> None:
@@ -40,4 +40,4 @@ def test_a_motion_that_is_shaken_all_the_time_tells_nothing_of_its_angles_noise(
         position=record.position[shaken],
         cart_position_m=None,
     )
-    assert shown_step([part], STEP_RAD, NOISE_NM) == STEP_RAD
+    assert apparent_step([part], STEP_RAD, NOISE_NM) == STEP_RAD

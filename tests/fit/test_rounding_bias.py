@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltcomm.fit.base import again
+from beltcomm.fit.base import refit_with_rebuilt_motion
 from beltcomm.fit.estimate import problem_of
 from beltcomm.fit.model_fit import ModelFit, fit_model
-from beltcomm.fit.records import made
+from beltcomm.fit.records import prepare_records
 from beltcomm.fit.rounding_bias import RoundingBias
 from beltcomm.fit.segment import evaluate
 from beltcomm.fit.torque_path import FAITHFUL
@@ -94,9 +94,9 @@ def test_squares_of_which_nothing_is_taken_off_would_miss_it(monkeypatch: pytest
     assert interval is not None
     found = found_from(turned(0))
     assert found.model["motor.inertia"] < INERTIA - 5.0 * interval
-    data, fitted = again(found.data, found.fitted, 6, found.data.substeps)
+    data, fitted = refit_with_rebuilt_motion(found.data, found.fitted, 6, found.data.substeps)
     for _ in range(5):
-        data, fitted = again(data, fitted, 6, data.substeps)
+        data, fitted = refit_with_rebuilt_motion(data, fitted, 6, data.substeps)
     assert fitted.model["motor.inertia"] < found.model["motor.inertia"] - 5.0 * interval
 
 
@@ -113,7 +113,7 @@ def test_the_squares_taken_off_are_those_that_rounding_leaves(share: float) -> N
     even = 3.0 * t + STEP_RAD * (rng.random(n) - 0.5)
     torque = VISCOUS * 3.0 + COULOMB + rng.normal(0.0, NOISE_NM, n)
     record = Recording(name="even", t_s=t, torque=torque, position=even, sidecar=Sidecar("free"))
-    data = made([record], model(), NOISE_NM, STEP_RAD, {})
+    data = prepare_records([record], model(), NOISE_NM, STEP_RAD, {})
     (piece,) = data.fitted
     other = model(share * INERTIA)
     bias = RoundingBias(data.fitted, model())
@@ -126,10 +126,10 @@ def test_the_squares_taken_off_are_those_that_rounding_leaves(share: float) -> N
 
 
 def test_slope_and_curvature_are_those_of_what_is_taken_off() -> None:
-    data = made([turned(1, 2.0)], model(), NOISE_NM, STEP_RAD, {})
+    data = prepare_records([turned(1, 2.0)], model(), NOISE_NM, STEP_RAD, {})
     problem = problem_of(data, model())
     x = problem.start()
-    slope, curvature = problem.rounding(x)
+    slope, curvature = problem.rounding_derivatives(x)
     blocks, j = problem.count[:, None], problem.free.index("motor.inertia")
 
     def taken_off(change: float) -> float:
@@ -146,7 +146,7 @@ def test_slope_and_curvature_are_those_of_what_is_taken_off() -> None:
 
 def test_the_objective_is_that_of_the_segments_wherever_a_search_began() -> None:
     """Else a fit that began at a heavier motor would seem the better one, by what rounding adds there: 1300 nats on 16 600 values."""
-    data = made([turned(1, 4.0)], model(), NOISE_NM, STEP_RAD, {})
+    data = prepare_records([turned(1, 4.0)], model(), NOISE_NM, STEP_RAD, {})
     at = model(1.05 * INERTIA)
     levels = []
     for begun in (model(), model(0.8 * INERTIA), at):
@@ -159,7 +159,7 @@ def test_the_objective_is_that_of_the_segments_wherever_a_search_began() -> None
 
 def test_a_model_that_does_not_hold_its_bodies_is_no_better_one() -> None:
     """A rounding that grows without end would take off any square: it has no objective, and pulls nowhere."""
-    data = made([turned(1, 2.0)], model(), NOISE_NM, STEP_RAD, {})
+    data = prepare_records([turned(1, 2.0)], model(), NOISE_NM, STEP_RAD, {})
     bias = RoundingBias(data.fitted, model())
     kind = bias.kinds[0]
     kind.response = lambda _model: np.array([1e200, 1e200])  # type: ignore[method-assign]

@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltcomm.fit.moving import RUN_IN_S, RUN_IN_TRAVEL_M, ran_in, resting
-from beltcomm.fit.noise_path import Way, noise_path, way
+from beltcomm.fit.moving import RUN_IN_S, RUN_IN_TRAVEL_M, ran_in, resting_samples
+from beltcomm.fit.noise_path import NoiseSchedule, noise_path, way
 from beltcomm.fit.segment import (
     STICK_SPEED_RAD_S,
     Segment,
     evaluate,
     noise_paths_of,
     segments,
-    whitened,
+    whitened_residual,
 )
 from beltcomm.fit.whitening import whitener
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
-from beltcomm.simulate.inverse import FineMotion, between, torque_residuals
+from beltcomm.simulate.inverse import FineMotion, interpolate, torque_residuals
 from identify.records import COUNTS, NOISE_NM, PERIOD_S, STEP_RAD, Recorder, true_model
 from truth import TruthPlant
 from truth.rigs import draw
@@ -46,7 +46,7 @@ def masked_covariance(keep: NDArray[np.bool_], c0: float, c1: float, c2: float) 
     return np.asarray(full[np.ix_(keep, keep)])
 
 
-def free_inertia(inertia: float, samples: int) -> Way:
+def free_inertia(inertia: float, samples: int) -> NoiseSchedule:
     """Without a belt both noises are moving averages, whose covariance is written down in a line."""
     return way(build_model("free", (), {"motor.inertia": inertia}, base_bodies=("motor",)), np.zeros(samples), PERIOD_S)
 
@@ -79,7 +79,7 @@ def test_gains_worked_out_beforehand_give_the_same() -> None:
     record = Recorder().shaken(plant, 0.3, 1)
     piece = segments(without_rows(record, slice(1300, None)), model, STEP_RAD, NOISE_NM, fitted=True)[0]
     fixed = replace(piece, whitener=whitener(piece.keep, noise_paths_of(piece, model), STEP_RAD, NOISE_NM))
-    np.testing.assert_array_equal(whitened(fixed, model, model.vector()), whitened(piece, model, model.vector()))
+    np.testing.assert_array_equal(whitened_residual(fixed, model, model.vector()), whitened_residual(piece, model, model.vector()))
 
 
 @pytest.mark.parametrize(("period_s", "counts"), [(PERIOD_S, COUNTS), (2.0 * PERIOD_S, 500)])
@@ -87,7 +87,7 @@ def test_rounding_is_white_behind_a_belt_as_well(period_s: float, counts: int) -
     """The noise path against the model itself: an angle that is nothing but rounding, driven backwards through the kernel."""
     model = true_model(draw("g_b", np.random.default_rng(10))).with_values({"coulomb.level": 0.0, "cart_friction.level": 0.0})
     n, rng, step = 40_000, np.random.default_rng(3), 2.0 * np.pi / counts
-    angle, rate = between(step * (rng.random(n) - 0.5), 16)
+    angle, rate = interpolate(step * (rng.random(n) - 0.5), 16)
     motion = FineMotion(angle + 0.25 / model["transmission.ratio"], rate / period_s, n, period_s, 16, 0.0)
     residual = torque_residuals(model, motion, NOISE_NM * rng.normal(size=n), [model.vector()], [0.0])[0]
     keep = np.ones(n, dtype=bool)
@@ -139,7 +139,7 @@ def test_rounding_is_white_all_along_a_way_on_which_the_stiffness_changes() -> N
     white = whitener(keep, along, STEP_RAD, NOISE_NM)(residual, keep)
     columns = whitener(keep, along, STEP_RAD, NOISE_NM)(np.stack([residual, 2.0 * residual], axis=1), keep)
     np.testing.assert_allclose(columns, np.stack([white, 2.0 * white], axis=1), rtol=0.0, atol=1e-9)
-    middle = Way((noise_path(model, 0.45, PERIOD_S),), np.zeros(n, dtype=np.int64))
+    middle = NoiseSchedule((noise_path(model, 0.45, PERIOD_S),), np.zeros(n, dtype=np.int64))
     blind = whitener(keep, middle, STEP_RAD, NOISE_NM)(residual, keep)
     parts = np.split(np.arange(n), 4)
     assert max(abs(float(np.mean(white[part] ** 2)) - 1.0) for part in parts) < 0.12  # three deviations of 1000 samples
@@ -198,7 +198,7 @@ def assert_white(white: Array, tolerance: float) -> None:
 @pytest.mark.parametrize("kind", ["prbs", "strokes with a fine encoder"])
 def test_true_parameters_leave_white_noise_of_variance_one(at_truth: Pieces, rig: str, kind: str) -> None:
     piece, model, offset = at_truth[rig, kind]
-    assert_white(whitened(piece, model, model.vector(), offset), 4.0)
+    assert_white(whitened_residual(piece, model, model.vector(), offset), 4.0)
 
 
 @pytest.mark.parametrize("rig", ["g_a", "g_b"])
@@ -242,9 +242,9 @@ WRONG = {
 @pytest.mark.parametrize("rig", ["g_a", "g_b"])
 def test_a_wrong_parameter_raises_the_misfit(at_truth: Pieces, rig: str, name: str) -> None:
     piece, model, offset = at_truth[rig, "prbs"]
-    right = np.mean(whitened(piece, model, model.vector(), offset) ** 2)
+    right = np.mean(whitened_residual(piece, model, model.vector(), offset) ** 2)
     wrong = model.with_values({name: WRONG[name] * model[name]})
-    assert np.mean(whitened(piece, wrong, wrong.vector(), offset) ** 2) > right + 4.0 * np.sqrt(2.0 / piece.keep.sum())
+    assert np.mean(whitened_residual(piece, wrong, wrong.vector(), offset) ** 2) > right + 4.0 * np.sqrt(2.0 / piece.keep.sum())
 
 
 @pytest.mark.parametrize("rig", ["g_a", "g_b"])
@@ -277,7 +277,7 @@ def test_samples_near_a_reversal_or_standstill_are_left_out(motion: FineMotion) 
     for n in range(1, motion.samples - 1):
         part = motion.omega[(n - 1) * m : (n + 1) * m + 1]
         expected[n] = not (np.all(part >= STICK_SPEED_RAD_S) or np.all(part <= -STICK_SPEED_RAD_S))
-    found = resting(motion, STICK_SPEED_RAD_S)
+    found = resting_samples(motion, STICK_SPEED_RAD_S)
     np.testing.assert_array_equal(found, expected)
     assert found[0]
     assert found[-1]
@@ -332,4 +332,4 @@ def test_a_stretch_that_begins_in_motion_is_explained_as_well() -> None:
     record = Recorder(1).stroked(plant, (0.6,), 0.5)
     middle = int(np.argmax(np.gradient(record.position))) + 50
     _, after = segments(without_rows(record, slice(middle, middle + 5)), model, STEP_RAD, NOISE_NM, fitted=True)
-    assert np.mean(whitened(after, model, model.vector()) ** 2) < 1.5
+    assert np.mean(whitened_residual(after, model, model.vector()) ** 2) < 1.5

@@ -9,7 +9,7 @@ import pytest
 
 from beltcomm.fit.estimate import fit
 from beltcomm.fit.model_fit import fit_model
-from beltcomm.fit.records import made
+from beltcomm.fit.records import prepare_records
 from beltcomm.fit.sensor_noise import NoiseSplit, split_noise
 from beltcomm.fit.torque_path import FAITHFUL, DriveLaw, TorquePath
 from identify.records import COUNTS, NOISE_NM, STEP_RAD, Recorder, true_model
@@ -25,7 +25,7 @@ def split_of(process_nm: float, sensor_nm: float, path: TorquePath = TorquePath(
     record = Recorder(7, noise_nm=sensor_nm, disturbance=beside).shaken(plant, 0.3, 4)
     record = replace(record, torque=record.torque + beside[: len(record.torque)])
     truth, total = true_model(plant), float(np.hypot(process_nm, sensor_nm))
-    data = made([record], truth, total, STEP_RAD, {}, path=path)
+    data = prepare_records([record], truth, total, STEP_RAD, {}, path=path)
     return split_noise(data, fit(data, truth, 5))
 
 
@@ -59,7 +59,7 @@ def test_what_the_motion_does_not_tell_is_no_more_than_reading_and_setpoint_leav
     """Behind rounding a hundred times as loud nobody knows how much of it acts: all of it may be the sensor's."""
     plant = draw("g_b", np.random.default_rng(5))
     record, truth = Recorder(7, counts=600).shaken(plant, 0.3, 4), true_model(plant)
-    data = made([record], truth, 30.0 * NOISE_NM, 2.0 * np.pi / 600, {}, path=TorquePath(DriveLaw(1.0)))
+    data = prepare_records([record], truth, 30.0 * NOISE_NM, 2.0 * np.pi / 600, {}, path=TorquePath(DriveLaw(1.0)))
     found = split_noise(data, fit(data, truth, 5))
     assert found is not None
     assert found.sensor_nm == pytest.approx(NOISE_NM, rel=0.05)

@@ -13,7 +13,7 @@ import pytest
 from beltcomm.axis import load_axis
 from beltcomm.errors import BeltcommError
 from beltcomm.fit.model_fit import ModelFit, fit_model
-from beltcomm.fit.stored import kept, key_of, restored
+from beltcomm.fit.stored import key_of, restore_fit, store_fit
 from beltcomm.recording import Recording
 from identify.records import COUNTS, Recorder, true_model
 from truth.rigs import draw
@@ -40,7 +40,7 @@ def found(records: list[Recording]) -> ModelFit:
 @pytest.fixture(scope="module")
 def written(found: ModelFit) -> dict[str, Any]:
     """As it stands in a file."""
-    there = kept(found.data, found.fitted)
+    there = store_fit(found.data, found.fitted)
     assert there is not None
     read = json.loads(json.dumps(there))
     assert isinstance(read, dict)
@@ -49,7 +49,7 @@ def written(found: ModelFit) -> dict[str, Any]:
 
 def test_what_is_read_back_is_the_fit_to_the_digit(records: list[Recording], found: ModelFit, written: dict[str, Any]) -> None:
     began = time.perf_counter()
-    data, fitted = restored(records, written)
+    data, fitted = restore_fit(records, written)
     assert time.perf_counter() - began < 5.0, "one evaluation"
     assert (data.noise_nm, data.step_rad, data.substeps, data.reversals) == (
         found.data.noise_nm, found.data.step_rad, found.data.substeps, found.data.reversals,
@@ -67,7 +67,7 @@ def test_what_is_read_back_is_the_fit_to_the_digit(records: list[Recording], fou
 )
 def test_damaged_contents_are_refused(records: list[Recording], written: dict[str, Any], damage: dict[str, Any]) -> None:
     with pytest.raises((KeyError, TypeError, ValueError, BeltcommError)):
-        restored(records, written | damage)
+        restore_fit(records, written | damage)
 
 
 def test_the_key_goes_with_records_axis_and_start(found: ModelFit) -> None:

@@ -18,7 +18,7 @@ from beltcomm.identify.amplitude import (
     UNKNOWN_MASSES_KG,
     MotionLimits,
     Prediction,
-    around,
+    family_around,
     largest_amplitude,
     predict,
     unknown_masses_kg,
@@ -82,7 +82,7 @@ def test_family_around_an_estimate_covers_the_machine(rig: str, seed: int) -> No
     mass, stiffness = 1.0 + rng.uniform(-0.1, 0.1, 2)
     estimate = off_by(true_model(plant), float(mass), float(stiffness), 1.1)
     truth = driven(plant, 0.35 * UNIT)
-    prediction = predict(around(estimate), 0.35 * UNIT, PERIOD_S, AT_M)
+    prediction = predict(family_around(estimate), 0.35 * UNIT, PERIOD_S, AT_M)
     assert prediction.belt_force_n >= truth.belt_force_n
     assert prediction.speed_m_s >= truth.speed_m_s
     assert prediction.travel_m >= truth.travel_m
@@ -99,7 +99,7 @@ def test_family_of_the_unknown_covers_the_machine(rig: str) -> None:
 
 def test_family_holds_what_it_says() -> None:
     model = true_model(draw("g_a", np.random.default_rng(54)))
-    family = around(model)
+    family = family_around(model)
     for name in ("cart.mass", "belt_stiffness.stiffness"):
         shares = {round(member[name] / model[name], 9) for member in family}
         assert shares == {1.0, round(1.0 - FIRST_ESTIMATE_SPREAD, 9), round(1.0 + FIRST_ESTIMATE_SPREAD, 9)}
@@ -109,7 +109,7 @@ def test_family_holds_what_it_says() -> None:
 
 @pytest.fixture(scope="module")
 def family() -> Sequence[Model]:
-    return around(true_model(draw("g_b", np.random.default_rng(55))))
+    return family_around(true_model(draw("g_b", np.random.default_rng(55))))
 
 
 def test_a_free_amplitude_is_the_next_step(family: Sequence[Model]) -> None:
@@ -161,7 +161,7 @@ def test_the_machine_keeps_the_limits_that_were_planned() -> None:
     limits = MotionLimits(0.03, 5.0, 1.24, 90.0)
     for rig in ("g_a", "g_b"):
         plant = draw(rig, np.random.default_rng(56))
-        step = largest_amplitude(around(true_model(plant)), UNIT, PERIOD_S, AT_M, limits, 1.24)
+        step = largest_amplitude(family_around(true_model(plant)), UNIT, PERIOD_S, AT_M, limits, 1.24)
         truth = driven(plant, step.amplitude_nm * UNIT)
         assert max(truth.use_of(limits).values()) <= 1.0
         assert 0.2 < step.amplitude_nm < 0.6

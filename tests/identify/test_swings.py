@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from beltcomm.fit.noise_path import Way, noise_path
+from beltcomm.fit.noise_path import NoiseSchedule, noise_path
 from beltcomm.fit.whitening import whitener
 from beltcomm.model import build_model
 
@@ -25,7 +25,7 @@ def test_a_payload_that_still_swings_when_the_record_begins_leaves_no_trace() ->
         residual[n] = path.H @ swing
         swing = path.F @ swing
     keep = np.ones(len(residual), dtype=bool)
-    one = Way((path,), np.zeros(len(residual), dtype=np.int64))
+    one = NoiseSchedule((path,), np.zeros(len(residual), dtype=np.int64))
     left = whitener(keep, one, STEP_RAD, NOISE_NM)(residual, keep)
     forgotten = replace(one, paths=(replace(path, begins=path.begins * [0.0, 1.0, 1.0, 1.0]),))
     unknown = whitener(keep, forgotten, STEP_RAD, NOISE_NM)(residual, keep)
@@ -44,7 +44,7 @@ def test_a_carriage_that_still_swings_when_the_record_begins_leaves_no_trace() -
     pull = 1e-4 * ((stiffness + damping * poles[0]) * np.exp(poles[0] * fine)).real
     residual = -ratio * np.convolve(pull, np.bartlett(41) / 20, mode="valid")[::20]
     keep = np.arange(len(residual)) > 0  # the first is behind half a triangle
-    one = Way((path,), np.zeros(len(residual), dtype=np.int64))
+    one = NoiseSchedule((path,), np.zeros(len(residual), dtype=np.int64))
     left = whitener(keep, one, STEP_RAD, NOISE_NM)(residual, keep)
     forgotten = replace(one, paths=(replace(path, begins=path.begins * [0.0, 1.0, 1.0, 1.0]),))
     unknown = whitener(keep, forgotten, STEP_RAD, NOISE_NM)(residual, keep)

@@ -25,7 +25,7 @@ from beltcomm.identify.three_mass import (
     MASS,
     ThreeMass,
     compare_masses,
-    judged,
+    judge_third_mass,
     resonances_hz,
     sheet_mass_kg,
     signal_up_to,
@@ -134,7 +134,9 @@ def judged_with(found: ThreeMass, record: Recording, response: FrequencyResponse
     three = replace(found.three, model=found.three.model.with_values({MASS: mass_kg}))
     item = three.model.parameters[MASS]
     parameters = {**three.model.parameters, MASS: replace(item, interval=0.05 * mass_kg)}
-    return judged(found.two, replace(three, model=replace(three.model, parameters=parameters)), AXIS, [record], {"frf_1": response})
+    return judge_third_mass(
+        found.two, replace(three, model=replace(three.model, parameters=parameters)), AXIS, [record], {"frf_1": response}
+    )
 
 
 def said(fit: ModelFit, **told: float) -> ModelFit:
@@ -156,7 +158,7 @@ def test_a_mode_that_no_record_shows_is_refused_with_the_numbers(found: ThreeMas
 
 
 def test_no_repeated_excitation_is_refused(found: ThreeMass, record: Recording) -> None:
-    (sentence,) = judged(found.two, found.three, AXIS, [record], {}).against
+    (sentence,) = judge_third_mass(found.two, found.three, AXIS, [record], {}).against
     assert "no record repeats its excitation" in sentence
 
 
@@ -164,14 +166,14 @@ def test_what_speaks_against_a_third_mass_is_said(found: ThreeMass, record: Reco
     responses = analyse.responses([record])
     loose = {**found.three.model.parameters, MASS: replace(found.three.model.parameters[MASS], interval=0.9)}
     unsure = replace(found.three, model=replace(found.three.model, parameters=loose))
-    assert "below 2.4 kg" in judged(found.two, unsure, AXIS, [record], responses).against[0]
+    assert "below 2.4 kg" in judge_third_mass(found.two, unsure, AXIS, [record], responses).against[0]
     bad = said(found.three, misfit=4.0)
-    assert "2.00 times the noise is left over" in judged(found.two, bad, AXIS, [record], responses).against[0]
+    assert "2.00 times the noise is left over" in judge_third_mass(found.two, bad, AXIS, [record], responses).against[0]
     worse = said(found.three, held_out_misfit=9.0)
     before = replace(found.two, fit=said(found.two.fit, held_out_misfit=4.0))
     assert (
         "does not fall: 2.00 times the noise with two masses, 3.00 with three"
-        in judged(before, worse, AXIS, [record], responses).against[0]
+        in judge_third_mass(before, worse, AXIS, [record], responses).against[0]
     )
 
 

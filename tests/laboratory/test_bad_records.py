@@ -20,9 +20,9 @@ from beltcomm.errors import DataError
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory import run_checks
 from beltcomm.laboratory.cross_checks import sheet_doubts
-from beltcomm.laboratory.diagnosis import Diagnosis, Step, fitted_base
-from beltcomm.laboratory.run_checks import checked
-from beltcomm.laboratory.scope import lacking, within_scope
+from beltcomm.laboratory.diagnosis import Diagnosis, Stage, fit_base_of
+from beltcomm.laboratory.run_checks import check_run
+from beltcomm.laboratory.scope import missing_records, restrict_to_scope
 from beltcomm.laboratory.score import Scorer
 from beltcomm.model import build_model
 from beltcomm.recording import Recording
@@ -90,7 +90,7 @@ def uneven(record: Recording, share: float) -> Recording:
 
 def test_a_healthy_run_has_nothing_odd(run: tuple[list[Recording], Axis]) -> None:
     records, axis = run
-    found = checked(records, axis, foreign=True)
+    found = check_run(records, axis, foreign=True)
     assert found.remarks == ()
     assert list(found.recordings) == records
 
@@ -115,7 +115,7 @@ def test_a_healthy_run_has_nothing_odd(run: tuple[list[Recording], Axis]) -> Non
 def test_damage_is_refused_in_a_sentence(run: tuple[list[Recording], Axis], word: str, change: Change, sentence: str) -> None:
     records, axis = run
     with pytest.raises(DataError, match=sentence):
-        checked(changed(records, word, change), axis, foreign=True)
+        check_run(changed(records, word, change), axis, foreign=True)
 
 
 def test_torque_cut_off_with_its_setpoint_is_seen(run: tuple[list[Recording], Axis]) -> None:
@@ -128,7 +128,7 @@ def test_torque_cut_off_with_its_setpoint_is_seen(run: tuple[list[Recording], Ax
 
 def test_stamps_that_jitter_beside_even_samples_are_set_even(run: tuple[list[Recording], Axis]) -> None:
     records, axis = run
-    found = checked([replace(r, t_s=r.t_s + wandering(r, 1.0), notes=()) for r in records], axis, foreign=True)
+    found = check_run([replace(r, t_s=r.t_s + wandering(r, 1.0), notes=()) for r in records], axis, foreign=True)
     (remark,) = found.remarks
     assert "the samples were taken evenly: the stamps were set even" in remark
     for record, even in zip(records, found.recordings, strict=True):
@@ -139,7 +139,7 @@ def test_jitter_beside_lost_rows_is_set_even_and_the_rows_stay_lost(run: tuple[l
     records, axis = run
     jittering = changed(records, "frf_p1_a2", lambda r: replace(r, t_s=r.t_s + wandering(r, 0.3), notes=()))
     kept = np.delete(np.arange(len(jittering[2].t_s)), np.r_[3000:3400])
-    found = checked(changed(jittering, "frf_p1_a2", lambda r: picked(r, kept, False)), axis, foreign=True)
+    found = check_run(changed(jittering, "frf_p1_a2", lambda r: picked(r, kept, False)), axis, foreign=True)
     assert any("about 400, " in remark for remark in found.remarks)
     record = next(r for r in found.recordings if "frf_p1_a2" in r.name)
     np.testing.assert_allclose(record.t_s, 1e-3 * np.arange(3000), atol=1e-3)
@@ -148,7 +148,7 @@ def test_jitter_beside_lost_rows_is_set_even_and_the_rows_stay_lost(run: tuple[l
 
 def test_a_single_gap_costs_what_stands_behind_it(run: tuple[list[Recording], Axis]) -> None:
     records, axis = run
-    found = checked(changed(records, "frf_p1_a2", lambda r: picked(r, np.delete(np.arange(len(r.t_s)), 3000), False)), axis, foreign=True)
+    found = check_run(changed(records, "frf_p1_a2", lambda r: picked(r, np.delete(np.arange(len(r.t_s)), 3000), False)), axis, foreign=True)
     assert "at 1 place of 03_frf_p1_a2 (about 1, 0.0017 % of the rows" in found.remarks[0]
     assert [len(r.t_s) for r in found.recordings if "frf_p1_a2" in r.name] == [3000]
 
@@ -161,14 +161,14 @@ def test_records_of_two_axes_are_told_apart(run: tuple[list[Recording], Axis]) -
         return replace(record, torque=2.0 * record.torque, torque_setpoint=2.0 * record.torque_setpoint)
 
     with pytest.raises(DataError, match=r"not of one axis, or not with one payload: .* an inertia of .* \(allowed: 25 % apart\)"):
-        checked(changed(records, "sweep", heavier), axis, foreign=True)
+        check_run(changed(records, "sweep", heavier), axis, foreign=True)
 
     def other_encoder(record: Recording) -> Recording:
         step = math.tau / 40000
         return replace(record, position=step * np.round(record.position / step))
 
     with pytest.raises(DataError, match=r"31230 counts per turn, those of 08_slow_p1 of 40000: they were made with another encoder"):
-        checked(changed(records, "slow_p1", other_encoder), axis, foreign=True)
+        check_run(changed(records, "slow_p1", other_encoder), axis, foreign=True)
 
 
 def told_apart_if(
@@ -216,24 +216,24 @@ def moved(record: Recording, way_m: float | None) -> Recording:
 def test_places_are_held_against_the_motor_angle(run: tuple[list[Recording], Axis]) -> None:
     records, axis = run
     with pytest.raises(DataError, match=r"09_slow_p2 begins at 0\.8997 m by its sidecar and at 0\.7997 m by its angle"):
-        checked(changed(records, "slow_p2", lambda r: moved(r, 0.1)), axis, foreign=True)
-    found = checked(changed(records, "slow_p2", lambda r: moved(r, None)), axis, foreign=True)
+        check_run(changed(records, "slow_p2", lambda r: moved(r, 0.1)), axis, foreign=True)
+    found = check_run(changed(records, "slow_p2", lambda r: moved(r, None)), axis, foreign=True)
     assert "the place was taken from the motor angle" in found.remarks[0]
     assert next(r for r in found.recordings if "slow_p2" in r.name).sidecar.start_position_m == pytest.approx(0.7997, abs=1e-3)
-    (remark,) = checked([moved(r, None) for r in records], axis, foreign=True).remarks
+    (remark,) = check_run([moved(r, None) for r in records], axis, foreign=True).remarks
     assert "guessed from the motor angle" in remark
     wrong = replace(axis, pulley=replace(axis.pulley, effective_radius_m=1.2 * axis.transmission_m_rad, teeth=None))
     with pytest.raises(
         DataError, match=r"the carriage moves 12\.43 mm per rad of the motor, by the axis file 14\.91 mm .*effective_radius_m"
     ):
-        checked(records, wrong, foreign=True)
+        check_run(records, wrong, foreign=True)
 
 
 def test_a_sensor_at_the_carriage_is_told_and_not_used(run: tuple[list[Recording], Axis]) -> None:
     records, axis = run
     ratio = axis.transmission_m_rad
     for scale, offset, words in ((1.0, 0.012, "stands +12 mm"), (1.05, 0.0, "13.05 mm per rad"), (-1.0, 0.5, "the other way")):
-        found = checked([replace(r, cart_position_m=scale * ratio * r.position + offset) for r in records], axis, foreign=True)
+        found = check_run([replace(r, cart_position_m=scale * ratio * r.position + offset) for r in records], axis, foreign=True)
         (remark,) = found.remarks
         assert words in remark
         assert "not used for the model" in remark
@@ -268,30 +268,30 @@ def test_a_wrong_data_sheet_comes_out_as_such(
 def test_strokes_alone_bear_no_name_of_the_belt_or_of_a_delay(run: tuple[list[Recording], Axis]) -> None:
     records, axis = run
     slow = [r for r in records if "slow_p1" in r.name]
-    data, base = fitted_base(slow, axis, start_model(axis, slow))
-    found = Diagnosis(base, data, (Step(base, (), "current_lag", (), base),), "explained", (), Scorer(base), data)
-    kept, sentences = within_scope(found, slow)
+    data, base = fit_base_of(slow, axis, start_model(axis, slow))
+    found = Diagnosis(base, data, (Stage(base, (), "current_lag", (), base),), "explained", (), Scorer(base), data)
+    kept, sentences = restrict_to_scope(found, slow)
     assert kept.verdict == "cannot tell"
     assert not kept.steps[-1].added
     assert "no record is excited" in sentences[0]
-    assert within_scope(found, records) == (found, [])
-    friction = Diagnosis(base, data, (Step(base, (), "stribeck", (), base),), "explained", (), Scorer(base), data)
-    assert within_scope(friction, slow) == (friction, [])
-    assert [line.partition(":")[0].partition(" (")[0] for line in lacking(slow, axis.transmission_m_rad)] == [
+    assert restrict_to_scope(found, records) == (found, [])
+    friction = Diagnosis(base, data, (Stage(base, (), "stribeck", (), base),), "explained", (), Scorer(base), data)
+    assert restrict_to_scope(friction, slow) == (friction, [])
+    assert [line.partition(":")[0].partition(" (")[0] for line in missing_records(slow, axis.transmission_m_rad)] == [
         "no excited record",
         "no fitted record is faster than 0.5 m/s for a tenth of its time",
         "one place only",
         "no record is held out",
     ]
-    assert lacking(records, axis.transmission_m_rad) == []
+    assert missing_records(records, axis.transmission_m_rad) == []
 
 
 def test_an_error_far_below_the_noise_is_no_verdict(run: tuple[list[Recording], Axis]) -> None:
     records, axis = run
-    data, base = fitted_base(records[1:3], axis, start_model(axis, records[1:3]))
+    data, base = fit_base_of(records[1:3], axis, start_model(axis, records[1:3]))
     quiet = replace(base, residual=0.1 * base.residual)
     for verdict in ("nothing missing", "explained", "none of the known effects explains this"):
-        kept, (sentence,) = within_scope(Diagnosis(quiet, data, (), verdict, (), Scorer(base), data), records)
+        kept, (sentence,) = restrict_to_scope(Diagnosis(quiet, data, (), verdict, (), Scorer(base), data), records)
         assert kept.verdict == "cannot tell"
         assert "less than noise can leave" in sentence
         assert "--period-samples" in sentence

@@ -20,9 +20,9 @@ from beltcomm.effects.encoder_interpolation import LINES, correction, trials, un
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory.acceptance import EVIDENCE
-from beltcomm.laboratory.diagnosis import diagnose, fitted_base
+from beltcomm.laboratory.diagnosis import diagnose, fit_base_of
 from beltcomm.laboratory.score import Scored, Scorer, ground_of
-from beltcomm.laboratory.stage import promise
+from beltcomm.laboratory.stage import expected_gain
 from beltcomm.runfolder import RunFolder
 from beltcomm.simulate.imperfect import angle_sensor
 from beltcomm.simulate.inverse import reconstruct, true_motion
@@ -65,14 +65,14 @@ def erring(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunFolder, Machine
 def scored(run: RunFolder, *, without: str = "frf") -> tuple[Fitted, list[Scored]]:
     """The base model fitted to records that are quick, and the ways of the effect, best first."""
     recordings = [r for r in run.recordings() if without not in r.name]
-    data, base = fitted_base(recordings, run.axis, start_model(run.axis, recordings))
+    data, base = fit_base_of(recordings, run.axis, start_model(run.axis, recordings))
     return base, Scorer(base).score(effect_named(NAME), ground_of(base, data.fitted, run.axis))
 
 
 def test_the_lines_are_named_and_counted(erring: tuple[RunFolder, Machine]) -> None:
     run, machine = erring
     found = diagnose(run.recordings(), run.axis, start_model(run.axis, run.recordings()))
-    assert found.named == [NAME]
+    assert found.added_effects == [NAME]
     model = found.after.model
     assert model[f"{NAME}.lines"] == 512
     once, twice = (math.hypot(model[f"{NAME}.sine{n}"], model[f"{NAME}.cosine{n}"]) for n in ("", "_2"))
@@ -96,14 +96,14 @@ def test_added_by_hand_the_error_falls(erring: tuple[RunFolder, Machine], tmp_pa
 def test_lines_that_pass_faster_than_samples_are_counted(tmp_path: Path) -> None:
     write_session(with_lines(951001, 2048), tmp_path / "run", plan="default")
     base, ways = scored(RunFolder.open(tmp_path / "run"))
-    assert promise(ways[0], base, len(LINES)) > EVIDENCE
+    assert expected_gain(ways[0], base, len(LINES)) > EVIDENCE
     assert ways[0].values["lines"] == 2048
 
 
 def test_no_lines_are_seen_where_there_are_none(tmp_path: Path) -> None:
     write_session(draw(951003), tmp_path / "run", plan="default")
     base, ways = scored(RunFolder.open(tmp_path / "run"))
-    assert promise(ways[0], base, len(LINES)) < 0.0, "not even promising"
+    assert expected_gain(ways[0], base, len(LINES)) < 0.0, "not even promising"
 
 
 def test_only_what_the_angle_resolves_is_tried() -> None:

@@ -18,7 +18,7 @@ from beltcomm.fit.start import start_model
 from beltcomm.fit.touches import free_parameters
 from beltcomm.jobs.laboratory import change_of
 from beltcomm.laboratory import forms
-from beltcomm.laboratory.acceptance import grown_out_of_bounds
+from beltcomm.laboratory.acceptance import exceeds_bounds
 from beltcomm.model import Model, build_model
 from beltcomm.runfolder import RunFolder
 from truth.hidden import draw, write_session
@@ -56,7 +56,7 @@ class Axis:
         model = BASE
         for name in effects:
             model = model.with_effect(name)
-        return forms.formed(None, self.fitted(model), BASE)  # type: ignore[arg-type]
+        return forms.fit_law_shapes(None, self.fitted(model), BASE)  # type: ignore[arg-type]
 
 
 def test_a_form_that_explains_enough_is_taken_and_a_small_one_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -123,9 +123,9 @@ def test_nothing_is_fitted_for_a_part_at_the_carriage_that_promises_too_little(
         return axis.fitted(model)
 
     monkeypatch.setattr(forms, "fit", counted)
-    forms.placed(None, fitted, effect)  # type: ignore[arg-type]
+    forms.assign_body(None, fitted, effect)  # type: ignore[arg-type]
     named = count
-    forms.formed(None, fitted, BASE)  # type: ignore[arg-type]
+    forms.fit_law_shapes(None, fitted, BASE)  # type: ignore[arg-type]
     assert [named, count - named] == fits
 
 
@@ -164,7 +164,7 @@ def test_what_completes_an_effect_comes_beside_its_form(monkeypatch: pytest.Monk
 def test_without_a_carriage_behind_a_belt_friction_acts_on_the_motor(monkeypatch: pytest.MonkeyPatch) -> None:
     axis = Axis(monkeypatch, lambda effects, free: 1000.0 - 500.0 * ("stribeck_cart" in effects))
     model = build_model("axis", ("viscous", "coulomb"), {}, base_bodies=("motor",))
-    assert forms.formed(None, axis.fitted(model.with_effect("stribeck")), model).new == ()  # type: ignore[arg-type]
+    assert forms.fit_law_shapes(None, axis.fitted(model.with_effect("stribeck")), model).new == ()  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -183,7 +183,7 @@ def test_the_body_is_asked_for_as_soon_as_friction_is_named(
     model = BASE.with_effect(name)
     for other in beside:
         model = model.with_effect(other)
-    assert forms.placed(None, axis.fitted(model), effect_named(name)).new == wanted  # type: ignore[arg-type]
+    assert forms.assign_body(None, axis.fitted(model), effect_named(name)).new == wanted  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -211,14 +211,14 @@ def test_a_part_at_the_motor_must_explain_something_beside_the_carriages(
     axis = Axis(monkeypatch, lambda effects, free: 1000.0 - 500.0 * ("stribeck_cart" in effects) - gain * ({AMOUNT, PART} <= free))
     model = BASE.with_effect("stribeck")
     model = model.with_effect("stribeck_cart", {PART: 3.0}) if known else model
-    found = forms.formed(None, axis.fitted(model), BASE)  # type: ignore[arg-type]
+    found = forms.fit_law_shapes(None, axis.fitted(model), BASE)  # type: ignore[arg-type]
     assert found.new == (() if known else ("stribeck_cart",))
     after = found.fitted.model
     assert (AMOUNT in found.fitted.problem.free) is at_motor
     if not at_motor:
         assert after[AMOUNT] == 0.0
         assert after[PART] == pytest.approx(3.0 + 0.02 / after["transmission.ratio"]), "all of it"
-        assert not grown_out_of_bounds(after, effect_named("stribeck")), "held, not run away"
+        assert not exceeds_bounds(after, effect_named("stribeck")), "held, not run away"
 
 
 def test_a_law_that_acts_at_the_motor_stays_there(monkeypatch: pytest.MonkeyPatch) -> None:

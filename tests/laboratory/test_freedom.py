@@ -15,7 +15,7 @@ from beltcomm.fit.estimate import fit
 from beltcomm.fit.records import prepare, with_process_noise
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory import diagnosis, freedom
-from beltcomm.laboratory.freedom import needed
+from beltcomm.laboratory.freedom import gap_is_supported
 from beltcomm.laboratory.stage import Candidate
 from beltcomm.model import build_model
 from beltcomm.runfolder import RunFolder
@@ -59,7 +59,7 @@ def needed_in(machine: Machine, folder: Path) -> bool:
     data = with_process_noise(prepare(run.recordings(), run.axis, model), model)
     found = fit(data, model, 12)
     calmer = with_process_noise(data, found.model)
-    return needed(calmer, fit(calmer, found.model, 6), GAP)
+    return gap_is_supported(calmer, fit(calmer, found.model, 6), GAP)
 
 
 def test_a_gap_is_likelier_than_a_carriage_that_strays_without_one(tmp_path: Path) -> None:
@@ -99,13 +99,13 @@ def test_a_gap_is_asked_about_no_longer_than_the_answer_needs(
         heard.append("stray")
         return data
 
-    monkeypatch.setattr(freedom, "free_by", lambda data, width: data)
-    monkeypatch.setattr(freedom, "straying", strayed)
+    monkeypatch.setattr(freedom, "with_stray", lambda data, width: data)
+    monkeypatch.setattr(freedom, "with_likeliest_stray", strayed)
     monkeypatch.setattr(freedom, "fit", fitted)
-    monkeypatch.setattr(freedom, "leads", lambda grown, closed, times=1.0: closed.lead > times)
+    monkeypatch.setattr(freedom, "exceeds_threshold", lambda grown, closed, times=1.0: closed.lead > times)
     grown: Any = SimpleNamespace(model=BASE.with_effect("backlash", {"gap": 5e-5}))
     data: Any = None  # nothing is fitted
-    assert needed(data, grown, GAP) is answer
+    assert gap_is_supported(data, grown, GAP) is answer
     assert heard == asked
 
 
@@ -131,13 +131,13 @@ def searched(monkeypatch: pytest.MonkeyPatch, found: list[list[str]], own: Calla
         return (fitted(grown.model.without_effect("backlash")), ("backlash",)) if newest in alone else (grown, ())
 
     heard: list[Candidate] = []
-    monkeypatch.setattr(freedom, "needed", lambda _data, grown, _gap: own(grown.model))
-    monkeypatch.setattr(diagnosis, "looked_for", search)
-    monkeypatch.setattr(diagnosis, "superfluous", superfluous)
-    monkeypatch.setattr(diagnosis, "again", lambda data, grown, _iterations: (data, grown))
-    monkeypatch.setattr(diagnosis, "settled", lambda data, grown: (data, grown))
-    monkeypatch.setattr(diagnosis, "formed", lambda _data, grown, _base: SimpleNamespace(fitted=grown, new=(), removed=()))
-    monkeypatch.setattr(diagnosis, "placed", lambda *_: SimpleNamespace(new=()))
+    monkeypatch.setattr(freedom, "gap_is_supported", lambda _data, grown, _gap: own(grown.model))
+    monkeypatch.setattr(diagnosis, "find_candidates", search)
+    monkeypatch.setattr(diagnosis, "drop_superfluous", superfluous)
+    monkeypatch.setattr(diagnosis, "refit_with_rebuilt_motion", lambda data, grown, _iterations: (data, grown))
+    monkeypatch.setattr(diagnosis, "final_refit", lambda data, grown: (data, grown))
+    monkeypatch.setattr(diagnosis, "fit_law_shapes", lambda _data, grown, _base: SimpleNamespace(fitted=grown, new=(), removed=()))
+    monkeypatch.setattr(diagnosis, "assign_body", lambda *_: SimpleNamespace(new=()))
     for name in ("Scorer", "beyond", "shorter", "remaining_structure", "verdict_of"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)
@@ -166,7 +166,7 @@ def test_what_shows_itself_only_behind_a_gap_in_doubt_is_found(monkeypatch: pyte
     """A slack strand: the search to first order did not see it without the gap, and beside it the gap is nothing."""
     after, refused = searched(monkeypatch, [["backlash", "cogging"], ["belt_slack"], []], lambda _model: False, ("belt_slack",))
     assert ([step.added for step in after.steps], refused) == (["backlash", "belt_slack", ""], [])
-    assert after.named == ["belt_slack"]
+    assert after.added_effects == ["belt_slack"]
 
 
 def test_a_gap_in_doubt_stays_that_is_needed_beside_what_else_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -194,10 +194,10 @@ def test_it_is_said_why_a_gap_is_not_taken() -> None:
 def test_only_a_gap_behind_an_observer_can_be_one_that_a_straying_carriage_does_without(
     monkeypatch: pytest.MonkeyPatch, effect: str, beside: str, own: bool, strays: bool
 ) -> None:
-    monkeypatch.setattr(freedom, "needed", lambda *_: own)
+    monkeypatch.setattr(freedom, "gap_is_supported", lambda *_: own)
     grown: Any = SimpleNamespace(model=BASE.with_effect(effect).with_effect(beside))
     data: Any = None
-    assert freedom.unneeded(data, grown, effect_named(effect)) is strays
+    assert freedom.is_replaceable_gap(data, grown, effect_named(effect)) is strays
 
 
 def test_who_adds_such_a_gap_is_told() -> None:

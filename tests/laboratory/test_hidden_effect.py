@@ -18,10 +18,10 @@ from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import Data
 from beltcomm.fit.start import start_model
 from beltcomm.jobs.laboratory import better, told_before
-from beltcomm.laboratory.diagnosis import Step, fitted_base, shorter
+from beltcomm.laboratory.diagnosis import Stage, find_detour, fit_base_of
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.stage import candidate, with_effect
-from beltcomm.laboratory.visible import visible
+from beltcomm.laboratory.visible import detection_limits
 from beltcomm.rundata.revisions import revisions, trusted_model
 from beltcomm.runfolder import RunFolder
 from truth.hidden import draw, write_session
@@ -41,7 +41,7 @@ def apart(hidden_cogging: tuple[Path, float]) -> tuple[Data, Fitted, dict[str, F
     """Its moves without the excited records, which is quick: the base model, and the same with each of two effects."""
     folder = RunFolder.open(hidden_cogging[0])
     recordings = [r for r in folder.recordings() if "frf" not in r.name]
-    data, base = fitted_base(recordings, folder.axis, start_model(folder.axis, recordings))
+    data, base = fit_base_of(recordings, folder.axis, start_model(folder.axis, recordings))
     ground = ground_of(base, data.fitted, folder.axis)
     return data, base, {name: with_effect(data, base, ground, effect_named(name)) for name in ("quadratic_drag", "cogging")}
 
@@ -99,24 +99,24 @@ def test_a_detour_is_judged_again(apart: tuple[Data, Fitted, dict[str, Fitted]])
     """Quadratic drag first, thrown out when the cogging was found: as if both had been tried.  The other way round it stays."""
     data, base, fits = apart
 
-    def steps(first: str, second: str) -> list[Step]:
+    def steps(first: str, second: str) -> list[Stage]:
         tried = candidate(data, base, effect_named(first), 0.0, fits[first], 1)
-        return [Step(base, (tried,), first, (), fits[first]), Step(fits[first], (), second, (first,), fits[second])]
+        return [Stage(base, (tried,), first, (), fits[first]), Stage(fits[first], (), second, (first,), fits[second])]
 
-    found = shorter([data, data], steps("quadratic_drag", "cogging"))
+    found = find_detour([data, data], steps("quadratic_drag", "cogging"))
     assert found is not None
     number, step = found
     assert (number, step.before, step.added, step.removed, step.detour) == (0, base, "cogging", (), ("quadratic_drag",))
     assert [c.effect.name for c in step.candidates] == ["cogging", "quadratic_drag"]
-    assert shorter([data, data], steps("cogging", "quadratic_drag")) is None
+    assert find_detour([data, data], steps("cogging", "quadratic_drag")) is None
     tried, last = steps("quadratic_drag", "cogging")
-    shaped = Step(tried.after, (), "", (), tried.after, ("cogging.order",))
-    found = shorter([data], [tried, shaped, last])
+    shaped = Stage(tried.after, (), "", (), tried.after, ("cogging.order",))
+    found = find_detour([data], [tried, shaped, last])
     assert found is not None
     assert found[0] == 0
     assert found[1].forms == ("cogging.order",), "a form that stays in the model stays in its steps"
-    kept = Step(fits["quadratic_drag"], (), "cogging", (), fits["cogging"])
-    assert shorter([data], [kept]) is None, "nothing came before it"
+    kept = Stage(fits["quadratic_drag"], (), "cogging", (), fits["cogging"])
+    assert find_detour([data], [kept]) is None, "nothing came before it"
 
 
 def test_adding_begins_where_the_diagnosis_ended(
@@ -150,15 +150,15 @@ def test_a_poor_data_set_says_what_it_cannot_show(hidden_cogging: tuple[Path, fl
     weakest = []
     for wanted in ("", "frf_p1"):
         recordings = [r for r in folder.recordings() if wanted in r.name]
-        data, fitted = fitted_base(recordings, folder.axis, start_model(folder.axis, recordings))
+        data, fitted = fit_base_of(recordings, folder.axis, start_model(folder.axis, recordings))
         ground = ground_of(fitted, data.fitted, folder.axis)
-        weakest.append({sight.effect.name: sight for sight in visible(Scorer(fitted), ground)})
+        weakest.append({sight.effect.name: sight for sight in detection_limits(Scorer(fitted), ground)})
     rich, poor = weakest
-    assert all(sight.seen for name, sight in rich.items() if name != "encoder_eccentricity"), "the default plan shows them"
+    assert all(sight.is_detectable for name, sight in rich.items() if name != "encoder_eccentricity"), "the default plan shows them"
     for name in ("warmup", "cable_chain", "quadratic_drag"):
-        assert rich[name].seen
-        assert not poor[name].seen
-    assert poor["dead_time"].seen
+        assert rich[name].is_detectable
+        assert not poor[name].is_detectable
+    assert poor["dead_time"].is_detectable
     assert all(poor[name].hardest > 0.99 * rich[name].hardest for name in ("stribeck", "cogging", "dead_time", "constant_offset"))
 
 

@@ -13,7 +13,7 @@ from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood import Problem, time_blocks
 from beltcomm.fit.segment import segments
 from beltcomm.fit.touches import free_parameters
-from beltcomm.laboratory.hints import BY_CHANCE, explained_stretch, likeliest
+from beltcomm.laboratory.hints import BY_CHANCE, explained_elongation, likeliest
 from identify.records import NOISE_NM, STEP_RAD, Recorder, true_model
 from truth.rigs import draw
 
@@ -31,7 +31,7 @@ def test_only_explained_moments_count(share: float) -> None:
     blocks = time_blocks([piece], BLOCK_S)
     ends = {}
     for block in np.unique(blocks):
-        rows = piece.counted[blocks == block]
+        rows = piece.value_samples[blocks == block]
         reached = stretch[rows.min() : rows.max() + 1]
         ends[block] = (-reached.min(), reached.max())
     explained = sorted(ends, key=lambda block: max(ends[block]))[: round(share * len(ends))]
@@ -40,7 +40,7 @@ def test_only_explained_moments_count(share: float) -> None:
     fitted = SimpleNamespace(model=model, problem=problem, residual=residual, offsets=np.zeros(1))
     expected = np.quantile([ends[block] for block in explained], 1.0 - BY_CHANCE, axis=0) if explained else np.zeros(2)
     # the encoder's step is 1.5 um at the belt, the recorder's torque is 1 ms late: the carriage is known to some micrometres
-    np.testing.assert_allclose(explained_stretch(cast("Fitted", fitted)), expected, atol=1e-5)
+    np.testing.assert_allclose(explained_elongation(cast("Fitted", fitted)), expected, atol=1e-5)
 
 
 @pytest.mark.parametrize(("factor", "samples", "seen"), [(1.5, 1500, True), (1.5, 700, True), (4.0, 1500, False)])

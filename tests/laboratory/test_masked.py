@@ -10,9 +10,9 @@ import pytest
 
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory import diagnosis
-from beltcomm.laboratory.diagnosis import as_searched, fitted_base
-from beltcomm.laboratory.masked import behind_a_delay
-from beltcomm.laboratory.stage import Candidate, held_at
+from beltcomm.laboratory.diagnosis import as_searched, fit_base_of
+from beltcomm.laboratory.masked import gap_with_delay
+from beltcomm.laboratory.stage import Candidate, fit_with_sheet_values
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.diagnosis_data import ranked
 from beltcomm.sentences.ladder import trial_line
@@ -28,8 +28,8 @@ def found_in(folder: Path, effects: tuple[str, ...], seed: int) -> tuple[Candida
     run = RunFolder.open(folder / "run")
     records = [recording for recording in run.recordings() if recording.name in RECORDS]
     start = start_model(run.axis, records)
-    data, base = as_searched(*fitted_base(records, run.axis, start))
-    return behind_a_delay(data, base, held_at(data, base, start)), base.ratio
+    data, base = as_searched(*fit_base_of(records, run.axis, start))
+    return gap_with_delay(data, base, fit_with_sheet_values(data, base, start)), base.ratio
 
 
 @pytest.mark.parametrize(("delay", "seed"), [("dead_time", 41), ("current_lag", 42)])
@@ -62,11 +62,11 @@ def test_both_are_tried_only_where_nothing_explains_most(monkeypatch: pytest.Mon
     )
     tries: list[Any] = []
     monkeypatch.setattr(diagnosis, "search", lambda *_, **_options: [first])
-    monkeypatch.setattr(diagnosis, "strayed", lambda *_: True)
+    monkeypatch.setattr(diagnosis, "left_start_values", lambda *_: True)
     for name in ("ground_of", "held_at", "Scorer"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
-    monkeypatch.setattr(diagnosis, "behind_a_delay", lambda *words: tries.append(words) or behind)
+    monkeypatch.setattr(diagnosis, "gap_with_delay", lambda *words: tries.append(words) or behind)
     anything: Any = type("Anything", (), {"fitted": ()})()
-    found = diagnosis.looked_for(anything, anything, anything, anything, anything, 1.04, lambda _fraction: None)
+    found = diagnosis.find_candidates(anything, anything, anything, anything, anything, 1.04, lambda _fraction: None)
     assert bool(tries) is asked
     assert (behind in found) is asked

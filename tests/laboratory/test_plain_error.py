@@ -14,9 +14,9 @@ from beltcomm.fit.estimate import fit
 from beltcomm.fit.records import prepare
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory import acceptance
-from beltcomm.laboratory.acceptance import confirmed, falls
-from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, diagnose, fitted_base
-from beltcomm.laboratory.plain_error import Banded, band_of, banded, change, low_passed, of_run, plain_error
+from beltcomm.laboratory.acceptance import falls, is_confirmed
+from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, diagnose, fit_base_of
+from beltcomm.laboratory.plain_error import Banded, band_limited_errors, band_of, change, low_passed, of_run, plain_error
 from beltcomm.runfolder import RunFolder
 from foreign.judged import CASES, as_run
 
@@ -148,7 +148,7 @@ def test_what_is_confirmed_lowers_the_plain_error_too(
     data: Any = SimpleNamespace()
     one: Any = before
     two: Any = after
-    assert confirmed(data, one, two) is said
+    assert is_confirmed(data, one, two) is said
 
 
 def test_a_lag_that_fits_the_noise_better_and_the_motion_worse_is_not_confirmed(tmp_path: Path) -> None:
@@ -162,12 +162,12 @@ def test_a_lag_that_fits_the_noise_better_and_the_motion_worse_is_not_confirmed(
     right = fit(data, start, 0)
     wrong = fit(data, start.with_effect("measurement_lag", {"time": 0.01}), 0)
     band = band_of(data, start)
-    errors = [plain_error([p for p in banded(data, one, band) if p.held_out], one.model, band) for one in (right, wrong)]
+    errors = [plain_error([p for p in band_limited_errors(data, one, band) if p.held_out], one.model, band) for one in (right, wrong)]
     assert errors[0] is not None
     assert errors[1] is not None
     assert errors[1].error > 1.5 * errors[0].error
     assert not acceptance.lowers(data, right, wrong)
-    assert confirmed(data, right, wrong) is False
+    assert is_confirmed(data, right, wrong) is False
     assert acceptance.lowers(data, wrong, right)
 
 
@@ -178,8 +178,8 @@ def test_what_a_false_shaft_explains_of_a_rigid_axis_is_not_named(tmp_path: Path
     run = RunFolder.open(as_run({name: folder / f"{name}.csv" for name in ("a", "b", "held")}, tmp_path / "run", 3.6e-4))
     recordings = run.recordings()
     start = start_model(run.axis, recordings)
-    found = diagnose(recordings, run.axis, start, begun=fitted_base(recordings, run.axis, start))
-    assert (found.named, found.after is found.base) == ([], True)
+    found = diagnose(recordings, run.axis, start, begun=fit_base_of(recordings, run.axis, start))
+    assert (found.added_effects, found.after is found.base) == ([], True)
     assert found.verdict in ("nothing missing", NONE_EXPLAINS)
     (refused,) = (c for c in found.steps[0].candidates if c.effect.name == "elastic_shaft")
     assert refused.against in ("the error in plain units does not fall", "with all fitted again the error as a whole grows")

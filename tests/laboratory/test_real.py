@@ -11,9 +11,9 @@ from beltcomm.effects import Trial, effect_named
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import Data, prepare
 from beltcomm.fit.start import start_model
-from beltcomm.laboratory.acceptance import refuted
+from beltcomm.laboratory.acceptance import is_refuted
 from beltcomm.laboratory.cross_checks import map_checks, resonances
-from beltcomm.laboratory.diagnosis import again, fitted_base
+from beltcomm.laboratory.diagnosis import again, fit_base_of
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.stage import search
 from beltcomm.model import Model
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the real measurements
 @pytest.fixture(scope="module")
 def emps(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunFolder, Data, Fitted]:
     folder = RunFolder.open(imported("emps", tmp_path_factory.mktemp("real")))
-    return folder, *fitted_base(folder.recordings(), folder.axis, start_model(folder.axis, folder.recordings()))
+    return folder, *fit_base_of(folder.recordings(), folder.axis, start_model(folder.axis, folder.recordings()))
 
 
 def grown(data: Data, fitted: Fitted, effects: dict[str, dict[str, float]], rounds: int = 2) -> tuple[Data, Fitted]:
@@ -66,7 +66,7 @@ def test_a_ripple_with_another_phase_in_the_held_out_record_is_refused(emps: tup
     ripple = replace(effect_named("travel_ripple"), trials=lambda _ground: told)
     ranking = {c.effect.name: c for c in search(data, Scorer(after), ground, [ripple, effect_named("dead_time")])}
     assert ranking["travel_ripple"].evidence > ranking["dead_time"].evidence > 0.0
-    assert refuted(ranking["travel_ripple"].evidence, ranking["travel_ripple"].held_gain)
+    assert is_refuted(ranking["travel_ripple"].evidence, ranking["travel_ripple"].held_gain)
     assert not ranking["travel_ripple"].accepted
     assert ranking["dead_time"].accepted
 
@@ -74,7 +74,7 @@ def test_a_ripple_with_another_phase_in_the_held_out_record_is_refused(emps: tup
 def test_the_bench_is_two_masses_on_a_shaft(tmp_path: Path) -> None:
     folder = RunFolder.open(imported("bench", tmp_path))
     recordings = folder.recordings()
-    data, base = fitted_base(recordings, folder.axis, start_model(folder.axis, recordings))
+    data, base = fit_base_of(recordings, folder.axis, start_model(folder.axis, recordings))
     ground = ground_of(base, data.fitted, folder.axis)
     wanted = [effect_named(name) for name in ("elastic_shaft", "torque_saturation", "dead_time")]
     best, *others = search(data, Scorer(base), ground, wanted)

@@ -10,7 +10,7 @@ import pytest
 
 from beltcomm.errors import DataError
 from beltcomm.fit.start import start_model
-from beltcomm.laboratory.run_checks import Checked, checked
+from beltcomm.laboratory.run_checks import Checked, check_run
 from beltcomm.recording import Recording
 from beltcomm.recording.checks import rigid_inertia
 from beltcomm.runfolder import RunFolder
@@ -27,7 +27,7 @@ def examined(machine: Machine, folder: Path) -> tuple[RunFolder, Checked]:
     """A whole session, and what the checks make of it."""
     write_session(machine, folder)
     run = RunFolder.open(folder)
-    return run, checked(run.recordings(), run.axis, foreign=True)
+    return run, check_run(run.recordings(), run.axis, foreign=True)
 
 
 def test_a_motor_that_moves_by_a_count_is_no_counter_that_starts_anew(tmp_path: Path) -> None:

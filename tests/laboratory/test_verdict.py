@@ -16,9 +16,9 @@ from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import Fitted
 from beltcomm.jobs import effect_search, laboratory
 from beltcomm.laboratory import acceptance, diagnosis, superfluous
-from beltcomm.laboratory.acceptance import fitted_to_nothing, left_as_a_whole
-from beltcomm.laboratory.diagnosis import Step, verdict_of
-from beltcomm.laboratory.plausible import KNOWN, run_away, undetermined, unlikely
+from beltcomm.laboratory.acceptance import is_negligible, share_left
+from beltcomm.laboratory.diagnosis import Stage, verdict_of
+from beltcomm.laboratory.plausible import KNOWN, run_away, undetermined_effects, unlikely
 from beltcomm.laboratory.stage import Candidate
 from beltcomm.laboratory.structure import excess, partitions
 from beltcomm.model import build_model
@@ -55,8 +55,8 @@ def test_an_effect_of_which_no_number_is_known_is_named(widths: dict[str, float 
     told = {
         name: replace(p, interval=None if widths.get(name) is None else widths[name] * abs(p.value)) for name, p in model.parameters.items()
     }
-    assert undetermined(replace(model, parameters=told), BASE) == (["payload_mode"] if open_ else [])
-    assert undetermined(BASE, BASE) == [], "what the base has is not judged"
+    assert undetermined_effects(replace(model, parameters=told), BASE) == (["payload_mode"] if open_ else [])
+    assert undetermined_effects(BASE, BASE) == [], "what the base has is not judged"
 
 
 @pytest.mark.parametrize(("ratio", "why"), [(0.05, []), (1.8, ["payload_mode as a payload that creeps back instead of swinging"])])
@@ -88,7 +88,7 @@ def test_what_is_explained_would_pass_as_a_machine_of_which_nothing_is_missing(
     after: Any = SimpleNamespace(model=model, objective=level * 5000, problem=problem, ratio=ratio, held_ratio=None)
     base: Any = SimpleNamespace(model=BASE, ratio=1.5, held_ratio=None)
     monkeypatch.setattr(diagnosis, "with_intervals", lambda _fitted: BASE)
-    assert verdict_of(base, [Step(base, (), "tilt", (), after)], (), 0.0) == verdict
+    assert verdict_of(base, [Stage(base, (), "tilt", (), after)], (), 0.0) == verdict
     untouched: Any = SimpleNamespace(objective=after.objective, problem=after.problem)  # of it nothing else is asked
     missing = verdict_of(untouched, [], (), 0.0) != "nothing missing"
     assert missing is (level >= diagnosis.NOISE_KNOWN)
@@ -106,7 +106,7 @@ def test_what_is_explained_would_pass_as_a_machine_of_which_nothing_is_missing(
     ],
 )
 def test_what_is_fitted_to_less_than_is_an_effect_explains_nothing(effect: str, parameter: str, size_m: float, nothing: bool) -> None:
-    assert fitted_to_nothing(BASE.with_effect(effect, {parameter: size_m}), effect_named(effect)) is nothing
+    assert is_negligible(BASE.with_effect(effect, {parameter: size_m}), effect_named(effect)) is nothing
 
 
 def kept_beside_slack(monkeypatch: pytest.MonkeyPatch, grown: Any, smaller: Any, drop: float) -> Any:
@@ -120,7 +120,7 @@ def kept_beside_slack(monkeypatch: pytest.MonkeyPatch, grown: Any, smaller: Any,
     monkeypatch.setattr(superfluous, "most_within", lambda *_: 0.0)
     monkeypatch.setattr(superfluous, "drop_by", lambda *_: drop)
     data: Any = SimpleNamespace(fitted=(), held_out=())
-    return superfluous.superfluous(data, grown, BASE, "belt_slack")
+    return superfluous.drop_superfluous(data, grown, BASE, "belt_slack")
 
 
 @pytest.mark.parametrize(("gap_m", "removed"), [(2e-8, ("backlash",)), (2e-5, ())])
@@ -146,9 +146,9 @@ def test_nothing_is_superfluous_whose_loss_leaves_much_more(
 
 def test_every_form_that_followed_an_effect_is_saved_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
-    monkeypatch.setattr(laboratory, "confirmed", lambda *_: True)
+    monkeypatch.setattr(laboratory, "is_confirmed", lambda *_: True)
     monkeypatch.setattr(laboratory, "revision_of", lambda _folder, new, old, change, *_: (old[1], new[1], change))
-    step: Any = Step  # names stand for models
+    step: Any = Stage  # names stand for models
     named = [
         step("base", (), "end_pulley", (), "X"),
         step("X", (), "", (), "Y", ("viscous_end_pulley",)),
@@ -185,7 +185,7 @@ def test_only_what_held_out_records_confirm_is_added_by_itself(
         "revision_of",
         lambda _folder, _new, _old, change, *_: Revision("r", "", change, (change[1:],), 1.0, 1.0, True, "", "", {}),
     )
-    step: Any = Step
+    step: Any = Stage
     steps = [step(base, (), "cogging", (), once), step(once, (), "warmup", (), twice), step(twice, (), "", (), twice)]
     folder: Any = SimpleNamespace()
     monkeypatch.setattr(acceptance, "changes", lambda *_: ((-1.0, 0.0), (-1.0, 0.0)))
@@ -202,7 +202,7 @@ def test_two_effects_that_only_both_together_are_confirmed_become_one_revision(m
     )
     monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
     monkeypatch.setattr(laboratory, "revision_of", lambda _folder, new, old, change, *_: (old[1], new[1], change))
-    step: Any = Step
+    step: Any = Stage
     steps = [step(base, (), "end_pulley", (), once), step(once, (), "warmup", (), twice), step(twice, (), "", (), twice)]
     folder: Any = SimpleNamespace()
     monkeypatch.setattr(acceptance, "changes", lambda *_: ((-1.0, 0.0), (-1.0, 0.0)))
@@ -274,7 +274,7 @@ def test_what_the_held_out_records_do_not_confirm_is_said(
 )
 def test_how_much_is_left_as_a_whole(before: tuple[float, float | None], after: tuple[float, float | None], share: float) -> None:
     one, two = (cast(Fitted, SimpleNamespace(ratio=ratio, held_ratio=held)) for ratio, held in (before, after))
-    assert left_as_a_whole(one, two) == pytest.approx(share, abs=0.01)
+    assert share_left(one, two) == pytest.approx(share, abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -293,12 +293,12 @@ def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
     candidate = Candidate(effect_named("measurement_lag"), 0.0, 500.0, 0.5, 1.0, fitted(1.9, 1.9), accepted=True)
     found = [[candidate], []]
     monkeypatch.setattr(diagnosis, "search", lambda *_, **_options: found.pop(0))
-    monkeypatch.setattr(diagnosis, "again", lambda data, *_: (data, fitted(grown, held)))
+    monkeypatch.setattr(diagnosis, "refit_with_rebuilt_motion", lambda data, *_: (data, fitted(grown, held)))
     for name in ("settled", "as_searched"):
         monkeypatch.setattr(diagnosis, name, lambda data, last: (data, last))
-    monkeypatch.setattr(diagnosis, "superfluous", lambda _data, last, *_: (last, ()))
-    monkeypatch.setattr(diagnosis, "formed", lambda _data, last, _base: SimpleNamespace(fitted=last, new=(), removed=()))
-    monkeypatch.setattr(diagnosis, "placed", lambda *_: SimpleNamespace(new=()))
+    monkeypatch.setattr(diagnosis, "drop_superfluous", lambda _data, last, *_: (last, ()))
+    monkeypatch.setattr(diagnosis, "fit_law_shapes", lambda _data, last, _base: SimpleNamespace(fitted=last, new=(), removed=()))
+    monkeypatch.setattr(diagnosis, "assign_body", lambda *_: SimpleNamespace(new=()))
     for name in ("Scorer", "ground_of", "strayed", "remaining_structure", "verdict_of", "beyond"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)

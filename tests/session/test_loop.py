@@ -16,7 +16,7 @@ from beltcomm import api
 from beltcomm.control import Cascade
 from beltcomm.errors import Refused, UsageError
 from beltcomm.experiments import loop_plan, loop_record
-from beltcomm.identify.loop_response import KnownController, known_controller, plant_response
+from beltcomm.identify.loop_response import KnownController, controller_of, plant_response
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse
 from beltcomm.runfolder import RunFolder
@@ -111,7 +111,7 @@ def test_the_ways_agree_with_the_plant_and_moving_takes_friction_away(make_bench
 
 def wrong_controller(record: Recording) -> None:
     """(3.22) with C' = 1.2 C:  Ĝ'/Ĝ = (1 - S C)/(1 - S C')  exactly, so a bias below the crossover and hardly one above."""
-    known = known_controller(record.sidecar.controller, record.name)
+    known = controller_of(record.sidecar.controller, record.name)
     doubted = replace(
         known, cascade=replace(known.cascade, kp_nm_s_rad=1.2 * known.cascade.kp_nm_s_rad, ki_nm_rad=1.2 * known.cascade.ki_nm_rad)
     )
@@ -128,7 +128,7 @@ def wrong_controller(record: Recording) -> None:
 
 def test_the_sidecar_holds_what_the_indirect_way_needs() -> None:
     known = KnownController(Cascade(0.05, 0.2, 3.0, 0.002), "velocity", 1e-3, 0.9e-3)
-    assert known_controller(known.to_dict(), "x") == known
+    assert controller_of(known.to_dict(), "x") == known
 
 
 @pytest.mark.usefixtures("fitted")

@@ -20,7 +20,7 @@ from beltcomm.experiments import execute_step
 from beltcomm.experiments.bounds import course_before
 from beltcomm.experiments.paths import Course, path_of, start_of
 from beltcomm.experiments.redundant_steps import Before, shown_already
-from beltcomm.laboratory.visible import Sight
+from beltcomm.laboratory.visible import DetectionLimit
 from beltcomm.model import load_plant
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar
@@ -36,8 +36,8 @@ from beltcomm.schedule.steps import PLACES, Step
 RATIO = 0.01
 
 
-def blind(name: str, strength: float = 4.0) -> Sight:
-    return Sight(effect_named(name), strength, strength, "amount", 0.02, "N m")
+def blind(name: str, strength: float = 4.0) -> DetectionLimit:
+    return DetectionLimit(effect_named(name), strength, strength, "amount", 0.02, "N m")
 
 
 def test_twins_are_told_apart_by_what_their_file_says() -> None:

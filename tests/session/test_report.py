@@ -15,7 +15,7 @@ from beltcomm import api
 from beltcomm.configfiles import read_yaml, to_yaml
 from beltcomm.errors import DataError, UsageError
 from beltcomm.laboratory import diagnosis
-from beltcomm.laboratory.diagnosis import fitted_base
+from beltcomm.laboratory.diagnosis import fit_base_of
 from beltcomm.pages import at_the_end
 from beltcomm.rundata.fitted_run import records_of
 from beltcomm.rundata.kept_fit import FILE, fitted_to
@@ -118,13 +118,13 @@ def test_a_fit_that_was_kept_is_the_one_that_was_found(
     _, data, again = fitted_to(folder, records, model)
     for name, value in model.parameters.items():
         assert again.model[name] == pytest.approx(value.value, rel=1e-9), "that of the commissioning"
-    fresh_data, fresh = fitted_base(records, folder.axis, model)
+    fresh_data, fresh = fit_base_of(records, folder.axis, model)
     assert len(again.residual) == len(fresh.residual)
     assert again.objective == pytest.approx(fresh.objective, abs=1.0), "a search that begins there gains less than a nat"
     assert [p.rounding for p in data.fitted] == [p.rounding for p in fresh_data.fitted]
     sidecar = run / "recordings" / "frf_1.yaml"
     sidecar.write_text(sidecar.read_text(encoding="utf-8").replace("held_out: false", "held_out: true"), encoding="utf-8")
-    monkeypatch.setattr(diagnosis, "fitted_base", lambda *_: pytest.fail("searched anew"))
+    monkeypatch.setattr(diagnosis, "fit_base_of", lambda *_: pytest.fail("searched anew"))
     with pytest.raises(pytest.fail.Exception, match="searched anew"):
         fitted_to(folder, records, model)
 

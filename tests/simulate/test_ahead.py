@@ -22,7 +22,7 @@ from beltcomm.model import build_model, expected_parameters
 from beltcomm.simulate.inverse import FineMotion, torque_residuals
 from beltcomm.simulate.kernels import ahead, compile_largest
 from beltcomm.simulate.kernels.compose import inverse_kernel, load_source, motor_side_source, plain_source
-from beltcomm.simulate.kernels.fences import needed
+from beltcomm.simulate.kernels.fences import needed_lines
 
 SLEEP = "import time; time.sleep(0.3)"
 
@@ -77,8 +77,8 @@ def test_nothing_is_begun_where_it_was_done_before(monkeypatch: pytest.MonkeyPat
 
 def test_lines_that_nothing_asks_for_are_left_out() -> None:
     lines = ["a = p[0]", "b = 1.0 / a", "c = p[2]", "d = c"]
-    assert needed(lines, ["x = b * q"]) == ["a = p[0]", "b = 1.0 / a"]
-    assert needed(lines, ["x = bb"]) == []
+    assert needed_lines(lines, ["x = b * q"]) == ["a = p[0]", "b = 1.0 / a"]
+    assert needed_lines(lines, ["x = bb"]) == []
 
 
 def test_the_load_knows_nothing_of_what_acts_on_the_motor_alone_and_a_plain_one_no_observer() -> None:

@@ -16,7 +16,7 @@ from beltcomm.effects.quadratic_drag import force as drag
 from beltcomm.effects.travel_ripple import force as ripple
 from beltcomm.simulate.kernels.branchless import in_vectors
 from beltcomm.simulate.kernels.stick import stick_or_slide
-from beltcomm.simulate.kernels.vectors import LANES, Array, aligned, at, eight, put
+from beltcomm.simulate.kernels.vectors import LANES, Array, aligned_zeros, at, eight, put
 
 
 def nested(x: float, y: float) -> float:
@@ -88,7 +88,7 @@ def test_a_law_says_the_same_of_eight(law: Callable[..., float], rest: tuple[flo
         4: in_lanes(lambda a, b, m: written(a, b, m[0], m[1], m[2], m[3])),
     }[len(rest)]
     kernel = in_lanes(call)
-    out, more = aligned(1, LANES)[0], np.array([*rest, 0.0])
+    out, more = aligned_zeros(1, LANES)[0], np.array([*rest, 0.0])
     for y in [y_of[law]] if law in y_of else GRID:
         kernel(GRID, np.full(LANES, y), more, out)
         right = [plain(float(x), float(y), *rest) for x in GRID]

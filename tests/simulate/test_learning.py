@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from beltcomm.compiled import in_lanes
-from beltcomm.simulate.kernels.learning import learn, prepared
+from beltcomm.simulate.kernels.learning import learn, with_memory
 from beltcomm.simulate.kernels.observer import idle
 
 
@@ -24,7 +24,7 @@ def test_gain_and_covariance_at_any_share_of_a_closed_gap(size: int, noises: int
     gains, deviations, lost = np.zeros((samples, size)), np.ones(samples), np.zeros(samples, dtype=np.bool_)
     forgets = np.zeros(samples, dtype=np.bool_)
     forgets[5] = True
-    watch = prepared(idle()._replace(F=F, G=G, H=H, D=D, variances=np.linspace(0.5, 2.0, noises), P=P, s=np.zeros(size), gains=gains))
+    watch = with_memory(idle()._replace(F=F, G=G, H=H, D=D, variances=np.linspace(0.5, 2.0, noises), P=P, s=np.zeros(size), gains=gains))
     spread = np.array([0.3, 0.7])
     kernel: Any = in_lanes(learn)  # as the kernels that call it are compiled
     for n in range(samples):

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from beltcomm.effects import EFFECTS as CATALOGUE
 from beltcomm.fit.noise_path import way
-from beltcomm.fit.observer import Observer, Seen, innovations, tuned, untuned
-from beltcomm.fit.segment import Segment, grouped
+from beltcomm.fit.observer import Observation, Observer, innovations, tuned_observers, untuned_observer
+from beltcomm.fit.segment import Segment, group_starts
 from beltcomm.fit.whitening import whitener
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.inverse import (
@@ -19,12 +19,12 @@ from beltcomm.simulate.inverse import (
     belt_load,
     belt_loads,
     fine_load,
-    followed_beside,
+    linear_innovations,
+    lock_step_groups,
     motor_load,
-    together,
     triangular_mean,
 )
-from beltcomm.simulate.kernels.observer import filtered
+from beltcomm.simulate.kernels.observer import filter_columns
 from beltcomm.simulate.kernels.switchboard import BEFORE_THE_LOAD, switchboard
 from beltcomm.simulate.kernels.writer import acts_on_motor
 
@@ -120,18 +120,18 @@ def observers(axis: Model, motions: list[FineMotion]) -> list[Observer]:
         keep[300 : 345 + number] = False  # long enough to forget where the carriage is
         process_noise = 0.01 + 0.002 * number
         rounding = (1.0, 0.0) if number % 4 == 1 else (0.7, 0.1)
-        found.append(untuned(axis, motion, torque, keep, 1e-4, 5e-3, rounding, 1e-5, process_noise))
+        found.append(untuned_observer(axis, motion, torque, keep, 1e-4, 5e-3, rounding, 1e-5, process_noise))
     return found
 
 
-def seen(observer: Observer) -> Seen:
+def seen(observer: Observer) -> Observation:
     """What it was worked out with."""
-    return Seen(observer, observer.motion, observer.torque)
+    return Observation(observer, observer.motion, observer.torque)
 
 
 def each_alone(observers_of: list[Observer]) -> list[Observer]:
     """Learned one by one, so that none runs beside another."""
-    return [tuned([one])[0] for one in observers_of]
+    return [tuned_observers([one])[0] for one in observers_of]
 
 
 def same(found: Array, right: Array, name: str = "") -> None:
@@ -143,7 +143,7 @@ def test_stretches_behind_a_gap_are_followed_as_by_the_masked_kernel(more: tuple
     """Each its own length, motion and noise: what a lane learns, and what it then says of another model."""
     axis = model("backlash", *more)
     motions = [shorter(shaken(16 if i % 3 else 4, speed=0.02 * i), 1500 - 29 * i) for i in range(count)]
-    beside_each_other, alone = tuned(observers(axis, motions)), each_alone(observers(axis, motions))
+    beside_each_other, alone = tuned_observers(observers(axis, motions)), each_alone(observers(axis, motions))
     assert any(one.watch.lost.any() for one in alone)  # else the correction by contact is not tried
     assert all(one.watch.forgets.any() for one in alone)
     for one, other in zip(beside_each_other, alone, strict=True):
@@ -194,23 +194,23 @@ def test_every_effect_beyond_the_motor_runs_in_lock_step_as_by_the_masked_kernel
     (bare,), (alone,) = each_alone(observers(without, [motion])), each_alone(observers(axis, [motion]))
     assert np.abs(alone.watch.wanted - bare.watch.wanted).max() > 1e-3 * np.abs(bare.watch.wanted).max(), "it must show"
     vectors = beside(axis, 8)
-    quick = followed_beside(axis, motion, vectors, alone.watch)
+    quick = linear_innovations(axis, motion, vectors, alone.watch)
     for found, vector in zip(quick.T, vectors, strict=True):
-        same(found, followed_beside(axis, motion, [vector], alone.watch)[:, 0])
+        same(found, linear_innovations(axis, motion, [vector], alone.watch)[:, 0])
 
 
 @pytest.mark.parametrize("more", [(), ("tilt",)])
 def test_models_behind_one_observer_are_followed_as_by_the_masked_kernel(more: tuple[str, ...]) -> None:
     axis, motion = model("backlash", *more), shaken(16)
-    (one,) = tuned(observers(axis, [motion]))
+    (one,) = tuned_observers(observers(axis, [motion]))
     vectors = beside(axis, 11)
-    for found, vector in zip(followed_beside(axis, motion, vectors, one.watch).T, vectors, strict=True):
-        same(found, followed_beside(axis, motion, [vector], one.watch)[:, 0])
+    for found, vector in zip(linear_innovations(axis, motion, vectors, one.watch).T, vectors, strict=True):
+        same(found, linear_innovations(axis, motion, [vector], one.watch)[:, 0])
 
 
 def test_neighbours_in_length_run_together_and_one_that_outlasts_them_alone() -> None:
     lengths = [900, 30, 800, 850, 790, 780, 2400, 770, 760, 750, 740]
-    found = together(range(len(lengths)), lengths)
+    found = lock_step_groups(range(len(lengths)), lengths)
     assert [[lengths[i] for i in some] for some in found] == [[2400], [900, 850, 800, 790, 780, 770, 760, 750], [740], [30]]
 
 
@@ -221,27 +221,27 @@ def test_columns_are_whitened_side_by_side_as_by_the_general_filter(shares: tupl
     keep, columns = random.random(800) < 0.9, random.standard_normal((800, count))
     known = whitener(keep, way(model(), np.full(800, 0.2), 1e-3), 1e-4, 5e-3, shares)
     f, h = np.concatenate([known.F] * 2), np.concatenate([known.H] * 2)
-    general = filtered(columns, keep, f, h, known.gains, known.deviations, np.zeros(800))
+    general = filter_columns(columns, keep, f, h, known.gains, known.deviations, np.zeros(800))
     np.testing.assert_allclose(known(columns, keep), general, rtol=0.0, atol=1e-11 * np.abs(general).max())
     # A path of another shape must not be taken for one of a single body.
     other = replace(known, F=np.where(known.F == 0.0, 0.01, known.F))
     f = np.concatenate([other.F] * 2)
-    general = filtered(columns, keep, f, h, known.gains, known.deviations, np.zeros(800))
+    general = filter_columns(columns, keep, f, h, known.gains, known.deviations, np.zeros(800))
     np.testing.assert_array_equal(other(columns, keep), general)
 
 
 def test_a_record_in_which_nothing_counts_leaves_nothing() -> None:
     motion = shaken(2)
     still = Segment("reversal", False, np.zeros(1500), np.zeros(1500), motion, np.zeros(1500, dtype=np.bool_), 5e-3, 1e-4, 0.0, group=4)
-    assert still.grouped(np.zeros(0)).shape == (0,)
-    assert still.grouped(np.zeros((0, 3))).shape == (0, 3)
+    assert still.group_sums(np.zeros(0)).shape == (0,)
+    assert still.group_sums(np.zeros((0, 3))).shape == (0, 3)
 
 
 @pytest.mark.parametrize("size", [1, 2, 4])
 def test_groups_never_cross_a_gap(size: int) -> None:
     keep = np.array([1, 1, 1, 0, 1, 0, 1, 1, 1, 1, 1, 0, 0, 1, 1], dtype=np.bool_)
     kept = np.flatnonzero(keep)
-    firsts = grouped(keep, size)
+    firsts = group_starts(keep, size)
     assert all(kept[first + size - 1] - kept[first] == size - 1 for first in firsts)
     assert len(firsts) == sum(run // size for run in (3, 1, 5, 2))
-    assert len(grouped(np.zeros(5, dtype=np.bool_), size)) == 0
+    assert len(group_starts(np.zeros(5, dtype=np.bool_), size)) == 0

@@ -7,7 +7,7 @@ import numpy as np
 from beltcomm.compiled import in_lanes
 from beltcomm.simulate.kernels.learning import learn
 from beltcomm.simulate.kernels.sources import modules_of
-from beltcomm.simulate.kernels.vectors import LANES, Array, aligned, at, eight, put
+from beltcomm.simulate.kernels.vectors import LANES, Array, aligned_zeros, at, eight, put
 
 
 @in_lanes
@@ -21,7 +21,7 @@ def _polynomial(a: Array, b: Array, out: Array) -> None:
 def test_every_operation_is_that_of_each_neighbour() -> None:
     random = np.random.default_rng(3)
     a, b = random.random((2, 5, LANES))
-    out = aligned(3, LANES)
+    out = aligned_zeros(3, LANES)
     assert out.ctypes.data % (8 * LANES) == 0
     assert not out.any()
     _polynomial(a, b, out)

@@ -29,8 +29,8 @@ from beltcomm.model import Model, body_list
 from beltcomm.simulate.imperfect import LEAST_STEEP, ROUNDS
 from beltcomm.simulate.kernels.ahead import after_waiting
 from beltcomm.simulate.kernels.cached import VERSION, folder
-from beltcomm.simulate.kernels.fences import indented, needed
-from beltcomm.simulate.kernels.observer import Watch
+from beltcomm.simulate.kernels.fences import indent, needed_lines
+from beltcomm.simulate.kernels.observer import ObserverState
 from beltcomm.simulate.kernels.plain_belt import PLAIN
 from beltcomm.simulate.kernels.writer import LOOK_AHEAD, MOVING_RAD_S, Writer, acts_on_motor
 
@@ -103,23 +103,23 @@ def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str
     advance = [
         "@compiled",
         "def advance(q, v, p, torque, t, h, n):",
-        *indented([*constants, *load, "strand = 0.0", "for _ in range(n):"], 1), *indented(substep, 2),
-        *indented([*store, "return strand"], 1),
+        *indent([*constants, *load, "strand = 0.0", "for _ in range(n):"], 1), *indent(substep, 2),
+        *indent([*store, "return strand"], 1),
     ]  # fmt: skip
     run = [
         "@compiled",
         "def run(q, v, p, torques, t, sample, n, theta, omega, cart, belt):",
-        *indented([*constants, *load, "strand = 0.0", "h = sample / n", "for k in range(torques.shape[0]):"], 1),
-        *indented(["torque = torques[k]", "theta[k] = q0", "omega[k] = v0", f"cart[k] = {writer.carriage()}", "peak = 0.0"], 2),
-        *indented(["for _ in range(n):", *indented([*substep, "peak = max(peak, abs(strand))"], 1), "belt[k] = peak"], 2),
-        *indented(store, 1),
+        *indent([*constants, *load, "strand = 0.0", "h = sample / n", "for k in range(torques.shape[0]):"], 1),
+        *indent(["torque = torques[k]", "theta[k] = q0", "omega[k] = v0", f"cart[k] = {writer.carriage()}", "peak = 0.0"], 2),
+        *indent(["for _ in range(n):", *indent([*substep, "peak = max(peak, abs(strand))"], 1), "belt[k] = peak"], 2),
+        *indent(store, 1),
     ]  # fmt: skip
     given = "q, v, p, t, first, carriage, follows_position, coefficients, state, references, sensing, waiting, timing, past, kept, out"
     follow = [
         "@compiled",
         f"def follow({given}):",
         "    for k in range(references.shape[1]):",
-        *indented([
+        *indent([
             *_shown(writer),
             "out[0, k], out[1, k], out[2, k] = shown - first, v[0], q[carriage]",
             "asked = setpoint(follows_position, coefficients, state, references, k, shown - first, sensing)",
@@ -139,13 +139,13 @@ def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str
     forces = [
         "@compiled",
         "def forces(q, v, p, t, out):",
-        *indented([*constants, *load, *writer.forces("v"), *[f"out[{i}] = f{i}" for i in everyone]], 1),
+        *indent([*constants, *load, *writer.forces("v"), *[f"out[{i}] = f{i}" for i in everyone]], 1),
     ]
     levels = [
         "@compiled",
         "def levels(q, v, p, t, out):",
-        *indented([*constants, *load, *[f"l{i} = 0.0" for i in everyone], *writer.forces("v"), *writer.levels("v", everyone)], 1),
-        *indented([f"out[{i}] = l{i}" for i in everyone], 1),
+        *indent([*constants, *load, *[f"l{i} = 0.0" for i in everyone], *writer.forces("v"), *writer.levels("v", everyone)], 1),
+        *indent([f"out[{i}] = l{i}" for i in everyone], 1),
     ]
     return writer.assemble([advance, run, _acted(writer), follow, forces, levels])
 
@@ -187,7 +187,7 @@ def _acted(writer: Writer) -> list[str]:
         "    strand = max(strand, abs(advance(q, v, p, cells[old + i], t + i * h, h, 1)))",
         "return strand",
     ]
-    return [*head, *indented(body, 1)]
+    return [*head, *indent(body, 1)]
 
 
 @dataclass(frozen=True)
@@ -227,20 +227,20 @@ def load_module() -> ModuleType:
 
 def load_source() -> str:
     """Python source of the masked load beyond the motor; the motor's own onset of friction turns what the belt's load adds to it."""
-    writer = Writer.masked_over(e for e in EFFECTS if not acts_on_motor(e) or e.slot == "friction_onset")
+    writer = Writer.masked_kernel(e for e in EFFECTS if not acts_on_motor(e) or e.slot == "friction_onset")
     onset = writer.onsets()[0]
     turn = [
         "step = ratio * (theta[k] - q0)",
         f"if s{writer.switch[onset.name]}:", "    " + writer.turn(0, "step"), "else:", "    z0 = min(1.0, max(-1.0, z0 + step / bristle))",
     ]  # fmt: skip
-    begin = [f"see_{field} = watch.{field}" for field in Watch._fields]
+    begin = [f"see_{field} = watch.{field}" for field in ObserverState._fields]
     begin.append("inside, shut, watched = 0, 0.0, see_wanted.shape[0] > 0")
-    return writer.assemble([_load(writer, "bristle, offset, load, cart, watch", begin, turn, "l0 * z0 - f0", writer.watching())])
+    return writer.assemble([_load(writer, "bristle, offset, load, cart, watch", begin, turn, "l0 * z0 - f0", writer.observer_lines())])
 
 
 def plain_source() -> str:
     """The same of the commonest belt alone."""
-    writer = Writer.masked_over(e for e in EFFECTS if e.name in PLAIN)
+    writer = Writer.masked_kernel(e for e in EFFECTS if e.name in PLAIN)
     return writer.assemble([_load(writer, "offset, load, cart", [], [], "-f0", [])])
 
 
@@ -250,7 +250,7 @@ def _load(writer: Writer, given: str, begin: list[str], turn: list[str], load: s
     zeros += [f"z{i} = 0.0" for i in writer.onsets()]
     at_first = [f"q{i} = {writer.start(i)}{' + offset' if i == writer.cart else ''}" for i in others]
     at_first += [f"v{i} = o{i} = {writer.follow(i)}" for i in others]
-    fences, follow_up = writer.fenced(writer.follow_up())
+    fences, follow_up = writer.fence_effects(writer.follow_up())
     body = [
         f"half = max(1, min({LOOK_AHEAD}, theta.shape[0] - 1) // 2)",
         "first = (4.0 * theta[half] - theta[2 * half] - 3.0 * theta[0]) / (2.0 * h * half) if theta.shape[0] > 2 else 0.0",
@@ -260,7 +260,7 @@ def _load(writer: Writer, given: str, begin: list[str], turn: list[str], load: s
         *([] if driven is None else [f"q{driven} = {writer.start(driven)}", f"v{driven} = {writer.follow(driven)}"]),
         *writer.driving_end("v"), *at_first,
         "for k in range(theta.shape[0]):",
-        *indented([
+        *indent([
             *turn, "q0 = theta[k]", "v0 = omega[k]",
             *follow_up,
             f"load[k] = {load}",
@@ -277,12 +277,12 @@ def _load(writer: Writer, given: str, begin: list[str], turn: list[str], load: s
 
 def _function(head: str, constants: list[str], body: list[str], how: str = "compiled") -> list[str]:
     """A compiled function with those of its constants that it needs."""
-    return [f"@{how}", f"def {head}:", *indented([*needed(constants, body), *body], 1)]
+    return [f"@{how}", f"def {head}:", *indent([*needed_lines(constants, body), *body], 1)]
 
 
 def motor_side_source() -> str:
     """Python source of the masked functions of the motor's side."""
-    writer = Writer.masked_over(EFFECTS)
+    writer = Writer.masked_kernel(EFFECTS)
     rubbing = [f"s{writer.switch[e.name]}" for e in writer.with_level(0) if e.slot == "friction_level"]
     motor = [
         "load[:] = 0.0", "level[:] = 0.0",
@@ -290,7 +290,7 @@ def motor_side_source() -> str:
         f"if {' or '.join(rubbing)}:",
         "    z0, q0, turning = 0.0, theta[0], 1.0 / bristle",
         "    for k in range(theta.shape[0]):",
-        *indented([
+        *indent([
             "step = ratio * (theta[k] - q0)", "q0 = theta[k]",
             f"if s{writer.switch[writer.onsets()[0].name]}:", "    " + writer.turn(0, "step"),
             "else:", "    z0 = min(1.0, max(-1.0, z0 + step * turning))",
@@ -303,12 +303,12 @@ def motor_side_source() -> str:
         path += writer.when(
             effect, [f"push = {writer.law(effect.law)}(push, 0.5 * (theta[k] + theta[k + 1]), t{writer.arguments(effect)})"]
         )
-    torque = ["for k in range(cells.shape[0]):", *indented(["push = cells[k]", *path, "out[k] = push", "t += h"], 1)]
+    torque = ["for k in range(cells.shape[0]):", *indent(["push = cells[k]", *path, "out[k] = push", "t += h"], 1)]
     fix = ["correction[:] = 0.0"]
     for effect in writer.chosen("sensor"):
         assert effect.law is not None
         law = f"{writer.law(effect.law, in_lanes=True)}(shown[k]{writer.arguments(effect)})"
-        fix += writer.when(effect, ["for k in range(shown.shape[0]):", *indented([f"correction[k] += {law}"], 1)])
+        fix += writer.when(effect, ["for k in range(shown.shape[0]):", *indent([f"correction[k] += {law}"], 1)])
     constants = writer.constants()
     return writer.assemble([
         _function("motor(theta, omega, p, on, t, h, bristle, load, level)", constants, motor),
@@ -338,7 +338,7 @@ def _motor_alone(writer: Writer) -> list[str]:
             values = [f"a{i} = p[{place}]" for i, place in enumerate(places)]
             sum_up = f"    {into} {writer.law(law)}({given}, t + k * h, {', '.join(f'a{i}' for i in range(len(places)))})"
             loop = [*values, "for k in range(theta.shape[0]):", sum_up]
-            lines += [f"for e in range({len(family)}):", f"    if on[{switch}]:", *indented(loop, 2)]
+            lines += [f"for e in range({len(family)}):", f"    if on[{switch}]:", *indent(loop, 2)]
             continue
         for effect in family:
             sum_up = f"    {into} {writer.law(law)}({given}, t + k * h{writer.arguments(effect)})"

@@ -117,7 +117,7 @@ def strand_of(a: LinearAxis, n: int, x: Array) -> float:
 
 
 @in_lanes
-def settled(push: float, level: float) -> float:
+def direction_from_rest(push: float, level: float) -> float:
     """How a body at rest goes on: 0 held, else the direction in which it is pushed away."""
     return 0.0 if abs(push) <= level else math.copysign(1.0, push)
 
@@ -139,7 +139,7 @@ def polynomial(series: Array, stuck: int, row: int, w: Array, share: float, star
 
 
 @in_lanes
-def through(
+def advance_piece(
     a: LinearAxis, t: Tables, n: int, x: Array, f: Array, torque: float, slide: Array, doubtful: Array, y: Array, after: Array, s: Scratch
 ) -> float:
     """One piece with all that happens in it; x, f and slide in place.   doubtful : of those that rub, 0 where nothing can happen.
@@ -204,7 +204,7 @@ def through(
         elif again:  # its force only touched its level
             slide[body], kept[body] = 0.0, 1.0
         else:
-            slide[body] = settled(push, a.level[i])
+            slide[body] = direction_from_rest(push, a.level[i])
     return math.nan
 
 
@@ -240,7 +240,7 @@ def runner(bodies: int) -> Run:
             for j in range(watched):
                 i = a.rubbing[j]
                 if x[n + i] == 0.0:  # the torque may have jumped
-                    slide[j] = settled(f[i] + (torque if i == 0 else 0.0), a.level[i])
+                    slide[j] = direction_from_rest(f[i] + (torque if i == 0 else 0.0), a.level[i])
             peak = abs(strand)
             for _ in range(pieces):
                 stuck = rates(a, n, x, f, torque, slide, w)
@@ -274,7 +274,7 @@ def runner(bodies: int) -> Run:
                     copy(y, x)
                     copy(after, f)
                 else:
-                    peak = max(peak, through(a, t, n, x, f, torque, slide, doubtful, y, after, scratch))
+                    peak = max(peak, advance_piece(a, t, n, x, f, torque, slide, doubtful, y, after, scratch))
                     strand = strand_of(a, n, x)
                     if math.isnan(peak):
                         return False

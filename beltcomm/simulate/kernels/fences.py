@@ -9,7 +9,7 @@ FEWEST = 2
 _NAME = re.compile(r"[A-Za-z_]\w*")
 
 
-def fenced(lines: list[str], usual: set[str]) -> tuple[list[str], list[str]]:
+def fence(lines: list[str], usual: set[str]) -> tuple[list[str], list[str]]:
     """Lines that set the switches, and the lines behind them.
 
     lines : source in which a block that counts only when an effect is on begins with ``if s1:`` or ``if s1 or s2:``.
@@ -22,15 +22,15 @@ def fenced(lines: list[str], usual: set[str]) -> tuple[list[str], list[str]]:
     def close() -> None:
         inner = [line for block in run for line in block]
         if len(run) >= FEWEST:
-            tests = dict.fromkeys(test for block in run for test in asked(block))
+            tests = dict.fromkeys(test for block in run for test in switches_of(block))
             out.append(f"if some{len(switches)}:")
             switches.append(f"some{len(switches)} = {' or '.join(tests)}")
-            inner = indented(inner, 1)
+            inner = indent(inner, 1)
         out.extend(inner)
         run.clear()
 
     for block in blocks(lines):
-        if asked(block) and not usual & set(asked(block)):
+        if switches_of(block) and not usual & set(switches_of(block)):
             run.append(block)
         else:
             close()
@@ -50,13 +50,13 @@ def blocks(lines: list[str]) -> list[list[str]]:
     return found
 
 
-def asked(block: list[str]) -> list[str]:
+def switches_of(block: list[str]) -> list[str]:
     """Switches that a block asks; none where it is more than that."""
     head = block[0]
     return head[3:-1].split(" or ") if head.startswith("if s") and head[4:5].isdigit() and "else:" not in block else []
 
 
-def needed(lines: list[str], behind: list[str]) -> list[str]:
+def needed_lines(lines: list[str], behind: list[str]) -> list[str]:
     """Those of the lines ``name = ...`` whose name is asked for by the lines behind them, or by others that are."""
     names, kept = set(_NAME.findall("\n".join(behind))), []
     for line in reversed(lines):
@@ -66,6 +66,6 @@ def needed(lines: list[str], behind: list[str]) -> list[str]:
     return kept[::-1]
 
 
-def indented(lines: list[str], depth: int) -> list[str]:
+def indent(lines: list[str], depth: int) -> list[str]:
     """Lines moved in by so many steps."""
     return ["    " * depth + line for line in lines]

@@ -23,7 +23,7 @@ from beltcomm.effects import Effect
 from beltcomm.model import Model
 from beltcomm.simulate.kernels import fast_math
 from beltcomm.simulate.kernels.compose import import_stable
-from beltcomm.simulate.kernels.fences import indented
+from beltcomm.simulate.kernels.fences import indent
 from beltcomm.simulate.kernels.sources import fingerprint
 from beltcomm.simulate.kernels.stick import stick_or_slide
 from beltcomm.simulate.kernels.writer import Writer
@@ -86,7 +86,7 @@ def glide_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str:
     rubbing = [i for i in everyone if writer.has_level(i)]
     onset = [(place, i) for place, i in enumerate(elastic, start=count)]
     swinging = _Waves(writer)
-    body = [*_evaluated(writer, swinging), "if left == 0:", *indented(_stage(writer), 1), "else:", *indented(_verlet(writer), 1)]
+    body = [*_evaluated(writer, swinging), "if left == 0:", *indent(_stage(writer), 1), "else:", *indent(_verlet(writer), 1)]
     taken = [
         *[f"z{i} = {_turned(writer, i)}" for i in elastic],
         f"for i in range({2 * count}): state[i] = now[i]",
@@ -97,27 +97,27 @@ def glide_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str:
         *[f"d{i} = 1.0 if state[{count + i}] > 0.0 else -1.0 if state[{count + i}] < 0.0 else 0.0" for i in rubbing],
         "stage, left, again, good, high = 0, 0, False, True, 0.0",
         "while True:",
-        *indented([
+        *indent([
             "if left == 0:",
             "    t, torque = clock + NODES[stage] * h, acting[k, j * STAGES + stage]",
-            *indented(_state(count, "stage", "NODES[stage] * h", "PLACES[stage, r]", "SPEEDS[stage, r]"), 1),
+            *indent(_state(count, "stage", "NODES[stage] * h", "PLACES[stage, r]", "SPEEDS[stage, r]"), 1),
             "else:",
             "    t, torque = clock + (m - left) * short, cells[k, j * parts + ((2 * (m - left) + 1) * parts) // (2 * m)]",
             f"    for i in range({count}): now[{count} + i] = 0.5 * (state[{count} + i] + new[i])",
             *body,
         ], 1),
-        *indented([
+        *indent([
             "if left == 0:",
-            *indented([
+            *indent([
                 "stage += 1",
                 "if good and stage < STAGES: continue",
                 *_state(count, "STAGES", "h", "PLACE_END[r]", "SPEED_END[r]"),
                 *[f"good = good and (now[{count + i}] * d{i} > 0.0 or d{i} == 0.0)" for i in rubbing],
-                "if good:", *indented(taken, 1),
+                "if good:", *indent(taken, 1),
                 "left = m",
             ], 1),
             "else:",
-            *indented([
+            *indent([
                 "again = not again",
                 "if again: continue",
                 f"for i in range({count}):", f"    state[{count} + i] = new[i]", "    state[i] = now[i] + 0.5 * short * new[i]",
@@ -136,7 +136,7 @@ def glide_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str:
         "for k in range(cells.shape[0]):",
         f"    theta[k], omega[k], cart[k], peak = state[0], state[{count}], {cart}, 0.0",
         "    for j in range(n):",
-        *indented(step, 2),
+        *indent(step, 2),
         "    belt[k] = peak",
     ]  # fmt: skip
     lines = [
@@ -274,4 +274,4 @@ def _module(writer: Writer, lines: list[str]) -> str:
         "@in_lanes",
         "def glide(q, v, p, cells, acting, t, sample, n, m, theta, omega, cart, belt):",
     ]  # fmt: skip
-    return "\n".join([*head, *indented(lines, 1)]) + f"\n# {fingerprint(writer.laws.values(), (fast_math.__name__, __name__))}\n"
+    return "\n".join([*head, *indent(lines, 1)]) + f"\n# {fingerprint(writer.laws.values(), (fast_math.__name__, __name__))}\n"

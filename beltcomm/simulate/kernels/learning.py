@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import inlined
-from beltcomm.simulate.kernels.observer import LOST, Watch
-from beltcomm.simulate.kernels.vectors import LANES, aligned, at, eight, put
+from beltcomm.simulate.kernels.observer import LOST, ObserverState
+from beltcomm.simulate.kernels.vectors import LANES, aligned_zeros, at, eight, put
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 SIZE, NOISES = 8, 5
 
 
-def prepared(watch: Watch) -> Watch:
+def with_memory(watch: ObserverState) -> ObserverState:
     """The watch with memory for what :func:`learn` needs: rows of so many numbers as fill whole registers, ``SIZE`` or more.
 
     h, then what it changes by when the gap closes; the columns of F and of G, each likewise; P; memory for h, F, G at a share, F P, P h
@@ -31,7 +31,7 @@ def prepared(watch: Watch) -> Watch:
     """
     size, noises = max(SIZE, len(watch.s)), max(NOISES, len(watch.variances))
     own, wide = size - 2, -(-size // LANES) * LANES
-    memory = aligned(2 + 3 * (own + noises) + 2 * size + 3 + -(-3 * noises // wide), wide)
+    memory = aligned_zeros(2 + 3 * (own + noises) + 2 * size + 3 + -(-3 * noises // wide), wide)
     first = 0
     for pair, rows in ((watch.H[:, None], 1), (watch.F[:, :, :-2].swapaxes(1, 2), own), (watch.G.swapaxes(1, 2), noises)):
         for part in (pair[0], pair[1] - pair[0]):
@@ -52,7 +52,7 @@ def results(size: int, noises: int, wide: int) -> tuple[int, int]:
 
 
 @inlined
-def ahead(size: int, noises: int, wide: int, share: float, keep: bool, room: Array) -> float:
+def predict_covariance(size: int, noises: int, wide: int, share: float, keep: bool, room: Array) -> float:
     """k and the covariance ahead, which stand in ``room``; variance of ν, (N m)², 0 where it does not count.
 
     wide : numbers in a row of ``room``.   share : of the sample in which the gap is closed.   keep : whether the sample counts.
@@ -129,11 +129,11 @@ def learn(
     size, noises = gains.shape[1], variances.shape[0]
     if size <= SIZE and noises <= NOISES:
         size, noises, wide = SIZE, NOISES, SIZE
-        variance = ahead(SIZE, NOISES, SIZE, shares[n], keep[n], room)
+        variance = predict_covariance(SIZE, NOISES, SIZE, shares[n], keep[n], room)
     else:
         size, noises = max(size, SIZE), max(noises, NOISES)
         wide = (size + LANES - 1) // LANES * LANES
-        variance = ahead(size, noises, wide, shares[n], keep[n], room)
+        variance = predict_covariance(size, noises, wide, shares[n], keep[n], room)
     P, k = results(size, noises, wide)
     if keep[n]:
         deviations[n] = math.sqrt(variance)

@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 ABSURD_NM = 1e12
 
 
-def weighted(fine: Array, middle: int, substeps: int) -> float:
+def weighted_mean(fine: Array, middle: int, substeps: int) -> float:
     """Mean with weight 1 - |s| around one place of a fine grid, by Simpson's rule; ``substeps`` even.   At most ``ABSURD_NM``.
 
     The trapezoidal rule would take (2 pi f h)²/12 off, 0.02 % at 134 Hz and 16 kHz.

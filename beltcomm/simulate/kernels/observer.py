@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import in_lanes
-from beltcomm.simulate.kernels.vectors import LANES, aligned, at, eight, put
+from beltcomm.simulate.kernels.vectors import LANES, aligned_zeros, at, eight, put
 
 Array = NDArray[np.float64]
 
 
-class Watch(NamedTuple):
+class ObserverState(NamedTuple):
     """What the kernel needs to follow the bodies; without samples in ``wanted`` it does not.
 
     wanted : (n,), N m, load that the measured torque leaves for everything beyond the motor.   keep : (n,), samples that count.
@@ -70,10 +70,10 @@ class Watch(NamedTuple):
     room: Array
 
 
-def _nothing() -> Watch:
+def _nothing() -> ObserverState:
     none, square, cube = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 0))
     some, places = np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.int64)
-    at = Watch(none, some, places, 0, 1, 0, 0.0, 1.0, none, none, some, some, False, cube, cube, square, square, *(none,) * 10)
+    at = ObserverState(none, some, places, 0, 1, 0, 0.0, 1.0, none, none, some, some, False, cube, cube, square, square, *(none,) * 10)
     return at._replace(P=square, gains=square)
 
 
@@ -87,13 +87,13 @@ REGISTER, ROOM = 4, 16
 NOTHING = _nothing()
 
 
-def unseen(watch: Watch, wanted: Array) -> Watch:
+def reset(watch: ObserverState, wanted: Array) -> ObserverState:
     """The watch for a load that the torque leaves for the bodies, N m, (n,), nothing found yet."""
     n = len(wanted)
     return watch._replace(wanted=wanted, s=np.zeros_like(watch.s), left=np.zeros(n), white=np.zeros(n))
 
 
-def idle() -> Watch:
+def idle() -> ObserverState:
     """A watch that sees one sample, to compile for."""
     one, flag, square = np.zeros(1), np.zeros(1, dtype=np.bool_), np.zeros((3, 3))
     known = NOTHING._replace(wanted=one, keep=flag, held=one, lost=flag, forgets=flag, spread=np.zeros(2), variances=one, P=square)
@@ -115,12 +115,12 @@ TAKEN = ("behind", "s")
 TOUCHED = ("wanted", "keep", "lost", "deviations", "shares", "half_gap_m", "stiffness", "held")
 
 
-def seen(fields: Sequence[str]) -> str:
+def kernel_arguments(fields: Sequence[str]) -> str:
     """Arguments of a call, as the generated kernel names the fields of its ``Watch``."""
     return ", ".join(f"see_{field}" for field in fields)
 
 
-def expected(n: int, left: float, H: Array, s: Array, shares: Array) -> float:
+def expected_innovation(n: int, left: float, H: Array, s: Array, shares: Array) -> float:
     """ν[n], N m.   left : e[n], N m."""
     share, innovation = shares[n], left
     for i in range(s.shape[0]):
@@ -155,7 +155,7 @@ def observe(
         s[i] = ahead[i]
 
 
-def taken(at: int, behind: int, s: Array) -> tuple[float, float]:
+def take_correction(at: int, behind: int, s: Array) -> tuple[float, float]:
     """What s says of a body's position and speed, 0 in it from now on; 0, 0 for one it does not know.   at : its place, or -1."""
     if at < 0:
         return 0.0, 0.0
@@ -187,12 +187,12 @@ def contact(
     return float(math.copysign(half_gap_m, pull) + pull / (held[n] * stiffness) - stretch)
 
 
-def filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, shares: Array) -> Array:
+def filter_columns(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, shares: Array) -> Array:
     """What changes e of the residual change of the innovations to first order, over their deviations; (n, k) -> (kept, k)."""
     size, columns = h.shape[1], e.shape[1]
     whole = -(-columns // LANES) * LANES
     padded = e if whole == columns else np.pad(e, ((0, 0), (0, whole - columns)))
-    out, states, known = np.empty((np.count_nonzero(keep), whole)), aligned(2 * size, whole), np.empty((size, size))
+    out, states, known = np.empty((np.count_nonzero(keep), whole)), aligned_zeros(2 * size, whole), np.empty((size, size))
     fine = np.ascontiguousarray
     _filtered(fine(padded), keep, fine(f), fine(h), gains, deviations, shares, states.ravel(), known.ravel(), out)
     return out[:, :columns]

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from beltcomm.compiled import within_lanes
 from beltcomm.simulate.kernels.addresses import flag_at, number_at, set_flag, set_number
 from beltcomm.simulate.kernels.mean import ABSURD_NM
-from beltcomm.simulate.kernels.observer import LOST, OPEN, Watch
-from beltcomm.simulate.kernels.vectors import LANES, Vector, aligned, at, eight, put
+from beltcomm.simulate.kernels.observer import LOST, OPEN, ObserverState
+from beltcomm.simulate.kernels.vectors import LANES, Vector, aligned_zeros, at, eight, put
 
 Array = NDArray[np.float64]
 
-#: Rows of the memory of a loop in lock step that :func:`sampled` knows.
+#: Rows of the memory of a loop in lock step that :func:`advance_sample` knows.
 NEW, SHUT, SHARE, KEPT, DEVIATION, VARIANCE, HALF, STIFFNESS, WANDER, HURRY, LEVER, ASTRAY, AIM = range(0, 13 * LANES, LANES)
 #: The first row that it does not know.
 OWN = 13
@@ -62,12 +62,12 @@ class Observers(NamedTuple):
     reaches: NDArray[np.bool_]
 
 
-def watched(watch: Watch) -> tuple[float, ...]:
+def observed_rows(watch: ObserverState) -> tuple[float, ...]:
     """What stands in the rows ``HALF`` to ``HURRY``."""
     return (watch.half_gap_m, watch.stiffness, *watch.spread)
 
 
-def observers(watches: Sequence[Watch]) -> Observers:
+def observers(watches: Sequence[ObserverState]) -> Observers:
     """The observers of so many lanes, ``LANES`` at most, and memory for what they find at each sample."""
     size, noises = len(watches[0].s), len(watches[0].variances)
     own = size - 2
@@ -75,7 +75,7 @@ def observers(watches: Sequence[Watch]) -> Observers:
     found = (size, size, size, size, size * own, size * noises, noises, size * own, size, size)
     ends = [0, *accumulate((*counts, *found))]
     rows = Rows(size, own, noises, *ends)
-    memory = aligned(rows.end, LANES)
+    memory = aligned_zeros(rows.end, LANES)
     known: dict[tuple[int, int], Array] = {}  # lanes that share an observer
     for lane, watch in enumerate(watches):
         key = id(watch.F), id(watch.P)
@@ -87,7 +87,7 @@ def observers(watches: Sequence[Watch]) -> Observers:
     return Observers(rows, memory.ravel(), passes, reaches)
 
 
-def _laid_out(watch: Watch, own: int) -> Array:
+def _laid_out(watch: ObserverState, own: int) -> Array:
     """What stands in the rows ``H`` to ``P``."""
     pairs = ((pair[0], pair[1] - pair[0]) for pair in (watch.H, watch.F[:, :, :own], watch.G, watch.D))
     return np.concatenate([*(part.ravel() for pair in pairs for part in pair), watch.variances, watch.P.ravel()])
@@ -180,7 +180,7 @@ def observe_eight(rows: Rows, o: Array, passes: NDArray[np.bool_], share: Vector
 
 
 @within_lanes
-def sampled(
+def advance_sample(
     n: int,
     active: int,
     substeps: int,

@@ -132,7 +132,7 @@ def _plain_belt(
         j, sample = 0, 0
         for i in range(theta.shape[0]):
             u, du = ratio * theta[i], ratio * omega[i]
-            simpson = scale * (4.0 if j % 2 else 2.0)  # see ``mean.weighted``
+            simpson = scale * (4.0 if j % 2 else 2.0)  # see ``mean.weighted_mean``
             falling, rising = simpson * (substeps - j), simpson * j
             if more is not None:
                 for c in range(lanes):

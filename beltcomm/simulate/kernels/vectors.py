@@ -203,7 +203,7 @@ def _teach_all() -> None:
 _teach_all()
 
 
-def aligned(rows: int, lanes: int) -> Array:
+def aligned_zeros(rows: int, lanes: int) -> Array:
     """Zeros, (rows, lanes), that begin where a line of memory does: a vector that crosses from one line to the next takes longer."""
     line = 8 * LANES
     memory = np.zeros(rows * lanes + LANES)

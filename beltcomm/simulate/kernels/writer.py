@@ -23,11 +23,22 @@ from beltcomm.effects import (
 )
 from beltcomm.model import BASE_BODIES, body_list, effect_parameters, expected_parameters
 from beltcomm.simulate.kernels import branchless, fast_math, loop_kernel
-from beltcomm.simulate.kernels.fences import fenced, indented
+from beltcomm.simulate.kernels.fences import fence, indent
 from beltcomm.simulate.kernels.learning import learn
-from beltcomm.simulate.kernels.mean import weighted
-from beltcomm.simulate.kernels.observer import EXPECTED, LEARNED, OBSERVED, TAKEN, TOUCHED, contact, expected, observe, seen, taken
-from beltcomm.simulate.kernels.observer_lanes import brought, sampled
+from beltcomm.simulate.kernels.mean import weighted_mean
+from beltcomm.simulate.kernels.observer import (
+    EXPECTED,
+    LEARNED,
+    OBSERVED,
+    TAKEN,
+    TOUCHED,
+    contact,
+    expected_innovation,
+    kernel_arguments,
+    observe,
+    take_correction,
+)
+from beltcomm.simulate.kernels.observer_lanes import advance_sample, brought
 from beltcomm.simulate.kernels.sources import fingerprint
 from beltcomm.simulate.kernels.stick import stick_or_slide
 
@@ -73,7 +84,7 @@ class Writer:
         self._prepare()
 
     @classmethod
-    def masked_over(cls, effects: Iterable[Effect], *, in_vectors: bool = False) -> Writer:
+    def masked_kernel(cls, effects: Iterable[Effect], *, in_vectors: bool = False) -> Writer:
         """A masked kernel that knows these effects, on the parameter vector and the switches of the whole catalogue.
 
         in_vectors : whether its variables are those of eight models, and its laws such of ``branchless``.
@@ -103,9 +114,9 @@ class Writer:
             return lines
         return [f"if s{self.switch[effect.name]}:", *("    " + line for line in lines)]
 
-    def fenced(self, lines: list[str]) -> tuple[list[str], list[str]]:
+    def fence_effects(self, lines: list[str]) -> tuple[list[str], list[str]]:
         """Lines that set switches for several effects that are seldom on, and the lines behind them; see ``fences``."""
-        return fenced(lines, {f"s{self.switch[name]}" for name in USUAL})
+        return fence(lines, {f"s{self.switch[name]}" for name in USUAL})
 
     def with_body(self, i: int, lines: list[str]) -> list[str]:
         """Lines that count only when body i is there."""
@@ -319,7 +330,7 @@ class Writer:
                 step.append(f"g{i} = {self.law(stick_or_slide)}(v{i}, {free}, l{i} / m{i}, h)")
             else:
                 step.append(f"g{i} = v{i} + h * {free}")
-        return [*[f"g{i} = v{i}" for i in everyone], "for _ in range(2):", *indented(step, 1), *[f"v{i} = g{i}" for i in everyone]]
+        return [*[f"g{i} = v{i}" for i in everyone], "for _ in range(2):", *indent(step, 1), *[f"v{i} = g{i}" for i in everyone]]
 
     def follow_up(self) -> list[str]:
         """New velocities of all bodies but the first, whose motion is given; leaves f_0, l_0 and strand.
@@ -336,35 +347,35 @@ class Writer:
                 jump = [f"v{i} = {self.law(stick_or_slide)}(v{i}, f{i} * n{i}, l{i} * n{i}, h)"]
                 if i in elastic:
                     slide = [f"v{i} += h * (f{i} - l{i} * z{i}) * n{i}", self.turn(i, f"h * {self.coordinate(i, 'v', False)}")]
-                    jump = [f"if s{self.switch[elastic[i].name]}:", *indented(slide, 1), "else:", *indented(jump, 1)]
+                    jump = [f"if s{self.switch[elastic[i].name]}:", *indent(slide, 1), "else:", *indent(jump, 1)]
                 lines += self.with_body(i, jump)
             else:
                 lines += self.with_body(i, [f"v{i} += h * f{i} * n{i}"])
         return lines
 
-    def watching(self) -> list[str]:
+    def observer_lines(self) -> list[str]:
         """Corrects the bodies behind the motor at the end of every sample, by what the torque says of them; ``observer``."""
         correct = []
         for i in range(1, len(self.bodies)):
-            at = f"see_places[{i}], {seen(TAKEN)}"
-            correct += [f"place, speed = {self.law(taken)}({at})", f"q{i} -= place", f"v{i} -= speed", f"o{i} -= speed"]
+            at = f"see_places[{i}], {kernel_arguments(TAKEN)}"
+            correct += [f"place, speed = {self.law(take_correction)}({at})", f"q{i} -= place", f"v{i} -= speed", f"o{i} -= speed"]
         sample = [
             "before = k // see_substeps - 1",
             "left = 0.0",
             "if before > 0:",
-            f"    left = {self.law(weighted)}(load, before * see_substeps, see_substeps) - see_wanted[before]",
+            f"    left = {self.law(weighted_mean)}(load, before * see_substeps, see_substeps) - see_wanted[before]",
             "see_left[before] = left",
             "if see_learning:",
             "    see_shares[before] = see_held[before] * (shut / inside)",
-            f"innovation = {self.law(expected)}(before, left, {seen(EXPECTED)})",
+            f"innovation = {self.law(expected_innovation)}(before, left, {kernel_arguments(EXPECTED)})",
             "if see_learning:",
-            f"    {self.law(learn)}(before, innovation, {seen(LEARNED)})",
-            f"{self.law(observe)}(before, innovation, {seen(OBSERVED)})",
+            f"    {self.law(learn)}(before, innovation, {kernel_arguments(LEARNED)})",
+            f"{self.law(observe)}(before, innovation, {kernel_arguments(OBSERVED)})",
             *correct,
-            f"q{self.cart} -= {self.law(contact)}(before, lever, u - q{self.cart}, {seen(TOUCHED)})",
+            f"q{self.cart} -= {self.law(contact)}(before, lever, u - q{self.cart}, {kernel_arguments(TOUCHED)})",
             "inside, shut = 0, 0.0",
         ]
-        return ["if watched and k > 0:", "    inside += 1", "    shut += closed", "    if inside == see_substeps:", *indented(sample, 2)]
+        return ["if watched and k > 0:", "    inside += 1", "    shut += closed", "    if inside == see_substeps:", *indent(sample, 2)]
 
     # -- how a stretch begins ---------------------------------------------------------------------------------------------------
 
@@ -396,5 +407,5 @@ class Writer:
         head = ["import math", "", "import numpy as np", "", ours, *imports, "", *laws]
         made_of, modules = [*self.laws.values()], [loop_kernel.__name__, cascade_kernel.__name__, fast_math.__name__]
         if self.in_vectors:
-            made_of, modules = [*made_of, brought, sampled], [*modules, branchless.__name__]
+            made_of, modules = [*made_of, brought, advance_sample], [*modules, branchless.__name__]
         return "\n".join(head) + "\n\n\n" + body + f"\n# {fingerprint(made_of, modules)}\n"
