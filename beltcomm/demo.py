@@ -39,7 +39,7 @@ SPREAD = 0.25
 
 
 @dataclass(frozen=True)
-class Step:
+class DemoStep:
     """command : as one would type it.   why : what it is for, one line.   lines, data : what it said."""
 
     command: str
@@ -70,8 +70,8 @@ def hidden(seed: int) -> tuple[str, Model]:
     return name, load_plant(PLANT).model.with_effect(name, values)
 
 
-def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[Step]:
-    """Measure, compare, diagnose, add, look, in less than a minute: one :class:`Step` after the other; the last one tells what was hidden.
+def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[DemoStep]:
+    """Measure, compare, diagnose, add, look, in less than a minute, one :class:`DemoStep` after the other; the last tells what was hidden.
 
     seed : of the fault.   Raises what the commands raise.
     """
@@ -79,19 +79,19 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[Step]:
     name, model = hidden(seed)
     drive = f"virtual:{PLANT}"
     api.identify(drive, AXIS, run, options=_options(model, seed), talk=talk)
-    yield Step(
+    yield DemoStep(
         f"beltcomm identify --drive virtual --run {pasted(run)}",
         "Measure: the axis creeps both ways, then is shaken around where it stands.",
         ["A first model: masses, stiffness of the belt, friction."],
     )
     swept = api.friction(drive, run, options=_options(model, seed), talk=talk)
-    yield Step(
+    yield DemoStep(
         f"beltcomm friction --drive virtual --run {pasted(run)}",
         "Measure where it travels: strokes over the whole axis, both ways, slow to fast.",
         swept.text[1:4],
     )
     api.friction(drive, run, options=_options(model, seed), talk=talk)
-    yield Step(
+    yield DemoStep(
         f"beltcomm friction --drive virtual --run {pasted(run)}",
         "Once more, as a witness: this record is held out, nothing is fitted to it.",
         ["A second sweep, which can contradict what is found in the others."],
@@ -99,7 +99,7 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[Step]:
     compared = api.compare(run, pictures=False, talk=talk)
     error = compared.to_json()
     worst = [f"  {place['text']}" for place in error["worst"][:3]]
-    yield Step(
+    yield DemoStep(
         f"beltcomm compare {pasted(run)}",
         "Is the model right? 1.00 would mean that nothing is missing.",
         [f"The error is {error['ratio']['overall']:.2f} times the noise. Where:", *worst],
@@ -107,7 +107,7 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[Step]:
     )
     diagnosed = api.diagnose(run, cost=False, talk=talk)
     found = diagnosed.to_json()
-    yield Step(
+    yield DemoStep(
         f"beltcomm diagnose {pasted(run)}",
         "What is missing?",
         diagnosed.text,
@@ -121,15 +121,15 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[Step]:
         before, now = data["before"], data["after"]
         ratios = f"error over noise {before['ratio']:.2f} -> {now['ratio']:.2f}"
         witness = f"of the record held out {before['held_out']:.2f} -> {now['held_out']:.2f}"
-        yield Step(
+        yield DemoStep(
             f"beltcomm add {effect} {pasted(run)}",
             "Put it into the model and fit everything again.",
             [f"{ratios}, {witness}", *_pictures(data["pictures"], run)],
             {"before": before, "after": now, "pictures": data["pictures"]},
         )
     ladder = api.ladder(run)
-    yield Step(f"beltcomm ladder {pasted(run)}", "All of it as a staircase down to the noise.", ladder.text)
-    yield Step("", "What was hidden", answer(name, model, added), {"hidden": name, "named": list(added), "right": name in added})
+    yield DemoStep(f"beltcomm ladder {pasted(run)}", "All of it as a staircase down to the noise.", ladder.text)
+    yield DemoStep("", "What was hidden", answer(name, model, added), {"hidden": name, "named": list(added), "right": name in added})
 
 
 def _options(model: Model, seed: int) -> api.Options:

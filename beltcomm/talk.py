@@ -7,7 +7,7 @@ from typing import Protocol
 
 
 @dataclass(frozen=True)
-class Place:
+class CarriagePosition:
     """Where the carriage is while a record is made.
 
     record : its name.   position_m, window_m : on the axis, m; from where it stood when it is not ``known``.   left_s : s on the machine
@@ -32,7 +32,7 @@ class Talk(Protocol):
         """The present phase is done to ``fraction``, 0 to 1.   seconds_left : s on the machine, None when not known."""
         ...
 
-    def moving(self, place: Place) -> None:
+    def moving(self, place: CarriagePosition) -> None:
         """The carriage moves and is there now; told several times a second while a record is made."""
         ...
 
@@ -76,7 +76,7 @@ class Silence:
     def progress(self, fraction: float, seconds_left: float | None) -> None:
         """Ignored."""
 
-    def moving(self, place: Place) -> None:
+    def moving(self, place: CarriagePosition) -> None:
         """Ignored."""
 
     def say(self, *lines: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import tomllib
@@ -30,7 +31,12 @@ LOADERS: dict[str, Callable[[str], Any]] = {"axes": load_axis, "plants": load_pl
 CONFIGS = sorted((CHECKOUT / "configs").rglob("*.*"))
 
 #: Files of more than 400 lines, and why each is one thing.
-LONG = {"beltcomm/experiments/commission.py": "the whole sequence, step after step"}
+LONG = {
+    "beltcomm/api.py": "all public functions, as one page to look them up",
+    "beltcomm/experiments/commission.py": "the whole sequence, step after step",
+    "beltcomm/runfolder.py": "the file contract of a run, its doors and its locks",
+    "beltcomm/simulate/kernels/writer.py": "every line that a kernel is made of",
+}
 
 RUN = "python3 -m venv .venv && .venv/bin/pip install -q . && .venv/bin/beltcomm commission --drive virtual --yes"
 TEST = "python3 -m venv .venv && .venv/bin/pip install -q -e '.[dev]' && .venv/bin/python -m pytest"
@@ -100,3 +106,13 @@ def test_the_structure_page_names_every_module() -> None:
     named = {name.removesuffix("/") for name in re.findall(r"`([\w/]+)`", first_cells)}
     modules = {path.stem for path in (CHECKOUT / "beltcomm").iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()}
     assert modules - {"__init__"} <= named
+
+
+def test_a_class_name_means_one_thing() -> None:
+    """And so does a page of the reference that is generated of them."""
+    places: dict[str, list[str]] = {}
+    for path in (path for path in SOURCES if path.relative_to(CHECKOUT).parts[0] in ("beltcomm", "adapters")):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, []).append(str(path.relative_to(CHECKOUT)))
+    assert {name: where for name, where in places.items() if len(where) > 1} == {}

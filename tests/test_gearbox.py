@@ -17,7 +17,7 @@ from beltcomm.axis import Gearbox, load_axis
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, Feedforward, Prefilter
 from beltcomm.design.structure import loop_model
-from beltcomm.effects import Ground, effect_named
+from beltcomm.effects import AxisSummary, effect_named
 from beltcomm.experiments import phases
 from beltcomm.fit.model_fit import ModelFit, fit_model
 from beltcomm.identify.magnitude_fit import fit_magnitude
@@ -188,7 +188,7 @@ def test_data_sheets_count_each_inertia_on_its_side_of_the_gearbox() -> None:
 
 def test_the_belts_teeth_pass_by_the_pulley_and_not_by_the_motor() -> None:
     """26 teeth behind 7.33:1 ripple 3.55 times per turn of the motor; a pulley's run-out is not offered with the motor's angle."""
-    ground = Ground(7e-5, 1.0, 2e5, 20.0, 0.1, 0.0017, 0.0, 0.5, 70.0, 26 / 7.33, 1.0, 50.0, gear=7.33)
+    ground = AxisSummary(7e-5, 1.0, 2e5, 20.0, 0.1, 0.0017, 0.0, 0.5, 70.0, 26 / 7.33, 1.0, 50.0, gear=7.33)
     trials, none = effect_named("tooth_ripple").trials, effect_named("pulley_eccentricity").trials
     assert trials is not None
     assert none is not None

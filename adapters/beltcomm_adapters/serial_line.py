@@ -60,7 +60,7 @@ class Port(Protocol):
 
 
 @dataclass(frozen=True)
-class Value:
+class ObjectAnswer:
     """An object's content, or the echo of a write.   data : little endian, as everywhere in CANopen."""
 
     index: int
@@ -87,14 +87,14 @@ class Text:
     words: str
 
 
-Line = Value | Abort | Text
+Line = ObjectAnswer | Abort | Text
 
 
 def parse(raw: bytes) -> Line:
     """One line without its end.  Never raises: what is no value and no abort is text."""
     words = raw.decode("ascii", "replace").strip(_STRAY)
     if found := _VALUE.fullmatch(words):
-        return Value(int(found[1], 16), int(found[2], 16), bytes.fromhex(found[3])[::-1])
+        return ObjectAnswer(int(found[1], 16), int(found[2], 16), bytes.fromhex(found[3])[::-1])
     if found := _ABORT.fullmatch(words):
         return Abort(int(found[1], 16))
     return Text(words)
@@ -171,7 +171,9 @@ class SerialLine:
         """Whether the drive has answered all that it was asked before: it answers another question, each time another one."""
         index, subindex = next(self._markers)
         place = f"={index:04X}{subindex:02X}:"
-        self._owed = self._exchange(f"?{place[1:-1]}", lambda line: isinstance(line, Value) and line.text.startswith(place), time_s) is None
+        self._owed = (
+            self._exchange(f"?{place[1:-1]}", lambda line: isinstance(line, ObjectAnswer) and line.text.startswith(place), time_s) is None
+        )
         return not self._owed
 
     def _exchange(self, request: str, fits: Callable[[Line], bool], time_s: float) -> Line | None:

@@ -14,7 +14,7 @@ from typing import Final
 from beltcomm.drive.objects import TYPES, name_of
 from beltcomm.errors import BusError, DriveError
 from beltcomm_adapters.sdo import Objects, refusal
-from beltcomm_adapters.serial_line import ANSWER_TIME_S, BITRATES, QUIET_TIME_S, Abort, Line, SerialLine, Text, Value
+from beltcomm_adapters.serial_line import ANSWER_TIME_S, BITRATES, QUIET_TIME_S, Abort, Line, ObjectAnswer, SerialLine, Text
 
 #: Characters of ``?XXXXSU`` with its end, of the head of an answer ``=XXXXSU:`` with the answer's end, and of the longest answer.
 _REQUEST, _HEAD, _LONGEST = 8, 9, 17
@@ -73,7 +73,7 @@ class SerialObjects(Objects):
         layout, line = TYPES[kind][0], self._line
         width = struct.calcsize(layout)
         answer = self._ask(_reading(index, 0), _answer_to(index, 0))
-        if not isinstance(answer, Value) or len(answer.data) != width:
+        if not isinstance(answer, ObjectAnswer) or len(answer.data) != width:
             return None
         number: int = struct.unpack(layout, answer.data)[0]
         # the drive looks between the last character of the request and the first of its answer
@@ -82,7 +82,7 @@ class SerialObjects(Objects):
     def write_bytes(self, index: int, subindex: int, data: bytes, verb: str) -> None:
         """See :meth:`Objects.write_bytes`."""
         self.locks.check(index, subindex, data)
-        asked, answer = Value(index, subindex, data), None
+        asked, answer = ObjectAnswer(index, subindex, data), None
         for _ in range(_ATTEMPTS):
             answer = self._ask(asked.text, _answer_to(index, subindex))
             if answer == asked:
@@ -153,7 +153,7 @@ class SerialObjects(Objects):
         """Whether a drive answers at the present bit rate."""
         for _ in range(_ATTEMPTS):
             answer = self._ask(_reading(0x1000, 0), _answer_to(0x1000, 0))
-            if isinstance(answer, (Value, Abort)):
+            if isinstance(answer, (ObjectAnswer, Abort)):
                 return True
         return False
 
@@ -163,11 +163,11 @@ class SerialObjects(Objects):
         answer: Line | None = None
         for _ in range(_ATTEMPTS):
             answer = self._ask(_reading(index, subindex), _answer_to(index, subindex))
-            if isinstance(answer, Value) and width in (None, len(answer.data)):
+            if isinstance(answer, ObjectAnswer) and width in (None, len(answer.data)):
                 return answer.data
         if isinstance(answer, Abort):
             raise refusal(index, subindex, "read", answer.code)
-        if isinstance(answer, Value):
+        if isinstance(answer, ObjectAnswer):
             raise DriveError(
                 f"object {name_of(index, subindex)} has {len(answer.data)} bytes, expected is {kind}; is the profile right, is the line "
                 "undisturbed?"
@@ -189,4 +189,6 @@ def _reading(index: int, subindex: int) -> str:
 def _answer_to(index: int, subindex: int) -> Callable[[Line], bool]:
     """Lines that can answer a request about this object; those about others are answers to earlier requests."""
     place = (index, subindex)
-    return lambda line: (line.index, line.subindex) == place if isinstance(line, Value) else isinstance(line, Abort) or line == _ERROR
+    return lambda line: (
+        (line.index, line.subindex) == place if isinstance(line, ObjectAnswer) else isinstance(line, Abort) or line == _ERROR
+    )

@@ -30,7 +30,7 @@ from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import Lending
 from beltcomm_adapters.serial_objects import SerialObjects
-from beltcomm_adapters.serial_strokes import Stroke, Trapezoid
+from beltcomm_adapters.serial_strokes import SerialStroke, Trapezoid
 from beltcomm_adapters.watch import Watch
 
 PROFILE_POSITION: Final = 1
@@ -53,14 +53,14 @@ _ARRIVAL_CONSTANTS: Final = 10.0
 
 
 @dataclass(frozen=True)
-class Pace:
+class LineSpeed:
     """How fast this line is.   period_s : of polling.   patience_s : after which an answer is lost, beside its characters."""
 
     period_s: float
     patience_s: float
 
 
-def measure_pace(objects: SerialObjects, clock: Clock) -> Pace:
+def measure_pace(objects: SerialObjects, clock: Clock) -> LineSpeed:
     """The polling period that this drive, cable and computer allow, from some reads.  Raises BusError when too few are answered."""
     times: list[float] = []
     for _ in range(2 * _MEASURED):
@@ -70,7 +70,7 @@ def measure_pace(objects: SerialObjects, clock: Clock) -> Pace:
         if len(times) == _MEASURED:
             slowest_s = max(times)
             steps = math.ceil(len(_POLLED) * slowest_s * _PERIOD_SHARE / _PERIOD_STEP_S - 1e-6)
-            return Pace(max(steps, 1) * _PERIOD_STEP_S, _PATIENCE * slowest_s)
+            return LineSpeed(max(steps, 1) * _PERIOD_STEP_S, _PATIENCE * slowest_s)
     raise BusError(f"of {2 * _MEASURED} reads only {len(times)} were answered; check the cable and its shield")
 
 
@@ -110,7 +110,7 @@ class PolledRun:
         scaling: Scaling,
         limits: Limits,
         clock: Clock,
-        pace: Pace,
+        pace: LineSpeed,
         sink: Sink,
         lag_1_s: float = math.inf,
     ) -> None:
@@ -127,7 +127,7 @@ class PolledRun:
         #: Where the stroke under way ends, rad; where the axis stands when there is none.
         self.end_rad = math.nan
 
-    def follow(self, strokes: list[Stroke], rest_s: float) -> Report:
+    def follow(self, strokes: list[SerialStroke], rest_s: float) -> Report:
         """One stroke after the other, and ``rest_s`` after the last.  Raises SafetyStop, DriveFault, DriveError, BusError."""
         for stroke in strokes:
             self._hand_over(stroke)
@@ -135,7 +135,7 @@ class PolledRun:
         self._rest(strokes[-1].path.end_rad, rest_s)
         return Report(self._rows, self._lost, self._jitter_s, self._limited)
 
-    def _hand_over(self, stroke: Stroke) -> None:
+    def _hand_over(self, stroke: SerialStroke) -> None:
         """Tell the drive a stroke while the axis rests, a part after each poll, and rest as long as it shall."""
         end_s = self._clock.now() + stroke.rest_s
         values = (stroke.end, stroke.speed, stroke.acceleration, stroke.acceleration)
@@ -155,7 +155,7 @@ class PolledRun:
         while self._clock.now() < end_s:
             self._cycle(resting, 0.0, 0.0)
 
-    def _drive(self, stroke: Stroke) -> None:
+    def _drive(self, stroke: SerialStroke) -> None:
         """Let the drive begin, and look on until it has arrived."""
         path, begun_s = stroke.path, self._clock.now()
         self.end_rad = path.end_rad

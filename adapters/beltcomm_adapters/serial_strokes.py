@@ -58,7 +58,7 @@ class Trapezoid:
 
 
 @dataclass(frozen=True)
-class Stroke:
+class SerialStroke:
     """rest_s : before it.    end, speed, acceleration : in the drive's units.    path : what they make."""
 
     rest_s: float
@@ -68,7 +68,7 @@ class Stroke:
     path: Trapezoid
 
 
-def strokes_of(motion: Motion, here: int, scaling: Scaling) -> tuple[list[Stroke], float]:
+def strokes_of(motion: Motion, here: int, scaling: Scaling) -> tuple[list[SerialStroke], float]:
     """The strokes that a sampled path consists of, and the rest after the last, s.   here : where the axis stands, counts.
 
     Way, time and top speed of each stroke are kept:  ramp = T - D/v,  a = v/ramp.
@@ -78,7 +78,7 @@ def strokes_of(motion: Motion, here: int, scaling: Scaling) -> tuple[list[Stroke
     top = float(np.abs(velocity).max())
     direction = np.where(np.abs(velocity) > _REST * top, np.sign(velocity), 0.0)
     edges = np.flatnonzero(np.diff(direction)) + 1
-    strokes: list[Stroke] = []
+    strokes: list[SerialStroke] = []
     rested_from, last = 0, len(position) - 1
     start = here
     for first, stop in zip([0, *edges], [*edges, len(position)], strict=True):
@@ -98,7 +98,7 @@ def strokes_of(motion: Motion, here: int, scaling: Scaling) -> tuple[list[Stroke
     return strokes, (last - rested_from) * period_s
 
 
-def _stroke(start: int, end_rad: float, speed_rad_s: float, acceleration_rad_s2: float, rest_s: float, scaling: Scaling) -> Stroke:
+def _stroke(start: int, end_rad: float, speed_rad_s: float, acceleration_rad_s2: float, rest_s: float, scaling: Scaling) -> SerialStroke:
     """The same in whole units of the drive, never faster than asked."""
     end = min(max(round(end_rad / scaling.position_rad), -_INT32), _INT32)
     speed = max(1, math.floor(speed_rad_s / scaling.speed_rad_s + 1e-9))
@@ -106,7 +106,7 @@ def _stroke(start: int, end_rad: float, speed_rad_s: float, acceleration_rad_s2:
     path = Trapezoid(
         start * scaling.position_rad, end * scaling.position_rad, speed * scaling.speed_rad_s, acceleration * scaling.acceleration_rad_s2
     )
-    return Stroke(rest_s, end, speed, acceleration, path)
+    return SerialStroke(rest_s, end, speed, acceleration, path)
 
 
 def _check_shape(way_rad: np.ndarray, period_s: float, path: Trapezoid) -> None:

@@ -60,9 +60,9 @@ def _serve(address: str, on: str, options: Mapping[str, object]) -> Service:
         from beltcomm_adapters.virtual_serial import ServedSerial
 
         return ServedSerial(address, options)
-    from beltcomm_adapters.virtual_service import Served
+    from beltcomm_adapters.virtual_service import ServedDrive
 
-    return Served(address, on, options)
+    return ServedDrive(address, on, options)
 
 
 ADAPTER = Adapter(

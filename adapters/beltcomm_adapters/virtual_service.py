@@ -9,7 +9,7 @@ from beltcomm.drive import Service
 from beltcomm.errors import BusError, UsageError
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.serving import Pump
-from beltcomm.virtual.slcan import LocalSocket, PseudoTerminal, SlcanAdapter
+from beltcomm.virtual.slcan import LocalSocket, SlcanAdapter, SlcanTerminal
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_can_bus, open_bus
 from beltcomm_adapters.canopen import profile_name, whole_number
 from beltcomm_adapters.link import INTERFACE_ERRORS
@@ -17,7 +17,7 @@ from beltcomm_adapters.synctime import TIME_BY_SYNC
 from beltcomm_adapters.virtual_node import NODE, OPTIONS, attached
 
 
-class Served:
+class ServedDrive:
     """The virtual drive on a CAN interface for other processes; see :class:`beltcomm.drive.Service`.
 
     on : ``slcan`` (a pseudo-terminal), ``socket:PORT`` (TCP on this computer), or an interface of :class:`beltcomm_adapters.buses.Address`.
@@ -70,7 +70,7 @@ def _wire(on: str) -> tuple[Any, str]:
     """The interface called ``on``, and how another process on this computer calls it."""
     kind, _, port = on.partition(":")
     if on == "slcan":
-        line: PseudoTerminal | LocalSocket = PseudoTerminal()
+        line: SlcanTerminal | LocalSocket = SlcanTerminal()
     elif kind == "socket":
         if not (port.isdecimal() and int(port) < 1 << 16):
             raise UsageError(f"{on} names no TCP port; write socket:29536, or socket:0 for any free one")

@@ -15,7 +15,7 @@ LEVEL_DEG = 3.0
 
 
 @dataclass(frozen=True)
-class Entry:
+class AxisEntry:
     """Meaning and bounds of one number in ``axis.yaml``.   above : exclusive.   at_least, at_most : inclusive."""
 
     meaning: str
@@ -41,7 +41,7 @@ class Entry:
 
 # Bounds catch a data sheet's kg mm², mm or N/mm written as SI, and what nobody can mean; no toothed-belt axis comes near them.
 def _known(meaning: str, **bounds: Any) -> Any:
-    return field(default=None, metadata={"entry": Entry(meaning, **bounds)})
+    return field(default=None, metadata={"entry": AxisEntry(meaning, **bounds)})
 
 
 @dataclass(frozen=True)
@@ -68,9 +68,11 @@ class Motor:
 class Gearbox:
     """The gearbox: ratio i_g = motor speed over pulley speed (2.6); its inertia at the output, as Θ_g in (2.8)."""
 
-    ratio: float = field(default=1.0, metadata={"entry": Entry("motor speed over pulley speed i_g", above=0.0, at_least=1e-2, at_most=1e3)})
+    ratio: float = field(
+        default=1.0, metadata={"entry": AxisEntry("motor speed over pulley speed i_g", above=0.0, at_least=1e-2, at_most=1e3)}
+    )
     inertia_kg_m2: float = field(
-        default=0.0, metadata={"entry": Entry("inertia of the gearbox at its output shaft", at_least=0.0, at_most=1.0)}
+        default=0.0, metadata={"entry": AxisEntry("inertia of the gearbox at its output shaft", at_least=0.0, at_most=1.0)}
     )
 
 
@@ -78,7 +80,7 @@ class Gearbox:
 class Coupling:
     """The coupling on the motor shaft; without a stiffness it is rigid."""
 
-    inertia_kg_m2: float = field(default=0.0, metadata={"entry": Entry("inertia of the coupling", at_least=0.0, at_most=1.0)})
+    inertia_kg_m2: float = field(default=0.0, metadata={"entry": AxisEntry("inertia of the coupling", at_least=0.0, at_most=1.0)})
     stiffness_nm_rad: float | None = _known("torsional stiffness of the coupling", above=0.0, at_least=1e-2, at_most=1e8)
 
 
@@ -111,7 +113,7 @@ class Travel:
     max_m: float | None = _known("highest position of the carriage", at_least=-100.0, at_most=100.0)
     driven_side_offset_m: float = field(
         default=0.0,
-        metadata={"entry": Entry("belt length l1 from driving pulley to carriage at position 0", at_least=0.0, at_most=100.0)},
+        metadata={"entry": AxisEntry("belt length l1 from driving pulley to carriage at position 0", at_least=0.0, at_most=100.0)},
     )
 
 
@@ -129,16 +131,16 @@ class AxisLimits:
 class TrajectoryLimits:
     """Limits of a reference motion, at the carriage (table A.8)."""
 
-    jerk_m_s3: float = field(metadata={"entry": Entry("largest jerk", above=0.0, at_least=1e-3, at_most=1e7)})
-    acceleration_m_s2: float = field(metadata={"entry": Entry("largest acceleration", above=0.0, at_least=1e-3, at_most=1e4)})
-    speed_m_s: float = field(metadata={"entry": Entry("largest speed", above=0.0, at_least=1e-4, at_most=100.0)})
+    jerk_m_s3: float = field(metadata={"entry": AxisEntry("largest jerk", above=0.0, at_least=1e-3, at_most=1e7)})
+    acceleration_m_s2: float = field(metadata={"entry": AxisEntry("largest acceleration", above=0.0, at_least=1e-3, at_most=1e4)})
+    speed_m_s: float = field(metadata={"entry": AxisEntry("largest speed", above=0.0, at_least=1e-4, at_most=100.0)})
 
 
 @dataclass(frozen=True)
 class Mounting:
     """How the axis stands: α of figure 2.5, positive when positive travel goes up."""
 
-    tilt_deg: float = field(default=0.0, metadata={"entry": Entry("tilt against the horizontal", at_least=-90.0, at_most=90.0)})
+    tilt_deg: float = field(default=0.0, metadata={"entry": AxisEntry("tilt against the horizontal", at_least=-90.0, at_most=90.0)})
 
     @property
     def tilted(self) -> bool:
@@ -180,7 +182,7 @@ COMMISSION_NEEDS: Mapping[str, str] = {
 }
 
 
-def entries_of(section: type[Any]) -> dict[str, Entry]:
+def entries_of(section: type[Any]) -> dict[str, AxisEntry]:
     """The numbers of a section by name."""
     return {item.name: item.metadata["entry"] for item in fields(section) if "entry" in item.metadata}
 

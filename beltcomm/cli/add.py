@@ -8,7 +8,7 @@ import click
 
 from beltcomm.cli import completion
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, today
+from beltcomm.cli.frame import Invocation, api, today
 
 
 @click.command("add")
@@ -18,7 +18,7 @@ from beltcomm.cli.frame import Frame, api, today
 @shared.cost_option
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, effect: str, run: Path, pictures: bool, cost: bool) -> int:
+def command(frame: Invocation, /, effect: str, run: Path, pictures: bool, cost: bool) -> int:
     """Add EFFECT to the model of RUN, fit everything again and show the error before and after."""
     frame.run = run
     return frame.show(

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api
+from beltcomm.cli.frame import Invocation, api
 
 
 @click.command("apply")
@@ -16,11 +16,14 @@ from beltcomm.cli.frame import Frame, api
 @shared.force_option
 @click.option("--verify", "shown", is_flag=True, help="Show by a small move that they do what was predicted, before --save; else put back.")
 @click.option(
-    "--position", "position_m", type=shared.Quantity("position_m"), help="With --verify: where the carriage is, when the drive has no zero."
+    "--position",
+    "position_m",
+    type=shared.QuantityType("position_m"),
+    help="With --verify: where the carriage is, when the drive has no zero.",
 )
 @click.option("--dcf", type=click.Path(path_type=Path), metavar="FILE", help="The values of a DCF in place of the run's design.")
 @click.pass_obj
-def command(frame: Frame, /, drive: str, run: Path, save: bool, shown: bool, dcf: Path | None, **given: Any) -> int:
+def command(frame: Invocation, /, drive: str, run: Path, save: bool, shown: bool, dcf: Path | None, **given: Any) -> int:
     """Write the gains of the run's design to the drive and read them back; nothing moves, unless --verify asks for a small move.
 
     What stood there before is kept in the run; `beltcomm rollback` writes it again.

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, axis_for, run_folder
+from beltcomm.cli.frame import Invocation, api, axis_for, run_folder
 
 
 @click.command("calibrate")
@@ -17,7 +17,7 @@ from beltcomm.cli.frame import Frame, api, axis_for, run_folder
 @click.option("--run", type=click.Path(path_type=Path), help="Run folder to go on with, or to make; a dated one under runs/ when left out.")
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, drive: str, axis: str | None, run: Path | None, **given: Any) -> int:
+def command(frame: Invocation, /, drive: str, axis: str | None, run: Path | None, **given: Any) -> int:
     """Measure by small steps what the drive's gains mean; the machine moves a few millimetres, and its gains are put back.
 
     Some drives do not say what a gain of 1.0 is.  Their gains are not written before this was measured; commission does it by itself.

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, axis_for, run_folder
+from beltcomm.cli.frame import Invocation, api, axis_for, run_folder
 
 
 @click.command("commission")
@@ -27,7 +27,7 @@ from beltcomm.cli.frame import Frame, api, axis_for, run_folder
 @click.option("--report/--no-report", default=True, help="A page on the run at the end, RUN/report.html; made when left out.")
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, drive: str, axis: str | None, run: Path | None, resume: bool, **given: Any) -> int:
+def command(frame: Invocation, /, drive: str, axis: str | None, run: Path | None, resume: bool, **given: Any) -> int:
     """Identify, fit, measure friction, design and verify an axis; the machine moves.
 
     Says what will happen first and asks before anything moves.

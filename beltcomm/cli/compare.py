@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api
+from beltcomm.cli.frame import Invocation, api
 
 
 @click.command("compare")
@@ -15,7 +15,7 @@ from beltcomm.cli.frame import Frame, api
 @shared.pictures_option
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, run: Path, pictures: bool) -> int:
+def command(frame: Invocation, /, run: Path, pictures: bool) -> int:
     """Compare the model of RUN with its recordings: error over noise, by record, and where it fails."""
     frame.run = run
     return frame.show(api("beltcomm.jobs.laboratory").compare_run(run, pictures=pictures, command=frame.line(), talk=frame.talk()))

@@ -8,7 +8,7 @@ import click
 
 from beltcomm.cli import completion
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api
+from beltcomm.cli.frame import Invocation, api
 from beltcomm.errors import UsageError
 
 
@@ -21,12 +21,14 @@ from beltcomm.errors import UsageError
 @click.option("--weight", type=float, help="Setpoint weight b of the PID's P; 1 when left out, the error itself.")
 @click.option("--velocity-gain", type=float, help="The PID's gain on the reference velocity, N m s/rad; D when left out.")
 @click.option("--velocity-feedforward", type=float, help="K_v of the cascade; 1 when left out.")
-@click.option("--velocity-filter", "velocity_filter_s", type=shared.Quantity("velocity_filter_s"), help="T_R of (6.1); 0 when left out.")
-@click.option("--period", "period_s", type=shared.Quantity("period_s"), help="Of the loops; 0, the continuous form, when left out.")
+@click.option(
+    "--velocity-filter", "velocity_filter_s", type=shared.QuantityType("velocity_filter_s"), help="T_R of (6.1); 0 when left out."
+)
+@click.option("--period", "period_s", type=shared.QuantityType("period_s"), help="Of the loops; 0, the continuous form, when left out.")
 @shared.output_options
 @click.pass_obj
 def command(
-    frame: Frame,
+    frame: Invocation,
     /,
     run: Path | None,
     kp: float | None,

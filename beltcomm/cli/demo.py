@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, run_folder
+from beltcomm.cli.frame import Invocation, run_folder
 
 
 @click.command("demo")
@@ -17,7 +17,7 @@ from beltcomm.cli.frame import Frame, run_folder
 @shared.new_run_option
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, seed: int | None, run: Path | None) -> int:
+def command(frame: Invocation, /, seed: int | None, run: Path | None) -> int:
     """Find a hidden fault of a virtual axis: measure, compare, diagnose, add it, watch the error fall.  No machine moves.
 
     Example: beltcomm demo

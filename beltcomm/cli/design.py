@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, options_of
+from beltcomm.cli.frame import Invocation, api, options_of
 
 #: What the design source turns with sliders (4.4): fields of the specification.
 KNOBS = ("phase_margin_deg", "suppression_db", "position_phase_margin_deg")
@@ -26,7 +26,7 @@ KNOBS = ("phase_margin_deg", "suppression_db", "position_phase_margin_deg")
 @shared.asked_pictures_option
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, run: Path, pictures: bool, **given: Any) -> int:
+def command(frame: Invocation, /, run: Path, pictures: bool, **given: Any) -> int:
     """Design the controller from the model of the run folder RUN; no machine is needed, nothing is written to a drive."""
     from beltcomm.design.specification import PRODUCT_SPECIFICATION
 

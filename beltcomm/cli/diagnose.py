@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, today
+from beltcomm.cli.frame import Invocation, api, today
 from beltcomm.simulate.kernels import ahead
 
 
@@ -18,7 +18,7 @@ from beltcomm.simulate.kernels import ahead
 @shared.cost_option
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, run: Path, auto: bool, cost: bool, following: bool) -> int:
+def command(frame: Invocation, /, run: Path, auto: bool, cost: bool, following: bool) -> int:
     """Say which physical effect the model of RUN lacks, with evidence; changes nothing without --auto."""
     frame.run = run
     ahead.begin()  # before everything else is imported

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from beltcomm.cli.pace import Pace, machine_left, millimetres
-from beltcomm.talk import Place
+from beltcomm.talk import CarriagePosition
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderableType
@@ -26,7 +26,7 @@ class Display:
 
     def __init__(self, number: str, title: str, pace: Pace, clock: Callable[[], float]) -> None:
         self.number, self.title = number, title
-        self.place: Place | None = None
+        self.place: CarriagePosition | None = None
         self._pace, self._clock, self._begun_s = pace, clock, clock()
         self._fraction: float | None = None
         self._left = ""
@@ -68,7 +68,7 @@ class Display:
         return line
 
 
-def window_line(place: Place, width: int, ascii_only: bool = False) -> Text:
+def window_line(place: CarriagePosition, width: int, ascii_only: bool = False) -> Text:
     """``0 mm [····|······] 570 mm, carriage at 124 mm``, no wider than the terminal; without a bar where the window is not known."""
     here = f"carriage at {millimetres(place.position_m, place)}"
     low, high = place.window_m

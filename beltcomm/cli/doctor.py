@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import VIRTUAL_AXIS, Frame, api, options_of
+from beltcomm.cli.frame import VIRTUAL_AXIS, Invocation, api, options_of
 
 
 @click.command("doctor")
@@ -18,7 +18,7 @@ from beltcomm.cli.frame import VIRTUAL_AXIS, Frame, api, options_of
 @click.option("--sync-test", is_flag=True, help="Map two transmit PDOs for a second, stage off, and count the answers to SYNC.")
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, drive: str | None, axis: str | None, try_bitrates: bool, sync_test: bool, **given: Any) -> int:
+def command(frame: Invocation, /, drive: str | None, axis: str | None, try_bitrates: bool, sync_test: bool, **given: Any) -> int:
     """Find what stands in the way of commissioning; without --drive, what this machine has to reach one.
 
     Nothing moves. Nothing is written to the drive but with --sync-test, which puts everything back. With --axis the drive's data are

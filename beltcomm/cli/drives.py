@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame
+from beltcomm.cli.frame import Invocation
 
 
 @click.command("drives")
@@ -16,7 +16,7 @@ from beltcomm.cli.frame import Frame
 )
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, eds: Path | None) -> int:
+def command(frame: Invocation, /, eds: Path | None) -> int:
     """List the drive adapters that are installed; of a broken one, why.  With --eds, what a drive's data sheet holds."""
     if eds is not None:
         return _show_file(frame, eds)
@@ -53,7 +53,7 @@ def command(frame: Frame, /, eds: Path | None) -> int:
     return 0
 
 
-def _show_file(frame: Frame, path: Path) -> int:
+def _show_file(frame: Invocation, path: Path) -> int:
     """Print an EDS or DCF."""
     from beltcomm.foreign.eds import load_object_file
 

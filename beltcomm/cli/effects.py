@@ -6,14 +6,14 @@ import click
 
 from beltcomm.cli import completion
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame
+from beltcomm.cli.frame import Invocation
 
 
 @click.command("effects")
 @click.argument("name", required=False, shell_complete=completion.effects)
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, name: str | None) -> int:
+def command(frame: Invocation, /, name: str | None) -> int:
     """List the physical effects a model can have, or all about the one called NAME."""
     from beltcomm.effects import EFFECTS, effect_named
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, options_of, today
+from beltcomm.cli.frame import Invocation, api, options_of, today
 
 
 @click.command("export")
@@ -16,20 +16,20 @@ from beltcomm.cli.frame import Frame, api, options_of, today
     "--format",
     "format_",
     required=True,
-    type=shared.Choice(["yaml", "c", "st", "dcf"]),
+    type=shared.WordChoice(["yaml", "c", "st", "dcf"]),
     help="yaml: coefficients and equations; c: one C99 file; st: an IEC 61131-3 function block; dcf: what goes into the drive (CiA 306).",
 )
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Write to FILE; to stdout when left out.")
 @click.option(
     "--torque-limit",
     "torque_limit_nm",
-    type=shared.Quantity("torque_limit_nm"),
+    type=shared.QuantityType("torque_limit_nm"),
     help="Largest torque of the controller at the motor shaft; the drive's peak torque when left out.",
 )
 @click.option("--yes", is_flag=True, help="Overwrite an existing file.")
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, run: Path, format_: str, out: Path | None, torque_limit_nm: float | None, yes: bool) -> int:
+def command(frame: Invocation, /, run: Path, format_: str, out: Path | None, torque_limit_nm: float | None, yes: bool) -> int:
     """Write the controller that was designed in the run folder RUN as text for another machine; nothing moves."""
     return frame.show(
         api("beltcomm.jobs.export").export(

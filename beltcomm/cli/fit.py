@@ -7,25 +7,25 @@ from pathlib import Path
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, options_of, today
+from beltcomm.cli.frame import Invocation, api, options_of, today
 
 
 @click.command("fit")
 @shared.run_argument
 @click.option(
     "--solver",
-    type=shared.Choice(["lm", "trf", "nelder-mead"]),
+    type=shared.WordChoice(["lm", "trf", "nelder-mead"]),
     help="Of the log-magnitude fit: Levenberg-Marquardt, trust region, Nelder-Mead.",
 )
 @click.option(
     "--model",
-    type=shared.Choice(["two-mass", "three-mass"]),
+    type=shared.WordChoice(["two-mass", "three-mass"]),
     default="two-mass",
     help="three-mass: the end pulley too; a revision of the model, or refused where the records do not hold it.",
 )
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, run: Path, solver: str | None, model: str) -> int:
+def command(frame: Invocation, /, run: Path, solver: str | None, model: str) -> int:
     """Fit the model of the run folder RUN from its recordings; no machine is needed."""
     frame.run = run
     return frame.show(

@@ -45,7 +45,7 @@ RECORDING = (*RESUMABLE, "friction", "verify", "simulate")
 VIRTUAL_AXIS = "egc-70-600"
 
 
-class Result(Protocol):
+class CommandResult(Protocol):
     """What a function of :mod:`beltcomm.api` returns."""
 
     @property
@@ -62,7 +62,7 @@ class Result(Protocol):
         ...
 
 
-class Frame:
+class Invocation:
     """One call of the command line.
 
     run : the run folder, once known: where the log of an unexpected error goes.   verbose : -v once or more.
@@ -159,7 +159,7 @@ class Frame:
         where = f"; details are in {log}" if log else ""
         return self._failed(f"an unexpected error stopped this command: {type(error).__name__}: {error}{where}", 1)
 
-    def show(self, result: Result) -> int:
+    def show(self, result: CommandResult) -> int:
         """Print a result, as one JSON object or as lines; returns its exit code."""
         self.print(result.to_json(), result.lines())
         return result.exit_code

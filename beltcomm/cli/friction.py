@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api
+from beltcomm.cli.frame import Invocation, api
 
 
 @click.command("friction")
@@ -19,13 +19,16 @@ from beltcomm.cli.frame import Frame, api
 @click.option("--run", type=click.Path(path_type=Path), help="Run folder to go on with.")
 @click.option(
     "--order",
-    type=shared.Choice(["I", "II", "III", "IV", "V", "VI", "all"], case_sensitive=False),
+    type=shared.WordChoice(["I", "II", "III", "IV", "V", "VI", "all"], case_sensitive=False),
     help="Of the speeds of table A.1: I slowest first, II fastest first, III shuffled, IV as I with each speed ten times, V as I after "
     "long use, VI as I with a payload; all: I to IV. Without it seven speeds.",
 )
 @click.option("--repeat", type=int, help="So many sweeps, to see drift and scatter; in order IV so often each speed.")
 @click.option(
-    "--payload-mounted", "mounted_kg", type=shared.Quantity("payload_kg"), help="What is mounted now; noted beside every sweep, to compare."
+    "--payload-mounted",
+    "mounted_kg",
+    type=shared.QuantityType("payload_kg"),
+    help="What is mounted now; noted beside every sweep, to compare.",
 )
 @shared.pictures_option
 @shared.output_options
@@ -38,7 +41,7 @@ def command(
     The first sweep of a run is fitted; further ones are held out and judge its model.  The loop is designed from that
     model.  With --compare nothing moves: RUNS are set side by side.
     """
-    frame: Frame = ctx.obj
+    frame: Invocation = ctx.obj
     if compare:
         folders = (*runs, *((run,) if run is not None else ()))
         if drive is not None:

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, axis_for, run_folder
+from beltcomm.cli.frame import Invocation, api, axis_for, run_folder
 from beltcomm.errors import UsageError
 
 
@@ -20,18 +20,20 @@ from beltcomm.errors import UsageError
 @shared.resume_option
 @click.option(
     "--excitation",
-    type=shared.Choice(("prbs", "gprbs", "chirp", "multisine")),
+    type=shared.WordChoice(("prbs", "gprbs", "chirp", "multisine")),
     default="prbs",
     help="Signal of the frequency response; prbs when left out.  A multisine tells nonlinearity from noise.",
 )
 @click.option(
     "--loop",
-    type=shared.Choice(("open", "direct", "indirect", "setpoint")),
+    type=shared.WordChoice(("open", "direct", "indirect", "setpoint")),
     default="open",
     help="Way of identification; the closed ones travel with a loop from the run's model (--run), so that friction does not pose as "
     "damping: direct and indirect excite the torque, setpoint the speed.",
 )
-@click.option("--base-speed", "base_speed_m_s", type=shared.Quantity("base_speed_m_s"), help="Of the carriage in a closed way; 0 stands.")
+@click.option(
+    "--base-speed", "base_speed_m_s", type=shared.QuantityType("base_speed_m_s"), help="Of the carriage in a closed way; 0 stands."
+)
 @shared.pictures_option
 @click.option(
     "--plan", type=click.Path(path_type=Path), metavar="FILE", help="Go on with a run by the plan that `beltcomm diagnose --next` wrote."
@@ -39,7 +41,7 @@ from beltcomm.errors import UsageError
 @shared.force_option
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, drive: str, axis: str | None, run: Path | None, resume: bool, plan: Path | None, **given: Any) -> int:
+def command(frame: Invocation, /, drive: str, axis: str | None, run: Path | None, resume: bool, plan: Path | None, **given: Any) -> int:
     """Measure frequency responses; the machine moves by some millimetres, with --loop along its travel.
 
     The amplitude rises step by step inside limits that are predicted before each step. A drive that does not know where the carriage

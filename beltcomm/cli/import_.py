@@ -10,7 +10,7 @@ import click
 
 from beltcomm.borders import for_terminal
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, run_folder
+from beltcomm.cli.frame import Invocation, api, run_folder
 from beltcomm.cli.init import axis_with
 from beltcomm.errors import Refused, UsageError
 from beltcomm.outside import read_text
@@ -59,34 +59,40 @@ class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic 
 @click.option("--rate", metavar="HZ", help="Rows per second, when there is no time column (1000Hz, 2kHz).")
 @click.option("--period", metavar="S", help="The same as time between rows (1ms).")
 @click.option(
-    "--experiment", type=shared.Choice(_EXPERIMENTS), default="free", show_default=True, help="What was done; a log of frames tells it."
+    "--experiment", type=shared.WordChoice(_EXPERIMENTS), default="free", show_default=True, help="What was done; a log of frames tells it."
 )
 @click.option("--held-out", is_flag=True, help="Never fit this record, only judge by it.")
 @click.option("--closed-loop", is_flag=True, help="A controller was active.")
-@click.option("--start-position", "start_position_m", type=shared.Quantity("start_position_m"), help="Carriage position at the first row.")
-@click.option("--payload", "payload_kg", type=shared.Quantity("payload_kg"), help="Mass that was mounted.")
 @click.option(
-    "--session-time", "session_time_s", type=shared.Quantity("session_time_s"), help="Start of the record on the session's clock."
+    "--start-position", "start_position_m", type=shared.QuantityType("start_position_m"), help="Carriage position at the first row."
 )
-@click.option("--excitation", type=shared.Choice(_KINDS), help="Kind of excitation of an frf record.")
-@click.option("--amplitude", "amplitude_nm", type=shared.Quantity("amplitude_nm"), help="Its largest absolute torque (force, current).")
+@click.option("--payload", "payload_kg", type=shared.QuantityType("payload_kg"), help="Mass that was mounted.")
+@click.option(
+    "--session-time", "session_time_s", type=shared.QuantityType("session_time_s"), help="Start of the record on the session's clock."
+)
+@click.option("--excitation", type=shared.WordChoice(_KINDS), help="Kind of excitation of an frf record.")
+@click.option("--amplitude", "amplitude_nm", type=shared.QuantityType("amplitude_nm"), help="Its largest absolute torque (force, current).")
 @click.option("--period-samples", type=click.IntRange(2), help="Rows of one period, when the excitation repeats.")
 @click.option("--first-sample", type=click.IntRange(0), default=0, help="Row, from 0, where its first period begins.")
 @click.option("--source", default="", help="Where the data came from, in words.")
 @click.option(
     "--torque-acts",
-    type=shared.Choice(["after", "before"]),
+    type=shared.WordChoice(["after", "before"]),
     help="After its row's time stamp, as in a table when left out, or before it; in a log of frames as the drive's profile says.",
 )
-@click.option("--flip", multiple=True, type=shared.Choice(["torque", "position"]), help="Turn the sign of all columns of the kind.")
+@click.option("--flip", multiple=True, type=shared.WordChoice(["torque", "position"]), help="Turn the sign of all columns of the kind.")
 @click.option("--unwrap", metavar="SPAN", help="The position is a counter that starts anew after SPAN, after scaling (1rev, 200mm).")
 @click.option("--rows", type=Rows(), metavar="FIRST:LAST", help="Only these rows, counted from 1.")
-@click.option("--from", "from_s", type=shared.Quantity("from_s"), help="Leave out what was recorded before this time after the first row.")
-@click.option("--until", "until_s", type=shared.Quantity("until_s"), help="Leave out what was recorded after this time.")
+@click.option(
+    "--from", "from_s", type=shared.QuantityType("from_s"), help="Leave out what was recorded before this time after the first row."
+)
+@click.option("--until", "until_s", type=shared.QuantityType("until_s"), help="Leave out what was recorded after this time.")
 @click.option("--drop-incomplete", is_flag=True, help="Leave out rows in which a value is missing.")
 @click.option("--keep", multiple=True, metavar="NAME", help="Keep a further column under its own name; all keeps all.")
-@click.option("--separator", type=shared.Choice(["comma", "semicolon", "tab", "space"]), help="Of a text file; recognised when left out.")
-@click.option("--decimal", type=shared.Choice(["point", "comma"]), help="Of a text file; recognised when left out.")
+@click.option(
+    "--separator", type=shared.WordChoice(["comma", "semicolon", "tab", "space"]), help="Of a text file; recognised when left out."
+)
+@click.option("--decimal", type=shared.WordChoice(["point", "comma"]), help="Of a text file; recognised when left out.")
 @click.option("--skip-lines", type=click.IntRange(0), default=0, help="Leave out so many lines at the beginning of a text file.")
 @click.option("--record", type=click.IntRange(1), help="Of a log of CAN frames: only this move, from 1.")
 @click.option("--channel", metavar="NAME", help="Of a log of several interfaces: can0.")
@@ -98,7 +104,14 @@ class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic 
 @shared.output_options
 @click.pass_obj
 def command(
-    frame: Frame, /, files: tuple[Path, ...], run: Path | None, axis: str | None, entries: tuple[str, ...], check_only: bool, **given: Any
+    frame: Invocation,
+    /,
+    files: tuple[Path, ...],
+    run: Path | None,
+    axis: str | None,
+    entries: tuple[str, ...],
+    check_only: bool,
+    **given: Any,
 ) -> int:
     """Bring measurements from FILE into a run folder; the originals are kept.
 

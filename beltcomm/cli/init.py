@@ -16,14 +16,14 @@ from beltcomm.axis.entries import COMMISSION_NEEDS
 from beltcomm.borders import for_terminal
 from beltcomm.cli import completion
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame
+from beltcomm.cli.frame import Invocation
 from beltcomm.errors import Refused, UsageError
 from beltcomm.given import pasted
 from beltcomm.quantities import parse_quantity, unit_of
 
 if TYPE_CHECKING:
     from beltcomm.axis import Axis
-    from beltcomm.axis.entries import Entry
+    from beltcomm.axis.entries import AxisEntry
 
 _INTRODUCTION = (
     "I ask for the data sheets' values of motor, coupling, pulley, belt and limits. Write a unit if it is not the one in "
@@ -63,7 +63,7 @@ _BELT_SECTIONS = ("gearbox", "coupling", "pulley", "belt")
 @click.option("--yes", is_flag=True, help="Ask nothing; overwrite an existing file.")
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, file: Path, template: str | None, entries: tuple[str, ...], yes: bool) -> int:
+def command(frame: Invocation, /, file: Path, template: str | None, entries: tuple[str, ...], yes: bool) -> int:
     """Write FILE (axis.yaml): what is known of an axis beforehand, by questions from its data sheets."""
     from beltcomm.axis import Axis, axis_from_dict, load_axis, save_axis
     from beltcomm.configfiles import read_yaml
@@ -211,7 +211,7 @@ class _Answers:
         return ""
 
 
-def _ask_each(questions: Sequence[tuple[str, str]], entries: Mapping[str, Mapping[str, Entry]], start: Axis, answers: _Answers) -> None:
+def _ask_each(questions: Sequence[tuple[str, str]], entries: Mapping[str, Mapping[str, AxisEntry]], start: Axis, answers: _Answers) -> None:
     """The questions one after the other, and back."""
     before: dict[tuple[str, str], Any] = {}  # answered before somebody went back
     asked: list[int] = []
@@ -244,7 +244,9 @@ class _Back(Exception):
     """The question before is asked again."""
 
 
-def _ask_number(key: str, name: str, entry: Entry, default: float | None, contradicts: Callable[[float], str]) -> tuple[float | None, str]:
+def _ask_number(
+    key: str, name: str, entry: AxisEntry, default: float | None, contradicts: Callable[[float], str]
+) -> tuple[float | None, str]:
     """A number, and how it was written.   contradicts : what was answered before, in words."""
     unit, needed, meaning = unit_of(name), COMMISSION_NEEDS.get(key, ""), entry.meaning
     shown = ", ".join(filter(None, [unit or "number", _OTHERWISE.get(name, "")]))

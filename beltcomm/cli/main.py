@@ -15,7 +15,7 @@ import click
 
 from beltcomm import __version__
 from beltcomm.cli.endings import like_ctrl_c, twice_leaves
-from beltcomm.cli.frame import Frame
+from beltcomm.cli.frame import Invocation
 
 # The matrices here are tall and narrow: more threads cost more than they bring, and results must not depend on the number of cores.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -103,7 +103,7 @@ class Verbs(click.Group):
         if COMPLETING in os.environ:
             importlib.import_module("beltcomm.cli.bash")
         words = list(sys.argv[1:] if args is None else args) or ["--help"]
-        frame = Frame(words)
+        frame = Invocation(words)
         with like_ctrl_c(frame.note_end), twice_leaves():
             code = frame.guarded(
                 lambda: click.Group.main(

@@ -7,22 +7,22 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, axis_for
+from beltcomm.cli.frame import Invocation, api, axis_for
 
 
 @click.command("move")
 @shared.machine_options
 @shared.axis_option
-@click.option("--by", "by_m", required=True, type=shared.Quantity("by_m"), help="How far, signed: 5mm, -0.005.")
+@click.option("--by", "by_m", required=True, type=shared.QuantityType("by_m"), help="How far, signed: 5mm, -0.005.")
 @click.option(
     "--measured-travel",
     "measured_m",
-    type=shared.Quantity("measured_m"),
+    type=shared.QuantityType("measured_m"),
     help="Nothing moves: what a ruler says of a creep by --by before, negative for the other way; is the feed constant right?",
 )
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, drive: str, axis: str | None, by_m: float, measured_m: float | None, **given: Any) -> int:
+def command(frame: Invocation, /, drive: str, axis: str | None, by_m: float, measured_m: float | None, **given: Any) -> int:
     """Move the carriage slowly by a small distance."""
     known = axis_for(axis, drive, None, False)
     if measured_m is not None:

@@ -27,7 +27,7 @@ _UNIT = re.compile(r"[a-zA-Zµμ]*\s*$")
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-class Choice(Words):
+class WordChoice(Words):
     """One of some words; a wrong one is answered with the word that resembles it."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
@@ -40,7 +40,7 @@ class Choice(Words):
             raise click.BadParameter(f"{error.message.rstrip('.')}{did_you_mean(value, map(str, self.choices))}", ctx, param) from error
 
 
-class Quantity(Numbers):
+class QuantityType(Numbers):
     """A number with its unit: SI when none is written (``0.3``, ``300mm``).   name : whose suffix says the unit."""
 
     def __init__(self, name: str) -> None:
@@ -131,7 +131,7 @@ def drive_options(function: Function, *, needed: bool = True) -> Function:
             click.option(
                 "--sample-period",
                 "sample_period_s",
-                type=Quantity("sample_period_s"),
+                type=QuantityType("sample_period_s"),
                 help="Between two samples; the shortest that drive and bit rate allow when left out.",
             ),
             click.option("--realtime", is_flag=True, help="Virtual drive: run at 1 kHz of real time, not as fast as possible."),
@@ -172,7 +172,7 @@ def machine_options(function: Function, *, needed: bool = True) -> Function:
             click.option("--dry-run", is_flag=True, help="Show the plan and move nothing."),
             click.option("--home", is_flag=True, help="Let the drive search its zero first."),
             click.option(
-                "--position", "position_m", type=Quantity("position_m"), help="Where the carriage is now, when the drive has no zero."
+                "--position", "position_m", type=QuantityType("position_m"), help="Where the carriage is now, when the drive has no zero."
             ),
             click.option(
                 "--first-motion-confirmed",
@@ -192,7 +192,7 @@ def machine_options(function: Function, *, needed: bool = True) -> Function:
             click.option(
                 "--longest",
                 "longest_s",
-                type=Quantity("longest_s"),
+                type=QuantityType("longest_s"),
                 help="How long a plan may move the axis that --yes answers for; 15min when left out.",
             ),
             click.option("--simulate-first", is_flag=True, help="Play the plan on a twin of the axis first; beyond a limit nothing moves."),
@@ -237,19 +237,19 @@ cost_option = click.option("--cost/--no-cost", default=True, help="Say what a mi
 run_argument = click.argument("run", type=click.Path(path_type=Path), shell_complete=completion.runs)
 several_runs_argument = click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=completion.runs)
 payload_option = click.option(
-    "--payload", "payload_kg", type=Quantity("payload_kg"), help="Heaviest payload to be moved; the design must hold for it."
+    "--payload", "payload_kg", type=QuantityType("payload_kg"), help="Heaviest payload to be moved; the design must hold for it."
 )
 prefilter_option = click.option(
-    "--prefilter", type=Choice(["none", "notch", "butterworth"]), help="Of the velocity loop; the best one when left out."
+    "--prefilter", type=WordChoice(["none", "notch", "butterworth"]), help="Of the velocity loop; the best one when left out."
 )
 feedforward_option = click.option(
     "--feedforward",
-    type=Choice(["nonlinear", "linear", "none"]),
+    type=WordChoice(["nonlinear", "linear", "none"]),
     help="nonlinear: inertia, viscous and Coulomb friction; linear: all friction as damping; none: no velocity either.",
 )
 sent_feedforward_option = click.option(
     "--feedforward",
-    type=Choice(["compliant", "nonlinear", "linear", "none"]),
+    type=WordChoice(["compliant", "nonlinear", "linear", "none"]),
     help="In place of the design's, for this move only. compliant: the motor leads the carriage by the stretch of the belt; "
     "nonlinear: inertia, viscous and Coulomb friction; linear: all friction as damping; none: no velocity either.",
 )
@@ -262,6 +262,6 @@ window_option = click.option(
 )
 apply_option = click.option(
     "--apply",
-    type=Choice(["keep", "restore", "save"]),
+    type=WordChoice(["keep", "restore", "save"]),
     help="Gains at the end: keep until power-off, restore the old ones, save for good. Asked for; with --yes: restore.",
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from beltcomm.talk import Place
+from beltcomm.talk import CarriagePosition
 
 #: s and share of a calculation after which its pace tells how long it will still take.
 PACE_S, PACE_SHARE = 1.0, 0.05
@@ -31,12 +31,12 @@ class Pace:
         return f", about {passed_s * (1.0 - fraction) / fraction:.0f} s left"
 
 
-def machine_left(place: Place) -> str:
+def machine_left(place: CarriagePosition) -> str:
     """What the whole job still takes on the machine; nothing where it is not known."""
     return "" if place.left_s is None else f"machine: at most {place.left_s:.0f} s left"
 
 
-def millimetres(position_m: float, place: Place) -> str:
+def millimetres(position_m: float, place: CarriagePosition) -> str:
     """A position on the axis, or from where the carriage stood, then with its sign."""
     value = round(1e3 * position_m)
     return f"{value:d} mm" if place.known else f"{value:+d} mm"

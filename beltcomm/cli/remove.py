@@ -8,7 +8,7 @@ import click
 
 from beltcomm.cli import completion
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, today
+from beltcomm.cli.frame import Invocation, api, today
 
 
 @click.command("remove")
@@ -17,7 +17,7 @@ from beltcomm.cli.frame import Frame, api, today
 @shared.pictures_option
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, effect: str, run: Path, pictures: bool) -> int:
+def command(frame: Invocation, /, effect: str, run: Path, pictures: bool) -> int:
     """Take EFFECT out of the model of RUN, fit everything again and show the error before and after."""
     frame.run = run
     return frame.show(

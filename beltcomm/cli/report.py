@@ -8,7 +8,7 @@ import click
 
 from beltcomm.cli import kernels
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame
+from beltcomm.cli.frame import Invocation
 
 
 @click.command("report")
@@ -17,7 +17,7 @@ from beltcomm.cli.frame import Frame
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Where the page goes (RUN/report.html).")
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, run: Path, against: Path | None, out: Path | None) -> int:
+def command(frame: Invocation, /, run: Path, against: Path | None, out: Path | None) -> int:
     """Write a page on RUN that explains itself: one file of HTML, made for screen and paper, and its numbers beside it."""
     frame.run = run
     from beltcomm.pages import report as page  # alone: what moves a machine takes long to import

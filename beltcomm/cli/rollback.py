@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api
+from beltcomm.cli.frame import Invocation, api
 
 
 @click.command("rollback")
@@ -21,7 +21,7 @@ from beltcomm.cli.frame import Frame, api
 @click.pass_context
 def command(ctx: click.Context, /, drive: str | None, run: Path, save: bool, backup: str | None, **given: Any) -> int:
     """Write back what the drive had when the run began, or what any other backup holds; nothing moves."""
-    frame: Frame = ctx.obj
+    frame: Invocation = ctx.obj
     frame.run = run
     if backup == "list":
         return frame.show(api().backups(run))

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, options_of
+from beltcomm.cli.frame import Invocation, api, options_of
 
 
 @click.command("serve")
@@ -21,7 +21,7 @@ from beltcomm.cli.frame import Frame, api, options_of
 @shared.serving_options
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, drive: str, on: str, **given: Any) -> int:
+def command(frame: Invocation, /, drive: str, on: str, **given: Any) -> int:
     """Let other processes reach the virtual drive over a CAN interface or RS-232, until Ctrl-C.
 
     Time is the drive's own: each SYNC is one of its periods, and it stands in between, however slow the computer is. With --realtime it

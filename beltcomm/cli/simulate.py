@@ -8,7 +8,7 @@ import click
 
 from beltcomm.cli import completion
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import VIRTUAL_AXIS, Frame, api, options_of, run_folder
+from beltcomm.cli.frame import VIRTUAL_AXIS, Invocation, api, options_of, run_folder
 
 
 @click.command("simulate")
@@ -17,17 +17,17 @@ from beltcomm.cli.frame import VIRTUAL_AXIS, Frame, api, options_of, run_folder
 @shared.new_run_option
 @click.option(
     "--experiment",
-    type=shared.Choice(["frf", "friction_sweep", "trajectory"]),
+    type=shared.WordChoice(["frf", "friction_sweep", "trajectory"]),
     default="frf",
     show_default=True,
     help="What is recorded.",
 )
 @click.option("--seed", type=click.IntRange(0), help="Seed of the noise: equal seeds give equal records.")
-@click.option("--payload", "payload_kg", type=shared.Quantity("payload_kg"), help="Mass carried beside the plant's own carriage.")
+@click.option("--payload", "payload_kg", type=shared.QuantityType("payload_kg"), help="Mass carried beside the plant's own carriage.")
 @shared.output_options
 @click.pass_obj
 def command(
-    frame: Frame, /, plant: str, axis: str | None, run: Path | None, experiment: str, seed: int | None, payload_kg: float | None
+    frame: Invocation, /, plant: str, axis: str | None, run: Path | None, experiment: str, seed: int | None, payload_kg: float | None
 ) -> int:
     """Simulate an experiment on PLANT (a shipped plant such as g_a, or a model file) into a new run folder."""
     from beltcomm.axis import load_axis

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api
+from beltcomm.cli.frame import Invocation, api
 
 
 @click.command("study")
@@ -25,7 +25,7 @@ from beltcomm.cli.frame import Frame, api
 @shared.output_options
 @click.pass_obj
 def command(
-    frame: Frame,
+    frame: Invocation,
     /,
     file: str,
     out: Path | None,

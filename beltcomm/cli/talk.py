@@ -12,7 +12,7 @@ from typing import Any, TextIO
 from beltcomm.cli.pace import Pace, machine_left, millimetres
 from beltcomm.cli.terminal import console_of, draw, draws, echo, fitted
 from beltcomm.errors import UsageError
-from beltcomm.talk import Place
+from beltcomm.talk import CarriagePosition
 
 #: Plain lines report progress at these steps of the fraction, so that a log of a minute stays short.
 PLAIN_STEP = 0.25
@@ -37,7 +37,7 @@ class PlainTalk:
     def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
         self._stream = stream
         self._reported = 0.0
-        self._place: Place | None = None
+        self._place: CarriagePosition | None = None
         self._pace = Pace(clock)
 
     def phase(self, index: int, count: int, title: str) -> None:
@@ -52,7 +52,7 @@ class PlainTalk:
             self._reported = fraction - fraction % PLAIN_STEP
             self.say(f"      {100.0 * fraction:.0f} %{self._pace.left(fraction, seconds_left)}")
 
-    def moving(self, place: Place) -> None:
+    def moving(self, place: CarriagePosition) -> None:
         """A line at the first place that is told of each record: a log of a minute stays short."""
         if self._place is None or place.record != self._place.record:
             low, high = place.window_m
@@ -105,7 +105,7 @@ class RichTalk:
         if self._live is not None:
             self._shown.progress(fraction, seconds_left)
 
-    def moving(self, place: Place) -> None:
+    def moving(self, place: CarriagePosition) -> None:
         """Move the carriage in its window."""
         if self._live is not None:
             self._shown.place = place

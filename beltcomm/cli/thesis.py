@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api
+from beltcomm.cli.frame import Invocation, api
 
 
 @click.command("thesis")
@@ -15,6 +15,6 @@ from beltcomm.cli.frame import Frame, api
 @click.option("--pictures", type=click.Path(file_okay=False, path_type=Path), help="Folder for the topic's figures.")
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, topic: str | None, pictures: Path | None) -> int:
+def command(frame: Invocation, /, topic: str | None, pictures: Path | None) -> int:
     """List what the design source compares, or recompute one TOPIC: its table, and its figures with --pictures."""
     return frame.show(api("beltcomm.thesis.topics").thesis(topic, pictures=pictures, command=frame.line()))

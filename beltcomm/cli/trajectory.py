@@ -8,12 +8,12 @@ from pathlib import Path
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, options_of
+from beltcomm.cli.frame import Invocation, api, options_of
 
 
 def _quantity(words: str, name: str, meaning: str, *, required: bool = False) -> Callable[[shared.Function], shared.Function]:
     """An option with its unit.   words : ``--speed``.   name : of the argument, whose suffix is the unit."""
-    return click.option(words, name, type=shared.Quantity(name), help=meaning, required=required)
+    return click.option(words, name, type=shared.QuantityType(name), help=meaning, required=required)
 
 
 @click.command("trajectory")
@@ -34,7 +34,7 @@ def _quantity(words: str, name: str, meaning: str, *, required: bool = False) ->
 @click.option("--yes", is_flag=True, help="Overwrite an existing file.")
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, file: Path, start_m: float, end_m: float, yes: bool, **given: float | None) -> int:
+def command(frame: Invocation, /, file: Path, start_m: float, end_m: float, yes: bool, **given: float | None) -> int:
     """Write the fastest motion between two states to FILE (CSV): jerk, acceleration and speed limited, each way by its own.
 
     Limits are positive and hold along the way, whichever way it leads. A motion from rest to rest can be driven with

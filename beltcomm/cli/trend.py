@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api
+from beltcomm.cli.frame import Invocation, api
 
 
 @click.command("trend")
@@ -17,7 +17,7 @@ from beltcomm.cli.frame import Frame, api
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Where the page goes (trend.html of the newest run).")
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, runs: tuple[Path, ...], limits: tuple[str, ...], dates: tuple[str, ...], out: Path | None) -> int:
+def command(frame: Invocation, /, runs: tuple[Path, ...], limits: tuple[str, ...], dates: tuple[str, ...], out: Path | None) -> int:
     """Follow one axis over many RUNS: what drifts, and when it reaches its limit.
 
     Example: beltcomm trend runs/2025-* --limit coulomb_total=+30%

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, options_of
+from beltcomm.cli.frame import Invocation, api, options_of
 
 
 @click.command("tune")
@@ -21,7 +21,7 @@ from beltcomm.cli.frame import Frame, api, options_of
 @click.option("--browser/--no-browser", default=True, help="Open the page; with --no-browser its address is only printed.")
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, run: Path, move: Path | None, port: int, browser: bool, **given: Any) -> int:
+def command(frame: Invocation, /, run: Path, move: Path | None, port: int, browser: bool, **given: Any) -> int:
     """Turn the three knobs of the run's design by sliders, on a page that only this computer can reach, until Ctrl-C.
 
     Open loop, step, disturbance and the predicted tracking error follow. Saving makes it the run's design; nothing is written to a drive.

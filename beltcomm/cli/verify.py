@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api
+from beltcomm.cli.frame import Invocation, api
 from beltcomm.errors import UsageError
 
 
@@ -28,7 +28,7 @@ from beltcomm.errors import UsageError
 @shared.output_options
 @click.pass_obj
 def command(
-    frame: Frame, /, drive: str, run: Path, move: Path | None, trajectory: str | None, rungs: bool, over_belt: bool, **given: Any
+    frame: Invocation, /, drive: str, run: Path, move: Path | None, trajectory: str | None, rungs: bool, over_belt: bool, **given: Any
 ) -> int:
     """Drive a move with the run's design and compare its error with the predicted one; the machine moves."""
     if move is not None and trajectory is not None:

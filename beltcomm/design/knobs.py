@@ -32,7 +32,7 @@ class Knobs:
 
 
 @dataclass(frozen=True)
-class Setting:
+class KnobSetting:
     """Where the knobs must stand for given gains.
 
     again : the design from these knobs, None when the equations refuse them (``refusal`` says why).
@@ -54,7 +54,7 @@ class Turn:
     refusal: str = ""
 
 
-def knobs_of(plant: DesignPlant, cascade: Cascade) -> Setting:
+def knobs_of(plant: DesignPlant, cascade: Cascade) -> KnobSetting:
     """The knobs that give these gains on this plant, exactly, and whether turning them there gives the gains back.
 
     The prefilter and T_R of ``cascade`` count as given.   Raises Refused when a loop of these gains has no crossover.
@@ -64,13 +64,13 @@ def knobs_of(plant: DesignPlant, cascade: Cascade) -> Setting:
     try:
         again = gains_for(plant, cascade.prefilter, knobs, cascade.velocity_filter_s)
     except Refused as refusal:
-        return Setting(knobs, None, False, str(refusal))
+        return KnobSetting(knobs, None, False, str(refusal))
     pairs = (
         (again.cascade.kp_nm_s_rad, cascade.kp_nm_s_rad),
         (again.cascade.ki_nm_rad, cascade.ki_nm_rad),
         (again.cascade.kpp_1_s, cascade.kpp_1_s),
     )
-    return Setting(knobs, again, all(abs(one - other) <= SAME * other for one, other in pairs))
+    return KnobSetting(knobs, again, all(abs(one - other) <= SAME * other for one, other in pairs))
 
 
 def gains_for(plant: DesignPlant, prefilter: PrefilterKind | Prefilter, knobs: Knobs, velocity_filter_s: float = 0.002) -> ThesisDesign:

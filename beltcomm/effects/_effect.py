@@ -59,7 +59,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Ground:
+class AxisSummary:
     """What is known of an axis when an effect is put on trial: the base model around a record and the data sheets.
 
     inertia kg m², motor side; mass kg; stiffness N/m; damping N s/m; coulomb N m, motor side; ratio m/rad; low_m, high_m : m, where
@@ -124,7 +124,7 @@ Carried = Literal["end", "clock", "no"]
 
 
 @dataclass(frozen=True)
-class State:
+class EffectState:
     """What an effect remembers.   unit : SI.   start : in a record.   carried : from one record to the next."""
 
     name: str
@@ -134,10 +134,10 @@ class State:
 
 
 #: What the effects of a slot remember; all others, friction that sticks among them, decide anew at every instant.
-OF_SLOT: Mapping[str, tuple[State, ...]] = {
-    "friction_onset": (State("share of the friction that has turned round", "1", "unloaded", "end"),),
-    "torque_delay": (State("torque under way", "N m", "first value", "no"),),
-    "torque_reading": (State("torque shown last", "N m", "first value", "no"),),
+OF_SLOT: Mapping[str, tuple[EffectState, ...]] = {
+    "friction_onset": (EffectState("share of the friction that has turned round", "1", "unloaded", "end"),),
+    "torque_delay": (EffectState("torque under way", "N m", "first value", "no"),),
+    "torque_reading": (EffectState("torque shown last", "N m", "first value", "no"),),
 }
 
 
@@ -187,7 +187,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Hand:
+class ManualCheck:
     """What a person does where no motion of the axis tells two effects apart.
 
     change : on the machine.   record : what is recorded, or read, after it.   tells : which of the two it was.
@@ -203,12 +203,12 @@ class Hand:
 
 
 @dataclass(frozen=True)
-class Apart:
+class DiscriminatingExperiment:
     """The experiment between an effect and one of its twins.   shows : where the two differ.   records : as steps of a plan file."""
 
     shows: str
     records: tuple[Mapping[str, Any], ...] = ()
-    hands: tuple[Hand, ...] = ()
+    hands: tuple[ManualCheck, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -251,12 +251,12 @@ class Effect:
     elements: tuple[Element, ...] = ()
     bodies: tuple[Body, ...] = ()
     group: str = ""
-    trials: Callable[[Ground], list[Trial]] | None = None
+    trials: Callable[[AxisSummary], list[Trial]] | None = None
     harmonic: Literal["", "load", "gain", "angle"] = ""
-    state: tuple[State, ...] = ()
+    state: tuple[EffectState, ...] = ()
     twins: tuple[str, ...] = ()
     separate: str = ""
-    apart: Mapping[str, Apart] = field(default_factory=dict)
+    apart: Mapping[str, DiscriminatingExperiment] = field(default_factory=dict)
     causes: str = ""
     remedy: str = ""
     alike: Mapping[str, str] = field(default_factory=dict)
@@ -273,10 +273,12 @@ class Effect:
         return tuple(f"{self.name}.{p.name}" for p in self.parameters)
 
     @property
-    def states(self) -> tuple[State, ...]:
+    def states(self) -> tuple[EffectState, ...]:
         """Everything that it remembers: of its slot, of its bodies, and its own."""
         bodies = [
-            State(f"place and speed of the {b.name.replace('_', ' ')}", "rad" if b.rotary else "m", "swings" if b.swings else "rest", "end")
+            EffectState(
+                f"place and speed of the {b.name.replace('_', ' ')}", "rad" if b.rotary else "m", "swings" if b.swings else "rest", "end"
+            )
             for b in self.bodies
         ]
         return (*OF_SLOT.get(self.slot, ()), *bodies, *self.state)

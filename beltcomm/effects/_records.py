@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from beltcomm.effects._effect import Hand
+from beltcomm.effects._effect import ManualCheck
 
 Record = Mapping[str, Any]
 
@@ -53,18 +53,18 @@ def moves() -> tuple[Record, ...]:
     )
 
 
-def belt_off(stays: str, goes: str) -> Hand:
+def belt_off(stays: str, goes: str) -> ManualCheck:
     """The motor alone."""
-    return Hand(
+    return ManualCheck(
         "take the belt off and let the drive turn the motor slowly",
         "log torque and angle with the drive's own scope over some turns and `beltcomm import` them",
         f"what stays is {stays}, what is gone was {goes}",
     )
 
 
-def pulley_turned(stays: str, moved: str) -> Hand:
+def pulley_turned(stays: str, moved: str) -> ManualCheck:
     """The pulley on its shaft."""
-    return Hand(
+    return ManualCheck(
         "loosen the driving pulley, turn it on its shaft by a quarter of the ripple's period, clamp it again",
         AGAIN,
         f"the phase of {stays} at the motor angle stays, that of {moved} moves by a quarter",

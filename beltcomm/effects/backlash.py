@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from beltcomm.effects._corner import ramp, ramp_slope
-from beltcomm.effects._effect import Effect, Ground, Parameter, State, Trial
+from beltcomm.effects._effect import AxisSummary, Effect, EffectState, Parameter, Trial
 
 #: m; a harder contact than this none of the time steps can follow.
 LEAST_WIDTH_M = 1e-8
@@ -21,7 +21,7 @@ def slope(stretch: float, gap: float, rounding: float) -> float:
     return ramp_slope(stretch - half, width) + ramp_slope(-stretch - half, width)
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Six gaps, each twice the one before; one three times too wide already lets the carriage stray more than it explains."""
     return [Trial({"gap": gap}) for gap in (3.75e-6, 7.5e-6, 1.5e-5, 3e-5, 6e-5, 1.2e-4)]
 
@@ -37,7 +37,7 @@ EFFECT = Effect(
     law=stretch_law,
     slope=slope,
     trials=trials,
-    state=(State("place of the carriage in the gap", "m", "estimated", "end"),),
+    state=(EffectState("place of the carriage in the gap", "m", "estimated", "end"),),
     least=1e-6,  # an encoder of 65536 counts on a pulley of 78 mm resolves 1.2 um
     seen="the belt looks softer at small amplitudes; a jump in position at reversals; rattling",
     causes="loose key, worn teeth, loose clamp",

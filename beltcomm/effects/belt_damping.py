@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import DRIVING_END, Effect, Element, Ground, Parameter, Trial
+from beltcomm.effects._effect import DRIVING_END, AxisSummary, Effect, Element, Parameter, Trial
 
 
 def force(stretch: float, rate: float, x: float, damping: float) -> float:
@@ -17,7 +17,7 @@ def slope(x: float, damping: float) -> tuple[float, float]:
     return 0.0, damping
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Damping ratios of the resonance from hardly any to a soft belt's."""
     swinging = 1.0 / (ground.ratio**2 / ground.inertia + 1.0 / ground.mass)
     return [Trial({"damping": 2.0 * ratio * math.sqrt(ground.stiffness * swinging)}) for ratio in (0.005, 0.02, 0.06)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from beltcomm.effects._corner import ramp, ramp_slope
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 #: Share of the stiffness that a slack strand takes away at most.
 MOST_LOST = 0.95
@@ -35,7 +35,7 @@ def slope(stretch: float, limit: float, share: float, balance: float, rounding: 
     return 1.0 - above - below
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Limits between an eighth and four fifths of the largest stretch recorded: with the belt as it was fitted, and with a stiffer one.
 
     A belt fitted without the slack is as soft as both states in the mean; with that stiffness no limit may be better than none.  Where

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 
 def force(position: float, speed: float, t: float, rate: float, offset: float, bend: float, twist: float) -> float:
@@ -18,7 +18,7 @@ def slope(position: float, speed: float, t: float, rate: float, offset: float, b
     return -(rate + position * (2.0 * bend + 3.0 * position * twist)), 0.0
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Spring and offset as two columns; a motor alone pulls no chain."""
     if not ground.belt and ground.side != "load":
         return []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 #: Orders tried, per turn of the motor; a model may hold this many orders at once.
 HIGHEST_ORDER, COUNT = 100, 12
@@ -20,7 +20,7 @@ def slope(position: float, speed: float, t: float, order: float, sine: float, co
     return -order * (sine * math.cos(order * position) - cosine * math.sin(order * position)), 0.0
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Every order but that of the pulley's teeth, sine and cosine as two columns."""
     size = {"sine": 0.02, "cosine": 0.02}
     orders = [n for n in range(2, HIGHEST_ORDER + 1) if n != ground.teeth]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import Apart, Effect, Ground, Hand, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, DiscriminatingExperiment, Effect, ManualCheck, Parameter, Trial
 from beltcomm.effects._records import AGAIN
 
 
@@ -19,7 +19,7 @@ def slope(position: float, speed: float, t: float, torque: float) -> tuple[float
     return 0.0, 0.0
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """One, of a fifth of the Coulomb friction."""
     return [Trial({"torque": 0.2 * ground.coulomb}, signed=True)]
 
@@ -36,50 +36,50 @@ EFFECT = Effect(
     twins=("tilt", "coulomb_asymmetry", "current_offset"),
     separate="record slow strokes with a second known payload (tilt grows with the mass), or level the axis and compare",
     apart={
-        "tilt": Apart(
+        "tilt": DiscriminatingExperiment(
             "nothing that moves: on one axis with one payload gravity is a constant",
             hands=(
-                Hand(
+                ManualCheck(
                     "lay a spirit level on the rail, along the travel",
                     "read it",
                     "an axis that rises by the angle that is stated here explains all of it; one that is level nothing",
                 ),
-                Hand(
+                ManualCheck(
                     "put a known payload on, or take it off",
                     AGAIN + " with payload.mass_kg in axis.yaml",
                     "constant_offset.torque that grows as the moved mass is tilt; one that stays is not",
                 ),
-                Hand(
+                ManualCheck(
                     "turn the axis end for end on its mounting",
                     AGAIN,
                     "a tilt of the mounting changes the sign of constant_offset.torque, friction and current sensor keep it",
                 ),
             ),
         ),
-        "coulomb_asymmetry": Apart(
+        "coulomb_asymmetry": DiscriminatingExperiment(
             "nothing that moves: (F_c ± a) sign v is F_c sign v + a",
             hands=(
-                Hand(
+                ManualCheck(
                     "stage off; push the carriage slowly both ways with a spring balance",
                     "read both forces, at the stroke's middle",
                     "half of their difference is friction by direction or tilt, equal forces leave the current sensor",
                 ),
-                Hand(
+                ManualCheck(
                     "take the wipers of the carriage off, or set it straight",
                     AGAIN,
                     "what is gone of constant_offset.torque was friction by direction",
                 ),
             ),
         ),
-        "current_offset": Apart(
+        "current_offset": DiscriminatingExperiment(
             "nothing that moves: the sensor adds the same to every reading",
             hands=(
-                Hand(
+                ManualCheck(
                     "stage off, motor at rest",
                     "read torque or current that the drive reports",
                     "what it reports without any current is the sensor's offset",
                 ),
-                Hand(
+                ManualCheck(
                     "take the belt off and let the drive turn the motor slowly both ways",
                     "read the mean of both torques",
                     "a mean that stays is current sensor or motor bearing, one that is gone was behind the belt",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial, body_units
+from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial, body_units
 
 _HIGH = {"motor": 50.0, "cart": 4000.0, "end_pulley": 100.0, "load": 50.0}
 _START = {"motor": 0.05, "cart": 3.0, "end_pulley": 1.0, "load": 0.05}
@@ -53,17 +53,17 @@ def slope(speed: float, position: float, t: float, level_: float) -> float:
     return 0.0
 
 
-def motor_trials(ground: Ground) -> list[Trial]:
+def motor_trials(ground: AxisSummary) -> list[Trial]:
     """At the motor: a twentieth of the largest torque."""
     return [Trial({"level": 0.05 * ground.peak_nm})]
 
 
-def cart_trials(ground: Ground) -> list[Trial]:
+def cart_trials(ground: AxisSummary) -> list[Trial]:
     """For the carriage: half of the motor's friction acts there instead."""
     return [Trial({"level": 0.5 * ground.coulomb / ground.ratio})]
 
 
-def load_trials(ground: Ground) -> list[Trial]:
+def load_trials(ground: AxisSummary) -> list[Trial]:
     """The same for a load that turns."""
     return [Trial({"level": 0.5 * ground.coulomb})]
 

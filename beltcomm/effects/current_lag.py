@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
-from beltcomm.effects._effect import TORQUE_LAG, Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import TORQUE_LAG, AxisSummary, Effect, Parameter, Trial
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ def response(omega: Array, time: float) -> NDArray[np.complex128]:
     return np.asarray(1.0 / (1.0 + 1j * omega * time))
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """A quarter of a millisecond."""
     return [Trial({"time": 2.5e-4})]
 

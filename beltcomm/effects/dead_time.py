@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
-from beltcomm.effects._effect import Apart, Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, DiscriminatingExperiment, Effect, Parameter, Trial
 from beltcomm.effects._records import MIDDLE, wide
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ def response(omega: Array, time: float) -> NDArray[np.complex128]:
     return np.asarray(np.exp(-1j * omega * time))
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """A quarter of a millisecond."""
     return [Trial({"time": 2.5e-4}, signed=True)]
 
@@ -49,7 +49,9 @@ EFFECT = Effect(
     twins=("current_lag",),
     separate="record an excitation up to 250 Hz with more torque: the dead time leaves the magnitude alone, the lag lowers it",
     apart={
-        "current_lag": Apart("magnitude and phase up to 250 Hz: a dead time leaves the magnitude alone, a lag lowers it", wide(MIDDLE)),
+        "current_lag": DiscriminatingExperiment(
+            "magnitude and phase up to 250 Hz: a dead time leaves the magnitude alone, a lag lowers it", wide(MIDDLE)
+        ),
     },
     seen="phase of the frequency response falls in proportion to frequency, at all amplitudes",
     causes="bus cycle, time stamps, filters, an angle that is read late; a recording whose torque is a sample off",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import Body, Effect, Element, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, Body, Effect, Element, Parameter, Trial
 
 #: Hz; antiresonances tried, and shares of the whole inertia that the load may have.
 FREQUENCIES_HZ = (8.0, 12.0, 17.0, 24.0, 32.0, 42.0, 55.0, 70.0, 90.0, 115.0, 150.0, 200.0)
@@ -21,7 +21,7 @@ def slope(x: float, stiffness: float, damping: float) -> tuple[float, float]:
     return stiffness, damping
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Antiresonances from 8 to 200 Hz, for a load lighter than, equal to and heavier than what the rigid model sees."""
     if ground.belt:
         return []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 
 def correction(theta: float, sine: float, cosine: float) -> float:
@@ -27,7 +27,7 @@ def oval_slope(theta: float, sine: float, cosine: float) -> float:
     return -2.0 * (sine * math.cos(2.0 * theta) - cosine * math.sin(2.0 * theta))
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Sine and cosine as two columns."""
     return [Trial({"sine": 0.003, "cosine": 0.003}, amplitudes=("sine", "cosine"), signed=True)]
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 from beltcomm.compiled import compiled
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 #: Lines per turn that encoders are sold with.
 LINES = (16, 32, 64, 100, 128, 180, 200, 250, 256, 360, 400, 500, 512, 600, 720, 900, 1000, 1024, 1250, 1500, 1800, 2000, 2048, 2500,
@@ -51,7 +51,7 @@ def slope(theta: float, lines: float, sine: float, cosine: float, sine_2: float,
     return -rise / max(LEAST_RISE, 1.0 + rise)
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Every number of lines that the angle in the records resolves, both orders of sine and cosine as columns of their own."""
     divided = {int(ground.counts) // factor for factor in FACTORS if ground.counts and ground.counts % factor == 0.0}
     most = 2.0 * math.pi / (COUNTS_PER_LINE * ground.step_rad) if ground.step_rad else math.inf

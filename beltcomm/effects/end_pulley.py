@@ -2,7 +2,18 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import BELT_DAMPING, BELT_STIFFNESS, DRIVING_END, Apart, Body, Effect, Element, Ground, Parameter, Trial
+from beltcomm.effects._effect import (
+    BELT_DAMPING,
+    BELT_STIFFNESS,
+    DRIVING_END,
+    AxisSummary,
+    Body,
+    DiscriminatingExperiment,
+    Effect,
+    Element,
+    Parameter,
+    Trial,
+)
 from beltcomm.effects._records import ENDS, wide
 
 
@@ -36,7 +47,7 @@ def direct_slope(x: float, share: float, split: float, stiffness: float, damping
     return -share * stiffness, -share * damping
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Three masses, three shares; and what a model without it takes for one carriage: both swing in unison where
 
     me/m = share/((1 - share)(1 - split));  then the carriage seems to weigh m + me, on 1 - share + share/(1 - split) of the stiffness;
@@ -72,7 +83,9 @@ EFFECT = Effect(
     twins=("dead_time",),
     separate="record an excitation up to 250 Hz at another place of the carriage",
     apart={
-        "dead_time": Apart("the second resonance at both ends of the travel: it moves with the carriage, a dead time stays", wide(*ENDS)),
+        "dead_time": DiscriminatingExperiment(
+            "the second resonance at both ends of the travel: it moves with the carriage, a dead time stays", wide(*ENDS)
+        ),
     },
     seen="a second resonance above the first one, the same at all amplitudes",
     causes="inertia of the idler and the returning span",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import Apart, Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, DiscriminatingExperiment, Effect, Parameter, Trial
 from beltcomm.effects._records import ENDS, MIDDLE, reversals, slow, wide
 
 
@@ -19,7 +19,7 @@ def slope(speed: float, position: float, t: float, amount: float, speed_scale: f
     return 2.0 * amount * speed / speed_scale**2 * math.exp(-((speed / speed_scale) ** 2))
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Half the Coulomb friction less at standstill, at three speed scales."""
     return [Trial({"amount": 0.4 * ground.coulomb, "speed_scale": v / ground.ratio}) for v in (0.012, 0.03, 0.07)]
 
@@ -40,10 +40,10 @@ EFFECT = Effect(
     twins=("presliding", "dead_time"),
     separate="strokes at constant low speed: the dip stays as long as the motion is slow, presliding is over within its distance",
     apart={
-        "presliding": Apart(
+        "presliding": DiscriminatingExperiment(
             "constant low speed: a dip stays as long as it is slow, presliding ends within its way", (*slow(*ENDS), *reversals())
         ),
-        "dead_time": Apart("constant low speed, where no delay shows: the dip stays", (*slow(*ENDS), *wide(MIDDLE))),
+        "dead_time": DiscriminatingExperiment("constant low speed, where no delay shows: the dip stays", (*slow(*ENDS), *wide(MIDDLE))),
     },
     seen="around a reversal, before it and after it, the axis needs less torque than the friction of slow strokes says",
     causes="rolling elements and preload that give way before they slide, thin grease, friction that needs speed to build up",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 #: Speeds at which the friction is free, as shares of the fastest; straight between, constant beyond.
 KNOTS = (0.0, 0.04, 0.12, 0.35, 1.0)
@@ -45,7 +45,7 @@ def slope(
 _NAMES = tuple(f"{way}_{k}" for way in ("forward", "backward") for k in range(1, len(KNOTS) + 1))
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """All levels at once, each an amplitude of its own."""
     return [Trial({"fastest": ground.fastest, **dict.fromkeys(_NAMES, 0.2 * ground.coulomb)}, amplitudes=_NAMES, signed=True)]
 

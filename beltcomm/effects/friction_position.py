@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 #: m: distance of the places tried, and the width.
 _SPACING_M, _WIDTHS_M = 0.04, (0.045,)
@@ -23,7 +23,7 @@ def slope(speed: float, position: float, t: float, amount: float, place: float, 
     return 0.0
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """A tight spot at every 4 cm of the way covered; a motor alone has no way."""
     if not ground.belt and ground.side != "load":
         return []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import Apart, Effect, Ground, Hand, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, DiscriminatingExperiment, Effect, ManualCheck, Parameter, Trial
 from beltcomm.effects._records import AGAIN, sweep
 
 
@@ -22,7 +22,7 @@ def slope(speed: float, position: float, t: float, sine: float, cosine: float, r
     return 0.0
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Sine and cosine as two columns; not where no motor angle is known."""
     if ground.side == "load":
         return []
@@ -46,10 +46,10 @@ EFFECT = Effect(
     twins=("pulley_eccentricity", "encoder_eccentricity"),
     separate="turn slowly forward and backward: drag turns its sign with the direction, run-out does not; or lift the brake by hand",
     apart={
-        name: Apart(
+        name: DiscriminatingExperiment(
             "slow turns both ways: drag changes its sign with the direction, run-out does not",
             sweep(0.01, 0.03, 0.1),
-            (Hand("lift the brake by hand", AGAIN, "what is gone was the brake's drag"),),
+            (ManualCheck("lift the brake by hand", AGAIN, "what is gone was the brake's drag"),),
         )
         for name in ("pulley_eccentricity", "encoder_eccentricity")
     },

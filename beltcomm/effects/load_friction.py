@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import Apart, Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, DiscriminatingExperiment, Effect, Parameter, Trial
 from beltcomm.effects._records import moves
 
 
@@ -16,7 +16,7 @@ def slope(load: float, share: float) -> float:
     return share if load > 0.0 else -share
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Five per cent."""
     return [Trial({"share": 0.05})] if ground.belt else []
 
@@ -33,7 +33,7 @@ EFFECT = Effect(
     twins=("torque_saturation",),
     separate="drive and brake at the same torque: friction works against the motion both times, a lost torque against the torque",
     apart={
-        "torque_saturation": Apart(
+        "torque_saturation": DiscriminatingExperiment(
             "driving and braking at two forces: friction works against the motion, lost torque against the torque", moves()
         ),
     },

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
-from beltcomm.effects._effect import TORQUE_LAG, Apart, Effect, Ground, Hand, Parameter, Trial
+from beltcomm.effects._effect import TORQUE_LAG, AxisSummary, DiscriminatingExperiment, Effect, ManualCheck, Parameter, Trial
 from beltcomm.effects._records import MIDDLE, sweep, wide
 
 Array = NDArray[np.float64]
@@ -38,7 +38,7 @@ def response(omega: Array, time: float) -> NDArray[np.complex128]:
     return np.asarray(1.0 / (1.0 + 1j * omega * time))
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Six times over the whole range."""
     return [Trial({"time": time}) for time in (3e-4, 1e-3, 4e-3, 1.5e-2, 5e-2, 1.2e-1)]
 
@@ -55,14 +55,14 @@ EFFECT = Effect(
     twins=("dead_time", "current_lag"),
     separate="record the same way at another speed: a lag moves and flattens a ripple with speed; a repeat at one speed cannot show it",
     apart={
-        "dead_time": Apart(
+        "dead_time": DiscriminatingExperiment(
             "ripples of slow and fast strokes: a lag flattens the fast ones, a dead time only moves them", sweep(0.05, 0.5, 1.0)
         ),
-        "current_lag": Apart(
+        "current_lag": DiscriminatingExperiment(
             "fast changes of the torque: the reading is smooth where the motion is not, or both are",
             (*wide(MIDDLE), *sweep(0.05, 0.5, 1.0)),
             (
-                Hand(
+                ManualCheck(
                     "block the motor and step the current at standstill",
                     "look at it with the drive's own scope beside the reported torque",
                     "a current that rises late is a current_lag, a report that rises behind it a measurement_lag",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from beltcomm.effects._effect import Body, Effect, Element, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, Body, Effect, Element, Parameter, Trial
 
 #: Damping ratio up to which something swings that can be seen as a mode: half way to where nothing swings any more.
 SWINGING = 0.5
@@ -24,7 +24,7 @@ def slope(x: float, stiffness: float, damping: float, hardening: float) -> tuple
     return stiffness, damping
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """A third of the carriage on springs from 5 Hz to three quarters of the antiresonance and beyond, lightly damped."""
     low, high = 4.0, 1.5 * max(ground.antiresonance_hz, 12.0)
     mass = 0.35 * ground.mass

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from beltcomm.compiled import compiled
-from beltcomm.effects._effect import Apart, Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, DiscriminatingExperiment, Effect, Parameter, Trial
 from beltcomm.effects._records import reversals, tiny
 
 
@@ -28,12 +28,12 @@ def turned_at_carriage(step: float, z: float, length: float, level: float) -> fl
     return turned(step, z, length)
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Three lengths."""
     return [Trial({"length": length}) for length in (1.5e-5, 4e-5, 1e-4)]
 
 
-def cart_trials(ground: Ground) -> list[Trial]:
+def cart_trials(ground: AxisSummary) -> list[Trial]:
     """Balls and their cage give way by less than lips do."""
     return [Trial({"length": length}) for length in (2e-6, 6e-6, 3e-5)]
 
@@ -69,7 +69,9 @@ CART = Effect(
     twins=("cart_friction",),
     separate="an excitation so small that the carriage hardly leaves its place",
     apart={
-        "cart_friction": Apart("excitations hardly above friction: the carriage is held by a spring, or stuck", (*tiny(), *reversals())),
+        "cart_friction": DiscriminatingExperiment(
+            "excitations hardly above friction: the carriage is held by a spring, or stuck", (*tiny(), *reversals())
+        ),
     },
     seen="small excitations find the carriage held by a spring and not stuck",
     causes="preloaded balls of the guide, wipers",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import Apart, Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, DiscriminatingExperiment, Effect, Parameter, Trial
 from beltcomm.effects._records import belt_off, moves, sweep
 
 
@@ -31,7 +31,7 @@ def oval_slope(theta: float, sine: float, cosine: float) -> float:
     return 2.0 * (sine * math.cos(2.0 * theta) - cosine * math.sin(2.0 * theta))
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Sine and cosine as two columns; none behind a gearbox, where the pulley does not turn with the motor."""
     if ground.gear != 1.0:
         return []
@@ -55,7 +55,7 @@ def numbered(index: int) -> Effect:
         twins=("encoder_eccentricity",),
         separate="take the belt off and spin the motor: the encoder's part stays, that of the pulley goes; or turn the pulley by 180°",
         apart={
-            "encoder_eccentricity": Apart(
+            "encoder_eccentricity": DiscriminatingExperiment(
                 "torque over speed and acceleration: an error of the angle asks for torque with the square of speed, run-out with the load",
                 (*sweep(0.05, 0.3, 0.8), *moves()),
                 (belt_off("the encoder's", "the pulley's"),),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 
 def force(position: float, speed: float, t: float, factor: float) -> float:
@@ -15,7 +15,7 @@ def slope(position: float, speed: float, t: float, factor: float) -> tuple[float
     return 0.0, -2.0 * factor * abs(speed)
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """One: the column is linear in the factor."""
     return [Trial({"factor": 2.0})]
 

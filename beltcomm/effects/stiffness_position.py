@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
-from beltcomm.effects._effect import BELT_DAMPING, BELT_STIFFNESS, DRIVING_END, Effect, Element, Ground, Parameter, Trial
+from beltcomm.effects._effect import BELT_DAMPING, BELT_STIFFNESS, DRIVING_END, AxisSummary, Effect, Element, Parameter, Trial
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ def slope(
     return stiffness * more, damping * more
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """What the stiffness at each place says; with the geometry of the data sheet where there is one, else three free lengths."""
     middle = 0.5 * (ground.low_m + ground.high_m)
     distance = ground.pulley_distance_m or 1.2 * (ground.high_m - min(ground.low_m, 0.0)) + 0.1
@@ -76,7 +76,7 @@ def trials(ground: Ground) -> list[Trial]:
     return [*shown(ground, geometry, offsets[0]), *plain]
 
 
-def shown(ground: Ground, geometry: Mapping[str, float], offset: float) -> list[Trial]:
+def shown(ground: AxisSummary, geometry: Mapping[str, float], offset: float) -> list[Trial]:
     """The law through the compliance seen at three places or more, or with the strands of ``offset``, m, through that seen at two."""
     if not ground.stiffness_at:
         return []

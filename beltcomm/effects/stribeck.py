@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 #: Exponents that have been measured, and how near to the smallest one a fit has met it.
 LEAST, MOST, MET = 0.5, 4.0, 0.005
@@ -37,7 +37,7 @@ def slope_at_carriage(speed: float, position: float, t: float, amount: float, sp
     return slope(speed / ratio, position, t, amount, speed_scale, exponent) / ratio
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Half the Coulomb friction more at standstill, at three speed scales."""
     return [Trial({"amount": 0.4 * ground.coulomb, "speed_scale": v / ground.ratio}) for v in (0.012, 0.03, 0.07)]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 #: m/s², standard gravity.
 GRAVITY_M_S2 = 9.80665
@@ -24,7 +24,7 @@ def slope(position: float, speed: float, t: float, angle: float, mass: float) ->
     return 0.0, 0.0
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Both ways, as a twentieth of the Coulomb friction pulls and up to eight times as much."""
     sines = [share * ground.coulomb / (ground.ratio * ground.mass * GRAVITY_M_S2) for share in (0.05, 0.1, 0.2, 0.4)]
     return [Trial({"angle": sign * math.asin(min(sine, 1.0))}) for sine in sines for sign in (1.0, -1.0)] if ground.belt else []

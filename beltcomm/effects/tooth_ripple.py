@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import Apart, Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, DiscriminatingExperiment, Effect, Parameter, Trial
 from beltcomm.effects._records import belt_off, pulley_turned
 from beltcomm.effects.cogging import force, slope
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """The order is the number of teeth over the gear ratio; none without it."""
     if ground.teeth <= 0:
         return []
@@ -33,7 +33,7 @@ EFFECT = Effect(
     twins=("cogging",),
     separate="take the belt off and turn the motor slowly: the ripple of the teeth goes, cogging stays",
     apart={
-        "cogging": Apart(
+        "cogging": DiscriminatingExperiment(
             "nothing that moves by the motor: at one order both are the same law",
             hands=(belt_off("cogging", "the mesh of the teeth"), pulley_turned("cogging", "the teeth")),
         ),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 #: Orders tried, per turn of the motor.
 HIGHEST_ORDER = 60
@@ -15,7 +15,7 @@ def torque_path(torque: float, theta: float, t: float, order: float, sine: float
     return torque * (1.0 + sine * math.sin(order * theta) + cosine * math.cos(order * theta))
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Every order, sine and cosine as two columns."""
     size = {"sine": 0.05, "cosine": 0.05}
     return [Trial({"order": float(n), **size}, amplitudes=("sine", "cosine"), signed=True) for n in range(1, HIGHEST_ORDER + 1)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 
 def torque_path(torque: float, theta: float, t: float, loss: float, peak: float, exponent: float) -> float:
@@ -12,7 +12,7 @@ def torque_path(torque: float, theta: float, t: float, loss: float, peak: float,
     return torque * (1.0 - loss * math.pow(abs(torque / peak), exponent))
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """One, measured at the largest torque recorded."""
     return [Trial({"loss": 0.1, "peak": ground.peak_nm}, signed=True)]
 

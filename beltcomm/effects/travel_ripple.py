@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import Apart, Effect, Ground, Hand, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, DiscriminatingExperiment, Effect, ManualCheck, Parameter, Trial
 from beltcomm.effects._records import AGAIN
 
 #: m; the shortest period tried.
@@ -25,7 +25,7 @@ def slope(position: float, speed: float, t: float, period: float, sine: float, c
     return -rate * (sine * math.cos(rate * position) - cosine * math.sin(rate * position)), 0.0
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Periods from a quarter of the travel down to a millimetre; only where no motor angle is known, whose orders are tried else."""
     span = ground.high_m - ground.low_m
     if ground.side != "load" or span <= FEWEST * SHORTEST_M:
@@ -51,10 +51,10 @@ EFFECT = Effect(
     twins=("cogging", "tooth_ripple"),
     separate="compare the period with the lead of the screw, the pitch of the magnets, the teeth of the rack",
     apart={
-        name: Apart(
+        name: DiscriminatingExperiment(
             "nothing that moves by the motor: without slip place and angle are one",
             hands=(
-                Hand(
+                ManualCheck(
                     "slacken the belt and let it skip a tooth at the driving pulley, or turn the screw in its coupling",
                     AGAIN,
                     "what keeps its place on the rail is a travel_ripple, what keeps its angle of the motor the other",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial, body_units
+from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial, body_units
 
 _HIGH = {"motor": 0.5, "cart": 2000.0, "end_pulley": 500.0, "load": 0.5}
 _START = {"motor": 0.002, "cart": 5.0, "end_pulley": 1.0, "load": 0.002}
@@ -38,17 +38,17 @@ def slope(position: float, speed: float, t: float, damping: float) -> tuple[floa
     return 0.0, -damping
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """At the motor: a twentieth of the largest torque at the highest speed."""
     return [Trial({"damping": 0.05 * ground.peak_nm / max(ground.fastest, 1.0)})]
 
 
-def cart_trials(ground: Ground) -> list[Trial]:
+def cart_trials(ground: AxisSummary) -> list[Trial]:
     """At the carriage: the same, seen through the belt."""
     return [Trial({"damping": 0.05 * ground.peak_nm / max(ground.fastest, 1.0) / ground.ratio**2})]
 
 
-def load_trials(ground: Ground) -> list[Trial]:
+def load_trials(ground: AxisSummary) -> list[Trial]:
     """For a load that turns: what damps it with a time constant of half a second."""
     return [Trial({"damping": 2.0 * ground.inertia})]
 

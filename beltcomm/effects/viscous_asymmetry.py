@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 
 def force(position: float, speed: float, t: float, share: float, damping: float) -> float:
@@ -18,7 +18,7 @@ def slope(position: float, speed: float, t: float, share: float, damping: float)
     return 0.0, -share * damping if speed > 0.0 else share * damping
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """One: the column is linear in the share."""
     return [Trial({"share": 0.1}, signed=True)]
 

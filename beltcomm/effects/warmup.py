@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, State, Trial
+from beltcomm.effects._effect import AxisSummary, Effect, EffectState, Parameter, Trial
 
 
 def force(position: float, speed: float, t: float, amount: float, time: float, damping: float) -> float:
@@ -17,7 +17,7 @@ def slope(position: float, speed: float, t: float, amount: float, time: float, d
     return 0.0, -damping * amount * math.exp(-t / time)
 
 
-def trials(ground: Ground) -> list[Trial]:
+def trials(ground: AxisSummary) -> list[Trial]:
     """Three time constants."""
     return [Trial({"amount": 0.5, "time": time}) for time in (20.0, 50.0, 120.0)]
 
@@ -35,7 +35,7 @@ EFFECT = Effect(
     body="motor",
     uses=("viscous.damping",),
     trials=trials,
-    state=(State("time since the session began", "s", "clock", "clock"),),
+    state=(EffectState("time since the session began", "s", "clock", "clock"),),
     seen="fast strokes at the end of the session need less torque than at its start",
     causes="cold grease",
     check="repeat after ten minutes of running",

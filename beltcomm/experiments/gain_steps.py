@@ -22,7 +22,7 @@ from beltcomm.experiments.bounds import Experiment
 from beltcomm.identify.loop_gain import RISE, Gain, Steps, VelocityLaw, position_gain, velocity_law
 from beltcomm.machine.machine import Machine, Room
 from beltcomm.rundata.backups import renew
-from beltcomm.rundata.calibration import RESULT, Calibration, Unit, check, known_of
+from beltcomm.rundata.calibration import RESULT, Calibration, GainUnit, check, known_of
 from beltcomm.rundata.store import drive_to_dict
 
 Array = NDArray[np.float64]
@@ -157,7 +157,7 @@ class _Probe:
         amplitude = self._grow("velocity", min(first, most), most, raise_gain)
         return velocity_law(self._steps("velocity", amplitude, REPEATS)), raw
 
-    def position(self, units: Mapping[str, Unit]) -> tuple[Gain, float]:
+    def position(self, units: Mapping[str, GainUnit]) -> tuple[Gain, float]:
         """The position gain, 1/s, and the raw value that it stood for.   units : of the velocity loop, just found."""
         inertia, entry = self.machine.axis.motor_side_inertia_kg_m2, self.parameters["kpp_1_s"]
         raw = self._gains(POSITION_BANDWIDTH * inertia / units[GAIN].value)
@@ -282,11 +282,11 @@ def _answer(steps: Steps, resolution_nm: float) -> tuple[float, float]:
     return float(np.mean((sign * steps.torque_nm)[settled])), SEEN * deviation
 
 
-def _unit(entry: ParameterObject, value: float, interval: float) -> Unit:
-    return Unit(value, interval, entry.scale, name_of(entry.index, entry.subindex))
+def _unit(entry: ParameterObject, value: float, interval: float) -> GainUnit:
+    return GainUnit(value, interval, entry.scale, name_of(entry.index, entry.subindex))
 
 
-def _velocity_units(parameters: Mapping[str, ParameterObject], law: VelocityLaw, raw: Mapping[str, float]) -> dict[str, Unit]:
+def _velocity_units(parameters: Mapping[str, ParameterObject], law: VelocityLaw, raw: Mapping[str, float]) -> dict[str, GainUnit]:
     """What one unit of velocity gain and integral part means."""
     kp, ki = parameters[GAIN], parameters[_TOLD]
     gain, time = law.gain, law.integral_time_s

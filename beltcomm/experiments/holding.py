@@ -26,7 +26,7 @@ from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
-from beltcomm.rundata.first_motions import Breakaway, Found, Holding, Settled
+from beltcomm.rundata.first_motions import Breakaway, Holding, HoldingTorque, Settled
 from beltcomm.trajectory import Trajectory, at_rest, join, plan_trajectory
 
 Array = NDArray[np.float64]
@@ -49,11 +49,11 @@ TILT_READ_DEG = 1.0
 RECORD = "holding"
 
 
-def mean_of(values: Sequence[float]) -> Found:
+def mean_of(values: Sequence[float]) -> HoldingTorque:
     """Mean and its 95 % interval by the scatter (Student's t); infinite for a single value."""
     n = len(values)
     spread = float(stdtrit(n - 1, 0.975) * np.std(values, ddof=1) / math.sqrt(n)) if n > 1 else math.inf
-    return Found(float(np.mean(values)), spread)
+    return HoldingTorque(float(np.mean(values)), spread)
 
 
 def masses_kg(machine: Machine, torque_nm: float) -> tuple[float, ...]:
@@ -238,7 +238,7 @@ def _creep(machine: Machine) -> Recording:
     return machine.record(RECORD, machine.follow(path, "position"), phases.loose_room(machine), sidecar)
 
 
-def half_sums(recording: Recording, ratio: float) -> tuple[Found, float]:
+def half_sums(recording: Recording, ratio: float) -> tuple[HoldingTorque, float]:
     """Holding torque by half sums, and half differences, N m, of the strokes at constant speed.   Raises DataError without two pairs.
 
     τ_g = (τ_up + τ_down)/2  of each pair over the same way; their scatter gives the interval.

@@ -56,7 +56,7 @@ TITLES = ("first loop", "excitation, rising", "frequency response in closed loop
 
 
 @dataclass(frozen=True, eq=False)
-class Job:
+class LoopJob:
     """What will be recorded.   way : by which the response is wanted.   cascade : as it travels; with ``loop.cascade`` it is excited.
 
     margin_deg : smallest phase margin.   choice : signal but for amplitude and length.   speed_m_s : base speed, 0 at rest.   why : of it.
@@ -115,7 +115,7 @@ def offered(capabilities: Capabilities, way: Way, parameters: frozenset[str]) ->
     raise Refused(f"{capabilities.name} adds no torque to that of its loop (no object 60B2h), so --loop {way} cannot be had{instead}")
 
 
-def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_speed_m_s: float | None) -> Job:
+def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_speed_m_s: float | None) -> LoopJob:
     """Loop, base speed, strokes and the largest amplitude, worked out on the model; nothing moves and nothing is written.
 
     base_speed_m_s : None is chosen here, 0 stands.   Raises Refused with what binds.
@@ -159,7 +159,7 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
     start = near if speed else min(max(machine.position_m, near), far)
     step = largest_moving(family, loop, shape, start, limits, max(most, least), least)
     found = step.prediction
-    job = Job(
+    job = LoopJob(
         way, model, loop, cascade, margin, signal, speed, why, ramp, settle, periods, strokes, step, found, capabilities.torque_step_nm
     )
     prediction = predict_moving(family, loop, job.motion(step.amplitude), start)
@@ -168,7 +168,7 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
     return replace(job, prediction=prediction)
 
 
-def plan_of(machine: Machine, job: Job) -> Plan:
+def plan_of(machine: Machine, job: LoopJob) -> Plan:
     """What the user is shown."""
     axis, told, period = machine.axis, job.prediction, job.loop.sample_period_s
     low, high = machine.full_room().window_m
@@ -203,13 +203,13 @@ def plan_of(machine: Machine, job: Job) -> Plan:
     return Plan(text, (*((positioning,) if job.speed_m_s else ()), *lines), thermal=thermal)
 
 
-def is_moved(job: Job, amplitude: float, at_m: float) -> bool:
+def is_moved(job: LoopJob, amplitude: float, at_m: float) -> bool:
     """Whether the model of a standing axis is moved by an excitation."""
     run = simulate_record(job.model, job.loop, job.motion(amplitude, rising=True), at_m)
     return float(np.ptp(run.position_rad)) > MOVED_COUNTS * 2.0 * math.pi / job.loop.drive.counts_per_rev
 
 
-def _moves(job: Job, amplitude: float, at_m: float) -> None:
+def _moves(job: LoopJob, amplitude: float, at_m: float) -> None:
     """Raise Refused for a standing axis that friction holds against the largest excitation."""
     if not job.speed_m_s and not is_moved(job, amplitude, at_m):
         raise Refused(

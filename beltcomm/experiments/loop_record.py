@@ -11,7 +11,7 @@ from beltcomm.drive import Motion, Row
 from beltcomm.errors import SafetyStop
 from beltcomm.experiments import commission as sequence
 from beltcomm.experiments import phases
-from beltcomm.experiments.loop_plan import RISES, TITLES, Job, inside, is_moved
+from beltcomm.experiments.loop_plan import RISES, TITLES, LoopJob, inside, is_moved
 from beltcomm.experiments.raising import GROWTH
 from beltcomm.identify.amplitude import family_around
 from beltcomm.identify.loop_amplitude import (
@@ -28,7 +28,7 @@ from beltcomm.recording.sidecar import ExcitationNote, Sidecar
 from beltcomm.rundata.findings import Findings
 
 
-def record_all(machine: Machine, findings: Findings, job: Job, *, ask: bool) -> Recording:
+def record_all(machine: Machine, findings: Findings, job: LoopJob, *, ask: bool) -> Recording:
     """Close the loop, let the amplitude rise, and make the record; returns it.   Raises what the machine raises."""
     machine.titles = TITLES
     machine.begin(TITLES[0])
@@ -69,7 +69,7 @@ def _free(machine: Machine, name: str) -> str:
     return name if machine.folder.finished(name) is None else _free(machine, f"{name}b")
 
 
-def _record(machine: Machine, job: Job, name: str, amplitude: float, *, rising: bool) -> Recording:
+def _record(machine: Machine, job: LoopJob, name: str, amplitude: float, *, rising: bool) -> Recording:
     """One record from the nearer end of the travel, predicted before it is made."""
     model, loop = job.model, job.loop
     ends = phases.stroke_ends(machine)

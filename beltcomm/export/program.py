@@ -18,7 +18,7 @@ from beltcomm.errors import UsageError
 
 
 @dataclass(frozen=True)
-class Quantity:
+class NamedValue:
     """One named number.   unit : in ASCII, "" for none.   meaning : in words."""
 
     name: str
@@ -51,70 +51,70 @@ Statement = Let | Case
 
 #: In the order of :func:`beltcomm.control.discrete_coefficients`.
 COEFFICIENTS = (
-    Quantity("period_s", "s", "sampling period T of the loop"),
-    Quantity("kp_nm_s_rad", "N m s/rad", "velocity controller K_P"),
-    Quantity("ki_nm_rad", "N m/rad", "velocity controller K_I"),
-    Quantity("kpp_1_s", "1/s", "position controller K_PP"),
-    Quantity("velocity_filter_s", "s", "time constant T_R of the velocity measurement"),
-    Quantity("filter_reference", "", "1: the reference velocity is filtered as the measured one, 0: not"),
-    Quantity("prefilter_b0", "", "prefilter (b0 + b1/z + b2/z^2)/(1 + a1/z + a2/z^2)"),
-    Quantity("prefilter_b1", "", "prefilter"),
-    Quantity("prefilter_b2", "", "prefilter"),
-    Quantity("prefilter_a1", "", "prefilter"),
-    Quantity("prefilter_a2", "", "prefilter"),
-    Quantity("ff_inertia_kg_m2", "kg m2", "feedforward: inertia, motor and carriage"),
-    Quantity("ff_viscous_nm_s_rad", "N m s/rad", "feedforward: viscous friction"),
-    Quantity("ff_coulomb_nm", "N m", "feedforward: Coulomb friction"),
-    Quantity("ff_offset_nm", "N m", "feedforward: constant torque"),
-    Quantity("ff_velocity", "", "share K_v of the reference velocity that the position loop hands on"),
-    Quantity("torque_limit_nm", "N m", "largest torque, either way"),
-    Quantity("ff_advance_s", "s", "how far ahead the feedforward is computed"),
-    Quantity("low_pass_b0", "", "additional low-pass against further resonances, as the prefilter; 1, 0, 0, 0, 0 for none"),
-    Quantity("low_pass_b1", "", "additional low-pass"),
-    Quantity("low_pass_b2", "", "additional low-pass"),
-    Quantity("low_pass_a1", "", "additional low-pass"),
-    Quantity("low_pass_a2", "", "additional low-pass"),
+    NamedValue("period_s", "s", "sampling period T of the loop"),
+    NamedValue("kp_nm_s_rad", "N m s/rad", "velocity controller K_P"),
+    NamedValue("ki_nm_rad", "N m/rad", "velocity controller K_I"),
+    NamedValue("kpp_1_s", "1/s", "position controller K_PP"),
+    NamedValue("velocity_filter_s", "s", "time constant T_R of the velocity measurement"),
+    NamedValue("filter_reference", "", "1: the reference velocity is filtered as the measured one, 0: not"),
+    NamedValue("prefilter_b0", "", "prefilter (b0 + b1/z + b2/z^2)/(1 + a1/z + a2/z^2)"),
+    NamedValue("prefilter_b1", "", "prefilter"),
+    NamedValue("prefilter_b2", "", "prefilter"),
+    NamedValue("prefilter_a1", "", "prefilter"),
+    NamedValue("prefilter_a2", "", "prefilter"),
+    NamedValue("ff_inertia_kg_m2", "kg m2", "feedforward: inertia, motor and carriage"),
+    NamedValue("ff_viscous_nm_s_rad", "N m s/rad", "feedforward: viscous friction"),
+    NamedValue("ff_coulomb_nm", "N m", "feedforward: Coulomb friction"),
+    NamedValue("ff_offset_nm", "N m", "feedforward: constant torque"),
+    NamedValue("ff_velocity", "", "share K_v of the reference velocity that the position loop hands on"),
+    NamedValue("torque_limit_nm", "N m", "largest torque, either way"),
+    NamedValue("ff_advance_s", "s", "how far ahead the feedforward is computed"),
+    NamedValue("low_pass_b0", "", "additional low-pass against further resonances, as the prefilter; 1, 0, 0, 0, 0 for none"),
+    NamedValue("low_pass_b1", "", "additional low-pass"),
+    NamedValue("low_pass_b2", "", "additional low-pass"),
+    NamedValue("low_pass_a1", "", "additional low-pass"),
+    NamedValue("low_pass_a2", "", "additional low-pass"),
 )
 #: In the order of the state of :mod:`beltcomm.control.cascade_kernel`.
 STATES = (
-    Quantity("last_position_rad", "rad", "motor angle of the step before"),
-    Quantity("measured_velocity_rad_s", "rad/s", "measured velocity"),
-    Quantity("last_compared_rad_s", "rad/s", "reference velocity of the step before"),
-    Quantity("filtered_reference_rad_s", "rad/s", "filtered reference velocity"),
-    Quantity("prefilter_1", "rad/s", "first state of the prefilter, transposed direct form II"),
-    Quantity("prefilter_2", "rad/s", "second state of the prefilter"),
-    Quantity("integral_rad", "rad", "integrator of the velocity error"),
-    Quantity("last_acceleration_rad_s2", "rad/s2", "reference acceleration of the step before"),
-    Quantity("low_pass_1", "rad/s", "first state of the additional low-pass, transposed direct form II"),
-    Quantity("low_pass_2", "rad/s", "second state of the additional low-pass"),
+    NamedValue("last_position_rad", "rad", "motor angle of the step before"),
+    NamedValue("measured_velocity_rad_s", "rad/s", "measured velocity"),
+    NamedValue("last_compared_rad_s", "rad/s", "reference velocity of the step before"),
+    NamedValue("filtered_reference_rad_s", "rad/s", "filtered reference velocity"),
+    NamedValue("prefilter_1", "rad/s", "first state of the prefilter, transposed direct form II"),
+    NamedValue("prefilter_2", "rad/s", "second state of the prefilter"),
+    NamedValue("integral_rad", "rad", "integrator of the velocity error"),
+    NamedValue("last_acceleration_rad_s2", "rad/s2", "reference acceleration of the step before"),
+    NamedValue("low_pass_1", "rad/s", "first state of the additional low-pass, transposed direct form II"),
+    NamedValue("low_pass_2", "rad/s", "second state of the additional low-pass"),
 )
 INPUTS = (
-    Quantity("reference_position_rad", "rad", "reference of the motor angle"),
-    Quantity("reference_velocity_rad_s", "rad/s", "reference of the velocity"),
-    Quantity(
+    NamedValue("reference_position_rad", "rad", "reference of the motor angle"),
+    NamedValue("reference_velocity_rad_s", "rad/s", "reference of the velocity"),
+    NamedValue(
         "reference_acceleration_rad_s2", "rad/s2", "reference of the acceleration: difference of the reference velocity over one period"
     ),
-    Quantity("position_rad", "rad", "measured motor angle"),
-    Quantity("extra_torque_nm", "N m", "torque that is added to the feedforward"),
+    NamedValue("position_rad", "rad", "measured motor angle"),
+    NamedValue("extra_torque_nm", "N m", "torque that is added to the feedforward"),
 )
-RESET_INPUTS = (INPUTS[3], Quantity("reset_velocity_rad_s", "rad/s", "velocity at the moment of the reset"))
-OUTPUT = Quantity("torque_nm", "N m", "torque setpoint")
+RESET_INPUTS = (INPUTS[3], NamedValue("reset_velocity_rad_s", "rad/s", "velocity at the moment of the reset"))
+OUTPUT = NamedValue("torque_nm", "N m", "torque setpoint")
 LOCALS = (
-    Quantity("position_term_rad_s", "rad/s", "part of the velocity error that comes from the position error"),
-    Quantity("compared_rad_s", "rad/s", "reference velocity that is compared with the measured one"),
-    Quantity("pole", "", "pole of the velocity filter"),
-    Quantity("raw_error_rad_s", "rad/s", "velocity error"),
-    Quantity("filtered_error_rad_s", "rad/s", "velocity error behind the prefilter"),
-    Quantity("error_rad_s", "rad/s", "velocity error behind the additional low-pass"),
-    Quantity("ahead", "", "advance of the feedforward in periods"),
-    Quantity("change_rad_s2", "rad/s2", "change of the reference acceleration over one period"),
-    Quantity("ff_velocity_rad_s", "rad/s", "reference velocity when the torque acts"),
-    Quantity("ff_acceleration_rad_s2", "rad/s2", "reference acceleration when the torque acts"),
-    Quantity("direction", "", "sign of that velocity"),
-    Quantity("feedforward_nm", "N m", "feedforward torque"),
-    Quantity("demand_nm", "N m", "torque before the limit"),
-    Quantity("next_integral_rad", "rad", "integrator after this step"),
-    Quantity("next_demand_nm", "N m", "torque that this error leads to with the integrator moved on"),
+    NamedValue("position_term_rad_s", "rad/s", "part of the velocity error that comes from the position error"),
+    NamedValue("compared_rad_s", "rad/s", "reference velocity that is compared with the measured one"),
+    NamedValue("pole", "", "pole of the velocity filter"),
+    NamedValue("raw_error_rad_s", "rad/s", "velocity error"),
+    NamedValue("filtered_error_rad_s", "rad/s", "velocity error behind the prefilter"),
+    NamedValue("error_rad_s", "rad/s", "velocity error behind the additional low-pass"),
+    NamedValue("ahead", "", "advance of the feedforward in periods"),
+    NamedValue("change_rad_s2", "rad/s2", "change of the reference acceleration over one period"),
+    NamedValue("ff_velocity_rad_s", "rad/s", "reference velocity when the torque acts"),
+    NamedValue("ff_acceleration_rad_s2", "rad/s2", "reference acceleration when the torque acts"),
+    NamedValue("direction", "", "sign of that velocity"),
+    NamedValue("feedforward_nm", "N m", "feedforward torque"),
+    NamedValue("demand_nm", "N m", "torque before the limit"),
+    NamedValue("next_integral_rad", "rad", "integrator after this step"),
+    NamedValue("next_demand_nm", "N m", "torque that this error leads to with the integrator moved on"),
 )
 
 #: What comes first in a position loop, and in a velocity loop alone.
@@ -281,13 +281,13 @@ def controller_of(
     return Controller(values, provenance, notes)
 
 
-def expression(text: str, words: Words) -> str:
+def expression(text: str, words: TargetLanguage) -> str:
     """An expression in another language.   Raises ValueError for what the language of this module does not have."""
     return _said(ast.parse(text, mode="eval").body, words)[0]
 
 
 @dataclass(frozen=True)
-class Words:
+class TargetLanguage:
     """How a target language writes names, numbers, conjunctions, and the smaller or larger of two."""
 
     name: Callable[[str], str]
@@ -304,7 +304,7 @@ _SIGNS: Mapping[type[ast.AST], tuple[str, int]] = {
 _ATOM = 9
 
 
-def _said(node: ast.expr, words: Words) -> tuple[str, int]:
+def _said(node: ast.expr, words: TargetLanguage) -> tuple[str, int]:
     """Text and how firmly it holds together; operands of less firmness get parentheses, as do right ones of the same."""
     match node:
         case ast.Name(id=name):
@@ -331,7 +331,7 @@ def _said(node: ast.expr, words: Words) -> tuple[str, int]:
             raise ValueError(f"an exported equation cannot hold {ast.unparse(node)}")
 
 
-def _inside(node: ast.expr, words: Words, least: int) -> str:
+def _inside(node: ast.expr, words: TargetLanguage, least: int) -> str:
     text, firm = _said(node, words)
     return text if firm >= least else f"({text})"
 

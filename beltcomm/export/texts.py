@@ -25,9 +25,9 @@ from beltcomm.export.program import (
     Case,
     Controller,
     Let,
-    Quantity,
+    NamedValue,
     Statement,
-    Words,
+    TargetLanguage,
     expression,
 )
 
@@ -45,7 +45,7 @@ def text_of(controller: Controller, format_: str) -> str:
 def as_yaml(controller: Controller) -> str:
     """Coefficients with units, states, inputs, and the difference equations in words and symbols."""
 
-    def described(quantities: Iterable[Quantity], values: Mapping[str, float] | None = None) -> dict[str, dict[str, object]]:
+    def described(quantities: Iterable[NamedValue], values: Mapping[str, float] | None = None) -> dict[str, dict[str, object]]:
         return {q.name: {**({"value": values[q.name]} if values else {}), "unit": q.unit or "1", "meaning": q.meaning} for q in quantities}
 
     return to_yaml(
@@ -166,7 +166,9 @@ def _comment(text: str, opening: str, closing: str, pad: str) -> list[str]:
 
 
 _KEPT_IN = {**{q.name: f"c->{q.name}" for q in COEFFICIENTS}, **{q.name: f"s->{q.name}" for q in STATES}}
-_C_WORDS = Words(lambda name: _KEPT_IN.get(name, name), lambda x: f"BELTCOMM_C({_number(x)})", "&&", "beltcomm_min", "beltcomm_max")
+_C_WORDS = TargetLanguage(
+    lambda name: _KEPT_IN.get(name, name), lambda x: f"BELTCOMM_C({_number(x)})", "&&", "beltcomm_min", "beltcomm_max"
+)
 
 
 def _c(statements: Sequence[Statement]) -> list[str]:
@@ -204,7 +206,7 @@ def as_structured_text(controller: Controller) -> str:
         ],
     )
 
-    def declared(title: str, quantities: Iterable[Quantity], values: Mapping[str, float] | None = None) -> list[str]:
+    def declared(title: str, quantities: Iterable[NamedValue], values: Mapping[str, float] | None = None) -> list[str]:
         found = [f"    {q.name} : LREAL := {_number((values or {}).get(q.name, 0.0))}; (* {for_comment(str(q))} *)" for q in quantities]
         return [title, *found, "END_VAR"]
 
@@ -248,7 +250,7 @@ def _number(value: float) -> str:
     return f"{mantissa if '.' in mantissa else f'{mantissa}.0'}{'E' if e else ''}{exponent}"
 
 
-_ST_WORDS = Words(lambda name: name, _number, "AND", "MIN", "MAX")
+_ST_WORDS = TargetLanguage(lambda name: name, _number, "AND", "MIN", "MAX")
 
 #: Format -> what makes it.
 FORMATS: Mapping[str, Callable[[Controller], str]] = {"yaml": as_yaml, "c": as_c, "st": as_structured_text}

@@ -54,7 +54,7 @@ SCALED = ("motor.inertia", "cart.mass", *(f"{effect}." for effect in EXACT))
 
 
 @dataclass(frozen=True)
-class Spread:
+class ParameterSpread:
     """How sure the parameters of a fit are, in their units.
 
     names : of those that the data see.   bound : of those of them at a bound.   covariance, freedom : over time, (n, n).
@@ -179,7 +179,7 @@ def at_bound(fitted: Fitted) -> NDArray[np.bool_]:
     return found
 
 
-def spread_of(fitted: Fitted) -> Spread:
+def spread_of(fitted: Fitted) -> ParameterSpread:
     """The spread of a fit."""
     told, model = information_of(fitted), fitted.model
     moved, shares = without_each(told)
@@ -192,7 +192,7 @@ def spread_of(fitted: Fitted) -> Spread:
         moved, shares = moved[:0], shares[:0]
     units, sits = np.outer(scale, scale), at_bound(fitted)
     bound = frozenset(name for name, sat in zip(fitted.problem.free, sits, strict=True) if sat)
-    return Spread(names, told.covariance * units, told.freedom, moved * scale, shares * units, systematic, bound)
+    return ParameterSpread(names, told.covariance * units, told.freedom, moved * scale, shares * units, systematic, bound)
 
 
 def unbounded_estimates(fitted: Fitted) -> dict[str, tuple[float, float]]:

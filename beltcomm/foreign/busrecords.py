@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
-from beltcomm.foreign.canopen import Place, Samples, Seen, objects_seen, pdos, samples
-from beltcomm.foreign.canunits import Overheard, Units, profile_of, units_of
+from beltcomm.foreign.canopen import ObjectSamples, Place, Seen, objects_seen, pdos, samples
+from beltcomm.foreign.canunits import LogUnits, Overheard, profile_of, units_of
 from beltcomm.foreign.excitations import excitation_of, is_sweep
 from beltcomm.foreign.framelog import FrameLog
 from beltcomm.foreign.logclock import PAUSE_PERIODS, PAUSE_S, RowTimes, row_times
@@ -161,9 +161,9 @@ def readable(log: FrameLog) -> int:
     return sum(len(values.raw) for values in found if values is not None)
 
 
-def _node_with_position(log: FrameLog, seen: list[Seen], node: int | None) -> tuple[int, dict[tuple[str, Place], Samples]]:
+def _node_with_position(log: FrameLog, seen: list[Seen], node: int | None) -> tuple[int, dict[tuple[str, Place], ObjectSamples]]:
     numbers = sorted({item.node for item in seen}) if node is None else [node]
-    best: tuple[int, dict[tuple[str, Place], Samples]] | None = None
+    best: tuple[int, dict[tuple[str, Place], ObjectSamples]] | None = None
     for number in numbers:
         found = samples(log, seen, number, SIGNED)
         size = len(found[("sent", (_POSITION, 0))].raw) if ("sent", (_POSITION, 0)) in found else 0
@@ -178,7 +178,7 @@ def _node_with_position(log: FrameLog, seen: list[Seen], node: int | None) -> tu
     return best
 
 
-def _rows(log: FrameLog, found: Mapping[tuple[str, Place], Samples]) -> _Rows:
+def _rows(log: FrameLog, found: Mapping[tuple[str, Place], ObjectSamples]) -> _Rows:
     position = found[("sent", (_POSITION, 0))]
     syncs = np.flatnonzero((log.identifier == 0x80) & ~log.remote)
     synchronous = bool(position.synchronous.mean() > 0.5) and len(syncs) >= _FEWEST_SYNCS
@@ -247,7 +247,7 @@ def _mode_at(seen: list[Seen], node: int, frame: int) -> int | None:
 
 
 def _record(
-    log: FrameLog, rows: _Rows, stretch: Rows, units: Units, before: bool, mode: int | None, notes: Sequence[str]
+    log: FrameLog, rows: _Rows, stretch: Rows, units: LogUnits, before: bool, mode: int | None, notes: Sequence[str]
 ) -> BusRecord | None:
     t_s = rows.clock.t_s[stretch]
     position = rows.columns[("sent", (_POSITION, 0))][stretch]
@@ -275,7 +275,7 @@ def _record(
     return BusRecord(table, float(t_s[0]), *_what_was_done(columns, mode))
 
 
-def _columns(raw: Mapping[tuple[str, Place], Array], units: Units, mode: int | None) -> dict[str, Array]:
+def _columns(raw: Mapping[tuple[str, Place], Array], units: LogUnits, mode: int | None) -> dict[str, Array]:
     """Raw columns in SI under our names; under the object's number where its unit is not known."""
     found: dict[str, Array] = {}
 

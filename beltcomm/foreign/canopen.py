@@ -45,7 +45,7 @@ class Pdo(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class ObjectSamples:
     """Values of one object.   frames : ndarray (n,), places in the log, rising.   raw : ndarray (n,), int64.   synchronous : (n,), of a PDO
     that waits for the SYNC."""
 
@@ -162,7 +162,7 @@ def _pdo_now(key: tuple[str, int], frame: int, state: Mapping[str, int], entries
     return Pdo(frame, cob_id & 0x7FF, direction, number, state.get("comm2"), mapped)
 
 
-def samples(log: FrameLog, seen: list[Seen], node: int, signed: frozenset[int]) -> dict[tuple[str, Place], Samples]:
+def samples(log: FrameLog, seen: list[Seen], node: int, signed: frozenset[int]) -> dict[tuple[str, Place], ObjectSamples]:
     """Values of every object that PDOs carried or SDOs wrote, by direction ("sent" by the node, "received" by it).
 
     signed : indices of objects that may be negative.
@@ -209,7 +209,7 @@ def bits_of(words: NDArray[np.uint8], first: int, bits: int, signed: bool) -> ND
     return np.asarray((shifted >> np.uint64(64 - bits)).view(np.int64), dtype=np.int64)
 
 
-def _joined(parts: list[tuple[NDArray[np.intp], NDArray[np.int64], NDArray[np.bool_]]]) -> Samples:
+def _joined(parts: list[tuple[NDArray[np.intp], NDArray[np.int64], NDArray[np.bool_]]]) -> ObjectSamples:
     frames, raw, waits = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.argsort(frames, kind="stable")
-    return Samples(frames[order], raw[order], waits[order])
+    return ObjectSamples(frames[order], raw[order], waits[order])

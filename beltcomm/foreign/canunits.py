@@ -25,7 +25,7 @@ _SCALING = (0x608F, 0x6091, 0x6092, 0x6093, 0x6094, 0x6075, 0x6076, 0x60A9)
 
 
 @dataclass(frozen=True)
-class Units:
+class LogUnits:
     """SI of one raw number, motor shaft; None where the log does not tell.   notes : where each comes from, in words."""
 
     position_rad: float | None
@@ -35,7 +35,7 @@ class Units:
     notes: tuple[str, ...]
 
 
-def units_of(seen: list[Seen], node: int, axis: Axis, frame: int) -> Units:
+def units_of(seen: list[Seen], node: int, axis: Axis, frame: int) -> LogUnits:
     """From SDO transfers in the log; what they do not show from the axis file.   frame : at which they hold, for a session may change them
     and put them back; what was seen only later counts as well.
 
@@ -62,7 +62,7 @@ def units_of(seen: list[Seen], node: int, axis: Axis, frame: int) -> Units:
         notes.append(
             f"the drive's rated torque is {rated * 1e-3:g} N m, the axis file says {axis.motor.rated_torque_nm:g} N m: one of them is wrong"
         )
-    return Units(position, speed, torque, rated_current * 1e-6 if rated_current else None, tuple(notes))
+    return LogUnits(position, speed, torque, rated_current * 1e-6 if rated_current else None, tuple(notes))
 
 
 def _motion(values: Mapping[Place, int], notes: list[str]) -> tuple[float | None, float | None]:

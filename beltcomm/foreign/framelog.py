@@ -50,7 +50,7 @@ _ASC_STAMP = re.compile(r"\s*(-?\d+\.\d+)\s")
 _ASC_BASE = re.compile(r"\s*base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.I)
 
 
-class Frame(NamedTuple):
+class LoggedFrame(NamedTuple):
     """One classic frame; time_ns is None without a stamp, identifier has bit 31 set when it is an extended one."""
 
     time_ns: int | None
@@ -167,7 +167,7 @@ def _opened(path: Path) -> Any:
     return io.TextIOWrapper(file, encoding="utf-8", errors="replace")
 
 
-def _matched(line: str) -> Frame | None:
+def _matched(line: str) -> LoggedFrame | None:
     match = _COMPACT.match(line)
     if match:
         stamp, channel, identifier, payload = match.groups()
@@ -175,7 +175,7 @@ def _matched(line: str) -> Frame | None:
         text = "" if remote else payload.replace(".", "")
         if text.startswith("#") or len(text) % 2 or len(text) > 2 * _LONGEST:  # ## is CAN FD
             return None
-        return Frame(_stamp(stamp), channel, _identifier(identifier), remote, bytes.fromhex(text))
+        return LoggedFrame(_stamp(stamp), channel, _identifier(identifier), remote, bytes.fromhex(text))
     match = _SPACED.match(line)
     if match is None:
         return None
@@ -184,7 +184,7 @@ def _matched(line: str) -> Frame | None:
     data = b"" if remote else bytes.fromhex(payload)
     if not remote and (len(data) != int(length) or len(data) > _LONGEST):
         return None
-    return Frame(_stamp(stamp) if stamp else None, channel, _identifier(identifier), remote, data)
+    return LoggedFrame(_stamp(stamp) if stamp else None, channel, _identifier(identifier), remote, data)
 
 
 def _stamp(text: str) -> int:
@@ -211,7 +211,7 @@ def _lines(path: Path, others: _Others) -> Iterator[tuple[int, str]]:
         others.notes.append(f"the file breaks off ({words_of(error)}): what came before is taken")
 
 
-def _candump(path: Path, others: _Others) -> Iterator[Frame]:
+def _candump(path: Path, others: _Others) -> Iterator[LoggedFrame]:
     for number, line in _lines(path, others):
         frame = _matched(line.strip())
         if frame is not None:
@@ -220,7 +220,7 @@ def _candump(path: Path, others: _Others) -> Iterator[Frame]:
             others.line(number)
 
 
-def _asc(path: Path, others: _Others) -> Iterator[Frame]:
+def _asc(path: Path, others: _Others) -> Iterator[LoggedFrame]:
     """Frames of a log by Vector's tools.   Stamps may be the times since the event before ("timestamps relative")."""
     base, relative, now = 16, False, 0
     for number, line in _lines(path, others):
@@ -242,7 +242,7 @@ def _asc(path: Path, others: _Others) -> Iterator[Frame]:
             others.line(number)
 
 
-def _asc_frame(line: str, base: int, now: int) -> Frame | None:
+def _asc_frame(line: str, base: int, now: int) -> LoggedFrame | None:
     match = _ASC.match(line)
     if match is None:
         return None
@@ -254,10 +254,10 @@ def _asc_frame(line: str, base: int, now: int) -> Frame | None:
         return None
     if int(identifier, base) >= 1 << 29:
         return None
-    return Frame(now, channel, int(identifier, base) | (1 << 31 if extended else 0), remote, bytes(int(word, base) for word in words))
+    return LoggedFrame(now, channel, int(identifier, base) | (1 << 31 if extended else 0), remote, bytes(int(word, base) for word in words))
 
 
-def _by_python_can(path: Path, reader: str, others: _Others) -> Iterator[Frame]:
+def _by_python_can(path: Path, reader: str, others: _Others) -> Iterator[LoggedFrame]:
     import can
 
     number, taken, there = 0, 0, 0
@@ -275,7 +275,7 @@ def _by_python_can(path: Path, reader: str, others: _Others) -> Iterator[Frame]:
                 remote = bool(message.is_remote_frame)
                 data = b"" if remote else bytes(message.data)
                 taken += 1
-                yield Frame(round(message.timestamp * 1e9), str(message.channel), message.arbitration_id | extended, remote, data)
+                yield LoggedFrame(round(message.timestamp * 1e9), str(message.channel), message.arbitration_id | extended, remote, data)
     except Exception as error:  # on damaged bytes these readers raise whatever they stumble over
         others.notes.append(
             f"the file breaks off behind frame {number} ({type(error).__name__}: {words_of(error)}): what came before is taken"
@@ -301,13 +301,13 @@ def read_blf(path: Path) -> Table:
     return Table(str(path), {str(k): column for k, column in enumerate(columns.T.copy())}, notes=(json.dumps(about),))
 
 
-def _of_table(table: Table, others: _Others) -> list[Frame]:
+def _of_table(table: Table, others: _Others) -> list[LoggedFrame]:
     """The frames of :func:`read_blf`."""
     about = json.loads(table.notes[0])
     others.count, others.what, others.notes = int(about["count"]), str(about["what"]), list(map(str, about["notes"]))
     whole = np.column_stack(list(table.columns.values())).astype(np.int64)
     return [
-        Frame(s * 10**9 + ns, str(about["channels"][channel]), identifier, bool(remote), bytes(data[:length]))
+        LoggedFrame(s * 10**9 + ns, str(about["channels"][channel]), identifier, bool(remote), bytes(data[:length]))
         for s, ns, channel, identifier, remote, length, *data in whole.tolist()
     ]
 

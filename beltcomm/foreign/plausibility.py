@@ -32,7 +32,7 @@ _POSITION_UNITS = {math.pi / 180.0: "degrees (*deg)", math.tau: "revolutions (*r
 
 
 @dataclass(frozen=True)
-class Finding:
+class Doubt:
     """One doubt.   what : in words.   value, expected : with units.   remedy : what to do next."""
 
     what: str
@@ -44,7 +44,7 @@ class Finding:
         return f"{self.what} is {self.value}, expected {self.expected}; {self.remedy}"
 
 
-def findings(recording: Recording, axis: Axis) -> tuple[Finding, ...]:
+def findings(recording: Recording, axis: Axis) -> tuple[Doubt, ...]:
     """All doubts about a recording that has passed the checks.   axis : what is not known of it is not asked."""
     if recording.is_static_map:
         return ()
@@ -59,21 +59,21 @@ def findings(recording: Recording, axis: Axis) -> tuple[Finding, ...]:
     )
 
 
-def _sampling(recording: Recording) -> Iterator[Finding]:
+def _sampling(recording: Recording) -> Iterator[Doubt]:
     period = recording.sample_period_s
     if period > _SLOWEST_S:
-        yield Finding(
+        yield Doubt(
             "the time between rows", f"{1e3 * period:.4g} ms", f"at most {1e3 * _SLOWEST_S:g} ms to see a belt's resonance",
             "friction and mass may still be told; record faster for the rest, or correct the unit of time: --map t_s=NAME*ms",
         )  # fmt: skip
     if period < _FASTEST_S:
-        yield Finding(
+        yield Doubt(
             "the time between rows", f"{1e6 * period:.4g} us", f"at least {1e6 * _FASTEST_S:g} us",
             "correct the unit of time: --map t_s=NAME*FACTOR",
         )  # fmt: skip
 
 
-def _inertia(recording: Recording, axis: Axis, ratio: float | None) -> Iterator[Finding]:
+def _inertia(recording: Recording, axis: Axis, ratio: float | None) -> Iterator[Doubt]:
     """Torque against acceleration: the sum of everything that is moved must be positive, and of this axis's size."""
     found = rigid_inertia(recording.t_s, recording.torque, recording.position)
     if found is None or abs(found.inertia) < _CERTAIN * found.error or found.dynamic < _DYNAMIC:
@@ -82,7 +82,7 @@ def _inertia(recording: Recording, axis: Axis, ratio: float | None) -> Iterator[
     name = "the mass" if recording.side == "load" else "the inertia"
     value = f"{found.inertia:.3g} ± {2.0 * found.error:.1g} {unit}"
     if found.inertia < 0.0:
-        yield Finding(
+        yield Doubt(
             f"{name} by the regression of {torque} on acceleration", value, "a positive one",
             "one of the two has the wrong sign: --flip torque or --flip position (whichever the drive counts the other way)",
         )  # fmt: skip
@@ -92,7 +92,7 @@ def _inertia(recording: Recording, axis: Axis, ratio: float | None) -> Iterator[
     least = _LIGHTEST_SHARE * axis.motor_side_inertia_kg_m2
     most = axis.motor_side_inertia_kg_m2 + ratio**2 * _HEAVIEST_KG
     if not least <= found.inertia <= most:
-        yield Finding(
+        yield Doubt(
             f"{name} by the regression of {torque} on acceleration", value,
             f"{least:.3g} to {most:.3g} {unit}, the motor's side by the data sheets and up to {_HEAVIEST_KG:g} kg behind it",
             _unit_remedy(found, least, most, axis),
@@ -109,14 +109,14 @@ def _unit_remedy(found: RigidInertia, least: float, most: float, axis: Axis) -> 
     return f"it would fit if {' or '.join(fits)}: correct the factor in --map" if fits else "look at the units of torque, position and time"
 
 
-def _feed_constant(recording: Recording, axis: Axis, ratio: float | None) -> Iterator[Finding]:
+def _feed_constant(recording: Recording, axis: Axis, ratio: float | None) -> Iterator[Doubt]:
     """A second sensor against the motor: feed constant, gearbox ratio."""
     if recording.side == "load":
         return
     if recording.cart_position_m is not None:
         measured = _slope(recording.position, recording.cart_position_m)
         if ratio is not None and measured is not None and abs(measured / ratio - 1.0) > _AGREE:
-            yield Finding(
+            yield Doubt(
                 "the feed constant, carriage against motor", f"{1e3 * math.tau * measured:.5g} mm per revolution",
                 f"{1e3 * math.tau * ratio:.5g} mm by pulley.effective_radius_m and gearbox.ratio of {axis}",
                 _ratio_words(measured / ratio, "cart_position_m"),
@@ -124,7 +124,7 @@ def _feed_constant(recording: Recording, axis: Axis, ratio: float | None) -> Ite
     if recording.load_position_rad is not None:
         measured, expected = _slope(recording.position, recording.load_position_rad), 1.0 / axis.gearbox.ratio
         if measured is not None and abs(measured / expected - 1.0) > _AGREE:
-            yield Finding(
+            yield Doubt(
                 "the angle of the load against the motor's", f"1:{1.0 / measured:.5g}", f"1:{axis.gearbox.ratio:g} by gearbox.ratio",
                 _ratio_words(measured / expected, "load_position_rad"),
             )  # fmt: skip
@@ -148,26 +148,26 @@ def _slope(cause: Array, effect: Array) -> float | None:
     return float(x @ y) / power[0]
 
 
-def _travel(recording: Recording, axis: Axis, ratio: float | None) -> Iterator[Finding]:
+def _travel(recording: Recording, axis: Axis, ratio: float | None) -> Iterator[Doubt]:
     low, high, limit = axis.travel.min_m, axis.travel.max_m, axis.limits.speed_m_s
     if ratio is None:
         return
     moved = ratio * float(np.ptp(recording.position))
     column = CHANNELS[recording.side]["position"]
     if low is not None and high is not None and moved < 1e-4 * (high - low):
-        yield Finding(
+        yield Doubt(
             "the travel", f"{1e3 * moved:.3g} mm", f"more than a ten-thousandth of the axis's {high - low:g} m",
             f"look at the unit of {column} (revolutions? m?)",
         )  # fmt: skip
     fastest = ratio * float(np.percentile(np.abs(np.diff(recording.position) / np.diff(recording.t_s)), 99.0))
     if limit is not None and fastest > 1.5 * limit:
-        yield Finding(
+        yield Doubt(
             "the carriage's speed", f"{fastest:.4g} m/s", f"at most {limit:g} m/s by limits.speed_m_s of {axis}",
             f"look at the units of {column} (degrees? counts?) and of time",
         )  # fmt: skip
 
 
-def _velocity(recording: Recording) -> Iterator[Finding]:
+def _velocity(recording: Recording) -> Iterator[Doubt]:
     """The velocity column against the difference quotient of the position, over a hundred windows."""
     if recording.velocity is None or np.ptp(recording.velocity) == 0.0:
         return
@@ -180,18 +180,18 @@ def _velocity(recording: Recording) -> Iterator[Finding]:
         return
     likeness = float(travel @ integral) / math.sqrt(power[0] * power[1])
     if likeness < 0.5:
-        yield Finding(
+        yield Doubt(
             f"the likeness of {channels['velocity']} to the change of {channels['position']}", f"{likeness:.2f}", "nearly 1",
             "one of the two is another signal (a setpoint? another axis?): map the right one, or leave the velocity out",
         )  # fmt: skip
     elif abs(math.sqrt(power[1] / power[0]) - 1.0) > _AGREE and likeness > _ALIKE:
-        yield Finding(
+        yield Doubt(
             f"{channels['velocity']} over the change of {channels['position']}", f"{math.sqrt(power[1] / power[0]):.4g}", "1",
             "correct the factor of the one that is wrong (per minute? filtered?)",
         )  # fmt: skip
 
 
-def _torque_levels(recording: Recording, axis: Axis) -> Iterator[Finding]:
+def _torque_levels(recording: Recording, axis: Axis) -> Iterator[Doubt]:
     """A torque in whole numbers is in thousandths, per cent or counts."""
     if recording.side == "load":
         return
@@ -199,13 +199,13 @@ def _torque_levels(recording: Recording, axis: Axis) -> Iterator[Finding]:
     whole = bool(np.all(torque == np.round(torque))) and float(np.abs(torque).max()) >= 10.0 and len(np.unique(torque)) > 3
     if whole and axis.motor.peak_torque_nm is None:
         column = CHANNELS[recording.side]["torque"]
-        yield Finding(
+        yield Doubt(
             column, f"in whole numbers up to {np.abs(torque).max():g}", "N m with decimals",
             f"it looks like thousandths of a rated torque or a converter's counts: --map {column}=NAME*RATED/1000",
         )  # fmt: skip
     rated = axis.motor.rated_torque_nm
     if rated is not None and recording.side == "motor" and float(np.ptp(torque)) < 2e-3 * rated:
-        yield Finding(
+        yield Doubt(
             "the torque's range", f"{np.ptp(torque):.3g} N m", f"more than two thousandths of the rated {rated:g} N m",
             "look at its factor (a share of rated instead of N m?)",
         )  # fmt: skip

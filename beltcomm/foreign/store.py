@@ -27,7 +27,7 @@ from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.checks import check
 from beltcomm.foreign.convert import Converted, Reading, convert, reading_from_dict, without_time
 from beltcomm.foreign.files import Part, parts_of
-from beltcomm.foreign.plausibility import Finding, findings
+from beltcomm.foreign.plausibility import Doubt, findings
 from beltcomm.locks import link_refused
 from beltcomm.outside import opened, sha256_of
 from beltcomm.recording import Recording, Sidecar, common_side, load_recording, recording_from_columns
@@ -49,7 +49,7 @@ class Imported:
     recording: Recording
     converted: Converted
     notes: tuple[str, ...]
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[Doubt, ...] = ()
 
 
 def imported(path: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Axis, part: Part) -> Imported:

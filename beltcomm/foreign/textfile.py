@@ -86,7 +86,7 @@ def read_text_table(path: Path, separator: Separator | None, decimal: Decimal | 
     if not names:
         names = [f"c{j}" for j in range(1, form.width + 1)]
         notes.append(f"it has no header: its columns are called c1 to c{form.width}")
-    rows = Rows(path, form, names, torn_rows)
+    rows = TextRows(path, form, names, torn_rows)
     number, without_end = 0, False
     for piece in _pieces(path, look.encoding):
         first, number = number + 1, number + len(piece.splitlines())
@@ -271,7 +271,7 @@ def _unique(names: Sequence[str]) -> list[str]:
     return list(found)
 
 
-class Rows:
+class TextRows:
     """The rows of a text table, as they come; :meth:`columns` at the end."""
 
     def __init__(self, path: Path, form: _Format, names: Sequence[str], torn_rows: bool) -> None:

@@ -48,7 +48,7 @@ USUAL_DAMPING_N_S = 8.0
 
 
 @dataclass(frozen=True)
-class Reach:
+class ResponseBand:
     """What one excited record shows.   place_m : carriage, None where nobody knows.   highest_hz : last frequency with a response
     above the noise.   nyquist_hz : half the sampling frequency.   mode_hz, noise_ratio : of the end pulley's mode there, Hz, and response
     over noise around it; 0 beyond the lines."""
@@ -75,7 +75,7 @@ class ThreeMass:
     two: FinalModel
     three: ModelFit
     evidence: float
-    reach: tuple[Reach, ...]
+    reach: tuple[ResponseBand, ...]
     against: tuple[str, ...]
     heavier_kg: float = 0.0
 
@@ -267,12 +267,12 @@ def signal_up_to(response: FrequencyResponse) -> float:
     return float(response.freq_hz[last[-1] + width // 2]) if len(last) else 0.0
 
 
-def _reach(name: str, place_m: float | None, response: FrequencyResponse, model: Model) -> Reach:
+def _reach(name: str, place_m: float | None, response: FrequencyResponse, model: Model) -> ResponseBand:
     mode = resonances_hz(model, place_m or 0.0)[-1]
     around = np.argsort(np.abs(response.freq_hz - mode))[:TOGETHER]
     within = response.freq_hz[0] <= mode <= response.freq_hz[-1]
     ratio = float(np.median(np.abs(response.h[around]) / np.maximum(response.noise[around], 1e-300))) if within else 0.0
-    return Reach(name, place_m, signal_up_to(response), 0.5 / response.sample_period_s, mode, ratio)
+    return ResponseBand(name, place_m, signal_up_to(response), 0.5 / response.sample_period_s, mode, ratio)
 
 
 def judge_third_mass(
@@ -334,7 +334,7 @@ def _badly_known(three: ModelFit) -> str:
     )
 
 
-def _out_of_reach(mass_kg: float, reach: Sequence[Reach], mode_hz: float, recordings: Sequence[Recording]) -> tuple[str, float]:
+def _out_of_reach(mass_kg: float, reach: Sequence[ResponseBand], mode_hz: float, recordings: Sequence[Recording]) -> tuple[str, float]:
     """Why no record shows the mode, what would, and the end pulley whose mode they would show, kg."""
     nearest = min(reach, key=lambda one: one.mode_hz / max(one.highest_hz, 1e-3), default=None)
     if nearest is None:

@@ -15,7 +15,7 @@ from beltcomm.result import Result, plain
 from beltcomm.rundata import offline
 from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.findings import Findings
-from beltcomm.rundata.friction_study import Study, data_of, study_of
+from beltcomm.rundata.friction_study import FrictionStudy, data_of, study_of
 from beltcomm.rundata.kept_path import kept_path
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.strokes import slowest_fitted_rad_s
@@ -76,7 +76,7 @@ def friction_compare(runs: Place | Sequence[Place], *, pictures: bool = False, c
     return Result({"runs": data, "load": {**plain(found_load), "by": by, "pictures": shown}}, text)
 
 
-def load_of(studies: Sequence[tuple[RunFolder, Study, Model | None]]) -> tuple[str, LoadDependence, float]:
+def load_of(studies: Sequence[tuple[RunFolder, FrictionStudy, Model | None]]) -> tuple[str, LoadDependence, float]:
     """Friction against load; what the load is, in words, and the fastest speed that all have, rad/s at the motor.
 
     The stated payload where every sweep has one, else the moving mass of each run's model.   Raises DataError without either.
@@ -118,7 +118,7 @@ def _one_axis(folders: Sequence[RunFolder]) -> None:
             )
 
 
-def _told_apart(studies: Sequence[tuple[RunFolder, Study, Model | None]]) -> list[str]:
+def _told_apart(studies: Sequence[tuple[RunFolder, FrictionStudy, Model | None]]) -> list[str]:
     """What else may differ between the runs, in words."""
     remarks = []
     drives = [dict(folder.drive) for folder, _, _ in studies]

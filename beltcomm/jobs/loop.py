@@ -23,7 +23,7 @@ from beltcomm.result import Result, plain
 from beltcomm.rundata import offline
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import loop_ways
-from beltcomm.sentences.loop_ways import Shown
+from beltcomm.sentences.loop_ways import LoopReading
 from beltcomm.talk import Silence, Talk
 
 #: s: a loop that settles more slowly leaves a transient in what is measured.
@@ -79,7 +79,7 @@ def identify_in_loop(drive: Drive, axis: Axis, run: Path, options: Options, agre
     return Result({"run": str(run), **data}, text)
 
 
-def saved(folder: RunFolder, recording: Recording, ways: Sequence[Shown], slowest: float) -> dict[str, Any]:
+def saved(folder: RunFolder, recording: Recording, ways: Sequence[LoopReading], slowest: float) -> dict[str, Any]:
     """``results/NAME.yaml`` with all numbers and ``results/NAME_WAY.csv`` with the lines of each response of the record; as a mapping."""
     bias = loop_ways.bias_by(recording, ways)
     note = recording.sidecar.excitation
@@ -101,7 +101,7 @@ def saved(folder: RunFolder, recording: Recording, ways: Sequence[Shown], slowes
     return data
 
 
-def _numbers(one: Shown) -> dict[str, Any]:
+def _numbers(one: LoopReading) -> dict[str, Any]:
     """A response's numbers without its lines."""
     kept = (
         "record",
@@ -119,7 +119,7 @@ def _numbers(one: Shown) -> dict[str, Any]:
     return {name: plain(getattr(one, name)) for name in kept} | {"periods": one.response.n_periods}
 
 
-def _remarks(recording: Recording, ways: Sequence[Shown], others: Sequence[str]) -> list[str]:
+def _remarks(recording: Recording, ways: Sequence[LoopReading], others: Sequence[str]) -> list[str]:
     """What to know beside the table; of the record just made only."""
     said = [f"{s.way}: {remark}" for s in ways if s.record == recording.name for remark in s.remarks]
     return [*said, *others]

@@ -29,10 +29,10 @@ from beltcomm.rundata.store import cascade_from_dict, saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Silence, Talk
 from beltcomm.trajectory import Trajectory, held, load_move, plan_trajectory
-from beltcomm.tuning.bench import Bench, Shown, Tracked
+from beltcomm.tuning.bench import Bench, CascadeView, TrackingPrediction
 from beltcomm.tuning.changes import changes, error_changes, sentence
 from beltcomm.tuning.curves import DISTURBANCE_NM, OpenLoops, Responses
-from beltcomm.tuning.ground import MOST_PAYLOAD_KG, RANGES, Ground, Setting, setting_from
+from beltcomm.tuning.ground import MOST_PAYLOAD_KG, RANGES, DesignInput, SliderSetting, setting_from
 from beltcomm.tuning.presets import KINDS, PACES, preset
 from beltcomm.verify import DYNAMIC_TARGET_M, MOVE_M, REST_S, STATIC_TARGET_M, Loop
 
@@ -93,7 +93,7 @@ class Tuning:
             "compensated": list(self._saved_design.get("compensated") or ()),
         }
 
-    def update(self, setting: Setting) -> dict[str, Any]:
+    def update(self, setting: SliderSetting) -> dict[str, Any]:
         """Gains, margins and curves of a setting beside the present design; ``refusal`` where it has none."""
         try:
             design, new, present = self.bench.shown(setting)
@@ -109,7 +109,7 @@ class Tuning:
             "sentence": sentence(found),
         }
 
-    def track(self, setting: Setting) -> dict[str, Any]:
+    def track(self, setting: SliderSetting) -> dict[str, Any]:
         """The predicted tracking error of the move; ``refusal`` where the setting has no design."""
         present = self.bench.present_tracked(setting.shown_kg)
         try:
@@ -124,7 +124,7 @@ class Tuning:
             "sentence": "" if all(one.same for one in found) else sentence(found),
         }
 
-    def save(self, setting: Setting) -> dict[str, Any]:
+    def save(self, setting: SliderSetting) -> dict[str, Any]:
         """The design of a setting, with its whole proof, as the run's design; the one before stays as ``designs/replaced_N.yaml``."""
         folder, ground = self._basis.folder, self.bench.ground
         found = self.bench.design(setting)
@@ -163,7 +163,7 @@ class Tuning:
         found: dict[str, Any] = plain(preset(self.bench, setting_from(data["setting"], self.bench.ground), data["kind"], data["pace"]))
         return found
 
-    def _with_setting(self, answer: Callable[[Setting], dict[str, Any]]) -> Callable[[Any], dict[str, Any]]:
+    def _with_setting(self, answer: Callable[[SliderSetting], dict[str, Any]]) -> Callable[[Any], dict[str, Any]]:
         return lambda data: answer(setting_from(data, self.bench.ground))
 
 
@@ -182,13 +182,13 @@ def tune(
     opened : called with the address, as a browser would be.   Exit code 1 when the last design saved is not to be used.
     Raises DataError without a design, UsageError for a port that is taken.
     """
-    from beltcomm.web.server import Page, serve  # no other command needs a web server
+    from beltcomm.web.server import PageFiles, serve  # no other command needs a web server
 
     run, options, talk = place(run), options or Options(), talk or Silence()
     move = None if move is None else place(move, "move")
     talk.say("computing the plants of this run")
     tuning = Tuning(run, payload_kg=options.payload_kg or 0.0, move=move, seed=options.seed or 0)
-    with serve(Page("tune"), tuning.answers(), token, port) as served:
+    with serve(PageFiles("tune"), tuning.answers(), token, port) as served:
         talk.say(f"the tuning page is at {served.address} ; Ctrl-C ends it")
         if opened is not None:
             opened(served.address)
@@ -199,7 +199,7 @@ def tune(
     return Result({**last.data, "saved": len(tuning.saved)}, last.text, last.exit_code)
 
 
-def ground_of(basis: Basis, saved: Mapping[str, Any], move: Path | None = None) -> Ground:
+def ground_of(basis: Basis, saved: Mapping[str, Any], move: Path | None = None) -> DesignInput:
     """What tuning of a run rests on.   saved : its present design.   move : file with the user's own."""
     folder, model, structure = basis.folder, basis.model, basis.structure
     assume_delay(basis.findings, structure)
@@ -207,7 +207,7 @@ def ground_of(basis: Basis, saved: Mapping[str, Any], move: Path | None = None) 
     present, mounted, travel = cascade_from_dict(saved), model["cart.mass"], folder.axis.travel
     drive = folder.load_result("drive") or {}
     peak = float(drive.get("peak_torque_nm") or folder.axis.motor.peak_torque_nm or math.inf)
-    return Ground(
+    return DesignInput(
         model,
         structure,
         lambda places, loads: analyse.design_plants(model, places, [mounted + load for load in loads], late_s, apparent),
@@ -255,11 +255,11 @@ def _move_words(move: Trajectory, file: Path | None) -> str:
     return f"move{named} from {start:.0f} to {end:.0f} mm in {move.duration_s - REST_S:.2f} s, up to {top:.2f} m/s"
 
 
-def _curves(shown: Shown) -> dict[str, Any]:
+def _curves(shown: CascadeView) -> dict[str, Any]:
     return {"worst": plain(shown.worst), "open_loops": _drawn(shown.open_loops), "responses": _drawn(shown.responses)}
 
 
-def _drawn(curves: OpenLoops | Responses | Tracked) -> dict[str, Any]:
+def _drawn(curves: OpenLoops | Responses | TrackingPrediction) -> dict[str, Any]:
     """As :func:`plain`, arrays to the four digits that a picture shows: they are most of what the page waits for."""
     values = {field.name: getattr(curves, field.name) for field in fields(curves)}
     return {

@@ -32,7 +32,7 @@ from beltcomm.verify import Demand, Verdict
 
 
 @dataclass(frozen=True)
-class Rung:
+class MoveVariant:
     """One way to drive the same move with the same gains.   change : of the design's controller.   sending : what the host adds."""
 
     key: str
@@ -52,12 +52,12 @@ def _plain(cascade: Cascade) -> Cascade:
 
 
 #: From the cascade of the design source up, each with all of the one before.
-RUNGS: tuple[Rung, ...] = (
-    Rung("source", "as in the design source: velocity compared with a reference that does not lag", _plain, "nothing"),
-    Rung("lag", "the reference behind the lag of the measured velocity", _at_once, "nothing"),
-    Rung("delay", "the feedforward computed ahead of the delay", lambda c: c, "nothing"),
-    Rung("stretch", "the motor ahead of the carriage by the stretch of the belt", lambda c: c, "stretch"),
-    Rung("compliant", "friction of the carriage in that stretch, through start, reversal and stop", lambda c: c, "compliant"),
+RUNGS: tuple[MoveVariant, ...] = (
+    MoveVariant("source", "as in the design source: velocity compared with a reference that does not lag", _plain, "nothing"),
+    MoveVariant("lag", "the reference behind the lag of the measured velocity", _at_once, "nothing"),
+    MoveVariant("delay", "the feedforward computed ahead of the delay", lambda c: c, "nothing"),
+    MoveVariant("stretch", "the motor ahead of the carriage by the stretch of the belt", lambda c: c, "stretch"),
+    MoveVariant("compliant", "friction of the carriage in that stretch, through start, reversal and stop", lambda c: c, "compliant"),
 )
 
 

@@ -14,7 +14,7 @@ from beltcomm.fit.records import Data
 from beltcomm.fit.segment import Segment, evaluate
 from beltcomm.identify.landmarks import shape_of
 from beltcomm.laboratory.figures import PlainError
-from beltcomm.laboratory.places import Place, worst_places
+from beltcomm.laboratory.places import ErrorRegion, worst_places
 from beltcomm.laboratory.plain_error import band_limited_errors, band_of, plain_error
 from beltcomm.laboratory.samples import Judged, units_of
 from beltcomm.model import Model
@@ -47,7 +47,7 @@ class Comparison:
     ratio: float
     held_out: float | None
     records: tuple[RecordRatio, ...]
-    places: tuple[Place, ...]
+    places: tuple[ErrorRegion, ...]
     judged: tuple[Judged, ...]
     plain: PlainError | None = None
     plain_held_out: PlainError | None = None
@@ -81,7 +81,7 @@ def _judged(piece: Segment, fitted: Fitted, vector: Array, white: Array, offset_
     return Judged(piece, white, torque[piece.value_samples], fitted.model["transmission.ratio"], torque, units_of(fitted.model))
 
 
-def worst(comparison: Comparison, count: int = 5) -> list[Place]:
+def worst(comparison: Comparison, count: int = 5) -> list[ErrorRegion]:
     """The places that stand out, worst first; few or none where the model fits as a whole."""
     places = [p for p in comparison.places if p.ratio >= LEAST_RATIO and p.contrast >= LEAST_CONTRAST]
     if max(comparison.ratio, comparison.held_out or 0.0) <= WHOLE:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
-from beltcomm.effects import EFFECTS, Ground
+from beltcomm.effects import EFFECTS, AxisSummary
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.laboratory.score import Scorer
@@ -196,7 +196,7 @@ def map_check(record: Recording, orders: Array, waves: NDArray[np.complex128]) -
     return MapCheck(record.name, float(alike[best] / (np.linalg.norm(waves) * rest)), float(zeros[best]), listed)
 
 
-def friction_bound(fitted: Fitted, ground: Ground) -> float:
+def friction_bound(fitted: Fitted, ground: AxisSummary) -> float:
     """Share of the squares that any further law of friction over speed and direction could explain, to first order; 0 to 1."""
     bounds = [effect for effect in EFFECTS if effect.bound and effect.name not in fitted.model.effects]
     scorer = Scorer(fitted)

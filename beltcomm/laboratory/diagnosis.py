@@ -267,7 +267,7 @@ def withdrawn(steps: Sequence[Stage], base: Fitted) -> Stage:
 
 
 @dataclass(frozen=True)
-class Trial:
+class Acceptance:
     """candidates : with what the fits said of them.   best : the one taken, None for none.   data, grown : with it, all fitted again."""
 
     candidates: list[Candidate]
@@ -276,7 +276,9 @@ class Trial:
     grown: Fitted | None = None
 
 
-def accept_best(data: Data, current: Fitted, candidates: list[Candidate], trying: Callable[[Candidate], None], causes_left: bool) -> Trial:
+def accept_best(
+    data: Data, current: Fitted, candidates: list[Candidate], trying: Callable[[Candidate], None], causes_left: bool
+) -> Acceptance:
     """The best candidate with everything fitted again; the next one where the error as a whole grows, and none where that is not accepted.
 
     Such a one explains only what it does to the noise, as a lag of the reading beside a dead time does.
@@ -286,12 +288,12 @@ def accept_best(data: Data, current: Fitted, candidates: list[Candidate], trying
     while True:
         best = next(iter(uncontradicted(candidates)), None)
         if best is None or not best.accepted or best.fitted is None or not (causes_left or further(best.effect.name)):
-            return Trial(candidates, None, data)
+            return Acceptance(candidates, None, data)
         trying(best)
         ahead, grown = refit_with_rebuilt_motion(data, best.fitted, NEXT_ITERATIONS)
         less = grown.ratio <= GROWN * current.ratio or share_left(current, grown) < 1.0
         if less and lowers(data, current, grown, ahead):
-            return Trial(candidates, best, ahead, grown)
+            return Acceptance(candidates, best, ahead, grown)
         refused = replace(best, accepted=False, grows=not less, idle=less)
         trying(refused)
         candidates = [refused if c is best else c for c in candidates]

@@ -46,7 +46,7 @@ _NAMES = ("torque_setpoint", "velocity", "reference_position", "reference_veloci
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
+class Extract:
     """Rows ``first`` to ``last`` of a record.   told : ndarray (k, k), Σ φφᵀ.   moment : (k,), Σ φ torque.   power : Σ torque²."""
 
     record: int
@@ -125,7 +125,7 @@ def _stretches(records: Sequence[Recording], axis: Axis, remarks: list[str]) -> 
     return found
 
 
-def windows_of(records: Sequence[Recording]) -> list[Window]:
+def windows_of(records: Sequence[Recording]) -> list[Extract]:
     """All windows of some records, with what they tell in units that are the same for all."""
     signals = [_Signals(r) for r in records]
     every = [np.concatenate(column) for column in zip(*(s.seen() for s in signals), strict=True)]
@@ -138,7 +138,7 @@ def windows_of(records: Sequence[Recording]) -> list[Window]:
         for first, last in itertools.pairwise(one.cuts()):
             found = _told(one, first, last, scale, speeds, (low, high), number / len(signals), 1.0 / len(signals))
             if found is not None:
-                windows.append(Window(number, first, last, *found))
+                windows.append(Extract(number, first, last, *found))
     return windows
 
 
@@ -192,7 +192,7 @@ class _Signals:
 def _told(
     one: _Signals, first: int, last: int, scale: Array, speeds: Array, places: tuple[float, float], begin: float, share: float
 ) -> tuple[Array, Array, float, int] | None:
-    """What a window tells, see :class:`Window`; None where it is too short."""
+    """What a window tells, see :class:`Extract`; None where it is too short."""
     part = slice(max(first - one.width, 0) // one.step + 1, max((last - one.width) // one.step, 0))
     speed, torque = one.speed[part], one.torque[part]
     if len(speed) < 8:
@@ -213,7 +213,7 @@ def _told(
     return phi.T @ phi, known.T @ torque, float(torque @ torque), len(speed)
 
 
-def best_windows(windows: Sequence[Window], most_rows: int) -> list[Window]:
+def best_windows(windows: Sequence[Extract], most_rows: int) -> list[Extract]:
     """Windows of so many rows: the oddest, in which the regression over all leaves most, at least one; then those that tell most."""
     told = np.array([w.told for w in windows])
     rows = np.array([w.rows for w in windows], dtype=np.float64)
@@ -235,7 +235,7 @@ def best_windows(windows: Sequence[Window], most_rows: int) -> list[Window]:
     return taken
 
 
-def _left(windows: Sequence[Window]) -> Array:
+def _left(windows: Sequence[Extract]) -> Array:
     """Mean squared torque that the regression over all windows leaves in each."""
     known = np.arange(len(windows[0].moment)) != _FAST
     told = np.array([w.told for w in windows])[:, known][:, :, known]
@@ -245,7 +245,7 @@ def _left(windows: Sequence[Window]) -> Array:
     return np.asarray(power / np.array([w.count for w in windows]))
 
 
-def certainty(windows: Sequence[Window], taken: Sequence[Window]) -> float:
+def certainty(windows: Sequence[Extract], taken: Sequence[Extract]) -> float:
     """How many times as exactly all windows tell the factor of the acceleration as those that were taken."""
     whole, chosen = (np.linalg.pinv(np.sum([w.told for w in some], axis=0), rcond=1e-10, hermitian=True) for some in (windows, taken))
     return math.sqrt(max(float(chosen[0, 0] / whole[0, 0]), 1.0))

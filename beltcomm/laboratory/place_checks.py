@@ -32,7 +32,7 @@ def transmission(axis: Axis) -> float | None:
 
 
 @dataclass(frozen=True)
-class Line:
+class PositionLine:
     """Start position over angle.   slope : m/rad.   zero_m : m, position at angle 0.   far : (n,) m, distance of each record."""
 
     slope: float
@@ -45,11 +45,11 @@ class Line:
         return np.abs(self.far) <= PLACE_M
 
 
-def line_through(angle: Array, place: Array, slope: float | None = None) -> Line:
+def line_through(angle: Array, place: Array, slope: float | None = None) -> PositionLine:
     """The line that most records agree with: through pairs of them, or with a known slope."""
     if slope is not None:
         zeros = place - slope * angle
-        lines = [Line(slope, float(zero), zeros - zero) for zero in zeros]
+        lines = [PositionLine(slope, float(zero), zeros - zero) for zero in zeros]
     else:
         lines = []
         for i in range(len(angle)):
@@ -57,7 +57,7 @@ def line_through(angle: Array, place: Array, slope: float | None = None) -> Line
                 if abs(angle[i] - angle[j]) > 1e-9:
                     through = float((place[i] - place[j]) / (angle[i] - angle[j]))
                     zero = float(place[i] - through * angle[i])
-                    lines.append(Line(through, zero, place - zero - through * angle))
+                    lines.append(PositionLine(through, zero, place - zero - through * angle))
     return max(lines, key=lambda line: (int(line.agree.sum()), -float(np.sum(np.minimum(np.abs(line.far), PLACE_M)))))
 
 

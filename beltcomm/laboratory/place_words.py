@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from beltcomm.laboratory.places import Place
+from beltcomm.laboratory.places import ErrorRegion
 from beltcomm.laboratory.samples import Units
 
 #: Means that differ by less than this share count as equal; small units below which a mean is not worth a word.
 ALIKE, LEAST_SMALL = 0.5, 0.05
 
 
-def in_words(place: Place, landmarks: Mapping[str, float] | None = None) -> str:
+def in_words(place: ErrorRegion, landmarks: Mapping[str, float] | None = None) -> str:
     """A place as a sentence.   landmarks : frequencies with a name, Hz, such as the antiresonance."""
     if place.dimension == "angle":
         swing = amount(place.swing, place.units)
@@ -29,7 +29,7 @@ def in_words(place: Place, landmarks: Mapping[str, float] | None = None) -> str:
     return f"{where}: {place.ratio:.2f} times the noise{rest}{'; ' if torque else ''}{torque}{record}"
 
 
-def span_words(place: Place) -> str:
+def span_words(place: ErrorRegion) -> str:
     """The range."""
     low, high = place.low, place.high
     if place.dimension == "speed":
@@ -46,12 +46,12 @@ def span_words(place: Place) -> str:
     }[place.dimension]
 
 
-def also_words(place: Place) -> str:
+def also_words(place: ErrorRegion) -> str:
     """Other ranges nearly as bad."""
     return "".join(f", also {low:.3g} to {high:.3g} {place.unit}" for low, high in place.also)
 
 
-def landmark_words(place: Place, landmarks: Mapping[str, float]) -> str:
+def landmark_words(place: ErrorRegion, landmarks: Mapping[str, float]) -> str:
     """Which known frequencies lie within a band."""
     if place.dimension != "frequency":
         return ""
@@ -59,7 +59,7 @@ def landmark_words(place: Place, landmarks: Mapping[str, float]) -> str:
     return f" ({', '.join(inside)})" if inside else ""
 
 
-def torque_words(place: Place) -> str:
+def torque_words(place: ErrorRegion) -> str:
     """How the measured torque (force, current) differs on average; "" where it does not."""
     forward, backward, units = place.forward, place.backward, place.units
     by_load = place.dimension == "amplitude"

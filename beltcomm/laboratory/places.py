@@ -47,7 +47,7 @@ ANGLES, ORDERS, TURNS, COVERED, STANDS_OUT = 512, 100, 1.0, 0.9, 6.0
 
 
 @dataclass(frozen=True)
-class Place:
+class ErrorRegion:
     """A range of one dimension.   low, high, unit.   ratio, elsewhere : rms of the residual over that of the noise, here and in the rest.
 
     share : of all squares above the noise.   forward, backward : measured minus model's torque in units of the axis, mean over motion in
@@ -89,7 +89,7 @@ class Place:
         return float(np.sqrt(self.contrast)) if self.dimension == "frequency" and self.low <= 0.0 else self.contrast
 
 
-def worst_places(judged: Sequence[Judged]) -> list[Place]:
+def worst_places(judged: Sequence[Judged]) -> list[ErrorRegion]:
     """The worst place of every dimension that has one, the one that stands out most first."""
     judged = [j for j in judged if len(j.white)]
     if not judged:
@@ -142,7 +142,7 @@ def worst_span(ratio: Array, count: Array) -> tuple[int, int] | None:
 
 def place_of(
     dimension: str, low: float, high: float, unit: str, inside: NDArray[np.bool_], outside: NDArray[np.bool_], samples: Samples
-) -> Place:
+) -> ErrorRegion:
     """The samples of a range as a place.   outside : what it is compared with."""
     squares = samples.white**2
     here = float(np.mean(squares[inside]))
@@ -160,7 +160,7 @@ def place_of(
     excess = np.bincount(samples.record[inside], squares[inside] - 1.0, minlength=len(samples.names))
     most = int(np.argmax(excess))
     named = len(samples.names) > 1 and excess[most] > RECORD_SHARE * float(np.sum(np.maximum(excess, 0.0)))
-    return Place(
+    return ErrorRegion(
         dimension,
         float(low),
         float(high),
@@ -177,7 +177,7 @@ def place_of(
     )
 
 
-def by_direction(samples: Samples) -> Place | None:
+def by_direction(samples: Samples) -> ErrorRegion | None:
     """Torque that is missing on average, by direction.   elsewhere : what is left of the ratio without it."""
     squares = samples.white**2
     left = samples.white.copy()
@@ -194,7 +194,7 @@ def by_direction(samples: Samples) -> Place | None:
     return replace(place, elsewhere=without, share=1.0, forward=means[0], backward=means[1], weight=weight)
 
 
-def by_angle(judged: Sequence[Judged], samples: Samples) -> Place | None:
+def by_angle(judged: Sequence[Judged], samples: Samples) -> ErrorRegion | None:
     """The torque that repeats with the angle of the motor.   elsewhere : what is left of the ratio without it."""
     angle = np.concatenate([motor_angle(j) for j in judged])
     if (
@@ -223,7 +223,7 @@ def by_angle(judged: Sequence[Judged], samples: Samples) -> Place | None:
     rest = np.concatenate(left)
     overall, without = float(np.sqrt(np.mean(samples.white**2))), float(np.sqrt(np.mean(rest**2)))
     share = (overall**2 - without**2) * len(rest) / above_noise(samples.white**2)
-    return Place(
+    return ErrorRegion(
         "angle",
         order,
         order,
@@ -238,7 +238,7 @@ def by_angle(judged: Sequence[Judged], samples: Samples) -> Place | None:
     )
 
 
-def worst_band(judged: Sequence[Judged]) -> Place | None:
+def worst_band(judged: Sequence[Judged]) -> ErrorRegion | None:
     """The worst band of frequency over all records."""
     table = bands(judged)
     power, weight = np.nansum(table.power * table.weight, axis=0), np.sum(table.weight, axis=0)
@@ -254,7 +254,7 @@ def worst_band(judged: Sequence[Judged]) -> Place | None:
     excess = np.nansum((table.power - 1.0)[:, inside] * table.weight[:, inside], axis=1)
     most = int(np.argmax(excess))
     named = len(table.names) > 1 and excess[most] > RECORD_SHARE * float(np.sum(np.maximum(excess, 0.0)))
-    return Place(
+    return ErrorRegion(
         "frequency",
         float(table.edges[span[0]]),
         float(table.edges[span[1]]),

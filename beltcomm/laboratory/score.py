@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
-from beltcomm.effects import Effect, Ground, Trial
+from beltcomm.effects import AxisSummary, Effect, Trial
 from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood import OFFSET_M, Parts, Problem
 from beltcomm.fit.observer import needs_observer
@@ -83,14 +83,14 @@ class Scorer:
         rough = Problem(self.rough, self.model, self.problem.free, BLOCK_S)
         self.parts: list[Parts] = [rough.balance(i, fitted.x, float(o)) for i, o in enumerate(self.offsets)]
 
-    def score(self, effect: Effect, ground: Ground) -> list[Scored]:
+    def score(self, effect: Effect, ground: AxisSummary) -> list[Scored]:
         """The best trials of an effect that the model can take, best first."""
         if effect.needs_observer:
             return sorted((self.score_observed(effect, trial) for trial in self.trials_of(effect, ground)), key=lambda s: -s.drop)
         scored = [self.score_columns(effect, trial, columns) for _, trial, columns in self.screen(effect, ground)]
         return sorted((s for s in scored if s.drop > 0.0), key=lambda s: -s.drop)
 
-    def screen(self, effect: Effect, ground: Ground) -> list[tuple[float, Trial, Array]]:
+    def screen(self, effect: Effect, ground: AxisSummary) -> list[tuple[float, Trial, Array]]:
         """The trials to look at again: rough drop, trial and its columns; what all of them show is kept for :meth:`powers_of`."""
         best: list[tuple[float, Trial, Array]] = []
         seen = self._powers[effect.name] = []
@@ -104,20 +104,20 @@ class Scorer:
             best = [entry for at, entry in enumerate(best) if at < LOOKED_AT or (entry[1].base and needs_observer(self.model))]
         return best
 
-    def powers_of(self, effect: Effect, ground: Ground) -> Sequence[tuple[float, Trial]]:
+    def powers_of(self, effect: Effect, ground: AxisSummary) -> Sequence[tuple[float, Trial]]:
         """By how much O would fall if the effect were there as a trial says, and the trial; worked out once."""
         if effect.name not in self._powers:
             self.screen(effect, ground)
         return self._powers[effect.name]
 
-    def trials(self, effect: Effect, ground: Ground) -> Iterator[tuple[list[Trial], Array]]:
+    def trials(self, effect: Effect, ground: AxisSummary) -> Iterator[tuple[list[Trial], Array]]:
         """All trials of an effect and their columns, some at a time."""
         trials = [trial for trial in self.trials_of(effect, ground) if not trial.swallowed]
         if effect.harmonic == "angle":
             return self.lines(effect, trials)
         return self.harmonics(effect, trials) if effect.harmonic and len(trials) > 3 else self.batches(effect, trials)
 
-    def trials_of(self, effect: Effect, ground: Ground) -> list[Trial]:
+    def trials_of(self, effect: Effect, ground: AxisSummary) -> list[Trial]:
         """Every way to switch an effect on, inside the bounds."""
         return [self.clip_to_bounds(effect, trial) for trial in effect.trials(ground)] if effect.trials is not None else []
 
@@ -294,7 +294,7 @@ def amplitude_columns(effect: Effect, trial: Trial) -> Iterator[dict[str, float]
         yield {key: (0.0 if key in trial.amplitudes and key != name else value) for key, value in trial.values.items()}
 
 
-def ground_of(fitted: Fitted, pieces: Sequence[Segment], axis: Axis) -> Ground:
+def ground_of(fitted: Fitted, pieces: Sequence[Segment], axis: Axis) -> AxisSummary:
     """What the trials need to know of an axis."""
     model = fitted.model
     ratio = model["transmission.ratio"]
@@ -302,7 +302,7 @@ def ground_of(fitted: Fitted, pieces: Sequence[Segment], axis: Axis) -> Ground:
     stiffness, mass = model.get("belt_stiffness.stiffness", 1e6), model.get("cart.mass", 1.0)
     pieces = [piece for piece in pieces if piece.motion.samples > 2]
     acceleration = max(float(np.percentile(np.abs(np.diff(p.position, 2)), 99.5)) / p.motion.sample_s**2 for p in pieces)
-    return Ground(
+    return AxisSummary(
         inertia=model["motor.inertia"],
         mass=mass,
         stiffness=stiffness,

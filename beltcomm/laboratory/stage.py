@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beltcomm.compiled import in_one_thread
-from beltcomm.effects import EFFECTS, Effect, Ground
+from beltcomm.effects import EFFECTS, AxisSummary, Effect
 from beltcomm.errors import UsageError
 from beltcomm.fit.estimate import Fitted, fit, fit_of, problem_of
 from beltcomm.fit.observer import needs_observer
@@ -109,7 +109,7 @@ class Candidate:
 def search(
     data: Data,
     scorer: Scorer,
-    ground: Ground,
+    ground: AxisSummary,
     effects: Sequence[Effect] | None = None,
     progress: Callable[[float], None] = lambda _f: None,
     swallowed_above: float = MISSING,
@@ -180,7 +180,7 @@ def rubs_behind(effect: Effect) -> bool:
 
 
 def candidates_absorbed_by_base(
-    data: Data, scorer: Scorer, effect: Effect, ground: Ground, candidates: list[Candidate], starts: int
+    data: Data, scorer: Scorer, effect: Effect, ground: AxisSummary, candidates: list[Candidate], starts: int
 ) -> list[Candidate]:
     """The candidates with this effect fitted from where the base model may have swallowed it, if that is better."""
     before = max((c.evidence for c in candidates if c.effect is effect and c.fitted is not None), default=0.0)
@@ -316,7 +316,7 @@ def refit_with(data: Data, base: Fitted, way: Scored, goal: float = math.inf) ->
 
 
 @in_one_thread
-def with_effect(data: Data, base: Fitted, ground: Ground, effect: Effect) -> Fitted:
+def with_effect(data: Data, base: Fitted, ground: AxisSummary, effect: Effect) -> Fitted:
     """The model with an effect that was asked for, whatever speaks for it."""
     scorer = Scorer(base)
     ways = scorer.score(effect, ground)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import in_one_thread
-from beltcomm.effects import EFFECTS, Effect, Ground, Trial
+from beltcomm.effects import EFFECTS, AxisSummary, Effect, Trial
 from beltcomm.laboratory.acceptance import EVIDENCE
 from beltcomm.laboratory.score import Scorer
 from beltcomm.laboratory.stage import bic_penalty, may_add
@@ -51,7 +51,7 @@ class DetectionLimit:
 
 
 @in_one_thread
-def detection_limits(scorer: Scorer, ground: Ground) -> list[DetectionLimit]:
+def detection_limits(scorer: Scorer, ground: AxisSummary) -> list[DetectionLimit]:
     """Every effect that the model could still take, the least visible first.   scorer : a search from this model has filled most of it."""
     fitted, found = scorer.fitted, []
     for effect in EFFECTS:

@@ -45,7 +45,7 @@ READ_AS = {
 
 
 @dataclass(frozen=True)
-class Change:
+class ParameterChange:
     """One object that is to hold another value.   before : its raw value now.   before_si : its parameter's value now, None for none."""
 
     wanted: ObjectValue
@@ -71,7 +71,7 @@ class Change:
 class Differences:
     """What would change, and in words what is wanted but not in this drive, or left alone."""
 
-    changes: tuple[Change, ...]
+    changes: tuple[ParameterChange, ...]
     left_out: tuple[str, ...] = ()
 
     def table(self) -> list[str]:
@@ -133,7 +133,7 @@ def differences(drive: Drive, folder: RunFolder | None, wanted: Sequence[ObjectV
             absent.append(item.title)
         elif not _same(item, before):
             name = known.get(item.place, item.name)
-            changes.append(Change(replace(item, name=name, value=_si(drive, item, wanted, name)), before, meant.get(name)))
+            changes.append(ParameterChange(replace(item, name=name, value=_si(drive, item, wanted, name)), before, meant.get(name)))
     Writable.of(drive, folder).check([one.wanted for one in changes], mode=folder is None)
     words = [f"the drive has no {', '.join(absent)}"] if absent else []
     return Differences(tuple(changes), (*words, *left_out))

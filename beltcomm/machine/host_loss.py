@@ -15,7 +15,7 @@ from beltcomm.drive import GUARD_S, Capabilities, Guarding, Row
 from beltcomm.errors import SafetyStop
 from beltcomm.identify.amplitude import Prediction
 from beltcomm.machine.machine import Machine
-from beltcomm.machine.stops import Designed, Found, braking_of
+from beltcomm.machine.stops import Designed, PassiveBraking, braking_of
 from beltcomm.model import Model
 from beltcomm.simulate.stopping import HostLoss, braked_by_friction, run_on, total_friction, total_inertia
 
@@ -69,7 +69,7 @@ class Losses:
     """
 
     held_s: tuple[float, ...]
-    counted: Found | Designed
+    counted: PassiveBraking | Designed
     brakes: bool
     brake_nm: float
     brake_s: float
@@ -80,7 +80,7 @@ class Losses:
         if self.brakes:
             return [HostLoss(time, self.counted(model).by_the_drive) for time in self.held_s]
         friction = total_friction(model)
-        if isinstance(self.counted, Found) and self.counted.sliding_nm is not None:
+        if isinstance(self.counted, PassiveBraking) and self.counted.sliding_nm is not None:
             friction = self.counted.sliding_nm(total_inertia(model), model["transmission.ratio"])
         coasting = braked_by_friction(model, friction, 0.0)
         closed = braked_by_friction(model, max(self.brake_nm - self.holding_nm, 0.0), 0.0)

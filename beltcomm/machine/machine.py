@@ -33,7 +33,7 @@ from beltcomm.rundata.backups import keep_first
 from beltcomm.rundata.calibration import recall
 from beltcomm.runfolder import RunFolder
 from beltcomm.simulate.stopping import Braking, first_deceleration
-from beltcomm.talk import Place, Talk
+from beltcomm.talk import CarriagePosition, Talk
 from beltcomm.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -350,11 +350,11 @@ class Machine:
             self.folder.withdraw(name)  # what cannot be used is no finished record: --resume makes it again
             raise
 
-    def _place(self, record: str, position_rad: float, begun_s: float) -> Place:
+    def _place(self, record: str, position_rad: float, begun_s: float) -> CarriagePosition:
         """Where the carriage is in a record that began at ``begun_s`` of the drive's clock."""
         gone = self.machine_seconds + self.drive.clock.now() - begun_s
         left = None if self.planned_s is None else max(0.0, self.planned_s - gone)
-        return Place(record, self.ratio * (position_rad - self.origin_rad), self.full_room().window_m, self.place_known, left)
+        return CarriagePosition(record, self.ratio * (position_rad - self.origin_rad), self.full_room().window_m, self.place_known, left)
 
     @contextmanager
     def withdrawing(self) -> Iterator[None]:

@@ -31,7 +31,7 @@ VELOCITY_GAINS = ("kp_nm_s_rad", "ki_nm_rad")
 
 
 @dataclass(frozen=True)
-class Found:
+class PassiveBraking:
     """What stops an axis whose drive is as it was found: friction, or the velocity loop in it, whichever needs less way.
 
     sliding_nm : friction at least, N m, by inertia and transmission; None takes the model's own.
@@ -63,13 +63,13 @@ class Designed:
         return self.braking
 
 
-def braking_of(machine: Machine, sliding_nm: Callable[[float, float], float] | None = None) -> Found | Designed:
-    """What a stop is counted with now.   sliding_nm : as in :class:`Found`."""
+def braking_of(machine: Machine, sliding_nm: Callable[[float, float], float] | None = None) -> PassiveBraking | Designed:
+    """What a stop is counted with now.   sliding_nm : as in :class:`PassiveBraking`."""
     if machine.braking is not None:
         return Designed(machine.braking)
     gains = machine.drive.backup()
     kp, ki = (gains.get(name, 0.0) for name in VELOCITY_GAINS)
-    return Found(kp, ki, machine.deceleration_m_s2, REACTION_PERIODS * machine.drive.capabilities.sample_period_s, sliding_nm)
+    return PassiveBraking(kp, ki, machine.deceleration_m_s2, REACTION_PERIODS * machine.drive.capabilities.sample_period_s, sliding_nm)
 
 
 def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, delay_s: float) -> Braking:

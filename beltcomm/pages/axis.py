@@ -11,12 +11,12 @@ from beltcomm.errors import BeltcommError, DataError
 from beltcomm.given import pasted
 from beltcomm.pages.gather import Gathered
 from beltcomm.report import bode, friction, levels, responses
-from beltcomm.report.page import Picture, Section, Table, Words, picture_of
+from beltcomm.report.page import PageTable, Paragraphs, Picture, Section, picture_of
 from beltcomm.report.style import Caption
 from beltcomm.response.distortion import distortion, line_scatter
 from beltcomm.rundata.analyse import nonlinearities
 from beltcomm.rundata.friction_study import study_of
-from beltcomm.sentences.response_table import Row, table_lines, table_of
+from beltcomm.sentences.response_table import ResponseRow, table_lines, table_of
 from beltcomm.sentences.words import friction_lines, nonlinearity_lines
 
 
@@ -27,7 +27,7 @@ def frequency(run: Gathered) -> Section:
         return Section("responses", title, missing="No response was measured; beltcomm identify does.")
     caption = Caption(run.command, f"{run.name}/recordings")
     table = table_of(run.acting, run.model)
-    parts: list[Words | Table | Picture] = []
+    parts: list[Paragraphs | PageTable | Picture] = []
     if run.comparison is not None:
         pairs = bode.response_pairs(run.recordings, run.comparison.judged)
         if pairs:
@@ -35,20 +35,20 @@ def frequency(run: Gathered) -> Section:
     if table.rows:
         shown = [(f"{row.condition.record}, {row.condition.words()}", row.response, row.landmarks) for row in table.rows]
         parts.append(picture_of(responses.responses_figure(shown, [f"by {d.cause}: {d.text}" for d in table.differences], caption)))
-        parts.append(Words(table_lines(table), typed=True))
+        parts.append(Paragraphs(table_lines(table), typed=True))
         parts.append(picture_of(levels.levels_figure([_levels(run, row) for row in _split(table.rows)], caption)))
-        parts.append(Words(_distortion_words(run), listed=True))
+        parts.append(Paragraphs(_distortion_words(run), listed=True))
     return Section("responses", title, parts)
 
 
-def _split(rows: Sequence[Row]) -> list[Row]:
+def _split(rows: Sequence[ResponseRow]) -> list[ResponseRow]:
     """The loudest response and the quietest, where they differ."""
     ordered = sorted(rows, key=lambda row: (-row.condition.amplitude_nm, -row.response.n_periods))
     ends = [ordered[0], ordered[-1]]
     return ends if ends[-1].condition.amplitude_nm < 0.9 * ends[0].condition.amplitude_nm else ends[:1]
 
 
-def _levels(run: Gathered, row: Row) -> levels.Levels:
+def _levels(run: Gathered, row: ResponseRow) -> levels.Levels:
     response = row.response
     made = levels.Levels(
         f"{row.condition.record}, {row.condition.words()}",
@@ -86,5 +86,5 @@ def sliding(run: Gathered) -> Section:
         return Section("friction", title, missing=f"{problem}; beltcomm friction drives a sweep.")
     caption = Caption(run.command, f"{run.name}/recordings, {len(study.sweeps)} sweeps")
     drawn = friction.figures(study.friction, study.sweeps, study.drifts, study.standstill, caption)
-    parts: list[Words | Table | Picture] = [picture_of(figure) for figure in drawn.values()]
-    return Section("friction", title, [*parts, Words(friction_lines(study.friction), typed=True)])
+    parts: list[Paragraphs | PageTable | Picture] = [picture_of(figure) for figure in drawn.values()]
+    return Section("friction", title, [*parts, Paragraphs(friction_lines(study.friction), typed=True)])

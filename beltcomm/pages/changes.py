@@ -13,16 +13,16 @@ from beltcomm.pages.gather import Gathered
 from beltcomm.pages.quantities import Quantity, quantities_of
 from beltcomm.report import friction, responses
 from beltcomm.report.changes import Bar, changes_figure
-from beltcomm.report.page import Picture, Section, Table, Words, picture_of
+from beltcomm.report.page import PageTable, Paragraphs, Picture, Section, picture_of
 from beltcomm.report.style import Caption
 from beltcomm.report.tracking import tracking_figure
 from beltcomm.rundata.friction_study import study_of
 from beltcomm.rundata.revisions import current_revision
-from beltcomm.sentences.response_table import Row, table_of
+from beltcomm.sentences.response_table import ResponseRow, table_of
 
 
 @dataclass(frozen=True)
-class Change:
+class QuantityChange:
     """One quantity before and now.   share : now over before, less 1.   interval : of the share, 95 %; None where it is not known.
 
     state : "changed", "usual" (beyond the interval, but no more than it changes by itself), "none" (within the interval), "unsure".
@@ -49,7 +49,7 @@ class Change:
         return named
 
 
-def changes_of(before: Mapping[str, Quantity], now: Mapping[str, Quantity]) -> list[Change]:
+def changes_of(before: Mapping[str, Quantity], now: Mapping[str, Quantity]) -> list[QuantityChange]:
     """All that both runs know.   The interval of b/a: relative intervals add as squares."""
     found = []
     for key, new in now.items():
@@ -59,7 +59,7 @@ def changes_of(before: Mapping[str, Quantity], now: Mapping[str, Quantity]) -> l
         share, interval = new.value / old.value - 1.0, None
         if old.interval is not None and new.interval is not None:
             interval = new.value / old.value * math.hypot(old.interval / old.value, new.interval / new.value)
-        found.append(Change(old, new, share, interval, _state(share, interval, new.usual)))
+        found.append(QuantityChange(old, new, share, interval, _state(share, interval, new.usual)))
     return found
 
 
@@ -78,7 +78,7 @@ def _digits(interval: float | None) -> int:
     return min(max(0, 1 - math.floor(math.log10(100.0 * interval))), 2)
 
 
-def named(changes: Sequence[Change], before: Gathered, now: Gathered) -> list[str]:
+def named(changes: Sequence[QuantityChange], before: Gathered, now: Gathered) -> list[str]:
     """What changed, in words, the largest first: what the first screen says."""
     told = [c for c in changes if c.state in ("changed", "unsure")]
     clear = sorted(told, key=lambda c: (c.state == "unsure", -abs(c.share) / c.now.usual))
@@ -112,7 +112,7 @@ def _doubts(before: Gathered, now: Gathered) -> list[str]:
     return lines
 
 
-def section(before: Gathered, now: Gathered, changes: Sequence[Change]) -> Section:
+def section(before: Gathered, now: Gathered, changes: Sequence[QuantityChange]) -> Section:
     """Table of all quantities, changes with intervals, and responses, friction and tracking of both runs on one scale."""
     caption = Caption(now.command, f"{before.name} and {now.name}: models, results, recordings")
     rows = [
@@ -133,9 +133,9 @@ def section(before: Gathered, now: Gathered, changes: Sequence[Change]) -> Secti
     bars = [
         Bar(c.now.words, 100.0 * c.share, None if c.interval is None else 100.0 * c.interval, 100.0 * c.now.usual, c.state) for c in changes
     ]
-    parts: list[Words | Table | Picture] = [
-        Words(named(changes, before, now), listed=True),
-        Table(("quantity", before.name, now.name, "change in %", ""), rows, words),
+    parts: list[Paragraphs | PageTable | Picture] = [
+        Paragraphs(named(changes, before, now), listed=True),
+        PageTable(("quantity", before.name, now.name, "change in %", ""), rows, words),
     ]
     if bars:
         parts.append(picture_of(changes_figure(bars, before.name, now.name, caption)))
@@ -158,7 +158,7 @@ def _overlays(before: Gathered, now: Gathered, caption: Caption) -> list[Picture
     return made
 
 
-def _loudest(run: Gathered) -> Row | None:
+def _loudest(run: Gathered) -> ResponseRow | None:
     if run.model is None:
         return None
     rows = table_of(run.acting, run.model).rows
@@ -172,6 +172,6 @@ def _friction(run: Gathered) -> FrictionFit | None:
         return None
 
 
-def compared(before: Gathered, now: Gathered) -> list[Change]:
+def compared(before: Gathered, now: Gathered) -> list[QuantityChange]:
     """The changes of two runs."""
     return changes_of(quantities_of(before.model, before.results), quantities_of(now.model, now.results))

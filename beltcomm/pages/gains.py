@@ -10,7 +10,7 @@ from beltcomm.errors import BeltcommError
 from beltcomm.given import pasted
 from beltcomm.machine.gains import read_as, unit_of
 from beltcomm.pages.gather import Gathered
-from beltcomm.report.page import Section, Table, Words
+from beltcomm.report.page import PageTable, Paragraphs, Section
 from beltcomm.rundata.store import parameters_from_dict
 
 #: Gains in words.
@@ -65,7 +65,7 @@ def section(run: Gathered) -> Section:
         words = "The drive's objects are not known for this run; beltcomm apply shows them when it is connected."
         head, rows = head[:4], [row[:4] for row in rows]
     bound = [f"gains cannot be higher: {line}" for line in run.design.get("binding") or ()]
-    return Section("gains", "Gains, as they are written to the drive", [Table(head, rows, words), Words(bound, listed=True)])
+    return Section("gains", "Gains, as they are written to the drive", [PageTable(head, rows, words), Paragraphs(bound, listed=True)])
 
 
 def _places(run: Gathered) -> Mapping[str, ParameterObject]:

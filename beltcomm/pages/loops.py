@@ -11,7 +11,7 @@ from beltcomm.errors import BeltcommError
 from beltcomm.given import pasted
 from beltcomm.pages.gather import Gathered
 from beltcomm.report import proof
-from beltcomm.report.page import Picture, Section, Table, Words, picture_of
+from beltcomm.report.page import PageTable, Paragraphs, Picture, Section, picture_of
 from beltcomm.report.sensitivity import sensitivity_figure
 from beltcomm.report.style import Caption
 from beltcomm.rundata.analyse import design_plants
@@ -39,11 +39,11 @@ def section(run: Gathered) -> Section:
         for m in run.design["margins"]
     ]
     head = ("variant of the model", "phase °", "gain dB", "resonance dB", "sensitivity dB", "position: phase °", "sensitivity dB")
-    parts: list[Words | Table | Picture] = [Table(head, rows, "Velocity loop, and the position loop around it.")]
+    parts: list[Paragraphs | PageTable | Picture] = [PageTable(head, rows, "Velocity loop, and the position loop around it.")]
     try:
         parts += _pictures(run)
     except BeltcommError as problem:
-        parts.append(Words([f"The loops cannot be drawn: {problem}"]))
+        parts.append(Paragraphs([f"The loops cannot be drawn: {problem}"]))
     return Section("loops", TITLE, parts)
 
 
@@ -61,6 +61,6 @@ def _pictures(run: Gathered) -> list[Picture]:
     conditions = {r.name: condition_of(r, ratio).words() for r in fitted}
     shown = []
     for name, response, late_s in plant_responses(fitted, delay_s):
-        shown.append(proof.Shown(f"{name}, {conditions[name]}", measured_loop(response, cascade, structure.period_s, late_s)))
+        shown.append(proof.ProvenResponse(f"{name}, {conditions[name]}", measured_loop(response, cascade, structure.period_s, late_s)))
     caption = Caption(run.command, f"{run.name}/designs/final.yaml, models, recordings")
     return [picture_of(proof.proof_figure(design, shown, [], caption)), picture_of(sensitivity_figure(design, caption))]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from beltcomm.given import pasted
 from beltcomm.pages.gather import Gathered
-from beltcomm.report.page import Picture, Section, Table, Words
+from beltcomm.report.page import PageTable, Paragraphs, Picture, Section
 from beltcomm.rundata.cost import cost_rows
 from beltcomm.rundata.revisions import Revision
 
@@ -17,15 +17,17 @@ def section(run: Gathered) -> Section:
     if not added:
         return Section("cost", TITLE, missing=f"No effect was added; beltcomm diagnose {pasted(run.place)} looks for one that is missing.")
     known = [rung for rung in added if rung.cost is not None]
-    parts: list[Words | Table | Picture] = [part for rung in known for part in _priced(rung)]
+    parts: list[Paragraphs | PageTable | Picture] = [part for rung in known for part in _priced(rung)]
     if unknown := [f"{rung.name} ({rung.change})" for rung in added if rung.cost is None]:
         parts.append(
-            Words([f"Not known of {', '.join(unknown)}: asked for with --no-cost, part of a later one, or no move could be predicted."])
+            Paragraphs(
+                [f"Not known of {', '.join(unknown)}: asked for with --no-cost, part of a later one, or no move could be predicted."]
+            )
         )
     return Section("cost", TITLE, parts)
 
 
-def _priced(rung: Revision) -> list[Words | Table | Picture]:
+def _priced(rung: Revision) -> list[Paragraphs | PageTable | Picture]:
     assert rung.cost is not None
     name, move = rung.cost["of"], rung.cost["move"]
     ranged = bool(rung.cost.get("aware_range"))
@@ -34,4 +36,4 @@ def _priced(rung: Revision) -> list[Words | Table | Picture]:
     words = "By a controller made without it and by one made with it." + (
         " Range: smallest to largest over the intervals of the model." if ranged else ""
     )
-    return [Words([f"{rung.name}: predicted for the move from {move} on a machine with {name}."]), Table(head, rows, words)]
+    return [Paragraphs([f"{rung.name}: predicted for the move from {move} on a machine with {name}."]), PageTable(head, rows, words)]

@@ -9,7 +9,7 @@ import numpy as np
 from beltcomm.given import pasted
 from beltcomm.model import Value
 from beltcomm.pages.gather import Gathered
-from beltcomm.report.page import Picture, Section, Table, Words
+from beltcomm.report.page import PageTable, Paragraphs, Picture, Section
 from beltcomm.result import with_unit
 from beltcomm.rundata.revisions import current_revision
 from beltcomm.sentences.cross_checks import sheet_lines
@@ -32,21 +32,21 @@ def section(run: Gathered) -> Section:
             factor = f"{value.value / min(max(value.value, sheet[0]), sheet[1]):.2f}"
         rows.append((words, _shown(value, scale), unit, value.origin, expected, factor))
     marks = ", ".join(f"{name} {hz:.2f} Hz" for name, hz in run.landmarks.items())
-    parts: list[Words | Table | Picture] = [
-        Words(
+    parts: list[Paragraphs | PageTable | Picture] = [
+        Paragraphs(
             [
                 f"Effects in it: {', '.join(run.model.effects)}; beltcomm effects NAME says what each is.",
                 *([f"In the middle of the travel: {marks}."] if marks else []),
             ]
         ),
-        Table(("parameter", "value ± 95 %", "unit", "from", "data sheet", "factor"), rows),
+        PageTable(("parameter", "value ± 95 %", "unit", "from", "data sheet", "factor"), rows),
     ]
     if run.laboratory is not None:
         doubts = sheet_lines(run.laboratory.sheets)
-        parts.append(Words(doubts or ["Nothing contradicts the data sheets."], listed=bool(doubts)))
+        parts.append(Paragraphs(doubts or ["Nothing contradicts the data sheets."], listed=bool(doubts)))
     fit = run.results.get("fit")
     if fit and fit.get("remarks") and current_revision(run.folder) is None:  # they are of the model that was fitted then
-        parts.append(Words(fit["remarks"], listed=True))
+        parts.append(Paragraphs(fit["remarks"], listed=True))
     return Section("model", "Model", parts)
 
 

@@ -7,7 +7,7 @@ from beltcomm.laboratory.compare import worst
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.pages import pictures
 from beltcomm.pages.gather import Gathered
-from beltcomm.report.page import Picture, Section, Table, Words, picture_of
+from beltcomm.report.page import PageTable, Paragraphs, Picture, Section, picture_of
 from beltcomm.sentences.ladder import record_table
 from beltcomm.sentences.torque_path import path_sentences
 
@@ -24,9 +24,9 @@ def section(run: Gathered) -> Section:
     titles, rows = record_table(found)
     note = "Error over noise 1.00 means that nothing is missing in that record."
     drawn = pictures.error_figures(run.folder, data, run.laboratory.fitted, found, run.command)
-    parts: list[Words | Table | Picture] = [Words([*places, *path_sentences(data.path, data.recordings)], listed=True)]
+    parts: list[Paragraphs | PageTable | Picture] = [Paragraphs([*places, *path_sentences(data.path, data.recordings)], listed=True)]
     parts += [picture_of(figure) for figure in drawn.values()]
-    parts.append(Table([title.removeprefix(">") for title in titles], rows, note))
+    parts.append(PageTable([title.removeprefix(">") for title in titles], rows, note))
     if run.rungs:
         parts += [picture_of(figure) for figure in pictures.ladder_figures(run.folder, run.rungs, run.command).values()]
     return Section("model-error", "Where the model fails", parts)

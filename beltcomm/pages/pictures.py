@@ -21,8 +21,8 @@ from beltcomm.recording import Recording
 from beltcomm.rundata.design_proof import DesignProof, plant_responses
 from beltcomm.rundata.revisions import Revision
 from beltcomm.runfolder import RunFolder
-from beltcomm.sentences.loop_ways import Shown
-from beltcomm.sentences.response_table import Table
+from beltcomm.sentences.loop_ways import LoopReading
+from beltcomm.sentences.response_table import ResponseTable
 
 if TYPE_CHECKING:  # matplotlib takes longer to import than a command without pictures may last
     from matplotlib.figure import Figure
@@ -104,11 +104,11 @@ def ladder_figures(folder: RunFolder, rungs: Sequence[Revision], command: str) -
     from beltcomm.report import staircase, style
 
     caption = style.Caption(command or f"beltcomm ladder {pasted(folder.path)}", f"{folder.path.resolve().name}/results/ladder.yaml")
-    steps = [staircase.Rung(r.name, r.change, r.ratio, r.held_out, r.confirmed) for r in rungs]
+    steps = [staircase.Stair(r.name, r.change, r.ratio, r.held_out, r.confirmed) for r in rungs]
     return {"ladder": staircase.staircase_figure(steps, caption)}
 
 
-def responses_picture(folder: RunFolder, table: Table, command: str) -> tuple[list[str], list[str]]:
+def responses_picture(folder: RunFolder, table: ResponseTable, command: str) -> tuple[list[str], list[str]]:
     """All frequency responses of a run; nothing without any."""
     if not table.rows:
         return [], []
@@ -144,7 +144,7 @@ def proof_picture(
         shown = []
         for name, response, late_s in plant_responses([r for r in recordings if r.name in conditions], delay_s):
             loop = measured_loop(response, cascade, period_s, late_s)
-            shown.append(drawn.Shown(f"{name}, {conditions[name].words()}", loop))
+            shown.append(drawn.ProvenResponse(f"{name}, {conditions[name].words()}", loop))
         caption = style.Caption(
             command or f"beltcomm design {pasted(folder.path)}", f"{folder.path.resolve().name}/recordings, designs/final.yaml"
         )
@@ -189,17 +189,17 @@ def load_picture(folder: RunFolder, found: LoadDependence, by: str, command: str
     return _written(folder, draw)
 
 
-def ways_picture(folder: RunFolder, name: str, ways: Sequence[Shown], command: str) -> tuple[list[str], list[str]]:
+def ways_picture(folder: RunFolder, name: str, ways: Sequence[LoopReading], command: str) -> tuple[list[str], list[str]]:
     """Frequency responses of one axis by several ways."""
 
     def draw() -> dict[str, Figure]:
         from beltcomm.report import style
-        from beltcomm.report.ways import Line, ways_figure
+        from beltcomm.report.ways import ResponseLine, ways_figure
 
         caption = style.Caption(
             f"{command} --run {pasted(folder.path)}", f"{folder.path.resolve().name}/results/{name}_*.csv and recordings"
         )
-        shown = [Line(f"{one.name} ({one.record})", one.response, one.highest_hz, one.way == "open") for one in ways]
+        shown = [ResponseLine(f"{one.name} ({one.record})", one.response, one.highest_hz, one.way == "open") for one in ways]
         return {name: ways_figure(shown, caption)}
 
     return _written(folder, draw)

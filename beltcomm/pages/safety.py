@@ -10,7 +10,7 @@ import numpy as np
 
 from beltcomm.pages.gather import Gathered
 from beltcomm.recording import Recording
-from beltcomm.report.page import Section, Table, Words
+from beltcomm.report.page import PageTable, Paragraphs, Section
 from beltcomm.rundata.store import PLAN
 
 #: Lines of a journal that tell of nobody's safety: what was recorded, fitted or written.
@@ -23,19 +23,19 @@ def section(run: Gathered) -> Section:
     plan, lines = run.results.get(PLAN), [line for line in journal_of(run) if not _WORK.match(line)]
     if not plan and not lines:
         return Section("safety", title, missing="No machine was moved for this run.")
-    parts: list[Words | Table] = []
+    parts: list[Paragraphs | PageTable] = []
     if plan:
         parts += _planned(plan)
-    parts.append(Table(("record", "carriage mm", "m/s", "N m", "samples lost"), [_driven(run, r) for r in run.recordings], _DRIVEN))
+    parts.append(PageTable(("record", "carriage mm", "m/s", "N m", "samples lost"), [_driven(run, r) for r in run.recordings], _DRIVEN))
     if lines:
-        parts += [Words(["What was agreed, guarded, stopped and restored:"]), Words(lines, listed=True)]
+        parts += [Paragraphs(["What was agreed, guarded, stopped and restored:"]), Paragraphs(lines, listed=True)]
     return Section("safety", title, parts)
 
 
 _DRIVEN = "What the records show of it: where the carriage was, largest speed, largest torque at the motor, cycles that the drive left out."
 
 
-def _planned(plan: Mapping[str, Any]) -> list[Words | Table]:
+def _planned(plan: Mapping[str, Any]) -> list[Paragraphs | PageTable]:
     pauses = (plan.get("heat") or {}).get("pauses_s") or [0.0] * len(plan["experiments"])
     rated = (plan.get("thermal") or {}).get("rated_nm")
     rows = []
@@ -57,18 +57,18 @@ def _planned(plan: Mapping[str, Any]) -> list[Words | Table]:
     head = ("planned, at most", "travel mm", "with stop mm", "m/s", "N m", "belt N", "s", "heat %", "rest s before")
     words = "Bounds that the session was agreed with, and that drive and host watched. Heat: (rms torque / rated torque)²."
     points = [f"{label}: {sentence}" for label, sentence in plan.get("points") or ()]
-    return [Words([str(plan["text"])]), Words(points, listed=True), Table(head, rows, words), *_heat(plan)]
+    return [Paragraphs([str(plan["text"])]), Paragraphs(points, listed=True), PageTable(head, rows, words), *_heat(plan)]
 
 
-def _heat(plan: Mapping[str, Any]) -> list[Words | Table]:
+def _heat(plan: Mapping[str, Any]) -> list[Paragraphs | PageTable]:
     heat, thermal = plan.get("heat"), plan.get("thermal")
     if not heat or not thermal:
-        return [Words(["Heat was not planned: the motor's rated torque is not known."])]
+        return [Paragraphs(["Heat was not planned: the motor's rated torque is not known."])]
     shares = (heat["continuous"], heat["hottest"], heat["fullest"])
     whole, hottest, store = (f"{100.0 * share:.0f} %" for share in shares)
     overload = f"the overload it bears, {thermal['peak_nm']:.3g} N m for {thermal['overload_s']:g} s"
     return [
-        Words(
+        Paragraphs(
             [
                 f"Heat: {whole} of what the motor bears for ever over the whole session, {hottest} in its hottest experiment, {store} of "
                 f"{overload}; rated {thermal['rated_nm']:.3g} N m ({thermal['source']})."
@@ -103,4 +103,4 @@ def journal(run: Gathered) -> Section:
     lines = journal_of(run)
     if not lines:
         return Section("journal", "Journal", missing="No machine was moved for this run.")
-    return Section("journal", "Journal, whole", [Words(lines, typed=True)])
+    return Section("journal", "Journal, whole", [Paragraphs(lines, typed=True)])

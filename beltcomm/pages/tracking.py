@@ -11,9 +11,9 @@ from beltcomm.errors import BeltcommError
 from beltcomm.given import pasted
 from beltcomm.pages.gather import Gathered
 from beltcomm.recording import Recording
-from beltcomm.report.page import Picture, Section, Table, Words, picture_of
+from beltcomm.report.page import PageTable, Paragraphs, Picture, Section, picture_of
 from beltcomm.report.style import Caption
-from beltcomm.report.tracking import Tracked, tracking_figure
+from beltcomm.report.tracking import TrackedMove, tracking_figure
 from beltcomm.rundata.offline import counts_of
 from beltcomm.rundata.store import cascade_from_dict, structure_from_dict
 from beltcomm.trajectory import Trajectory
@@ -35,15 +35,15 @@ def section(run: Gathered) -> Section:
     head = ("move", "result", "motor, dynamic µm", "predicted", "range", "motor, static µm", "predicted")
     shown = [moves[0], moves[-1]][-min(SHOWN, len(moves)) :]
     caption = Caption(run.command, f"{run.name}/recordings: {', '.join(r.name for r in shown)}")
-    parts: list[Words | Table | Picture] = [
+    parts: list[Paragraphs | PageTable | Picture] = [
         picture_of(tracking_figure([_tracked(run, r) for r in shown], caption)),
-        Table(head, rows, "At the motor: largest while the reference moves (dynamic), and from 0.5 to 1.5 s after its end (static)."),
-        Words(run.verifications[moves[-1].name].get("reasons") or (), listed=True),
+        PageTable(head, rows, "At the motor: largest while the reference moves (dynamic), and from 0.5 to 1.5 s after its end (static)."),
+        Paragraphs(run.verifications[moves[-1].name].get("reasons") or (), listed=True),
     ]
     return Section("tracking", title, parts)
 
 
-def last(run: Gathered) -> Tracked | None:
+def last(run: Gathered) -> TrackedMove | None:
     """The last move of a run; None where none was driven."""
     moves = [r for r in run.recordings if f"verify_{r.name}" in run.results and r.reference_position is not None]
     return _tracked(run, moves[-1]) if moves else None
@@ -63,7 +63,7 @@ def _row(name: str, result: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def _tracked(run: Gathered, recording: Recording) -> Tracked:
+def _tracked(run: Gathered, recording: Recording) -> TrackedMove:
     """A move from its recording; the prediction again by today's model and the gains that it was driven with."""
     assert recording.reference_position is not None
     ratio = run.folder.axis.transmission_m_rad
@@ -71,7 +71,7 @@ def _tracked(run: Gathered, recording: Recording) -> Tracked:
     error = (recording.reference_position - recording.position) * ratio
     moving = np.flatnonzero(np.abs(np.diff(reference)) > 0.0)
     end = float(recording.t_s[moving[-1] + 1]) if len(moving) else 0.0
-    return Tracked(recording.name, recording.t_s, reference, error, _predicted(run, recording, reference), DYNAMIC_TARGET_M, end)
+    return TrackedMove(recording.name, recording.t_s, reference, error, _predicted(run, recording, reference), DYNAMIC_TARGET_M, end)
 
 
 def _predicted(run: Gathered, recording: Recording, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

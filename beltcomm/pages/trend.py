@@ -18,7 +18,7 @@ from beltcomm.identify.course import FEWEST, LinearTrend, course_of
 from beltcomm.locks import occupied
 from beltcomm.pages.gather import results_of
 from beltcomm.pages.quantities import Quantity, quantities_of
-from beltcomm.report.page import Fact, Page, Section, State, Table, Words, picture_of, render
+from beltcomm.report.page import Fact, Page, PageTable, Paragraphs, Section, State, picture_of, render
 from beltcomm.report.style import Caption
 from beltcomm.report.trend import DAY_S, Followed, trend_figure
 from beltcomm.result import Result, jsonable, plain
@@ -83,7 +83,7 @@ class Dated:
 
 
 @dataclass(frozen=True)
-class Line:
+class TrendLine:
     """One quantity over the runs.   state : "reached", "drifts", "steady", "unsure".   text : in words.
 
     reach_s : when its limit is reached, earliest, by the line, latest; None where that is not known.
@@ -200,7 +200,7 @@ def _remarks(folders: Sequence[RunFolder], dated: Sequence[Dated]) -> list[str]:
     return remarks
 
 
-def _followed(key: str, dated: Sequence[Dated], limit: Limit | None, looked_at: int) -> Line | None:
+def _followed(key: str, dated: Sequence[Dated], limit: Limit | None, looked_at: int) -> TrendLine | None:
     here = [one for one in dated if key in one.found]
     if len(here) < 2:
         return None
@@ -210,7 +210,7 @@ def _followed(key: str, dated: Sequence[Dated], limit: Limit | None, looked_at: 
     low, high = limit.values(values[0]) if limit is not None else (None, None)
     course = course_of(t_s, values, intervals, looked_at) if _days(t_s) >= FEWEST else None
     state, text, reach = _said(items, t_s, course, (low, high))
-    return Line(
+    return TrendLine(
         items[-1],
         tuple(one.name for one in here),
         tuple(t_s.tolist()),
@@ -274,7 +274,7 @@ def _date(t_s: float) -> str:
     return str(np.datetime64(int(t_s), "s").astype("datetime64[D]"))
 
 
-def _page(axis: str, followed: Sequence[Line], dated: Sequence[Dated], paths: Sequence[Path], remarks: Sequence[str]) -> Page:
+def _page(axis: str, followed: Sequence[TrendLine], dated: Sequence[Dated], paths: Sequence[Path], remarks: Sequence[str]) -> Page:
     names = [one.name for one in dated]
     caption = Caption(f"beltcomm trend {' '.join(map(pasted, names))}", f"models and results of {len(names)} runs")
     reached = [one for one in followed if one.state == "reached"]
@@ -336,10 +336,10 @@ def _page(axis: str, followed: Sequence[Line], dated: Sequence[Dated], paths: Se
         for one in followed
     ]
     sections = [
-        Section("words", "What drifts", [Words([one.text for one in followed], listed=True)]),
+        Section("words", "What drifts", [Paragraphs([one.text for one in followed], listed=True)]),
         Section("courses", "Courses", [picture_of(trend_figure(scaled, caption))]),
-        Section("limits", "Limits", [Table(("quantity", "unit", "first", "last", "low", "high", "why"), rows, _LIMIT_WORDS)]),
-        Section("runs", "Runs", [Table(("run", "date", "from"), [(d.name, _date(d.t_s), d.source) for d in dated])]),
+        Section("limits", "Limits", [PageTable(("quantity", "unit", "first", "last", "low", "high", "why"), rows, _LIMIT_WORDS)]),
+        Section("runs", "Runs", [PageTable(("run", "date", "from"), [(d.name, _date(d.t_s), d.source) for d in dated])]),
     ]
     return Page(
         f"{axis}: trend", f"{names[0]} to {names[-1]}", verdict, state, facts, steps, sections, [f"Made by: {caption.command}", *remarks]
@@ -352,12 +352,12 @@ _LIMIT_WORDS = (
 )
 
 
-def _scaled(one: Line, side: int) -> float | None:
+def _scaled(one: TrendLine, side: int) -> float | None:
     value = one.limits[side]
     return None if value is None else one.last.scale * value
 
 
-def _course_scaled(one: Line) -> LinearTrend | None:
+def _course_scaled(one: TrendLine) -> LinearTrend | None:
     if one.course is None:
         return None
     k = one.last.scale

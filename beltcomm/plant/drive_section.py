@@ -7,15 +7,15 @@ from dataclasses import dataclass, field, fields
 from numbers import Real
 from typing import Any
 
-from beltcomm.axis.entries import Entry
+from beltcomm.axis.entries import AxisEntry
 from beltcomm.errors import UsageError
 
 
 def _number(default: float, meaning: str, **bounds: Any) -> Any:
-    return field(default=default, metadata={"entry": Entry(meaning, **bounds)})
+    return field(default=default, metadata={"entry": AxisEntry(meaning, **bounds)})
 
 
-def _checked_number(name: str, value: object, entry: Entry) -> float | int:
+def _checked_number(name: str, value: object, entry: AxisEntry) -> float | int:
     """A number within the bounds of its entry; whole ones as int.   Raises UsageError."""
     if isinstance(value, bool) or not isinstance(value, Real):
         raise UsageError(f"{name} is {value!r}; give a plain number, without its unit")
@@ -108,19 +108,19 @@ IDEAL = Instruments()
 #: Keys of a drive section that are instruments.
 _INSTRUMENTS = tuple(each.name for each in fields(Instruments))
 #: What every drive has, its default and its bounds.
-_ENTRIES: Mapping[str, tuple[float, Entry]] = {
-    "setpoint_delay_s": (1e-3, Entry("time from torque setpoint to torque", at_least=0.0, at_most=1.0)),
-    "torque_noise_nm": (6e-3, Entry("rms of the noise on the torque reading", at_least=0.0)),
-    "counts_per_rev": (65536, Entry("encoder counts per motor revolution", at_least=1.0, at_most=2.0**32 - 1.0, whole=True)),
-    "brake_torque_nm": (0.0, Entry("torque of the holding brake", at_least=0.0)),
-    "brake_time_s": (0.0, Entry("time in which the holding brake opens or closes", at_least=0.0)),
+_ENTRIES: Mapping[str, tuple[float, AxisEntry]] = {
+    "setpoint_delay_s": (1e-3, AxisEntry("time from torque setpoint to torque", at_least=0.0, at_most=1.0)),
+    "torque_noise_nm": (6e-3, AxisEntry("rms of the noise on the torque reading", at_least=0.0)),
+    "counts_per_rev": (65536, AxisEntry("encoder counts per motor revolution", at_least=1.0, at_most=2.0**32 - 1.0, whole=True)),
+    "brake_torque_nm": (0.0, AxisEntry("torque of the holding brake", at_least=0.0)),
+    "brake_time_s": (0.0, AxisEntry("time in which the holding brake opens or closes", at_least=0.0)),
 }
 #: Of the motor's nameplate: N m, N m, A rms, 1/min.
 _NAMEPLATE = {
-    "rated_torque_nm": Entry("rated torque of the motor", above=0.0),
-    "peak_torque_nm": Entry("peak torque of the motor", above=0.0),
-    "rated_current_a": Entry("rated current of the motor", above=0.0),
-    "max_speed_rpm": Entry("largest speed of the motor", above=0.0),
+    "rated_torque_nm": AxisEntry("rated torque of the motor", above=0.0),
+    "peak_torque_nm": AxisEntry("peak torque of the motor", above=0.0),
+    "rated_current_a": AxisEntry("rated current of the motor", above=0.0),
+    "max_speed_rpm": AxisEntry("largest speed of the motor", above=0.0),
 }
 #: What a drive section may hold.
 DRIVE_KEYS = (*_ENTRIES, *_NAMEPLATE, *_INSTRUMENTS)

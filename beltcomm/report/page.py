@@ -58,7 +58,7 @@ class Fact:
 
 
 @dataclass(frozen=True)
-class Words:
+class Paragraphs:
     """Paragraphs; a list where ``listed``; typed text where ``typed``."""
 
     lines: Sequence[str]
@@ -67,7 +67,7 @@ class Words:
 
 
 @dataclass(frozen=True)
-class Table:
+class PageTable:
     """Rows under a head; cells are text, those that begin with a number stand right."""
 
     head: Sequence[str]
@@ -91,7 +91,7 @@ class Section:
 
     key: str
     title: str
-    parts: Sequence[Words | Table | Picture] = ()
+    parts: Sequence[Paragraphs | PageTable | Picture] = ()
     missing: str = ""
 
 

@@ -27,14 +27,14 @@ FLOOR_DB = -60.0
 
 
 @dataclass(frozen=True)
-class Shown:
+class ProvenResponse:
     """One measured response.   label : record and condition."""
 
     label: str
     loop: MeasuredLoop
 
 
-def proof_figure(design: DesignResult, shown: Sequence[Shown], sentences: Sequence[str], caption: style.Caption) -> Figure:
+def proof_figure(design: DesignResult, shown: Sequence[ProvenResponse], sentences: Sequence[str], caption: style.Caption) -> Figure:
     """Nyquist plots over Bode plots, velocity loop on the left, position loop on the right."""
     nyquist = 0.999 * math.pi / design.structure.period_s
     omega = np.geomspace(1.0, nyquist, POINTS)
@@ -90,7 +90,7 @@ def _gain(
     axes: Axes,
     omega: NDArray[np.float64],
     loops: Sequence[NDArray[np.complex128]],
-    shown: Sequence[Shown],
+    shown: Sequence[ProvenResponse],
     measured: Sequence[NDArray[np.complex128]],
     name: str,
 ) -> None:
@@ -112,7 +112,7 @@ def _phase(
     axes: Axes,
     omega: NDArray[np.float64],
     loops: Sequence[NDArray[np.complex128]],
-    shown: Sequence[Shown],
+    shown: Sequence[ProvenResponse],
     measured: Sequence[NDArray[np.complex128]],
 ) -> None:
     hz = omega / (2.0 * math.pi)

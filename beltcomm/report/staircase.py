@@ -15,7 +15,7 @@ WITHIN_CHANCE = 1.05
 
 
 @dataclass(frozen=True)
-class Rung:
+class Stair:
     """One revision.   change : "base", "+effect".   ratio, held_out : error over noise.   confirmed : as in the ladder."""
 
     name: str
@@ -36,7 +36,7 @@ class RecordChange:
     after: float
 
 
-def staircase_figure(rungs: Sequence[Rung], caption: style.Caption) -> Figure:
+def staircase_figure(rungs: Sequence[Stair], caption: style.Caption) -> Figure:
     """Error over noise of every revision, fitted and held out, with the floor."""
     values = [r.ratio for r in rungs] + [r.held_out for r in rungs if r.held_out is not None]
     top = style.highest_shown(values)

@@ -17,7 +17,7 @@ ENDS_UM = (50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
 
 
 @dataclass(frozen=True)
-class Tracked:
+class TrackedMove:
     """One move.   t_s, reference_m, error_m : (n,), error is reference minus motor angle times i_t.   predicted_m : the same by the model
     on its own grid, None where it cannot be predicted.   target_m : that the error must stay below.   end_s : of the reference motion."""
 
@@ -35,7 +35,7 @@ def end_um(errors_um: float) -> float:
     return next((end for end in ENDS_UM if errors_um < 0.95 * end), 1.1 * errors_um)
 
 
-def tracking_figure(moves: Sequence[Tracked], caption: style.Caption) -> Figure:
+def tracking_figure(moves: Sequence[TrackedMove], caption: style.Caption) -> Figure:
     """A column for each move; errors on one scale."""
     largest = max(1e6 * float(np.max(np.abs(m.error_m))) for m in moves)
     largest = max([largest, *(1e6 * float(np.max(np.abs(m.predicted[1]))) for m in moves if m.predicted is not None)])

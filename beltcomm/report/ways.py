@@ -18,7 +18,7 @@ OPEN = "#888888"
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class ResponseLine:
     """One response.   label : in the legend.   highest_hz : up to which it stands above its noise.   opened : of a standing axis."""
 
     label: str
@@ -27,7 +27,7 @@ class Line:
     opened: bool
 
 
-def ways_figure(shown: Sequence[Line], caption: style.Caption) -> Figure:
+def ways_figure(shown: Sequence[ResponseLine], caption: style.Caption) -> Figure:
     """Magnitude and phase as far as they stand above the noise, and the noise over the magnitude."""
     with style.styled():
         made = style.figure("The same axis by several ways", 8.2, caption)

@@ -27,7 +27,7 @@ RESULT = "calibration"
 
 
 @dataclass(frozen=True)
-class Unit:
+class GainUnit:
     """What one raw unit of a gain means, SI at the motor shaft.   interval : 95 %, 0 where it was not measured but is documented.
 
     assumed : by the profile.   place : the object, in words.
@@ -51,7 +51,7 @@ class Calibration:
     kind: str
     rated_torque_nm: float
     rated_current_a: float
-    units: Mapping[str, Unit]
+    units: Mapping[str, GainUnit]
 
     def to_dict(self) -> dict[str, Any]:
         """For a file."""
@@ -81,7 +81,7 @@ def calibration_from_dict(data: Mapping[str, Any], where: str) -> Calibration:
     """The inverse of :meth:`Calibration.to_dict`.   Raises DataError."""
     try:
         units = {
-            str(name): Unit(float(one["unit"]), float(one["interval"]), float(one["assumed"]), str(one["object"]))
+            str(name): GainUnit(float(one["unit"]), float(one["interval"]), float(one["assumed"]), str(one["object"]))
             for name, one in data["units"].items()
         }
         found = Calibration(str(data["kind"]), float(data["rated_torque_nm"]), float(data["rated_current_a"]), units)

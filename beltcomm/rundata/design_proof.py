@@ -67,7 +67,7 @@ class Contradiction:
 
 
 @dataclass(frozen=True)
-class Worst:
+class WorstLoop:
     """The loop nearest to -1 of all.   kind : where it was found.   position_m, mass_kg, damping_nm_s_rad : of the plant; for a measured
     one place and record.   sensitivity_db : max |1/(1 + L)| of both loops.   text : in words.
     """
@@ -95,7 +95,7 @@ class DesignProof:
     source: str
     seed: int
     contradictions: tuple[Contradiction, ...]
-    worst: Worst
+    worst: WorstLoop
     doubts: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -334,10 +334,10 @@ def _worst(
     conditions: Sequence[Condition],
     spread: MarginSpread,
     contradictions: Sequence[Contradiction],
-) -> Worst:
+) -> WorstLoop:
     """The loop nearest to -1 over variants of the model, draws, measured responses and loads that records want."""
 
-    def loads(kind: str, plants: Sequence[DesignPlant], reached: Sequence[Margins]) -> list[Worst]:
+    def loads(kind: str, plants: Sequence[DesignPlant], reached: Sequence[Margins]) -> list[WorstLoop]:
         sizes = [max(one.sensitivity_db, one.position_sensitivity_db) for one in reached]
         return [_of_plant(grounds, kind, i / len(plants), p, size) for i, (p, size) in enumerate(zip(plants, sizes, strict=True))]
 
@@ -348,7 +348,7 @@ def _worst(
     for one, condition in zip(measured, conditions, strict=True):
         most = max(one.velocity.most_sensitivity_db, one.position.most_sensitivity_db)
         text = f"{one.record}, measured at {condition.words()}, the load that was mounted, friction as damping, with 95 %"
-        found.append(Worst("measured", text, most, condition.place_m, None, None, one.record))
+        found.append(WorstLoop("measured", text, most, condition.place_m, None, None, one.record))
     for other in contradictions:
         if other.own is not None:
             name, plants = other.condition.record, _plants(grounds, other.own, grounds.delay_s)
@@ -357,13 +357,13 @@ def _worst(
     return max(found, key=lambda one: one.sensitivity_db)
 
 
-def _of_plant(grounds: Grounds, kind: str, share: float, plant: DesignPlant, sensitivity_db: float) -> Worst:
+def _of_plant(grounds: Grounds, kind: str, share: float, plant: DesignPlant, sensitivity_db: float) -> WorstLoop:
     """A plant of the model.   share : its number over all of ``analyse.design_plants``, which runs through places first."""
     place = float(grounds.positions_m[int(share * len(grounds.positions_m) + 1e-9)])
     damping = plant.friction_damping_nm_s_rad
     friction = f"{1e3 * damping:.1f} mN m s/rad of friction as damping" if damping else "no damping by friction"
     text = f"{place:.2f} m, {plant.mass_kg:.2f} kg, {friction}"
-    return Worst(kind, text, sensitivity_db, place, plant.mass_kg, damping, None)
+    return WorstLoop(kind, text, sensitivity_db, place, plant.mass_kg, damping, None)
 
 
 def _doubts(

@@ -51,7 +51,7 @@ class Breakaway:
 
 
 @dataclass(frozen=True)
-class Found:
+class HoldingTorque:
     """A holding torque, N m at the motor, with its 95 % interval (half width)."""
 
     torque_nm: float
@@ -79,17 +79,17 @@ class Holding:
 
     expected_nm: float
     bounds_nm: tuple[float, float]
-    breakaway: Found
+    breakaway: HoldingTorque
     coulomb_nm: float
     slipped_m: float
     held_by: str
     integrators: tuple[Settled, ...] = ()
-    creep: Found | None = None
+    creep: HoldingTorque | None = None
     creep_coulomb_nm: float | None = None
     why_not: str = ""
 
     @property
-    def best(self) -> Found:
+    def best(self) -> HoldingTorque:
         """What the records hold the axis with: slow creep where there is one."""
         return self.creep or self.breakaway
 

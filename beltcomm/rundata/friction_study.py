@@ -20,7 +20,7 @@ from beltcomm.schedule.strokes import slowest_fitted_rad_s
 
 
 @dataclass(frozen=True)
-class Study:
+class FrictionStudy:
     """What the sweeps of a run say.   friction : (3.36) over all of them.   drifts : by measurement, or why it cannot be told.
 
     standstill : the record whose apparent damping is the largest, None without a model, a response or a sweep.
@@ -32,7 +32,7 @@ class Study:
     standstill: Standstill | None
 
 
-def study_of(recordings: Sequence[Recording], axis: Axis, model: Model | None, fits: Mapping[str, MagnitudeFit]) -> Study:
+def study_of(recordings: Sequence[Recording], axis: Axis, model: Model | None, fits: Mapping[str, MagnitudeFit]) -> FrictionStudy:
     """What the sweeps of a run say.   fits : log-magnitude fits of its responses.   Raises DataError without a usable sweep."""
     slowest = slowest_fitted_rad_s(axis.transmission_m_rad)
     inertia = analyse.moved_inertia(model) if model is not None else 0.0
@@ -44,10 +44,10 @@ def study_of(recordings: Sequence[Recording], axis: Axis, model: Model | None, f
             drifts[number] = drift_of([p for s in group for p in s.plateaus])
         except DataError as problem:
             drifts[number] = str(problem)
-    return Study(friction, sweeps, drifts, largest(recordings, fits, model, friction) if model is not None else None)
+    return FrictionStudy(friction, sweeps, drifts, largest(recordings, fits, model, friction) if model is not None else None)
 
 
-def data_of(study: Study) -> dict[str, Any]:
+def data_of(study: FrictionStudy) -> dict[str, Any]:
     """For programs and for ``results/friction_sweeps.yaml``; the passes stand in the recordings."""
     sweeps = [{**plain(replace(s, plateaus=())), "name": s.name} for s in study.sweeps]
     return {"sweeps": sweeps, "drift": plain(dict(study.drifts)), "standstill": plain(study.standstill)}

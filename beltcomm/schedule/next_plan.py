@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm.configfiles import read_yaml, unsealed
-from beltcomm.effects import EFFECTS, Apart, Effect, effect_named
+from beltcomm.effects import EFFECTS, DiscriminatingExperiment, Effect, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.given import pasted
 from beltcomm.laboratory.visible import DetectionLimit
@@ -137,23 +137,23 @@ def new_ones(steps: Sequence[Step], already: Callable[[Step], str]) -> tuple[lis
     return ([] if all(step.held_out for step in new) else new), left_out
 
 
-def apart_of(first: str, other: str) -> Apart:
+def apart_of(first: str, other: str) -> DiscriminatingExperiment:
     """What tells two effects apart, whichever of them says so."""
     for one, two in ((first, other), (other, first)):
         said = effect_named(one).apart
         family = two.rpartition("_")  # what is said of a numbered family counts for each of it
         if between := said.get(two) or (said.get(family[0]) if family[2].isdigit() else None):
             return between
-    return Apart(effect_named(first).separate or effect_named(other).separate)
+    return DiscriminatingExperiment(effect_named(first).separate or effect_named(other).separate)
 
 
-def families(effect: Effect) -> Mapping[str, Apart]:
+def families(effect: Effect) -> Mapping[str, DiscriminatingExperiment]:
     """Causes that one effect stands for because no motion tells them apart: those of its twins that have no effect to be found as."""
     found_as = {e.name for e in EFFECTS if e.trials is not None and not e.behind_gap}
     return {name: apart for name, apart in effect.apart.items() if name not in found_as}
 
 
-def hands_of(apart: Mapping[str, Apart]) -> list[str]:
+def hands_of(apart: Mapping[str, DiscriminatingExperiment]) -> list[str]:
     """What is done by hand, in sentences that begin with the cause."""
     return [f"{name}: {hand.words()}" for name, one in apart.items() for hand in one.hands]
 

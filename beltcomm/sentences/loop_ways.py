@@ -40,7 +40,7 @@ BAND_LINES = 12
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class LoopReading:
     """A record read by one way.
 
     speed_m_s : base speed, 0 at rest.   resonance, antiresonance, mass, stiffness : of the log-magnitude fit (2.42), which has no belt
@@ -68,7 +68,7 @@ class Shown:
         return f"{'open loop' if self.way == 'open' else self.way}, {moving}"
 
 
-def shown(recording: Recording, way: Way, model: Model) -> Shown:
+def shown(recording: Recording, way: Way, model: Model) -> LoopReading:
     """A record read by one way.   Raises DataError when the response itself cannot be had."""
     response = plant_response(recording, way)
     note = recording.sidecar.excitation
@@ -89,7 +89,7 @@ def shown(recording: Recording, way: Way, model: Model) -> Shown:
     share = float(np.median((response.noise / np.abs(response.h))[within]))
     speed = (note.base_speed_m_s or 0.0) if note is not None else 0.0
     fitted = (resonance, antiresonance, mass, stiffness)
-    return Shown(recording.name, way, speed, response, *fitted, damping, share, highest, tuple(remarks))
+    return LoopReading(recording.name, way, speed, response, *fitted, damping, share, highest, tuple(remarks))
 
 
 def reaches_hz(response: FrequencyResponse) -> float:
@@ -138,7 +138,7 @@ def friction_nm(recording: Recording) -> float | None:
     return 0.5 * (float(np.mean(means[True])) - float(np.mean(means[False]))) if means[True] and means[False] else None
 
 
-def all_ways(recordings: Sequence[Recording], model: Model, first: str) -> list[Shown]:
+def all_ways(recordings: Sequence[Recording], model: Model, first: str) -> list[LoopReading]:
     """Every way of the record named first, the loudest open-loop record, then other closed-loop ones; what cannot be read is left out."""
     excited = [r for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
     opened = [r for r in excited if not r.sidecar.closed_loop and len(analyse.responses([r]))]
@@ -157,7 +157,7 @@ def all_ways(recordings: Sequence[Recording], model: Model, first: str) -> list[
     return found
 
 
-def bias_by(recording: Recording, ways: Sequence[Shown]) -> Biased | None:
+def bias_by(recording: Recording, ways: Sequence[LoopReading]) -> Biased | None:
     """What a wrong controller would do to the indirect reading of a record; None where it has none."""
     own = next((s for s in ways if s.record == recording.name and s.way in ("indirect", "setpoint")), None)
     if own is None:
@@ -166,7 +166,7 @@ def bias_by(recording: Recording, ways: Sequence[Shown]) -> Biased | None:
     return bias_of(own.response.lines(clear), controller_of(recording.sidecar.controller, recording.name))
 
 
-def lines(recording: Recording, ways: Sequence[Shown], slowest: float) -> list[str]:
+def lines(recording: Recording, ways: Sequence[LoopReading], slowest: float) -> list[str]:
     """Table of all ways and what it says.   slowest : least motor speed over base speed in the record."""
     rows = [
         [
@@ -188,7 +188,7 @@ def _cell(item: Characteristic | None, unit: str, factor: float) -> str:
     return "cannot tell" if item is None or not math.isfinite(item.interval) else number(factor * item.value, factor * item.interval, unit)
 
 
-def friction_words(recording: Recording, ways: Sequence[Shown], slowest: float) -> list[str]:
+def friction_words(recording: Recording, ways: Sequence[LoopReading], slowest: float) -> list[str]:
     """What friction did to the record, with numbers."""
     own = next(s for s in ways if s.record == recording.name)
     standing = next((s for s in ways if not s.speed_m_s and s.record != recording.name and s.damping is not None), None)
@@ -212,7 +212,7 @@ def friction_words(recording: Recording, ways: Sequence[Shown], slowest: float) 
     return said
 
 
-def bias_words(recording: Recording, ways: Sequence[Shown]) -> list[str]:
+def bias_words(recording: Recording, ways: Sequence[LoopReading]) -> list[str]:
     """The indirect reading against the direct one of the same record, and what a controller not exactly known would do (3.4)."""
     bias = bias_by(recording, ways)
     if bias is None:

@@ -31,7 +31,7 @@ RIGID_SHARE = 0.7
 
 
 @dataclass(frozen=True)
-class Row:
+class ResponseRow:
     """One response.   gain_db : mean of |h| ω² up to ``RIGID_SHARE`` of the antiresonance over that of the reference, with the half width
     of its 95 % interval; 0 and 0 for the reference itself, nan without a common band.
     """
@@ -73,10 +73,10 @@ class Difference:
 
 
 @dataclass(frozen=True)
-class Table:
+class ResponseTable:
     """All responses, and what differs.   remarks : records that could not be read, and comparisons without a difference."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[ResponseRow, ...]
     differences: tuple[Difference, ...]
     remarks: tuple[str, ...]
 
@@ -89,11 +89,11 @@ class Table:
         }
 
 
-def table_of(recordings: Sequence[Recording], model: Model) -> Table:
+def table_of(recordings: Sequence[Recording], model: Model) -> ResponseTable:
     """Every response of a belt axis; empty for an axis without a belt.   model : says where about antiresonance and resonance are."""
     used = [r for r in recordings if not r.is_static_map and r.side == "motor"]
     if "cart" not in model.base_bodies or "motor" not in model.base_bodies:
-        return Table((), (), ())
+        return ResponseTable((), (), ())
     found = analyse.responses(used)
     rows, remarks = [], []
     for recording in used:
@@ -106,22 +106,22 @@ def table_of(recordings: Sequence[Recording], model: Model) -> Table:
             marks = find_landmarks(response, shape.belt, shape.beside)
         except (DataError, UsageError, Refused, ValueError) as problem:
             remarks.append(f"{recording.name}: no antiresonance or resonance ({problem})")
-        rows.append(Row(condition, response, marks, math.nan, math.nan))
+        rows.append(ResponseRow(condition, response, marks, math.nan, math.nan))
     if not rows:
-        return Table((), (), tuple(remarks))
+        return ResponseTable((), (), tuple(remarks))
     reference = _reference(rows)
     rows = [_with_gain(row, reference) for row in rows]
     differences, none = _differences(rows)
-    return Table(tuple(rows), tuple(differences), (*remarks, *none))
+    return ResponseTable(tuple(rows), tuple(differences), (*remarks, *none))
 
 
-def _reference(rows: Sequence[Row]) -> Row:
+def _reference(rows: Sequence[ResponseRow]) -> ResponseRow:
     """The loudest that stands; of several the longest."""
     standing = [r for r in rows if r.condition.direction == "standing"] or list(rows)
     return max(standing, key=lambda r: (round(r.condition.amplitude_nm, 3), r.response.n_periods))
 
 
-def _with_gain(row: Row, reference: Row) -> Row:
+def _with_gain(row: ResponseRow, reference: ResponseRow) -> ResponseRow:
     if row is reference:
         return replace(row, gain_db=0.0, gain_interval_db=0.0)
     mark = reference.landmarks.antiresonance if reference.landmarks else None
@@ -142,7 +142,7 @@ def _rigid_db(response: FrequencyResponse, highest_hz: float) -> tuple[float, fl
     return float(np.mean(levels)), float(1.96 * np.sqrt(np.sum(left**2) / (len(levels) - 2) / len(levels)))
 
 
-def _differences(rows: Sequence[Row]) -> tuple[list[Difference], list[str]]:
+def _differences(rows: Sequence[ResponseRow]) -> tuple[list[Difference], list[str]]:
     """The clearest pair by place, by amplitude and by direction; sentences on those without any."""
     pairs = list(itertools.combinations(rows, 2))
     kinds = {
@@ -163,7 +163,7 @@ def _differences(rows: Sequence[Row]) -> tuple[list[Difference], list[str]]:
     return found, none
 
 
-def _alike(a: Row, b: Row, *what: str) -> bool:
+def _alike(a: ResponseRow, b: ResponseRow, *what: str) -> bool:
     """Whether two records have these conditions in common."""
     one, other = a.condition, b.condition
     if "place" in what and (one.place_m is None or other.place_m is None or abs(one.place_m - other.place_m) > SAME_PLACE_M):
@@ -174,13 +174,13 @@ def _alike(a: Row, b: Row, *what: str) -> bool:
     return "amplitude" not in what or loud <= SAME_AMPLITUDE * quiet
 
 
-def _marks(row: Row) -> dict[str, Landmark]:
+def _marks(row: ResponseRow) -> dict[str, Landmark]:
     found = row.landmarks
     named = {"antiresonance": found.antiresonance, "resonance": found.resonance} if found else {}
     return {name: mark for name, mark in named.items() if mark is not None}
 
 
-def _what(a: Row, b: Row) -> list[tuple[float, str]]:
+def _what(a: ResponseRow, b: ResponseRow) -> list[tuple[float, str]]:
     """What differs: size over its 95 % interval, and name, largest first."""
     one, other = _marks(a), _marks(b)
     sizes = []
@@ -197,7 +197,7 @@ def _shown(mark: Landmark) -> str:
     return number(mark.freq_hz, mark.interval_hz, "Hz")
 
 
-def _told(cause: str, a: Row, b: Row) -> Difference:
+def _told(cause: str, a: ResponseRow, b: ResponseRow) -> Difference:
     """Two records that differ, in words.   The one named first is nearer to the pulley, louder, or forward."""
     if cause == "place" and (a.condition.place_m or 0.0) > (b.condition.place_m or 0.0):
         a, b = b, a
@@ -213,7 +213,7 @@ def _told(cause: str, a: Row, b: Row) -> Difference:
     return Difference(cause, a.condition.record, b.condition.record, text + _hint(cause, a, b, clear))
 
 
-def _hint(cause: str, a: Row, b: Row, clear: Sequence[str]) -> str:
+def _hint(cause: str, a: ResponseRow, b: ResponseRow, clear: Sequence[str]) -> str:
     """What a difference hints at."""
     one, other = _marks(a), _marks(b)
     if cause == "amplitude":
@@ -246,7 +246,7 @@ def _moved_apart(one: dict[str, Landmark], other: dict[str, Landmark]) -> bool:
     return abs(ratios[0] - ratios[1]) > CLEAR * width
 
 
-def table_lines(found: Table) -> list[str]:
+def table_lines(found: ResponseTable) -> list[str]:
     """The table and what it says."""
     if not found.rows:
         return []

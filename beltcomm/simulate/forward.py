@@ -30,7 +30,7 @@ TO_THE_DIGIT = 2.5
 
 
 @dataclass(frozen=True)
-class State:
+class BodyStates:
     """Positions and speeds of all bodies in the order of ``Model.bodies()``, (n,), rad or m, rad/s or m/s; absolute.
 
     Behind the positions stands the state of elastic friction where the model has it.  Torque under way in a dead time is not kept.
@@ -54,7 +54,7 @@ class Simulated:
     velocity_rad_s: Array
     cart_position_m: Array
     belt_force_n: Array
-    end: State
+    end: BodyStates
 
 
 def simulate_torque(
@@ -64,7 +64,7 @@ def simulate_torque(
     position_m: float = 0.0,
     substeps: int = 20,
     time_s: float = 0.0,
-    state: State | None = None,
+    state: BodyStates | None = None,
 ) -> Simulated:
     """Motion of a model under a torque that is held for each sampling period.
 
@@ -87,7 +87,7 @@ def integrate_torque(
     position_m: float = 0.0,
     substeps: int = 20,
     time_s: float = 0.0,
-    state: State | None = None,
+    state: BodyStates | None = None,
 ) -> Simulated:
     """The same by integration steps, whatever the model."""
     return _simulated(model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _integrated)
@@ -95,7 +95,7 @@ def integrate_torque(
 
 #: (model, state, torque, its period s, steps in it, time s, fastest rate 1/s) -> angle, speed, carriage, belt force, (4, n), and the state
 #: at the end.
-_Motion = Callable[[Model, State, Array, float, int, float, float], tuple[Array, State]]
+_Motion = Callable[[Model, BodyStates, Array, float, int, float, float], tuple[Array, BodyStates]]
 
 
 def _simulated(
@@ -105,7 +105,7 @@ def _simulated(
     position_m: float,
     substeps: int,
     time_s: float,
-    state: State | None,
+    state: BodyStates | None,
     motion: _Motion,
 ) -> Simulated:
     torque = np.ascontiguousarray(torque_nm, dtype=np.float64)
@@ -130,21 +130,25 @@ def _simulated(
     return Simulated(t_s, theta, omega, cart, belt, end)
 
 
-def _solved(model: Model, start: State, torque: Array, period_s: float, substeps: int, time_s: float, rate: float) -> tuple[Array, State]:
+def _solved(
+    model: Model, start: BodyStates, torque: Array, period_s: float, substeps: int, time_s: float, rate: float
+) -> tuple[Array, BodyStates]:
     n = start.positions.size
     out, end = exact_record(model, np.concatenate([start.positions, start.speeds]), torque, period_s)
-    return out, State(end[:n], end[n:])
+    return out, BodyStates(end[:n], end[n:])
 
 
 def _integrated(
-    model: Model, start: State, torque: Array, period_s: float, substeps: int, time_s: float, rate: float
-) -> tuple[Array, State]:
+    model: Model, start: BodyStates, torque: Array, period_s: float, substeps: int, time_s: float, rate: float
+) -> tuple[Array, BodyStates]:
     q, v, out = start.positions.copy(), start.speeds.copy(), np.empty((4, torque.size))
     kernel_for(model).run(q, v, model.vector(), torque, time_s, period_s, substeps, *out)
-    return out, State(q, v)
+    return out, BodyStates(q, v)
 
 
-def _glided(model: Model, start: State, torque: Array, period_s: float, substeps: int, time_s: float, rate: float) -> tuple[Array, State]:
+def _glided(
+    model: Model, start: BodyStates, torque: Array, period_s: float, substeps: int, time_s: float, rate: float
+) -> tuple[Array, BodyStates]:
     steps = max(math.ceil(substeps / STRIDE), math.ceil(period_s * rate / LONGEST_STEP))
     parts = CELLS if memory_s(model) > 0.0 else 1
     glide, vector, short = glide_for(model), model.vector(), math.ceil(substeps / steps)
@@ -157,14 +161,14 @@ def _glided(model: Model, start: State, torque: Array, period_s: float, substeps
         cells = acting.reshape(heard.size, steps * parts)[min(first, beside) :][:block]
         rows = out[:, first : first + block]
         glide(q, v, vector, cells, torque_at_stages(cells, parts), time_s + first * period_s, period_s, steps, short, *rows)
-    return out, State(q, v)
+    return out, BodyStates(q, v)
 
 
-def at_rest(model: Model, position_m: float) -> State:
+def at_rest(model: Model, position_m: float) -> BodyStates:
     """Static equilibrium with the carriage at ``position_m``."""
     positions = equilibrium(model, position_m).positions
     unloaded = np.zeros(states_of(model) - len(positions))
-    return State(np.concatenate([positions, unloaded]), np.zeros_like(positions))
+    return BodyStates(np.concatenate([positions, unloaded]), np.zeros_like(positions))
 
 
 def check_period(model: Model, position_m: float, duration_s: float, substeps: int) -> None:

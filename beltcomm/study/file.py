@@ -25,9 +25,9 @@ from beltcomm.rundata.cost import offline_move
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
-from beltcomm.study.members import Commissioned, Doing, Fleet, Tracked, Work
+from beltcomm.study.members import Commissioned, Doing, Fleet, MemberTracking, Work
 from beltcomm.study.population import Population, Values, nominal_of, population_from, units_of
-from beltcomm.study.tracking import Ground, Targets
+from beltcomm.study.tracking import SharedInput, Targets
 from beltcomm.trajectory import held, load_move
 from beltcomm.verify import DYNAMIC_TARGET_M, REST_S, STATIC_TARGET_M, Loop
 
@@ -121,7 +121,7 @@ def _study_in(path: Path, data: Mapping[str, Any], doing: Doing) -> Study:
     if not (population.drawn or population.old or population.hidden):
         raise UsageError("nothing differs between the members; give population, ageing or hidden")
     if each == "track":
-        work: Work = Tracked(ground, population)
+        work: Work = MemberTracking(ground, population)
         shared = [plain(replace(ground, plants=None)), plain(population)]  # type: ignore[arg-type]
         gains = cascade_to_parameters(ground.cascade)
     else:
@@ -171,7 +171,7 @@ def _noise(each: str) -> dict[str, float]:
     return {"ratio": 1.0} if each == "compare" else {}
 
 
-def _ground(path: Path, data: Mapping[str, Any], base: Mapping[str, Any], targets: Targets) -> tuple[Ground, str]:
+def _ground(path: Path, data: Mapping[str, Any], base: Mapping[str, Any], targets: Targets) -> tuple[SharedInput, str]:
     """The design on trial, and where it comes from."""
     file = path.parent / str(data["move"]) if "move" in data else None
     if "run" in base:
@@ -190,10 +190,10 @@ def _ground(path: Path, data: Mapping[str, Any], base: Mapping[str, Any], target
         words += ", a design for its nominal values"
     peak = float(plant.motor.get("peak_torque_nm") or axis.motor.peak_torque_nm or axis.torque_limit_nm)  # as of the drive of a run
     loop = Loop(structure, delay_s, peak, plant.counts_per_rev)
-    return _ground_with(Ground(model, cascade, loop, move, None, 0.0, analyse.design_plants, targets, _travel_m(axis))), words
+    return _ground_with(SharedInput(model, cascade, loop, move, None, 0.0, analyse.design_plants, targets, _travel_m(axis))), words
 
 
-def _ground_of_run(run: Path, file: Path | None, base: Mapping[str, Any], targets: Targets) -> tuple[Ground, str]:
+def _ground_of_run(run: Path, file: Path | None, base: Mapping[str, Any], targets: Targets) -> tuple[SharedInput, str]:
     for key in ("axis", "gains"):
         if key in base:
             raise UsageError(f"base.{key} stands beside base.run, which has its own; leave it out")
@@ -211,11 +211,11 @@ def _ground_of_run(run: Path, file: Path | None, base: Mapping[str, Any], target
     peak = float((folder.load_result("drive") or {}).get("peak_torque_nm") or folder.axis.torque_limit_nm)
     apparent = float(saved.get("apparent_damping_nm_s_rad") or 0.0)
     loop = Loop(structure, delay_s, peak, offline.counts_of(folder))
-    ground = Ground(model, cascade, loop, move, along, apparent, analyse.design_plants, targets, _travel_m(folder.axis))
+    ground = SharedInput(model, cascade, loop, move, along, apparent, analyse.design_plants, targets, _travel_m(folder.axis))
     return _ground_with(ground), f"model and design of {run}"
 
 
-def _ground_with(ground: Ground) -> Ground:
+def _ground_with(ground: SharedInput) -> SharedInput:
     """With the rest at the end of the move in which the static error is read."""
     return replace(ground, move=held(ground.move, REST_S))
 

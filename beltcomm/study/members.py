@@ -20,7 +20,7 @@ from beltcomm.model import Model, PlantFile
 from beltcomm.programs import source_hash
 from beltcomm.result import Result, jsonable
 from beltcomm.study.population import HIDDEN, NOTHING, DrawnAxis, Population, Values, drawn_axis
-from beltcomm.study.tracking import Ground, track
+from beltcomm.study.tracking import SharedInput, track
 
 
 class Work(Protocol):
@@ -43,10 +43,10 @@ class Doing:
 
 
 @dataclass(frozen=True)
-class Tracked:
+class MemberTracking:
     """The design of the base on the member's axis."""
 
-    ground: Ground
+    ground: SharedInput
     population: Population
 
     def found(self, number: int, values: Values, folder: Path | None = None) -> dict[str, Any]:

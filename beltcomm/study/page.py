@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from beltcomm.report.page import Fact, Page, Picture, Section, State, Table, Words, picture_of, render
+from beltcomm.report.page import Fact, Page, PageTable, Paragraphs, Picture, Section, State, picture_of, render
 from beltcomm.report.study import Against, Distributed, distribution_figure, drivers_figure
 from beltcomm.report.style import Caption
 from beltcomm.study import words as words
@@ -46,13 +46,13 @@ def study_page(asked: Study, summary: Summary, lines: Sequence[Line], command: s
             ("shares", "Shares", _shares(summary)),
             ("distributions", "Distributions", distributions),
             ("drivers", "What drives them", drivers),
-            ("worst", "Worst members", [Table(("member", "what", "values"), worst)] if worst else []),
+            ("worst", "Worst members", [PageTable(("member", "what", "values"), worst)] if worst else []),
         )
     ]
     if summary.failed:
         rows = [(str(k), str(by_number[k]["exit_code"]), sentence) for k, sentence in list(summary.failed.items())[:50]]
         title = f"Without a result: {len(summary.failed)}"
-        sections.append(Section("failed", title, [Table(("member", "exit code", "why"), rows)]))
+        sections.append(Section("failed", title, [PageTable(("member", "exit code", "why"), rows)]))
     steps = [f"{command} --member {summary.worst[0]}: the worst member again, with its values and its plant"] if summary.worst else []
     notes = [f"Made by: {command}", "Numbers of all members: members.jsonl; of this page: summary.json."]
     if summary.done < summary.planned:
@@ -62,13 +62,13 @@ def study_page(asked: Study, summary: Summary, lines: Sequence[Line], command: s
     )
 
 
-def _shares(summary: Summary) -> list[Table | Picture | Words]:
+def _shares(summary: Summary) -> list[PageTable | Picture | Paragraphs]:
     told = [(words.share_words(one), words.share_text(one)) for one in summary.shares]
     notes = f"Intervals: Clopper and Pearson. {_MISSES if summary.share(HEADLINE) else _LEFT_OUT}"
-    tables: list[Table | Picture | Words] = [Table(("what", "share and 95 % interval"), told, notes)] if told else []
+    tables: list[PageTable | Picture | Paragraphs] = [PageTable(("what", "share and 95 % interval"), told, notes)] if told else []
     if summary.answers:
         rows = [words.answer_row(one) for one in summary.answers]
-        tables.append(Table(("members", "named, and of how many"), rows, "What a diagnosis named, by what was hidden."))
+        tables.append(PageTable(("members", "named, and of how many"), rows, "What a diagnosis named, by what was hidden."))
     return tables
 
 
@@ -88,11 +88,11 @@ def _interval(share: Share) -> str:
     return f"95 %: {words.per_cent(share.low)} to {words.per_cent(share.high)} %; {share.count} of {share.of}"
 
 
-def _distributions(asked: Study, summary: Summary, lines: Sequence[Line], caption: Caption) -> list[Table | Picture | Words]:
+def _distributions(asked: Study, summary: Summary, lines: Sequence[Line], caption: Caption) -> list[PageTable | Picture | Paragraphs]:
     if not summary.spreads:
-        return [Words(["No member has a number for a result."])]
+        return [Paragraphs(["No member has a number for a result."])]
     rows = [words.spread_row(one) for one in summary.spreads]
-    table = Table(("result", "5 %", "median", "95 %", "worst", "member"), rows, "Quantiles over the members that have the result.")
+    table = PageTable(("result", "5 %", "median", "95 %", "worst", "member"), rows, "Quantiles over the members that have the result.")
     known = [key for key in DRAWN if any(one.key == key for one in summary.spreads)]
     shown = []
     for key in known:
@@ -103,11 +103,13 @@ def _distributions(asked: Study, summary: Summary, lines: Sequence[Line], captio
     return [picture_of(distribution_figure(shown, caption)), table] if shown else [table]
 
 
-def _drivers(asked: Study, summary: Summary, lines: Sequence[Line], caption: Caption) -> list[Table | Picture]:
+def _drivers(asked: Study, summary: Summary, lines: Sequence[Line], caption: Caption) -> list[PageTable | Picture]:
     if not summary.drivers:
         return []
     drawn = [one for one in words.strongest(summary.drivers) if one.key != HEADLINE]
-    parts: list[Table | Picture] = [picture_of(drivers_figure([_against(one, asked, lines) for one in drawn], caption))] if drawn else []
+    parts: list[PageTable | Picture] = (
+        [picture_of(drivers_figure([_against(one, asked, lines) for one in drawn], caption))] if drawn else []
+    )
     rows = [
         (
             one.parameter,
@@ -119,7 +121,7 @@ def _drivers(asked: Study, summary: Summary, lines: Sequence[Line], caption: Cap
         if one.told
     ]
     rest = f"{_DRIVER_WORDS} Of {len(summary.drivers) - len(rows)} other pairs it cannot be told: their intervals hold zero."
-    return [*parts, Table(("parameter", "result", "rank correlation", "95 % interval"), rows, rest)]
+    return [*parts, PageTable(("parameter", "result", "rank correlation", "95 % interval"), rows, rest)]
 
 
 def _against(one: Driver, asked: Study, lines: Sequence[Line]) -> Against:

@@ -43,7 +43,7 @@ class Share:
 
 
 @dataclass(frozen=True)
-class Spread:
+class QuantitySpread:
     """Of one quantity over ``of`` members.   quantiles : at :data:`QUANTILES`.   worst : and which member has it."""
 
     key: str
@@ -94,7 +94,7 @@ class Summary:
     failed: Mapping[int, str]
     exit_codes: Mapping[int, int]
     shares: tuple[Share, ...]
-    spreads: tuple[Spread, ...]
+    spreads: tuple[QuantitySpread, ...]
     drivers: tuple[Driver, ...]
     worst: tuple[int, ...]
     answers: tuple[Answers, ...] = ()
@@ -154,11 +154,11 @@ def _answers(lines: Sequence[Line]) -> tuple[Answers, ...]:
     return tuple(Answers(hidden, named.total(), dict(named.most_common())) for hidden, named in kinds.items())
 
 
-def _spread(key: str, told: Sequence[Line]) -> Spread:
+def _spread(key: str, told: Sequence[Line]) -> QuantitySpread:
     known = [(float(line["found"][key]), int(line["member"])) for line in told if _number(line["found"].get(key))]
     values = np.array([value for value, _ in known])
     at = int(np.argmin(values) if key in MORE_IS_BETTER else np.argmax(values))
-    return Spread(key, len(known), tuple(float(q) for q in np.quantile(values, QUANTILES)), *known[at])
+    return QuantitySpread(key, len(known), tuple(float(q) for q in np.quantile(values, QUANTILES)), *known[at])
 
 
 def _drivers(lines: Sequence[Line], keys: Sequence[str], nominal: Mapping[str, float]) -> list[Driver]:

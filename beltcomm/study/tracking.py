@@ -34,7 +34,7 @@ class Targets:
 
 
 @dataclass(frozen=True)
-class Ground:
+class SharedInput:
     """What all members share.
 
     model : of the base.   cascade : the design on trial.   loop : what the drive adds, with the base's delay.   move : with its rest.
@@ -58,7 +58,7 @@ class Ground:
         return float(self.move.position_m[0])
 
 
-def track(ground: Ground, axis: DrawnAxis) -> dict[str, Any]:
+def track(ground: SharedInput, axis: DrawnAxis) -> dict[str, Any]:
     """Predicted errors, forces and worst margins of the design on this axis.
 
     Keys end in their unit; ``*_cart`` at the carriage; margins are the worst of both ends of the move and every damping down to none.

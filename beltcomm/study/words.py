@@ -10,7 +10,7 @@ from beltcomm.effects import effect_named
 from beltcomm.given import pasted
 from beltcomm.study.file import Study
 from beltcomm.study.population import NOTHING
-from beltcomm.study.summary import MORE_IS_BETTER, Answers, Driver, Share, Spread, Summary
+from beltcomm.study.summary import MORE_IS_BETTER, Answers, Driver, QuantitySpread, Share, Summary
 
 #: Words, unit and factor from SI of what a member has as a result.
 TITLES: Mapping[str, tuple[str, str, float]] = {
@@ -87,7 +87,7 @@ def answer_row(one: Answers) -> tuple[str, str]:
     return f"{hidden}, {one.of} member{'s' if one.of > 1 else ''}", ", ".join(f"{named} {count}" for named, count in one.named.items())
 
 
-def spread_row(one: Spread) -> tuple[str, str, str, str, str, str]:
+def spread_row(one: QuantitySpread) -> tuple[str, str, str, str, str, str]:
     """Words with unit, three quantiles, the worst, its member."""
     name, unit, factor = titled(one.key)
     low, middle, high = (f"{factor * value:.3g}" for value in one.quantiles)

@@ -43,7 +43,7 @@ PUBLISHED: Mapping[PrefilterKind, tuple[float, float, float]] = {"notch": (0.08,
 
 
 @dataclass(frozen=True)
-class Run:
+class SimulatedMove:
     """One move.   figure : of the source.   motor : error as the drive measured it; cart : as the same loop is predicted to leave it there.
 
     belt_force_n : predicted.   torque_nm : largest measured.   stopped : in words, where the drive gave up; errors are then nan.
@@ -72,19 +72,19 @@ class Limited:
 
 
 @dataclass(frozen=True)
-class Study:
+class ClosedLoopStudy:
     """runs : in the order of the figures.   unstable : largest |z| of the poles with the filters removed, by prefilter.   windup : figure
     6.10, simulated: by torque limit, the move without and with conditional integration.   demands : feed force of T_A and T_B on g_a, N."""
 
-    runs: tuple[Run, ...]
+    runs: tuple[SimulatedMove, ...]
     unstable: Mapping[str, float]
     windup: Mapping[float, tuple[Limited, Limited]]
     demands: Mapping[str, float]
 
 
-def compare() -> Study:
+def compare() -> ClosedLoopStudy:
     """All moves of chapter 5, each on a virtual drive behind its bus."""
-    runs: list[Run] = []
+    runs: list[SimulatedMove] = []
     structures: dict[str, CascadeStructure] = {}
     for rig in RIGS:
         model = load_plant(rig).model
@@ -113,7 +113,7 @@ def compare() -> Study:
         for kind in ("notch", "butterworth")
     }
     cascade = with_feedforward("g_a", model, structures["g_a"], gains("g_a", "butterworth"), "nonlinear")
-    return Study(
+    return ClosedLoopStudy(
         tuple(runs),
         unstable,
         {most: (saturated(model, cascade, most, windup=True), saturated(model, cascade, most, windup=False)) for most in TIGHT_NM},
@@ -155,7 +155,7 @@ def with_feedforward(rig: str, model: Model, structure: CascadeStructure, cascad
     return replace(cascade, feedforward=replace(forward, advance_s=0.0))
 
 
-def one(drive: Drive, rig: str, model: Model, figure: str, name: str, cascade: Cascade) -> Run:
+def one(drive: Drive, rig: str, model: Model, figure: str, name: str, cascade: Cascade) -> SimulatedMove:
     """The move with limits T_A, and back; the way back is not judged."""
     ratio = model["transmission.ratio"]
     drive.write({key: value for key, value in cascade_to_parameters(cascade).items() if key in drive.backup()})
@@ -174,14 +174,14 @@ def one(drive: Drive, rig: str, model: Model, figure: str, name: str, cascade: C
     largest = float(np.max(np.abs(torque)))
     if stopped:
         nothing = TrackingError(math.nan, math.nan)
-        return Run(figure, rig, name, nothing, nothing, math.nan, largest, t_s, reference - position, stopped)
+        return SimulatedMove(figure, rig, name, nothing, nothing, math.nan, largest, t_s, reference - position, stopped)
     motor = tracking_error(t_s, reference, position)
     # back to where it began, by a loop that can: the next one starts from the same place
     safe = with_feedforward(rig, model, drive.capabilities.structure, gains(rig, "butterworth"), "nonlinear")
     drive.write({key: value for key, value in cascade_to_parameters(safe).items() if key in drive.backup()})
     at = ratio * drive.read(["position_rad"])["position_rad"]
     drive.record(motion(padded(plan_trajectory(at, here, T_A, PERIOD_S)), ratio), limits(ratio), lambda _row: None)
-    return Run(figure, rig, name, motor, cart, expected.belt_force_n, largest, t_s, reference - position)
+    return SimulatedMove(figure, rig, name, motor, cart, expected.belt_force_n, largest, t_s, reference - position)
 
 
 def padded(path: Trajectory) -> Trajectory:
@@ -226,7 +226,7 @@ class CutOff(SimulatedPlant):
         super().step(min(max(torque_nm, -self._most_nm), self._most_nm), duration_s)
 
 
-def lines(study: Study) -> list[str]:
+def lines(study: ClosedLoopStudy) -> list[str]:
     """The table and what it says."""
     said = ["0.5 m with the limits T_A on the virtual drive; errors in mm: motor as the drive measured it, cart as predicted beside it"]
     said.append(f"{'figure':7} {'mass':8} {'':42} {'motor dyn.':>10} {'static':>8} {'cart dyn.':>9} {'torque':>9} {'belt':>6}")
@@ -254,7 +254,7 @@ def lines(study: Study) -> list[str]:
     return said
 
 
-def findings(study: Study) -> list[str]:
+def findings(study: ClosedLoopStudy) -> list[str]:
     """What of the source comes out, and what does not."""
     by = {(run.figure, run.rig, run.name): run for run in study.runs}
     none, filtered = by["5.1", "g_a", "prefilter none"], by["5.1", "g_a", "prefilter butterworth"]

@@ -29,7 +29,7 @@ PARTS = ("velocity filter", "PI", "prefilter")
 
 
 @dataclass(frozen=True)
-class Difference:
+class DiscretisationError:
     """Discrete over continuous at one frequency.   ``error`` |G_d/G_c − 1| never exceeds ``bound``; nan where the loop cannot have it."""
 
     part: str
@@ -43,7 +43,7 @@ class Difference:
 
 
 @dataclass(frozen=True)
-class Loops:
+class LoopMargins:
     """Margins of one design in loops of T.   sampled : None with the reason in ``refusal`` where the prefilter does not fit.
 
     expected_deg : phase that the parts and the hold of T/2 take at the continuous crossover, to be lost from the velocity margin.
@@ -64,8 +64,8 @@ class Discretisation:
     plant: DesignPlant
     notch: ThesisDesign
     butterworth: ThesisDesign
-    differences: tuple[Difference, ...]
-    loops: tuple[Loops, ...]
+    differences: tuple[DiscretisationError, ...]
+    loops: tuple[LoopMargins, ...]
 
 
 def compare() -> Discretisation:
@@ -95,7 +95,7 @@ def ratio(part: str, cascade: Cascade, omega_rad_s: Array, period_s: float) -> t
     return np.asarray(discrete / continuous_prefilter(omega_rad_s, cascade.prefilter)), bound
 
 
-def _differences(plant: DesignPlant, design: ThesisDesign, period_s: float) -> Iterator[Difference]:
+def _differences(plant: DesignPlant, design: ThesisDesign, period_s: float) -> Iterator[DiscretisationError]:
     kind = design.cascade.prefilter.kind
     for part in PARTS:
         name = f"{kind} filter" if part == "prefilter" else f"{part}, {kind} design"
@@ -103,14 +103,14 @@ def _differences(plant: DesignPlant, design: ThesisDesign, period_s: float) -> I
             try:
                 values, bounds = ratio(part, design.cascade, np.array([omega]), period_s)
             except UsageError:
-                yield Difference(name, period_s, where, omega, math.nan, math.nan, math.nan, math.nan)
+                yield DiscretisationError(name, period_s, where, omega, math.nan, math.nan, math.nan, math.nan)
                 continue
             value = complex(values[0])
             gain_db, phase_deg = 20.0 * math.log10(abs(value)), math.degrees(math.atan2(value.imag, value.real))
-            yield Difference(name, period_s, where, omega, gain_db, phase_deg, abs(value - 1.0), float(bounds[0]))
+            yield DiscretisationError(name, period_s, where, omega, gain_db, phase_deg, abs(value - 1.0), float(bounds[0]))
 
 
-def _loops(plant: DesignPlant, design: ThesisDesign, period_s: float) -> Loops:
+def _loops(plant: DesignPlant, design: ThesisDesign, period_s: float) -> LoopMargins:
     cascade, kind = design.cascade, design.cascade.prefilter.kind
     continuous = thesis_margins(plant, cascade)
     try:
@@ -118,8 +118,8 @@ def _loops(plant: DesignPlant, design: ThesisDesign, period_s: float) -> Loops:
         at = np.array([design.crossover_rad_s])
         phase = sum(float(np.angle(ratio(part, cascade, at, period_s)[0][0])) for part in PARTS)
     except UsageError as error:
-        return Loops(kind, period_s, continuous, None, math.nan, str(error))
-    return Loops(kind, period_s, continuous, sampled, math.degrees(0.5 * design.crossover_rad_s * period_s - phase))
+        return LoopMargins(kind, period_s, continuous, None, math.nan, str(error))
+    return LoopMargins(kind, period_s, continuous, sampled, math.degrees(0.5 * design.crossover_rad_s * period_s - phase))
 
 
 def lines(study: Discretisation) -> list[str]:

@@ -13,7 +13,7 @@ from beltcomm.control import Cascade, Prefilter, discrete_coefficients, new_stat
 from beltcomm.model import Model, load_plant
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 from beltcomm.thesis.encoder.edges import INCREMENT_M
-from beltcomm.thesis.encoder.estimators import Settings, coefficients
+from beltcomm.thesis.encoder.estimators import EstimatorSettings, coefficients
 from beltcomm.thesis.encoder.kernel import (
     COUNT,
     INVALID,
@@ -73,7 +73,7 @@ def loop_results() -> Mapping[str, Mapping[str, LoopResult]]:
 def run_loop(model: Model, trajectory: Trajectory, variant: str, lag_s: float = 2e-3) -> LoopResult:
     """Simulate one move from rest: position gain, velocity PI on the estimate, nonlinear feedforward (4.16), 1 ms dead time."""
     ratio = model["transmission.ratio"]
-    settings = Settings(period_s=PERIOD_S, lag_s=lag_s)
+    settings = EstimatorSettings(period_s=PERIOD_S, lag_s=lag_s)
     c, state = coefficients(settings), new_estimator()
     start = float(trajectory.position_m[0])
     x_before = 0.3 * INCREMENT_M  # the motor's belt travel since the start; the first line lies a little below

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from beltcomm.thesis.encoder import formulas
 from beltcomm.thesis.encoder.edges import INCREMENT_M, TICK_S, Edges, Flaws, Motion, edges_of
-from beltcomm.thesis.encoder.estimators import Extension, Settings, Switching, Velocities, velocities
+from beltcomm.thesis.encoder.estimators import EstimatorSettings, Extension, Switching, Velocities, velocities
 from beltcomm.thesis.encoder.kernel import COUNT, LEVEL_A, LEVEL_B, STATE, new_decoder, take_edge
 from beltcomm.thesis.encoder.quadrature import count_increments
 
@@ -36,7 +36,7 @@ class MethodErrors:
     missing: float
 
 
-def steady_errors(speed_m_s: float, settings: Settings, flaws: Flaws | None = None) -> Mapping[str, MethodErrors]:
+def steady_errors(speed_m_s: float, settings: EstimatorSettings, flaws: Flaws | None = None) -> Mapping[str, MethodErrors]:
     """Errors of the four methods at speeds within 1 % of ``speed_m_s``, after three increments."""
     found: dict[str, list[Array]] = {name: [] for name in METHODS}
     step, period = settings.increment_m, settings.period_s
@@ -73,7 +73,7 @@ class SpeedTable:
     value.   missing : share of periods without an event counter value.
     """
 
-    settings: Settings
+    settings: EstimatorSettings
     speed_m_s: Array
     worst: Mapping[str, Array]
     rms: Mapping[str, Array]
@@ -81,7 +81,7 @@ class SpeedTable:
     missing: Array
 
 
-def speed_table(settings: Settings, speeds: Sequence[float] = SPEEDS) -> SpeedTable:
+def speed_table(settings: EstimatorSettings, speeds: Sequence[float] = SPEEDS) -> SpeedTable:
     """Worst and rms error of the methods over speed, and what the formulas say."""
     rows = [steady_errors(v, settings) for v in speeds]
     step, tick, period, lag = settings.increment_m, settings.tick_s, settings.period_s, settings.lag_s
@@ -118,7 +118,7 @@ class Debouncing:
     largest_without: Mapping[str, float]
 
 
-def standstill_shaking(settings: Settings, size_m: float = 0.3 * INCREMENT_M, rate_hz: float = 200.0) -> Debouncing:
+def standstill_shaking(settings: EstimatorSettings, size_m: float = 0.3 * INCREMENT_M, rate_hz: float = 200.0) -> Debouncing:
     """The axis stands and shakes by ±size_m across a line; 24 places of the line within the shaking, 0.1 s each."""
     pulse = 2.0 * np.pi * rate_hz
 
@@ -129,14 +129,14 @@ def standstill_shaking(settings: Settings, size_m: float = 0.3 * INCREMENT_M, ra
     return _debouncing(made, settings, 0.1, size_m * pulse, 0.0)
 
 
-def bouncing_at_speed(settings: Settings, speed_m_s: float = 0.01, seed: int = 1) -> Debouncing:
+def bouncing_at_speed(settings: EstimatorSettings, speed_m_s: float = 0.01, seed: int = 1) -> Debouncing:
     """Constant speed, up to three contact bounces of 20 us after each edge: largest deviation from the speed, by method."""
     flaws = Flaws(bounces=3, bounce_s=2e-5, seed=seed)
     edges = edges_of(_steady(0.4 * settings.increment_m, speed_m_s), 0.2, flaws=flaws)
     return _debouncing([edges], settings, 0.2, speed_m_s, speed_m_s)
 
 
-def _debouncing(made: Sequence[Edges], settings: Settings, duration_s: float, true_m_s: float, mean_m_s: float) -> Debouncing:
+def _debouncing(made: Sequence[Edges], settings: EstimatorSettings, duration_s: float, true_m_s: float, mean_m_s: float) -> Debouncing:
     counted, largest = [], []
     for debounce in (True, False):
         ticks = [count_increments(edges, debounce=debounce).tick for edges in made]
@@ -165,7 +165,7 @@ class Reversal:
     count_apart: int
 
 
-def reversal(settings: Settings, deceleration_m_s2: float = 1.0) -> Reversal:
+def reversal(settings: EstimatorSettings, deceleration_m_s2: float = 1.0) -> Reversal:
     """(6.1): debouncing delays a sign reversal by one increment."""
     early, step = 0.05, settings.increment_m
     ways: dict[bool, list[float]] = {True: [], False: []}
@@ -207,7 +207,7 @@ def reversal(settings: Settings, deceleration_m_s2: float = 1.0) -> Reversal:
 
 
 @dataclass(frozen=True)
-class Stop:
+class StopTrial:
     """Figure 6.7: the velocity falls from Δξ/T_s to 0 at 2 T_s; T_out = 5 T_s.   t_s, true_m_s, and the gate's readings by extension, (n,).
 
     "frozen" has neither extension nor time-out, "none" the time-out only.
@@ -218,15 +218,15 @@ class Stop:
     gate_m_s: Mapping[str, Array]
 
 
-def stop(period_s: float) -> Stop:
+def stop(period_s: float) -> StopTrial:
     """The velocity jumps to zero just after an increment."""
     speed = INCREMENT_M / period_s
     duration = 12.0 * period_s
     # An increment at -0.5 T_s, 0.5 T_s, 1.5 T_s; a gap must be known when the record begins, so it begins 4 T_s early.
     early = 4.0 * period_s
     edges = edges_of(lambda t: speed * (np.minimum(t - early, 2.0 * period_s) + 0.5 * period_s), duration + early)
-    base = Settings(period_s=period_s, timeout_s=5.0 * period_s)
-    variants: dict[str, Settings] = {
+    base = EstimatorSettings(period_s=period_s, timeout_s=5.0 * period_s)
+    variants: dict[str, EstimatorSettings] = {
         "frozen": replace(base, extension="none", timeout_s=np.inf),
         **{name: replace(base, extension=name) for name in _EXTENSIONS},
     }
@@ -234,13 +234,13 @@ def stop(period_s: float) -> Stop:
     t = read["frozen"].t_s - early
     shown = t > -0.5 * period_s
     true = np.where(t <= 2.0 * period_s + 1e-12, speed, 0.0)
-    return Stop(t[shown], true[shown], {name: r.gate[shown] for name, r in read.items()})
+    return StopTrial(t[shown], true[shown], {name: r.gate[shown] for name, r in read.items()})
 
 
 _EXTENSIONS: tuple[Extension, ...] = ("none", "printed", "bounded")
 
 
-def extension_errors(settings: Settings, speed_m_s: float) -> Mapping[str, MethodErrors]:
+def extension_errors(settings: EstimatorSettings, speed_m_s: float) -> Mapping[str, MethodErrors]:
     """Errors of the gate at constant speed below Δξ/T_s by extension."""
     return {name: steady_errors(speed_m_s, replace(settings, extension=name))["gate"] for name in _EXTENSIONS}
 
@@ -248,7 +248,7 @@ def extension_errors(settings: Settings, speed_m_s: float) -> Mapping[str, Metho
 _SWITCHINGS: tuple[Switching, ...] = ("printed", "guarded")
 
 
-def switching_errors(settings: Settings, ratios: Sequence[float]) -> Mapping[str, Array]:
+def switching_errors(settings: EstimatorSettings, ratios: Sequence[float]) -> Mapping[str, Array]:
     """Worst errors of the combination, percent, at increments per period ``ratios``, by switching."""
     speeds = [r * settings.increment_m / settings.period_s for r in ratios]
     return {name: np.array([steady_errors(v, replace(settings, switching=name))["combined"].worst for v in speeds]) for name in _SWITCHINGS}
@@ -264,7 +264,7 @@ class Delay:
     formula_s: tuple[float, float]
 
 
-def delays(settings: Settings, speed_m_s: float, acceleration_m_s2: float) -> Mapping[str, Delay]:
+def delays(settings: EstimatorSettings, speed_m_s: float, acceleration_m_s2: float) -> Mapping[str, Delay]:
     """Delays of the methods while the axis accelerates from rest through ``speed_m_s`` ± 5 %, and the least and largest of the formulas."""
     end = 1.05 * speed_m_s / acceleration_m_s2
     late: dict[str, list[Array]] = {"high_pass": [], "event_counter": [], "gate": []}
@@ -289,7 +289,7 @@ def delays(settings: Settings, speed_m_s: float, acceleration_m_s2: float) -> Ma
     return {n: Delay(float(np.mean(v)), float(np.min(v)), float(np.max(v)), expected[n]) for n, v in all_late.items()}
 
 
-def record_of(motion: Motion, duration_s: float, settings: Settings, start_velocity_m_s: float = 0.0) -> Velocities:
+def record_of(motion: Motion, duration_s: float, settings: EstimatorSettings, start_velocity_m_s: float = 0.0) -> Velocities:
     """A motion seen by the encoder of ``settings`` and read by the four methods."""
     edges = edges_of(motion, duration_s, increment_m=settings.increment_m, tick_s=settings.tick_s)
     return velocities(edges, settings, duration_s, start_velocity_m_s=start_velocity_m_s)
@@ -330,7 +330,7 @@ def states(speed_m_s: float = 0.02) -> States:
 
 def apart_rms_percent(speed_m_s: float, period_s: float) -> float:
     """Rms difference of the event counter from the plain difference (6.9) at constant speed, percent of it."""
-    settings = Settings(period_s=period_s, lag_s=0.0, tick_s=TICK_S)
+    settings = EstimatorSettings(period_s=period_s, lag_s=0.0, tick_s=TICK_S)
     parts = []
     for k, factor in enumerate(NEARBY):
         speed = speed_m_s * factor

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from beltcomm.thesis import estimator_trials as trials
 from beltcomm.thesis.encoder import formulas
 from beltcomm.thesis.encoder.edges import INCREMENT_M, TICK_S, Flaws
-from beltcomm.thesis.encoder.estimators import Settings, Velocities
+from beltcomm.thesis.encoder.estimators import EstimatorSettings, Velocities
 from beltcomm.thesis.estimator_loop import LoopResult, loop_results
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ class Crossing:
 
 
 @dataclass(frozen=True)
-class Study:
+class EstimatorStudy:
     """All that the topic shows; what each is says the trial of its name."""
 
     tables: tuple[trials.SpeedTable, ...]
@@ -53,7 +53,7 @@ class Study:
     shaking: trials.Debouncing
     bouncing: trials.Debouncing
     reversals: tuple[trials.Reversal, ...]
-    stop: trials.Stop
+    stop: trials.StopTrial
     extension_speeds_m_s: tuple[float, ...]
     extension: tuple[Mapping[str, trials.MethodErrors], ...]
     switching_ratios: tuple[float, ...]
@@ -74,9 +74,9 @@ class Study:
     _ramp: Velocities
 
 
-def compare() -> Study:
+def compare() -> EstimatorStudy:
     """Every trial at 2.5 um per increment, 10 ns per tick and T_R = 2 ms; T_s 1 ms where nothing else is said."""
-    settings = Settings(lag_s=LAG_S)
+    settings = EstimatorSettings(lag_s=LAG_S)
     period = settings.period_s
     extension_speeds = (2e-4, 5e-4, 1e-3)
     lines_speeds = (1e-3, 1e-2, 0.1, 1.0)
@@ -84,7 +84,7 @@ def compare() -> Study:
     apart_speeds = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
     switching_ratios = (1.05, 1.25, 1.5, 1.75, 1.95, 2.5)
     saturated = trials.record_of(lambda t: 249.0 * t, 2.0 * period, settings)
-    return Study(
+    return EstimatorStudy(
         tables=tuple(trials.speed_table(replace(settings, period_s=p)) for p in PERIODS_S),
         crossing=crossing(settings),
         saturation_m_s=formulas.highest_speed_m_s(INCREMENT_M, TICK_S),
@@ -117,7 +117,7 @@ def compare() -> Study:
     )
 
 
-def crossing(settings: Settings) -> Crossing:
+def crossing(settings: EstimatorSettings) -> Crossing:
     """Worst errors of gate and event counter around 2 Δξ/T_s."""
     step, period = settings.increment_m, settings.period_s
     errors = [trials.steady_errors(r * step / period, settings) for r in RATIOS]
@@ -137,23 +137,23 @@ def crossing(settings: Settings) -> Crossing:
 
 def _signal(increment_m: float) -> Velocities:
     """Figure 6.1: constant 0.1 m/s through the high-pass, T_s = 62.5 us, T_R = 2 ms."""
-    settings = Settings(increment_m=increment_m, period_s=PERIODS_S[1], lag_s=LAG_S)
+    settings = EstimatorSettings(increment_m=increment_m, period_s=PERIODS_S[1], lag_s=LAG_S)
     return trials.record_of(lambda t: 0.3e-6 + 0.1 * t, 0.03, settings, 0.1)
 
 
 def _near_resolution() -> Velocities:
     """Figure 6.2: 1.5 and then 0.4 times Δξ/T_s, plain difference, T_s = 1 ms."""
-    settings = Settings(lag_s=0.0)
+    settings = EstimatorSettings(lag_s=0.0)
     low = formulas.lowest_speed_m_s(INCREMENT_M, settings.period_s)
     return trials.record_of(lambda t: 0.6e-6 + low * np.where(t < 0.015, 1.5 * t, 0.0225 + 0.4 * (t - 0.015)), 0.04, settings, 1.5 * low)
 
 
 def _ramp() -> Velocities:
     """Figure 6.8: 0 to 0.02 m/s in 0.2 s, no filter behind gate and event counter, plain difference beside them, T_s = 1 ms."""
-    return trials.record_of(lambda t: 0.05 * t**2, 0.2, Settings(lag_s=0.0))
+    return trials.record_of(lambda t: 0.05 * t**2, 0.2, EstimatorSettings(lag_s=0.0))
 
 
-def lines(study: Study) -> list[str]:
+def lines(study: EstimatorStudy) -> list[str]:
     """The study in words and tables, with the source's statements beside ours."""
     said = [
         "Velocity from an incremental encoder: 2.5 um per increment, edges timed to 10 ns; for each speed eight within 1 % of it.",
@@ -193,7 +193,7 @@ def _numbers(*values: float) -> str:
     return " ".join(f"{v:8.3g}" if v >= 1e-3 else f"{v:8.1e}" for v in values)
 
 
-def _crossing_lines(study: Study) -> list[str]:
+def _crossing_lines(study: EstimatorStudy) -> list[str]:
     c = study.crossing
     unit = INCREMENT_M / c.period_s
     inside = np.flatnonzero((c.ratio > 2.0) & (c.ratio < 3.0))
@@ -213,7 +213,7 @@ def _crossing_lines(study: Study) -> list[str]:
     ]
 
 
-def _debouncing_lines(study: Study) -> list[str]:
+def _debouncing_lines(study: EstimatorStudy) -> list[str]:
     names = {"high_pass": "high-pass", "event_counter": "event counter", "gate": "gate", "combined": "combined"}
     made = [
         "Debouncing, T_s = 1 ms: largest error of the velocity in mm/s, without → with",
@@ -246,7 +246,7 @@ def _debouncing_lines(study: Study) -> list[str]:
 _STOPS = {"frozen": "neither", "none": "time-out only", "printed": "with (6.17) as printed", "bounded": "with (6.17), only lowering"}
 
 
-def _timeout_lines(study: Study) -> list[str]:
+def _timeout_lines(study: EstimatorStudy) -> list[str]:
     return [
         "Time-out and its extension (6.17), T_s = 1 ms",
         "  Figure 6.7: the velocity falls from 2.5 mm/s to 0 at 2 T_s, T_out = 5 T_s; what the gate reads, mm/s, at t/T_s =",
@@ -262,7 +262,7 @@ def _timeout_lines(study: Study) -> list[str]:
     ]
 
 
-def _combination_lines(study: Study) -> list[str]:
+def _combination_lines(study: EstimatorStudy) -> list[str]:
     percent = 100.0 * study.lines_rms
     made = [
         "Combination (6.20), (6.21), T_s = 1 ms: worst error in %",
@@ -287,7 +287,7 @@ def _combination_lines(study: Study) -> list[str]:
     return made
 
 
-def _delay_lines(study: Study) -> list[str]:
+def _delay_lines(study: EstimatorStudy) -> list[str]:
     made = ["Delay in ms behind a steady acceleration of ten times the speed per second, T_s = 1 ms: mean, least to largest [our formula]"]
     for v, by_name in zip(study.delay_speeds_m_s, study.delays, strict=True):
         cells = [
@@ -309,7 +309,7 @@ _LOOPS = {
 }
 
 
-def _loop_lines(study: Study) -> list[str]:
+def _loop_lines(study: EstimatorStudy) -> list[str]:
     made = [
         "In the loop: G_A with its published Butterworth gains, nonlinear feedforward with exact parameters, T_s = 1 ms, dead time 1 ms",
         " " * 36 + "".join(f"{name:>42}" for name in study.loop),
@@ -327,7 +327,7 @@ def _loop_lines(study: Study) -> list[str]:
     return made
 
 
-def _verdict_lines(study: Study) -> list[str]:
+def _verdict_lines(study: EstimatorStudy) -> list[str]:
     fast = next(iter(study.loop.values()))
     plain, filtered, combined = (1e3 * fast[n].error_m for n in ("high_pass", "high_pass_reference", "combined"))
     slow, turn = study.tables[0], study.reversals[1]

@@ -40,7 +40,7 @@ BAND = (0.5, 1.2)
 
 
 @dataclass(frozen=True)
-class Row:
+class ExcitationRow:
     """One excitation on one axis.
 
     amplitude_nm : largest torque that keeps the limits; ``binds`` the limit met.   seconds : whole record.   travel_m, belt_force_n :
@@ -73,15 +73,15 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Study:
+class ExcitationStudy:
     """All rows; spectra : by plant and kind, frequencies Hz and torque of the lines N m, for the figures."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[ExcitationRow, ...]
     spectra: Mapping[str, tuple[Array, Array]]
     best: Mapping[str, str]
 
 
-def compare() -> Study:
+def compare() -> ExcitationStudy:
     """Every kind on both rigs, at equal time and inside the same limits."""
     rows, spectra = [], {}
     for name in PLANTS:
@@ -91,15 +91,15 @@ def compare() -> Study:
             rows.append(row)
             spectra[f"{name} {kind}"] = spectrum
     best = {name: min((r for r in rows if r.plant == name), key=score).kind for name in PLANTS}
-    return Study(tuple(rows), spectra, best)
+    return ExcitationStudy(tuple(rows), spectra, best)
 
 
-def score(row: Row) -> float:
+def score(row: ExcitationRow) -> float:
     """Geometric mean of the relative errors of mass, stiffness and inertia: what counts, not what a fit says of itself."""
     return math.exp(float(np.mean([math.log(row.error[name]) for name in MEANT])))
 
 
-def factor(row: Row, other: Row) -> tuple[float, float]:
+def factor(row: ExcitationRow, other: ExcitationRow) -> tuple[float, float]:
     """Score of one row over that of another, and the factor by which the few seeds leave that open with 95 %.
 
     q = score/score,   s² = (n - 1)/n Σ (ln q_(i) - mean)²,   q_(i) without seed i of both (they share its noise);   e^(t s), Student, n - 1
@@ -117,7 +117,7 @@ def factor(row: Row, other: Row) -> tuple[float, float]:
     return math.exp(logarithm(table)), math.exp(float(stdtrit(n - 1, 0.975)) * deviation)
 
 
-def one(name: str, model: Model, kind: ExcitationKind) -> tuple[Row, tuple[Array, Array]]:
+def one(name: str, model: Model, kind: ExcitationKind) -> tuple[ExcitationRow, tuple[Array, Array]]:
     """One excitation on one axis."""
     at = operating_point(model, PLACE_M, 1.0)
     low, high = (min(m.freq_hz for m in modes(model, at, held=held)) for held in (("motor",), ()))
@@ -146,7 +146,7 @@ def one(name: str, model: Model, kind: ExcitationKind) -> tuple[Row, tuple[Array
     moved = simulate_torque(model, signal.torque, PERIOD_S, PLACE_M)
     lines = np.abs(np.fft.rfft(signal.period)) / signal.period_samples
     freq = np.asarray(np.fft.rfftfreq(signal.period_samples, PERIOD_S), dtype=np.float64)
-    row = Row(
+    row = ExcitationRow(
         name,
         kind,
         choice.reason,
@@ -189,7 +189,7 @@ def half_power_hz(freq_hz: Array, lines: Array) -> float:
     return float(edges[1 + max(i for i, p in enumerate(power) if p >= 0.5 * max(power))])
 
 
-def _verdict(plant: str, rows: Sequence[Row]) -> str:
+def _verdict(plant: str, rows: Sequence[ExcitationRow]) -> str:
     """Which excitation has the smallest errors, and which of the others the seeds cannot tell from it."""
     best = min(rows, key=score)
     others = {r.kind: factor(r, best) for r in rows if r is not best}
@@ -201,13 +201,13 @@ def _verdict(plant: str, rows: Sequence[Row]) -> str:
     return said + (f"; larger beyond the scatter are {', '.join(worse)}" if worse else "")
 
 
-def lines(study: Study) -> list[str]:
+def lines(study: ExcitationStudy) -> list[str]:
     """The table and what it says."""
     head = f"{'':10} {'±N m':>6} {'crest':>5} {'s':>5} {'travel':>8} {'belt':>6} {'lines':>7} {'to':>7} {'|ΔG|/G':>7} {'noise':>7}"
     head += "".join(f" {word:>10}" for word in MEANT.values()) + "   odd    even"
     said: list[str] = []
     for plant in PLANTS:
-        rows: Sequence[Row] = [r for r in study.rows if r.plant == plant]
+        rows: Sequence[ExcitationRow] = [r for r in study.rows if r.plant == plant]
         said += [f"{plant}: each signal as loud as {LIMITS.belt_force_n:.0f} N in the belt and {1e3 * LIMITS.travel_m:.0f} mm allow", head]
         for r in rows:
             numbers = "".join(f" {100 * r.deviation[n]:4.2f}/{100 * r.error[n]:4.2f}%" for n in MEANT)

@@ -53,7 +53,7 @@ class Order:
 
 
 @dataclass(frozen=True)
-class Study:
+class FrictionComparison:
     """orders : I to VI.   warm : true viscous (N m s/rad) and Coulomb friction (N m) at the motor of the new axis once warm."""
 
     orders: tuple[Order, ...]
@@ -61,7 +61,7 @@ class Study:
     cold_viscous: float
 
 
-def compare() -> Study:
+def compare() -> FrictionComparison:
     """All six orders, each begun with a cold axis."""
     new = axis("g_b", worn=False)
     up = sorted(SHUFFLED)
@@ -75,7 +75,7 @@ def compare() -> Study:
         measured("VI", "as V, with 11.2 kg", axis("g_a", worn=True), up, LOADED),
     )
     viscous = new["viscous.damping"]
-    return Study(orders, (viscous, total_coulomb(new)), viscous * (1.0 + COLD_SHARE))
+    return FrictionComparison(orders, (viscous, total_coulomb(new)), viscous * (1.0 + COLD_SHARE))
 
 
 def axis(rig: str, worn: bool) -> Model:
@@ -139,7 +139,7 @@ def built(base: str, base_worn: bool, rig: str, worn: bool) -> str:
     return f"{100 * coulomb:+.1f} and {100 * (after['viscous.damping'] / before['viscous.damping'] - 1.0):+.1f} %"
 
 
-def lines(study: Study) -> list[str]:
+def lines(study: FrictionComparison) -> list[str]:
     """The table and what it says."""
     head = f"{'':31} {'speeds':>6} {'min':>5} {'d_v, mN m s/rad':>17} {'tau_c, N m':>18} {'left':>10} {'below 10 mm/s':>14} {'true d_v':>8}"
     said = [

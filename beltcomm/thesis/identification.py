@@ -67,7 +67,7 @@ class Way:
 
 
 @dataclass(frozen=True)
-class Study:
+class IdentificationStudy:
     """ways : by what was done.   true : |G| at the lines of the first.   controller : |C_ω| there.   dead_time : figure 3.5.
 
     averaging : periods averaged and rms difference of two independent means over √2, relative to one period's.
@@ -95,7 +95,7 @@ class Record:
     reversed: bool
 
 
-def compare() -> Study:
+def compare() -> IdentificationStudy:
     """All ways on one axis."""
     model = load_plant(PLANT).model
     signal = prbs(ORDER, CLOCK, 2.0 * AMPLITUDE_NM, PERIOD_S, PERIODS)
@@ -142,7 +142,7 @@ def compare() -> Study:
     resonance = min(m.freq_hz for m in modes(model, at))
     lag = dead_time_between(seen(stands, stands.setpoint), seen(stands, stands.torque), lowest_hz=2.0, highest_hz=resonance)
     true_viscous = model["viscous.damping"] + model["transmission.ratio"] ** 2 * model.get("viscous_cart.damping")
-    return Study(
+    return IdentificationStudy(
         ways,
         freq,
         sampled_response(model, at, freq, PERIOD_S),
@@ -238,7 +238,7 @@ def averaging(record: Record) -> dict[int, float]:
     return {n: value / found[1] for n, value in found.items()}
 
 
-def lines(study: Study) -> list[str]:
+def lines(study: IdentificationStudy) -> list[str]:
     """The table and what it says."""
     said = [
         f"{PLANT}, closed loop at {1e3 * SPEED_M_S:.0f} mm/s with a crossover below 1 Hz; errors of |G| against the moving axis",

@@ -35,7 +35,7 @@ LINES_HZ, REDUCED = np.arange(1.0, 501.0), 30
 
 
 @dataclass(frozen=True)
-class Study:
+class ModelStudy:
     """springs : c1, c2, c3 and the replacement c over TRAVEL_M, N/m.   parameter_sets : S_A, S_B, S_C, responses at FREQ_HZ.   published,
     recomputed : f_r and f_z of all sets, Hz.   places : responses of the rig of its data sheets at three places.   approximations : (2.40)
     to (2.42) and the exact (2.39) of S_A.   cart : torque to carriage, to motor angle times i_t, and (2.49), of S_A.   third_mode_hz : of
@@ -56,7 +56,7 @@ class Study:
     chosen_hz: Array
 
 
-def compare() -> Study:
+def compare() -> ModelStudy:
     """Everything of chapter 2, and figures 3.7 and 3.9."""
     sets = {plant.name: two_mass_of(plant.name) for plant in thesis_plants()}
     rig = load_plant("egc_70").model
@@ -66,7 +66,7 @@ def compare() -> Study:
     true = state_space(smooth(), operating_point(smooth(), 0.3, 1.0))
     averaged = {n: relative(h, true.sampled(f, FINE_S)[:, 0]) for n, (f, h) in fine.items()}
     held = {place: min(m.freq_hz for m in modes(rig, point, held=("motor",))) for place, point in at.items()}
-    return Study(
+    return ModelStudy(
         springs(),
         {name: sets[name].torque_to_angle().response(FREQ_HZ) for name in ("S_A", "S_B", "S_C")},
         FREQUENCIES,
@@ -148,7 +148,7 @@ def relative(h: ComplexArray, true: ComplexArray) -> float:
     return float(np.median(np.abs(h / true - 1.0)))
 
 
-def lines(study: Study) -> list[str]:
+def lines(study: ModelStudy) -> list[str]:
     """Numbers of chapter 2."""
     said = [f"{'':5} {'f_r, Hz':>9} {'published':>10} {'f_z, Hz':>9} {'published':>10}   (2.44), (2.45)"]
     for name, (resonance, antiresonance) in study.recomputed.items():
@@ -177,7 +177,7 @@ def lines(study: Study) -> list[str]:
     return said
 
 
-def attenuation(study: Study) -> float:
+def attenuation(study: ModelStudy) -> float:
     """How far the carriage's response lies above the motor's at the antiresonance of S_A, dB."""
     at = int(np.argmin(np.abs(FREQ_HZ - study.recomputed["S_A"][1])))
     motor, cart = study.cart["torque to motor, times i_t"], study.cart["torque to cart (2.48)"]

@@ -62,7 +62,7 @@ class Trajectory:
 
 
 @dataclass(frozen=True)
-class Plateau:
+class SteadySpan:
     """A stretch at constant speed, run-in left out.   velocity_m_s : signed.   first, last : samples first <= n < last."""
 
     velocity_m_s: float
@@ -75,7 +75,7 @@ class Strokes:
     """Strokes to and fro with their plateaus, in the order in which they are driven."""
 
     trajectory: Trajectory
-    plateaus: tuple[Plateau, ...]
+    plateaus: tuple[SteadySpan, ...]
 
 
 def plan_trajectory(
@@ -218,7 +218,7 @@ def constant_speed_strokes(
             cruising = np.flatnonzero(np.abs(leg.velocity_m_s) > reached * (1.0 - 1e-9))
             first = int(cruising[0]) + math.ceil(run_in_s / sample_period_s)
             offset = samples - 1
-            plateaus.append(Plateau(math.copysign(reached, goal - origin), offset + first, offset + int(cruising[-1]) + 1))
+            plateaus.append(SteadySpan(math.copysign(reached, goal - origin), offset + first, offset + int(cruising[-1]) + 1))
             rest = at_rest(goal, rest_s, sample_period_s)
             parts += [leg, rest]
             samples += len(leg.t_s) + len(rest.t_s) - 2

@@ -20,7 +20,7 @@ from beltcomm.design.margins import Margins, margins_on
 from beltcomm.design.specification import Specification
 from beltcomm.errors import Refused, UsageError
 from beltcomm.tuning.curves import OpenLoops, Responses, open_loop_curves, responses, span_s
-from beltcomm.tuning.ground import RANGES, Ground, Setting, key_of
+from beltcomm.tuning.ground import RANGES, DesignInput, SliderSetting, key_of
 from beltcomm.tuning.reach import Reach, reach_of, table_of
 from beltcomm.verify import TrackingError, predict_move, tracking_error
 
@@ -36,7 +36,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Worst:
+class WorstMargins:
     """The least favourable margins of a cascade over all variants, the frequency, Hz, up to which both loops act at least."""
 
     phase_margin_deg: float
@@ -50,17 +50,17 @@ class Worst:
 
 
 @dataclass(frozen=True)
-class Shown:
+class CascadeView:
     """One cascade: gains, worst margins, curves on the plant that is looked at."""
 
     cascade: Cascade
-    worst: Worst
+    worst: WorstMargins
     open_loops: OpenLoops
     responses: Responses
 
 
 @dataclass(frozen=True)
-class Tracked:
+class TrackingPrediction:
     """Predicted errors of the move, and how they run, mm over s, at motor and carriage.   saturated : bounds of the drive reached."""
 
     error: TrackingError
@@ -75,14 +75,14 @@ class Tracked:
 class Bench:
     """One run on the bench.   Safe to use from several threads."""
 
-    def __init__(self, ground: Ground) -> None:
+    def __init__(self, ground: DesignInput) -> None:
         self.ground = ground
         self._kept: dict[tuple[Any, ...], Any] = {}
         self._locks: dict[tuple[Any, ...], threading.Lock] = {}
         self._lock = threading.Lock()
-        self._last: tuple[Setting, DesignResult] | None = None
+        self._last: tuple[SliderSetting, DesignResult] | None = None
         #: Where the sliders stood first: there they mean the present design, to the last digit.
-        self._untouched: Setting | None = None
+        self._untouched: SliderSetting | None = None
 
     def prefilters(self, payload_kg: float) -> dict[str, Prefilter]:
         """The prefilters of the drive, laid out for this payload, by key."""
@@ -90,7 +90,7 @@ class Bench:
         centre = min(plant.resonance_rad_s for plant in plants)
         return {key_of(p, centre): p for p in candidate_prefilters(plants, self.ground.structure, Specification())}
 
-    def design(self, setting: Setting) -> DesignResult:
+    def design(self, setting: SliderSetting) -> DesignResult:
         """The gains of the knobs on all variants.   Raises OutOfReach with the limit, UsageError for a prefilter that the drive lacks."""
         key = replace(setting, loaded=False, position_m=0.0)
         last = self._last
@@ -102,28 +102,28 @@ class Bench:
             self._last = last = (key, found)
         return last[1]
 
-    def shown(self, setting: Setting) -> tuple[DesignResult, Shown, Shown]:
+    def shown(self, setting: SliderSetting) -> tuple[DesignResult, CascadeView, CascadeView]:
         """The design of a setting, its curves and those of the run's present design, over the same times.   Raises as :meth:`design`."""
         design = self.design(setting)
         present = self.ground.present
         span = max(span_s(design.cascade), span_s(present))
         return design, self._shown(design.cascade, design.margins, setting, span), self.present(setting, span)
 
-    def present(self, setting: Setting, span: float | None = None) -> Shown:
+    def present(self, setting: SliderSetting, span: float | None = None) -> CascadeView:
         """The run's present design where the setting looks."""
         cascade, place = self.ground.present, (setting.payload_kg, setting.shown_kg, setting.position_m)
         span = span or span_s(cascade)
         margins = self.once(("margins", setting.payload_kg), lambda: margins_on(cascade, self._plants(setting.payload_kg).proof))
         return self.once(("present", *place, span), lambda: self._shown(cascade, margins, setting, span))
 
-    def tracked(self, cascade: Cascade, shown_kg: float) -> Tracked:
+    def tracked(self, cascade: Cascade, shown_kg: float) -> TrackingPrediction:
         """The tracking error of the move with the gains of a cascade and the feedforward of what is mounted."""
         ground = self.ground
         model = ground.model.with_values({"cart.mass": ground.model["cart.mass"] + shown_kg}) if shown_kg else ground.model
         path = predict_move(model, ground.with_feedforward(cascade), ground.move, ground.loop)
         wanted = ground.move.position_m
         every = max(len(wanted) // _DRAWN, 1)
-        return Tracked(
+        return TrackingPrediction(
             tracking_error(path.t_s, wanted, path.motor_m),
             tracking_error(path.t_s, wanted, path.cart_m),
             path.t_s[::every],
@@ -133,22 +133,22 @@ class Bench:
             path.saturated,
         )
 
-    def present_tracked(self, shown_kg: float) -> Tracked:
+    def present_tracked(self, shown_kg: float) -> TrackingPrediction:
         """:meth:`tracked` of the run's present design."""
         return self.once(("tracked", shown_kg), lambda: self.tracked(self.ground.present, shown_kg))
 
-    def reach(self, setting: Setting) -> Reach:
+    def reach(self, setting: SliderSetting) -> Reach:
         """Where each slider may stand while the others stay, and advice where the setting has no design."""
         prefilter, lag, plants = self._prefilter(setting), setting.velocity_filter_s, self._plants(setting.payload_kg)
         table = self.once(("table", setting.payload_kg, prefilter, lag), lambda: table_of(plants, prefilter, lag))
         return reach_of(table, setting, plants, prefilter)
 
-    def start(self, payload_kg: float, position_m: float) -> Setting:
+    def start(self, payload_kg: float, position_m: float) -> SliderSetting:
         """The setting at which the sliders give the run's present design, as nearly as they can."""
         cascade = self.ground.present
         centre = min(plant.resonance_rad_s for plant in self._plants(payload_kg).proof.plants)
         named = key_of(cascade.prefilter, centre)
-        found = Setting(60.0, 80.0, -10.0, named, cascade.velocity_filter_s, payload_kg, payload_kg > 0.0, position_m)
+        found = SliderSetting(60.0, 80.0, -10.0, named, cascade.velocity_filter_s, payload_kg, payload_kg > 0.0, position_m)
         if named not in self.prefilters(payload_kg):
             found = replace(found, prefilter=next(iter(self.prefilters(payload_kg))))
         placed = self.standing(found, margins_on(cascade, self._plants(payload_kg).proof))
@@ -156,7 +156,7 @@ class Bench:
             self._untouched, self._last = replace(placed, loaded=False, position_m=0.0), None
         return placed
 
-    def standing(self, setting: Setting, margins: tuple[Margins, ...]) -> Setting:
+    def standing(self, setting: SliderSetting, margins: tuple[Margins, ...]) -> SliderSetting:
         """The setting with the knobs where they give gains of these margins back, a little inside what is possible where they must be."""
         worst = worst_of(margins)
         for inside in _INSIDE:
@@ -169,7 +169,7 @@ class Bench:
             return placed
         return placed
 
-    def best(self, setting: Setting, asked: Specification) -> Setting | None:
+    def best(self, setting: SliderSetting, asked: Specification) -> SliderSetting | None:
         """The setting of the stiffest loop that meets a specification with one of its prefilters; None where there is none."""
         plants = self._plants(setting.payload_kg)
         found = best_cascade(plants.search, plants.proof, self.ground.structure, asked)
@@ -180,11 +180,11 @@ class Bench:
         named = replace(setting, prefilter=key_of(cascade.prefilter, centre), velocity_filter_s=cascade.velocity_filter_s)
         return self.standing(named, margins)
 
-    def _shown(self, cascade: Cascade, margins: tuple[Margins, ...], setting: Setting, span: float) -> Shown:
+    def _shown(self, cascade: Cascade, margins: tuple[Margins, ...], setting: SliderSetting, span: float) -> CascadeView:
         plant, period = self._looked_at(setting), self.ground.structure.period_s
-        return Shown(cascade, worst_of(margins), open_loop_curves(plant, cascade, period), responses(plant, cascade, period, span))
+        return CascadeView(cascade, worst_of(margins), open_loop_curves(plant, cascade, period), responses(plant, cascade, period, span))
 
-    def _looked_at(self, setting: Setting) -> DesignPlant:
+    def _looked_at(self, setting: SliderSetting) -> DesignPlant:
         """The plant at the place and with the load that is looked at, with the friction of the moving axis."""
         place = (setting.position_m, setting.shown_kg)
         plants = self.once(("place", *place), lambda: self.ground.plants([place[0]], [place[1]]))
@@ -202,7 +202,7 @@ class Bench:
 
         return self.once(("plants", payload_kg), sampled)
 
-    def _prefilter(self, setting: Setting) -> Prefilter:
+    def _prefilter(self, setting: SliderSetting) -> Prefilter:
         known = self.prefilters(setting.payload_kg)
         if setting.prefilter not in known:
             raise UsageError(f"there is no prefilter {setting.prefilter!r} here; choose {' or '.join(known)}")
@@ -219,9 +219,9 @@ class Bench:
         return kept
 
 
-def worst_of(margins: tuple[Margins, ...]) -> Worst:
+def worst_of(margins: tuple[Margins, ...]) -> WorstMargins:
     """The least favourable of all variants."""
-    return Worst(
+    return WorstMargins(
         min(one.phase_margin_deg for one in margins),
         min(one.position_phase_margin_deg for one in margins),
         max(one.suppression_db for one in margins),

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from beltcomm.control import Cascade
-from beltcomm.tuning.bench import Worst
+from beltcomm.tuning.bench import WorstMargins
 from beltcomm.verify import TrackingError
 
 #: Relative change below which a number counts as the same; what follows from several gains moves by more between two steps of a slider.
@@ -15,7 +15,7 @@ SAME_SHARE, SAME_PRODUCT = 0.03, 0.1
 
 
 @dataclass(frozen=True)
-class Change:
+class TuningChange:
     """One number, present and new, in ``unit``.   better : None for a matter of taste.   same_share : relative change that is none."""
 
     name: str
@@ -31,13 +31,13 @@ class Change:
         return math.isclose(self.present, self.new, rel_tol=self.same_share, abs_tol=0.3 if self.unit in ("deg", "dB") else 1e-9)
 
 
-def changes(present: tuple[Cascade, Worst], new: tuple[Cascade, Worst]) -> tuple[Change, ...]:
+def changes(present: tuple[Cascade, WorstMargins], new: tuple[Cascade, WorstMargins]) -> tuple[TuningChange, ...]:
     """Gains, margins of the least favourable variant and bandwidths."""
     (old, was), (cascade, worst) = present, new
     return (
-        Change("K_P", "mN m s/rad", 1e3 * old.kp_nm_s_rad, 1e3 * cascade.kp_nm_s_rad, None),
-        Change("K_I", "N m/rad", old.ki_nm_rad, cascade.ki_nm_rad, None),
-        Change("K_PP", "1/s", old.kpp_1_s, cascade.kpp_1_s, None),
+        TuningChange("K_P", "mN m s/rad", 1e3 * old.kp_nm_s_rad, 1e3 * cascade.kp_nm_s_rad, None),
+        TuningChange("K_I", "N m/rad", old.ki_nm_rad, cascade.ki_nm_rad, None),
+        TuningChange("K_PP", "1/s", old.kpp_1_s, cascade.kpp_1_s, None),
         _judged("stiffness K_I K_PP", "N m/(rad s)", old.ki_nm_rad * old.kpp_1_s, cascade.ki_nm_rad * cascade.kpp_1_s, True, SAME_PRODUCT),
         _judged("velocity bandwidth", "Hz", was.crossover_hz, worst.crossover_hz, True),
         _judged("position bandwidth", "Hz", was.position_crossover_hz, worst.position_crossover_hz, True),
@@ -48,7 +48,7 @@ def changes(present: tuple[Cascade, Worst], new: tuple[Cascade, Worst]) -> tuple
     )
 
 
-def error_changes(present: TrackingError, new: TrackingError) -> tuple[Change, ...]:
+def error_changes(present: TrackingError, new: TrackingError) -> tuple[TuningChange, ...]:
     """Predicted errors of the move at the motor."""
     return (
         _judged("predicted dynamic error", "mm", 1e3 * present.dynamic_m, 1e3 * new.dynamic_m, False, SAME_PRODUCT),
@@ -56,7 +56,7 @@ def error_changes(present: TrackingError, new: TrackingError) -> tuple[Change, .
     )
 
 
-def sentence(found: Sequence[Change]) -> str:
+def sentence(found: Sequence[TuningChange]) -> str:
     """What differs, largest numbers of interest first, in one line."""
     told = [change for change in found if change.better is not None and not change.same]
     if not told:
@@ -72,5 +72,5 @@ def number(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
 
 
-def _judged(name: str, unit: str, present: float, new: float, larger_is_better: bool, same_share: float = SAME_SHARE) -> Change:
-    return Change(name, unit, present, new, (new > present) == larger_is_better, same_share)
+def _judged(name: str, unit: str, present: float, new: float, larger_is_better: bool, same_share: float = SAME_SHARE) -> TuningChange:
+    return TuningChange(name, unit, present, new, (new > present) == larger_is_better, same_share)

@@ -27,7 +27,7 @@ MOST_PAYLOAD_KG = 1000.0
 
 
 @dataclass(frozen=True)
-class Ground:
+class DesignInput:
     """Of one run.
 
     plants : of places, m, and payloads beyond what is mounted, kg: every variant a design must hold for.   with_feedforward : completes a
@@ -47,7 +47,7 @@ class Ground:
 
 
 @dataclass(frozen=True)
-class Setting:
+class SliderSetting:
     """What the controls hold.
 
     prefilter : its key, see :func:`key_of`.   velocity_filter_s : T_R.   payload_kg : heaviest load beyond what is mounted; the design
@@ -73,7 +73,7 @@ class Setting:
         """Payload of the curves, kg."""
         return self.payload_kg if self.loaded else 0.0
 
-    def turned(self, knobs: Knobs) -> Setting:
+    def turned(self, knobs: Knobs) -> SliderSetting:
         """The same with other knobs."""
         return replace(
             self,
@@ -88,10 +88,10 @@ def key_of(prefilter: Prefilter, centre_rad_s: float) -> str:
     return prefilter.kind if not prefilter.roll_off_rad_s else f"{prefilter.kind}+{prefilter.roll_off_rad_s / centre_rad_s:.0f}"
 
 
-def setting_from(data: Any, ground: Ground) -> Setting:
+def setting_from(data: Any, ground: DesignInput) -> SliderSetting:
     """The controls as a program sent them.   Raises UsageError, naming the entry, for anything missing, of another kind or out of range."""
-    if not isinstance(data, dict) or set(data) != {field.name for field in fields(Setting)}:
-        raise UsageError(f"the controls are {', '.join(field.name for field in fields(Setting))}; send these and no others")
+    if not isinstance(data, dict) or set(data) != {field.name for field in fields(SliderSetting)}:
+        raise UsageError(f"the controls are {', '.join(field.name for field in fields(SliderSetting))}; send these and no others")
     low, high = ground.ends_m
     ranges = RANGES | {"payload_kg": (0.0, MOST_PAYLOAD_KG), "position_m": (low, high), "velocity_filter_s": (0.0, 1.0)}
     for name, (least, most) in ranges.items():
@@ -101,4 +101,4 @@ def setting_from(data: Any, ground: Ground) -> Setting:
     if not isinstance(data["loaded"], bool) or not isinstance(data["prefilter"], str):
         raise UsageError("loaded must be true or false, prefilter a name")
     numbers = {name: float(data[name]) for name in ranges}
-    return Setting(**numbers, loaded=data["loaded"], prefilter=data["prefilter"])
+    return SliderSetting(**numbers, loaded=data["loaded"], prefilter=data["prefilter"])

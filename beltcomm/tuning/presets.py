@@ -8,7 +8,7 @@ from beltcomm.control import PrefilterKind
 from beltcomm.design.knobs import Knobs
 from beltcomm.design.specification import Specification
 from beltcomm.tuning.bench import Bench
-from beltcomm.tuning.ground import Setting
+from beltcomm.tuning.ground import SliderSetting
 
 #: T_R that presets choose from, s.
 _VELOCITY_FILTERS_S = (0.002, 0.004, 0.008)
@@ -25,7 +25,7 @@ class Kind:
 
 
 @dataclass(frozen=True)
-class Pace:
+class LoopDemand:
     """What is asked of a loop; gain margin and sensitivity are 6 dB always."""
 
     key: str
@@ -38,10 +38,10 @@ KINDS: tuple[Kind, ...] = (
     Kind("short", "Short belt", "notch", "a notch at the resonance"),
     Kind("long", "Long belt", "butterworth", "a low-pass below the antiresonance"),
 )
-PACES: tuple[Pace, ...] = (
-    Pace("robust", "robust", Knobs(60.0, 80.0, -12.0)),
-    Pace("balanced", "balanced", Knobs(45.0, 70.0, -10.0)),
-    Pace("fast", "fast", Knobs(35.0, 60.0, -8.0)),
+PACES: tuple[LoopDemand, ...] = (
+    LoopDemand("robust", "robust", Knobs(60.0, 80.0, -12.0)),
+    LoopDemand("balanced", "balanced", Knobs(45.0, 70.0, -10.0)),
+    LoopDemand("fast", "fast", Knobs(35.0, 60.0, -8.0)),
 )
 
 
@@ -55,14 +55,14 @@ class Preset:
 
     kind: str
     pace: str
-    setting: Setting | None
+    setting: SliderSetting | None
     refusal: str = ""
     position_crossover_hz: float = 0.0
     stiffness: float = 0.0
     dynamic_m: float = 0.0
 
 
-def preset(bench: Bench, setting: Setting, kind: str, pace: str) -> Preset:
+def preset(bench: Bench, setting: SliderSetting, kind: str, pace: str) -> Preset:
     """One starting point for the payload of a setting; none that would be no faster than the pace before it on this axis.
 
     Raises KeyError for a kind or pace that there is not.
@@ -75,12 +75,12 @@ def preset(bench: Bench, setting: Setting, kind: str, pace: str) -> Preset:
     return found
 
 
-def _alone(bench: Bench, setting: Setting, kind: str, pace: str) -> Preset:
+def _alone(bench: Bench, setting: SliderSetting, kind: str, pace: str) -> Preset:
     place = (setting.payload_kg, setting.shown_kg, setting.position_m)
     return bench.once(("preset", kind, pace, *place), lambda: _made(bench, setting, kind, pace))
 
 
-def _made(bench: Bench, setting: Setting, kind: str, pace: str) -> Preset:
+def _made(bench: Bench, setting: SliderSetting, kind: str, pace: str) -> Preset:
     built = {one.key: one for one in KINDS}[kind]
     asked = {one.key: one for one in PACES}[pace].asked
     if built.prefilter not in bench.ground.structure.prefilters:

@@ -11,7 +11,7 @@ from beltcomm.control import Prefilter
 from beltcomm.design.held_knobs import KnobPlants, highest_position_margin, specification_of, suppression_range
 from beltcomm.design.knobs import Knobs
 from beltcomm.design.loops import loop_shape
-from beltcomm.tuning.ground import RANGES, TITLES, UNITS, Setting
+from beltcomm.tuning.ground import RANGES, TITLES, UNITS, SliderSetting
 
 Array = NDArray[np.float64]
 #: deg and dB between points of the table.
@@ -19,7 +19,7 @@ _MARGIN_STEP, _SUPPRESSION_STEP = 2.0, 0.5
 
 
 @dataclass(frozen=True)
-class Table:
+class FeasibilityTable:
     """possible[i, j] : whether the velocity loop can have margins_deg[i] at suppressions_db[j]."""
 
     margins_deg: Array
@@ -35,17 +35,17 @@ class Reach:
     advice: str
 
 
-def table_of(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: float) -> Table:
+def table_of(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: float) -> FeasibilityTable:
     """What the velocity loop can have with one prefilter and T_R, on all plants; about a second."""
     shape = loop_shape(plants.search, prefilter, velocity_filter_s)
     (low, high), (least, most) = RANGES["phase_margin_deg"], RANGES["suppression_db"]
     margins, suppressions = np.arange(low, high + 1e-9, _MARGIN_STEP), np.arange(least, most + 1e-9, _SUPPRESSION_STEP)
     asked = specification_of(Knobs(), prefilter, velocity_filter_s)
     rows = [suppression_range(shape, plants.structure, replace(asked, phase_margin_deg=float(m)), suppressions) for m in margins]
-    return Table(margins, suppressions, np.array(rows))
+    return FeasibilityTable(margins, suppressions, np.array(rows))
 
 
-def reach_of(table: Table, setting: Setting, plants: KnobPlants, prefilter: Prefilter) -> Reach:
+def reach_of(table: FeasibilityTable, setting: SliderSetting, plants: KnobPlants, prefilter: Prefilter) -> Reach:
     """Reach of the knobs of a setting.   table : of its prefilter and T_R."""
     column = table.possible[:, int(np.argmin(np.abs(table.suppressions_db - setting.suppression_db)))]
     row = table.possible[int(np.argmin(np.abs(table.margins_deg - setting.phase_margin_deg)))]
@@ -61,7 +61,7 @@ def reach_of(table: Table, setting: Setting, plants: KnobPlants, prefilter: Pref
     return Reach(pieces, _advice(setting, pieces, most == 0.0))
 
 
-def _advice(setting: Setting, pieces: dict[str, list[tuple[float, float]]], no_velocity_loop: bool) -> str:
+def _advice(setting: SliderSetting, pieces: dict[str, list[tuple[float, float]]], no_velocity_loop: bool) -> str:
     names = ("phase_margin_deg", "suppression_db") if no_velocity_loop else ("position_phase_margin_deg",)
     if not no_velocity_loop and any(low <= setting.position_phase_margin_deg <= high for low, high in pieces[names[0]]):
         return ""

@@ -21,7 +21,7 @@ from typing import Protocol
 import can
 
 from beltcomm.virtual.faults import BusFaults
-from beltcomm.virtual.line import Line
+from beltcomm.virtual.line import TimedLine
 
 TICKS_PER_SECOND = 1000
 TICK_S = 1.0 / TICKS_PER_SECOND
@@ -131,7 +131,7 @@ class LockstepBus(can.BusABC):
         self.tick = 0
         self.missed_cycles = 0
         self.on_frame: Callable[[Frame], object] | None = None
-        self.line: Line[tuple[int, bytes, bool]] | None = None if faults is None else Line(faults, TICKS_PER_SECOND)
+        self.line: TimedLine[tuple[int, bytes, bool]] | None = None if faults is None else TimedLine(faults, TICKS_PER_SECOND)
         self._nodes: list[Node] = []
         self._queue: deque[tuple[float, int, bytes]] = deque()
         self._wall_clock = wall_clock

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from enum import IntEnum
 
 
-class State(IntEnum):
+class DriveState(IntEnum):
     """States in the order of the standard."""
 
     NOT_READY = 0
@@ -32,36 +32,36 @@ class Command(IntEnum):
 #: (state, command) -> (number of the transition, next state).  Transition 1 follows power-on, 12 and 14 follow the end of
 #: a ramp, 13 a fault, 15 the rising edge of bit 7; 16 needs a quick stop that holds (605Ah = 6).
 TRANSITIONS = {
-    (State.SWITCH_ON_DISABLED, Command.SHUTDOWN): (2, State.READY),
-    (State.READY, Command.SWITCH_ON): (3, State.SWITCHED_ON),
-    (State.READY, Command.ENABLE_OPERATION): (3, State.SWITCHED_ON),  # 4 follows at once
-    (State.SWITCHED_ON, Command.ENABLE_OPERATION): (4, State.OPERATION_ENABLED),
-    (State.OPERATION_ENABLED, Command.SWITCH_ON): (5, State.SWITCHED_ON),
-    (State.SWITCHED_ON, Command.SHUTDOWN): (6, State.READY),
-    (State.READY, Command.DISABLE_VOLTAGE): (7, State.SWITCH_ON_DISABLED),
-    (State.READY, Command.QUICK_STOP): (7, State.SWITCH_ON_DISABLED),
-    (State.OPERATION_ENABLED, Command.SHUTDOWN): (8, State.READY),
-    (State.OPERATION_ENABLED, Command.DISABLE_VOLTAGE): (9, State.SWITCH_ON_DISABLED),
-    (State.SWITCHED_ON, Command.DISABLE_VOLTAGE): (10, State.SWITCH_ON_DISABLED),
-    (State.SWITCHED_ON, Command.QUICK_STOP): (10, State.SWITCH_ON_DISABLED),
-    (State.OPERATION_ENABLED, Command.QUICK_STOP): (11, State.QUICK_STOP_ACTIVE),
-    (State.QUICK_STOP_ACTIVE, Command.DISABLE_VOLTAGE): (12, State.SWITCH_ON_DISABLED),
-    (State.QUICK_STOP_ACTIVE, Command.ENABLE_OPERATION): (16, State.OPERATION_ENABLED),
+    (DriveState.SWITCH_ON_DISABLED, Command.SHUTDOWN): (2, DriveState.READY),
+    (DriveState.READY, Command.SWITCH_ON): (3, DriveState.SWITCHED_ON),
+    (DriveState.READY, Command.ENABLE_OPERATION): (3, DriveState.SWITCHED_ON),  # 4 follows at once
+    (DriveState.SWITCHED_ON, Command.ENABLE_OPERATION): (4, DriveState.OPERATION_ENABLED),
+    (DriveState.OPERATION_ENABLED, Command.SWITCH_ON): (5, DriveState.SWITCHED_ON),
+    (DriveState.SWITCHED_ON, Command.SHUTDOWN): (6, DriveState.READY),
+    (DriveState.READY, Command.DISABLE_VOLTAGE): (7, DriveState.SWITCH_ON_DISABLED),
+    (DriveState.READY, Command.QUICK_STOP): (7, DriveState.SWITCH_ON_DISABLED),
+    (DriveState.OPERATION_ENABLED, Command.SHUTDOWN): (8, DriveState.READY),
+    (DriveState.OPERATION_ENABLED, Command.DISABLE_VOLTAGE): (9, DriveState.SWITCH_ON_DISABLED),
+    (DriveState.SWITCHED_ON, Command.DISABLE_VOLTAGE): (10, DriveState.SWITCH_ON_DISABLED),
+    (DriveState.SWITCHED_ON, Command.QUICK_STOP): (10, DriveState.SWITCH_ON_DISABLED),
+    (DriveState.OPERATION_ENABLED, Command.QUICK_STOP): (11, DriveState.QUICK_STOP_ACTIVE),
+    (DriveState.QUICK_STOP_ACTIVE, Command.DISABLE_VOLTAGE): (12, DriveState.SWITCH_ON_DISABLED),
+    (DriveState.QUICK_STOP_ACTIVE, Command.ENABLE_OPERATION): (16, DriveState.OPERATION_ENABLED),
 }
 
 #: States in which the motor carries torque.
-POWERED = frozenset({State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE})
+POWERED = frozenset({DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION_ACTIVE})
 
 # Bits 0-3, 5 and 6 of the statusword (table 30 of the standard).
 _STATUS_BITS = {
-    State.NOT_READY: 0x00,
-    State.SWITCH_ON_DISABLED: 0x40,
-    State.READY: 0x21,
-    State.SWITCHED_ON: 0x23,
-    State.OPERATION_ENABLED: 0x27,
-    State.QUICK_STOP_ACTIVE: 0x07,
-    State.FAULT_REACTION_ACTIVE: 0x0F,
-    State.FAULT: 0x08,
+    DriveState.NOT_READY: 0x00,
+    DriveState.SWITCH_ON_DISABLED: 0x40,
+    DriveState.READY: 0x21,
+    DriveState.SWITCHED_ON: 0x23,
+    DriveState.OPERATION_ENABLED: 0x27,
+    DriveState.QUICK_STOP_ACTIVE: 0x07,
+    DriveState.FAULT_REACTION_ACTIVE: 0x0F,
+    DriveState.FAULT: 0x08,
 }
 
 
@@ -76,7 +76,7 @@ def decode(controlword: int) -> Command:
     return Command.ENABLE_OPERATION if controlword & 0x08 else Command.SWITCH_ON
 
 
-class StateMachine:
+class DriveStateMachine:
     """State of the drive; moved by controlwords, faults and the ends of ramps.
 
     fault_bits : bits 3-0 in the state Fault, 08h as CiA 402 says or 0Fh as some CMMP-AS settings show.
@@ -84,11 +84,11 @@ class StateMachine:
     status_bits : the statusword's bits of the state.   operates : it is Operation Enabled.   (Asked in every tick: an enum is slow.)
     """
 
-    def __init__(self, entered: Callable[[int, State], None], fault_bits: int = 0x08) -> None:
+    def __init__(self, entered: Callable[[int, DriveState], None], fault_bits: int = 0x08) -> None:
         self.quick_stop_holds = False
         self._entered = entered
-        self._bits_of = {**_STATUS_BITS, State.FAULT: fault_bits}
-        self._stand_in(State.NOT_READY)
+        self._bits_of = {**_STATUS_BITS, DriveState.FAULT: fault_bits}
+        self._stand_in(DriveState.NOT_READY)
 
     @property
     def powered(self) -> bool:
@@ -97,8 +97,8 @@ class StateMachine:
 
     def power_on(self) -> None:
         """Start of the drive; transitions 0 and 1, the self-test is over at once."""
-        self._stand_in(State.NOT_READY)
-        self._go(1, State.SWITCH_ON_DISABLED)
+        self._stand_in(DriveState.NOT_READY)
+        self._go(1, DriveState.SWITCH_ON_DISABLED)
 
     def control(self, controlword: int) -> None:
         """Follow the level of the controlword as far as it leads; done on each write and each tick."""
@@ -110,31 +110,31 @@ class StateMachine:
 
     def reset_fault(self) -> None:
         """Rising edge of bit 7; transition 15."""
-        if self.state == State.FAULT:
-            self._go(15, State.SWITCH_ON_DISABLED)
+        if self.state == DriveState.FAULT:
+            self._go(15, DriveState.SWITCH_ON_DISABLED)
 
     def fault(self, coast: bool) -> None:
         """A fault: transition 13, and 14 at once when the stage must not brake or is off."""
-        if self.state == State.FAULT:
+        if self.state == DriveState.FAULT:
             return
         must_brake = self.powered and not coast
-        if self.state != State.FAULT_REACTION_ACTIVE:
-            self._go(13, State.FAULT_REACTION_ACTIVE)
+        if self.state != DriveState.FAULT_REACTION_ACTIVE:
+            self._go(13, DriveState.FAULT_REACTION_ACTIVE)
         if not must_brake:
-            self._go(14, State.FAULT)
+            self._go(14, DriveState.FAULT)
 
     def ramp_done(self) -> None:
         """The axis has stopped after a quick stop (12) or a fault reaction (14)."""
-        if self.state == State.FAULT_REACTION_ACTIVE:
-            self._go(14, State.FAULT)
-        elif self.state == State.QUICK_STOP_ACTIVE and not self.quick_stop_holds:
-            self._go(12, State.SWITCH_ON_DISABLED)
+        if self.state == DriveState.FAULT_REACTION_ACTIVE:
+            self._go(14, DriveState.FAULT)
+        elif self.state == DriveState.QUICK_STOP_ACTIVE and not self.quick_stop_holds:
+            self._go(12, DriveState.SWITCH_ON_DISABLED)
 
-    def _go(self, number: int, state: State) -> None:
+    def _go(self, number: int, state: DriveState) -> None:
         self._stand_in(state)
         self._entered(number, state)
 
-    def _stand_in(self, state: State) -> None:
+    def _stand_in(self, state: DriveState) -> None:
         self.state = state
         self.status_bits = self._bits_of[state]
-        self.operates = state is State.OPERATION_ENABLED
+        self.operates = state is DriveState.OPERATION_ENABLED

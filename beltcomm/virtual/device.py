@@ -8,12 +8,12 @@ from beltcomm.errors import UsageError
 from beltcomm.plant import Plant
 from beltcomm.plant.drive_section import IDEAL, Instruments
 from beltcomm.virtual.bus import TICKS_PER_SECOND, LockstepBus
-from beltcomm.virtual.cia402 import State
+from beltcomm.virtual.cia402 import DriveState
 from beltcomm.virtual.dictionary import NonVolatile, ObjectDictionary, SdoAbort
 from beltcomm.virtual.emcy import Code, ErrorRegister
 from beltcomm.virtual.faults import Faults
 from beltcomm.virtual.loops import Loops
-from beltcomm.virtual.motor import EMMS_AS_70, Motor
+from beltcomm.virtual.motor import EMMS_AS_70, Nameplate
 from beltcomm.virtual.nmt import OPERATIONAL, PRE_OPERATIONAL, RESET_NODE, STOPPED, Nmt
 from beltcomm.virtual.pdo import PdoSet
 from beltcomm.virtual.profiles import PROFILES, with_gain_units
@@ -53,7 +53,7 @@ class VirtualDrive:
         counts_per_rev: int = 65536,
         setpoint_delay_s: float = 1e-3,
         torque_noise_nm: float = 6e-3,
-        motor: Motor = EMMS_AS_70,
+        motor: Nameplate = EMMS_AS_70,
         zero_rad: float = 0.0,
         referenced: bool = False,
         end_switches_rad: tuple[float, float] | None = None,
@@ -120,7 +120,7 @@ class VirtualDrive:
         bus.attach(self)
 
     @property
-    def state(self) -> State:
+    def state(self) -> DriveState:
         """CiA 402 state, for tests that look inside; the host reads 6041h."""
         return self._servo.machine.state
 

@@ -45,7 +45,7 @@ class SdoAbort(Exception):
 
 
 @dataclass(frozen=True)
-class Row:
+class ObjectRow:
     """One object.
 
     kind : data type.   access : as in CiA 301.   default : value after 1011h.   low, high : range; None is the type's own.
@@ -84,7 +84,7 @@ class Row:
         return _CODES[self.kind]
 
 
-class Entry:
+class ObjectEntry:
     """The value of one object, and who must know when it is written.
 
     check : called before a write with the new value; returns the value to store or raises SdoAbort.
@@ -93,7 +93,7 @@ class Entry:
 
     __slots__ = ("changed", "check", "row", "value")
 
-    def __init__(self, row: Row) -> None:
+    def __init__(self, row: ObjectRow) -> None:
         self.row = row
         self.value: Any = row.default  # int, float or str, as the row says
         self.check: Callable[[Any], Value] | None = None
@@ -112,13 +112,13 @@ class ObjectDictionary:
     stage_on, moving : kept up to date by the servo; they decide on writes that need the axis still or the stage off.
     """
 
-    def __init__(self, rows: Iterable[Row]) -> None:
+    def __init__(self, rows: Iterable[ObjectRow]) -> None:
         self.stage_on = False
         self.moving = False
-        self._entries = {(row.index, row.subindex): Entry(row) for row in _with_counts(list(rows))}
+        self._entries = {(row.index, row.subindex): ObjectEntry(row) for row in _with_counts(list(rows))}
         self._indices = {index for index, _ in self._entries}
 
-    def entry(self, index: int, subindex: int = 0) -> Entry:
+    def entry(self, index: int, subindex: int = 0) -> ObjectEntry:
         """One entry; raises SdoAbort when there is none."""
         found = self._entries.get((index, subindex))
         if found is None:
@@ -153,7 +153,7 @@ class ObjectDictionary:
         if entry.changed is not None:
             entry.changed()
 
-    def store(self, entry: Entry, value: Any) -> None:
+    def store(self, entry: ObjectEntry, value: Any) -> None:
         """Check a written value against range and drive state and keep it; raises SdoAbort.  ``changed`` is not called."""
         row = entry.row
         if row.when != "any" and self.stage_on and (row.when == "off" or self.moving):
@@ -194,11 +194,11 @@ class ObjectDictionary:
         stored.update({key: entry.value for key, entry in self._entries.items() if entry.row.stored})
 
 
-def _with_counts(rows: list[Row]) -> list[Row]:
+def _with_counts(rows: list[ObjectRow]) -> list[ObjectRow]:
     """The rows, and for each record without a row for subindex 0 the constant highest subindex."""
     highest: dict[int, int] = {}
     for row in rows:
         highest[row.index] = max(row.subindex, highest.get(row.index, 0))
     given = {row.index for row in rows if row.subindex == 0}
-    counts = [Row(i, 0, "u8", "const", top, "highest subindex") for i, top in highest.items() if i not in given]
+    counts = [ObjectRow(i, 0, "u8", "const", top, "highest subindex") for i, top in highest.items() if i not in given]
     return rows + counts

@@ -7,7 +7,7 @@ from enum import Enum, auto
 
 from beltcomm.virtual.bus import TICKS_PER_SECOND
 from beltcomm.virtual.loops import STANDSTILL_RAD_S, Loops
-from beltcomm.virtual.modes import BIT_12, BIT_13, NEW_SETPOINT, TARGET_REACHED, Mode
+from beltcomm.virtual.modes import BIT_12, BIT_13, NEW_SETPOINT, TARGET_REACHED, OperationMode
 from beltcomm.virtual.motion import Ramp
 
 _HERE = (35, 37)
@@ -27,7 +27,7 @@ class _Phase(Enum):
     FAILED = auto()
 
 
-class Homing(Mode):
+class Homing(OperationMode):
     """Mode 6, started by bit 4 of the controlword; taking the bit back stops the axis.
 
     Methods 35 and 37: the present position is the home position.  17 (18): towards the lower (upper) end switch at 6099h:1

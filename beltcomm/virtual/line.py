@@ -13,7 +13,7 @@ Direction = Literal["to node", "to host"]
 Cargo = TypeVar("Cargo")
 
 
-class Line(Generic[Cargo]):
+class TimedLine(Generic[Cargo]):
     """Takes frames in and gives them out, when it does.   Cargo : what the bus calls a frame; the line does not look inside.
 
     ticks_per_second : of virtual time.

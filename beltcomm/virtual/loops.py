@@ -13,8 +13,8 @@ from beltcomm.control import cascade_step, discrete_coefficients, new_state, res
 from beltcomm.virtual.bus import TICK_S
 from beltcomm.virtual.dictionary import ObjectDictionary
 from beltcomm.virtual.faults import Faults
-from beltcomm.virtual.motor import Motor
-from beltcomm.virtual.profiles import Profile
+from beltcomm.virtual.motor import Nameplate
+from beltcomm.virtual.profiles import VirtualProfile
 
 #: Below this speed the axis counts as standing: five encoder counts per tick at 65536 counts per revolution.
 STANDSTILL_RAD_S = 0.5
@@ -32,7 +32,9 @@ class Loops:
     asked_rad_s : speed that the velocity controller was asked for last; None while it does not run.
     """
 
-    def __init__(self, dictionary: ObjectDictionary, profile: Profile, motor: Motor, counts_per_rev: int, faults: Faults) -> None:
+    def __init__(
+        self, dictionary: ObjectDictionary, profile: VirtualProfile, motor: Nameplate, counts_per_rev: int, faults: Faults
+    ) -> None:
         self.dictionary = dictionary
         self._faults = faults
         self.profile = profile

@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 
 from beltcomm.virtual.bus import TICK_S
-from beltcomm.virtual.dictionary import Entry
+from beltcomm.virtual.dictionary import ObjectEntry
 from beltcomm.virtual.loops import STANDSTILL_RAD_S, Loops
-from beltcomm.virtual.motion import Interpolator, Ramp, Trajectory, stop_segments, trapezoid
+from beltcomm.virtual.motion import Interpolator, Ramp, ReferenceProfile, stop_segments, trapezoid
 
 NEW_SETPOINT, AT_ONCE, RELATIVE, HALT = 1 << 4, 1 << 5, 1 << 6, 1 << 8
 TARGET_REACHED, BIT_12, BIT_13 = 1 << 10, 1 << 12, 1 << 13
@@ -19,7 +19,7 @@ TARGET_REACHED, BIT_12, BIT_13 = 1 << 10, 1 << 12, 1 << 13
 _SPEED_WINDOW_RAD_S = 10.0 * math.pi / 30.0
 
 
-class Mode:
+class OperationMode:
     """One mode of operation.
 
     controlword : the present one, for the bits that belong to the mode.
@@ -44,7 +44,7 @@ class Mode:
         """The mode's bits of the statusword: 10, 12, 13."""
         return 0
 
-    def object(self, index: int, subindex: int = 0) -> Entry:
+    def object(self, index: int, subindex: int = 0) -> ObjectEntry:
         """An object in user units, looked up once."""
         return self.loops.dictionary.entry(index, subindex)
 
@@ -65,7 +65,7 @@ class _PositionWindow:
         return bool(self._inside_ticks > self._time_ms.value)
 
 
-class ProfilePosition(Mode):
+class ProfilePosition(OperationMode):
     """Mode 1: trapezoidal moves to 607Ah; one more setpoint waits while a move runs (bits 4, 5, 6, 8)."""
 
     def __init__(self, loops: Loops) -> None:
@@ -78,7 +78,7 @@ class ProfilePosition(Mode):
     def start(self) -> None:
         """Brake to rest along 6084h; setpoints of an earlier start are forgotten."""
         loops = self.loops
-        self._trajectory = Trajectory(loops.angle_rad, loops.speed_rad_s)
+        self._trajectory = ReferenceProfile(loops.angle_rad, loops.speed_rad_s)
         self._target = loops.position_of(loops.angle_rad)
         self._waiting: float | None = None
         self._acknowledged = False
@@ -159,7 +159,7 @@ class ProfilePosition(Mode):
         trajectory.run(segments, end)
 
 
-class ProfileVelocity(Mode):
+class ProfileVelocity(OperationMode):
     """Mode 3: ramps 6083h, 6084h to 60FFh; halt ramps to zero."""
 
     def __init__(self, loops: Loops) -> None:
@@ -193,7 +193,7 @@ class ProfileVelocity(Mode):
         return (TARGET_REACHED if reached else 0) | (BIT_12 if abs(speed) < STANDSTILL_RAD_S else 0)
 
 
-class ProfileTorque(Mode):
+class ProfileTorque(OperationMode):
     """Mode 4: 6071h along the slope 6087h, all loops open; halt ramps to zero and the axis coasts."""
 
     def __init__(self, loops: Loops) -> None:
@@ -218,7 +218,7 @@ class ProfileTorque(Mode):
         return TARGET_REACHED if self._ramp.value == self._target else 0
 
 
-class InterpolatedPosition(Mode):
+class InterpolatedPosition(OperationMode):
     """Mode 7: 60C1h:1 with linear interpolation while bit 4 is set; without it, or with halt, the reference stands."""
 
     def __init__(self, loops: Loops) -> None:
@@ -250,7 +250,7 @@ class InterpolatedPosition(Mode):
         return (TARGET_REACHED if self._reached else 0) | (BIT_12 if self._active else 0)
 
 
-class _Cyclic(Mode):
+class _Cyclic(OperationMode):
     """The cyclic synchronous modes; bit 12: the drive follows the command."""
 
     def __init__(self, loops: Loops) -> None:
@@ -330,7 +330,7 @@ class CyclicTorque(_Cyclic):
         return self.loops.torque(self._target_torque.value * nm_per_unit + self._torque_offset.value * nm_per_unit)
 
 
-class Stop(Mode):
+class StopMode(OperationMode):
     """Quick stop and fault reaction: the drive's own velocity loop along 6085h to rest.
 
     The ramp brings no acceleration feedforward: it begins and ends with a step of the acceleration, which a feedforward would hand

@@ -45,7 +45,7 @@ def trapezoid(distance: float, speed: float, top_speed: float, acceleration: flo
     return segments
 
 
-class Trajectory:
+class ReferenceProfile:
     """A position reference that runs through segments of constant acceleration, sampled once per tick.
 
     position, speed, acceleration : the present reference.   done : it is at rest.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Motor:
+class Nameplate:
     """Nameplate of a servo motor.
 
     rated_torque_nm, peak_torque_nm : N m.   rated_current_a : A rms.   max_speed_rpm : 1/min.
@@ -29,4 +29,4 @@ class Motor:
 
 
 #: EMMS-AS-70-S-LS-RMB of the thesis's rig (table A.1).
-EMMS_AS_70 = Motor(rated_torque_nm=1.43, peak_torque_nm=3.10, rated_current_a=2.2, max_speed_rpm=6300.0)
+EMMS_AS_70 = Nameplate(rated_torque_nm=1.43, peak_torque_nm=3.10, rated_current_a=2.2, max_speed_rpm=6300.0)

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import Literal
 
-from beltcomm.virtual.dictionary import Row
-from beltcomm.virtual.motor import Motor
+from beltcomm.virtual.dictionary import ObjectRow
+from beltcomm.virtual.motor import Nameplate
 
 PDO_COUNT = 4
 PDO_INVALID = 1 << 31
@@ -32,36 +32,36 @@ def parameter(
     pdo: Literal["", "r", "t", "rt"] = "rt",
     when: Literal["any", "still", "off"] = "any",
     unit: Literal["", "position", "velocity", "acceleration"] = "",
-) -> Row:
+) -> ObjectRow:
     """A row that is written by the host and kept by 1010h."""
-    return Row(index, subindex, kind, "rw", default, meaning, low, high, pdo, when, stored=True, unit=unit)
+    return ObjectRow(index, subindex, kind, "rw", default, meaning, low, high, pdo, when, stored=True, unit=unit)
 
 
-def communication_rows(node_id: int, name: str, vendor: int, product: int) -> list[Row]:
+def communication_rows(node_id: int, name: str, vendor: int, product: int) -> list[ObjectRow]:
     """CiA 301 objects of a node, without PDOs and without the heartbeat consumer."""
     rows = [
-        Row(0x1000, 0, "u32", "ro", 0x00020192, "device type: servo drive, CiA 402"),
-        Row(0x1001, 0, "u8", "ro", 0, "error register", pdo="t"),
-        Row(0x1003, 0, "u8", "rw", 0, "number of errors; writing 0 clears the list"),
-        Row(0x1005, 0, "u32", "rw", 0x80, "COB-ID SYNC", stored=True),
-        Row(0x1008, 0, "str", "const", name, "device name"),
-        Row(0x1009, 0, "str", "const", "virtual", "hardware version"),
-        Row(0x100A, 0, "str", "const", "1.0", "software version"),
-        Row(0x100C, 0, "u16", "rw", 0, "guard time, ms", stored=True),
-        Row(0x100D, 0, "u8", "rw", 0, "life time factor", stored=True),
-        Row(0x1010, 1, "u32", "rw", 1, "save all parameters: write 'save'"),
-        Row(0x1011, 1, "u32", "rw", 1, "restore all defaults: write 'load'"),
-        Row(0x1014, 0, "u32", "ro", 0x80 + node_id, "COB-ID EMCY"),
-        Row(0x1017, 0, "u16", "rw", 0, "heartbeat producer time, ms", stored=True),
-        Row(0x1018, 1, "u32", "ro", vendor, "vendor ID"),
-        Row(0x1018, 2, "u32", "ro", product, "product code"),
-        Row(0x1018, 3, "u32", "ro", 1, "revision"),
-        Row(0x1018, 4, "u32", "ro", 1, "serial number"),
+        ObjectRow(0x1000, 0, "u32", "ro", 0x00020192, "device type: servo drive, CiA 402"),
+        ObjectRow(0x1001, 0, "u8", "ro", 0, "error register", pdo="t"),
+        ObjectRow(0x1003, 0, "u8", "rw", 0, "number of errors; writing 0 clears the list"),
+        ObjectRow(0x1005, 0, "u32", "rw", 0x80, "COB-ID SYNC", stored=True),
+        ObjectRow(0x1008, 0, "str", "const", name, "device name"),
+        ObjectRow(0x1009, 0, "str", "const", "virtual", "hardware version"),
+        ObjectRow(0x100A, 0, "str", "const", "1.0", "software version"),
+        ObjectRow(0x100C, 0, "u16", "rw", 0, "guard time, ms", stored=True),
+        ObjectRow(0x100D, 0, "u8", "rw", 0, "life time factor", stored=True),
+        ObjectRow(0x1010, 1, "u32", "rw", 1, "save all parameters: write 'save'"),
+        ObjectRow(0x1011, 1, "u32", "rw", 1, "restore all defaults: write 'load'"),
+        ObjectRow(0x1014, 0, "u32", "ro", 0x80 + node_id, "COB-ID EMCY"),
+        ObjectRow(0x1017, 0, "u16", "rw", 0, "heartbeat producer time, ms", stored=True),
+        ObjectRow(0x1018, 1, "u32", "ro", vendor, "vendor ID"),
+        ObjectRow(0x1018, 2, "u32", "ro", product, "product code"),
+        ObjectRow(0x1018, 3, "u32", "ro", 1, "revision"),
+        ObjectRow(0x1018, 4, "u32", "ro", 1, "serial number"),
     ]
-    return rows + [Row(0x1003, sub, "u32", "ro", 0, "error, youngest first") for sub in range(1, 5)]
+    return rows + [ObjectRow(0x1003, sub, "u32", "ro", 0, "error, youngest first") for sub in range(1, 5)]
 
 
-def pdo_rows(node_id: int, longest_map: int, event_timer: bool) -> list[Row]:
+def pdo_rows(node_id: int, longest_map: int, event_timer: bool) -> list[ObjectRow]:
     """Communication and mapping of four receive and four transmit PDOs.
 
     longest_map : objects in one PDO.   event_timer : transmit PDOs have subindex 5.
@@ -86,31 +86,31 @@ def pdo_rows(node_id: int, longest_map: int, event_timer: bool) -> list[Row]:
     return rows
 
 
-def drive_rows(motor: Motor, supported_modes: int, quick_stop_codes: tuple[int, int]) -> list[Row]:
+def drive_rows(motor: Nameplate, supported_modes: int, quick_stop_codes: tuple[int, int]) -> list[ObjectRow]:
     """CiA 402 objects, except those whose unit or range is the profile's own."""
     peak = motor.peak_permille
     return [
-        Row(0x603F, 0, "u16", "ro", 0, "error code", pdo="t"),
-        Row(0x6040, 0, "u16", "rw", 0, "controlword", pdo="r"),
-        Row(0x6041, 0, "u16", "ro", 0, "statusword", pdo="t"),
+        ObjectRow(0x603F, 0, "u16", "ro", 0, "error code", pdo="t"),
+        ObjectRow(0x6040, 0, "u16", "rw", 0, "controlword", pdo="r"),
+        ObjectRow(0x6041, 0, "u16", "ro", 0, "statusword", pdo="t"),
         parameter(0x605A, 0, "i16", 2, "quick stop: 2 ramp, then off; 6 ramp, then hold", *quick_stop_codes, pdo=""),
-        Row(0x6060, 0, "i8", "rw", 1, "mode of operation", pdo="r", stored=True),
-        Row(0x6061, 0, "i8", "ro", 1, "mode of operation display", pdo="t"),
-        Row(0x6062, 0, "i32", "ro", 0, "position demand", pdo="t"),
-        Row(0x6064, 0, "i32", "ro", 0, "position actual value", pdo="t"),
+        ObjectRow(0x6060, 0, "i8", "rw", 1, "mode of operation", pdo="r", stored=True),
+        ObjectRow(0x6061, 0, "i8", "ro", 1, "mode of operation display", pdo="t"),
+        ObjectRow(0x6062, 0, "i32", "ro", 0, "position demand", pdo="t"),
+        ObjectRow(0x6064, 0, "i32", "ro", 0, "position actual value", pdo="t"),
         # One revision in 100 ms: supervision is on unless it is set otherwise.
         parameter(0x6065, 0, "u32", 65536, "following error window; FFFFFFFFh is off", unit="position"),
         parameter(0x6066, 0, "u16", 100, "following error time, ms"),
         parameter(0x6067, 0, "u32", 100, "position window", unit="position"),
         parameter(0x6068, 0, "u16", 10, "position window time, ms"),
-        Row(0x606C, 0, "i32", "ro", 0, "velocity actual value", pdo="t"),
-        Row(0x6071, 0, "i16", "rw", 0, "target torque, 0.1 % of rated", pdo="rt"),
+        ObjectRow(0x606C, 0, "i32", "ro", 0, "velocity actual value", pdo="t"),
+        ObjectRow(0x6071, 0, "i16", "rw", 0, "target torque, 0.1 % of rated", pdo="rt"),
         parameter(0x6073, 0, "u16", peak, "max current, 0.1 % of rated"),
-        Row(0x6074, 0, "i16", "ro", 0, "torque demand, 0.1 % of rated", pdo="t"),
-        Row(0x6077, 0, "i16", "ro", 0, "torque actual value, 0.1 % of rated: mean of the period just ended", pdo="t"),
-        Row(0x6078, 0, "i16", "ro", 0, "current actual value, 0.1 % of rated", pdo="t"),
-        Row(0x6079, 0, "u32", "ro", 325000, "DC link voltage, mV: a rectified 230 V mains", pdo="t"),
-        Row(0x607A, 0, "i32", "rw", 0, "target position", pdo="rt", unit="position"),
+        ObjectRow(0x6074, 0, "i16", "ro", 0, "torque demand, 0.1 % of rated", pdo="t"),
+        ObjectRow(0x6077, 0, "i16", "ro", 0, "torque actual value, 0.1 % of rated: mean of the period just ended", pdo="t"),
+        ObjectRow(0x6078, 0, "i16", "ro", 0, "current actual value, 0.1 % of rated", pdo="t"),
+        ObjectRow(0x6079, 0, "u32", "ro", 325000, "DC link voltage, mV: a rectified 230 V mains", pdo="t"),
+        ObjectRow(0x607A, 0, "i32", "rw", 0, "target position", pdo="rt", unit="position"),
         parameter(0x607C, 0, "i32", 0, "home offset: the zero lies this far from the home position", unit="position"),
         parameter(0x607D, 1, "i32", _I32_MIN, "software limit, lower; off while not below the upper", unit="position"),
         parameter(0x607D, 2, "i32", _I32_MAX, "software limit, upper", unit="position"),
@@ -119,15 +119,15 @@ def drive_rows(motor: Motor, supported_modes: int, quick_stop_codes: tuple[int, 
         parameter(0x6087, 0, "u32", 0x0E310F94, "torque slope, 0.1 %/s", low=1),
         parameter(0x6088, 0, "i16", 0, "torque profile: linear", 0, 0),
         parameter(0x6098, 0, "i8", 37, "homing method: 17, 18 end switch; 35, 37 present position"),
-        Row(0x60C1, 1, "i32", "rw", 0, "interpolation position", pdo="rt", unit="position"),
-        Row(0x60F4, 0, "i32", "ro", 0, "following error", pdo="t"),
-        Row(0x60FD, 0, "u32", "ro", 0, "digital inputs: bit 0 lower, bit 1 upper end switch", pdo="t"),
-        Row(0x60FF, 0, "i32", "rw", 0, "target velocity", pdo="rt", unit="velocity"),
-        Row(0x6502, 0, "u32", "ro", supported_modes, "supported modes"),
+        ObjectRow(0x60C1, 1, "i32", "rw", 0, "interpolation position", pdo="rt", unit="position"),
+        ObjectRow(0x60F4, 0, "i32", "ro", 0, "following error", pdo="t"),
+        ObjectRow(0x60FD, 0, "u32", "ro", 0, "digital inputs: bit 0 lower, bit 1 upper end switch", pdo="t"),
+        ObjectRow(0x60FF, 0, "i32", "rw", 0, "target velocity", pdo="rt", unit="velocity"),
+        ObjectRow(0x6502, 0, "u32", "ro", supported_modes, "supported modes"),
     ]
 
 
-def motion_rows(rev_per_s: float, rev_per_s2: float) -> list[Row]:
+def motion_rows(rev_per_s: float, rev_per_s2: float) -> list[ObjectRow]:
     """Speeds and accelerations, in the profile's units per 1 rev/s and 1 rev/s².
 
     Defaults: 10 rev/s and 100 rev/s² (0.78 m/s and 7.8 m/s² on the thesis's rig), quick stop 200 rev/s², homing slow.

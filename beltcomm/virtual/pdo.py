@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Sequence
 
-from beltcomm.virtual.dictionary import Entry, ObjectDictionary, SdoAbort
+from beltcomm.virtual.dictionary import ObjectDictionary, ObjectEntry, SdoAbort
 from beltcomm.virtual.emcy import Code
 from beltcomm.virtual.objects import PDO_COUNT, PDO_INVALID, PDO_NO_RTR
 
@@ -29,7 +29,7 @@ def _restricted(identifier: int) -> bool:
     )
 
 
-def _packer(pack: Callable[..., bytes], entries: Sequence[Entry]) -> Callable[[], bytes]:
+def _packer(pack: Callable[..., bytes], entries: Sequence[ObjectEntry]) -> Callable[[], bytes]:
     """What makes the frame of these objects as they are then; two or three, which go out every period, without a list between."""
     if len(entries) == 2:
         first, second = entries
@@ -61,7 +61,7 @@ class _Pdo:
         self.enabled = False
         self.identifier = 0
         self.sync_type = 0  # 1 to 240, 0 when not synchronous
-        self.entries: list[Entry] = []
+        self.entries: list[ObjectEntry] = []
         self._struct = struct.Struct("<")
 
     def configure(self) -> None:
@@ -82,7 +82,7 @@ class _Pdo:
         self.configure()
         self._reconfigured()
 
-    def _mapped(self, mapping: int) -> Entry:
+    def _mapped(self, mapping: int) -> ObjectEntry:
         return self._dictionary.entry(mapping >> 16, mapping >> 8 & 0xFF)
 
     def _check_free(self, value: int) -> int:

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from beltcomm.control import Cascade, Feedforward, Prefilter, PrefilterKind
-from beltcomm.virtual.dictionary import ObjectDictionary, Row
-from beltcomm.virtual.motor import Motor
+from beltcomm.virtual.dictionary import ObjectDictionary, ObjectRow
+from beltcomm.virtual.motor import Nameplate
 from beltcomm.virtual.objects import communication_rows, drive_rows, motion_rows, parameter, pdo_rows
 
 _RPM_PER_RAD_S = 30.0 / math.pi
@@ -17,7 +17,7 @@ _PREFILTERS: tuple[PrefilterKind, ...] = ("none", "notch", "butterworth")
 
 
 @dataclass(frozen=True)
-class Scaling:
+class UserUnits:
     """User units per SI unit at the motor shaft; negative where 607Eh turns the sign.
 
     position : per rad.   velocity : per rad/s.   acceleration : per rad/s², always positive.
@@ -29,7 +29,7 @@ class Scaling:
 
 
 @dataclass(frozen=True)
-class Profile:
+class VirtualProfile:
     """What tells one kind of drive from the other.
 
     rows : objects by (node ID, motor, encoder counts per revolution).   scaling, cascade, output_limit : from the
@@ -41,10 +41,10 @@ class Profile:
     """
 
     name: str
-    rows: Callable[[int, Motor, int], list[Row]]
-    scaling: Callable[[ObjectDictionary, int], Scaling]
+    rows: Callable[[int, Nameplate, int], list[ObjectRow]]
+    scaling: Callable[[ObjectDictionary, int], UserUnits]
     cascade: Callable[[ObjectDictionary], Cascade]
-    output_limit: Callable[[ObjectDictionary, Scaling], tuple[float, float]]
+    output_limit: Callable[[ObjectDictionary, UserUnits], tuple[float, float]]
     gain_objects: tuple[int, ...]
     modes: frozenset[int]
     type_254_is_cyclic: bool = False
@@ -67,29 +67,29 @@ def _signs(dictionary: ObjectDictionary) -> tuple[int, int]:
 _REFERENCE_MODES = frozenset({1, 3, 4, 6, 7, 8, 9, 10})
 
 
-def _reference_rows(node_id: int, motor: Motor, counts: int) -> list[Row]:
-    def gain(subindex: int, default: float, meaning: str, high: float, low: float = 0.0) -> Row:
+def _reference_rows(node_id: int, motor: Nameplate, counts: int) -> list[ObjectRow]:
+    def gain(subindex: int, default: float, meaning: str, high: float, low: float = 0.0) -> ObjectRow:
         return parameter(0x2100, subindex, "f32", default, meaning, low, high, pdo="", when="still")
 
     return [
         *communication_rows(node_id, "beltcomm reference drive", vendor=0, product=1),
-        Row(0x1016, 1, "u32", "rw", 0, "heartbeat consumer: node ID << 16 | time, ms", stored=True),
+        ObjectRow(0x1016, 1, "u32", "rw", 0, "heartbeat consumer: node ID << 16 | time, ms", stored=True),
         *pdo_rows(node_id, longest_map=8, event_timer=True),
         *drive_rows(motor, _mode_bits(_REFERENCE_MODES), quick_stop_codes=(2, 6)),
         *motion_rows(counts, counts),
-        Row(0x6075, 0, "u32", "ro", round(1000 * motor.rated_current_a), "rated current, mA", pdo="t"),
-        Row(0x6076, 0, "u32", "ro", round(1000 * motor.rated_torque_nm), "rated torque, mN m", pdo="t"),
+        ObjectRow(0x6075, 0, "u32", "ro", round(1000 * motor.rated_current_a), "rated current, mA", pdo="t"),
+        ObjectRow(0x6076, 0, "u32", "ro", round(1000 * motor.rated_torque_nm), "rated torque, mN m", pdo="t"),
         parameter(0x6072, 0, "u16", motor.peak_permille, "max torque, 0.1 % of rated"),
         parameter(0x6080, 0, "u32", round(motor.max_speed_rpm), "max motor speed, 1/min"),
-        Row(0x608F, 1, "u32", "ro", counts, "encoder increments"),
-        Row(0x608F, 2, "u32", "ro", 1, "motor revolutions"),
-        Row(0x6091, 1, "u32", "ro", 1, "motor shaft revolutions"),
-        Row(0x6091, 2, "u32", "ro", 1, "driving shaft revolutions"),
-        Row(0x6092, 1, "u32", "ro", counts, "feed, counts"),
-        Row(0x6092, 2, "u32", "ro", 1, "driving shaft revolutions"),
-        Row(0x60B0, 0, "i32", "rw", 0, "position offset", pdo="rt"),
-        Row(0x60B1, 0, "i32", "rw", 0, "velocity offset", pdo="rt"),
-        Row(0x60B2, 0, "i16", "rw", 0, "torque offset, 0.1 % of rated", pdo="rt"),
+        ObjectRow(0x608F, 1, "u32", "ro", counts, "encoder increments"),
+        ObjectRow(0x608F, 2, "u32", "ro", 1, "motor revolutions"),
+        ObjectRow(0x6091, 1, "u32", "ro", 1, "motor shaft revolutions"),
+        ObjectRow(0x6091, 2, "u32", "ro", 1, "driving shaft revolutions"),
+        ObjectRow(0x6092, 1, "u32", "ro", counts, "feed, counts"),
+        ObjectRow(0x6092, 2, "u32", "ro", 1, "driving shaft revolutions"),
+        ObjectRow(0x60B0, 0, "i32", "rw", 0, "position offset", pdo="rt"),
+        ObjectRow(0x60B1, 0, "i32", "rw", 0, "velocity offset", pdo="rt"),
+        ObjectRow(0x60B2, 0, "i16", "rw", 0, "torque offset, 0.1 % of rated", pdo="rt"),
         parameter(0x60C2, 1, "u8", 1, "interpolation period, ms", 1, 20, pdo=""),
         parameter(0x60C2, 2, "i8", -3, "power of ten of the period", -3, -3, pdo=""),
         gain(1, 0.002, "K_P, N m s/rad", high=100.0),
@@ -107,15 +107,15 @@ def _reference_rows(node_id: int, motor: Motor, counts: int) -> list[Row]:
         gain(13, 0.0, "feedforward velocity K_v", high=2.0),
         gain(14, 0.0, "feedforward advance, s", high=0.02),
         gain(15, 0.0, "additional low-pass behind the prefilter, cutoff, rad/s; 0 is none", high=_NYQUIST_RAD_S),
-        Row(0x2101, 1, "u32", "ro", 1000, "loop period, us"),
-        Row(0x2101, 2, "u8", "ro", 1, "torque sampling: 1 = mean of the period just ended"),
+        ObjectRow(0x2101, 1, "u32", "ro", 1000, "loop period, us"),
+        ObjectRow(0x2101, 2, "u8", "ro", 1, "torque sampling: 1 = mean of the period just ended"),
     ]
 
 
-def _reference_scaling(dictionary: ObjectDictionary, counts: int) -> Scaling:
+def _reference_scaling(dictionary: ObjectDictionary, counts: int) -> UserUnits:
     position, velocity = _signs(dictionary)
     per_rad = counts / math.tau
-    return Scaling(position * per_rad, velocity * per_rad, per_rad)
+    return UserUnits(position * per_rad, velocity * per_rad, per_rad)
 
 
 def _reference_cascade(dictionary: ObjectDictionary) -> Cascade:
@@ -134,11 +134,11 @@ def _reference_cascade(dictionary: ObjectDictionary) -> Cascade:
     )
 
 
-def _no_output_limit(dictionary: ObjectDictionary, scaling: Scaling) -> tuple[float, float]:
+def _no_output_limit(dictionary: ObjectDictionary, scaling: UserUnits) -> tuple[float, float]:
     return math.inf, 0.0
 
 
-REFERENCE = Profile(
+REFERENCE = VirtualProfile(
     name="reference",
     rows=_reference_rows,
     scaling=_reference_scaling,
@@ -151,7 +151,7 @@ REFERENCE = Profile(
 _CMMP_MODES = frozenset({1, 3, 4, 6, 7})
 
 
-def _cmmp_rows(node_id: int, motor: Motor, counts: int) -> list[Row]:
+def _cmmp_rows(node_id: int, motor: Nameplate, counts: int) -> list[ObjectRow]:
     """Objects of drive-protocols.md, 1 and 2.
 
     Ranges and defaults are the sheet's, except: rated values, 6072h, 6073h are those of the motor, as set up by the
@@ -160,24 +160,24 @@ def _cmmp_rows(node_id: int, motor: Motor, counts: int) -> list[Row]:
     peak = motor.peak_permille
     rated_current_ma, rated_torque_mnm = round(1000 * motor.rated_current_a), round(1000 * motor.rated_torque_nm)
     never_write = [
-        Row(0x60F6, 1, "u16", "ro", 768, "current controller gain"),
-        Row(0x60F6, 2, "u16", "ro", 1020, "current controller time, us"),
-        Row(0x6410, 3, "u16", "ro", 2000, "I²t time of the motor, ms"),
-        Row(0x6410, 0x10, "i16", "ro", 0, "phase order"),
-        Row(0x6410, 0x11, "i16", "ro", 0, "encoder offset angle"),
-        Row(0x604D, 0, "u8", "ro", 8, "pole number"),
-        *(Row(index, 0, "u32", "ro", 0, "encoder selection and data") for index in range(0x2021, 0x2027)),
+        ObjectRow(0x60F6, 1, "u16", "ro", 768, "current controller gain"),
+        ObjectRow(0x60F6, 2, "u16", "ro", 1020, "current controller time, us"),
+        ObjectRow(0x6410, 3, "u16", "ro", 2000, "I²t time of the motor, ms"),
+        ObjectRow(0x6410, 0x10, "i16", "ro", 0, "phase order"),
+        ObjectRow(0x6410, 0x11, "i16", "ro", 0, "encoder offset angle"),
+        ObjectRow(0x604D, 0, "u8", "ro", 8, "pole number"),
+        *(ObjectRow(index, 0, "u32", "ro", 0, "encoder selection and data") for index in range(0x2021, 0x2027)),
     ]
-    cycle_times = [Row(0x6510, sub, "u32", "ro", 1000, "cycle time of a loop, us") for sub in range(0xB0, 0xB4)]
+    cycle_times = [ObjectRow(0x6510, sub, "u32", "ro", 1000, "cycle time of a loop, us") for sub in range(0xB0, 0xB4)]
     return [
         *communication_rows(node_id, "CMMP-AS", vendor=0x1D, product=0),
-        Row(0x1016, 1, "u32", "ro", 0, "no heartbeat consumer"),
+        ObjectRow(0x1016, 1, "u32", "ro", 0, "no heartbeat consumer"),
         *pdo_rows(node_id, longest_map=4, event_timer=False),
         *drive_rows(motor, _mode_bits(_CMMP_MODES), quick_stop_codes=(2, 2)),
         *motion_rows(rev_per_s=60.0, rev_per_s2=60.0),
         *never_write,
         *cycle_times,
-        Row(0x2000, 1, "u32", "ro", 0, "bit 0 referenced, 1 commutation valid, 2 ready for enable", pdo="t"),
+        ObjectRow(0x2000, 1, "u32", "ro", 0, "bit 0 referenced, 1 commutation valid, 2 ready for enable", pdo="t"),
         parameter(0x6072, 0, "u16", peak, "max torque, 0.1 % of rated", low=1000),
         parameter(0x6075, 0, "u32", rated_current_ma, "rated current, mA rms", low=1, high=rated_current_ma),
         parameter(0x6076, 0, "u32", rated_torque_mnm, "rated torque, mN m"),
@@ -189,32 +189,32 @@ def _cmmp_rows(node_id: int, motor: Motor, counts: int) -> list[Row]:
         parameter(0x6097, 1, "u32", 0x100, "acceleration factor, numerator", low=1, when="off"),
         parameter(0x6097, 2, "u32", 1, "acceleration factor, divisor", low=1, when="off"),
         parameter(0x60C0, 0, "i16", -2, "interpolation: linear, no buffer", -2, -2),
-        Row(0x60C1, 2, "u8", "rw", 0, "0: absolute", 0, 0, pdo="rt"),
+        ObjectRow(0x60C1, 2, "u8", "rw", 0, "0: absolute", 0, 0, pdo="rt"),
         parameter(0x60C2, 1, "u8", 1, "interpolation period, ms, from the next reset on", 1, 10, pdo=""),
         parameter(0x60C2, 2, "i8", -3, "power of ten of the period", -3, -3, pdo=""),
         parameter(0x60F9, 1, "u16", 26, "velocity gain, 1/256", 20, 64 * 256, pdo="", when="still"),
         parameter(0x60F9, 2, "u16", 32000, "velocity integral time, us", 1, 32000, pdo="", when="still"),
         parameter(0x60F9, 4, "u16", 400, "velocity filter time, us", 1, 32000, pdo="", when="still"),
-        Row(0x60FA, 0, "i32", "ro", 0, "output of the position controller", pdo="t"),
+        ObjectRow(0x60FA, 0, "i32", "ro", 0, "output of the position controller", pdo="t"),
         parameter(0x60FB, 1, "u16", 26, "position gain, 1/256", 0, 64 * 256, pdo="", when="still"),
         parameter(0x60FB, 2, "u16", 0, "position integral time", 0, 0, pdo=""),
         parameter(0x60FB, 4, "u32", 500, "bound of the position controller's output", pdo="", when="still", unit="velocity"),
         parameter(0x60FB, 5, "u32", 2, "dead zone of the position controller", pdo="", when="still", unit="position"),
-        Row(0x6510, 0x10, "u16", "rw", 0, "enable logic: 2 gives the bus control", 0, 2),
+        ObjectRow(0x6510, 0x10, "u16", "rw", 0, "enable logic: 2 gives the bus control", 0, 2),
         parameter(0x6510, 0x22, "u32", 0, "following error that switches the stage off; 0 is never", pdo="", unit="position"),
-        Row(0x6510, 0x40, "u32", "ro", rated_current_ma, "nominal current, mA"),
-        Row(0x6510, 0x41, "u32", "ro", round(rated_current_ma * peak / 1000), "peak current, mA"),
+        ObjectRow(0x6510, 0x40, "u32", "ro", rated_current_ma, "nominal current, mA"),
+        ObjectRow(0x6510, 0x41, "u32", "ro", round(rated_current_ma * peak / 1000), "peak current, mA"),
     ]
 
 
-def _cmmp_scaling(dictionary: ObjectDictionary, counts: int) -> Scaling:
+def _cmmp_scaling(dictionary: ObjectDictionary, counts: int) -> UserUnits:
     """Internal units are 1/65536 rev, 1/4096 min⁻¹, 1/256 min⁻¹/s; user = internal × divisor/numerator (F1 p80)."""
 
     def factor(index: int) -> float:
         return float(dictionary.entry(index, 2).value / dictionary.entry(index, 1).value)
 
     position, velocity = _signs(dictionary)
-    return Scaling(
+    return UserUnits(
         position * 65536.0 / math.tau * factor(0x6093),
         velocity * 4096.0 * _RPM_PER_RAD_S * factor(0x6094),
         256.0 * _RPM_PER_RAD_S * factor(0x6097),
@@ -233,13 +233,13 @@ def _cmmp_cascade(dictionary: ObjectDictionary) -> Cascade:
     )
 
 
-def _cmmp_output_limit(dictionary: ObjectDictionary, scaling: Scaling) -> tuple[float, float]:
+def _cmmp_output_limit(dictionary: ObjectDictionary, scaling: UserUnits) -> tuple[float, float]:
     bound = dictionary.entry(0x60FB, 4).value / abs(scaling.velocity)
     dead_zone = dictionary.entry(0x60FB, 5).value / abs(scaling.position)
     return bound, dead_zone
 
 
-CMMP_AS = Profile(
+CMMP_AS = VirtualProfile(
     name="cmmp-as",
     rows=_cmmp_rows,
     scaling=_cmmp_scaling,
@@ -256,7 +256,7 @@ CMMP_AS = Profile(
 )
 
 
-def with_gain_units(profile: Profile, velocity: float, position: float, integral_time: float = 1.0) -> Profile:
+def with_gain_units(profile: VirtualProfile, velocity: float, position: float, integral_time: float = 1.0) -> VirtualProfile:
     """The same drive, whose gains of 1.0 mean so many times what docs/reference-drive.md says of them."""
 
     def cascade(dictionary: ObjectDictionary) -> Cascade:

@@ -21,7 +21,7 @@ _LOOK_S: Final = 0.1
 SILENCE_S: Final = 5.0
 
 
-class Wire(Protocol):
+class CanInterface(Protocol):
     """A CAN interface: one of python-can's, or :class:`beltcomm.virtual.slcan.SlcanAdapter`."""
 
     def recv(self, timeout: float) -> can.Message | None:
@@ -39,7 +39,7 @@ class Pump:
     frames, syncs : received from other processes.   missed_ticks : of the wall clock, which came too late and were left out.
     """
 
-    def __init__(self, wire: Wire, bus: LockstepBus, drive: VirtualDrive, clock: WallClock) -> None:
+    def __init__(self, wire: CanInterface, bus: LockstepBus, drive: VirtualDrive, clock: WallClock) -> None:
         self._wire, self._bus, self._drive, self._clock = wire, bus, drive, clock
         self.frames = self.syncs = self.missed_ticks = 0
 

@@ -12,7 +12,7 @@ from math import floor
 
 from beltcomm.plant import Plant
 from beltcomm.virtual.bus import TICK_S, TICKS_PER_SECOND
-from beltcomm.virtual.cia402 import State, StateMachine
+from beltcomm.virtual.cia402 import DriveState, DriveStateMachine
 from beltcomm.virtual.dictionary import ObjectDictionary, SdoAbort
 from beltcomm.virtual.emcy import Code, ErrorRegister
 from beltcomm.virtual.faults import Faults
@@ -24,13 +24,13 @@ from beltcomm.virtual.modes import (
     CyclicTorque,
     CyclicVelocity,
     InterpolatedPosition,
-    Mode,
+    OperationMode,
     ProfilePosition,
     ProfileTorque,
     ProfileVelocity,
-    Stop,
+    StopMode,
 )
-from beltcomm.virtual.profiles import Profile
+from beltcomm.virtual.profiles import VirtualProfile
 from beltcomm.virtual.stage import Encoder, PowerStage
 from beltcomm.virtual.supervision import Supervision
 
@@ -39,7 +39,7 @@ _VOLTAGE_ENABLED, _WARNING, _MOVING, _REMOTE = 1 << 4, 1 << 7, 1 << 8, 1 << 9
 _INTERNAL_LIMIT, _REFERENCED = 1 << 11, 1 << 15
 _WITH_POSITION_REFERENCE = frozenset({1, 7, 8})
 _TORQUE_MODES = (4, 10)
-_MODES: dict[int, type[Mode]] = {
+_MODES: dict[int, type[OperationMode]] = {
     1: ProfilePosition,
     3: ProfileVelocity,
     4: ProfileTorque,
@@ -75,7 +75,7 @@ class Servo:
     def __init__(
         self,
         dictionary: ObjectDictionary,
-        profile: Profile,
+        profile: VirtualProfile,
         loops: Loops,
         stage: PowerStage,
         encoder: Encoder,
@@ -92,14 +92,14 @@ class Servo:
         self._end_switches_rad = end_switches_rad
         self._absolute = referenced
         self.referenced = referenced
-        self.machine = StateMachine(self._entered, fault_bits)
+        self.machine = DriveStateMachine(self._entered, fault_bits)
         self._supervision = Supervision(loops, self.fault)
         self._homing = Homing(loops, self._wired_switches, self._set_home, lambda: errors.report(Code.HOMING))
-        self._modes: dict[int, Mode] = {n: make(loops) for n, make in _MODES.items() if n in profile.modes}
+        self._modes: dict[int, OperationMode] = {n: make(loops) for n, make in _MODES.items() if n in profile.modes}
         self._modes[6] = self._homing
         self._mode_number = 1
         self._mode = self._modes[1]
-        self._stop = Stop(loops)
+        self._stop = StopMode(loops)
         self._switches = (False, False)
         self._warm = False
         self._now_s = 0.0
@@ -253,12 +253,12 @@ class Servo:
         self._last_controlword = now
         if not self._remote:
             return
-        if now & ~before & _FAULT_RESET and self.machine.state == State.FAULT:
+        if now & ~before & _FAULT_RESET and self.machine.state == DriveState.FAULT:
             self._errors.clear()
             self.machine.reset_fault()
         self._mode.controlword = before
         self._lead(now)
-        if self.machine.state == State.OPERATION_ENABLED:
+        if self.machine.state == DriveState.OPERATION_ENABLED:
             self._mode.control(now)
         self._mode.controlword = now
         self._publish_status()
@@ -273,20 +273,22 @@ class Servo:
         self._mode.start()
         self._publish_status()
 
-    def _entered(self, number: int, state: State) -> None:
+    def _entered(self, number: int, state: DriveState) -> None:
         """After a transition of the state machine."""
         self._unsettled = True  # the controlword may lead further: its level counts, not only its writing
         self._dictionary.stage_on = self.machine.powered
-        if state == State.OPERATION_ENABLED:
+        if state == DriveState.OPERATION_ENABLED:
             self._stage.switch_on()
             self._stop.done = False
             self._supervision.begin()
             self._loops.open()
             self._mode.start()
-        elif state in (State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE):
+        elif state in (DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION_ACTIVE):
             self.machine.quick_stop_holds = self._quick_stop_code.value == 6
             self._stop.start()
-            self._stop.coasts = self._faults.torque_stop_coasts and state == State.QUICK_STOP_ACTIVE and self._mode_number in _TORQUE_MODES
+            self._stop.coasts = (
+                self._faults.torque_stop_coasts and state == DriveState.QUICK_STOP_ACTIVE and self._mode_number in _TORQUE_MODES
+            )
         else:
             self._stage.switch_off(held=self._stop.done)
             self._loops.open()
@@ -334,7 +336,7 @@ class Servo:
             word |= _MOVING
         self._statusword.value = word
         if self._vendor_status is not None:
-            faulted = machine.state in (State.FAULT, State.FAULT_REACTION_ACTIVE)
+            faulted = machine.state in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
             ready = not faulted and self._faults.has_power and not self._faults.sto_open  # the enable input is not asked (F1 p164)
             self._vendor_status.value = self.referenced | 2 | ready << 2
 

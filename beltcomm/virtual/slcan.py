@@ -29,7 +29,7 @@ _LONGEST_QUEUE: Final = 1 << 16
 _CHUNK: Final = 4096
 
 
-class Line(Protocol):
+class ByteLine(Protocol):
     """Bytes to and from one host at a time; nothing blocks."""
 
     #: How a host finds the other end, as the scheme ``slcan`` takes it.
@@ -56,8 +56,8 @@ class Line(Protocol):
         ...
 
 
-class PseudoTerminal:
-    """A :class:`Line` on a pseudo-terminal, which looks like a serial port.   Raises BusError where the system has none."""
+class SlcanTerminal:
+    """A :class:`ByteLine` on a pseudo-terminal, which looks like a serial port.   Raises BusError where the system has none."""
 
     def __init__(self) -> None:
         try:
@@ -73,36 +73,36 @@ class PseudoTerminal:
         self.address = os.ttyname(self._there)
 
     def fileno(self) -> int:
-        """See :class:`Line`."""
+        """See :class:`ByteLine`."""
         return self._here
 
     def read(self) -> bytes | None:
-        """See :class:`Line`."""
+        """See :class:`ByteLine`."""
         try:
             return os.read(self._here, _CHUNK)
         except BlockingIOError:
             return b""
 
     def write(self, data: bytes) -> int:
-        """See :class:`Line`."""
+        """See :class:`ByteLine`."""
         try:
             return os.write(self._here, data)
         except BlockingIOError:
             return 0
 
     def forget(self) -> None:
-        """See :class:`Line`."""
+        """See :class:`ByteLine`."""
         self._forget()
 
     def close(self) -> None:
-        """See :class:`Line`."""
+        """See :class:`ByteLine`."""
         for end in (self._here, self._there):
             with contextlib.suppress(OSError):
                 os.close(end)
 
 
 class LocalSocket:
-    """A :class:`Line` over TCP on 127.0.0.1; the next host is taken when the one before has gone.
+    """A :class:`ByteLine` over TCP on 127.0.0.1; the next host is taken when the one before has gone.
 
     port : 0 chooses a free one.   Raises BusError when it is taken.
     """
@@ -121,11 +121,11 @@ class LocalSocket:
         self.address = f"socket://127.0.0.1:{self._listening.getsockname()[1]}"
 
     def fileno(self) -> int:
-        """See :class:`Line`."""
+        """See :class:`ByteLine`."""
         return (self._host or self._listening).fileno()
 
     def read(self) -> bytes | None:
-        """See :class:`Line`."""
+        """See :class:`ByteLine`."""
         if self._host is None:
             with contextlib.suppress(BlockingIOError):
                 self._host, _ = self._listening.accept()
@@ -146,7 +146,7 @@ class LocalSocket:
         return data
 
     def write(self, data: bytes) -> int:
-        """See :class:`Line`."""
+        """See :class:`ByteLine`."""
         if self._host is None:
             return len(data)
         try:
@@ -160,16 +160,16 @@ class LocalSocket:
         """What is on its way cannot be called back."""
 
     def close(self) -> None:
-        """See :class:`Line`."""
+        """See :class:`ByteLine`."""
         if self._host is not None:
             self._host.close()
         self._listening.close()
 
 
 class SlcanAdapter:
-    """The adapter between a :class:`Line` and classic CAN frames.   lost : frames that a host did not read in time."""
+    """The adapter between a :class:`ByteLine` and classic CAN frames.   lost : frames that a host did not read in time."""
 
-    def __init__(self, line: Line) -> None:
+    def __init__(self, line: ByteLine) -> None:
         self._line = line
         self._received: deque[can.Message] = deque()
         self._begun = b""

@@ -12,7 +12,7 @@ from beltcomm.plant import BrakedPlant, Plant
 from beltcomm.plant.drive_section import IDEAL, Instruments
 from beltcomm.virtual.bus import TICK_S
 from beltcomm.virtual.faults import Faults
-from beltcomm.virtual.motor import Motor
+from beltcomm.virtual.motor import Nameplate
 from beltcomm.virtual.torque_path import Noise, TorqueDelivery, TorqueReading, mean_torque
 
 # The motor carries its peak torque from cold for this long (6410h:3 of the CMMP-AS, default 2000 ms).
@@ -71,7 +71,7 @@ class PowerStage:
     def __init__(
         self,
         plant: Plant,
-        motor: Motor,
+        motor: Nameplate,
         setpoint_delay_s: float,
         torque_noise_nm: float,
         seed: int,

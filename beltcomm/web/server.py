@@ -42,7 +42,7 @@ Answers = Mapping[str, Callable[[Any], Mapping[str, Any]]]
 
 
 @dataclass(frozen=True)
-class Page:
+class PageFiles:
     """NAME.html, NAME.css and NAME.js of this package, and no other file."""
 
     name: str
@@ -53,7 +53,7 @@ class Page:
 
 
 @dataclass(frozen=True)
-class Served:
+class ServedPage:
     """A page that is served.   address : for a browser here.   run : until KeyboardInterrupt.   end : the same from another thread."""
 
     address: str
@@ -61,7 +61,7 @@ class Served:
     end: Callable[[], None]
 
 
-def application(page: Page, answers: Answers, token: str) -> WSGIApplication:
+def application(page: PageFiles, answers: Answers, token: str) -> WSGIApplication:
     """The page under /TOKEN/, its files beside it, and every answer to a POST of JSON to /TOKEN/NAME.
 
     An answer that raises BeltcommError becomes 422 with the sentence.   Anything without the token is not found, under another host's name
@@ -95,7 +95,7 @@ def application(page: Page, answers: Answers, token: str) -> WSGIApplication:
 
 
 @contextmanager
-def serve(page: Page, answers: Answers, token: str, port: int = 0) -> Iterator[Served]:
+def serve(page: PageFiles, answers: Answers, token: str, port: int = 0) -> Iterator[ServedPage]:
     """A page on 127.0.0.1.   token : secret part of its address.   port : 0 takes a free one.   Raises UsageError for one that is taken."""
     from waitress import wasyncore
     from waitress.server import create_server
@@ -114,7 +114,9 @@ def serve(page: Page, answers: Answers, token: str, port: int = 0) -> Iterator[S
 
     server = create_server(application(page, answers, token), map=connected, sockets=[listening], threads=THREADS, ident=None)
     try:
-        yield Served(f"http://{HOST}:{listening.getsockname()[1]}/{token}/", server.run, lambda: server.trigger.pull_trigger(disconnect))
+        yield ServedPage(
+            f"http://{HOST}:{listening.getsockname()[1]}/{token}/", server.run, lambda: server.trigger.pull_trigger(disconnect)
+        )
     finally:
         server.task_dispatcher.shutdown()
         disconnect()

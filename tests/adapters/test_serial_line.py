@@ -12,7 +12,7 @@ import pytest
 
 from adapters.stub_line import StubClock, StubLine
 from beltcomm.errors import BeltcommError, BusError, DriveError, ObjectLocked, ObjectRefused
-from beltcomm_adapters.serial_line import BITRATES, Abort, SerialLine, Text, Value, parse
+from beltcomm_adapters.serial_line import BITRATES, Abort, ObjectAnswer, SerialLine, Text, parse
 from beltcomm_adapters.serial_objects import SerialObjects
 
 
@@ -32,10 +32,10 @@ def objects(stub):
 @pytest.mark.parametrize(
     ("raw", "line"),
     [
-        (b"=606100:08", Value(0x6061, 0, b"\x08")),
-        (b"=604100:1234", Value(0x6041, 0, b"\x34\x12")),
-        (b"=60F902:FFFFFFFE", Value(0x60F9, 2, b"\xfe\xff\xff\xff")),
-        (b"\n=604100:1234", Value(0x6041, 0, b"\x34\x12")),
+        (b"=606100:08", ObjectAnswer(0x6061, 0, b"\x08")),
+        (b"=604100:1234", ObjectAnswer(0x6041, 0, b"\x34\x12")),
+        (b"=60F902:FFFFFFFE", ObjectAnswer(0x60F9, 2, b"\xfe\xff\xff\xff")),
+        (b"\n=604100:1234", ObjectAnswer(0x6041, 0, b"\x34\x12")),
         (b"!06010002", Abort(0x06010002)),
         (b"ERROR!", Text("ERROR!")),
         (b"=604100:123", Text("=604100:123")),  # cut to three digits: no width of any type
@@ -60,7 +60,7 @@ def test_no_bytes_make_the_parser_raise():
             if raw:
                 raw[rng.randrange(len(raw))] = rng.randrange(256)
         line = parse(bytes(raw))
-        if isinstance(line, Value):  # what is taken for a value must be the line itself, in hex of the right width
+        if isinstance(line, ObjectAnswer):  # what is taken for a value must be the line itself, in hex of the right width
             assert line.text.encode() == bytes(raw).strip(b" \n\t\0")
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from beltcomm.effects import Ground, effect_named
+from beltcomm.effects import AxisSummary, effect_named
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory.acceptance import EVIDENCE
@@ -43,7 +43,7 @@ NAMES = {"tilt": "constant_offset"}
 STRENGTHS = (0.02, 0.05, 0.1, 0.2)
 
 
-def fitted(seed: int, effects: tuple[str, ...], strength: float) -> tuple[Fitted, Ground, dict[str, dict[str, float]]]:
+def fitted(seed: int, effects: tuple[str, ...], strength: float) -> tuple[Fitted, AxisSummary, dict[str, dict[str, float]]]:
     """The base model on the default session of a draw, and what is hidden in it."""
     machine = draw(seed, effects, strength, "sheet")
     with tempfile.TemporaryDirectory() as folder:

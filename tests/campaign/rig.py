@@ -17,7 +17,7 @@ from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.device import VirtualDrive
 from beltcomm.virtual.faults import BusFaults, Faults, HostDied
-from beltcomm.virtual.line import Line
+from beltcomm.virtual.line import TimedLine
 from beltcomm.virtual.sdo import begun_transfer
 from beltcomm_adapters.canopen import connect
 from campaign.disk import Disk
@@ -143,7 +143,7 @@ class Rig:
         if bus_faults:
             frames = tuple(replace(f, from_s=f.from_s + self.now_s, until_s=f.until_s + self.now_s) for f in bus_faults.get("frames", ()))
             given = {**_from_now(bus_faults, self.now_s), "frames": frames}
-            self.bus.line = Line(BusFaults(**given), 1000)
+            self.bus.line = TimedLine(BusFaults(**given), 1000)
 
     def repair(self) -> None:
         """The wire is good again; what the drive suffers from is over."""

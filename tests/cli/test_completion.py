@@ -9,7 +9,7 @@ from click.shell_completion import ShellComplete
 
 from beltcomm.cli import completion
 from beltcomm.cli.bash import Bash
-from beltcomm.cli.frame import Frame
+from beltcomm.cli.frame import Invocation
 from beltcomm.cli.main import COMPLETING, cli
 
 
@@ -29,7 +29,7 @@ def here(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 def offered(*words: str) -> list[str]:
     """What is offered for the last word."""
-    shell = ShellComplete(cli, {"obj": Frame([])}, "beltcomm", COMPLETING)
+    shell = ShellComplete(cli, {"obj": Invocation([])}, "beltcomm", COMPLETING)
     return [item.value for item in shell.get_completions(list(words[:-1]), words[-1]) if item.type == "plain"]
 
 

@@ -13,7 +13,7 @@ from beltcomm.cli.terminal import echo, failure, fitted
 from beltcomm.drive.finding import Finding
 from beltcomm.jobs.doctor import _lines
 from beltcomm.result import jsonable, table
-from beltcomm.talk import Place
+from beltcomm.talk import CarriagePosition
 
 ROWS = [["sign and breakaway", "2 mm", "0.74 N m"], ["excitation, rising in steps", "30 mm", "1.24 N m"]]
 TABLE = table(["experiment", ">travel", ">torque"], ROWS)
@@ -104,24 +104,24 @@ def test_the_talk_of_a_dumb_terminal_is_plain(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize("columns", [100, 60, 40])
 def test_the_carriage_is_shown_inside_its_window(columns: int) -> None:
     for share, at in ((-0.1, 0.0), (0.0, 0.0), (0.25, 0.25), (1.0, 1.0), (1.2, 1.0)):
-        line = window_line(Place("frf_1", -0.01 + 0.58 * share, (-0.01, 0.57)), columns).plain
+        line = window_line(CarriagePosition("frf_1", -0.01 + 0.58 * share, (-0.01, 0.57)), columns).plain
         low, bar, high = re.split(r"[\[\]]", line)
         assert (low.strip(), high.split("carriage")[0].rstrip()) == ("-10 mm", " 570 mm")
         assert bar.index("|") == pytest.approx(at * (len(bar) - 1), abs=0.51)
         assert ("(outside)" in line) is not (0.0 <= share <= 1.0)
         assert f"carriage at {-10 + 580 * share:.0f} mm" in line
         assert max(map(len, line.removesuffix(" (outside)").split("\n"))) <= columns
-    unknown = window_line(Place("frf_1", 0.003, (-0.02, 0.02), known=False), columns).plain
+    unknown = window_line(CarriagePosition("frf_1", 0.003, (-0.02, 0.02), known=False), columns).plain
     assert "+3 mm" in unknown
     assert "-20 mm [" in unknown
-    assert "[" not in window_line(Place("frf_1", 0.003, (float("-inf"), float("inf"))), columns).plain
+    assert "[" not in window_line(CarriagePosition("frf_1", 0.003, (float("-inf"), float("inf"))), columns).plain
 
 
 def test_the_display_tells_phase_record_seconds_and_place() -> None:
     now, stream = [0.0], Terminal()
     talk = RichTalk(stream, lambda: now[0])
     talk.phase(6, 8, "strokes [all]")
-    talk.moving(Place("frf_3", 0.1, (0.0, 0.5), left_s=41.0))
+    talk.moving(CarriagePosition("frf_3", 0.1, (0.0, 0.5), left_s=41.0))
     talk.progress(0.45, 3.0)
     talk._live.refresh()
     shown = printed(stream)
@@ -147,7 +147,7 @@ def test_a_log_has_a_line_for_each_record() -> None:
     talk.phase(6, 8, "strokes")
     for record in ("sweep", "frf_2"):
         for row in range(1, 5):
-            talk.moving(Place(record, 0.1 * row, (0.0, 0.5), left_s=50.0 - row))
+            talk.moving(CarriagePosition(record, 0.1 * row, (0.0, 0.5), left_s=50.0 - row))
             talk.progress(row / 5, 5.0 - row)
     assert stream.getvalue().splitlines() == [
         "[6/8] strokes",

@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 from beltcomm import drive
 from beltcomm.axis import load_axis
 from beltcomm.axis.entries import COMMISSION_NEEDS
-from beltcomm.cli.frame import Frame
+from beltcomm.cli.frame import Invocation
 from beltcomm.cli.init import _otherwise
 from beltcomm.cli.main import cli
 from beltcomm.cli.talk import PlainTalk, RichTalk
@@ -227,7 +227,7 @@ def test_nobody_to_ask_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_failure_in_a_phase_gives_the_terminal_back(capfd: pytest.CaptureFixture[str]) -> None:
-    frame = Frame([])
+    frame = Invocation([])
     talk = RichTalk(sys.stderr)
     frame._talk = talk
 

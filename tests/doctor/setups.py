@@ -25,7 +25,7 @@ from beltcomm.virtual.device import VirtualDrive
 from beltcomm.virtual.faults import Faults
 from beltcomm_adapters.buses import is_socketcan
 from beltcomm_adapters.examination.can import examine_can
-from beltcomm_adapters.examination.host import Host, Port
+from beltcomm_adapters.examination.host import Host, SerialPortInfo
 from beltcomm_adapters.examination.line import examine_line
 from beltcomm_adapters.examination.surroundings import surroundings
 from virtual.host import RigidPlant
@@ -131,7 +131,7 @@ class Bench:
 class Machine:
     """A machine on which doctor is called without a drive.   ports : its serial ports.   broken : of an adapter that cannot be loaded."""
 
-    ports: list[Port] = field(default_factory=list)
+    ports: list[SerialPortInfo] = field(default_factory=list)
     broken: tuple[str, str] | None = None
     detected: list[dict[str, Any]] | None = field(default_factory=list)
     has_can: bool = True
@@ -195,7 +195,7 @@ def _other_master(bus: LockstepBus) -> None:
 
 
 CAN0, CAN0_AXIS = "doctor --drive can0", "doctor --drive can0 --axis egc-70-600"
-DENIED = Port("/dev/ttyACM0", "CANable", (0xAD50, 0x60C4), False, "dialout")
+DENIED = SerialPortInfo("/dev/ttyACM0", "CANable", (0xAD50, 0x60C4), False, "dialout")
 SETUPS: dict[str, Setup] = {
     "no_interface": Setup("the interface has another name", "doctor --drive can7", Bench()),
     "interface_down": Setup("the interface is down", CAN0, Bench(up=False)),

@@ -13,7 +13,7 @@ from beltcomm.drive.finding import Finding
 from beltcomm_adapters.buses import Address
 from beltcomm_adapters.examination import surroundings as module
 from beltcomm_adapters.examination.errors import trouble_of, worst
-from beltcomm_adapters.examination.host import Host, Port
+from beltcomm_adapters.examination.host import Host, SerialPortInfo
 from beltcomm_adapters.examination.host import ports as real_ports
 from beltcomm_adapters.examination.surroundings import detected, importable, surroundings
 from beltcomm_adapters.examination.wire import bit_rates, socketcan
@@ -70,9 +70,9 @@ def test_a_kernel_without_can(tmp_path: Path) -> None:
 
 def test_ports_are_named_with_what_hangs_on_them(tmp_path: Path) -> None:
     ports = [
-        Port("/dev/ttyACM0", "CANable", (0xAD50, 0x60C4), True, "dialout"),
-        Port("/dev/ttyUSB0", "FT232R USB UART", (0x0403, 0x6001), True, "dialout"),
-        Port("/dev/ttyUSB1", "", (0x04D8, 0x000A), False, "root"),
+        SerialPortInfo("/dev/ttyACM0", "CANable", (0xAD50, 0x60C4), True, "dialout"),
+        SerialPortInfo("/dev/ttyUSB0", "FT232R USB UART", (0x0403, 0x6001), True, "dialout"),
+        SerialPortInfo("/dev/ttyUSB1", "", (0x04D8, 0x000A), False, "root"),
     ]
     told = found(tmp_path, list_ports=lambda: ports)
     assert told["/dev/ttyACM0"].text == "/dev/ttyACM0 (CANable with slcan firmware, USB ad50:60c4) is a serial CAN adapter"

@@ -8,7 +8,7 @@ import pytest
 from beltcomm.errors import UsageError
 from beltcomm.thesis.encoder import formulas as f
 from beltcomm.thesis.encoder.edges import edges_of
-from beltcomm.thesis.encoder.estimators import Settings, velocities
+from beltcomm.thesis.encoder.estimators import EstimatorSettings, velocities
 
 STEP, TICK, PERIOD, LAG = 2.5e-6, 1e-8, 1e-3, 2e-3
 #: In units of Δξ/T_s: neither they nor the ticks of their gaps, 10⁵ over them, lie near a whole number, so both roundings occur.
@@ -22,7 +22,7 @@ def relative_errors(speed: float, method: str, phases: int = 12, periods: int = 
     for phase in range(phases):
         start = STEP * (0.05 + phase / phases)
         edges = edges_of(lambda t, start=start: start + speed * t, duration)  # type: ignore[misc]
-        found = velocities(edges, Settings(), duration, start_velocity_m_s=speed)
+        found = velocities(edges, EstimatorSettings(), duration, start_velocity_m_s=speed)
         assert found.invalid == 0
         errors.append(100.0 * (getattr(found, method)[found.t_s > 3.0 * STEP / speed] / speed - 1.0))
     return np.concatenate(errors)
@@ -86,7 +86,7 @@ def test_the_gate_is_off_by_up_to_a_tick_per_gap(ratio: float) -> None:
 def test_a_period_holds_one_interval_less_than_c_3_says_at_worst(ratio: float) -> None:
     speed = ratio * STEP / PERIOD
     edges = edges_of(lambda t: 1e-7 + speed * t, 0.2)
-    held = velocities(edges, Settings(), 0.2).increments[1:] - 1
+    held = velocities(edges, EstimatorSettings(), 0.2).increments[1:] - 1
     assert held.max() == f.intervals_printed(speed, STEP, PERIOD)
     assert held.min() == f.intervals_fewest(speed, STEP, PERIOD)
     # How often the better case occurs is the broken part of ξ T_s/Δξ.
@@ -121,7 +121,7 @@ def test_the_high_pass_keeps_its_bound(ratio: float, lag: float) -> None:
     errors = []
     for phase in range(6):
         edges = edges_of(lambda t, phase=phase: STEP * (0.05 + phase / 6.0) + speed * t, duration)  # type: ignore[misc]
-        found = velocities(edges, Settings(lag_s=lag), duration, start_velocity_m_s=speed)
+        found = velocities(edges, EstimatorSettings(lag_s=lag), duration, start_velocity_m_s=speed)
         errors.append(100.0 * (found.high_pass / speed - 1.0))
     worst = float(f.high_pass_worst_percent(speed, STEP, PERIOD, lag))
     assert np.max(np.abs(errors)) <= worst * (1.0 + 1e-9)
@@ -147,13 +147,13 @@ def test_rms_over_many_speeds() -> None:
 def test_the_gate_saturates_at_an_increment_per_tick() -> None:
     for speed in (90.0, 170.0, 249.0):
         duration = 2e-3
-        found = velocities(edges_of(lambda t: speed * t, duration, scan_s=1e-5), Settings(), duration)  # noqa: B023
+        found = velocities(edges_of(lambda t: speed * t, duration, scan_s=1e-5), EstimatorSettings(), duration)  # noqa: B023
         ticks = 250.0 / speed
         assert found.invalid == 0
         assert {round(250.0 / np.floor(ticks), 9), round(250.0 / np.ceil(ticks), 9)} >= {round(v, 9) for v in found.gate}
         # The event counter averages over the period and is right.
         assert found.event_counter[-1] == pytest.approx(speed, rel=1e-5 + TICK / PERIOD)
-    too_fast = velocities(edges_of(lambda t: 260.0 * t, 2e-3, scan_s=1e-5), Settings(), 2e-3)
+    too_fast = velocities(edges_of(lambda t: 260.0 * t, 2e-3, scan_s=1e-5), EstimatorSettings(), 2e-3)
     assert too_fast.invalid > 0, "beyond 250 m/s edges are lost, and it is told"
 
 
@@ -161,7 +161,7 @@ def test_delays_under_acceleration() -> None:
     # x = a t²/2: each estimate is the true velocity of some instant before; by how much is the delay.
     acceleration, duration = 4.0, 0.12
     edges = edges_of(lambda t: 0.5 * acceleration * t**2, duration)
-    found = velocities(edges, Settings(), duration)
+    found = velocities(edges, EstimatorSettings(), duration)
     late = {m: found.t_s - getattr(found, m) / acceleration for m in ("high_pass", "event_counter", "gate")}
     settled = found.t_s > 0.03
     speed = acceleration * found.t_s[settled]
@@ -183,7 +183,7 @@ def test_the_delay_of_the_gate_fills_its_range() -> None:
     shares = []
     for k in range(16):
         edges = edges_of(lambda t, k=k: STEP * (k + 0.5) / 16.0 + 0.05 * t**2, 0.105)  # type: ignore[misc]
-        found = velocities(edges, Settings(), 0.105)
+        found = velocities(edges, EstimatorSettings(), 0.105)
         near = found.t_s > 0.095
         low, high = f.gate_delay_s(0.1 * found.t_s[near], STEP)
         shares.append((found.t_s[near] - found.gate[near] / 0.1 - low) / (high - low))

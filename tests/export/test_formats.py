@@ -27,7 +27,7 @@ from beltcomm.export.program import (
     STATES,
     STEP,
     VELOCITY_LOOP,
-    Words,
+    TargetLanguage,
     controller_of,
     expression,
     flat,
@@ -209,7 +209,7 @@ def test_every_name_is_declared_and_written_before_it_is_read() -> None:
 @pytest.mark.parametrize("bad", ["a ** b", "abs(a)", "1", "a if b else c", "min(a, b, c)", "a < b < c", "a or b"])
 def test_an_equation_that_other_languages_do_not_have_cannot_be_exported(bad: str) -> None:
     with pytest.raises(ValueError, match="cannot hold"):
-        expression(bad, Words(str, repr, "and", "min", "max"))
+        expression(bad, TargetLanguage(str, repr, "and", "min", "max"))
 
 
 @pytest.mark.parametrize(
@@ -217,7 +217,7 @@ def test_an_equation_that_other_languages_do_not_have_cannot_be_exported(bad: st
     [("a - (b - c)", "a - (b - c)"), ("a / (b * c)", "a / (b * c)"), ("-(a + b) * c", "-(a + b) * c"), ("(a - b) - c", "a - b - c")],
 )
 def test_parentheses_stay_where_they_matter(source: str, said: str) -> None:
-    assert expression(source, Words(str, repr, "and", "min", "max")) == said
+    assert expression(source, TargetLanguage(str, repr, "and", "min", "max")) == said
 
 
 def test_the_same_design_gives_the_same_text_and_another_one_another() -> None:

@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 
 from beltcomm.fit.arrowhead import ArrowheadJacobian
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import LAW, Spread, spread_of
+from beltcomm.fit.intervals import LAW, ParameterSpread, spread_of
 
 Array = NDArray[np.float64]
 RECORDS, SAMPLES, SAMPLE_S, BLOCK = 12, 2000, 0.004, 50
@@ -39,7 +39,7 @@ class Line:
     effects: tuple[str, ...] = ()
     rounding: float = 0.0
 
-    def spread(self, at_bound: bool = False) -> Spread:
+    def spread(self, at_bound: bool = False) -> ParameterSpread:
         """rounding : variance of what the first column is off by, which the fit has taken off the squares."""
         size = len(self.left) // self.records
         pieces = [

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from beltcomm.cli.main import cli
-from beltcomm.effects import Effect, Ground, effect_named
+from beltcomm.effects import AxisSummary, Effect, effect_named
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import Data, prepare
 from beltcomm.fit.start import start_model
@@ -98,7 +98,7 @@ def test_friction_of_the_carriage_is_refitted_behind_a_gap_whatever_the_score_pr
     base = fit(data, model, 12)
     score = Scorer.score
 
-    def blind(scorer: Scorer, effect: Effect, ground: Ground) -> Sequence[Scored]:
+    def blind(scorer: Scorer, effect: Effect, ground: AxisSummary) -> Sequence[Scored]:
         return [replace(way, drop=min(way.drop, 15.0)) for way in score(scorer, effect, ground)]
 
     monkeypatch.setattr(Scorer, "score", blind)

@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from beltcomm.cli.main import cli
-from beltcomm.effects import Ground, effect_named
+from beltcomm.effects import AxisSummary, effect_named
 from beltcomm.effects.encoder_interpolation import LINES, correction, trials, unlikely
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.start import start_model
@@ -107,7 +107,7 @@ def test_no_lines_are_seen_where_there_are_none(tmp_path: Path) -> None:
 
 
 def test_only_what_the_angle_resolves_is_tried() -> None:
-    ground = Ground(7e-5, 4.0, 2e5, 20.0, 0.1, 0.0125, 0.0, 0.5, 35.0, 26.0, 2.0, 100.0)
+    ground = AxisSummary(7e-5, 4.0, 2e5, 20.0, 0.1, 0.0125, 0.0, 0.5, 35.0, 26.0, 2.0, 100.0)
 
     def tried(counts: float, steps: float) -> set[float]:
         return {t.values["lines"] for t in trials(replace(ground, counts=counts, step_rad=math.tau / steps))}

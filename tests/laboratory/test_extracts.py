@@ -75,12 +75,12 @@ def test_they_tell_more_than_as_many_other_rows(seed: int) -> None:
     taken = best_windows(windows, extracts.EXTRACT_ROWS)
     draw = np.random.default_rng(seed)
 
-    def told(some: list[extracts.Window]) -> float:
+    def told(some: list[extracts.Extract]) -> float:
         return float(np.linalg.slogdet(1e-6 * windows[0].told.max() * np.eye(len(windows[0].told)) + sum(w.told for w in some))[1])
 
     others = []
     for _ in range(100):
-        chosen, rows = list[extracts.Window](), 0
+        chosen, rows = list[extracts.Extract](), 0
         for k in draw.permutation(len(windows)):
             if rows + windows[k].rows <= sum(w.rows for w in taken):
                 chosen, rows = [*chosen, windows[k]], rows + windows[k].rows

@@ -13,7 +13,7 @@ from beltcomm.fit.records import Data, prepare
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory.acceptance import is_refuted
 from beltcomm.laboratory.cross_checks import map_checks, resonances
-from beltcomm.laboratory.diagnosis import again, fit_base_of
+from beltcomm.laboratory.diagnosis import fit_base_of, refit_with_rebuilt_motion
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.stage import search
 from beltcomm.model import Model
@@ -36,7 +36,7 @@ def grown(data: Data, fitted: Fitted, effects: dict[str, dict[str, float]], roun
         model = model.with_effect(name, values)
     after = fit(data, model, 25)
     for _ in range(rounds):
-        data, after = again(data, after, 12)
+        data, after = refit_with_rebuilt_motion(data, after, 12)
     return data, after
 
 

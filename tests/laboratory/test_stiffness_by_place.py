@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from beltcomm.effects import Ground, effect_named
+from beltcomm.effects import AxisSummary, effect_named
 
 FIXED, DISTANCE_M, FREE_M, MIDDLE_M = 2e-7, 1.25, 0.12, 0.5
 
@@ -15,8 +15,8 @@ def stiffness_n_m(place_m: float) -> float:
     return 1.0 / (FIXED + short * (2.0 * DISTANCE_M - short) / (2.0 * DISTANCE_M) / 5e5)
 
 
-def ground(*places: float) -> Ground:
-    return Ground(
+def ground(*places: float) -> AxisSummary:
+    return AxisSummary(
         inertia=7e-5,
         mass=4.0,
         stiffness=stiffness_n_m(MIDDLE_M),

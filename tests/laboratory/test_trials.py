@@ -6,11 +6,11 @@ import math
 
 import pytest
 
-from beltcomm.effects import Ground, effect_named
+from beltcomm.effects import AxisSummary, effect_named
 from beltcomm.effects.payload_mode import force
 
 ACCELERATION_M_S2 = 12.0
-GROUND = Ground(
+GROUND = AxisSummary(
     inertia=7e-5, mass=2.0, stiffness=2e5, damping=15.0, coulomb=0.1, ratio=0.0125, low_m=0.1, high_m=0.9, antiresonance_hz=50.0,
     teeth=26.0, peak_nm=2.0, peak_force_n=2.0 * ACCELERATION_M_S2,
 )  # fmt: skip

@@ -14,14 +14,14 @@ from beltcomm.laboratory.samples import Units
 from beltcomm.report import measuring, style
 from beltcomm.report.overlay import Trace, overlay_figure
 from beltcomm.report.page import svg_of
-from beltcomm.report.staircase import RecordChange, Rung, change_figure, staircase_figure
+from beltcomm.report.staircase import RecordChange, Stair, change_figure, staircase_figure
 
 CAPTION = style.Caption("beltcomm compare RUN", "RUN/recordings, 3 records")
 
 
 def ladder(*ratios: float) -> Figure:
     rungs = [
-        Rung(f"revision_{k}", "base" if k == 0 else f"+effect_{k}", r, 1.1 * r, None if k == 0 else k != 2) for k, r in enumerate(ratios)
+        Stair(f"revision_{k}", "base" if k == 0 else f"+effect_{k}", r, 1.1 * r, None if k == 0 else k != 2) for k, r in enumerate(ratios)
     ]
     return staircase_figure(rungs, CAPTION)
 

@@ -19,7 +19,7 @@ from beltcomm.drive import Drive, open_drive
 from beltcomm.experiments.phases import SIGN_REACH_M, SIGN_TRAVEL_M
 from beltcomm.recording import Recording
 from beltcomm.simulate.stopping import Braking
-from beltcomm.talk import Place
+from beltcomm.talk import CarriagePosition
 from beltcomm.virtual.bus import Frame
 from beltcomm_adapters.canopen import connect
 from truth.rigs import GEARBOX_KG_M2, geared, nominal
@@ -229,7 +229,7 @@ class Listener:
         self.said: list[str] = []
         self.asked: list[str] = []
         self.fractions: list[float] = []
-        self.places: list[Place] = []
+        self.places: list[CarriagePosition] = []
 
     def phase(self, index: int, count: int, title: str) -> None:
         assert 1 <= index <= count
@@ -242,7 +242,7 @@ class Listener:
         if self.at_progress is not None:
             self.at_progress(self.phases[-1][0] if self.phases else 0, fraction)
 
-    def moving(self, place: Place) -> None:
+    def moving(self, place: CarriagePosition) -> None:
         self.places.append(place)
 
     def say(self, *lines: str) -> None:

@@ -11,7 +11,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from beltcomm.cli.frame import Frame
+from beltcomm.cli.frame import Invocation
 from beltcomm.cli.main import VERBS, cli
 
 CHECKOUT = Path(__file__).parents[2]
@@ -77,12 +77,12 @@ def meant(command: str, run: str) -> list[str]:
 def parsed(words: list[str]) -> click.Context:
     """What click makes of them, up to the command's own function.  Raises click.ClickException."""
     if words[0].startswith("-"):
-        return cli.make_context("beltcomm", [], obj=Frame(words), resilient_parsing=True)
+        return cli.make_context("beltcomm", [], obj=Invocation(words), resilient_parsing=True)
     command = cli.get_command(click.Context(cli), words[0])
     if command is None:
         raise click.UsageError(f"there is no verb {words[0]}")
     try:
-        return command.make_context(words[0], words[1:], parent=click.Context(cli, obj=Frame(words)))
+        return command.make_context(words[0], words[1:], parent=click.Context(cli, obj=Invocation(words)))
     except click.exceptions.Exit:  # --help
         return click.Context(command)
 

@@ -17,7 +17,7 @@ from beltcomm.laboratory import acceptance
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.model import load_plant
 from beltcomm.pages import missing
-from beltcomm.report.page import Table
+from beltcomm.report.page import PageTable
 from beltcomm.result import plain
 from beltcomm.rundata import cost as costs
 from beltcomm.rundata.cost import Cost
@@ -82,10 +82,10 @@ def test_report_shows_errors_without_and_with(cost: Cost, row: tuple[str, ...]) 
     unknown = replace(ADDED, name="revision_3", change="+cogging", cost=None)
     run: Any = SimpleNamespace(rungs=[BASE, replace(ADDED, cost={"of": "backlash", **plain(cost)}), unknown], place="RUN")
     made = missing.section(run)
-    (table,) = (part for part in made.parts if isinstance(part, Table))
+    (table,) = (part for part in made.parts if isinstance(part, PageTable))
     assert table.rows[0] == row
     assert len({len(table.head), *map(len, table.rows)}) == 1
-    words = " ".join(line for part in made.parts if not isinstance(part, Table) for line in part.lines)
+    words = " ".join(line for part in made.parts if not isinstance(part, PageTable) for line in part.lines)
     assert MOVE in words
     assert "Not known of revision_3 (+cogging)" in words
     run.rungs = [BASE]

@@ -19,7 +19,7 @@ from beltcomm.recording import ExcitationNote, Recording, Sidecar
 from beltcomm.report.responses import responses_figure
 from beltcomm.report.style import Caption, save
 from beltcomm.response import FrequencyResponse
-from beltcomm.sentences.response_table import Table, table_lines, table_of
+from beltcomm.sentences.response_table import ResponseTable, table_lines, table_of
 from beltcomm.simulate.forward import simulate_torque
 
 SPANS = {"specific_stiffness": 60e3, "pulley_distance": 0.79, "offset": 0.05}
@@ -151,7 +151,7 @@ def test_no_lines_no_landmarks() -> None:
 
 
 @pytest.fixture(scope="module")
-def table() -> Table:
+def table() -> ResponseTable:
     model = by_place()
     records = [
         recorded("near", model, 0.10, 0.25),
@@ -163,7 +163,7 @@ def table() -> Table:
     return table_of(records, model)
 
 
-def test_the_belt_is_stiffer_near_the_pulley_by_what_the_law_says(table: Table) -> None:
+def test_the_belt_is_stiffer_near_the_pulley_by_what_the_law_says(table: ResponseTable) -> None:
     """Ratio of the resonances squared is that of the stiffnesses (2.26), 2.64; both intervals are 1 % of a frequency, so 5 %."""
     rows = {row.condition.record: row for row in table.rows}
     near, far = (rows[name].landmarks.resonance for name in ("near", "far"))  # type: ignore[union-attr]
@@ -176,7 +176,7 @@ def test_the_belt_is_stiffer_near_the_pulley_by_what_the_law_says(table: Table) 
     assert "stiffer nearer the driven pulley, as (2.26) has it" in told.text
 
 
-def test_a_quieter_excitation_shows_more_friction(table: Table) -> None:
+def test_a_quieter_excitation_shows_more_friction(table: ResponseTable) -> None:
     (told,) = [d for d in table.differences if d.cause == "amplitude"]
     assert (told.first, told.second) == ("far", "quiet")
     assert "more motion below the antiresonance" in told.text
@@ -185,7 +185,7 @@ def test_a_quieter_excitation_shows_more_friction(table: Table) -> None:
     assert quiet.gain_db < -quiet.gain_interval_db < 0.0
 
 
-def test_moving_records_have_their_direction(table: Table) -> None:
+def test_moving_records_have_their_direction(table: ResponseTable) -> None:
     """Pushed each way: the place is the middle of the way, and the moving axis has no friction to pose as damping."""
     rows = {row.condition.record: row for row in table.rows}
     assert {name: row.condition.direction for name, row in rows.items()} == {
@@ -207,7 +207,7 @@ def test_the_same_record_twice_differs_by_nothing() -> None:
     assert twice.remarks == ("by place: no difference beyond the noise (1 pairs of records)",)
 
 
-def test_words_numbers_and_picture(table: Table, tmp_path: Path) -> None:
+def test_words_numbers_and_picture(table: ResponseTable, tmp_path: Path) -> None:
     text = table_lines(table)
     assert sum(line.startswith(("near", "far", "quiet", "forth", "back")) for line in text) == 5
     assert any("reference" in line for line in text)

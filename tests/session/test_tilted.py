@@ -250,7 +250,7 @@ def test_half_sums_against_a_record_made_by_hand() -> None:
 
 
 def test_a_mass_that_does_not_fit_the_tilt_is_said() -> None:
-    axis, best = load_axis(TILTED), holding.Found(0.692, 5e-4)
+    axis, best = load_axis(TILTED), holding.HoldingTorque(0.692, 5e-4)
     found = holding.Holding(0.63, (0.43, 0.93), best, 0.125, 0.0, "the brake (2 N m)")
 
     def said(tilt_deg: float, mass_kg: float) -> str:
@@ -265,10 +265,10 @@ def test_a_mass_that_does_not_fit_the_tilt_is_said() -> None:
 
 
 def test_run_folder_keeps_the_comparison(tmp_path: Path) -> None:
-    way = holding.Holding(0.63, (0.43, 0.93), holding.Found(0.69, 2e-3), 0.135, 1e-3, "the brake (2 N m)")
+    way = holding.Holding(0.63, (0.43, 0.93), holding.HoldingTorque(0.69, 2e-3), 0.135, 1e-3, "the brake (2 N m)")
     whole = replace(
         way,
-        creep=holding.Found(0.692, 5e-4),
+        creep=holding.HoldingTorque(0.692, 5e-4),
         creep_coulomb_nm=0.125,
         integrators=(holding.Settled(0.57, 0.53, 1e-4, True),),
     )

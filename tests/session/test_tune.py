@@ -15,7 +15,7 @@ from beltcomm.cli.main import cli
 from beltcomm.errors import UsageError
 from beltcomm.jobs.tune import Tuning
 from beltcomm.web import server
-from beltcomm.web.server import Page, Served
+from beltcomm.web.server import PageFiles, ServedPage
 
 Copy = Callable[..., Path]
 
@@ -26,10 +26,10 @@ def served(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
     found = []
 
     @contextmanager
-    def serve(page: Page, answers: Any, token: str, port: int = 0) -> Iterator[Served]:
+    def serve(page: PageFiles, answers: Any, token: str, port: int = 0) -> Iterator[ServedPage]:
         assert (page.text("html")[:15], "update" in answers) == ("<!DOCTYPE html>", True)
         found.append((token, port))
-        yield Served(f"http://127.0.0.1:{port}/{token}/", lambda: None, lambda: None)
+        yield ServedPage(f"http://127.0.0.1:{port}/{token}/", lambda: None, lambda: None)
 
     monkeypatch.setattr(server, "serve", serve)
     return found

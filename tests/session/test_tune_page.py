@@ -14,7 +14,7 @@ import pytest
 from beltcomm.jobs.tune import Tuning
 from beltcomm.rundata.proof import doubts
 from beltcomm.runfolder import RunFolder
-from beltcomm.web.server import Page, serve
+from beltcomm.web.server import PageFiles, serve
 
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 pytestmark = pytest.mark.skipif(
@@ -102,7 +102,7 @@ def browser(complete: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     for argument in (*ARGUMENTS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    with serve(Page("tune"), tuning.answers(), "secret") as served:
+    with serve(PageFiles("tune"), tuning.answers(), "secret") as served:
         answering = threading.Thread(target=served.run, daemon=True)
         answering.start()
         driver = webdriver.Chrome(options=options, service=Service(DRIVER))

@@ -13,7 +13,7 @@ from beltcomm.effects import EFFECTS, Effect, Parameter
 from beltcomm.errors import UsageError
 from beltcomm.model import Model, build_model, load_plant
 from beltcomm.simulate.exact import is_exact, linear_axis
-from beltcomm.simulate.forward import State, integrate_torque, simulate_torque
+from beltcomm.simulate.forward import BodyStates, integrate_torque, simulate_torque
 from beltcomm.simulate.kernels.first_root import DEGREE, NEVER, first_root
 from truth import Axis, ConstantBelt, Coupling, TruthPlant
 
@@ -63,9 +63,9 @@ def torques(kind: str, n: int, size: float, seed: int = 0) -> Array:
     return np.asarray(1.5 * size * np.repeat(rng.standard_normal(n), 3)[:n])
 
 
-def at_zero(model: Model) -> State:
+def at_zero(model: Model) -> BodyStates:
     n = len(model.bodies())
-    return State(np.zeros(n), np.zeros(n))
+    return BodyStates(np.zeros(n), np.zeros(n))
 
 
 CASES = [(seed, kind, False) for seed, kind in enumerate(("signs", "sine", "ramps", "noise") * 3)]
@@ -152,7 +152,7 @@ def test_a_speed_that_only_grazes_zero_is_seen(dip: float) -> None:
     model = build_model("swing", ("belt_stiffness", "coulomb"), values | {"coulomb.level": grip})
     swing, omega = mean + dip, math.sqrt(stiffness * (ratio**2 / inertia + 1.0 / mass))
     lag = inertia * swing / ratio / mass
-    start = State(np.zeros(2), np.array([mean + swing, ratio * mean - lag]))
+    start = BodyStates(np.zeros(2), np.array([mean + swing, ratio * mean - lag]))
 
     def speed(t: float) -> float:
         return float(simulate_torque(model, np.full(2, grip), t, state=start).velocity_rad_s[1])
@@ -174,7 +174,7 @@ def test_events_are_where_an_event_finder_puts_them(held: float) -> None:
     """From 0.1 m/s against a torque, through standstill and back: DOP853 at 1e-12 with its event location, to a nanosecond."""
     model = load_plant("g_b").model
     a, _ = linear_axis(model)
-    start = State(np.zeros(2), 0.1 * np.array([1.0 / model["transmission.ratio"], 1.0]))
+    start = BodyStates(np.zeros(2), 0.1 * np.array([1.0 / model["transmission.ratio"], 1.0]))
     t, y, slide, expected = 0.0, np.concatenate([start.positions, start.speeds]), np.ones(2), []
 
     def forces(y: Array) -> Array:

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model, build_model
 from beltcomm.model.statics import equilibrium
-from beltcomm.simulate.forward import State, integrate_torque, simulate_torque
+from beltcomm.simulate.forward import BodyStates, integrate_torque, simulate_torque
 from beltcomm.simulate.inverse import FineMotion, fine_load
 
 IT, INERTIA, MASS, C, D = 0.01242, 71.73e-6, 13.44, 203740.0, 20.0
@@ -44,7 +44,7 @@ def test_free_oscillation_has_its_frequency_and_decay() -> None:
     reduced = 1.0 / (IT**2 / INERTIA + 1.0 / MASS)
     omega, zeta = math.sqrt(C / reduced), D / (2.0 * math.sqrt(C * reduced))
     stretch, period, substeps = 1e-3, 1e-3, 100
-    start = State(np.array([stretch / IT, 0.0]), np.zeros(2))
+    start = BodyStates(np.array([stretch / IT, 0.0]), np.zeros(2))
     out = integrate_torque(axis(), np.zeros(100), period, substeps=substeps, state=start)
     t, damped = out.t_s, omega * math.sqrt(1.0 - zeta**2)
     wave = np.cos(damped * t) + zeta / math.sqrt(1.0 - zeta**2) * np.sin(damped * t)
@@ -59,7 +59,7 @@ def test_free_oscillation_has_its_frequency_and_decay() -> None:
 def test_coulomb_friction_stops_after_its_distance_and_holds() -> None:
     """θ = J ω²/(2 τ_c) after t = J ω/τ_c; then nothing moves at all."""
     inertia, speed, level = 1e-3, 30.0, 0.4
-    start = State(np.array([5.0]), np.array([speed]))
+    start = BodyStates(np.array([5.0]), np.array([speed]))
     out = integrate_torque(motor(level), np.zeros(200), 1e-3, state=start)
     stop = inertia * speed / level
     step = 1e-3 / 20
@@ -103,7 +103,7 @@ def test_belt_force_is_the_largest_within_the_interval() -> None:
 def test_energy_stays_without_losses() -> None:
     """Symplectic: the energy swings by at most (ω h)²/4 of itself and does not drift over 1300 oscillations."""
     stretch, period, substeps = 1e-3, 1e-3, 20
-    start = State(np.array([stretch / IT, 0.0]), np.zeros(2))
+    start = BodyStates(np.array([stretch / IT, 0.0]), np.zeros(2))
     out = integrate_torque(axis(belt_damping__damping=0.0), np.zeros(12_000), period, substeps=substeps, state=start)
     cart_speed = -INERTIA / (IT * MASS) * out.velocity_rad_s  # the momentum of both is zero
     spring = 0.5 * C * (IT * out.position_rad - out.cart_position_m) ** 2
@@ -134,7 +134,7 @@ def test_second_order_against_an_independent_integrator() -> None:
          "viscous_end_pulley.damping": 1.3, "belt_damping.damping": 4.0, "tilt.angle": 0.2}  # fmt: skip
     model = build_model("rig", RIG, p)
     torque, period = np.array([0.9, 0.2, 1.1, 0.7, 0.3, 0.8, 1.0, 0.1]), 1e-3
-    start = State(np.array([0.2 / IT, 0.2, 0.2, 0.2 / IT]), np.array([40.0, 40.0 * IT, 40.0 * IT, 40.0]))
+    start = BodyStates(np.array([0.2 / IT, 0.2, 0.2, 0.2 / IT]), np.array([40.0, 40.0 * IT, 40.0 * IT, 40.0]))
 
     def derivative(_: float, y: np.ndarray, held: float) -> list[float]:
         # Newton's law for each body, written from (2.11) to (2.14) with the coupling in front of the driving pulley.
@@ -173,7 +173,7 @@ def test_friction_through_reversals_converges_to_the_independent_integrator() ->
     Reversals cost nothing beyond the Verlet step's phase error: below A ω³h²t/24, and a quarter for half the step.
     """
     model = axis(coulomb__level=0.05, belt_damping__damping=0.0)
-    start = State(np.array([2e-3 / IT, 0.0]), np.zeros(2))
+    start = BodyStates(np.array([2e-3 / IT, 0.0]), np.zeros(2))
     end_time = 0.02
 
     def derivative(_: float, y: np.ndarray, direction: float) -> list[float]:

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.model import Model, build_model
 from beltcomm.simulate import forward
-from beltcomm.simulate.forward import State, integrate_torque, simulate_torque
+from beltcomm.simulate.forward import BodyStates, integrate_torque, simulate_torque
 from beltcomm.simulate.kernels import glide
 from beltcomm.simulate.kernels.fast_math import cos, exp, fast, power, sin, waves
 
@@ -32,9 +32,9 @@ def axis(**values: float) -> Model:
     return build_model("axis", EFFECTS_ON, numbers | {name.replace("__", "."): value for name, value in values.items()})
 
 
-def sliding(speed: float = 0.5) -> State:
+def sliding(speed: float = 0.5) -> BodyStates:
     """Both bodies in steady motion, the carriage's elastic friction turned round."""
-    return State(np.array([0.2 / IT, 0.2, 1.0]), np.array([speed / IT, speed]))
+    return BodyStates(np.array([0.2 / IT, 0.2, 1.0]), np.array([speed / IT, speed]))
 
 
 def slope(t: float, y: Array, torque: float) -> list[float]:
@@ -45,7 +45,7 @@ def slope(t: float, y: Array, torque: float) -> list[float]:
     return [y[2], y[3], (push - cogging - 2e-3 * y[2] - 0.08 - IT * force) / INERTIA, (force - 3.0 - DRAG * y[3] ** 2) / MASS]
 
 
-def moved(start: State, torque: Array, late_s: float = 0.0, lag_s: float = 0.0) -> Array:
+def moved(start: BodyStates, torque: Array, late_s: float = 0.0, lag_s: float = 0.0) -> Array:
     """Motor angle, carriage and their speeds after the record, by DOP853 begun anew at every jump of the acting torque."""
     y, acting, before = np.concatenate([start.positions[:2], start.speeds]), torque[0], torque[0]
     for held in torque:

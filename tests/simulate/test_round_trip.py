@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltcomm.effects import EFFECTS, Effect, Ground
+from beltcomm.effects import EFFECTS, AxisSummary, Effect
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.forward import simulate_torque
 from beltcomm.simulate.imperfect import angle_sensor, torque_as_read
@@ -17,7 +17,7 @@ T, RATIO = 1e-3, 0.0125
 BASE = ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb")
 VALUES = {"motor.inertia": 7e-5, "cart.mass": 4.0, "transmission.ratio": RATIO, "belt_stiffness.stiffness": 2e5, 
           "belt_damping.damping": 25.0, "viscous.damping": 2e-3, "viscous_cart.damping": 4.0, "coulomb.level": 0.1}  # fmt: skip
-GROUND = Ground(7e-5, 4.0, 2e5, 25.0, 0.1, RATIO, 0.2, 0.7, 35.6, 26, 2.0, 150.0, 0.05, 1.1)
+GROUND = AxisSummary(7e-5, 4.0, 2e5, 25.0, 0.1, RATIO, 0.2, 0.7, 35.6, 26, 2.0, 150.0, 0.05, 1.1)
 #: Axes without a belt: what the effects of a turning load stand on, and a linear axis for what needs no motor angle.
 SHAFT = {"load.inertia": 6e-5, "elastic_shaft.stiffness": 8.0, "elastic_shaft.damping": 2e-3}
 ON_RIGID = {"elastic_shaft": (), "coulomb_load": ("elastic_shaft",), "viscous_load": ("elastic_shaft",), "travel_ripple": ()}

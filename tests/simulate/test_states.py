@@ -9,7 +9,7 @@ from beltcomm.effects import EFFECTS, Effect, effect_named
 from beltcomm.fit.noise_path import MOTION, noise_path
 from beltcomm.fit.observer import needs_observer
 from beltcomm.model import Model, build_model, effect_parameters
-from beltcomm.simulate.forward import Simulated, State, at_rest, simulate_torque
+from beltcomm.simulate.forward import BodyStates, Simulated, at_rest, simulate_torque
 from beltcomm.simulate.imperfect import late_torque, torque_as_read
 from beltcomm.simulate.inverse import FineMotion, fine_load
 from beltcomm.simulate.kernels.compose import states_of
@@ -44,7 +44,7 @@ def torques() -> tuple[np.ndarray, np.ndarray]:
     return both[:FIRST], both[FIRST:]
 
 
-def run(model: Model, torque: np.ndarray, state: State | None = None, time_s: float = 0.0) -> Simulated:
+def run(model: Model, torque: np.ndarray, state: BodyStates | None = None, time_s: float = 0.0) -> Simulated:
     return simulate_torque(model, torque, T, AT_M, SUBSTEPS, time_s, state)
 
 
@@ -93,7 +93,7 @@ def test_every_state_of_the_end_counts_and_there_is_no_other(effect: Effect) -> 
         else:
             assert positions[place] != 0.0
             positions[place] = 0.0
-        other = run(model, second, State(positions, speeds))
+        other = run(model, second, BodyStates(positions, speeds))
         assert not np.allclose(other.velocity_rad_s, usual.velocity_rad_s, rtol=1e-6)
 
 

@@ -15,7 +15,7 @@ from beltcomm.thesis.topics import TOPICS, thesis
 
 
 @pytest.fixture(scope="module")
-def study() -> excitations.Study:
+def study() -> excitations.ExcitationStudy:
     """One axis, two seeds: the whole table takes half a minute."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(excitations, "PLANTS", ("g_b",))
@@ -23,7 +23,7 @@ def study() -> excitations.Study:
         return excitations.compare()
 
 
-def test_all_keep_the_same_limits_and_time(study: excitations.Study) -> None:
+def test_all_keep_the_same_limits_and_time(study: excitations.ExcitationStudy) -> None:
     assert [row.kind for row in study.rows] == ["prbs", "gprbs", "chirp", "multisine"]
     for row in study.rows:
         assert row.seconds <= excitations.SECONDS
@@ -34,7 +34,7 @@ def test_all_keep_the_same_limits_and_time(study: excitations.Study) -> None:
         assert max(row.belt_force_n / excitations.LIMITS.belt_force_n, row.travel_m / excitations.LIMITS.travel_m) > 0.9
 
 
-def test_each_kind_is_what_it_is_known_for(study: excitations.Study) -> None:
+def test_each_kind_is_what_it_is_known_for(study: excitations.ExcitationStudy) -> None:
     """Binary signals have crest factor 1, a chirp √2 beside its fade; only the multisine tells odd from even, and friction is odd."""
     rows = {row.kind: row for row in study.rows}
     assert rows["prbs"].crest_factor == pytest.approx(1.0, abs=0.01)
@@ -44,13 +44,13 @@ def test_each_kind_is_what_it_is_known_for(study: excitations.Study) -> None:
     assert all(math.isnan(rows[kind].odd) for kind in ("prbs", "gprbs", "chirp"))
 
 
-def test_every_fit_finds_the_axis(study: excitations.Study) -> None:
+def test_every_fit_finds_the_axis(study: excitations.ExcitationStudy) -> None:
     """Within 1 % of mass, stiffness and inertia, from start values 15 to 20 % off."""
     for row in study.rows:
         assert max(row.error.values()) < 0.01, row.kind
 
 
-def test_words_and_figure(study: excitations.Study, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_words_and_figure(study: excitations.ExcitationStudy, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(excitations, "PLANTS", ("g_b",))
     text = excitations.lines(study)
     assert sum(line.startswith(("prbs", "gprbs", "chirp", "multisine")) for line in text) == 4
@@ -67,12 +67,12 @@ def test_topics_are_listed_and_a_wrong_one_is_said() -> None:
         thesis("excitation")
 
 
-def row(kind: str, errors: np.ndarray) -> excitations.Row:
+def row(kind: str, errors: np.ndarray) -> excitations.ExcitationRow:
     """A row of which only the errors matter, (parameters, seeds)."""
     by_name = dict(zip(excitations.MEANT, map(tuple, errors.tolist()), strict=True))
     rms = {name: float(np.sqrt(np.mean(np.square(values)))) for name, values in by_name.items()}
     numbers = dict.fromkeys(("amplitude_nm", "seconds", "crest_factor", "travel_m", "belt_force_n", "line_hz", "half_power_hz"), 1.0)
-    return excitations.Row("g_b", kind, "", binds="", response_error=0.1, noise=0.1, deviation=rms, error=rms, errors=by_name,
+    return excitations.ExcitationRow("g_b", kind, "", binds="", response_error=0.1, noise=0.1, deviation=rms, error=rms, errors=by_name,
                            odd=math.nan, even=math.nan, **numbers)  # type: ignore[arg-type]  # fmt: skip
 
 
@@ -101,7 +101,7 @@ def test_the_verdict_says_what_cannot_be_told_apart(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(excitations, "PLANTS", ("g_b",))
     noise = 1e-3 * np.random.default_rng(2).standard_normal((4, 3, 6))
     rows = (row("prbs", noise[0]), row("gprbs", 1.1 * noise[1]), row("chirp", 20.0 * noise[2]), row("multisine", noise[3]))
-    (said,) = [line for line in excitations.lines(excitations.Study(rows, {}, {})) if "smallest errors" in line]
+    (said,) = [line for line in excitations.lines(excitations.ExcitationStudy(rows, {}, {})) if "smallest errors" in line]
     first, _, rest = said.partition("; larger beyond the scatter are ")
     assert "not to be told apart over 6 seeds from" in first
     assert "gprbs" in first

@@ -17,7 +17,7 @@ from beltcomm.thesis.identification import PERIOD_S, STRONG, WEAK
 
 
 @pytest.fixture(scope="module")
-def study() -> identification.Study:
+def study() -> identification.IdentificationStudy:
     return identification.compare()
 
 
@@ -56,7 +56,7 @@ def test_a_loop_that_hides_the_plant_is_said() -> None:
     assert "1 of 3 lines" in partly.remarks[-1]
 
 
-def test_moving_without_reversal_is_right_and_standing_is_not(study: identification.Study) -> None:
+def test_moving_without_reversal_is_right_and_standing_is_not(study: identification.IdentificationStudy) -> None:
     """thesis.md 2.7: an FRF around standstill sees Coulomb friction as damping: many times the 2.53 mN m s of the sweep."""
     ways = {way.name: way for way in study.ways}
     assert ways["open loop, standing"].viscous_nm_s_rad > 10.0 * study.viscous_nm_s_rad
@@ -67,7 +67,7 @@ def test_moving_without_reversal_is_right_and_standing_is_not(study: identificat
         assert ways[name].mass_kg == pytest.approx(study.mass_kg, rel=0.02)
 
 
-def test_the_indirect_bias_is_that_of_a_controller_not_known(study: identification.Study) -> None:
+def test_the_indirect_bias_is_that_of_a_controller_not_known(study: identification.IdentificationStudy) -> None:
     """ΔG/G = -G C ΔC/C to first order: the low band of a strong loop, where |G C| is above 1, and hardly elsewhere."""
     ways = {way.name: way for way in study.ways}
     assert abs(ways["strong loop, indirect"].low_db) < 0.1
@@ -82,14 +82,14 @@ def test_the_indirect_bias_is_that_of_a_controller_not_known(study: identificati
     np.testing.assert_allclose(np.abs(found.h[low] / right), np.abs(exact), rtol=1e-6)
 
 
-def test_dead_time_and_averaging_are_those_of_the_thesis(study: identification.Study) -> None:
+def test_dead_time_and_averaging_are_those_of_the_thesis(study: identification.IdentificationStudy) -> None:
     """(3.30): 1 ms.  √n: the medians of 150 lines scatter by some 10 %."""
     assert study.dead_time.value_s == pytest.approx(1e-3, abs=max(study.dead_time.interval_s, 1e-6))
     for n, value in study.averaging.items():
         assert value == pytest.approx(1.0 / math.sqrt(n), rel=0.3)
 
 
-def test_words_and_figures(study: identification.Study) -> None:
+def test_words_and_figures(study: identification.IdentificationStudy) -> None:
     text = identification.lines(study)
     assert sum(line.startswith(tuple(w.name for w in study.ways)) for line in text) >= len(study.ways)
     assert set(figures(study, Caption("test", "none"))) == {"identification_ways", "identification_averaging"}

@@ -14,7 +14,7 @@ from beltcomm.rundata import analyse
 from beltcomm.rundata.offline import THESIS_STRUCTURE
 from beltcomm.trajectory import held, plan_trajectory
 from beltcomm.tuning.bench import Bench
-from beltcomm.tuning.ground import Ground, Setting
+from beltcomm.tuning.ground import DesignInput, SliderSetting
 from beltcomm.verify import Loop
 
 DELAY_S = 1e-3
@@ -28,7 +28,7 @@ def bench_of(rig: str) -> Bench:
     model = load_plant(rig).model
     limits = TrajectoryLimits(speed_m_s=0.5, acceleration_m_s2=2.0, jerk_m_s3=40.0)
     return Bench(
-        Ground(
+        DesignInput(
             model,
             THESIS_STRUCTURE,
             lambda places, loads: analyse.design_plants(
@@ -55,12 +55,12 @@ def heavy() -> Bench:
 
 
 @pytest.fixture
-def setting() -> Setting:
+def setting() -> SliderSetting:
     """Balanced, behind a low-pass."""
-    return Setting(45.0, 70.0, -14.0, "butterworth", 0.004, 0.0, False, 0.3)
+    return SliderSetting(45.0, 70.0, -14.0, "butterworth", 0.004, 0.0, False, 0.3)
 
 
 @pytest.fixture
-def impossible(setting: Setting) -> Setting:
+def impossible(setting: SliderSetting) -> SliderSetting:
     """More gain at the resonance than any phase margin of 60 degrees allows."""
     return replace(setting, phase_margin_deg=60.0, suppression_db=-2.0)

@@ -17,7 +17,7 @@ from beltcomm.errors import UsageError
 from beltcomm.tuning.bench import Bench, worst_of
 from beltcomm.tuning.changes import changes, error_changes, sentence
 from beltcomm.tuning.curves import DISTURBANCE_NM, open_loop_curves, responses
-from beltcomm.tuning.ground import Setting, setting_from
+from beltcomm.tuning.ground import SliderSetting, setting_from
 from beltcomm.tuning.presets import PACES, Preset, preset
 from design.closed_loop import PERIOD, run
 
@@ -25,7 +25,7 @@ from design.closed_loop import PERIOD, run
 @pytest.mark.parametrize(
     "turned", [{}, {"phase_margin_deg": 35.0, "position_phase_margin_deg": 60.0}, {"payload_kg": 1.0, "suppression_db": -20.0}]
 )
-def test_knobs_hold_on_every_variant(bench: Bench, setting: Setting, turned: dict[str, Any]) -> None:
+def test_knobs_hold_on_every_variant(bench: Bench, setting: SliderSetting, turned: dict[str, Any]) -> None:
     """Judged on the fine grid of a proof, on all variants, twins too; the suppression is met and not only kept."""
     asked = replace(setting, **turned)
     design = bench.design(asked)
@@ -38,7 +38,7 @@ def test_knobs_hold_on_every_variant(bench: Bench, setting: Setting, turned: dic
     assert worst.sensitivity_db <= 6.0
 
 
-def test_each_knob_does_what_its_name_says(bench: Bench, setting: Setting) -> None:
+def test_each_knob_does_what_its_name_says(bench: Bench, setting: SliderSetting) -> None:
     """6 dB more at the resonance is twice K_P; less margin asked for never costs stiffness (to the search's 3 %)."""
     first = bench.design(setting)
     quiet = bench.design(replace(setting, suppression_db=setting.suppression_db - 6.0206))
@@ -50,7 +50,7 @@ def test_each_knob_does_what_its_name_says(bench: Bench, setting: Setting) -> No
         assert name == "phase_margin_deg" or stiffness[-1] > 1.05 * stiffness[0]
 
 
-def test_reach_ends_where_designs_end(heavy: Bench, setting: Setting) -> None:
+def test_reach_ends_where_designs_end(heavy: Bench, setting: SliderSetting) -> None:
     """Inside each piece there are designs, a little beyond its end there are none."""
     reach = heavy.reach(setting)
     assert reach.advice == ""
@@ -62,7 +62,7 @@ def test_reach_ends_where_designs_end(heavy: Bench, setting: Setting) -> None:
             heavy.design(replace(setting, **{name: high + beyond}))
 
 
-def test_advice_leads_to_a_design(heavy: Bench, impossible: Setting) -> None:
+def test_advice_leads_to_a_design(heavy: Bench, impossible: SliderSetting) -> None:
     with pytest.raises(OutOfReach, match=r"no integral time leaves the velocity loop 60\.1 degrees"):
         heavy.design(impossible)
     reach = heavy.reach(impossible)
@@ -76,7 +76,7 @@ def made() -> dict[tuple[str, str], list[Preset]]:
     """Both kinds of belt on both rigs, from robust to fast."""
     from tuning.conftest import APPARENT, bench_of
 
-    start = Setting(45.0, 70.0, -14.0, "butterworth", 0.004, 0.0, False, 0.3)
+    start = SliderSetting(45.0, 70.0, -14.0, "butterworth", 0.004, 0.0, False, 0.3)
     return {(rig, kind): [preset(bench_of(rig), start, kind, pace.key) for pace in PACES] for rig in APPARENT for kind in ("short", "long")}
 
 
@@ -102,7 +102,7 @@ def test_presets_go_from_robust_to_fast(made: dict[tuple[str, str], list[Preset]
         assert reached.position_phase_margin_deg >= pace.asked.position_phase_margin_deg - 0.5
 
 
-def test_a_belt_axis_is_no_stiff_one(heavy: Bench, setting: Setting) -> None:
+def test_a_belt_axis_is_no_stiff_one(heavy: Bench, setting: SliderSetting) -> None:
     """Without a filter nothing is faster than behind one, and a pace that brings nothing is not offered."""
     found = [preset(heavy, setting, "stiff", pace.key) for pace in PACES]
     possible = [one.position_crossover_hz for one in found if one.setting]
@@ -111,7 +111,7 @@ def test_a_belt_axis_is_no_stiff_one(heavy: Bench, setting: Setting) -> None:
     assert all(one.refusal for one in found if one.setting is None)
 
 
-def test_curves_are_those_of_the_loop_that_runs(heavy: Bench, setting: Setting) -> None:
+def test_curves_are_those_of_the_loop_that_runs(heavy: Bench, setting: SliderSetting) -> None:
     """Steps against a simulation that shares nothing with them; a torque is pushed back to nothing by the integrator."""
     cascade, plant = replace(heavy.design(setting).cascade, filter_reference=False), heavy.ground.plants([0.3], [0.0])[1]
     found = responses(plant, cascade, PERIOD, 1.0)
@@ -126,7 +126,7 @@ def test_curves_are_those_of_the_loop_that_runs(heavy: Bench, setting: Setting) 
     assert moved / plant.total_inertia_kg_m2 < found.disturbance_m[1] < 1.01 * moved / plant.inertia_kg_m2
 
 
-def test_open_loop_shows_the_margin_that_is_told(heavy: Bench, setting: Setting) -> None:
+def test_open_loop_shows_the_margin_that_is_told(heavy: Bench, setting: SliderSetting) -> None:
     cascade, plant = heavy.design(setting).cascade, heavy.ground.plants([0.3], [0.0])[1]
     (told,) = margins(cascade, [plant], PERIOD)
     curves = open_loop_curves(plant, cascade, PERIOD)
@@ -135,7 +135,7 @@ def test_open_loop_shows_the_margin_that_is_told(heavy: Bench, setting: Setting)
     assert 180.0 + np.interp(hertz, curves.freq_hz, curves.velocity_deg) == pytest.approx(told.phase_margin_deg, abs=0.5)
 
 
-def test_payload_and_place_are_seen(heavy: Bench, setting: Setting) -> None:
+def test_payload_and_place_are_seen(heavy: Bench, setting: SliderSetting) -> None:
     """With a payload to hold for less gain is possible at the resonance; drawn with it, the antiresonance lies lower."""
     setting = replace(setting, suppression_db=-20.0)
     loaded = replace(setting, payload_kg=6.0, loaded=True)
@@ -145,7 +145,7 @@ def test_payload_and_place_are_seen(heavy: Bench, setting: Setting) -> None:
     assert notches[1] < 0.95 * notches[0]
 
 
-def test_a_change_is_told_in_one_line(heavy: Bench, setting: Setting) -> None:
+def test_a_change_is_told_in_one_line(heavy: Bench, setting: SliderSetting) -> None:
     _, slow, _ = heavy.shown(replace(setting, suppression_db=-20.0))
     _, fast, present = heavy.shown(setting)
     assert sentence(changes((slow.cascade, slow.worst), (slow.cascade, slow.worst))) == "Nothing changed against the present design."
@@ -158,7 +158,7 @@ def test_a_change_is_told_in_one_line(heavy: Bench, setting: Setting) -> None:
     assert "predicted dynamic error" in sentence(error_changes(far.error, near.error))
 
 
-def test_sliders_that_nobody_touched_mean_the_present_design(heavy: Bench, setting: Setting) -> None:
+def test_sliders_that_nobody_touched_mean_the_present_design(heavy: Bench, setting: SliderSetting) -> None:
     present = heavy.design(setting).cascade
     fresh = Bench(replace(heavy.ground, present=present))
     placed = fresh.start(0.0, fresh.ground.ends_m[0])
@@ -169,7 +169,7 @@ def test_sliders_that_nobody_touched_mean_the_present_design(heavy: Bench, setti
     assert fresh.design(replace(placed, phase_margin_deg=placed.phase_margin_deg + 2.0)).cascade != present
 
 
-def test_an_update_is_quick(heavy: Bench, setting: Setting) -> None:
+def test_an_update_is_quick(heavy: Bench, setting: SliderSetting) -> None:
     """Gains, margins, curves and the predicted error of a move of 2 s, in CPU time of this process, whatever else the computer does."""
     heavy.tracked(heavy.shown(setting)[1].cascade, 0.0)
     spent = []
@@ -193,7 +193,7 @@ def test_an_update_is_quick(heavy: Bench, setting: Setting) -> None:
         ({"more": 1}, "send these and no others"),
     ],
 )
-def test_controls_are_checked(heavy: Bench, setting: Setting, wrong: dict[str, Any], words: str) -> None:
+def test_controls_are_checked(heavy: Bench, setting: SliderSetting, wrong: dict[str, Any], words: str) -> None:
     assert setting_from(json.loads(json.dumps(asdict(setting))), heavy.ground) == setting
     with pytest.raises(UsageError, match=words.replace("(", r"\(")):
         setting_from(asdict(setting) | wrong, heavy.ground)

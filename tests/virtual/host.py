@@ -9,7 +9,7 @@ from typing import Any
 import can
 
 from beltcomm.virtual.bus import LockstepBus
-from beltcomm.virtual.cia402 import State
+from beltcomm.virtual.cia402 import DriveState
 from beltcomm.virtual.device import VirtualDrive
 
 COUNTS = 65536
@@ -109,7 +109,7 @@ class Host:
     def status(self) -> int:
         return int(self.read(0x6041))
 
-    def state(self) -> State:
+    def state(self) -> DriveState:
         """The state inside the drive; what the host may know stands in ``status``."""
         return self.drive.state
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from beltcomm.errors import UsageError
-from beltcomm.virtual.cia402 import State
+from beltcomm.virtual.cia402 import DriveState
 from virtual.host import INERTIA, UNIT_NM, Host, RigidPlant
 
 #: N m that pull; s that the brake takes.
@@ -63,7 +63,7 @@ def test_a_quick_stop_keeps_its_torque_until_the_brake_has_closed() -> None:
     held(one)
     one.write(0x6040, 0, 0x0002, "H")
     one.run(0.5)
-    assert one.state() == State.SWITCH_ON_DISABLED
+    assert one.state() == DriveState.SWITCH_ON_DISABLED
     assert abs(one.plant.position_rad) < 1e-4  # without the offset it falls by radians: K_P is 0.002
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from beltcomm.virtual.cia402 import State
+from beltcomm.virtual.cia402 import DriveState
 from virtual.host import UNIT_NM, Abort, Host, RigidPlant
 
 MakeHost = Callable[..., Host]
@@ -175,10 +175,10 @@ def test_following_error_shows_in_bit_13_and_6510_22h_lets_the_axis_coast(host: 
     one.write(0x60C1, 1, 500, "i")
     one.run(0.05)
     assert one.status & 0x2000
-    assert one.state() == State.OPERATION_ENABLED
+    assert one.state() == DriveState.OPERATION_ENABLED
     one.write(0x6510, 0x22, 400, "I")
     one.run(0.001)
-    assert one.state() == State.FAULT  # without a ramp
+    assert one.state() == DriveState.FAULT  # without a ramp
     assert one.of(0x81)[0][:2] == bytes.fromhex("1186")
 
 

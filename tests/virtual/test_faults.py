@@ -10,7 +10,7 @@ import pytest
 
 from beltcomm.errors import UsageError
 from beltcomm.virtual.bus import FrameHash, LockstepBus
-from beltcomm.virtual.cia402 import State
+from beltcomm.virtual.cia402 import DriveState
 from beltcomm.virtual.device import VirtualDrive
 from beltcomm.virtual.faults import Faults
 from virtual.host import Host, RigidPlant
@@ -66,7 +66,7 @@ def test_emergency_in_motion(host: MakeHost) -> None:
     assert one.of(0x81) == []
     one.run(0.001)
     assert one.of(0x81) == [bytes.fromhex("1042090000000000")]
-    assert one.state() == State.FAULT
+    assert one.state() == DriveState.FAULT
     speed = one.plant.velocity_rad_s
     assert speed > 0.1
     one.run(0.1)
@@ -101,7 +101,7 @@ def test_wrong_encoder_sign_runs_away_into_overspeed(host: MakeHost) -> None:
     one.enable(3)
     one.write(0x60FF, 0, 1000, "i")
     one.run(2.0)
-    assert one.state() == State.FAULT
+    assert one.state() == DriveState.FAULT
     assert one.of(0x81)[0][:2] == bytes.fromhex("0084")
     assert one.plant.velocity_rad_s * one.read(0x606C, code="i") < 0
 
@@ -129,7 +129,7 @@ def test_pulled_cable_leaves_the_last_torque_until_guarding_acts(host: MakeHost)
     assert one.frames() == []
     assert one.plant.steps[120][0] == pytest.approx(20 * 1.43e-3)  # nobody has told it
     one.run(1.0)
-    assert one.state() == State.FAULT
+    assert one.state() == DriveState.FAULT
     assert abs(one.plant.velocity_rad_s) < 0.5
 
 
@@ -187,7 +187,7 @@ def test_two_drives_on_one_bus(host: MakeHost) -> None:
     second.write(0x1016, 1, 1 << 16 | 30, "I")
     second.enable(10)
     first.run(0.1)
-    assert second.state() == State.OPERATION_ENABLED
+    assert second.state() == DriveState.OPERATION_ENABLED
     first.write(0x1017, 0, 0, "H")
     first.run(1.5)
-    assert second.state() == State.FAULT  # it consumed the other drive's heartbeat
+    assert second.state() == DriveState.FAULT  # it consumed the other drive's heartbeat

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from beltcomm.virtual.cia402 import State
+from beltcomm.virtual.cia402 import DriveState
 from virtual.host import COUNTS, Abort, Host
 
 MakeHost = Callable[..., Host]
@@ -46,7 +46,7 @@ def test_end_switch(host: MakeHost, method: int, edge: float, side: int) -> None
         one.run(0.001)
         furthest = max(furthest, side * one.plant.position_rad)
         top = max(top, side * one.plant.velocity_rad_s)
-    assert one.state() == State.OPERATION_ENABLED  # a switch that is looked for is no fault
+    assert one.state() == DriveState.OPERATION_ENABLED  # a switch that is looked for is no fault
     assert one.status & (ATTAINED | FAILED | REFERENCED) == ATTAINED | REFERENCED
     assert furthest > side * edge
     assert top == pytest.approx(10.0, rel=0.1)
@@ -90,7 +90,7 @@ def test_without_switches_the_search_is_an_error(host: MakeHost) -> None:
     one.run(0.002)
     assert one.status & (ATTAINED | FAILED) == FAILED
     assert one.of(0x81)[0][:2] == bytes.fromhex("808A")
-    assert one.state() == State.OPERATION_ENABLED
+    assert one.state() == DriveState.OPERATION_ENABLED
 
 
 def test_methods_not_offered(host: MakeHost) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from beltcomm.virtual.cia402 import State
+from beltcomm.virtual.cia402 import DriveState
 from virtual.host import COUNTS, UNIT_NM, Host, RigidPlant
 
 MakeHost = Callable[..., Host]
@@ -26,7 +26,7 @@ def test_overspeed_switches_the_stage_off(host: MakeHost) -> None:
     one.write(0x6071, 0, 100, "h")
     one.run(1.0)
     assert emergencies(one) == [0x8400]
-    assert one.state() == State.FAULT
+    assert one.state() == DriveState.FAULT
     # 0.143 N m on 2e-3 kg m² is 71.5 rad/s²: the limit is passed by what the filter and the delay let through, 4 ticks.
     assert one.plant.velocity_rad_s == pytest.approx(100 * math.pi / 30, abs=71.5 * 0.005)
 
@@ -45,7 +45,7 @@ def test_software_limits_brake_and_fault(host: MakeHost, side: int) -> None:
         one.run(0.001)
         furthest = max(furthest, side * one.plant.position_rad)
     assert emergencies(one) == [0x8612]
-    assert one.state() == State.FAULT
+    assert one.state() == DriveState.FAULT
     # Braking way v²/2a = 0.5 rad behind the limit, and what speed control lags behind the ramp: v J/K_P = 0.1 rad at most.
     assert 2.5 <= furthest <= 2.61
 
@@ -86,13 +86,13 @@ def test_end_switches(host: MakeHost, side: int, code: int, bit: int) -> None:
     assert one.read(0x60FD) == 0
     one.run(0.9)
     assert emergencies(one) == [code]
-    assert one.state() == State.FAULT
+    assert one.state() == DriveState.FAULT
     assert one.read(0x60FD) == bit
     one.control(0x80)
     one.write(0x60FF, 0, -side * round(5 * PER_RAD), "i")
     one.enable(3)
     one.run(0.3)
-    assert one.state() == State.OPERATION_ENABLED
+    assert one.state() == DriveState.OPERATION_ENABLED
     assert one.read(0x60FD) == 0
 
 
@@ -103,11 +103,11 @@ def test_following_error_of_the_reference_profile(host: MakeHost) -> None:
     one.enable(8)
     one.write(0x607A, 0, 1001, "i")
     one.run(0.020)
-    assert one.state() == State.OPERATION_ENABLED
+    assert one.state() == DriveState.OPERATION_ENABLED
     one.run(0.002)
     assert emergencies(one) == [0x8611]
     one.run(1.5)
-    assert one.state() == State.FAULT
+    assert one.state() == DriveState.FAULT
 
 
 def test_following_error_can_be_off_and_short_ones_pass(host: MakeHost) -> None:
@@ -132,7 +132,7 @@ def overload(one: Host, permille: int) -> float:
     one.enable(4)
     for k in range(10000):
         one.run(0.001)
-        if one.state() != State.OPERATION_ENABLED or one.status & 0x80:
+        if one.state() != DriveState.OPERATION_ENABLED or one.status & 0x80:
             return k * 1e-3
     raise AssertionError("10 s and nothing happened")
 
@@ -159,7 +159,7 @@ def test_i2t_limits_the_current_on_the_cmmp(host: MakeHost) -> None:
     one.write(0x6510, 0x10, 2, "H")
     assert overload(one, 2168) == pytest.approx(2.0, abs=0.01)
     one.run(0.01)
-    assert one.state() == State.OPERATION_ENABLED
+    assert one.state() == DriveState.OPERATION_ENABLED
     assert emergencies(one) == []
     assert one.status & 0x0880 == 0x0880  # internal limit and warning
     assert one.read(0x6077, code="h") == 1000

@@ -6,10 +6,10 @@ import math
 
 import pytest
 
-from beltcomm.virtual.motion import Interpolator, Ramp, Trajectory, trapezoid
+from beltcomm.virtual.motion import Interpolator, Ramp, ReferenceProfile, trapezoid
 
 
-def run(trajectory: Trajectory, ticks: int = 100000) -> list[tuple[float, float, float]]:
+def run(trajectory: ReferenceProfile, ticks: int = 100000) -> list[tuple[float, float, float]]:
     samples: list[tuple[float, float, float]] = []
     while not trajectory.done and len(samples) < ticks:
         trajectory.step()
@@ -49,7 +49,7 @@ def test_every_start_ends_at_rest_on_the_target_within_the_limits(distance: floa
 
 
 def test_trajectory_is_the_segments_at_the_ticks() -> None:
-    trajectory = Trajectory(1.0, 0.0)
+    trajectory = ReferenceProfile(1.0, 0.0)
     trajectory.run(trapezoid(2.0, 0.0, 4.0, 20.0, 40.0), 3.0)
     samples = run(trajectory)
     assert len(samples) in (650, 651)  # 0.65 s, by rounding found at its end or one tick later

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from beltcomm.virtual.cia402 import State
+from beltcomm.virtual.cia402 import DriveState
 from virtual.host import Host
 
 MakeHost = Callable[..., Host]
@@ -128,20 +128,20 @@ def test_loss_of_guarding_stops_a_moving_axis(host: MakeHost, profile: str) -> N
     one.write(0x100C, 0, 10, "H")
     one.write(0x100D, 0, 3, "B")
     one.run(0.1)
-    assert one.state() == State.OPERATION_ENABLED  # not watched before the first request
+    assert one.state() == DriveState.OPERATION_ENABLED  # not watched before the first request
     for _ in range(10):
         one.send(GUARD, rtr=True)
         one.run(0.02)
-    assert one.state() == State.OPERATION_ENABLED
+    assert one.state() == DriveState.OPERATION_ENABLED
     one.frames()
     one.run(0.009)
-    assert one.state() == State.OPERATION_ENABLED
+    assert one.state() == DriveState.OPERATION_ENABLED
     one.run(0.001)  # 30 ms after the last request
-    assert one.state() == State.FAULT_REACTION_ACTIVE
+    assert one.state() == DriveState.FAULT_REACTION_ACTIVE
     (emergency,) = one.of(0x81)
     assert emergency == bytes.fromhex("3081110000000000")  # 8130h, register: generic and communication
     one.run(1.5)
-    assert one.state() == State.FAULT
+    assert one.state() == DriveState.FAULT
     assert abs(one.plant.velocity_rad_s) < 0.5
     assert one.read(0x603F) == 0x8130
 
@@ -150,17 +150,17 @@ def test_loss_of_the_master_s_heartbeat_stops_a_moving_axis(host: MakeHost) -> N
     one = host()
     one.write(0x1016, 1, 127 << 16 | 50, "I")
     moving(one)
-    assert one.state() == State.OPERATION_ENABLED  # not watched before the first heartbeat
+    assert one.state() == DriveState.OPERATION_ENABLED  # not watched before the first heartbeat
     for _ in range(5):
         one.send(0x77F, b"\x05")
         one.run(0.04)
     one.send(0x77E, b"\x05")  # another node's does not count
     one.run(0.009)
-    assert one.state() == State.OPERATION_ENABLED
+    assert one.state() == DriveState.OPERATION_ENABLED
     one.run(0.001)
     assert one.of(0x81) == [bytes.fromhex("3081110000000000")]
     one.run(1.0)
-    assert one.state() == State.FAULT
+    assert one.state() == DriveState.FAULT
     assert abs(one.plant.velocity_rad_s) < 0.5
 
 
@@ -179,7 +179,7 @@ def test_loss_of_guarding_at_rest_is_an_emergency_without_a_fault(host: MakeHost
     one.frames()
     one.run(0.02)
     assert one.of(0x81) == [bytes.fromhex("3081110000000000")]
-    assert one.state() == State.SWITCH_ON_DISABLED
+    assert one.state() == DriveState.SWITCH_ON_DISABLED
     assert one.read(0x1003, 0) == 1
     assert one.read(0x1003, 1) == 0x8130
 
@@ -188,9 +188,9 @@ def test_stopping_the_node_brakes_a_moving_axis(host: MakeHost) -> None:
     one = host()
     moving(one)
     one.send(0x000, b"\x02\x01")
-    assert one.state() == State.FAULT_REACTION_ACTIVE
+    assert one.state() == DriveState.FAULT_REACTION_ACTIVE
     one.run(1.0)
-    assert one.state() == State.FAULT
+    assert one.state() == DriveState.FAULT
     assert abs(one.plant.velocity_rad_s) < 0.5
 
 
@@ -200,5 +200,5 @@ def test_reset_of_the_node_switches_the_stage_off(host: MakeHost) -> None:
     one.send(0x000, b"\x81\x01")
     one.plant.steps.clear()
     one.run(0.1)
-    assert one.state() == State.SWITCH_ON_DISABLED
+    assert one.state() == DriveState.SWITCH_ON_DISABLED
     assert {torque for torque, _ in one.plant.steps} == {0.0}  # it coasts

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from beltcomm.virtual.dictionary import ObjectDictionary, Row
+from beltcomm.virtual.dictionary import ObjectDictionary, ObjectRow
 from beltcomm.virtual.sdo import SdoServer
 from virtual.host import Abort, Host
 
@@ -104,7 +104,7 @@ def test_abort_codes_of_addressing_and_access(host: MakeHost) -> None:
 
 
 def test_reading_a_write_only_object() -> None:
-    server = SdoServer(ObjectDictionary([Row(0x2000, 0, "u8", "wo", 0, "key")]))
+    server = SdoServer(ObjectDictionary([ObjectRow(0x2000, 0, "u8", "wo", 0, "key")]))
     assert server.answer(bytes.fromhex("2F00200005000000")) == bytes.fromhex("6000200000000000")
     assert server.answer(bytes.fromhex("4000200000000000")) == bytes.fromhex("8000200001000106")
 

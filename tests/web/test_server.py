@@ -14,9 +14,9 @@ import pytest
 from werkzeug.test import Client
 
 from beltcomm.errors import DataError, UsageError
-from beltcomm.web.server import HEADERS, LONGEST, Page, application, serve
+from beltcomm.web.server import HEADERS, LONGEST, PageFiles, application, serve
 
-PAGE = Page("tune")
+PAGE = PageFiles("tune")
 HOST = {"Host": "127.0.0.1:8000"}
 
 

@@ -14,7 +14,7 @@ import pytest
 from beltcomm.drive import Limits, Motion
 from beltcomm.errors import BusError
 from beltcomm.virtual.bus import LockstepBus
-from beltcomm.virtual.cia402 import State
+from beltcomm.virtual.cia402 import DriveState
 from beltcomm.virtual.device import VirtualDrive
 from beltcomm.virtual.serving import SILENCE_S, Pump
 from beltcomm_adapters.buses import MonotonicClock
@@ -94,10 +94,10 @@ def test_a_host_that_dies_while_the_motor_carries_torque_is_waited_for_only_so_l
     silence = [None] * round(SILENCE_S / 0.1)
     alive = [written(0x1016, 1, 127 << 16 | 50, 4), life, *ENABLE, SYNC]
     bus, drive, _ = served(Script(*alive, *silence[:-2]))
-    assert (drive.state, bus.tick) == (State.OPERATION_ENABLED, 1)
+    assert (drive.state, bus.tick) == (DriveState.OPERATION_ENABLED, 1)
     script = Script(*alive, *silence, None, None)
     bus, drive, _ = served(script)
-    assert drive.state is State.FAULT  # its own guarding: 50 ms
+    assert drive.state is DriveState.FAULT  # its own guarding: 50 ms
     assert (0x81, struct.pack("<HB5x", 0x8130, 0x11)) in script.heard
     bus, drive, _ = served(Script(written(0x1016, 1, 127 << 16 | 50, 4), life, SYNC, *silence, *silence))
     assert bus.tick == 1  # with the stage off it may compute for as long as it likes

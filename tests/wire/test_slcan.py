@@ -8,7 +8,7 @@ import can
 import pytest
 
 from beltcomm.errors import BusError
-from beltcomm.virtual.slcan import LocalSocket, PseudoTerminal, SlcanAdapter
+from beltcomm.virtual.slcan import LocalSocket, SlcanAdapter, SlcanTerminal
 
 
 class Memory:
@@ -135,9 +135,9 @@ def test_no_bytes_raise_anything(line):
             assert len(frame.data) <= 8
 
 
-def pty() -> PseudoTerminal:
+def pty() -> SlcanTerminal:
     try:
-        return PseudoTerminal()
+        return SlcanTerminal()
     except BusError as error:
         pytest.skip(str(error))
 

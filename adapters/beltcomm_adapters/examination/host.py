@@ -34,7 +34,7 @@ class Interface:
 
 
 @dataclass(frozen=True)
-class Port:
+class SerialPortInfo:
     """One serial port.   usb : vendor and product number, None when it is no USB device.   group : that may use it, "" unknown."""
 
     device: str
@@ -103,7 +103,7 @@ class Host:
             return {}
 
 
-def ports() -> list[Port]:
+def ports() -> list[SerialPortInfo]:
     """All serial ports of this machine, and whether this user may open them."""
     found = []
     for port in sorted(_comports(), key=lambda port: str(port.device)):
@@ -111,7 +111,7 @@ def ports() -> list[Port]:
         described = "" if port.description in (None, "n/a") else str(port.description)
         device = str(port.device)
         allowed = not device.startswith("/") or os.access(device, os.R_OK | os.W_OK)
-        found.append(Port(device, described, usb, allowed, group_of(device)))
+        found.append(SerialPortInfo(device, described, usb, allowed, group_of(device)))
     return found
 
 

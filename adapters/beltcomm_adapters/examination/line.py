@@ -29,7 +29,7 @@ _VERSION: Final = re.compile(rb"\w*:?VERSION:[0-9A-F]{4}\.[0-9A-F]{4}", re.IGNOR
 _STATUSWORD: Final = re.compile(rb"=604100:([0-9A-F]{4})$", re.IGNORECASE)
 
 
-class SerialPort(Protocol):
+class PortLike(Protocol):
     """As much of pyserial's port as is used here."""
 
     def read(self, size: int = 1) -> bytes:
@@ -63,7 +63,7 @@ def open_port(device: str, baud: int, handshake: bool) -> Any:
 
 
 @dataclass(frozen=True)
-class Line:
+class LineAnswer:
     """What came back.   noise : bytes that are no ASCII came in."""
 
     answers: tuple[bytes, ...]
@@ -111,7 +111,7 @@ def examine_line(
     yield _silent(device, bauds, noisy)
 
 
-def ask(port: SerialPort, clock: Clock, question: bytes) -> Line:
+def ask(port: PortLike, clock: Clock, question: bytes) -> LineAnswer:
     """Send a line and collect the lines that come back, at most 0.3 s after the last byte.   Raises OSError."""
     port.reset_input_buffer()
     port.write(b"\r")  # ends whatever stands half-typed in the drive
@@ -123,10 +123,10 @@ def ask(port: SerialPort, clock: Clock, question: bytes) -> Line:
     seconds = clock.now() - begun_s
     lines = tuple(line.strip() for line in re.split(rb"[\r\n]+", raw) if line.strip())
     noise = any(byte > 126 or (byte < 32 and byte not in b"\r\n\0") for byte in raw)
-    return Line(lines, noise, seconds)
+    return LineAnswer(lines, noise, seconds)
 
 
-def _read(port: SerialPort, clock: Clock, wait_s: float) -> bytes:
+def _read(port: PortLike, clock: Clock, wait_s: float) -> bytes:
     """Everything until the line is quiet after its end."""
     raw, end_s = b"", clock.now() + wait_s
     while clock.now() < end_s:
@@ -137,7 +137,7 @@ def _read(port: SerialPort, clock: Clock, wait_s: float) -> bytes:
     return raw
 
 
-def _talking(port: SerialPort, clock: Clock, device: str, baud: int, handshake: bool, said: Line) -> Iterator[Finding]:
+def _talking(port: PortLike, clock: Clock, device: str, baud: int, handshake: bool, said: LineAnswer) -> Iterator[Finding]:
     version = next(line for line in said.answers if _VERSION.search(line)).decode("ascii", "replace")
     lines = " with RTS/CTS" if handshake else ""
     remedy = "use the handshake lines: the drive answered only with them" if handshake else ""

@@ -15,7 +15,7 @@ import can
 from can.interfaces import BACKENDS
 
 from beltcomm.drive.finding import Finding, Values
-from beltcomm_adapters.examination.host import Host, Interface, Port, ports
+from beltcomm_adapters.examination.host import Host, Interface, SerialPortInfo, ports
 
 _AREA: Final = "this machine"
 #: USB CAN adapters that need a kernel driver to become can0: (vendor, product or None for all) -> name, module.
@@ -50,7 +50,7 @@ _SEARCH_S: Final = 5.0
 
 def surroundings(
     host: Host | None = None,
-    list_ports: Callable[[], list[Port]] = ports,
+    list_ports: Callable[[], list[SerialPortInfo]] = ports,
     backends: Callable[[], dict[str, str]] | None = None,
     detect: Callable[[list[str]], list[dict[str, Any]] | None] | None = None,
 ) -> Iterator[Finding]:
@@ -116,7 +116,7 @@ def restart(name: str) -> str:
     )
 
 
-def _ports(found: list[Port]) -> Iterator[Finding]:
+def _ports(found: list[SerialPortInfo]) -> Iterator[Finding]:
     for port in found:
         adapter = _SLCAN.get(port.usb) if port.usb else None
         usb = f", USB {port.usb[0]:04x}:{port.usb[1]:04x}" if port.usb else ""

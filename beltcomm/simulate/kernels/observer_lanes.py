@@ -24,7 +24,7 @@ NEW, SHUT, SHARE, KEPT, DEVIATION, VARIANCE, HALF, STIFFNESS, WANDER, HURRY, LEV
 OWN = 13
 
 
-class Rows(NamedTuple):
+class LaneRows(NamedTuple):
     """Where everything of the observers begins in their memory, in rows of ``LANES`` lanes; arrays row by row.
 
     size, own, noises : numbers of the state, of those that last, of the noises.   H, F, G, D : each first open, then what it changes by
@@ -56,7 +56,7 @@ class Rows(NamedTuple):
 class Observers(NamedTuple):
     """Of all lanes.   memory : as ``rows`` say.   passes, reaches : what of F and G is not 0 in all lanes, (size, own), (size, noises)."""
 
-    rows: Rows
+    rows: LaneRows
     memory: Array
     passes: NDArray[np.bool_]
     reaches: NDArray[np.bool_]
@@ -74,7 +74,7 @@ def observers(watches: Sequence[ObserverState]) -> Observers:
     counts = (2 * size, 2 * size * own, 2 * size * noises, 2 * noises, noises, size * size)
     found = (size, size, size, size, size * own, size * noises, noises, size * own, size, size)
     ends = [0, *accumulate((*counts, *found))]
-    rows = Rows(size, own, noises, *ends)
+    rows = LaneRows(size, own, noises, *ends)
     memory = aligned_zeros(rows.end, LANES)
     known: dict[tuple[int, int], Array] = {}  # lanes that share an observer
     for lane, watch in enumerate(watches):
@@ -94,7 +94,7 @@ def _laid_out(watch: ObserverState, own: int) -> Array:
 
 
 @within_lanes
-def expected_eight(rows: Rows, o: Array, share: Vector, left: Vector, nothing: tuple[int, int]) -> Vector:
+def expected_eight(rows: LaneRows, o: Array, share: Vector, left: Vector, nothing: tuple[int, int]) -> Vector:
     """ν[n] of eight lanes, N m.   left : e[n], N m.   nothing : what of s is 0."""
     for a in range(rows.size):
         if a != nothing[0] and a != nothing[1]:
@@ -104,7 +104,7 @@ def expected_eight(rows: Rows, o: Array, share: Vector, left: Vector, nothing: t
 
 
 @within_lanes
-def learn_eight(rows: Rows, o: Array, passes: NDArray[np.bool_], reaches: NDArray[np.bool_], share: Vector, kept: Vector) -> Vector:
+def learn_eight(rows: LaneRows, o: Array, passes: NDArray[np.bool_], reaches: NDArray[np.bool_], share: Vector, kept: Vector) -> Vector:
     """Gains of a sample, which stand in ``rows.gains``, and the covariance ahead; the variance of ν, (N m)²."""
     size, own, noises = rows.size, rows.own, rows.noises
     F, G, P, f, g = LANES * rows.F, LANES * rows.G, LANES * rows.P, LANES * rows.f, LANES * rows.g
@@ -164,7 +164,7 @@ def learn_eight(rows: Rows, o: Array, passes: NDArray[np.bool_], reaches: NDArra
 
 
 @within_lanes
-def observe_eight(rows: Rows, o: Array, passes: NDArray[np.bool_], share: Vector, innovation: Vector, nothing: tuple[int, int]) -> None:
+def observe_eight(rows: LaneRows, o: Array, passes: NDArray[np.bool_], share: Vector, innovation: Vector, nothing: tuple[int, int]) -> None:
     """s[n+1] of eight lanes.   innovation : ν[n], N m, 0 where it does not count.   nothing : what of s is 0."""
     size, own = rows.size, rows.own
     F, states, become = LANES * rows.F, LANES * rows.states, LANES * rows.become
@@ -187,7 +187,7 @@ def advance_sample(
     learning: bool,
     where: NDArray[np.int64],
     s: Array,
-    rows: Rows,
+    rows: LaneRows,
     o: Array,
     passes: NDArray[np.bool_],
     reaches: NDArray[np.bool_],

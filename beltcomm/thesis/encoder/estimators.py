@@ -36,7 +36,7 @@ _EXTENSIONS: dict[Extension, float] = {"none": 0.0, "printed": 1.0, "bounded": 2
 
 
 @dataclass(frozen=True)
-class Settings:
+class EstimatorSettings:
     """Of the estimators.   increment_m : Δξ_min.   tick_s : Δt_min.   period_s : T_s, a whole number of ticks.
 
     lag_s : T_R of the high-pass (6.1), 0 for the plain difference (6.9).   low_pass_s : time constant of the same first-order lag behind
@@ -59,7 +59,7 @@ class Settings:
         return round(self.period_s / self.tick_s)
 
 
-def coefficients(settings: Settings) -> Array:
+def coefficients(settings: EstimatorSettings) -> Array:
     """Numbers of the compiled steps: ndarray (9,).
 
     Δξ, Δt, T_s, poles of T_R and of the low-pass, T_s and T_out in ticks, extension (0 none, 1 printed, 2 bounded), guarded (0 or 1).
@@ -113,7 +113,7 @@ class Velocities:
 
 
 def velocities(
-    edges: Edges, settings: Settings, duration_s: float, *, debounce: bool = True, start_velocity_m_s: float = 0.0
+    edges: Edges, settings: EstimatorSettings, duration_s: float, *, debounce: bool = True, start_velocity_m_s: float = 0.0
 ) -> Velocities:
     """The four estimators over a record, at the multiples of the sampling period up to ``duration_s``.
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from matplotlib.figure import Figure
 
 from beltcomm.report.style import FAINT, HELD_OUT, MEASURED, MODEL, SEVERE, Caption, figure, styled
-from beltcomm.thesis.closed_loop import RIGS, Run, Study
+from beltcomm.thesis.closed_loop import RIGS, ClosedLoopStudy, SimulatedMove
 
 COLOURS = (SEVERE, HELD_OUT, MODEL, MEASURED)
 TITLES = {
@@ -18,11 +18,11 @@ TITLES = {
 }
 
 
-def figures(study: Study, caption: Caption) -> Mapping[str, Figure]:
+def figures(study: ClosedLoopStudy, caption: Caption) -> Mapping[str, Figure]:
     """Error at the motor over time; what was stopped is left out, and so is what would hide all others."""
     made = {}
     for number, title in TITLES.items():
-        driven: list[Run] = [r for r in study.runs if r.figure == number and not r.stopped]
+        driven: list[SimulatedMove] = [r for r in study.runs if r.figure == number and not r.stopped]
         runs = [r for r in driven if r.motor.dynamic_m < 0.05]
         with styled():
             shown = figure(f"{title}: error at the motor, 0 to 0.5 m with the limits T_A", 3.6, caption)
@@ -39,7 +39,7 @@ def figures(study: Study, caption: Caption) -> Mapping[str, Figure]:
     return made | {"closed_loop_6_10": _windup(study, caption)}
 
 
-def _windup(study: Study, caption: Caption) -> Figure:
+def _windup(study: ClosedLoopStudy, caption: Caption) -> Figure:
     """Error and torque asked for with and without conditional integration, one column per limit of the torque."""
     with styled():
         made = figure("Anti-windup (figure 6.10): T_B with 11.2 kg, the torque cut off, simulated", 5.2, caption)

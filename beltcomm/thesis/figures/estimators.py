@@ -12,13 +12,13 @@ from matplotlib.figure import Figure
 from beltcomm.report import style
 from beltcomm.thesis.encoder import formulas
 from beltcomm.thesis.encoder.edges import INCREMENT_M, TICK_S
-from beltcomm.thesis.estimators import FINE_INCREMENT_M, PERIODS_S, Study
+from beltcomm.thesis.estimators import FINE_INCREMENT_M, PERIODS_S, EstimatorStudy
 
 #: Colours of the methods in every figure.
 HIGH_PASS, EVENTS, GATE, COMBINED = style.HELD_OUT, style.RESIDUAL, style.SEVERE, style.MEASURED
 
 
-def figures(study: Study, caption: style.Caption) -> Mapping[str, Figure]:
+def figures(study: EstimatorStudy, caption: style.Caption) -> Mapping[str, Figure]:
     """All figures of the topic by file name."""
     with style.styled():
         return {
@@ -31,7 +31,7 @@ def figures(study: Study, caption: style.Caption) -> Mapping[str, Figure]:
         }
 
 
-def _high_pass(study: Study, caption: style.Caption) -> Figure:
+def _high_pass(study: EstimatorStudy, caption: style.Caption) -> Figure:
     made = style.figure("Figure 6.1: velocity by the high-pass at 0.1 m/s, T_s = 62.5 us, T_R = 2 ms", 4.2, caption)
     axes = made.subplots()
     shown = (study._fine.t_s > 0.015) & (study._fine.t_s < 0.021)
@@ -52,7 +52,7 @@ def _high_pass(study: Study, caption: style.Caption) -> Figure:
     return made
 
 
-def _resolution(study: Study, caption: style.Caption) -> Figure:
+def _resolution(study: EstimatorStudy, caption: style.Caption) -> Figure:
     made = style.figure("Figure 6.2: plain difference around Δξ/T_s = 2.5 mm/s, T_s = 1 ms", 4.2, caption)
     axes = made.subplots()
     read, low = study._bound, 1e3 * INCREMENT_M / PERIODS_S[0]
@@ -69,7 +69,7 @@ def _resolution(study: Study, caption: style.Caption) -> Figure:
     return made
 
 
-def _states(study: Study, caption: style.Caption) -> Figure:
+def _states(study: EstimatorStudy, caption: style.Caption) -> Figure:
     made = style.figure("Figure 6.3: forward, shaking across a line, back: channels, states and count", 6.0, caption)
     above, middle, below = made.subplots(3, 1, sharex=True, height_ratios=[1.0, 1.6, 1.4])
     s = study._states
@@ -90,7 +90,7 @@ def _states(study: Study, caption: style.Caption) -> Figure:
     return made
 
 
-def _errors(study: Study, caption: style.Caption) -> Figure:
+def _errors(study: EstimatorStudy, caption: style.Caption) -> Figure:
     made = style.figure(
         "Figure 6.5: worst relative errors at constant speed",
         6.2,
@@ -133,7 +133,7 @@ def _measured(axes: Axes, speed: Any, error: Any, colour: str, marker: str, size
     axes.plot(speed, error, color=colour, linestyle="none", marker=marker, markersize=size)
 
 
-def _time_out(study: Study, caption: style.Caption) -> Figure:
+def _time_out(study: EstimatorStudy, caption: style.Caption) -> Figure:
     made = style.figure("Figure 6.7: the velocity falls to zero at 2 T_s; gate measurement with T_out = 5 T_s", 4.2, caption)
     axes = made.subplots()
     t = study.stop.t_s / PERIODS_S[0]
@@ -149,7 +149,7 @@ def _time_out(study: Study, caption: style.Caption) -> Figure:
     return made
 
 
-def _signals(study: Study, caption: style.Caption) -> Figure:
+def _signals(study: EstimatorStudy, caption: style.Caption) -> Figure:
     made = style.figure("Figure 6.8: accelerating at 0.1 m/s2, T_s = 1 ms: readings and their errors", 6.4, caption)
     above, below = made.subplots(2, 1, sharex=True)
     read = study._ramp

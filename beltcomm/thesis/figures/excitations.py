@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from beltcomm.report.style import HELD_OUT, MEASURED, MODEL, SEVERE, Caption, figure, styled
-from beltcomm.thesis.excitations import MEANT, PLANTS, Study
+from beltcomm.thesis.excitations import MEANT, PLANTS, ExcitationStudy
 
 COLOURS = {"prbs": MEASURED, "gprbs": MODEL, "chirp": HELD_OUT, "multisine": SEVERE}
 
 
-def figures(study: Study, caption: Caption) -> Mapping[str, Figure]:
+def figures(study: ExcitationStudy, caption: Caption) -> Mapping[str, Figure]:
     """One figure per axis: torque spectra in third octaves, deviations of the estimates."""
     made = {}
     for plant in PLANTS:

@@ -8,12 +8,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from beltcomm.report.style import FAINT, HELD_OUT, MEASURED, MODEL, RESIDUAL, SEVERE, Caption, figure, styled
-from beltcomm.thesis.friction import Study
+from beltcomm.thesis.friction import FrictionComparison
 
 COLOURS = (MODEL, RESIDUAL, MEASURED, FAINT, HELD_OUT, SEVERE)
 
 
-def figures(study: Study, caption: Caption) -> Mapping[str, Figure]:
+def figures(study: FrictionComparison, caption: Caption) -> Mapping[str, Figure]:
     """All points of all orders, the fitted laws as lines; below, what the law leaves."""
     with styled():
         shown = figure("Friction in six orders (figure 3.10)", 5.6, caption)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from beltcomm.report.style import FAINT, HELD_OUT, MEASURED, MODEL, RESIDUAL, SEVERE, Caption, figure, styled
-from beltcomm.thesis.identification import Study
+from beltcomm.thesis.identification import IdentificationStudy
 
 #: Ways that are drawn, with their colours.
 SHOWN = {
@@ -20,7 +20,7 @@ SHOWN = {
 }
 
 
-def figures(study: Study, caption: Caption) -> Mapping[str, Figure]:
+def figures(study: IdentificationStudy, caption: Caption) -> Mapping[str, Figure]:
     """Magnitudes with the true one and the controller, their errors below; scatter over averaged periods."""
     with styled():
         ways = figure("Open loop, direct, indirect, speed setpoint: the same axis (figure 3.6)", 6.0, caption)

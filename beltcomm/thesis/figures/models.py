@@ -9,13 +9,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from beltcomm.report.style import FAINT, HELD_OUT, MEASURED, MODEL, RESIDUAL, SEVERE, Caption, figure, styled
-from beltcomm.thesis.models import AVERAGED, FREQ_HZ, LINES_HZ, TRAVEL_M, Study
+from beltcomm.thesis.models import AVERAGED, FREQ_HZ, LINES_HZ, TRAVEL_M, ModelStudy
 
 COLOURS = (MEASURED, MODEL, RESIDUAL, SEVERE, HELD_OUT)
 ComplexArray = NDArray[np.complex128]
 
 
-def figures(study: Study, caption: Caption) -> Mapping[str, Figure]:
+def figures(study: ModelStudy, caption: Caption) -> Mapping[str, Figure]:
     """One figure each."""
     with styled():
         springs = figure("Belt springs over the travel (figure 2.4)", 3.2, caption)

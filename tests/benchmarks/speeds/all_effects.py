@@ -11,7 +11,7 @@ from beltcomm.effects import EFFECTS
 from beltcomm.errors import BeltcommError
 from beltcomm.model import Model, load_plant
 from beltcomm.model.linear import describes
-from beltcomm.simulate.forward import Simulated, State, at_rest, integrate_torque, simulate_torque
+from beltcomm.simulate.forward import BodyStates, Simulated, at_rest, integrate_torque, simulate_torque
 from benchmarks.speeds.compared import LONGER, PERIOD_S, SAMPLES, SPEED_M_S, Array, error
 from benchmarks.speeds.measure import Figure, in_turn, ratio, spread
 
@@ -66,7 +66,7 @@ def figures(rounds: int) -> Iterator[Figure]:
     ratio_m, rest = model["transmission.ratio"], at_rest(model, 0.25)
     levers = np.array([1.0 / ratio_m if body.rotary else 1.0 for _, body in model.bodies()])
     elastic = np.ones(rest.positions.size - rest.speeds.size)
-    moving = State(np.concatenate([rest.positions[: rest.speeds.size], elastic]), SPEED_M_S * levers)
+    moving = BodyStates(np.concatenate([rest.positions[: rest.speeds.size], elastic]), SPEED_M_S * levers)
     short = torque[:120] + 0.05
 
     def rows(simulate: Callable[..., Simulated], substeps: int) -> Array:

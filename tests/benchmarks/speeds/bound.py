@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from beltcomm.excitation import Excitation
 from beltcomm.model import Model
-from beltcomm.simulate.forward import State, at_rest, simulate_torque
+from beltcomm.simulate.forward import BodyStates, at_rest, simulate_torque
 from beltcomm.thesis.excitations import COUNTS, NOISE_NM, PERIOD_S, PLACE_M
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ def linearised(model: Model, signal: Excitation, names: Sequence[str]) -> tuple[
     assert len(start.positions) == bodies, "elastic friction has states of its own"
 
     def moved(by: Model, x: Array, torque_nm: float) -> Array:
-        end = simulate_torque(by, np.array([torque_nm]), PERIOD_S, state=State(x[:bodies].copy(), x[bodies:].copy())).end
+        end = simulate_torque(by, np.array([torque_nm]), PERIOD_S, state=BodyStates(x[:bodies].copy(), x[bodies:].copy())).end
         return np.concatenate([end.positions, end.speeds])
 
     def slope(f: Callable[[float], Array], step: float) -> Array:

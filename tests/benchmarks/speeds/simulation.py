@@ -25,7 +25,7 @@ from scipy.integrate import solve_ivp
 from beltcomm.compiled import compiled
 from beltcomm.control import Cascade
 from beltcomm.model import Model, load_plant
-from beltcomm.simulate.forward import Simulated, State, at_rest, integrate_torque, simulate_torque
+from beltcomm.simulate.forward import BodyStates, Simulated, at_rest, integrate_torque, simulate_torque
 from beltcomm.simulate.loop import LoopDrive, close_loop
 from beltcomm.simulate.plant import SimulatedPlant
 from benchmarks.speeds import all_effects
@@ -43,7 +43,7 @@ class Case:
 
     model: Model
     torque_nm: Array
-    start: State
+    start: BodyStates
     p: Array
 
 
@@ -64,7 +64,7 @@ def case(frictionless: bool) -> Case:
         [model[n] for n in ("motor.inertia", "cart.mass", "transmission.ratio", "belt_stiffness.stiffness", "belt_damping.damping")]
         + [model["viscous.damping"], model.get("coulomb.level"), model.get("cart_friction.level")]
     )
-    return Case(model, np.asarray(mean + 0.08 * tones), State(at, np.array([speed, SPEED_M_S])), p)
+    return Case(model, np.asarray(mean + 0.08 * tones), BodyStates(at, np.array([speed, SPEED_M_S])), p)
 
 
 @compiled
