@@ -33,7 +33,7 @@ NAME = ".lock"
 NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
 UNWRITABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT)
 #: Of a run: what is written into in place, and folders that may be links as long as nothing is written into them.
-_IN_PLACE, _READ = ("journal.txt", NAME), ("recordings", "originals")
+_IN_PLACE, _READ = ("journal.txt", "events.jsonl", NAME), ("recordings", "originals")
 #: s between two looks at a lock that somebody else holds.
 _LOOK_S = 0.2
 

@@ -8,7 +8,7 @@
       recordings/NAME.csv      signals        recordings/NAME.yaml   what was done
       models/NAME.yaml  designs/NAME.yaml  results/NAME.yaml         the tool's own; designs and results with a checksum
       originals/               foreign files as they were, for recordings made by `beltcomm import`
-      journal.txt              what the session did, one line each
+      journal.txt              what the session did, one line each; events.jsonl: what each line means to a program
       bus/NAME.log.gz          frames of the CAN bus (candump -L)
       kept/                    what took long to find and is found again when it is missing
 
@@ -19,21 +19,21 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from beltcomm import __version__
+from beltcomm import __version__, journal
 from beltcomm.atomic import is_draft
 from beltcomm.axis import Axis, load_axis, save_axis
 from beltcomm.configfiles import did_you_mean, read_yaml, sealed, to_yaml, unsealed, write_text
 from beltcomm.errors import DataError, NoMotion, UsageError
 from beltcomm.given import pasted
+from beltcomm.journal import Event
 from beltcomm.locks import NAME as LOCK
 from beltcomm.locks import at_work, link_refused, occupied
-from beltcomm.outside import KEPT_BYTES, read_text
 from beltcomm.recording import Recording, RecordingWriter, Sidecar, common_side, load_recording, save_recording
 from beltcomm.recording.columns import MOTOR_COLUMNS
 from beltcomm.recording.sidecar import load_sidecar
@@ -44,8 +44,8 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 LONGEST_NAME = 100
 #: How an unfinished record is called after a second attempt was begun.
 _MOVED_ASIDE = re.compile(r"\.unfinished\d+$")
-#: What the journal of a run says that was left before anything moved.
-_HARMLESS = ("connected to ", "all parameters restored", "played on a twin")
+#: Events of a run that was left before anything moved.
+_HARMLESS = {"connected", "restored", "rehearsed"}
 _KINDS = {"models": "model", "designs": "design", "results": "result"}
 
 
@@ -54,6 +54,7 @@ class RunFolder:
 
     path : the folder.     axis : as read from its ``axis.yaml``; None when the folder has none.
     elapsed_s : s of date and time since the run began on its drive, as far as :meth:`claim_drive` knows it.
+    stamp : what a line of the journal begins with, its time.
     remarks : what :meth:`recordings` left out last, and why, as sentences.
     """
 
@@ -61,6 +62,7 @@ class RunFolder:
         self.path = path
         self._axis = axis
         self.elapsed_s = 0.0
+        self.stamp: Callable[[], str] = str
         self.remarks: tuple[str, ...] = ()
 
     @classmethod
@@ -322,23 +324,9 @@ class RunFolder:
             )
             return held.pop_all()
 
-    def journal(self, line: str) -> None:
-        """Append one line to the session's journal.   Raises UsageError when it cannot be written."""
-        path = self.path / "journal.txt"
-        try:
-            handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
-            with open(handle, "a", encoding="utf-8", errors="backslashreplace") as file:
-                file.write(" ".join(line.split()) + "\n")
-        except OSError as error:
-            raise UsageError(f"{path} cannot be written: {error.strerror or error}; make room or choose another --run folder") from error
-
-    def journal_lines(self) -> list[str]:
-        """What the journal says; nothing where there is none.   Raises DataError when it cannot be read."""
-        path = self.path / "journal.txt"
-        try:
-            return read_text(path, KEPT_BYTES, errors="replace").splitlines() if path.is_file() else []
-        except OSError as error:
-            raise DataError(f"{path} cannot be read: {error.strerror or error}") from error
+    def journal(self, line: str, event: Event = "note") -> None:
+        """Append one line to the session's journal.   event : what it means to a program.   Raises UsageError when it cannot be written."""
+        journal.append(self.path, line, event, self.stamp())
 
     def _save(self, kind: str, name: str, mapping: Mapping[str, Any]) -> Path:
         _make_folder(self.path / kind)
@@ -362,15 +350,12 @@ def is_new(path: Path) -> bool:
     if not path.is_dir():
         return not path.exists()
     results = [path / "results" / f"{name}.yaml" for name in ("backup", "drive", "rehearsal")]
-    own = {path / "axis.yaml", path / "run.yaml", path / "journal.txt", path / "bundle.zip", *results}
+    own = {path / "axis.yaml", path / "run.yaml", path / journal.TEXT, path / journal.EVENTS, path / "bundle.zip", *results}
     found = _content(path)
     if not found:
         return not any(item.is_dir() for item in path.iterdir())
-    journal = RunFolder(path, None).journal_lines() if path / "journal.txt" in found else []
-    if not found <= own or path / "run.yaml" not in found or not all(line.startswith(_HARMLESS) for line in journal):
-        return False
-    journal = (path / "journal.txt").read_text(encoding="utf-8", errors="replace").splitlines() if path / "journal.txt" in found else []
-    return all(line.startswith(_HARMLESS) for line in journal)
+    events = journal.events_of(path)
+    return found <= own and path / "run.yaml" in found and set(events) <= _HARMLESS and len(events) == len(journal.lines_of(path))
 
 
 def _check_links(path: Path) -> None:

@@ -76,7 +76,7 @@ def test_an_existing_folder_is_refused_unless_it_is_resumed(tmp_path: Path) -> N
     (tmp_path / "empty").mkdir()
     RunFolder.create(tmp_path / "empty", RIG)
     run = RunFolder.create(tmp_path / "empty", RIG)  # nothing has happened in it yet
-    run.journal("connected to a drive; parameters saved as backup")
+    run.journal("connected to a drive; parameters saved as backup", "connected")
     run = RunFolder.create(tmp_path / "empty", RIG)
     assert not (run.path / "journal.txt").exists()
     record(run, "a", finished=False)

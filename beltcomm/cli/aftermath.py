@@ -8,45 +8,34 @@ from pathlib import Path
 
 from beltcomm.errors import BeltcommError, Declined, DriveError
 from beltcomm.given import pasted
-from beltcomm.outside import KEPT_BYTES, read_text
 
-#: How the last word of a journal begins when somebody could not wait.
-LEFT_AT_ONCE = "left at once"
 #: What an error names that doubts what is known of the axis beforehand.
 AXIS_FILE = "axis.yaml"
-#: How lines of a journal begin that say how the drive was left, and what they mean.
+#: What events of a journal say of how the drive was left.
 _STATES = {
-    "all parameters restored": "stopped; everything in it is as it was found",
-    "limits restored, new gains kept": "stopped; the new gains are in it until power-off",
-    "restoring the drive failed": "NOT restored: `{rollback}` writes back what it had",
-    LEFT_AT_ONCE: "NOT restored: `{rollback}` writes back what it had",
+    "restored": "stopped; everything in it is as it was found",
+    "gains kept": "stopped; the new gains are in it until power-off",
+    "not restored": "NOT restored: `{rollback}` writes back what it had",
+    "left at once": "NOT restored: `{rollback}` writes back what it had",
 }
-
-
-def journal_of(run: Path | None) -> list[str]:
-    """Lines of a run's journal; none where there is none."""
-    try:
-        return read_text(run / "journal.txt", KEPT_BYTES, errors="replace").splitlines() if run else []
-    except (OSError, ValueError):
-        return []
 
 
 def aftermath(
     words: Sequence[str],
     run: Path,
-    journal: Sequence[str],
+    events: Sequence[str],
     drive: str,
     error: BeltcommError,
     *,
     resumes: bool,
 ) -> dict[str, str]:
-    """Labelled sentences.   words : of the command line.   journal : lines that it wrote.   resumes : the verb knows ``--resume``."""
+    """Labelled sentences.   words : of the command line.   events : that it noted.   resumes : the verb knows ``--resume``."""
     sentence, declined = str(error), isinstance(error, Declined)  # somebody said no, so nothing is to be mended
     kept = sum(1 for _ in (run / "recordings").glob("*.csv"))
     records = f"{kept} record{'s' if kept != 1 else ''} kept" if kept else "nothing recorded yet"
     if not kept and declined:
         records += "; --run takes it again, or delete it"
-    states = [state for line in journal for begin, state in _STATES.items() if line.startswith(begin)]
+    states = [_STATES[event] for event in events if event in _STATES]
     rollback = f"beltcomm rollback --drive {pasted(drive or 'DRIVE')} --run {pasted(run)}"
     state = states[-1].format(rollback=rollback) if states else "nothing was written to it"
     again = again_command(words, None if resumes and not kept else run, resumes=resumes)

@@ -19,10 +19,11 @@ import click
 
 from beltcomm import __version__
 from beltcomm.borders import for_file_name, for_json, for_terminal
-from beltcomm.cli.aftermath import LEFT_AT_ONCE, aftermath, again_command, journal_of
+from beltcomm.cli.aftermath import aftermath, again_command
 from beltcomm.cli.terminal import echo, failure
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.given import pasted, place
+from beltcomm.journal import events_of
 
 if TYPE_CHECKING:
     from beltcomm.axis import Axis
@@ -75,7 +76,7 @@ class Invocation:
         self.verbose = 0
         self.ended = False
         self._run: Path | None = None
-        self._journal_before = 0
+        self._events_before = 0
         self.drive = ""
         self.bus_log = False
         self._traces: Traces | None = None
@@ -89,11 +90,11 @@ class Invocation:
     @run.setter
     def run(self, folder: Path | None) -> None:
         self._run = None if folder is None else place(folder)  # a path that cannot be is said before anything is done there
-        self._journal_before = len(journal_of(folder))
+        self._events_before = len(events_of(folder)) if folder else 0
 
-    def _journal(self) -> list[str]:
+    def _events(self) -> list[str]:
         """What this command wrote into the run's journal: how an earlier one left the drive says nothing of today."""
-        return journal_of(self._run)[self._journal_before :]
+        return events_of(self._run)[self._events_before :] if self._run else []
 
     def guarded(self, command: Callable[[], Any]) -> int:
         """Run a command and return its exit code; every exception becomes a sentence on stderr.  Then what it leaves behind is written."""
@@ -141,15 +142,15 @@ class Invocation:
             return self._unexpected(error)
 
     def _left_behind(self) -> str:
-        """How axis and drive were left, by the last word of the run's journal: nothing is promised that did not happen."""
-        last = (self._journal() or [""])[-1]
-        if last.startswith("all parameters restored"):
-            return "; the axis is stopped and the drive's own gains are restored"
-        if last.startswith("restoring the drive failed"):
-            return "; the drive's own gains are NOT restored: `beltcomm rollback` writes them again"
-        if last.startswith(LEFT_AT_ONCE):
-            return f"; {last}"
-        return ""
+        """How axis and drive were left, by the last event of the run's journal: nothing is promised that did not happen."""
+        last = (self._events() or [""])[-1]
+        backup = "" if self._run is None else f", they are in {self._run / 'results' / 'backup.yaml'}"
+        return {
+            "restored": "; the axis is stopped and the drive's own gains are restored",
+            "not restored": "; the drive's own gains are NOT restored: `beltcomm rollback` writes them again",
+            "left at once": f"; left at once, with the axis stopped: the drive's own gains are NOT restored{backup}; "
+            "`beltcomm rollback` writes them again",
+        }.get(last, "")
 
     def _unexpected(self, error: Exception) -> int:
         """The sentence and the log for what nobody thought of; exit code 1."""
@@ -215,7 +216,7 @@ class Invocation:
         unbegun = error.exit_code == UsageError.exit_code and error.run is None
         if verb not in RECORDING or self.run is None or not self.run.is_dir() or unbegun:
             return {}
-        return aftermath(self.words, self.run, self._journal(), self.drive, error, resumes=verb in RESUMABLE)
+        return aftermath(self.words, self.run, self._events(), self.drive, error, resumes=verb in RESUMABLE)
 
     def _failed(
         self, sentence: str, code: int, left: Mapping[str, str] = MappingProxyType({}), diagnosis: Mapping[str, object] | None = None

@@ -162,7 +162,7 @@ def rehearse(machine: Machine, options: Options, talk: Talk, job: Job, goes_on: 
     found = Rehearsal(what, records, whole, bounds_of(machine, model))
     talk.say(*found.lines())
     folder.save_result("rehearsal", {"twin": what, "records": plain(records), "whole": plain(whole), "limits": plain(found.bounds)})
-    folder.journal(f"played on a twin: {len(records)} records, {len(found.broken())} limits left")
+    folder.journal(f"played on a twin: {len(records)} records, {len(found.broken())} limits left", "rehearsed")
     if broken := found.broken():
         raise Refused(f"on the twin a limit is left ({'; '.join(broken[:3])}); nothing was moved. Look at the model and at axis.yaml")
     return found

@@ -92,7 +92,8 @@ class Machine:
         self._backup = drive.backup()
         with folder.occupy(talk) as held:
             keep_first(folder, drive)
-            folder.journal(f"connected to {drive.capabilities.name}; parameters saved as backup")
+            folder.stamp = self._stamp
+            folder.journal(f"connected to {drive.capabilities.name}; parameters saved as backup", "connected")
             self._occupied = held.pop_all()
         if folder.elapsed_s > LONG_AGO_S:
             talk.say(
@@ -113,6 +114,10 @@ class Machine:
         self._occupied.close()
         if interrupted is not None and kind is None:
             raise interrupted
+
+    def _stamp(self) -> str:
+        """Time of a line of the journal: s since the session began, by the drive's clock."""
+        return f"{self.drive.clock.now() - self._started:9.3f} s"
 
     def meaning_changed(self) -> None:
         """What raw gains mean is known now: they stand in the drive under other values."""

@@ -28,7 +28,8 @@ def leave(
             if at_once:
                 folder.journal(
                     f"left at once, with the axis stopped: the drive's own gains are NOT restored, they are in "
-                    f"{folder.file('results', 'backup')}; `beltcomm rollback` writes them again"
+                    f"{folder.file('results', 'backup')}; `beltcomm rollback` writes them again",
+                    "left at once",
                 )
             else:
                 _restore(drive, folder, talk, wanted, keep)
@@ -47,7 +48,7 @@ def _restore(drive: Drive, folder: RunFolder, talk: Talk, wanted: Mapping[str, f
         except DriveError:  # one refusal may be a passing state of the drive, as a transfer disturbed once is
             drive.write(wanted)
     except BeltcommError as problem:
-        folder.journal(f"restoring the drive failed: {problem}")
+        folder.journal(f"restoring the drive failed: {problem}", "not restored")
         talk.say(f"The drive's parameters could not be restored ({problem}); `beltcomm rollback` writes the backup again.")
     else:
-        folder.journal("limits restored, new gains kept" if keep else "all parameters restored")
+        folder.journal(*(("limits restored, new gains kept", "gains kept") if keep else ("all parameters restored", "restored")))

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from beltcomm.journal import lines_of
 from beltcomm.pages.gather import Gathered
 from beltcomm.recording import Recording
 from beltcomm.report.page import PageTable, Paragraphs, Section
 from beltcomm.rundata.store import PLAN
 
 #: Lines of a journal that tell of nobody's safety: what was recorded, fitted or written.
-_WORK = re.compile(r"^(\w+: (\d+ samples|order \d|another sequence)|amplitude |scale: |wrote )")
+_WORK = re.compile(r"^( *[0-9.]+ s  )?(\w+: (\d+ samples|order \d|another sequence)|amplitude |scale: |wrote )")
 
 
 def section(run: Gathered) -> Section:
@@ -95,7 +96,7 @@ def _driven(run: Gathered, recording: Recording) -> tuple[str, ...]:
 
 def journal_of(run: Gathered) -> list[str]:
     """Lines of the journal; none where no machine was moved."""
-    return run.folder.journal_lines()
+    return lines_of(run.folder.path)
 
 
 def journal(run: Gathered) -> Section:

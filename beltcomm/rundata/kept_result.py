@@ -9,6 +9,7 @@ from typing import Any
 
 from beltcomm import caches
 from beltcomm.errors import BeltcommError
+from beltcomm.journal import EVENTS, TEXT
 from beltcomm.outside import sha256_of
 from beltcomm.programs import source_hash
 from beltcomm.result import Result, Row, plain
@@ -16,7 +17,7 @@ from beltcomm.runfolder import RunFolder
 
 #: Parts of a run folder that no result rests on, beside hidden files: foreign files before they became records, what is kept, drawn, told
 #: or written down.
-BESIDE = ("originals", "kept", "pictures", "report.html", "report.json", "journal.txt", "verdict.txt")
+BESIDE = ("originals", "kept", "pictures", "report.html", "report.json", TEXT, EVENTS, "verdict.txt")
 
 
 def answered(folder: RunFolder, name: str, question: Sequence[object], make: Callable[[], Result], drawn: bool = False) -> Result:

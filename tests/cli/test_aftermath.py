@@ -7,16 +7,17 @@ from pathlib import Path
 from beltcomm.cli.aftermath import aftermath
 from beltcomm.cli.frame import Invocation
 from beltcomm.errors import Declined, DriveError, Refused, SafetyStop
+from beltcomm.journal import append
 
 
 def test_how_an_earlier_command_left_the_drive_is_not_told_as_todays_state(tmp_path: Path) -> None:
-    journal = tmp_path / "journal.txt"
-    journal.write_text("connected\nall parameters restored\n", encoding="utf-8")
+    append(tmp_path, "connected", "connected", "")
+    append(tmp_path, "all parameters restored", "restored", "")
     frame = Invocation(["verify", "--drive", "can0", "--run", str(tmp_path)])
     frame.run = tmp_path
     assert frame._aftermath(DriveError("no answer"))["drive"] == "nothing was written to it"
-    with journal.open("a", encoding="utf-8") as file:
-        file.write("connected\nrestoring the drive failed: no answer\n")
+    append(tmp_path, "connected", "connected", "")
+    append(tmp_path, "restoring the drive failed: no answer", "not restored", "")
     assert frame._aftermath(DriveError("no answer"))["drive"].startswith("NOT restored: `beltcomm rollback --drive")
 
 

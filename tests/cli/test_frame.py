@@ -19,6 +19,7 @@ from click.testing import CliRunner, Result
 from beltcomm.cli.main import VERBS, cli
 from beltcomm.design.specification import PRODUCT_SPECIFICATION
 from beltcomm.errors import DataError, DriveError, DriveFault, Refused, SafetyStop, UsageError
+from beltcomm.journal import Event, append
 
 
 @dataclass
@@ -256,14 +257,14 @@ def test_ctrl_c_is_exit_code_4(api: StandIn, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("last", "words"),
     [
-        ("all parameters restored", "interrupted; the axis is stopped and the drive's own gains are restored; what was recorded"),
-        ("restoring the drive failed: no answer", "gains are NOT restored: `beltcomm rollback` writes them again"),
+        ("restored", "interrupted; the axis is stopped and the drive's own gains are restored; what was recorded"),
+        ("not restored", "gains are NOT restored: `beltcomm rollback` writes them again"),
     ],
 )
-def test_ctrl_c_says_how_the_drive_was_left(api: StandIn, tmp_path: Path, last: str, words: str) -> None:
+def test_ctrl_c_says_how_the_drive_was_left(api: StandIn, tmp_path: Path, last: Event, words: str) -> None:
     api.answer = KeyboardInterrupt()
     (tmp_path / "R").mkdir()
-    api.during = lambda: (tmp_path / "R" / "journal.txt").write_text(f"connected\n{last}\n", encoding="utf-8")
+    api.during = lambda: append(tmp_path / "R", "so it was left", last, "")
     outcome = call("friction", "--drive", "virtual", "--run", "R")
     assert outcome.exit_code == 4
     assert words in outcome.stderr
@@ -274,26 +275,26 @@ def test_ctrl_c_says_how_the_drive_was_left(api: StandIn, tmp_path: Path, last: 
     [
         (
             SafetyStop("too fast"),
-            "all parameters restored",
+            "restored",
             "stopped; everything in it is as it was found",
             "beltcomm commission --drive virtual --yes --run R --resume   (when what is said above is mended)",
         ),
         (
             DriveError("no answer"),
-            "restoring the drive failed: no answer",
+            "not restored",
             "NOT restored: `beltcomm rollback --drive virtual --run R` writes back what it had",
             "beltcomm doctor --drive virtual   (finds what is wrong), then beltcomm commission --drive virtual --yes --run R --resume",
         ),
-        (Refused("no"), "", "nothing was written to it", "beltcomm commission --drive virtual --yes --run R --resume   (when"),
+        (Refused("no"), "note", "nothing was written to it", "beltcomm commission --drive virtual --yes --run R --resume   (when"),
     ],
 )
 def test_a_failed_commissioning_ends_with_folder_drive_and_next_command(
-    api: StandIn, tmp_path: Path, error: Exception, last: str, drive: str, following: str
+    api: StandIn, tmp_path: Path, error: Exception, last: Event, drive: str, following: str
 ) -> None:
     api.answer = error
     (tmp_path / "R" / "recordings").mkdir(parents=True)
     (tmp_path / "R" / "recordings" / "frf_1.csv").touch()
-    api.during = lambda: (tmp_path / "R" / "journal.txt").write_text(f"connected to a drive\n{last}\n", encoding="utf-8")
+    api.during = lambda: append(tmp_path / "R", "so it was left", last, "")
     outcome = call("commission", "--drive", "virtual", "--yes", "--run", "R")
     said = outcome.stderr.splitlines()
     assert said[-3:-1] == ["Folder: R (1 record kept)", f"Drive:  {drive}"]

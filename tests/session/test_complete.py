@@ -10,6 +10,7 @@ import pytest
 from beltcomm.axis import load_axis
 from beltcomm.control import Cascade
 from beltcomm.drive.parameters import parameters_to_cascade
+from beltcomm.journal import events_of
 from beltcomm.model import load_model
 from beltcomm.recording import load_recording
 from beltcomm.runfolder import RunFolder
@@ -164,8 +165,10 @@ def test_the_run_folder_is_complete(complete: Complete) -> None:
     journal = (complete.path / "journal.txt").read_text(encoding="utf-8")
     for name in RECORDINGS:
         assert f"{name}: " in journal
-    assert journal.splitlines()[0].startswith("connected to beltcomm reference drive")
-    assert journal.splitlines()[-1].startswith("all parameters restored")
+    assert "  connected to beltcomm reference drive" in journal.splitlines()[0]
+    assert journal.splitlines()[-1].endswith("  all parameters restored")
+    assert len(journal.splitlines()) == len(events_of(complete.path))
+    assert (events_of(complete.path)[0], events_of(complete.path)[-1]) == ("connected", "restored")
 
 
 def test_the_saved_model_is_the_one_that_was_found(complete: Complete) -> None:
@@ -184,8 +187,8 @@ def test_the_saved_design_is_the_one_that_ran(complete: Complete) -> None:
     cascade = parameters_to_cascade(saved["parameters"])
     assert isinstance(cascade, Cascade)
     journal = (complete.path / "journal.txt").read_text(encoding="utf-8").splitlines()
-    last = [line for line in journal if line.startswith("wrote ")][-1]
-    wrote = dict(item.split("=") for item in last.removeprefix("wrote ").split(", "))
+    last = [line.partition("  wrote ")[2] for line in journal if "  wrote " in line][-1]
+    wrote = dict(item.split("=") for item in last.split(", "))
     for name, value in saved["parameters"].items():
         assert float(wrote[name]) == pytest.approx(value, rel=1e-5, abs=1e-9)  # REAL32 in the drive, six digits in the journal
     # every margin the proof rests on is kept with it
