@@ -168,7 +168,7 @@ def lock_step_source() -> str:
             *indent([
                 f"put(s, {NEW}, new)", f"put(s, {SHUT}, shut)", f"put(s, {LEVER}, lever)",
                 "shut = nothing",
-                "sampled(i // substeps - 1, active, substeps, learning, where, s, rows, memory, passes, reaches, cart)",
+                "advance_sample(i // substeps - 1, active, substeps, learning, where, s, rows, memory, passes, reaches, cart)",
                 *correct,
                 f"q{cart} = either(at(s, {ASTRAY}) > 0.0, u - at(s, {AIM}), q{cart})",
             ], 1),

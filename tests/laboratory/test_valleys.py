@@ -95,12 +95,12 @@ def test_the_search_goes_on_from_the_better_valley(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(diagnosis, "search", lambda *_, **_options: found.pop(0))
     monkeypatch.setattr(diagnosis, "escape_if_far_off", beyond_of)
     monkeypatch.setattr(diagnosis, "refit_with_rebuilt_motion", lambda data, fitted, *_: (data, model(fitted.name + ", again")))
-    for name in ("settled", "as_searched"):
+    for name in ("final_refit", "as_searched"):
         monkeypatch.setattr(diagnosis, name, lambda data, fitted: (data, fitted))
     monkeypatch.setattr(diagnosis, "drop_superfluous", lambda _data, fitted, *_: (fitted, ()))
     monkeypatch.setattr(diagnosis, "fit_law_shapes", lambda _data, fitted, _base: SimpleNamespace(fitted=fitted, new=(), removed=()))
     monkeypatch.setattr(diagnosis, "assign_body", lambda *_: SimpleNamespace(new=()))
-    for name in ("Scorer", "ground_of", "strayed", "remaining_structure", "verdict_of"):
+    for name in ("Scorer", "ground_of", "left_start_values", "remaining_structure", "verdict_of"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)
     begun: Any = SimpleNamespace(fitted=(), held_out=(), substeps=4), model("base")

@@ -157,7 +157,7 @@ def test_every_form_that_followed_an_effect_is_saved_with_it(monkeypatch: pytest
         step("last", (), "", (), "last"),
     ]
     folder: Any = SimpleNamespace()
-    found: Any = SimpleNamespace(base="base", steps=named, stated=(None, "base"), data=None)
+    found: Any = SimpleNamespace(base="base", steps=named, published_base=(None, "base"), data=None)
     made: Any = laboratory.climb(folder, found, True, "", "")
     assert made == [("base", "Z", "+end_pulley +viscous_end_pulley -warmup with its form"), ("Z", "last", "+cogging")]
 
@@ -189,7 +189,7 @@ def test_only_what_held_out_records_confirm_is_added_by_itself(
     steps = [step(base, (), "cogging", (), once), step(once, (), "warmup", (), twice), step(twice, (), "", (), twice)]
     folder: Any = SimpleNamespace()
     monkeypatch.setattr(acceptance, "changes", lambda *_: ((-1.0, 0.0), (-1.0, 0.0)))
-    found: Any = SimpleNamespace(base=base, steps=steps, stated=(None, base), data=None)
+    found: Any = SimpleNamespace(base=base, steps=steps, published_base=(None, base), data=None)
     made = laboratory.climb(folder, found, True, "", "")
     assert len(made) == added
     text = "\n".join(climb_lines(made, ["cogging", "warmup"], held[1] is not None, Path("RUN")))
@@ -206,7 +206,7 @@ def test_two_effects_that_only_both_together_are_confirmed_become_one_revision(m
     steps = [step(base, (), "end_pulley", (), once), step(once, (), "warmup", (), twice), step(twice, (), "", (), twice)]
     folder: Any = SimpleNamespace()
     monkeypatch.setattr(acceptance, "changes", lambda *_: ((-1.0, 0.0), (-1.0, 0.0)))
-    found: Any = SimpleNamespace(base=base, steps=steps, stated=(None, base), data=None)
+    found: Any = SimpleNamespace(base=base, steps=steps, published_base=(None, base), data=None)
     made: Any = laboratory.climb(folder, found, True, "", "")
     assert made == [(base, twice, "+end_pulley +warmup")]
 
@@ -255,7 +255,7 @@ def test_what_the_held_out_records_do_not_confirm_is_said(
     quiet = {"objective": 100.0, "problem": SimpleNamespace(pieces=(), samples=10)}
     base, after = (SimpleNamespace(model=BASE, ratio=2.0, held_ratio=ratio, held_residual=(), **quiet) for ratio in held)
     found: Any = SimpleNamespace(
-        base=base, stated=(None, base), after=after, told=after, steps=(), named=["cogging", "tilt"], twins=(), verdict=verdict
+        base=base, published_base=(None, base), after=after, published_model=after, steps=(), added_effects=["cogging", "tilt"], twins=(), verdict=verdict
     )
     assert ("Not confirmed: on records that were not fitted the error was 1.49" in "\n".join(ladder.diagnosis_lines(found))) is said
     assert following in ladder.after_diagnosis(found, Path("RUN"))[0]
@@ -294,12 +294,12 @@ def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
     found = [[candidate], []]
     monkeypatch.setattr(diagnosis, "search", lambda *_, **_options: found.pop(0))
     monkeypatch.setattr(diagnosis, "refit_with_rebuilt_motion", lambda data, *_: (data, fitted(grown, held)))
-    for name in ("settled", "as_searched"):
+    for name in ("final_refit", "as_searched"):
         monkeypatch.setattr(diagnosis, name, lambda data, last: (data, last))
     monkeypatch.setattr(diagnosis, "drop_superfluous", lambda _data, last, *_: (last, ()))
     monkeypatch.setattr(diagnosis, "fit_law_shapes", lambda _data, last, _base: SimpleNamespace(fitted=last, new=(), removed=()))
     monkeypatch.setattr(diagnosis, "assign_body", lambda *_: SimpleNamespace(new=()))
-    for name in ("Scorer", "ground_of", "strayed", "remaining_structure", "verdict_of", "beyond"):
+    for name in ("Scorer", "ground_of", "left_start_values", "remaining_structure", "verdict_of", "escape_if_far_off"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)
     begun: Any = SimpleNamespace(fitted=(), held_out=(), substeps=4), fitted(2.0, 2.0)

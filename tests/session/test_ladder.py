@@ -107,7 +107,7 @@ def test_a_climb_keeps_the_cost_of_what_it_added(
         return {"move": "anew"}, []
 
     monkeypatch.setattr(costs, "cost_and_words", cost)
-    found: Any = SimpleNamespace(base=SimpleNamespace(model=model), named=named)
+    found: Any = SimpleNamespace(base=SimpleNamespace(model=model), added_effects=named)
     made = costs.priced(folder, found, revisions(folder), {"move": "whole"})
     assert [rung.cost for rung in made] == [None, {"of": "backlash", "move": "anew" if computed else "whole"}]
     assert revisions(folder) == made

@@ -401,7 +401,7 @@ class Writer:
             imports.append("from beltcomm.simulate.kernels.fast_math import fast")
         if self.in_vectors:
             imports.append("from beltcomm.simulate.kernels.branchless import in_vectors")
-            imports.append("from beltcomm.simulate.kernels.observer_lanes import brought, sampled")
+            imports.append("from beltcomm.simulate.kernels.observer_lanes import brought, advance_sample")
             imports.append("from beltcomm.simulate.kernels.vectors import at, eight, either, least, most, put")
         ours = "from beltcomm.compiled import compiled, in_lanes, within_kernels"
         head = ["import math", "", "import numpy as np", "", ours, *imports, "", *laws]
