@@ -45,7 +45,7 @@ class Line:
         pieces = [
             SimpleNamespace(
                 record=f"record {i}",
-                counted=np.arange(size),
+                value_samples=np.arange(size),
                 motion=SimpleNamespace(sample_s=SAMPLE_S, samples=size),
                 own_noise=False,
             )
@@ -63,7 +63,7 @@ class Line:
             weights=lambda _r: np.ones(len(self.left)), blocks=blocks, count=count, nuisance=None,
             piece_of_block=np.repeat(np.arange(self.records), len(count) // self.records), touches_noise=(False, False),
             model=SimpleNamespace(with_vector=lambda _v: None), full=lambda x: x,
-            rounding=lambda x: (count[:, None] * (2.0 * turned @ x), count[:, None, None] * turned),
+            rounding_derivatives=lambda x: (count[:, None] * (2.0 * turned @ x), count[:, None, None] * turned),
         )  # fmt: skip
         model = Named({"line.slope": float(self.found[0]), "body.level": float(self.found[1])})
         model.effects, rms = self.effects, float(np.sqrt(np.mean(self.left**2)))

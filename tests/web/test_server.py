@@ -92,8 +92,8 @@ def test_ctrl_c_ends_it_quietly() -> None:
     """In a process of its own."""
     program = (
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "from beltcomm.web.server import Page, serve\n"
-        "with serve(Page('tune'), {}, 'secret') as served:\n"
+        "from beltcomm.web.server import PageFiles, serve\n"
+        "with serve(PageFiles('tune'), {}, 'secret') as served:\n"
         "    print(served.address, flush=True)\n"
         "    served.run()\n"
         "print('ended')\n"
