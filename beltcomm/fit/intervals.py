@@ -60,7 +60,8 @@ class ParameterSpread:
     names : of those that the data see.   bound : of those of them at a bound.   covariance, freedom : over time, (n, n).
     moved : by leaving out each record, (records, n).
     shares : information of each record, carried to the parameters, A⁻¹ A_r A⁻¹, (records, n, n).   systematic : what no record tells,
-    half a 95 % interval of every independent cause in each parameter, (causes, n).
+    half a 95 % interval of every independent cause in each parameter, (causes, n).   unexplained : factor on all of it, the error over the
+    noise where something is left that is no noise: what pulls everywhere the same way shows neither over time nor among records.
     """
 
     names: tuple[str, ...]
@@ -70,6 +71,7 @@ class ParameterSpread:
     shares: Array
     systematic: Array
     bound: frozenset[str] = frozenset()
+    unexplained: float = 1.0
 
     def half_width(self, combination: Mapping[str, float]) -> float | None:
         """Half the 95 % interval of a sum of parameters with these factors; None where one of them sits at a bound."""
@@ -80,10 +82,10 @@ class ParameterSpread:
         records, told = len(self.moved), np.einsum("i,rij,j->r", c, self.shares, c)
         beside = float(np.linalg.norm(self.systematic @ c))
         if records < 2 or not np.any(told > 0.0):
-            return float(np.hypot(over_time, beside))
+            return self.unexplained * float(np.hypot(over_time, beside))
         freedom = max(float(np.sum(told) ** 2 / np.sum(told**2)), LEAST_FREEDOM)  # Satterthwaite
         among = np.sqrt(float(np.sum((self.moved @ c) ** 2)) * (records - 1) / records)
-        return float(np.hypot(max(over_time, among * float(stdtrit(freedom, 0.975))), beside))
+        return self.unexplained * float(np.hypot(max(over_time, among * float(stdtrit(freedom, 0.975))), beside))
 
 
 #: Models with their intervals, and the nuisance they count with, as long as the fits live that they are of.
@@ -192,7 +194,8 @@ def spread_of(fitted: Fitted) -> ParameterSpread:
         moved, shares = moved[:0], shares[:0]
     units, sits = np.outer(scale, scale), at_bound(fitted)
     bound = frozenset(name for name, sat in zip(fitted.problem.free, sits, strict=True) if sat)
-    return ParameterSpread(names, told.covariance * units, told.freedom, moved * scale, shares * units, systematic, bound)
+    left = fitted.ratio if fitted.ratio >= UNEXPLAINED else 1.0
+    return ParameterSpread(names, told.covariance * units, told.freedom, moved * scale, shares * units, systematic, bound, left)
 
 
 def unbounded_estimates(fitted: Fitted) -> dict[str, tuple[float, float]]:

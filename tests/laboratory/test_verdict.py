@@ -255,7 +255,14 @@ def test_what_the_held_out_records_do_not_confirm_is_said(
     quiet = {"objective": 100.0, "problem": SimpleNamespace(pieces=(), samples=10)}
     base, after = (SimpleNamespace(model=BASE, ratio=2.0, held_ratio=ratio, held_residual=(), **quiet) for ratio in held)
     found: Any = SimpleNamespace(
-        base=base, published_base=(None, base), after=after, published_model=after, steps=(), added_effects=["cogging", "tilt"], twins=(), verdict=verdict
+        base=base,
+        published_base=(None, base),
+        after=after,
+        published_model=after,
+        steps=(),
+        added_effects=["cogging", "tilt"],
+        twins=(),
+        verdict=verdict,
     )
     assert ("Not confirmed: on records that were not fitted the error was 1.49" in "\n".join(ladder.diagnosis_lines(found))) is said
     assert following in ladder.after_diagnosis(found, Path("RUN"))[0]
