@@ -116,3 +116,12 @@ def test_a_class_name_means_one_thing() -> None:
             if isinstance(node, ast.ClassDef):
                 places.setdefault(node.name, []).append(str(path.relative_to(CHECKOUT)))
     assert {name: where for name, where in places.items() if len(where) > 1} == {}
+
+
+def test_no_module_hides_a_function_of_its_package() -> None:
+    """Python binds a submodule to its package's name for it when it is imported, over whatever stood there."""
+    for path in CHECKOUT.glob("beltcomm/**/__init__.py"):
+        beside = {item.stem for item in path.parent.iterdir()} - {"__init__"}
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+                assert node.name not in beside, path

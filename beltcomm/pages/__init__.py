@@ -50,7 +50,7 @@ def at_the_end(run: Path) -> Ended:
 
 
 def trend(runs: Place | Sequence[Place], *, limits: Sequence[str] = (), dates: Sequence[str] = (), out: Place | None = None) -> Result:
-    """One axis over many runs: :func:`beltcomm.pages.trend.trend`."""
-    from beltcomm.pages.trend import trend as made
+    """One axis over many runs: :func:`beltcomm.pages.trend_page.trend`."""
+    from beltcomm.pages.trend_page import trend as made
 
     return made(places(runs), limits=limits, dates=dates, out=None if out is None else place(out, "page"))
