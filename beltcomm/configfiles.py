@@ -205,14 +205,6 @@ def _check_size(node: yaml.Node | None) -> None:
         size(node, 0)
 
 
-def from_json(text: str | bytes) -> Any:
-    """What a JSON text holds.   Raises ValueError, also for one that is nested deeper than this program can follow."""
-    try:
-        return json.loads(text)
-    except RecursionError:
-        raise ValueError("the JSON text is nested too deeply") from None
-
-
 def line_of(path: Path, keys: tuple[str, ...]) -> int:
     """The line where a key stands, counted from 1, for messages; 0 when it is not found.   keys : from the outermost."""
     try:

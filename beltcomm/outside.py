@@ -77,8 +77,13 @@ def read_text(path: Path, most: int = SETTINGS_BYTES, failure: type[BeltcommErro
 
 def read_json(path: Path) -> Any:
     """What a JSON file holds.   Raises OSError, DataError as :func:`opened`, and ValueError for whatever is wrong with the text."""
+    return from_json(read_bytes(path, KEPT_BYTES))
+
+
+def from_json(text: str | bytes) -> Any:
+    """What a JSON text holds.   Raises ValueError, also for one that is nested deeper than this program can follow."""
     try:
-        return json.loads(read_bytes(path, KEPT_BYTES))
+        return json.loads(text)
     except RecursionError as error:
         raise ValueError("its values nest too deeply") from error
 

@@ -360,14 +360,14 @@ def is_new(path: Path) -> bool:
 
 def _check_links(path: Path) -> None:
     """Raise DataError for a folder of a run that is a link to elsewhere: a stranger's run could read and write any place through it."""
-    home = path.resolve()
+    home = os.path.realpath(path)
     try:
         inside = list(path.iterdir())
     except OSError as error:
         raise DataError(f"the run folder {path} cannot be read: {error.strerror or error}; look at its permissions") from error
     for item in inside:
-        if item.is_symlink() and not item.resolve().is_relative_to(home):
-            raise DataError(f"{item} is a link out of the run folder, to {item.resolve()}; copy what it names into the run, or take it out")
+        if item.is_symlink() and not Path(named := os.path.realpath(item)).is_relative_to(home):  # a circle of links leads nowhere
+            raise DataError(f"{item} is a link out of the run folder, to {named}; copy what it names into the run, or take it out")
 
 
 def _content(path: Path) -> set[Path]:

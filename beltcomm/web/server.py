@@ -17,8 +17,8 @@ from werkzeug.exceptions import BadRequest, Forbidden, HTTPException, NotFound, 
 from werkzeug.routing import Map, Rule
 from werkzeug.wrappers import Request, Response
 
-from beltcomm.configfiles import from_json
 from beltcomm.errors import BeltcommError, UsageError
+from beltcomm.outside import from_json
 from beltcomm.result import jsonable
 
 if TYPE_CHECKING:

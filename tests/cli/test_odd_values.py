@@ -12,11 +12,12 @@ from click.testing import CliRunner
 from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.cli.main import cli
-from beltcomm.configfiles import find_config, from_json, read_yaml, sealed, to_yaml, unsealed
+from beltcomm.configfiles import find_config, read_yaml, sealed, to_yaml, unsealed
 from beltcomm.drive.objects import ParameterObject, object_from_dict
 from beltcomm.errors import UsageError
 from beltcomm.given import place
 from beltcomm.journal import lines_of
+from beltcomm.outside import from_json
 from beltcomm.quantities import parse_quantity
 from beltcomm.runfolder import RunFolder
 

@@ -98,3 +98,11 @@ def test_repeating_imports_reads_no_file_outside(run: Path, secret: Path, way: s
         assert done.exit_code == 1
         assert ("is a link" if way == "link" else "which is not a file in originals/") in done.stdout
     assert not [path for path in read if path.startswith(str(secret.parent))]
+
+
+def test_links_in_a_circle_are_no_program_error(run: Path) -> None:
+    (run / "one").symlink_to("two")
+    (run / "two").symlink_to("one")
+    done = call("compare", run)
+    assert done.exit_code in (0, 3)
+    assert "unexpected" not in done.stderr
