@@ -91,7 +91,7 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
             RunFolder.create(run, axis, resume=True)  # says whether it could go on
         if options.dry_run:
             return planned(plan, connected.capabilities, options, axis)
-        folder = new_folder(run, axis, connected, options)
+        folder = new_folder(run, axis, connected, options, talk)
         findings = Findings()
         with Machine(connected, axis, folder, talk) as machine:
             settings = settings_of(options)
@@ -132,7 +132,7 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     """What :func:`identify` does on a connected drive.   whole : the whole job was asked for, so that this is not success."""
     if options.dry_run:
         return planned(identify_plan(axis, connected.capabilities, options.window_m), connected.capabilities, options, axis)
-    folder = new_folder(run, axis, connected, options)
+    folder = new_folder(run, axis, connected, options, talk)
     findings = Findings()
     with Machine(connected, axis, folder, talk) as machine:
         window = referencing.reference(machine, settings_of(options), needed=False)
@@ -173,7 +173,7 @@ def friction(
         plan = friction_job.plan_of(folder.axis, connected.capabilities, model, asked)
         if options.dry_run:
             return planned(plan, connected.capabilities, options, folder.axis)
-        claim(folder, connected.capabilities, options.wall_clock)
+        claim(folder, connected.capabilities, options, talk)
         findings = offline.fitted(folder, "lm", Silence(), model)
         with Machine(connected, folder.axis, folder, talk) as machine:
             referencing.reference(machine, settings_of(options))
@@ -286,7 +286,7 @@ def calibrate(drive: str, axis: Axis | Place | None, run: Place, *, options: Opt
         plan = calibrate_job.plan_of(of_axis, connected.capabilities)
         if options.dry_run:
             return planned(plan, connected.capabilities, options, of_axis)
-        folder = RunFolder.open(run) if axis is None else new_folder(run, of_axis, connected, options)
+        folder = RunFolder.open(run) if axis is None else new_folder(run, of_axis, connected, options, talk)
         return calibrate_job.calibrate_on(connected, drive, folder, settings_of(options), partial(agreed, plan), talk)
 
 
@@ -316,7 +316,7 @@ def simulate(
         model = model.with_values({"cart.mass": model["cart.mass"] + options.payload_kg})
     options = replace(options, resume=options.resume or RunFolder.broken_off(run))  # a simulation that was cut off goes on
     with open_drive(f"virtual:{plant}", options.for_drive()) as connected:
-        folder = new_folder(run, axis, connected, options)
+        folder = new_folder(run, axis, connected, options, talk)
         with Machine(connected, axis, folder, talk) as machine:
             name = run_experiment(machine, model, experiment)
     return Result(

@@ -151,7 +151,7 @@ class ObjectDrive:
     def _borrow(self) -> None:
         """What is lent to this session: control of the drive first, then the speed unit."""
         if self._profile.enable_logic:
-            self._session.set(*self._profile.enable_logic)
+            self._session.set(*self._profile.enable_logic, keep=True)
         self._scaling = read_scaling(self._objects, self._profile, self._session)
 
     def _here_rad(self) -> float:

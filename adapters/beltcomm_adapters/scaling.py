@@ -59,7 +59,7 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None) ->
 def _factor_group(objects: Objects, lending: Lending | None) -> tuple[float, float, float, int]:
     if lending is not None:
         for subindex in (1, 2):
-            lending.set(0x6094, subindex, "uint32", 1)
+            lending.set(0x6094, subindex, "uint32", 1, keep=True)
     position = _ratio(objects, 0x6093) * 2.0 * math.pi / _INTERNAL_POSITION
     speed = _ratio(objects, 0x6094) * _RPM / _INTERNAL_SPEED
     acceleration = _ratio(objects, 0x6097) * _RPM / _INTERNAL_ACCELERATION

@@ -221,12 +221,17 @@ class Lending:
         self._objects = objects
         self._lent: list[tuple[int, int, str, float]] = []
 
-    def set(self, index: int, subindex: int, kind: str, value: float) -> None:
-        """Write ``value`` and remember what stood there.  Raises as :meth:`Objects.write`."""
+    def set(self, index: int, subindex: int, kind: str, value: float, *, keep: bool = False) -> None:
+        """Write ``value`` and remember what stood there.  Raises as :meth:`Objects.write`.
+
+        keep : lent although nothing changes, as where a session that was cut off has left this value: what stood there before is owed.
+        """
         before = self._objects.read(index, subindex, kind)
-        if before == value:
+        if before == value and not keep:
             return
         self._lent.append((index, subindex, kind, before))  # first, so that an interrupted write is undone as well
+        if before == value:
+            return
         try:
             self._objects.write(index, subindex, kind, value)
         except ObjectRefused:

@@ -37,8 +37,6 @@ INTERRUPTED = 4
 UNWRITABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT)
 #: What it says of a path that cannot be: too long, no folder, a folder, in a circle.
 NO_PATH = (errno.ENAMETOOLONG, errno.ENOTDIR, errno.EISDIR, errno.ELOOP)
-#: Letters of an axis's name in that of its run folder.
-LONGEST_WORD = 60
 #: Verbs that go on with ``--resume``, and all that record.
 RESUMABLE = ("commission", "identify")
 RECORDING = (*RESUMABLE, "friction", "verify", "simulate")

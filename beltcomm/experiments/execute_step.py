@@ -33,8 +33,6 @@ OVER_FRICTION = 1.1
 #: Share of the belt's force that a hard motion may ask for, and periods of the antiresonance that its acceleration rises in: less would
 #: let the belt swing.
 HARD_SHARE, RISE_PERIODS = 1.0, 1.5
-#: Steps in which moves are slowed down until the belt is predicted to keep its limit.
-BELT_TRIES = 6
 #: The record that says what holds the carriage where, and m/s of the strokes that count.
 SWEEP, STROKE_M_S = "sweep", 5e-3
 #: m: a place already measured nearby is not measured again.

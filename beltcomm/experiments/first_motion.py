@@ -19,7 +19,6 @@ from beltcomm.experiments.options import Options
 from beltcomm.experiments.plan import Plan
 from beltcomm.machine.hardware import Hardware
 from beltcomm.quantities import unit_of
-from beltcomm.rundata.proof import EDITED
 from beltcomm.talk import Talk
 
 #: Entries of axis.yaml that say which machine it is: another value is another machine.
@@ -157,16 +156,3 @@ def _profile(name: str | None) -> str:
         return hashlib.sha256(find_config("drives", name).read_bytes()).hexdigest()[:16]
     except (OSError, UsageError):
         return str(Path(name))
-
-
-def admit_edited(file: str, edited: bool, options: Options, talk: Talk) -> None:
-    """Say of a file that goes to a machine that beltcomm did not write it so, and ask; ``yes`` alone is no answer.   Raises Refused."""
-    if not edited:
-        return
-    talk.say(f"{file} is not as beltcomm wrote it: it {EDITED}.")
-    if options.force:
-        return
-    if options.yes:
-        raise Refused(f"nothing was written or moved: {file} is not as beltcomm wrote it; look through it, then use it with --force")
-    if not talk.confirm("Have you looked through it, and do you want it used?"):
-        raise Declined("nothing was written or moved, as you said")

@@ -45,8 +45,8 @@ TRAVEL_M, REACH_M, WATCHED, WATCHED_OF_RATED = 2e-3, 1e-2, 3.0, 0.05
 SPEED_M_S = 0.2
 #: 1/s: bandwidth of the velocity loop with the motor alone, of the first record and of the one under the position loop; position gain.
 BANDWIDTH, POSITION_BANDWIDTH, POSITION_GAIN = 20.0, 100.0, 5.0
-#: m: largest step of the position setpoint.   Share of the speed limit that a step may ask for.   Of the position loop's output.
-LARGEST_STEP_M, SPEED_SHARE, OUTPUT_SHARE = 3e-3, 0.5, 0.5
+#: m: largest step of the position setpoint.   Share of the speed limit that a step may ask for.
+LARGEST_STEP_M, SPEED_SHARE = 3e-3, 0.5
 #: A documented integral time is kept when the steps differ by less than this share, or by less than they are sure of.
 SAME_TIME = 0.1
 #: s of machine time, at most.

@@ -11,17 +11,19 @@ from beltcomm.axis import Axis, load_axis
 from beltcomm.control import PrefilterKind
 from beltcomm.design.feedforward import SentFeedforward
 from beltcomm.drive import Capabilities, Drive
-from beltcomm.errors import UsageError
+from beltcomm.errors import Declined, Refused, UsageError
 from beltcomm.excitation import ExcitationKind
 from beltcomm.given import Place, choice, number, place, whole, word
 from beltcomm.identify.loop_response import CLOSED_WAYS, Way
 from beltcomm.machine.hardware import Hardware
+from beltcomm.rundata.calibration import RESULT
 from beltcomm.rundata.findings import Apply, Settings
+from beltcomm.rundata.proof import EDITED
 from beltcomm.rundata.store import drive_to_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.orders import Order
 from beltcomm.schedule.record_schedule import Extent
-from beltcomm.talk import Hold
+from beltcomm.talk import Hold, Talk
 
 #: What may stand in an option with names; of one with a number its unit and the most that anybody can mean.
 CHOICES = {
@@ -40,6 +42,8 @@ NUMBERS = {
     "sample_period_s": ("s", 1.0),
     "longest_s": ("s", 1e9),
 }
+#: Ratings of a drive that a session lowers while it works.
+RATINGS = ("peak_torque_nm", "max_speed_rad_s")
 COUNTS = ("seed", "repeat", "node", "bitrate")
 NAMES = ("profile", "first_motion")
 #: s: longest plan that ``yes`` answers for; a person beside the machine looks at it once in a quarter of an hour.
@@ -188,13 +192,29 @@ def settings_of(options: Options) -> Settings:
     )
 
 
-def claim(folder: RunFolder, capabilities: Capabilities, wall_clock: Callable[[], float] | None) -> None:
+def claim(folder: RunFolder, capabilities: Capabilities, options: Options, talk: Talk) -> None:
     """Note which drive a run is made on and when; one that begins anew with every command is as cold as at the first.
 
-    Raises UsageError when the run was made on another drive.
+    A calibration that was edited since is asked for, where the drive's gains mean nothing without it.
+    Raises UsageError when the run was made on another drive, Refused for a no.
     """
-    forgets = Hardware.of("", capabilities).forgetful
+    forgets, wall_clock = Hardware.of("", capabilities).forgetful, options.wall_clock
     folder.claim_drive(capabilities.identity, wall_clock() if wall_clock is not None and not forgets else None)
+    if capabilities.uncalibrated and RESULT in folder.names("results") and not options.dry_run:
+        admit_edited(str(folder.file("results", RESULT)), folder.edited("results", RESULT), options, talk)
+
+
+def admit_edited(file: str, edited: bool, options: Options, talk: Talk) -> None:
+    """Say of a file that goes to a machine that beltcomm did not write it so, and ask; ``yes`` alone is no answer.   Raises Refused."""
+    if not edited:
+        return
+    talk.say(f"{file} is not as beltcomm wrote it: it {EDITED}.")
+    if options.force:
+        return
+    if options.yes:
+        raise Refused(f"nothing was written or moved: {file} is not as beltcomm wrote it; look through it, then use it with --force")
+    if not talk.confirm("Have you looked through it, and do you want it used?"):
+        raise Declined("nothing was written or moved, as you said")
 
 
 def given(options: Options | None) -> Options:
@@ -209,9 +229,11 @@ def axis_of(axis: Axis | Place) -> Axis:
     return axis if isinstance(axis, Axis) else load_axis(str(place(axis, "axis")))
 
 
-def new_folder(run: Path, axis: Axis, drive: Drive, options: Options) -> RunFolder:
+def new_folder(run: Path, axis: Axis, drive: Drive, options: Options, talk: Talk) -> RunFolder:
     """The folder of a run that begins, or goes on with ``resume``, on this drive.   Raises UsageError."""
     folder = RunFolder.create(run, axis, resume=options.resume)
-    claim(folder, drive.capabilities, options.wall_clock)
-    folder.save_result("drive", drive_to_dict(drive.capabilities))
+    claim(folder, drive.capabilities, options, talk)
+    now, before = drive_to_dict(drive.capabilities), folder.load_result("drive") or {}
+    begun = before.get("begun_with") or {name: (before or now)[name] for name in RATINGS if name in (before or now)}
+    folder.save_result("drive", {**now, "begun_with": begun})  # a session that was cut off leaves them lower
     return folder

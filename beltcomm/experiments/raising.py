@@ -13,7 +13,7 @@ from beltcomm.excitation import prbs
 from beltcomm.experiments.phases import BELT_SHARE, balanced, excitation_room, motion_limits
 from beltcomm.experiments.recentre import stands_after
 from beltcomm.fit.acting import acting_recording
-from beltcomm.fit.first_estimate import data_sheet_model, is_excited, stiffness_range
+from beltcomm.fit.first_estimate import data_sheet_model, moves_enough, stiffness_range
 from beltcomm.fit.first_path import first_path
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG, AmplitudeStep, MotionLimits, family_around, largest_amplitude, unknown_payload
 from beltcomm.machine import exciting, gravity, host_loss, scale, stops
@@ -102,7 +102,7 @@ def raise_amplitude(
                 ) from None
             continue
         step = as_made(following.step, recordings[-1]) if kept else following.step
-        if len(recordings) < MOST_STEPS and not is_excited(recordings[-1], sheet, counts):
+        if len(recordings) < MOST_STEPS and not moves_enough(recordings[-1], sheet, counts):
             if step.binds == "step":  # an axis without Coulomb friction breaks away long before it moves visibly
                 at_most = GROWTH * step.amplitude_nm
                 continue

@@ -58,7 +58,9 @@ class Supervised:
             self._drive_is_known()
         if self._note is None:
             return
-        if (self._noted or not self._settles) and ((well and not self._failed) or self._as_found()):
+        paid = well and not self._failed and not self._dry_run
+        # What a rollback finds is what the session before has left: unchanged is then not as it should be.
+        if (self._noted or not self._settles) and (paid or (self._settles and self._as_found())):
             self._note.remove()
         self._note.release()
 

@@ -1,6 +1,6 @@
-"""A Jacobian whose last unknowns, a start offset of each stretch, act on the rows of their own stretch alone.
+"""A Jacobian whose last unknowns, a start offset of each segment, act on the rows of their own segment alone.
 
-    J = (A, diag(b_1, ..., b_m)),   A : (n, k),   b_i : the rows of stretch i
+    J = (A, diag(b_1, ..., b_m)),   A : (n, k),   b_i : the rows of segment i
 
 Written out it would grow with the square of the number of records, and sums of its products with the cube.
 """
@@ -18,14 +18,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ArrowheadJacobian:
-    """columns : (n, k + 1), A and b.   ends : (m + 1,), rows between which the stretches lie; (1,) where none has an unknown of its own."""
+    """columns : (n, k + 1), A and b.   ends : (m + 1,), rows between which the segments lie; (1,) where none has an unknown of its own."""
 
     columns: Array
     ends: NDArray[np.intp]
 
     @property
     def own(self) -> int:
-        """Number of unknowns that all stretches share, k."""
+        """Number of unknowns that all segments share, k."""
         return int(self.columns.shape[1]) - 1
 
     def scaled(self, weights: Array) -> ArrowheadJacobian:
@@ -56,7 +56,7 @@ class ArrowheadJacobian:
         return np.concatenate((np.linalg.norm(self.columns[:, :-1], axis=0), np.array(border)))
 
     def segments(self) -> list[slice]:
-        """Rows of each stretch that has an unknown of its own."""
+        """Rows of each segment that has an unknown of its own."""
         return [slice(int(a), int(b)) for a, b in pairwise(self.ends)]
 
 

@@ -95,7 +95,7 @@ def _fit_base(
         )
     first = fit(data, start, FIRST_ITERATIONS, fixed=fixed)
     if commanded:
-        data, first = with_own_noise(*refit_with_rebuilt_motion(data, first, NEXT_ITERATIONS, fixed=fixed))
+        data, first = with_quieter_torque(*refit_with_rebuilt_motion(data, first, NEXT_ITERATIONS, fixed=fixed))
     progress(0.3)
     chosen = path if path is not None else replace(choose_path(data, first, start, chain).path, commanded=commanded)
     if chosen != data.path:
@@ -118,7 +118,7 @@ def _fit_base(
         if quieter and path is None:  # the motion tells more of the path now
             data, fitted = refine_path(*refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS, fixed=fixed))
     elif chain is None or commanded:
-        data, fitted = with_own_noise(data, fitted)
+        data, fitted = with_quieter_torque(data, fitted)
     if fitted.ratio < ROUGH and is_mostly_rounding(data, fitted.model):
         data, fitted = refit_with_rebuilt_motion(replace(data, single=True), fitted, NEXT_ITERATIONS, fixed=fixed)
     least = min(smallest_step(r.position) for r in data.recordings)
@@ -161,7 +161,7 @@ def _best_rival(data: Data, fitted: Fitted, fixed: Sequence[str]) -> tuple[Data,
     return replace(ahead, path=replace(ahead.path, rivals=tuple(replace(path, rivals=()) for path in near))), found
 
 
-def with_own_noise(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
+def with_quieter_torque(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
     """The records with no more noise of the torque than what the model leaves tells; the fit as it was.
 
     What a model leaves above the noise says nothing of the noise.

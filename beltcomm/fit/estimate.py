@@ -27,7 +27,7 @@ APART_M, SIDEWAYS = 0.25 * OFFSET_M, 4
 OUTLIER = 5.0
 #: s; blocks with one weight: longer than the resonance rings, short enough to keep what is wrong apart from what is right.
 BLOCK_S = 0.2
-#: The same where one weight is to hold for a whole stretch: longer than any, s.
+#: The same where one weight is to hold for a whole segment: longer than any, s.
 STRETCH_S = 1e6
 #: Shares of the motor's inertia to begin with there: before a body was added the motor's made up for it.
 LIGHTER = (1.0, 0.85, 0.7)
@@ -173,7 +173,7 @@ def _fitted_at(problem: Problem, at: Minimum, data: Data, onward: Model | None =
 
 
 def escape_local_minimum(data: Data, fitted: Fitted, iterations: int) -> Fitted:
-    """The same model fitted from the best end of a fit in which each stretch has one weight, also begun with a lighter motor.
+    """The same model fitted from the best end of a fit in which each segment has one weight, also begun with a lighter motor.
 
     Far from the truth nearly every block is bad, and a bad one costs its logarithm: each has valleys of its own, and the fit stays where
     some blocks are suited well, however long it goes on.  A machine with an end pulley ended so at 8 times the noise.
@@ -189,13 +189,13 @@ def escape_local_minimum(data: Data, fitted: Fitted, iterations: int) -> Fitted:
 
 
 def problem_of(data: Data, model: Model, fixed: Sequence[str] = (), block_s: float = BLOCK_S) -> Problem:
-    """The free parameters of a model as unknowns.   block_s : s, stretches of time with one weight."""
+    """The free parameters of a model as unknowns.   block_s : s, segments of time with one weight."""
     pieces = with_observers(data.fitted, [model] * len(data.fitted))
     return Problem(pieces, model, free_parameters(model, ("transmission.ratio", *fixed)), block_s)
 
 
 def held_out_residual(piece: Segment, model: Model) -> Array:
-    """Whitened residual of a held-out stretch; only where its carriage stuck at the start is fitted to it."""
+    """Whitened residual of a held-out segment; only where its carriage stuck at the start is fitted to it."""
     vector, piece = model.vector(), with_observer(piece, model)
     here = whitened_residual(piece, model, vector)
     if "cart" not in model.base_bodies or piece.observer is not None:

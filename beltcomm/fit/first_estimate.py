@@ -171,7 +171,7 @@ def _lowest(rests: Array, number: int) -> list[tuple[int, int]]:
     return [(int(i), int(j)) for i, j in zip(*np.unravel_index(order, rests.shape), strict=True)]
 
 
-def is_excited(recording: Recording, model: Model, counts_per_rev: int) -> bool:
+def moves_enough(recording: Recording, model: Model, counts_per_rev: int) -> bool:
     """Whether a record has enough moving samples for a first estimate."""
     noise = torque_noise([recording])
     return _moving(legible_stretches(recording, model, 2.0 * np.pi / counts_per_rev, noise)) >= FEWEST_SAMPLES
@@ -214,7 +214,7 @@ def _moving(pieces: Sequence[Segment]) -> int:
 
 
 class _Search:
-    """Torque equation of some stretches as a function of mass, stiffness and carriage friction, the other parameters solved for."""
+    """Torque equation of some segments as a function of mass, stiffness and carriage friction, the other parameters solved for."""
 
     def __init__(self, pieces: Sequence[Segment], start: Model) -> None:
         self.pieces, self.start = pieces, start

@@ -5,7 +5,7 @@
 
 A : information, B = Σ B_r less that of the rounding (``rounding_bias``).   s : gradient.
 
-A law that is not quite the machine's makes long stretches pull the same way, each kind of record another one; the scatter over time is
+A law that is not quite the machine's makes long segments pull the same way, each kind of record another one; the scatter over time is
 blind to that.  What all records share of it no record can tell: so much is added (:data:`LAW`) to the parameters of every effect that is
 not one of :data:`EXACT`, and to all of them together what the sampling of the motion leaves (:data:`SCALE`).
 """
@@ -190,7 +190,7 @@ def spread_of(fitted: Fitted) -> ParameterSpread:
     values = np.array([model[name] for name in names])
     own = [LAW if name.startswith(loose) else FRICTION if name == "coulomb.level" else 0.0 for name in names]
     systematic = np.vstack((np.diag(own * np.abs(values)), SCALE * np.array([name.startswith(SCALED) for name in names]) * values))
-    if not loose and fitted.ratio < UNEXPLAINED:  # nothing that pulls long stretches one way: chance is told by time alone
+    if not loose and fitted.ratio < UNEXPLAINED:  # nothing that pulls long segments one way: chance is told by time alone
         moved, shares = moved[:0], shares[:0]
     units, sits = np.outer(scale, scale), at_bound(fitted)
     bound = frozenset(name for name, sat in zip(fitted.problem.free, sits, strict=True) if sat)

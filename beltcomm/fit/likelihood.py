@@ -2,7 +2,7 @@
 
     O = Σ_b n_b φ(c_b - v(x) + v(x₀)),   φ(c) = c for c < 1,  1 + ln c above,   c_b : mean square of the whitened residual in block b
 
-It is the likelihood with unknown scale in bad blocks: a disturbed stretch costs what its length is worth and no more.  v is what rounding
+It is the likelihood with unknown scale in bad blocks: a disturbed segment costs what its length is worth and no more.  v is what rounding
 alone adds to a block (``rounding_bias``): it is no reason to prefer a lighter motor.
 """
 
@@ -51,7 +51,7 @@ PACE = 3.0
 
 @dataclass(frozen=True)
 class Parts:
-    """The torque balance of one stretch, N m, (n,) each:  residual = inertia + motor + belt, as read, - acting.
+    """The torque balance of one segment, N m, (n,) each:  residual = inertia + motor + belt, as read, - acting.
 
     motion : true.   lags : of the torque's reading.
     """
@@ -90,7 +90,7 @@ class Minimum:
 
 
 class Problem:
-    """Unknowns are the free parameters, then one start offset of the carriage per stretch."""
+    """Unknowns are the free parameters, then one start offset of the carriage per segment."""
 
     def __init__(self, pieces: Sequence[Segment], model: Model, free: Sequence[str], block_s: float) -> None:
         self._bare = False
@@ -130,7 +130,7 @@ class Problem:
 
     @property
     def pieces(self) -> list[Segment]:
-        """The stretches, each with the observer of its own where the model needs one."""
+        """The segments, each with the observer of its own where the model needs one."""
         if self._bare:
             self._pieces, self._bare = with_observers(self._pieces, [self.model] * len(self._pieces)), False
         return self._pieces
@@ -199,11 +199,11 @@ class Problem:
             return parts
         piece, vector = self.pieces[i], self.full(x)
         motion = true_motion(self.model, piece.motion, vector)
-        needs_observer = piece.observer is not None  # then the belt's part is only known sample by sample, see ``one``
+        observed = piece.observer is not None  # then the belt's part is only known sample by sample, see ``one``
         return Parts(
             self.inertia_of(motion, vector),
             self.motor_of(piece, motion, vector),
-            np.zeros(motion.samples) if needs_observer else belt_load(self.model, motion, vector, offset_m),
+            np.zeros(motion.samples) if observed else belt_load(self.model, motion, vector, offset_m),
             acting_torque(self.model, motion, piece.torque, vector),
             motion,
             reading_lags(self.model, vector),
@@ -221,7 +221,7 @@ class Problem:
         return inertia
 
     def neighbour(self, i: int, x: Array, offset_m: float, old: Parts, touch: Touch) -> Parts:
-        """The same at neighbouring unknowns; parts that are not touched are taken from ``old``."""
+        """The torque balance of piece i at neighbouring unknowns; parts that are not touched are taken from ``old``."""
         vector, motion = self.full(x), old.motion
         if touch == "inertia":
             return replace(old, inertia=self.inertia_of(motion, vector))
@@ -385,7 +385,7 @@ def hopeless(above: float, gain: float, left: int) -> bool:
 
 
 def time_blocks(pieces: Sequence[Segment], seconds: float) -> NDArray[np.int64]:
-    """Running number of the time block of every value of the residual, blocks never crossing a stretch."""
+    """Running number of the time block of every value of the residual, blocks never crossing a segment."""
     labels, first = [], 0
     for piece in pieces:
         block = piece.value_samples // max(int(seconds / piece.motion.sample_s), 1)

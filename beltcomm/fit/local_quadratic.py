@@ -51,12 +51,12 @@ class LocalQuadratic:
         # Of one layout, here and below, so that ``_products`` is compiled once.
         columns = np.ascontiguousarray(np.column_stack((jacobian.columns[:, shared] / norms[shared], beside)))
         self.jacobian = ArrowheadJacobian(columns, jacobian.ends)
-        #: Of the unknowns that all stretches share and of one for each stretch those that move.
+        #: Of the unknowns that all segments share and of one for each segment those that move.
         self.used = np.concatenate((np.arange(len(shared)), len(shared) + self.moving[len(shared) :] - own))
         self.low, self.high = ((bound - x)[self.moving] * self.norms for bound in (problem.low, problem.high))
         self.unknowns = len(x)
         self.starts = np.concatenate((np.flatnonzero(np.diff(problem.blocks, prepend=-1)), [len(residual)])).astype(np.int64)
-        # Blocks never cross a stretch.
+        # Blocks never cross a segment.
         self.segment = np.searchsorted(jacobian.ends, self.starts[:-1], side="right") - 1 if len(border) else None
         self.count, self.residual = problem.count, residual
         self.active = np.add.reduceat(columns**2, self.starts[:-1]) > 0.0
@@ -66,7 +66,7 @@ class LocalQuadratic:
         self._prepare_screening(here)
 
     def _prepare_screening(self, here: Near) -> None:
-        """Everything fitted, weighted as at the minimum, for :meth:`screened`."""
+        """Everything fitted, weighted as at the minimum, for :meth:`rough_gains`."""
         rest = self.residual + self._moved(here.step[self.moving] * self.norms)
         means = np.add.reduceat(rest**2, self.starts[:-1]) / self.count
         self.weights = np.repeat(1.0 / np.maximum(means, 1.0), np.diff(self.starts))

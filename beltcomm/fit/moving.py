@@ -18,7 +18,7 @@ PARTS, LEAST_STEPS, LEAST_SHARE = 4, 0.5, 0.25
 EVEN_STEPS = 1.1
 #: Samples around one in which an angle may go so many times the way that is counted and a step.
 AROUND, MOST_WAY = 17, 1.5
-#: m the carriage must have travelled before a stretch counts: until then its belt stretch at the start is unknown.
+#: m the carriage must have travelled before a segment counts: until then its belt stretch at the start is unknown.
 RUN_IN_TRAVEL_M = 1e-4
 #: s after that travel, for the free oscillation of the carriage to die out.
 RUN_IN_S = 0.2

@@ -50,7 +50,7 @@ PLACES, FINE_PLACES = 25, 601
 LEAST_PART, LEAST_LAG_S = 1e-6, 1e-9
 #: Terms of Taylor's series for a norm below one half: 0.5^15/15! is below the machine precision.
 TERMS = 14
-#: Paths that are kept: the stretches of a record set ask for the same one wherever nothing goes with the place.
+#: Paths that are kept: the segments of a record set ask for the same one wherever nothing goes with the place.
 KEPT = 512
 
 
@@ -74,7 +74,7 @@ class NoisePath:
 
 @dataclass(frozen=True)
 class NoiseSchedule:
-    """Noise paths along the way of a stretch.   paths : of all levels.   level : (n,), which of them holds at each sample."""
+    """Noise paths along the way of a segment.   paths : of all levels.   level : (n,), which of them holds at each sample."""
 
     paths: tuple[NoisePath, ...]
     level: NDArray[np.int64]

@@ -1,4 +1,4 @@
-"""A stretch whose carriage is free at times: innovations of an observer that follows it by the torque (``simulate.observer``)."""
+"""A segment whose carriage is free at times: innovations of an observer that follows it by the torque (``simulate.observer``)."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Perturbation(NamedTuple):
 
 @dataclass(frozen=True)
 class Observer:
-    """The observer of one stretch.   watch : its filter, with gains, deviations and shares as worked out near the right model.
+    """The observer of one segment.   watch : its filter, with gains, deviations and shares as worked out near the right model.
 
     model, motion, torque : those it was worked out with; what it found on the way stands in ``watch`` as well.
     """
@@ -137,7 +137,7 @@ def untuned_observer(
     process_noise: float,
     freedom_m: float = 0.0,
 ) -> Observer:
-    """The observer of a stretch for a model, before it is :func:`tuned_observers`.   start_m : rms stretch of the belt at first, m.
+    """The observer of a segment for a model, before it is :func:`tuned_observers`.   start_m : rms stretch of the belt at first, m.
 
     process_noise : by how much the speed of the carriage changes in each sample as no model tells, rms, as a share of that at which it
     would swing through half the gap on its belt: in its gap it strikes rough ends at an angle, and rubs.
@@ -197,7 +197,7 @@ def untuned_observer(
 
 
 def tuned_observers(followers: Sequence[Observer]) -> list[Observer]:
-    """Observers of models with the same effects, each with the gains, deviations and shares that its model finds on its stretch."""
+    """Observers of models with the same effects, each with the gains, deviations and shares that its model finds on its segment."""
     vectors = [observer.model.vector() for observer in followers]
     motions = [true_motion(observer.model, observer.motion, vector) for observer, vector in zip(followers, vectors, strict=True)]
     if followers:

@@ -1,4 +1,4 @@
-"""The recordings of a run made ready for comparison: gapless stretches with their noise."""
+"""The recordings of a run made ready for comparison: gapless segments with their noise."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ AGITATIONS, USUAL, STRAY = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3), 2, 5.0
 #: Neighbouring values that make one: where the axis is excited, and elsewhere; Hz that are left at least.
 EXCITED_GROUP, STEADY_GROUP, BAND_HZ = 2, 4, 120.0
 #: Variance of a belt axis's innovations over that by the torque's noise alone from which on every model is judged in its own noise.
-MOSTLY_ROUNDING = 200.0
+OWN_NOISE_FROM = 200.0
 #: Hz up to which steady and excited motion counts there: above, rounding follows a steady motion for many samples, is not white and tells
 #: a false inertia.
 CALM_BAND_HZ, EXCITED_BAND_HZ = 20.0, 250.0
@@ -171,18 +171,18 @@ def band_limited(piece: Segment, band_hz: float) -> Segment:
 
 
 def with_whitener(piece: Segment, model: Model) -> Segment:
-    """A stretch with the noise as a model passes it on."""
+    """A segment with the noise as a model passes it on."""
     worked_out = whitener_of(piece, model)
     kept = worked_out.deviations[piece.keep]
     torque = 0.25 * (1.0 - piece.colour**2) * piece.noise_nm**2  # of the innovations of its mean with the triangular weight
-    own = "cart" in model.base_bodies and len(kept) > 0 and float(np.median(kept)) ** 2 > MOSTLY_ROUNDING * torque
+    own = "cart" in model.base_bodies and len(kept) > 0 and float(np.median(kept)) ** 2 > OWN_NOISE_FROM * torque
     return replace(piece, whitener=worked_out, reference=model, own_noise=own)
 
 
 def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS, *, reversals: bool = False) -> Data:
     """The same records with the motion between the samples rebuilt, and the noise calibrated, by a better model.
 
-    offsets_m : start offsets of the fitted stretches, m.   substeps : fine steps a sample, where nothing rattles and nothing creeps.
+    offsets_m : start offsets of the fitted segments, m.   substeps : fine steps a sample, where nothing rattles and nothing creeps.
     """
     pieces = (*data.fitted, *data.held_out)
     if needs_observer(model):  # what an observer leaves says nothing of the rounding; the shares found before stay
@@ -192,7 +192,7 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS,
         for piece, offset in zip(pieces, [*offsets_m, *np.zeros(len(data.held_out))], strict=True):
             known = replace(
                 piece, noise_nm=piece.noise_factor * data.noise_nm, colour=data.colour
-            )  # by now maybe better than when the stretch was made
+            )  # by now maybe better than when the segment was made
             left.setdefault(piece.record, []).append((known, evaluate(piece, model, model.vector(), float(offset))))
         # Where rounding is most of the noise, a share of it found from few samples would make them count for all others.
         calm = {name: parts for name, parts in left.items() if not any(piece.own_noise for piece, _ in parts)}
@@ -204,7 +204,7 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS,
 
 
 def with_process_noise(data: Data, model: Model) -> Data:
-    """The same with what no model tells of a carriage in its gap, see ``follower_for``: the likeliest of :data:`AGITATIONS`.
+    """The records with what no model tells of a carriage in its gap, the likeliest of :data:`AGITATIONS` (``untuned_observer``).
 
     Without it an observer knows too well where the carriage is, and takes the next stroke for an error of the model.
     """

@@ -65,11 +65,11 @@ STICK_SPEED_M_S = 4e-3
 SUBSTEPS = 16
 #: The same while start values are refined and nothing is reported yet.
 COARSE_SUBSTEPS = 4
-#: m; largest stretch of the belt at the start of a stretch that begins in motion: 10 m/s² on 10 kg and 200 kN/m.
+#: m; largest stretch of the belt at the start of a segment that begins in motion: 10 m/s² on 10 kg and 200 kN/m.
 MOVING_STRETCH_M = 5e-4
 #: Squared whitened residual beyond which a sample has no more weight when a start offset is looked for: five deviations.
 OUTLIER = 25.0
-#: Whiteners that are kept with a stretch.
+#: Whiteners that are kept with a segment.
 KNOWN = 2
 #: By how much more than the model's friction at the carriage the belt may be stretched where the axis begins at rest.
 HELD_SPREAD = 1.2
@@ -86,7 +86,7 @@ class Segment:
     rounding : shares for ``whitener``.   process_noise, freedom_m : for ``observer``, that of a carriage which is free at times, see
     :func:`with_observer`.   turns : what the kernel's Coulomb friction of level 1 lacks at the reversals that count, (n,); None where none
     of those count, or the motor has no such friction.   colour : of the torque's noise, see ``whitening``.   noise_factor : factor on the
-    noise of a stretch that was decimated.
+    noise of a segment that was decimated.
     own_noise : whether every model is judged in the noise that it passes on itself, for rounding is most of it; else in the reference's.
     """
 
@@ -279,12 +279,12 @@ def start_offset(model: Model, motion: FineMotion) -> float:
 
 
 def with_observer(segment: Segment, model: Model) -> Segment:
-    """The stretch with the observer that a model with a gap needs, or without one."""
+    """The segment with the observer that a model with a gap needs, or without one."""
     return with_observers([segment], [model])[0]
 
 
 def with_observers(segments: Sequence[Segment], models: Sequence[Model]) -> list[Segment]:
-    """The same of several stretches, each for a model of its own; the effects of all are the same."""
+    """Several segments with the observers that their models need, each for a model of its own; the effects of all are the same."""
     if not models or not needs_observer(models[0]):
         return [segment if segment.observer is None else replace(segment, observer=None) for segment in segments]
     observers = []
@@ -302,7 +302,7 @@ def evaluate(segment: Segment, model: Model, vector: Array, offset_m: float = 0.
 
 
 def evaluate_each(segment: Segment, model: Model, vectors: Sequence[Array], offsets_m: Sequence[float]) -> list[Array]:
-    """The same of a stretch without an observer for several vectors of parameters side by side, (n,) each."""
+    """Residual e[n] of a segment without an observer for several vectors of parameters side by side, (n,) each."""
     left = torque_residuals(model, segment.motion, segment.torque, vectors, offsets_m)
     if segment.turns is None:
         return left
@@ -318,7 +318,7 @@ def whitened_residual(segment: Segment, model: Model, vector: Array, offset_m: f
 
 
 def squares_left(piece: Segment, model: Model, vector: Array) -> Array:
-    """Squared whitened residual of a stretch that the model was not fitted to; only where its carriage stuck at the start is."""
+    """Squared whitened residual of a segment that the model was not fitted to; only where its carriage stuck at the start is."""
 
     def cost(offset_m: float) -> float:
         return float(np.sum(np.minimum(whitened_residual(piece, model, vector, offset_m) ** 2, OUTLIER)))
@@ -328,7 +328,7 @@ def squares_left(piece: Segment, model: Model, vector: Array) -> Array:
 
 
 def observed_residuals(segments: Sequence[Segment], model: Model, vectors: Sequence[Array]) -> list[Array]:
-    """The same of stretches with observers, each with a vector of its own."""
+    """Whitened residuals of segments with observers, each with a vector of its own."""
     whites = innovations([one for segment in segments for one in segment.observations], model, vectors)
     return [segment.group_sums(white[segment.keep]) for segment, (white, _) in zip(segments, whites, strict=True)]
 
@@ -349,7 +349,7 @@ def in_noise(segment: Segment, model: Model, vector: Array, torque: Array) -> Ar
 
 
 def whitener_of(segment: Segment, model: Model) -> Whitener:
-    """The filter of a stretch for the noise that a model passes on."""
+    """The filter of a segment for the noise that a model passes on."""
     return whitener(segment.keep, noise_paths_of(segment, model), segment.step_rad, segment.noise_nm, segment.rounding, segment.colour)
 
 
@@ -379,7 +379,7 @@ def _together(single: Array, firsts: NDArray[np.intp], size: int, out: Array) ->
 
 
 def noise_paths_of(segment: Segment, model: Model) -> NoiseSchedule:
-    """How torque noise and rounding reach the residual of a stretch."""
+    """How torque noise and rounding reach the residual of a segment."""
     motion = segment.motion
     places = motion.theta[:: motion.substeps] * model["transmission.ratio"]
     return way(model, places, motion.sample_s, stiffness_left(model, motion))

@@ -37,7 +37,7 @@ ONE_BODY_FULL[[1, 2, 6], :6] = ONE_BODY_FULL[[0, 3, 4, 5, 5, 5], [0, 4, 5, 0, 4,
 
 @dataclass(frozen=True)
 class Whitener:
-    """The filter of one stretch with its gains worked out: they depend on the noises and on what is kept, not on the residual.
+    """The filter of one segment with its gains worked out: they depend on the noises and on what is kept, not on the residual.
 
     F : (levels, k, k) and H : (levels, k), of the noise paths.   level : (n,), which of them holds.   gains : (n, k).
     deviations : (n,), N m, of the innovations.
@@ -81,7 +81,7 @@ def whitener(
     shares: tuple[float, float] = (1.0, 0.0),
     colour: float = 0.0,
 ) -> Whitener:
-    """Gains for the kept samples of a stretch.   step_rad : rad.   noise_nm : N m rms.
+    """Gains for the kept samples of a segment.   step_rad : rad.   noise_nm : N m rms.
 
     shares : of the rounding's variance step²/12 that is white, and that is slow: decaying with ``SLOW_HZ``.
     """

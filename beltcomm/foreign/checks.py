@@ -71,7 +71,7 @@ def _wrap(position: Array) -> float:
 
 
 def _period_note(recording: Recording) -> list[str]:
-    """Whether the excitation repeats as the sidecar says."""
+    """Notes on an excitation that does not repeat as the sidecar says."""
     note = recording.sidecar.excitation
     if note is None or note.period_samples is None:
         return []

@@ -67,7 +67,7 @@ class _Format(NamedTuple):
 
 
 def read_text_table(path: Path, separator: Separator | None, decimal: Decimal | None, skip_lines: int, torn_rows: bool) -> Table:
-    """As :func:`beltcomm.foreign.table.read_table`, for text; read twice, piece by piece: no more is kept in memory than its numbers."""
+    """As :func:`beltcomm.foreign.files.read_table`, for text; read twice, piece by piece: no more is kept in memory than its numbers."""
     look = _looked_at(path, skip_lines)
     content = [line for line in look.sample if not line.text.lstrip().startswith(_COMMENT)]
     if not content:

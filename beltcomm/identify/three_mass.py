@@ -278,7 +278,7 @@ def _reach(name: str, place_m: float | None, response: FrequencyResponse, model:
 def judge_third_mass(
     two: FinalModel, three: ModelFit, axis: Axis, recordings: Sequence[Recording], responses: Mapping[str, FrequencyResponse]
 ) -> ThreeMass:
-    """Whether the third mass is identified: evidence, intervals, held-out records, what is left over, and its mode within the records."""
+    """The third mass, judged by evidence, intervals, held-out records, what is left over, and its mode within the records."""
     gain = evidence(three, two.fit)
     item = three.model.parameters[MASS]
     known = item.interval is not None and item.interval <= WELL_KNOWN * item.value

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from beltcomm.drive import Drive
 from beltcomm.experiments import referencing
-from beltcomm.experiments.first_motion import admit_edited
-from beltcomm.experiments.options import Options, claim, settings_of
+from beltcomm.experiments.options import Options, admit_edited, claim, settings_of
 from beltcomm.experiments.plan import Plan
 from beltcomm.experiments.run_plan import follow, motion_plan
 from beltcomm.experiments.sign import check_sign
@@ -26,7 +25,7 @@ def follow_plan(drive: Drive, run: Path, file: Path, options: Options, agree: Ca
     wanted = load_plan(file)
     folder = RunFolder.open(run)
     model = offline.trusted(folder)[0]
-    claim(folder, drive.capabilities, options.wall_clock)
+    claim(folder, drive.capabilities, options, talk)
     if not options.dry_run:
         admit_edited(str(file), wanted.edited, options, talk)
     findings = offline.fitted(folder, "lm", Silence(), model)

@@ -41,7 +41,7 @@ def identify_in_loop(drive: Drive, axis: Axis, run: Path, options: Options, agre
     folder = RunFolder.create(run, axis, resume=True)
     model = offline.trusted(folder)[0]
     loop_plan.offered(drive.capabilities, options.loop, frozenset(drive.backup()))
-    claim(folder, drive.capabilities, options.wall_clock)
+    claim(folder, drive.capabilities, options, talk)
     findings = offline.fitted(folder, "lm", Silence(), model)
     findings.remarks.clear()  # of other records
     with Machine(drive, axis, folder, talk) as machine:

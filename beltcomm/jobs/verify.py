@@ -12,8 +12,7 @@ from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.drive import Drive, simulated
 from beltcomm.errors import Refused
 from beltcomm.experiments import referencing, verification
-from beltcomm.experiments.first_motion import admit_edited
-from beltcomm.experiments.options import Options, claim, settings_of
+from beltcomm.experiments.options import Options, admit_edited, claim, settings_of
 from beltcomm.experiments.plan import Plan, verification_plan
 from beltcomm.experiments.proving import Sending, verify_move
 from beltcomm.experiments.sign import check_sign
@@ -22,7 +21,7 @@ from beltcomm.machine import stops
 from beltcomm.machine.machine import Machine
 from beltcomm.result import Result
 from beltcomm.rundata import analyse, offline
-from beltcomm.rundata.proof import edited_files, next_step, proof
+from beltcomm.rundata.proof import next_step, proof
 from beltcomm.rundata.store import saved_design, verdict_to_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import words
@@ -88,10 +87,9 @@ def verify_with(
     folder, feedforward = RunFolder.open(run), options.feedforward
     saved = saved_design(folder)
     model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
-    claim(folder, drive.capabilities, options.wall_clock)
+    claim(folder, drive.capabilities, options, talk)
     if planned is None:
-        edited = edited_files(folder)
-        admit_edited(", ".join(f"{name}.yaml of the run" for name in edited), bool(edited), options, talk)
+        admit_edited("final.yaml of the run", folder.edited("designs", "final"), options, talk)
     structure = drive.capabilities.structure
     leads = rungs or feedforward == "compliant"
     if leads and not (structure.torque_feedforward and structure.velocity_feedforward):

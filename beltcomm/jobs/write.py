@@ -14,8 +14,7 @@ from beltcomm.drive.objects import COMMUNICATION, ObjectValue, commands
 from beltcomm.drive.parameters import cascade_to_parameters
 from beltcomm.errors import BeltcommError, Refused, UsageError
 from beltcomm.experiments import phases, referencing, verification
-from beltcomm.experiments.first_motion import admit_edited
-from beltcomm.experiments.options import Options, claim, settings_of
+from beltcomm.experiments.options import Options, admit_edited, claim, settings_of
 from beltcomm.experiments.plan import Plan, verification_plan
 from beltcomm.experiments.proving import verify_move
 from beltcomm.experiments.sign import check_sign
@@ -56,7 +55,7 @@ def apply_to(
 
     Raises Refused, UsageError, DataError, ObjectLocked, DriveError; a drive whose move fails has its values from before again.
     """
-    claim(folder, drive.capabilities, options.wall_clock)
+    claim(folder, drive.capabilities, options, talk)
     recall(drive, folder)
     remarks: list[str] = []
     if dcf is None:
@@ -78,7 +77,7 @@ def apply_to(
 def roll_back(drive: Drive, name: str, folder: RunFolder, which: str | None, options: Options, talk: Talk) -> Result:
     """A backup into its drive.   which : its name or path; None is the one from before the run.   Nothing moves."""
     backup = backups.chosen(folder, which)
-    claim(folder, drive.capabilities, options.wall_clock)
+    claim(folder, drive.capabilities, options, talk)
     backups.same_drive(backup, drive)
     recall(drive, folder)
     found = gains.differences(drive, folder, backups.wanted_of(backup, drive))

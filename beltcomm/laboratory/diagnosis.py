@@ -202,7 +202,7 @@ def diagnose(
             data, current, ranked = revert_step(seen, steps, at, trying)
             doubted, patient = None, False
             continue
-        direct = find_detour(seen, steps) if removed else None
+        direct = find_shortcut(seen, steps) if removed else None
         if direct is not None:
             first, step = direct
             steps[first:], seen[first + 1 :] = [step], []
@@ -326,7 +326,7 @@ def further(name: str) -> bool:
     return name.rpartition("_")[2].isdigit()
 
 
-def find_detour(seen: Sequence[Data], steps: Sequence[Stage]) -> tuple[int, Stage] | None:
+def find_shortcut(seen: Sequence[Data], steps: Sequence[Stage]) -> tuple[int, Stage] | None:
     """The step that goes straight to where the last ones came by a detour, and the number of the first that it stands for.
 
     Far from the truth the score test does not see every effect, and one that explains a part shows it the way.  Where that one is

@@ -67,13 +67,13 @@ def lead_of(grown: Fitted, closed: Fitted) -> float:
 
 
 def with_stray(data: Data, width_m: float) -> Data:
-    """The same with a carriage that has the freedom of a gap of this width, whatever the model's."""
+    """The records with a carriage that has the freedom of a gap of this width, whatever the model's."""
     fitted, held_out = (tuple(replace(piece, freedom_m=width_m) for piece in pieces) for pieces in (data.fitted, data.held_out))
     return replace(data, fitted=fitted, held_out=held_out)
 
 
 def with_likeliest_stray(data: Data, model: Model) -> Data:
-    """The same with a carriage that strays as far as is likeliest."""
+    """The records with a carriage that strays as far as is likeliest."""
     best = with_process_noise(data, model)
     while best.fitted[0].process_noise == AGITATIONS[-1]:
         wider = with_process_noise(with_stray(best, WIDER * best.fitted[0].freedom_m), model)

@@ -134,7 +134,8 @@ def differences(drive: Drive, folder: RunFolder | None, wanted: Sequence[ObjectV
         elif not _same(item, before):
             name = known.get(item.place, item.name)
             changes.append(ParameterChange(replace(item, name=name, value=_si(drive, item, wanted, name)), before, meant.get(name)))
-    Writable.of(drive, folder).check([one.wanted for one in changes], mode=folder is None)
+    # This computer's own note is believed: a mode or a profile of today may not know all that the session before had lent.
+    Writable.of(drive, folder, found=wanted if folder is None else ()).check([one.wanted for one in changes], mode=folder is None)
     words = [f"the drive has no {', '.join(absent)}"] if absent else []
     return Differences(tuple(changes), (*words, *left_out))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 
 from beltcomm.drive import Drive
 from beltcomm.errors import BeltcommError, BusError, DriveError, LeaveNow
@@ -32,14 +33,14 @@ def leave(
                     "left at once",
                 )
             else:
-                _restore(drive, folder, talk, wanted, keep)
+                _restore(drive, folder, talk, wanted, keep, error)
             break
         except KeyboardInterrupt as again:  # an impatient user must not leave a half-restored drive behind
             interrupted, at_once = again, at_once or isinstance(again, LeaveNow)
     return interrupted
 
 
-def _restore(drive: Drive, folder: RunFolder, talk: Talk, wanted: Mapping[str, float], keep: bool) -> None:
+def _restore(drive: Drive, folder: RunFolder, talk: Talk, wanted: Mapping[str, float], keep: bool, error: BaseException | None) -> None:
     try:
         try:
             drive.write(wanted)
@@ -48,7 +49,12 @@ def _restore(drive: Drive, folder: RunFolder, talk: Talk, wanted: Mapping[str, f
         except DriveError:  # one refusal may be a passing state of the drive, as a transfer disturbed once is
             drive.write(wanted)
     except BeltcommError as problem:
-        folder.journal(f"restoring the drive failed: {problem}", "not restored")
         talk.say(f"The drive's parameters could not be restored ({problem}); `beltcomm rollback` writes the backup again.")
+        with suppress(BeltcommError):  # a full disk takes nothing from what was said
+            folder.journal(f"restoring the drive failed: {problem}", "not restored")
     else:
-        folder.journal(*(("limits restored, new gains kept", "gains kept") if keep else ("all parameters restored", "restored")))
+        try:
+            folder.journal(*(("limits restored, new gains kept", "gains kept") if keep else ("all parameters restored", "restored")))
+        except BeltcommError:
+            if error is None:  # what ended the session counts more than a disk that is full now
+                raise

@@ -47,7 +47,10 @@ class Note:
         """
         if not self.path.is_file():
             return None
-        self._take().release()
+        try:
+            self._take().release()
+        except OSError as error:
+            raise self._unwritable(error) from error
         try:
             return read_yaml(self.path)
         except UsageError as error:
@@ -70,10 +73,14 @@ class Note:
             self._held = self._take()
             atomic.write(self.path, to_yaml(told).encode())
         except OSError as error:
-            raise UsageError(
-                f"{self.path} cannot be written: {error.strerror or error}; a session that is killed could not be found again. Make room, "
-                "or set XDG_STATE_HOME to a folder that can be written"
-            ) from error
+            self.release()
+            raise self._unwritable(error) from error
+
+    def _unwritable(self, error: OSError) -> UsageError:
+        return UsageError(
+            f"{self.path} cannot be written: {error.strerror or error}; a session that is killed could not be found again. Make room, "
+            "or set XDG_STATE_HOME to a folder that can be written"
+        )
 
     def remove(self) -> None:
         """The drive is as it should be."""

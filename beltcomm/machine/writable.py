@@ -1,8 +1,8 @@
 """What may be written to a drive, whoever asks: a backup, a design, a file, a calibration, an unfinished session.
 
 A closed list: the objects that this drive's adapter keeps in a backup, each once; no command, no setpoint, no mode; limits no higher than
-motor and drive are rated.  Every writing passes here twice: where it is compared with the drive, so that a dry run says what is refused,
-and in :class:`beltcomm.experiments.supervised.Supervised`, behind which nothing else writes.
+motor and drive are rated.  All of it is asked where files are compared with the drive, so that a dry run says what is refused; the list
+without the limits once more in :class:`beltcomm.experiments.supervised.Supervised`, behind which nothing else writes.
 """
 
 from __future__ import annotations
@@ -101,7 +101,8 @@ def most_of(capabilities: Capabilities, folder: RunFolder) -> dict[str, tuple[fl
     """The most that each limit may be, SI, and by whose word: axis.yaml's, else what the drive has, or had when the run began: a session
     that was cut off leaves it lower.  Never more than motors do."""
     motor = folder.axis.motor if folder.has_axis else Motor()
-    begun = folder.load_result("drive") or {}
+    noted = folder.load_result("drive") or {}
+    begun = noted.get("begun_with") or noted
     rated = capabilities.rated_torque_nm
     found: dict[str, tuple[float, str]] = {}
     for name, key, most, bounded in (

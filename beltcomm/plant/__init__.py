@@ -1,6 +1,6 @@
 """The border between a virtual drive and the machine behind it: an object with a step method.
 
-The product's default is :class:`beltcomm.simulate.forward.SimulatedPlant`; the accuracy figures of the tests use an
+The product's default is :class:`beltcomm.simulate.plant.SimulatedPlant`; the accuracy figures of the tests use an
 independent simulator that implements the same protocol.
 """
 

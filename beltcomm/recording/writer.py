@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self, TextIO
 
+from beltcomm import atomic
 from beltcomm.configfiles import to_yaml, write_text
 from beltcomm.errors import DataError, UsageError
 from beltcomm.recording.columns import MOTOR_COLUMNS
@@ -80,6 +81,7 @@ class RecordingWriter:
                 return self._part
             # The rename comes last: whenever the process dies, a record without NAME.csv is unfinished.
             os.replace(self._part, self.path)
+            atomic.sync(self.path.parent)
         except OSError as error:
             raise _unwritable(self._part, error) from error
         return self.path

@@ -12,7 +12,6 @@ from beltcomm.drive.parameters import cascade_to_parameters
 from beltcomm.errors import Declined, Refused
 from beltcomm.fit.model_fit import SUSPECT_MISFIT
 from beltcomm.given import pasted
-from beltcomm.rundata.calibration import RESULT
 from beltcomm.rundata.revisions import revisions
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
@@ -27,8 +26,6 @@ SURE_MARGIN_DEG = 30.0
 SAME_PLACE_M = 1e-4
 #: Of a file whose checksum is missing or another one.
 EDITED = "was edited since, or is of a version that kept no checksum"
-#: Files that say what gains a drive gets, and what its raw numbers mean.
-BEHIND_GAINS = (("designs", "final"), ("results", RESULT))
 #: Of a design whose model leaves too much.
 SUSPECT = "the model does not explain what was measured"
 
@@ -90,7 +87,7 @@ def move_name(folder: RunFolder, wanted: Mapping[str, Any]) -> str:
 
 def doubts(folder: RunFolder) -> list[str]:
     """Why the gains of ``designs/final.yaml`` should not be written to a drive yet, in words; empty when nothing speaks against it."""
-    found = [f"{name}.yaml {EDITED}" for name in edited_files(folder)]
+    found = [f"final.yaml {EDITED}"] if folder.edited("designs", "final") else []
     if suspect(folder):
         found.append(SUSPECT)
     designed = saved_design(folder)
@@ -122,11 +119,6 @@ def admit(folder: RunFolder, talk: Talk, *, yes: bool, force: bool) -> None:
         raise Refused(f"nothing was written: {found}; verify the design first, or write it all the same with --force")
     if not talk.confirm("Write them all the same?"):
         raise Declined("nothing was written, as you said")
-
-
-def edited_files(folder: RunFolder) -> list[str]:
-    """Names of files behind the run's gains that are not as beltcomm wrote them."""
-    return [name for kind, name in BEHIND_GAINS if name in folder.names(kind) and folder.edited(kind, name)]
 
 
 def next_step(folder: RunFolder, drive: str, passed: bool) -> str:

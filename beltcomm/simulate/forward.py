@@ -69,7 +69,7 @@ def simulate_torque(
     """Motion of a model under a torque that is held for each sampling period.
 
     torque_nm : (n,), N m at the motor shaft (N for an axis whose first body is the carriage); acts from t[n] to t[n+1].
-    position_m : m, carriage at the start, at rest in static equilibrium (beltcomm.model.linear.equilibrium); unused with ``state``.
+    position_m : m, carriage at the start, at rest in static equilibrium (beltcomm.model.statics.equilibrium); unused with ``state``.
     substeps : integration steps per sampling period.     time_s : s, session clock at the start.
 
     Laws that are linear, with friction of constant level, are solved exactly (``exact.is_exact``): ``substeps`` then only divides a torque

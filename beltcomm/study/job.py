@@ -15,6 +15,7 @@ from beltcomm.configfiles import find_config, to_yaml, write_text
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.given import pasted
 from beltcomm.locks import occupied
+from beltcomm.outside import MEASURED_BYTES, from_json, read_bytes
 from beltcomm.programs import source_hash
 from beltcomm.result import Result, jsonable, plain
 from beltcomm.study import words as words
@@ -244,10 +245,10 @@ def read_members(path: Path) -> list[Line]:
     """The lines of a file of members, but for one that is half written.   Raises DataError for a damaged line."""
     if not path.is_file():
         return []
-    data, lines = path.read_bytes(), []
+    data, lines = read_bytes(path, MEASURED_BYTES), []
     for number, text in enumerate(data[: data.rfind(b"\n") + 1].splitlines(), 1):
         try:
-            line = json.loads(text)
+            line = from_json(text)
             int(line["member"]), str(line["key"]), dict(line["values"]), int(line["exit_code"])
             if not isinstance(line.get("found"), dict) and "error" not in line:
                 raise ValueError("it has neither result nor error")

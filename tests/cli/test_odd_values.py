@@ -66,6 +66,8 @@ def test_an_axis_with_a_long_name_makes_a_run(tmp_path: Path, monkeypatch: pytes
     axis.write_text(text.replace("name: EGC-70-600", f"name: {LONG}"), encoding="utf-8")
     sentence(["commission", *VIRTUAL, "--dry-run", "--axis", axis], codes=(0,))
     sentence(["identify", *VIRTUAL, "--window", "1mm", "--axis", axis], codes=(1, 2, 3))
+    (run,) = (tmp_path / "runs").iterdir()
+    assert len(run.name) <= 100
 
 
 def test_a_path_with_a_zero_is_none() -> None:

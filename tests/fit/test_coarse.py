@@ -69,7 +69,7 @@ def test_intervals_cover_behind_a_coarse_encoder_where_slow_strokes_are_recorded
             assert item.interval is not None, name
             assert item.value == pytest.approx(truth[name], rel=0.04), name
             widths.append(abs(item.value - truth[name]) / item.interval)
-    assert max(widths) < 1.4, "15 values, within 2.7 deviations each"
+    assert max(widths) < 1.0, "15 values"
 
 
 def test_an_inertia_that_records_do_not_tell_is_the_data_sheets_and_the_others_bear_its_tolerance() -> None:

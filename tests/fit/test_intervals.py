@@ -14,7 +14,8 @@ from scipy.special import stdtrit
 
 from beltcomm.fit.arrowhead import ArrowheadJacobian
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import LAW, ParameterSpread, spread_of
+from beltcomm.fit.intervals import FRICTION, LAW, ParameterSpread, spread_of
+from beltcomm.fit.intervals import SCALE as SCALE_SHARE
 
 Array = NDArray[np.float64]
 RECORDS, SAMPLES, SAMPLE_S, BLOCK = 12, 2000, 0.004, 50
@@ -189,6 +190,31 @@ def test_no_law_is_better_than_half_a_percent() -> None:
     assert width is not None
     assert added.half_width({"line.slope": 1.0}) == pytest.approx(np.hypot(width, LAW * abs(here.found[0])))
     assert added.half_width({"body.level": 1.0}) == plain.half_width({"body.level": 1.0})
+
+
+def test_what_sampling_leaves_of_scale_and_friction_is_in_every_interval() -> None:
+    """In squares beside the rest; the scale is one for all, so that a ratio of two does not bear it."""
+    names, values = ("cart.mass", "belt_stiffness.stiffness", "coulomb.level"), np.array([4.0, 2e5, 0.1])
+    systematic = np.vstack((np.diag([0.0, 0.0, FRICTION * 0.1]), SCALE_SHARE * values))
+    none = np.zeros((0, 3))
+    spread = ParameterSpread(names, np.zeros((3, 3)), 100, none, np.zeros((0, 3, 3)), systematic)
+    assert spread.half_width({"cart.mass": 1.0}) == pytest.approx(SCALE_SHARE * 4.0)
+    assert spread.half_width({"coulomb.level": 1.0}) == pytest.approx(0.1 * np.hypot(SCALE_SHARE, FRICTION))
+    assert spread.half_width({"cart.mass": 1.0 / 4.0, "belt_stiffness.stiffness": -1.0 / 2e5}) == pytest.approx(0.0, abs=1e-12)
+    here = line(np.random.default_rng(4), 0.0, 1)
+    both = [dataclasses.replace(here, effects=(name,)).spread().systematic for name in ("line", "coulomb")]
+    assert [part[:-1].any() for part in both] == [True, False], "a law that is the machine's own leaves nothing open"
+
+
+@pytest.mark.parametrize(("loudness", "factor"), [(1.0, 1.0), (1.5, 1.5)])
+def test_what_is_left_unexplained_widens_every_interval(loudness: float, factor: float) -> None:
+    here = line(np.random.default_rng(4), 0.0, 1)
+    here = dataclasses.replace(here, left=here.left * loudness / np.sqrt(np.mean(here.left**2)))
+    spread = here.spread()
+    assert spread.unexplained == pytest.approx(factor)
+    assert spread.half_width({"line.slope": 1.0}) == pytest.approx(
+        factor * (dataclasses.replace(spread, unexplained=1.0).half_width({"line.slope": 1.0}) or 0.0)
+    )
 
 
 @pytest.mark.parametrize("records", [1, 2])

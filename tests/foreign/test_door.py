@@ -90,8 +90,7 @@ def test_files_beyond_their_size_are_refused(folder: Path) -> None:
     assert "at most 4 GiB are read" in refusal(folder / "a.csv")
 
 
-def test_what_is_packed_unpacks_to_no_more_than_a_measurement(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(outside, "MEASURED_BYTES", 1 << 20)
+def test_what_is_packed_unpacks_to_no_more_than_a_measurement(folder: Path) -> None:
     (folder / "a.csv.gz").write_bytes(gzip.compress(b"1,2,3\n" * (1 << 20)))
     with pytest.raises(DataError, match=r"unpacks to more than 1 MiB"):
         list(outside.blocks(folder / "a.csv.gz", 1 << 20))

@@ -138,7 +138,7 @@ def searched(monkeypatch: pytest.MonkeyPatch, found: list[list[str]], own: Calla
     monkeypatch.setattr(diagnosis, "final_refit", lambda data, grown: (data, grown))
     monkeypatch.setattr(diagnosis, "fit_law_shapes", lambda _data, grown, _base: SimpleNamespace(fitted=grown, new=(), removed=()))
     monkeypatch.setattr(diagnosis, "assign_body", lambda *_: SimpleNamespace(new=()))
-    for name in ("Scorer", "escape_if_far_off", "find_detour", "remaining_structure", "verdict_of"):
+    for name in ("Scorer", "escape_if_far_off", "find_shortcut", "remaining_structure", "verdict_of"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)
     begun: Any = SimpleNamespace(fitted=(), held_out=(), substeps=4), fitted(BASE)

@@ -18,7 +18,7 @@ from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import Data
 from beltcomm.fit.start import start_model
 from beltcomm.jobs.laboratory import better, told_before
-from beltcomm.laboratory.diagnosis import Stage, find_detour, fit_base_of
+from beltcomm.laboratory.diagnosis import Stage, find_shortcut, fit_base_of
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.stage import candidate, with_effect
 from beltcomm.laboratory.visible import detection_limits
@@ -103,20 +103,20 @@ def test_a_detour_is_judged_again(apart: tuple[Data, Fitted, dict[str, Fitted]])
         tried = candidate(data, base, effect_named(first), 0.0, fits[first], 1)
         return [Stage(base, (tried,), first, (), fits[first]), Stage(fits[first], (), second, (first,), fits[second])]
 
-    found = find_detour([data, data], steps("quadratic_drag", "cogging"))
+    found = find_shortcut([data, data], steps("quadratic_drag", "cogging"))
     assert found is not None
     number, step = found
     assert (number, step.before, step.added, step.removed, step.detour) == (0, base, "cogging", (), ("quadratic_drag",))
     assert [c.effect.name for c in step.candidates] == ["cogging", "quadratic_drag"]
-    assert find_detour([data, data], steps("cogging", "quadratic_drag")) is None
+    assert find_shortcut([data, data], steps("cogging", "quadratic_drag")) is None
     tried, last = steps("quadratic_drag", "cogging")
     shaped = Stage(tried.after, (), "", (), tried.after, ("cogging.order",))
-    found = find_detour([data], [tried, shaped, last])
+    found = find_shortcut([data], [tried, shaped, last])
     assert found is not None
     assert found[0] == 0
     assert found[1].forms == ("cogging.order",), "a form that stays in the model stays in its steps"
     kept = Stage(fits["quadratic_drag"], (), "cogging", (), fits["cogging"])
-    assert find_detour([data], [kept]) is None, "nothing came before it"
+    assert find_shortcut([data], [kept]) is None, "nothing came before it"
 
 
 def test_adding_begins_where_the_diagnosis_ended(

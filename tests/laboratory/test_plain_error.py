@@ -115,6 +115,14 @@ def test_chance_is_the_scatter_of_the_change_over_blocks() -> None:
     assert chance == pytest.approx(1.645 * np.sqrt(20_000 * 4.0), rel=0.2)  # each of two squares of normal numbers has variance 2
 
 
+@pytest.mark.parametrize(("noise", "differs"), [(0.5, True), (3.0, False)])
+def test_errors_below_their_own_noise_do_not_differ(noise: float, differs: bool) -> None:
+    random = np.random.default_rng(2)
+    keep = np.ones(20_000, dtype=np.bool_)
+    one, other = (Banded("a", False, size * random.normal(size=20_000), keep.astype(float), keep, noise, 1e-3) for size in (1.0, 1.2))
+    assert (change([(one, other)])[0] != 0.0) is differs
+
+
 @pytest.mark.parametrize(
     ("rise", "chance", "before", "after", "fell"),
     [

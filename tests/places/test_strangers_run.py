@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import os
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -86,10 +89,17 @@ def test_repeating_imports_reads_no_file_outside(run: Path, secret: Path, way: s
         about["reading"]["dbc"] = str(secret)
     write_text(sidecar, to_yaml(data))
     read: list[str] = []
-    whole, stream = Path.read_bytes, Path.open
 
-    monkeypatch.setattr(Path, "read_bytes", lambda path: (read.append(os.path.realpath(path)), whole(path))[1])
-    monkeypatch.setattr(Path, "open", lambda path, *a, **k: (read.append(os.path.realpath(path)), stream(path, *a, **k))[1])
+    def watched(plain: Callable[..., Any]) -> Callable[..., Any]:
+        def noting(path: Any, *given: Any, **named: Any) -> Any:
+            if not isinstance(path, int):
+                read.append(os.path.realpath(path))
+            return plain(path, *given, **named)
+
+        return noting
+
+    monkeypatch.setattr("io.open", watched(io.open))
+    monkeypatch.setattr("os.open", watched(os.open))
     done = call("import", "--check", "--run", run)
     if way == "folder":  # the whole run is refused
         assert done.exit_code == 3
@@ -97,6 +107,7 @@ def test_repeating_imports_reads_no_file_outside(run: Path, secret: Path, way: s
     else:
         assert done.exit_code == 1
         assert ("is a link" if way == "link" else "which is not a file in originals/") in done.stdout
+    assert way == "folder" or any("recordings" in path for path in read), "what was read is seen"
     assert not [path for path in read if path.startswith(str(secret.parent))]
 
 

@@ -45,7 +45,7 @@ class Search:
             "_next": self.next,
             "_made": self.make,
             "_louder": lambda _machine, _family, _made, most_nm: self.step(most_nm),
-            "is_excited": lambda recording, *_: recording >= self.moves_from_nm,
+            "moves_enough": lambda recording, *_: recording >= self.moves_from_nm,
             "first_path": lambda *_: FirstPath(FAITHFUL, MODEL),
             "stands_after": lambda _machine, problem: self.stands and problem.reason == "position",
         }.items():

@@ -106,8 +106,8 @@ def lanes_for(number: int) -> int:
     return REGISTER * max(1, -(-number // (-(-number // ROOM) * REGISTER))) if number else REGISTER
 
 
-#: Fields of ``Watch`` that the functions below take, in their order.  One by one: out of the tuple, every array would be counted as used
-#: and as no longer used at each sample, which took more time than all the rest.
+#: Fields of ``ObserverState`` that the functions below take, in their order.  One by one: out of the tuple, every array would be counted
+#: as used and as no longer used at each sample, which took more time than all the rest.
 EXPECTED = ("H", "s", "shares")
 LEARNED = ("keep", "variances", "gains", "deviations", "shares", "lost", "forgets", "room", "cart", "behind", "spread")
 OBSERVED = ("keep", "F", "s", "ahead", "gains", "deviations", "shares", "white")
@@ -116,7 +116,7 @@ TOUCHED = ("wanted", "keep", "lost", "deviations", "shares", "half_gap_m", "stif
 
 
 def kernel_arguments(fields: Sequence[str]) -> str:
-    """Arguments of a call, as the generated kernel names the fields of its ``Watch``."""
+    """Arguments of a call, as the generated kernel names the fields of its ``ObserverState``."""
     return ", ".join(f"see_{field}" for field in fields)
 
 

@@ -28,7 +28,8 @@ class LaneRows(NamedTuple):
     """Where everything of the observers begins in their memory, in rows of ``LANES`` lanes; arrays row by row.
 
     size, own, noises : numbers of the state, of those that last, of the noises.   H, F, G, D : each first open, then what it changes by
-    when it closes.   powers, P : ``Watch.variances`` and ``Watch.P``.   states, become : s and what it becomes.   The others are memory.
+    when it closes.   powers, P : ``variances`` and ``P`` of ``ObserverState``.   states, become : s and what it
+    becomes.   The others are memory.
     """
 
     size: int
