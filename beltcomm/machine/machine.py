@@ -110,10 +110,8 @@ class Machine:
                 self.folder.journal(f"safety stop ({error.reason}): {error}")
         keep = self.keep_gains and kind is None
         wanted = {n: v for n, v in self._backup.items() if not (keep and n in GAIN_NAMES)}
-        try:
+        with self._occupied:
             interrupted = leave(self.drive, self.folder, self.talk, wanted, keep, error)
-        finally:
-            self._occupied.close()
         if interrupted is not None and kind is None:
             raise interrupted
 
