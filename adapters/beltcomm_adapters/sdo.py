@@ -220,6 +220,7 @@ class Lending:
     def __init__(self, objects: Objects) -> None:
         self._objects = objects
         self._lent: list[tuple[int, int, str, float]] = []
+        self._unchanged: set[tuple[int, int]] = set()  # lent, but what stands there is what is to be given back
 
     def set(self, index: int, subindex: int, kind: str, value: float, *, keep: bool = False) -> None:
         """Write ``value`` and remember what stood there.  Raises as :meth:`Objects.write`.
@@ -231,7 +232,9 @@ class Lending:
             return
         self._lent.append((index, subindex, kind, before))  # first, so that an interrupted write is undone as well
         if before == value:
+            self._unchanged.add((index, subindex))
             return
+        self._unchanged.discard((index, subindex))
         try:
             self._objects.write(index, subindex, kind, value)
         except ObjectRefused:
@@ -240,6 +243,7 @@ class Lending:
 
     def keep(self, index: int, subindex: int, kind: str) -> None:
         """Remember what stands there, for whoever writes it afterwards.  Raises as :meth:`Objects.read`."""
+        self._unchanged.discard((index, subindex))
         self._lent.append((index, subindex, kind, self._objects.read(index, subindex, kind)))
 
     def set_if_there(self, index: int, subindex: int, kind: str, value: float) -> bool:
@@ -259,6 +263,7 @@ class Lending:
         """Give this value back in place of the one found; False when the object is not lent."""
         for number, (i, s, kind, _) in enumerate(self._lent):
             if (i, s) == (index, subindex):
+                self._unchanged.discard((i, s))
                 self._lent[number] = (i, s, kind, value)
                 return True
         return False
@@ -273,6 +278,8 @@ class Lending:
         refused: set[tuple[int, int]] = set()
         while self._lent:
             index, subindex, kind, before = self._lent.pop()
+            if (index, subindex) in self._unchanged:
+                continue
             try:
                 self._objects.write(index, subindex, kind, before)
             except BusError as error:

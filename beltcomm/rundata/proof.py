@@ -12,6 +12,7 @@ from beltcomm.drive.parameters import cascade_to_parameters
 from beltcomm.errors import Declined, Refused
 from beltcomm.fit.model_fit import SUSPECT_MISFIT
 from beltcomm.given import pasted
+from beltcomm.rundata.calibration import RESULT
 from beltcomm.rundata.revisions import revisions
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
@@ -26,6 +27,8 @@ SURE_MARGIN_DEG = 30.0
 SAME_PLACE_M = 1e-4
 #: Of a file whose checksum is missing or another one.
 EDITED = "was edited since, or is of a version that kept no checksum"
+#: Files that say what gains a drive gets, and what its raw numbers mean.
+BEHIND_GAINS = (("designs", "final"), ("results", RESULT))
 #: Of a design whose model leaves too much.
 SUSPECT = "the model does not explain what was measured"
 
@@ -87,7 +90,8 @@ def move_name(folder: RunFolder, wanted: Mapping[str, Any]) -> str:
 
 def doubts(folder: RunFolder) -> list[str]:
     """Why the gains of ``designs/final.yaml`` should not be written to a drive yet, in words; empty when nothing speaks against it."""
-    found = [f"final.yaml {EDITED}"] if folder.edited("designs", "final") else []
+    behind = [(kind, name) for kind, name in BEHIND_GAINS if name in folder.names(kind)]
+    found = [f"{name}.yaml {EDITED}" for kind, name in behind if folder.edited(kind, name)]
     if suspect(folder):
         found.append(SUSPECT)
     designed = saved_design(folder)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import pytest
 
@@ -15,7 +16,7 @@ from beltcomm_adapters.canopen import connect
 from beltcomm_adapters.link import Link
 from beltcomm_adapters.profiles import choose_profile, load_profile
 from beltcomm_adapters.scaling import read_scaling
-from beltcomm_adapters.sdo import SdoObjects
+from beltcomm_adapters.sdo import Lending, SdoObjects
 
 
 @pytest.mark.parametrize(
@@ -163,3 +164,24 @@ def test_the_factor_group_is_read_and_the_speed_unit_refined_for_a_while():
     node.put(0x6093, 2, 0)
     with pytest.raises(DriveError, match="6093h is 1/0"):
         _scaling(node, "cmmp-as")
+
+
+def test_what_is_lent_unchanged_is_given_back_where_it_changed_later_or_is_owed_otherwise():
+    """By another change, by whoever writes it afterwards, or by a promise; and not written where nothing happened to it."""
+    held = {(0x6510, 0x10): 2.0, (0x6094, 1): 1.0, (0x6072, 0): 7.0, (0x6080, 0): 5.0}
+    written: list[tuple[int, int, float]] = []
+
+    def write(index: int, subindex: int, _kind: str, value: float) -> None:
+        held[index, subindex] = value
+        written.append((index, subindex, value))
+
+    objects = SimpleNamespace(read=lambda index, subindex, _kind: held[index, subindex], write=write)
+    with Lending(objects) as lending:
+        for place in list(held):
+            lending.set(*place, "uint16", held[place], keep=True)
+        lending.set(0x6094, 1, "uint16", 9.0)
+        lending.keep(0x6072, 0, "uint16")
+        objects.write(0x6072, 0, "uint16", 3.0)
+        assert lending.promise(0x6080, 0, 6.0)
+    assert held == {(0x6510, 0x10): 2.0, (0x6094, 1): 1.0, (0x6072, 0): 7.0, (0x6080, 0): 6.0}
+    assert not [index for index, *_ in written if index == 0x6510]

@@ -241,25 +241,25 @@ def test_a_run_that_goes_on_later_knows_how_much_later(connect: Callable[[Bench]
     axis = load_axis(AXIS)
     with bench.open(bench.name) as drive:
         folder = RunFolder.create(tmp_path / "run", axis)
-        claim(folder, drive.capabilities, lambda: now[0])
+        claim(folder, drive.capabilities, api.Options(wall_clock=lambda: now[0]), Listener())
         with Machine(drive, axis, folder, Silence()) as machine:
             assert machine.session_time_s == pytest.approx(0.0, abs=0.1)
         now[0] += 3600.0
         later, talk = RunFolder.open(tmp_path / "run"), Listener()
-        claim(later, drive.capabilities, lambda: now[0])
+        claim(later, drive.capabilities, api.Options(wall_clock=lambda: now[0]), Listener())
         with Machine(drive, axis, later, talk) as machine:
             assert machine.session_time_s == pytest.approx(3600.0, abs=0.1)
         assert any("This run began 60 min ago" in line and "nobody knows" in line for line in talk.said)
         now[0] -= 10_000.0  # set back
-        claim(again := RunFolder.open(tmp_path / "run"), drive.capabilities, lambda: now[0])
+        claim(again := RunFolder.open(tmp_path / "run"), drive.capabilities, api.Options(wall_clock=lambda: now[0]), Listener())
         assert again.elapsed_s == 0.0
 
 
 def test_a_virtual_drive_is_cold_at_every_command(make_bench: MakeBench, tmp_path: Path) -> None:
     bench, axis = make_bench(), load_axis(AXIS)
     with bench.open(bench.name) as drive:
-        claim(RunFolder.create(tmp_path / "run", axis), drive.capabilities, lambda: 5.0)
-        claim(folder := RunFolder.open(tmp_path / "run"), drive.capabilities, lambda: 5000.0)
+        claim(RunFolder.create(tmp_path / "run", axis), drive.capabilities, api.Options(wall_clock=lambda: 5.0), Listener())
+        claim(folder := RunFolder.open(tmp_path / "run"), drive.capabilities, api.Options(wall_clock=lambda: 5000.0), Listener())
     assert folder.elapsed_s == 0.0
     assert "began_s" not in (tmp_path / "run" / "run.yaml").read_text(encoding="utf-8")
 
@@ -268,7 +268,7 @@ def test_without_a_clock_nothing_is_claimed(connect: Callable[[Bench], Bench], t
     bench = connect(HardwareBench())
     with bench.open(bench.name) as drive:
         folder = RunFolder.create(tmp_path / "run", load_axis(AXIS))
-        claim(folder, replace(drive.capabilities), None)
+        claim(folder, replace(drive.capabilities), api.Options(), Listener())
     assert folder.elapsed_s == 0.0
 
 
