@@ -178,6 +178,7 @@ class CanopenDrive(ObjectDrive):
                     lambda: link.restarted or link.emergency is not None,
                     objects.read_int(0x6064, 0, "int32"),
                     round(motion.rest_nm / scaling.torque_nm) if motion is not None else 0,
+                    self.capabilities.structure.period_s,
                 )
                 link.guard(guard(objects, lending, self._profile, limits.guard_s), limits.guard_s)
                 exchange.start()

@@ -28,7 +28,7 @@ from beltcomm_adapters.cia402 import (
 )
 from beltcomm_adapters.exchange import Exchange, Sample
 from beltcomm_adapters.scaling import Scaling
-from beltcomm_adapters.setpoints import POSITION_MODES, TORQUE_MODES, Frames, Layout, Setpoints
+from beltcomm_adapters.setpoints import INTERPOLATED_MODES, POSITION_MODES, TORQUE_MODES, Frames, Layout, Setpoints, as_interpolated
 from beltcomm_adapters.watch import STOP_TIME_S, Watch
 
 #: Cycles without an answer that a recording survives; each leaves a gap in ``t_s``.
@@ -110,6 +110,7 @@ class Run:
 
     fault : makes the exception for a drive in fault, from what it was doing.     emergency : whether an EMCY has come.
     position : where the axis is now, counts.   rest : torque that holds it in torque mode, in the drive's unit.
+    loop_s : period of the drive's loop, which interpolates the setpoints where they come more seldom.
     """
 
     def __init__(
@@ -124,6 +125,7 @@ class Run:
         emergency: Callable[[], bool],
         position: int,
         rest: int = 0,
+        loop_s: float = math.inf,
     ) -> None:
         self._exchange = exchange
         self._layout = layout
@@ -135,6 +137,7 @@ class Run:
         self._emergency = emergency
         self._position = position
         self._brake_s = 0.0
+        self._loop_share = min(loop_s / period_s, 1.0) if layout.mode in INTERPOLATED_MODES else 1.0
 
     @property
     def torque_mode(self) -> bool:
@@ -233,6 +236,7 @@ class Run:
         count, lost_before = len(frames), self._exchange.lost
         frames += [rest, rest]
         make_row = self._row_maker(setpoints, torque_is_of)
+        asked = as_interpolated(setpoints.position, self._loop_share)
         required = _STATE_MASK | (FOLLOWS if self._layout.follows else 0)
         moving = _ENABLED_PATTERN | (required & FOLLOWS)
         tally = Tally(self._period_s, setpoints, self._layout.mode)
@@ -250,7 +254,7 @@ class Run:
                     start_s = sample.stamp_s
                 if before is not None:
                     if setpoints.kind == "position":
-                        self._watch.follow(before, setpoints.position[k - 1])
+                        self._watch.follow(before, asked[k - 1])
                     off_s = abs(sample.stamp_s - before.stamp_s - self._period_s)
                     tally.irregular += off_s > IRREGULAR_SHARE * self._period_s
                     if off_s > jitter_s:
@@ -297,8 +301,9 @@ class Run:
         rad, rad_s, nm = self._scaling.position_rad, self._scaling.speed_rad_s, self._scaling.torque_nm
         after, torque_mode = torque_is_of == "after", setpoints.kind == "torque"
         nan = math.nan
-        positions = [value * rad for value in setpoints.position] if setpoints.kind == "position" else None
-        velocities = None if torque_mode else [value * rad_s for value in setpoints.velocity]
+        share = self._loop_share
+        positions = [value * rad for value in as_interpolated(setpoints.position, share)] if setpoints.kind == "position" else None
+        velocities = None if torque_mode else [value * rad_s for value in as_interpolated(setpoints.velocity, share)]
         torques = [value * nm for value in setpoints.torque] if torque_mode else None
         added = [value * nm for value in setpoints.torque] if not torque_mode and any(setpoints.torque) else None
 
