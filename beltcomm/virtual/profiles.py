@@ -1,4 +1,4 @@
-"""The two drives that can be played: rows of their own, scaling, and what they do differently."""
+"""The two drives that beltcomm knows best: rows of their own, scaling, and what they do differently.  Others are data: ``foreign``."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from beltcomm.control import Cascade, Feedforward, Prefilter, PrefilterKind
+from beltcomm.plant.drive_section import IDEAL, Instruments
 from beltcomm.virtual.dictionary import ObjectDictionary, ObjectRow
 from beltcomm.virtual.motor import Nameplate
-from beltcomm.virtual.objects import communication_rows, drive_rows, motion_rows, parameter, pdo_rows
+from beltcomm.virtual.objects import communication_rows, drive_rows, motion_rows, parameter, pdo_rows, standard_rows
+from beltcomm.virtual.pdo import EVERY_TYPE, PdoRules
 
 _RPM_PER_RAD_S = 30.0 / math.pi
 _NYQUIST_RAD_S = 3141.0  # just below π/T of the 1 ms loops
+_ALL_PDO_RULES = PdoRules(EVERY_TYPE, dummies=True, remote=True)
 _PREFILTERS: tuple[PrefilterKind, ...] = ("none", "notch", "butterworth")
 
 
@@ -21,11 +24,19 @@ class UserUnits:
     """User units per SI unit at the motor shaft; negative where 607Eh turns the sign.
 
     position : per rad.   velocity : per rad/s.   acceleration : per rad/s², always positive.
+    ramp_to_rad_s : where it is not 0, accelerations are told as the time to this speed, ms.
     """
 
     position: float
     velocity: float
     acceleration: float
+    ramp_to_rad_s: float = 0.0
+
+    def acceleration_of(self, value: float) -> float:
+        """An acceleration object's value in rad/s²."""
+        if self.ramp_to_rad_s:
+            return 1e3 * self.ramp_to_rad_s / max(value, 1.0)
+        return value / self.acceleration
 
 
 @dataclass(frozen=True)
@@ -34,10 +45,13 @@ class VirtualProfile:
 
     rows : objects by (node ID, motor, encoder counts per revolution).   scaling, cascade, output_limit : from the
     dictionary; output_limit gives bound and dead zone of the position controller, rad/s and rad.
-    type_254_is_cyclic : a transmit PDO of type 254 is sent every inhibit time.
+    pdos : what can be done with its PDOs.   homing : methods of 6098h.   quick_stops : values of 605Ah.
     following_error_faults : 6065h leads to a fault; else only to bit 13, and 6510h:22h switches the stage off.
     i2t_faults : the motor's I²t leads to a fault; else the current falls to the rated one.
     period_at_reset : 60C2h becomes active at the next reset; else at once.   enable_inputs : their bits in 60FDh, stage and controller.
+    permille_of_peak : torques are told in 0.1 % of the motor's peak torque.   cycle_s : of its loops; the bus ticks with it.
+    sdo_delay_ms : before an answer.   enable_ms : until the stage is on.   instruments : of its torque path, where the plant file has none.
+    aliases : a quantity's second number.
     """
 
     name: str
@@ -47,12 +61,20 @@ class VirtualProfile:
     output_limit: Callable[[ObjectDictionary, UserUnits], tuple[float, float]]
     gain_objects: tuple[int, ...]
     modes: frozenset[int]
-    type_254_is_cyclic: bool = False
+    pdos: PdoRules = _ALL_PDO_RULES
+    homing: frozenset[int] = frozenset({1, 2, 17, 18, 33, 34, 35, 37})
+    quick_stops: frozenset[int] = frozenset({0, 1, 2, 3, 5, 6, 7})
     following_error_faults: bool = True
     i2t_faults: bool = True
     period_at_reset: bool = False
     vendor_bits: bool = False
     enable_inputs: int = 0
+    permille_of_peak: bool = False
+    cycle_s: float = 1e-3
+    sdo_delay_ms: float = 0.0
+    enable_ms: float = 0.0
+    instruments: Instruments = IDEAL
+    aliases: tuple[tuple[tuple[int, int], tuple[int, int]], ...] = ()
 
 
 def _mode_bits(modes: frozenset[int]) -> int:
@@ -73,9 +95,9 @@ def _reference_rows(node_id: int, motor: Nameplate, counts: int) -> list[ObjectR
 
     return [
         *communication_rows(node_id, "beltcomm reference drive", vendor=0, product=1),
-        ObjectRow(0x1016, 1, "u32", "rw", 0, "heartbeat consumer: node ID << 16 | time, ms", stored=True),
+        *standard_rows(),
         *pdo_rows(node_id, longest_map=8, event_timer=True),
-        *drive_rows(motor, _mode_bits(_REFERENCE_MODES), quick_stop_codes=(2, 6)),
+        *drive_rows(motor, _mode_bits(_REFERENCE_MODES), frozenset({0, 7})),
         *motion_rows(counts, counts),
         ObjectRow(0x6075, 0, "u32", "ro", round(1000 * motor.rated_current_a), "rated current, mA", pdo="t"),
         ObjectRow(0x6076, 0, "u32", "ro", round(1000 * motor.rated_torque_nm), "rated torque, mN m", pdo="t"),
@@ -90,8 +112,8 @@ def _reference_rows(node_id: int, motor: Nameplate, counts: int) -> list[ObjectR
         ObjectRow(0x60B0, 0, "i32", "rw", 0, "position offset", pdo="rt"),
         ObjectRow(0x60B1, 0, "i32", "rw", 0, "velocity offset", pdo="rt"),
         ObjectRow(0x60B2, 0, "i16", "rw", 0, "torque offset, 0.1 % of rated", pdo="rt"),
-        parameter(0x60C2, 1, "u8", 1, "interpolation period, ms", 1, 20, pdo=""),
-        parameter(0x60C2, 2, "i8", -3, "power of ten of the period", -3, -3, pdo=""),
+        parameter(0x60C2, 1, "u8", 1, "interpolation period", 1, 255, pdo=""),
+        parameter(0x60C2, 2, "i8", -3, "power of ten of the period", -5, -2, pdo=""),
         gain(1, 0.002, "K_P, N m s/rad", high=100.0),
         gain(2, 0.02, "K_I, N m/rad", high=10000.0),
         gain(3, 1.0, "K_PP, 1/s", high=10000.0),
@@ -173,7 +195,7 @@ def _cmmp_rows(node_id: int, motor: Nameplate, counts: int) -> list[ObjectRow]:
         *communication_rows(node_id, "CMMP-AS", vendor=0x1D, product=0),
         ObjectRow(0x1016, 1, "u32", "ro", 0, "no heartbeat consumer"),
         *pdo_rows(node_id, longest_map=4, event_timer=False),
-        *drive_rows(motor, _mode_bits(_CMMP_MODES), quick_stop_codes=(2, 2)),
+        *drive_rows(motor, _mode_bits(_CMMP_MODES), frozenset({2})),
         *motion_rows(rev_per_s=60.0, rev_per_s2=60.0),
         *never_write,
         *cycle_times,
@@ -247,7 +269,9 @@ CMMP_AS = VirtualProfile(
     output_limit=_cmmp_output_limit,
     gain_objects=(0x60F9, 0x60FB),
     modes=_CMMP_MODES,
-    type_254_is_cyclic=True,
+    pdos=PdoRules(type_254_is_cyclic=True),
+    homing=frozenset({17, 18, 35, 37}),
+    quick_stops=frozenset({2}),
     following_error_faults=False,
     i2t_faults=False,
     period_at_reset=True,
