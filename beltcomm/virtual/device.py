@@ -10,7 +10,7 @@ from beltcomm.plant import Plant
 from beltcomm.plant.drive_section import IDEAL, Instruments
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.cia402 import DriveState
-from beltcomm.virtual.dictionary import NonVolatile, ObjectDictionary, SdoAbort
+from beltcomm.virtual.dictionary import NonVolatile, ObjectDictionary, SdoAbort, Value
 from beltcomm.virtual.emcy import Code, ErrorRegister
 from beltcomm.virtual.faults import Faults
 from beltcomm.virtual.foreign import profile_named
@@ -24,6 +24,8 @@ from beltcomm.virtual.servo import Servo
 from beltcomm.virtual.stage import Encoder, PowerStage
 
 _SYNC, _EMCY, _SDO_ANSWER, _SDO_REQUEST, _NODE_CONTROL = 0x80, 0x80, 0x580, 0x600, 0x700
+#: Objects that tell the cycle of the loops, us.
+_CYCLE_TIMES = ((0x2101, 1), *((0x6510, sub) for sub in range(0xB0, 0xB4)))
 _SAVE, _LOAD = int.from_bytes(b"save", "little"), int.from_bytes(b"load", "little")
 
 
@@ -78,10 +80,15 @@ class VirtualDrive:
         self._stored: NonVolatile = {} if nonvolatile is None else nonvolatile
         kind = with_gain_units(profile_named(profile), *gain_units)
         rows = kind.rows(node_id, motor, counts_per_rev)
-        self._dictionary = ObjectDictionary(replace(row, default=hardware) if row.index == 0x1009 else row for row in rows)
+        told: dict[tuple[int, int], Value] = {(0x1009, 0): hardware, **dict.fromkeys(_CYCLE_TIMES, round(1e6 * bus.tick_s))}
+        here = (replace(row, default=told.get((row.index, row.subindex), row.default)) for row in rows)
+        self._dictionary = ObjectDictionary(here)
+        for second, first in kind.aliases:
+            self._dictionary.alias(*second, self._dictionary.entry(*first))
         self._dictionary.load(self._stored)
         self._errors = ErrorRegister(self._dictionary, self._send_emcy)
         loops = self._loops = Loops(self._dictionary, kind, motor, counts_per_rev, self.faults, bus.tick_s)
+        instruments = kind.instruments if instruments == IDEAL else instruments
         stage = PowerStage(plant, motor, setpoint_delay_s, torque_noise_nm, seed, self.faults, brake, instruments, bus.tick_s)
         encoder = Encoder(plant, counts_per_rev, zero_rad, self.faults, instruments)
         self._servo = Servo(

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable, Iterable, MutableMapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 Value = int | float | str
@@ -110,6 +110,25 @@ class ObjectEntry:
         return self.check is not None or row.low is not None or row.high is not None or row.when != "any"
 
 
+class _Alias(ObjectEntry):
+    """Another entry's value under a number of its own, to be read."""
+
+    __slots__ = ("_other",)
+
+    def __init__(self, index: int, subindex: int, other: ObjectEntry) -> None:
+        self._other = other
+        super().__init__(replace(other.row, index=index, subindex=subindex, access="ro", stored=False, pdo="t"))
+
+    @property
+    def value(self) -> Any:
+        """The other's."""
+        return self._other.value
+
+    @value.setter
+    def value(self, value: Any) -> None:
+        """Loading defaults is the other's."""
+
+
 class ObjectDictionary:
     """All objects of one drive.
 
@@ -139,7 +158,7 @@ class ObjectDictionary:
 
     def alias(self, index: int, subindex: int, other: ObjectEntry) -> None:
         """The same quantity under a second number."""
-        self._entries[index, subindex] = other
+        self._entries[index, subindex] = _Alias(index, subindex, other)
         self._indices.add(index)
 
     def read(self, index: int, subindex: int) -> bytes:

@@ -54,12 +54,12 @@ class Loops:
         self._period = dictionary.entry(0x60C2, 1), dictionary.entry(0x60C2, 2)
         self.restart()
         for index in profile.gain_objects:
-            for subindex in range(1, 256):
+            for subindex in range(256):
                 if dictionary.has(index, subindex):
                     dictionary.entry(index, subindex).changed = self._mark_gains
         for index in (0x6072, 0x6073, 0x6075):
             dictionary.entry(index).changed = self.reload_limit
-        for index, subindex in ((0x607E, 0), (0x6093, 1), (0x6093, 2), (0x6094, 1), (0x6094, 2), (0x6097, 1), (0x6097, 2)):
+        for index, subindex in ((0x607E, 0), (0x60A9, 0), (0x6093, 1), (0x6093, 2), (0x6094, 1), (0x6094, 2), (0x6097, 1), (0x6097, 2)):
             if dictionary.has(index, subindex):
                 dictionary.entry(index, subindex).changed = self._on_factor
 
@@ -81,7 +81,7 @@ class Loops:
     def reload_gains(self) -> None:
         """Gains, filters and feedforward; the controller starts from rest with them."""
         self._gains_stale = False
-        told = self.profile.cascade(self.dictionary)
+        told = self.profile.cascade(self.dictionary, self._motor)
         factor = self._faults.gain_factor
         self._cascade = replace(told, kp_nm_s_rad=factor * told.kp_nm_s_rad, ki_nm_rad=factor * told.ki_nm_rad)
         self._output_limit, self._dead_zone = self.profile.output_limit(self.dictionary, self.scaling)
@@ -94,7 +94,8 @@ class Loops:
         """6072h, 6073h, the motor's peak and I²t make one bound of the torque."""
         entry = self.dictionary.entry
         current_unit_nm = self._motor.torque_constant_nm_a * entry(0x6075).value * 1e-6  # 0.1 % of rated in mA
-        self.nm_per_unit = 1e-3 * self._motor.peak_torque_nm if self.profile.permille_of_peak else current_unit_nm
+        of_peak = self.profile.peak_torque_units
+        self.nm_per_unit = self._motor.peak_torque_nm / of_peak if of_peak else current_unit_nm
         limit = min(self.nm_per_unit * entry(0x6072).value, current_unit_nm * entry(0x6073).value, self._motor.peak_torque_nm)
         if self.i2t_limited:
             limit = min(limit, self._motor.rated_torque_nm)

@@ -10,6 +10,7 @@ import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil
+from typing import Literal
 
 from beltcomm.virtual.dictionary import ObjectDictionary, ObjectEntry, ObjectRow, SdoAbort
 from beltcomm.virtual.emcy import Code
@@ -18,11 +19,16 @@ from beltcomm.virtual.objects import PDO_COUNT, PDO_INVALID, PDO_NO_RTR
 _EXTENDED = 1 << 29
 _LAST_SYNC_TYPE, _SAMPLED, _REQUESTED, _CYCLIC, _ON_CHANGE = 240, 252, 253, 254, 255
 _LONGEST_BITS = 64
+_GAPS: tuple[tuple[int, Literal["i8", "i16", "i32", "u8", "u16", "u32"], int], ...] = (
+    (2, "i8", 8),
+    (3, "i16", 16),
+    (4, "i32", 32),
+    (5, "u8", 8),
+    (6, "u16", 16),
+    (7, "u32", 32),
+)
 #: Data types that a receive PDO may map to leave a gap (CiA 301, 7.4.7.1).
-_DUMMIES = {
-    index << 16 | bits: ObjectRow(index, 0, kind, "wo", 0, "dummy", pdo="r")
-    for index, kind, bits in ((2, "i8", 8), (3, "i16", 16), (4, "i32", 32), (5, "u8", 8), (6, "u16", 16), (7, "u32", 32))
-}
+_DUMMIES = {index << 16 | bits: ObjectRow(index, 0, kind, "wo", 0, "dummy", pdo="r") for index, kind, bits in _GAPS}
 
 
 @dataclass(frozen=True)

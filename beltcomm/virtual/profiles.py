@@ -49,15 +49,16 @@ class VirtualProfile:
     following_error_faults : 6065h leads to a fault; else only to bit 13, and 6510h:22h switches the stage off.
     i2t_faults : the motor's I²t leads to a fault; else the current falls to the rated one.
     period_at_reset : 60C2h becomes active at the next reset; else at once.   enable_inputs : their bits in 60FDh, stage and controller.
-    permille_of_peak : torques are told in 0.1 % of the motor's peak torque.   cycle_s : of its loops; the bus ticks with it.
-    sdo_delay_ms : before an answer.   enable_ms : until the stage is on.   instruments : of its torque path, where the plant file has none.
-    aliases : a quantity's second number.
+    peak_torque_units : torques are told so that the motor's peak torque is this many; 0: in 0.1 % of the rated one.
+    cycle_s : of its loops; the bus ticks with it.
+    sdo_delay_ms : before an answer.   enable_ms : until the stage is on.   instruments : of its torque path, where the plant file
+    has none.   tells_zero : in bit 15 of the statusword, which CiA 402 leaves to the maker.   aliases : a quantity's second number.
     """
 
     name: str
     rows: Callable[[int, Nameplate, int], list[ObjectRow]]
     scaling: Callable[[ObjectDictionary, int], UserUnits]
-    cascade: Callable[[ObjectDictionary], Cascade]
+    cascade: Callable[[ObjectDictionary, Nameplate], Cascade]
     output_limit: Callable[[ObjectDictionary, UserUnits], tuple[float, float]]
     gain_objects: tuple[int, ...]
     modes: frozenset[int]
@@ -68,8 +69,9 @@ class VirtualProfile:
     i2t_faults: bool = True
     period_at_reset: bool = False
     vendor_bits: bool = False
+    tells_zero: bool = True
     enable_inputs: int = 0
-    permille_of_peak: bool = False
+    peak_torque_units: float = 0.0
     cycle_s: float = 1e-3
     sdo_delay_ms: float = 0.0
     enable_ms: float = 0.0
@@ -81,7 +83,8 @@ def _mode_bits(modes: frozenset[int]) -> int:
     return sum(1 << (mode - 1) for mode in modes)
 
 
-def _signs(dictionary: ObjectDictionary) -> tuple[int, int]:
+def signs(dictionary: ObjectDictionary) -> tuple[int, int]:
+    """Of position and velocity, by 607Eh."""
     polarity = dictionary.entry(0x607E).value
     return (-1 if polarity & 0x80 else 1), (-1 if polarity & 0x40 else 1)
 
@@ -89,16 +92,26 @@ def _signs(dictionary: ObjectDictionary) -> tuple[int, int]:
 _REFERENCE_MODES = frozenset({1, 3, 4, 6, 7, 8, 9, 10})
 
 
-def _reference_rows(node_id: int, motor: Nameplate, counts: int) -> list[ObjectRow]:
-    def gain(subindex: int, default: float, meaning: str, high: float, low: float = 0.0) -> ObjectRow:
-        return parameter(0x2100, subindex, "f32", default, meaning, low, high, pdo="", when="still")
-
+def generic_rows(
+    node_id: int,
+    motor: Nameplate,
+    counts: int,
+    name: str,
+    vendor: int,
+    product: int,
+    modes: frozenset[int],
+    quick_stops: frozenset[int],
+    rev_per_s: float,
+    rev_per_s2: float,
+    longest_map: int = 8,
+) -> list[ObjectRow]:
+    """All that CiA 301 and CiA 402 say of a servo drive.   rev_per_s, rev_per_s2 : its units in one."""
     return [
-        *communication_rows(node_id, "beltcomm reference drive", vendor=0, product=1),
+        *communication_rows(node_id, name, vendor, product),
         *standard_rows(),
-        *pdo_rows(node_id, longest_map=8, event_timer=True),
-        *drive_rows(motor, _mode_bits(_REFERENCE_MODES), frozenset({0, 7})),
-        *motion_rows(counts, counts),
+        *pdo_rows(node_id, longest_map, event_timer=True),
+        *drive_rows(motor, _mode_bits(modes), quick_stops),
+        *motion_rows(rev_per_s, rev_per_s2),
         ObjectRow(0x6075, 0, "u32", "ro", round(1000 * motor.rated_current_a), "rated current, mA", pdo="t"),
         ObjectRow(0x6076, 0, "u32", "ro", round(1000 * motor.rated_torque_nm), "rated torque, mN m", pdo="t"),
         parameter(0x6072, 0, "u16", motor.peak_permille, "max torque, 0.1 % of rated"),
@@ -114,6 +127,23 @@ def _reference_rows(node_id: int, motor: Nameplate, counts: int) -> list[ObjectR
         ObjectRow(0x60B2, 0, "i16", "rw", 0, "torque offset, 0.1 % of rated", pdo="rt"),
         parameter(0x60C2, 1, "u8", 1, "interpolation period", 1, 255, pdo=""),
         parameter(0x60C2, 2, "i8", -3, "power of ten of the period", -5, -2, pdo=""),
+    ]
+
+
+def _reference_rows(node_id: int, motor: Nameplate, counts: int) -> list[ObjectRow]:
+    def gain(subindex: int, default: float, meaning: str, high: float, low: float = 0.0) -> ObjectRow:
+        return parameter(0x2100, subindex, "f32", default, meaning, low, high, pdo="", when="still")
+
+    return [
+        *generic_rows(
+            *(node_id, motor, counts, "beltcomm reference drive"),
+            vendor=0,
+            product=1,
+            modes=_REFERENCE_MODES,
+            quick_stops=frozenset({0, 7}),
+            rev_per_s=counts,
+            rev_per_s2=counts,
+        ),
         gain(1, 0.002, "K_P, N m s/rad", high=100.0),
         gain(2, 0.02, "K_I, N m/rad", high=10000.0),
         gain(3, 1.0, "K_PP, 1/s", high=10000.0),
@@ -135,12 +165,12 @@ def _reference_rows(node_id: int, motor: Nameplate, counts: int) -> list[ObjectR
 
 
 def _reference_scaling(dictionary: ObjectDictionary, counts: int) -> UserUnits:
-    position, velocity = _signs(dictionary)
+    position, velocity = signs(dictionary)
     per_rad = counts / math.tau
     return UserUnits(position * per_rad, velocity * per_rad, per_rad)
 
 
-def _reference_cascade(dictionary: ObjectDictionary) -> Cascade:
+def _reference_cascade(dictionary: ObjectDictionary, _motor: Nameplate) -> Cascade:
     value = [dictionary.entry(0x2100, subindex).value for subindex in range(16)]
     kind, centre, width, low_pass = _PREFILTERS[value[5]], value[6], value[7], value[15]
     # The parts of a prefilter arrive one by one; until it is complete there is none.
@@ -235,7 +265,7 @@ def _cmmp_scaling(dictionary: ObjectDictionary, counts: int) -> UserUnits:
     def factor(index: int) -> float:
         return float(dictionary.entry(index, 2).value / dictionary.entry(index, 1).value)
 
-    position, velocity = _signs(dictionary)
+    position, velocity = signs(dictionary)
     return UserUnits(
         position * 65536.0 / math.tau * factor(0x6093),
         velocity * 4096.0 * _RPM_PER_RAD_S * factor(0x6094),
@@ -243,7 +273,7 @@ def _cmmp_scaling(dictionary: ObjectDictionary, counts: int) -> UserUnits:
     )
 
 
-def _cmmp_cascade(dictionary: ObjectDictionary) -> Cascade:
+def _cmmp_cascade(dictionary: ObjectDictionary, _motor: Nameplate) -> Cascade:
     kp = 0.02 * dictionary.entry(0x60F9, 1).value / 256.0
     return Cascade(
         kp_nm_s_rad=kp,
@@ -283,8 +313,8 @@ CMMP_AS = VirtualProfile(
 def with_gain_units(profile: VirtualProfile, velocity: float, position: float, integral_time: float = 1.0) -> VirtualProfile:
     """The same drive, whose gains of 1.0 mean so many times what docs/reference-drive.md says of them."""
 
-    def cascade(dictionary: ObjectDictionary) -> Cascade:
-        said = profile.cascade(dictionary)
+    def cascade(dictionary: ObjectDictionary, motor: Nameplate) -> Cascade:
+        said = profile.cascade(dictionary, motor)
         ki = said.ki_nm_rad * velocity / integral_time
         return replace(said, kp_nm_s_rad=said.kp_nm_s_rad * velocity, ki_nm_rad=ki, kpp_1_s=said.kpp_1_s * position)
 

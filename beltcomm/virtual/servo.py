@@ -164,6 +164,8 @@ class Servo:
         self._loops.angle_rad, self._loops.speed_rad_s = self._encoder.angle_rad, 0.0
         self._loops.restart()
         self.machine.power_on()
+        self._mode_number, self._mode = 0, self._modes[0]
+        self._shown_mode.value = 0
         self._on_mode()
 
     def latch(self, tick: int) -> None:
@@ -381,7 +383,7 @@ class Servo:
             word |= _WARNING | _INTERNAL_LIMIT
         if self._warm:
             word |= _WARNING
-        if self.referenced:
+        if self.referenced and profile.tells_zero:
             word |= _REFERENCED
         if profile.vendor_bits and self._dictionary.moving:
             word |= _MOVING
