@@ -45,7 +45,7 @@ NUMBERS = {
 #: Ratings of a drive that a session lowers while it works.
 RATINGS = ("peak_torque_nm", "max_speed_rad_s")
 COUNTS = ("seed", "repeat", "node", "bitrate")
-NAMES = ("profile", "first_motion")
+NAMES = ("profile", "slave", "first_motion")
 #: s: longest plan that ``yes`` answers for; a person beside the machine looks at it once in a quarter of an hour.
 LONGEST_S = 900.0
 
@@ -61,6 +61,7 @@ class Options:
     excitation : of the long frequency response; the rising ones before it stay binary.   force : gains in doubt, files edited.
     longest_s : how long the axis may move without a question, with ``yes``.
     prefilter, feedforward : None is the best one; "compliant" is for ``verify``.   profile, node, bitrate, realtime : of the drive.
+    slave : which drive a virtual one plays.
     order, repeat, mounted_kg : of friction sweeps (thesis 3.6), how often, and the payload that is mounted while they are driven.
     loop : way of identification.   base_speed_m_s : of the carriage in a closed one; None chooses it, 0 stands.   pictures : made of it.
     first_motion : serial number (or what it has instead) of a drive whose first motion is confirmed beforehand; ``yes`` does not do that.
@@ -97,6 +98,7 @@ class Options:
     repeat: int | None = None
     mounted_kg: float | None = None
     profile: str | None = None
+    slave: str | None = None
     node: int | None = None
     bitrate: int | None = None
     realtime: bool = False
@@ -163,6 +165,7 @@ class Options:
         given = {
             "seed": self.seed,
             "profile": self.profile,
+            "as": self.slave,
             "node": self.node,
             "bitrate": self.bitrate,
             "sample_period": self.sample_period_s,
