@@ -26,6 +26,7 @@ _LONGEST_SYNC_MS: Final = 20
 _QUICK_STOP_AND_DISABLE: Final = 2  # 605Ah
 _LINEAR_INTERPOLATION: Final = -2  # 60C0h
 _INT32: Final = 2**31 - 1
+_BYTE: Final = 255
 _UINT32: Final = 2**32 - 1
 _RPM: Final = 2.0 * math.pi / 60.0
 #: Rounding of a float period, far below any timer's resolution.
@@ -138,8 +139,9 @@ def prepare(
     if math.isfinite(limits.deceleration_rad_s2):
         lending.set_if_there(0x6085, 0, "uint32", _steps(limits.deceleration_rad_s2, scaling))
     if profile.sync_change == "at_once" and sync_period_s(objects) is not None:
-        lending.set(0x60C2, 2, "int8", -3)
-        lending.set(0x60C2, 1, "uint8", round(period_s * 1e3))
+        value, power = interpolation_time(period_s)
+        lending.set(0x60C2, 2, "int8", power)
+        lending.set(0x60C2, 1, "uint8", value)
     if mode in TORQUE_MODES:
         objects.write(0x6071, 0, "int16", 0)
         if profile.torque_exit == "velocity":
@@ -161,6 +163,15 @@ def prepare(
         tighten_window(objects, lending, scaling, limits, period_s)
         if limits.lag_rad is not None:
             lending.set_if_there(0x6065, 0, "uint32", min(math.ceil(limits.lag_rad / scaling.position_rad), _INT32))
+
+
+def interpolation_time(period_s: float) -> tuple[int, int]:
+    """60C2h, number and power of ten, in ms where these are whole.   Raises UsageError for a period that no byte holds."""
+    for power in (-3, -4, -5, -6):
+        value = round(period_s * 10.0**-power)
+        if 1 <= value <= _BYTE and abs(value * 10.0**power - period_s) <= _SAME_S:
+            return value, power
+    raise UsageError(f"a period of {1e3 * period_s:g} ms cannot be told to the drive (60C2h, a byte times a power of ten); choose another one")
 
 
 def _steps(acceleration_rad_s2: float, scaling: Scaling) -> int:
