@@ -79,7 +79,7 @@ def remark_after(resonance_hz: float, capabilities: Capabilities, *, told: bool 
     if told:
         return (
             f"{_RESONANCE} {resonance_hz:.0f} Hz is above {top:.0f} Hz, the most that a response at this rate shows: it is told by how "
-            " the axis goes from row to row under the torque asked for, and a lag in the drive's torque would pass for it"
+            "the axis goes from row to row under the torque asked for, and a lag in the drive's torque would pass for it"
         )
     return (
         f"{_RESONANCE} {resonance_hz:.0f} Hz is above {top:.0f} Hz, the most that this rate of sampling can measure: its frequency and "

@@ -27,9 +27,13 @@ ONE_PLACE_M = 0.05
 
 @dataclass(frozen=True, eq=False)
 class SeldomFit(ModelFit):
-    """A fit whose numbers are those of the simulated rows; ``fitted`` has what the records in closed loop add."""
+    """A fit whose numbers are those of the simulated rows; ``fitted`` has what the records in closed loop add.
+
+    count_rad : of the encoder.
+    """
 
     simulated: Simulated
+    count_rad: float
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -41,7 +45,7 @@ class SeldomFit(ModelFit):
         """Mean square of the torque that is left, and of the noise of a reading that is not used here, over noise and rounding."""
         inertia = self.model["motor.inertia"] + self.model["transmission.ratio"] ** 2 * self.model["cart.mass"]
         sample_s = max(r.sample_period_s for r in self.data.recordings)
-        rounding = SECOND_DIFFERENCE * self.data.step_rad * inertia / sample_s**2
+        rounding = SECOND_DIFFERENCE * self.count_rad * inertia / sample_s**2
         return (self.simulated.left_nm**2 + self.noise_nm**2) / (self.noise_nm**2 + rounding**2)
 
     @property
@@ -83,4 +87,4 @@ def fit_seldom(recordings: Sequence[Recording], start: Model, *, counts_per_rev:
     found = estimate(told, start, LATE_S)
     fixed = [name for name in found.model.parameters if name not in (LEFT, "transmission.ratio")]
     rest = fit_model(recordings, found.model, counts_per_rev=counts_per_rev, fixed=fixed)
-    return SeldomFit(rest.data, rest.fitted, found.model, found)
+    return SeldomFit(rest.data, rest.fitted, found.model, found, 2.0 * math.pi / counts_per_rev)
