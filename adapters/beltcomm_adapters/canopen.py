@@ -304,9 +304,12 @@ def number(options: Mapping[str, object], name: str, default: float | None) -> f
 
 
 def profile_name(options: Mapping[str, object]) -> str | None:
-    """The option ``profile``, None to choose by identity.  Raises UsageError when there is none of this name."""
+    """The option ``profile``, a name or the path of a file, None to choose by identity.  Raises UsageError when there is none such."""
     value = options.get("profile")
-    return None if value is None else load_profile(str(value)).name
+    if value is None:
+        return None
+    load_profile(str(value))
+    return str(value)
 
 
 ADAPTER = Adapter(

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from beltcomm.drive import Capabilities
 from beltcomm.drive.objects import ParameterObject
+from beltcomm.drive.parameters import gain_access
 from beltcomm.errors import BusError, ObjectRefused
 from beltcomm_adapters.busload import fullest, plan_exchange
 from beltcomm_adapters.gains import structure_of
@@ -106,6 +107,8 @@ def read_capabilities(
         identity=dict(identity),
         parameters=dict(parameters),
         uncalibrated=uncalibrated,
+        gains=gain_access(parameters, uncalibrated),
+        gain_terms=profile.known_gains,
         exchange=exchange.words,
         torque_scale=""
         if profile.torque_scale.confidence in ("read", "simulated") and profile.torque_scale.of == "rated_torque"

@@ -13,11 +13,13 @@ from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.device import VirtualDrive
 from beltcomm.virtual.motor import EMMS_AS_70
+from beltcomm.virtual.profiles import PROFILES
 from beltcomm_adapters.canopen import number, profile_name, whole_number
 
 DEFAULT_PLANT: Final = "g_a"
 #: m; the middle of the rig's 0 to 0.5 m.
 DEFAULT_START_M: Final = 0.25
+DEFAULT_PROFILE: Final = "reference"
 NODE: Final = 1
 OPTIONS: Final = (
     "seed",
@@ -34,6 +36,15 @@ OPTIONS: Final = (
     "log",
     *DRIVE_KEYS,
 )
+
+
+def played(options: Mapping[str, object]) -> tuple[str, str | None]:
+    """Which virtual drive the option ``profile`` plays, and the profile that the host reads it by, None to choose by identity.
+
+    One that is not played is the host's: of the reference drive, which is an ordinary CiA 402 drive to whoever knows no more of it.
+    """
+    named = profile_name(options)
+    return (named or DEFAULT_PROFILE, None) if named is None or named in PROFILES else (DEFAULT_PROFILE, named)
 
 
 def attached(
@@ -55,7 +66,7 @@ def attached(
     drive = VirtualDrive(
         bus,
         given.get("plant") or SimulatedPlant(file.model, position_m=start_m),
-        profile_name(options) or "reference",
+        played(options)[0],
         node_id=node,
         seed=whole_number(options, "seed", 0, 0, 2**63 - 1) or 0,
         counts_per_rev=file.counts_per_rev,

@@ -53,11 +53,11 @@ def doctor(
     talk.say(f"Examining {drive}: nothing moves" + (", two PDOs are borrowed for a second" if sync_test else ", only reads") + " ...")
     asked = {name: True for name, wanted in (("try_bitrates", try_bitrates), ("sync_test", sync_test)) if wanted}
     findings = list(_examined(adapter, address, {**options.for_drive(), **asked}))
-    findings = [replace(finding, remedy=_here(finding.remedy, drive)) for finding in findings]
+    findings = [replace(finding, remedy=_here(finding.remedy, options.reached(drive))) for finding in findings]
     file = axis if isinstance(axis, str) else axis.source if axis else ""
     if axis is not None:
         findings += compared(findings, load_axis(axis) if isinstance(axis, str) else axis)
-    return _result(drive, findings, _next_drive(drive, file, findings))
+    return _result(drive, findings, _next_drive(options.reached(drive), file, findings))
 
 
 def _examined(adapter: Adapter, address: str, options: dict[str, object]) -> Iterator[Finding]:
