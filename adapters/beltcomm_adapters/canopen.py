@@ -14,6 +14,7 @@ import numpy as np
 from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Guarding, Limits, Motion, Sink
 from beltcomm.drive.finding import Finding
 from beltcomm.errors import BusError, DriveError, Refused, UsageError
+from beltcomm_adapters import host_reaction
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_can_bus, open_bus
 from beltcomm_adapters.cia402 import State
 from beltcomm_adapters.examination.can import examine_can
@@ -21,7 +22,7 @@ from beltcomm_adapters.examination.surroundings import surroundings
 from beltcomm_adapters.exchange import Exchange
 from beltcomm_adapters.identification import HOMING_MODE, read_capabilities, read_identity, sync_period_s
 from beltcomm_adapters.interrupts import deferred_interrupt
-from beltcomm_adapters.link import Link, find_nodes
+from beltcomm_adapters.link import NMT_PRE_OPERATIONAL, Link, find_nodes
 from beltcomm_adapters.logged import LoggedBus
 from beltcomm_adapters.motion import Run
 from beltcomm_adapters.object_drive import ObjectDrive
@@ -114,13 +115,13 @@ class CanopenDrive(ObjectDrive):
         with self._enabled(layout, "torque", motion.period_s, dataclasses.replace(limits, brake_s=0.0), motion) as run:
             self._link.guard(None)
             since_s = self._link.last_life_s
-            seen = run.outlive(now, since_s, since_s + limit_s)
+            seen = run.outlive(now, since_s, since_s + limit_s, self._asked_word, lambda: self._link.emergency_s)
             code = self._link.emergency.code if self._link.emergency else 0
             if seen is None:
                 raise DriveError(
                     f"the drive did not react within {1e3 * limit_s:.0f} ms when the computer fell silent (guard time "
                     f"{1e3 * limits.guard_s:.0f} ms): it would go on holding its torque if the computer died, so it gets none; "
-                    "set its reaction to a lost master (node guarding, heartbeat) to a stop with the maker's tool"
+                    f"set its reaction to a lost master to a stop with the maker's tool{self._settings_words()}"
                 )
             if code and code >> 8 != _COMMUNICATION_ERRORS:
                 raise self._machine.fault("its guarding was tried")
@@ -128,6 +129,28 @@ class CanopenDrive(ObjectDrive):
         self._machine.reset_fault()
         self._guarding = Guarding(limits.guard_s, *seen)
         return self._guarding
+
+    def _asked_word(self) -> int:
+        """6041h by SDO, of a node that exchanges no PDOs any more; one that is Stopped is first called to pre-operational, without which
+        it answers none."""
+        try:
+            return self._machine.statusword()
+        except BusError:
+            self._link.send_nmt(NMT_PRE_OPERATIONAL)
+            return self._machine.statusword()
+
+    def _stopped_by_sdo(self) -> bool:
+        """Stop and disable a node that exchanges no PDOs any more; whether it did."""
+        with contextlib.suppress(BusError, DriveError):
+            self._asked_word()
+            self._machine.disable()
+            return True
+        return False
+
+    def _settings_words(self) -> str:
+        """What it is set to, as a sentence's end."""
+        said = host_reaction.words(self._objects)
+        return f"; now {said}" if said else ""
 
     def _check(self, motion: Motion, limits: Limits) -> None:
         drive_torque_nm = self._objects.read_int(0x6072, 0, "uint16") * self._scaling.torque_nm
@@ -204,10 +227,13 @@ class CanopenDrive(ObjectDrive):
                     with contextlib.suppress(DriveError):  # the quick stop comes all the same
                         self._objects.write(0x6060, 0, "int8", _PROFILE_VELOCITY)
                         run.stand_by_speed()
-                run.halt(release)
+                if not (run.left_alone() and self._stopped_by_sdo()):
+                    run.halt(release)
                 exchange.end()
         except BusError as failure:
             self._link.guard(None)  # the drive's guarding is what stops the axis now
+            if self._stopped_by_sdo():
+                failure.add_note("the drive answered without PDOs and was stopped that way; its stage is off")
             if error is None:
                 raise (self._machine.fault("being stopped") if self._link.restarted else failure) from None
             error.add_note(str(failure))

@@ -10,6 +10,7 @@ import numpy as np
 from beltcomm.drive import Array, Capabilities, Limits, Motion
 from beltcomm.errors import DriveError, ObjectRefused, UsageError
 from beltcomm_adapters.cia402 import StateMachine
+from beltcomm_adapters.host_reaction import heed
 from beltcomm_adapters.identification import sync_period_s
 from beltcomm_adapters.link import HOST_NODE
 from beltcomm_adapters.profiles import Profile
@@ -209,10 +210,12 @@ def guard(objects: Objects, lending: Lending, profile: Profile, guard_s: float) 
         try:
             if kind == "heartbeat":
                 lending.set(0x1016, 1, "uint32", HOST_NODE << 16 | time_ms)
+                heed(objects, lending)
                 return "heartbeat"
             lending.set(0x1017, 0, "uint16", 0)  # a heartbeat of the drive would switch node guarding off
             lending.set(0x100D, 0, "uint8", 1)
             lending.set(0x100C, 0, "uint16", time_ms)
+            heed(objects, lending)
             return "node_guarding"
         except ObjectRefused as refused:
             refusals.append(str(refused))
