@@ -14,7 +14,8 @@ from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.design.compensation import compensated
 from beltcomm.design.specification import Specification
-from beltcomm.drive import Drive, able, open_drive
+from beltcomm.drive import Drive, open_drive
+from beltcomm.drive.access import able
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.experiments import commission as sequence
 from beltcomm.experiments import referencing

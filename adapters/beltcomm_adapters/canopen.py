@@ -20,7 +20,7 @@ from beltcomm_adapters.cia402 import State
 from beltcomm_adapters.examination.can import examine_can
 from beltcomm_adapters.examination.surroundings import surroundings
 from beltcomm_adapters.exchange import Exchange
-from beltcomm_adapters.identification import HOMING_MODE, read_capabilities, read_identity, sync_period_s
+from beltcomm_adapters.identification import HOMING_MODE, read_capabilities, read_identity, supported_modes, sync_period_s
 from beltcomm_adapters.interrupts import deferred_interrupt
 from beltcomm_adapters.link import NMT_PRE_OPERATIONAL, Link, find_nodes
 from beltcomm_adapters.logged import LoggedBus
@@ -31,6 +31,7 @@ from beltcomm_adapters.profiles import choose_profile, load_profile
 from beltcomm_adapters.sdo import SdoObjects
 from beltcomm_adapters.setpoints import Layout, Setpoints, layout_of
 from beltcomm_adapters.synctime import SyncTimeBus, keeps_time_by_sync
+from beltcomm_adapters.trial import tried
 from beltcomm_adapters.watch import Watch
 
 _PROFILE_VELOCITY: Final = 3
@@ -66,6 +67,7 @@ class CanopenDrive(ObjectDrive):
         sample_period_s: float | None = None,
     ) -> None:
         self._guarding: Guarding | None = None
+        self._arrangement = 0  # of the drive's answers: what it has refused once is not asked for again
         self._link = Link(bus, clock, node)
         super().__init__(clock, SdoObjects(self._link), release)
         where = f"{bus.channel_info}, node {node}" + (f", {bitrate // 1000} kbit/s" if bitrate else "")
@@ -98,6 +100,11 @@ class CanopenDrive(ObjectDrive):
         layout = layout_of(self._profile.modes[motion.kind], offsets)
         with self._enabled(layout, motion.kind, motion.period_s, limits, motion) as run:
             return run.follow(Setpoints.of(motion, self._scaling), self._profile.torque_sampling, sink)
+
+    def trial(self) -> list[Finding]:
+        """See :func:`beltcomm.drive.access.able`: a record's PDOs and limits, tried with the stage off and put back."""
+        modes = supported_modes(self._objects, self._profile)
+        return list(tried(self._objects, self._profile, self._scaling, modes, self.capabilities.sample_period_s))
 
     def prove_guarding(self, limits: Limits, rest_nm: float = 0.0) -> Guarding:
         """See :meth:`beltcomm.drive.Drive.prove_guarding`.
@@ -189,7 +196,9 @@ class CanopenDrive(ObjectDrive):
             with objects.lend() as lending:
                 speeds = motion.velocity_rad_s if motion is not None else None
                 prepare(objects, lending, self._machine, self._profile, scaling, layout, period_s, limits, speeds)
-                exchange = Exchange(link, objects, lending, period_s, layout.received)
+                unit_s = scaling.speed_rad_s / scaling.position_rad
+                exchange = Exchange(link, objects, lending, period_s, layout.received, self._arrangement, unit_s)
+                self._arrangement = exchange.arrangement
                 run = Run(
                     exchange,
                     layout,

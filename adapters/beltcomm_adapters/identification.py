@@ -57,9 +57,9 @@ def supported_modes(objects: Objects, profile: Profile) -> frozenset[int]:
 
 
 def sync_period_s(objects: Objects) -> float | None:
-    """60C2h in s, None when the drive has no such object."""
+    """60C2h in s, None when the drive has no such object or does not use it (0)."""
     value = objects.read_if_there(0x60C2, 1, "uint8")
-    return None if value is None else value * 10.0 ** objects.read_int(0x60C2, 2, "int8")
+    return value * 10.0 ** objects.read_int(0x60C2, 2, "int8") if value else None
 
 
 def read_capabilities(

@@ -21,7 +21,7 @@ from beltcomm.control import CascadeStructure
 from beltcomm.drive.finding import Finding
 from beltcomm.drive.objects import ObjectValue, ParameterObject
 from beltcomm.drive.parameters import GainAccess, GainTerm
-from beltcomm.errors import Refused, UsageError
+from beltcomm.errors import UsageError
 from beltcomm.given import word
 from beltcomm.recording.columns import MOTOR_COLUMNS
 
@@ -147,6 +147,7 @@ class Capabilities:
     refused : why kinds of motion that the drive itself may have are not offered, by kind: a sentence with the remedy.
     parameters : the objects that hold the names of :meth:`Drive.backup`.     uncalibrated : those of them whose meaning nobody knows yet:
         :meth:`Drive.write` refuses to change them until :meth:`Drive.calibrate` has told.
+    cautions : what of the limits that a record sets it does not take, and what stops the axis instead, in sentences.
     exchange, torque_scale : in words, the period of the exchange and what it costs the bus; why the unit of torque is in doubt, "" when
         it is not.
     gains : what can be done with the gains of its loops.   gain_terms : what is known of those that only a person sets.
@@ -174,6 +175,7 @@ class Capabilities:
     uncalibrated: frozenset[str] = frozenset()
     gains: GainAccess = "writable"
     gain_terms: tuple[GainTerm, ...] = ()
+    cautions: tuple[str, ...] = ()
     exchange: str = ""
     torque_scale: str = ""
     shortest_guard_s: float | None = None
@@ -376,25 +378,3 @@ def adapter_for(name: str, found: Sequence[FoundAdapter]) -> tuple[Adapter, str]
     broken = "".join(f" ({item.entry_point} is broken: {item.reason})" for item in found if not item.adapter)
     near = did_you_mean(scheme, [*schemes, "can0"])
     raise UsageError(f"no adapter understands the drive {name!r}{near}; known are {', '.join(schemes)} and CAN interfaces (can0){broken}")
-
-
-def able(drive: Drive, kind: MotionKind) -> Drive:
-    """The same drive, if it offers this kind of motion.   Raises Refused with its reason, and closes it; nothing has moved then."""
-    has = drive.capabilities
-    if kind in has.kinds:
-        return drive
-    drive.close()
-    why = has.refused.get(kind) or f"it offers motions of kind {', '.join(sorted(has.kinds)) or 'none'}, not {kind}"
-    raise Refused(f"{has.name} cannot do this: {why}; nothing was moved")
-
-
-def serve_drive(name: str, on: str, options: Mapping[str, object] | None = None) -> Service:
-    """The simulated drive called ``name`` (``virtual:g_a``) on the interface ``on``.
-
-    Raises UsageError when no adapter serves a drive of this name, and what the adapter raises.
-    """
-    scheme, _, address = word(name, "drive").partition(":")
-    for item in find_adapters():
-        if item.adapter and item.adapter.serve and scheme in item.adapter.schemes:
-            return item.adapter.serve(address, on, options or {})
-    raise UsageError(f"{name!r} is no simulated drive, so it cannot be served; give virtual or virtual:PLANT")

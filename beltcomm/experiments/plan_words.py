@@ -128,6 +128,7 @@ def _stops(axis: Axis, capabilities: Capabilities) -> tuple[Point, ...]:
                 else "a loop designed for it, as hard as its feed force allows"
             ),
         ),
+        *(("limits", caution) for caution in capabilities.cautions),
         (
             "computer dies",
             "the drive notices by itself; that is tried once at standstill, before any torque. A light carriage that just breaks away "
