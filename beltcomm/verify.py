@@ -27,6 +27,8 @@ DYNAMIC_TARGET_M = 1e-3
 STATIC_TARGET_M = 100e-6
 #: Machines in the range of a prediction, and share of them that must be machines.
 RANGE_DRAWS, LEAST_DRAWN = 16, 0.5
+#: A drive does as predicted when its error is within this factor of the predicted one, and this many m.
+AS_PREDICTED, SLACK_M = 1.5, 2e-4
 #: s after the end of the reference motion between which the static error is read.
 STATIC_FROM_S, STATIC_TO_S = 0.5, 1.5
 #: m and s of the verification move: the thesis's 0 to 0.5 m, and the rest in which the static error is read.

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from beltcomm.drive import Capabilities
 from beltcomm.drive.objects import ParameterObject
+from beltcomm.drive.parameters import gain_access
 from beltcomm.errors import BusError, ObjectRefused
 from beltcomm_adapters.busload import fullest, plan_exchange
 from beltcomm_adapters.gains import structure_of
@@ -59,9 +60,9 @@ def supported_modes(objects: Objects, profile: Profile) -> frozenset[int]:
 
 
 def sync_period_s(objects: Objects) -> float | None:
-    """60C2h in s, None when the drive has no such object."""
+    """60C2h in s, None when the drive has no such object or does not use it (0)."""
     value = objects.read_if_there(0x60C2, 1, "uint8")
-    return None if value is None else value * 10.0 ** objects.read_int(0x60C2, 2, "int8")
+    return value * 10.0 ** objects.read_int(0x60C2, 2, "int8") if value else None
 
 
 def read_capabilities(
@@ -113,6 +114,8 @@ def read_capabilities(
         identity=dict(identity),
         parameters=dict(parameters),
         uncalibrated=uncalibrated,
+        gains=gain_access(parameters, uncalibrated),
+        gain_terms=profile.known_gains,
         exchange=exchange.words,
         torque_scale=""
         if profile.torque_scale.confidence in ("read", "simulated") and profile.torque_scale.of == "rated_torque"

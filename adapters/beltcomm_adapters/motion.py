@@ -138,6 +138,7 @@ class Run:
         self._position = position
         self._brake_s = 0.0
         self._loop_share = min(loop_s / period_s, 1.0) if layout.mode in INTERPOLATED_MODES else 1.0
+        self._silenced = False
 
     @property
     def torque_mode(self) -> bool:
@@ -193,26 +194,30 @@ class Run:
             )
         raise DriveError(f"the drive stays in {state.words} instead of Operation Enabled; check STO, the enable inputs and the DC link")
 
-    def outlive(self, now: Callable[[], float], silent_since_s: float, until_s: float) -> tuple[float, bool] | None:
+    def outlive(
+        self, now: Callable[[], float], silent_since_s: float, until_s: float, ask: Callable[[], int], noticed_s: Callable[[], float]
+    ) -> tuple[float, bool] | None:
         """Go on without signs of life until the drive leaves Operation Enabled; its reaction time, s, and whether it was seen to brake.
 
+        ask : 6041h without PDOs, for a node that leaves Operational with its host's silence (1029h = 0).   noticed_s : when its EMCY came.
         None when it has not by ``until_s``.   A drive that shows another state between Operation Enabled and Fault brakes; one that
         is in Fault at once, or whose fault cannot be told from its reaction (0Fh for both), counts as one that lets the axis coast.
         """
         reacted_s: float | None = None
-        braking = False
+        braking, self._silenced = False, True
         while reacted_s is not None or now() < until_s:
             sample = self._exchange.cycle(self._frames.at_rest(self._layout.running, self._position))
-            if sample is None:
-                if self._exchange.lost_in_a_row > TOLERATED_LOSSES:
-                    raise BusError("the drive did not answer while its guarding was tried; check the cabling and the bus load")
+            if sample is not None:
+                self._position = sample.position
+                self._watch.check(sample)
+                state = state_of(sample.statusword)
+            elif self._emergency() or self._exchange.lost_in_a_row > TOLERATED_LOSSES:
+                state = state_of(ask())
+            else:
                 continue
-            self._position = sample.position
-            self._watch.check(sample)
-            state = state_of(sample.statusword)
             if state is State.OPERATION_ENABLED:
                 continue
-            reacted_s = now() if reacted_s is None else reacted_s
+            reacted_s = min(now(), max(noticed_s(), silent_since_s)) if reacted_s is None else reacted_s
             if state not in (State.FAULT_REACTION_ACTIVE, State.QUICK_STOP_ACTIVE):
                 return reacted_s - silent_since_s, braking
             braking = True
@@ -363,6 +368,10 @@ class Run:
             if sample is not None and state_of(sample.statusword) not in (*live, State.SWITCHED_ON):
                 return
         raise DriveError("the drive does not confirm that its stage is off; switch its power off before touching the axis")
+
+    def left_alone(self) -> bool:
+        """Whether the node ended its PDOs with its host's silence, which was tried: a quick stop in them is not answered."""
+        return self._silenced and self._halting(QUICK_STOP) is None
 
     def stand_by_speed(self) -> None:
         """After a change to profile velocity: wait until the axis stands.  The stop that follows tells what is wrong."""

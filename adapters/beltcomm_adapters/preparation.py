@@ -10,11 +10,12 @@ import numpy as np
 from beltcomm.drive import Array, Capabilities, Limits, Motion
 from beltcomm.errors import DriveError, ObjectRefused, UsageError
 from beltcomm_adapters.cia402 import StateMachine
+from beltcomm_adapters.host_reaction import heed
 from beltcomm_adapters.identification import sync_period_s
 from beltcomm_adapters.link import HOST_NODE
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
-from beltcomm_adapters.sdo import Lending, Objects
+from beltcomm_adapters.sdo import ABSENT, Lending, Objects
 from beltcomm_adapters.setpoints import OFFSET_MODES, POSITION_MODES, TORQUE_MODES, Layout
 
 #: The drive's own speed limit stands this far above the host's: the host brakes, the drive switches off and lets the axis
@@ -135,6 +136,24 @@ def prepare(
     else:  # "no mode" is where a drive starts and cannot be gone back to
         objects.write(0x6060, 0, "int8", mode)
     machine.confirm_mode(mode)
+    if mode in TORQUE_MODES:
+        objects.write(0x6071, 0, "int16", 0)
+        if profile.torque_exit == "velocity":
+            objects.write(0x60FF, 0, "int32", 0)
+    lend_settings(objects, lending, profile, scaling, mode, period_s, limits, speeds_rad_s)
+
+
+def lend_settings(
+    objects: Objects,
+    lending: Lending,
+    profile: Profile,
+    scaling: Scaling,
+    mode: int,
+    period_s: float,
+    limits: Limits,
+    speeds_rad_s: Array | None = None,
+) -> None:
+    """Of :func:`prepare` what is a setting, no mode and no setpoint; limits that the drive does not take are in ``lending.refused``."""
     lending.set_if_there(0x605A, 0, "int16", _QUICK_STOP_AND_DISABLE)
     if math.isfinite(limits.deceleration_rad_s2):
         lending.set_if_there(0x6085, 0, "uint32", _steps(limits.deceleration_rad_s2, scaling))
@@ -142,12 +161,8 @@ def prepare(
         value, power = interpolation_time(period_s)
         lending.set(0x60C2, 2, "int8", power)
         lending.set(0x60C2, 1, "uint8", value)
-    if mode in TORQUE_MODES:
-        objects.write(0x6071, 0, "int16", 0)
-        if profile.torque_exit == "velocity":
-            objects.write(0x60FF, 0, "int32", 0)
-            if math.isfinite(limits.deceleration_rad_s2):
-                lending.set(0x6084, 0, "uint32", _steps(limits.deceleration_rad_s2, scaling))
+    if mode in TORQUE_MODES and profile.torque_exit == "velocity" and math.isfinite(limits.deceleration_rad_s2):
+        lending.set(0x6084, 0, "uint32", _steps(limits.deceleration_rad_s2, scaling))
     if mode == 4 and profile.torque_slope_permille_s is not None:
         lending.set(0x6087, 0, "uint32", profile.torque_slope_permille_s)
     if mode == 7:
@@ -180,14 +195,19 @@ def _steps(acceleration_rad_s2: float, scaling: Scaling) -> int:
 
 
 def tighten_torque_and_speed(objects: Objects, lending: Lending, profile: Profile, scaling: Scaling, limits: Limits) -> None:
-    """6072h and 6080h, never above what they are."""
+    """6072h and 6080h, never above what they are; a drive without them is watched by the host alone."""
     torque = max(math.ceil(limits.torque_nm / scaling.torque_nm), profile.torque_limit_lowest_permille)
-    if torque < objects.read_int(0x6072, 0, "uint16"):
-        lending.set(0x6072, 0, "uint16", torque)
-    stored = objects.read_bytes(0x6080)
+    if torque < (objects.read_if_there(0x6072, 0, "uint16") or 0):
+        lending.set_if_there(0x6072, 0, "uint16", torque)
+    try:
+        stored = objects.read_bytes(0x6080)
+    except ObjectRefused as error:
+        if error.abort_code in ABSENT:
+            return
+        raise
     speed = math.ceil(_DRIVE_SPEED_SHARE * limits.speed_rad_s / _RPM)  # 6080h is in min⁻¹
     if speed < int.from_bytes(stored, "little"):
-        lending.set(0x6080, 0, "uint32" if len(stored) == 4 else "uint16", speed)
+        lending.set_if_there(0x6080, 0, "uint32" if len(stored) == 4 else "uint16", speed)
 
 
 def tighten_window(objects: Objects, lending: Lending, scaling: Scaling, limits: Limits, period_s: float) -> None:
@@ -206,7 +226,7 @@ def tighten_window(objects: Objects, lending: Lending, scaling: Scaling, limits:
         low, high = max(low, stored_low), min(high, stored_high)
     steps = [(1, low), (2, high)]
     for part, value in reversed(steps) if low > stored_high else steps:  # never a minimum above its maximum
-        lending.set(0x607D, part, "int32", value)
+        lending.set_if_there(0x607D, part, "int32", value)
 
 
 def guard(objects: Objects, lending: Lending, profile: Profile, guard_s: float) -> Literal["heartbeat", "node_guarding"]:
@@ -220,10 +240,12 @@ def guard(objects: Objects, lending: Lending, profile: Profile, guard_s: float) 
         try:
             if kind == "heartbeat":
                 lending.set(0x1016, 1, "uint32", HOST_NODE << 16 | time_ms)
+                heed(objects, lending)
                 return "heartbeat"
             lending.set(0x1017, 0, "uint16", 0)  # a heartbeat of the drive would switch node guarding off
             lending.set(0x100D, 0, "uint8", 1)
             lending.set(0x100C, 0, "uint16", time_ms)
+            heed(objects, lending)
             return "node_guarding"
         except ObjectRefused as refused:
             refusals.append(str(refused))

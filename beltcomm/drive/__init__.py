@@ -20,7 +20,8 @@ from beltcomm.configfiles import did_you_mean
 from beltcomm.control import CascadeStructure
 from beltcomm.drive.finding import Finding
 from beltcomm.drive.objects import ObjectValue, ParameterObject
-from beltcomm.errors import Refused, UsageError
+from beltcomm.drive.parameters import GainAccess, GainTerm
+from beltcomm.errors import UsageError
 from beltcomm.given import word
 from beltcomm.recording.columns import MOTOR_COLUMNS
 
@@ -44,11 +45,9 @@ class Clock(Protocol):
 
     def now(self) -> float:
         """Seconds on a clock that never goes back."""
-        ...
 
     def sleep_until(self, t_s: float) -> None:
         """Return when ``now() >= t_s``; virtual time moves on, real time waits."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -144,13 +143,14 @@ class Capabilities:
     rated_torque_nm, peak_torque_nm : N m.    rated_current_a : A rms.    max_speed_rad_s : rad/s.
     referenced : the drive knows its zero.
     torque_along : the kinds of closed-loop motion to whose torque it adds the motion's.
-    identity : name, maker, serial number, firmware ... as text, to recognise the same drive on ``--resume``; "" where the
-        port that it is connected by cannot tell.
+    identity : name, maker, serial number, firmware ... as text, by which ``--resume`` knows it; "" where its port cannot tell.
     refused : why kinds of motion that the drive itself may have are not offered, by kind: a sentence with the remedy.
     parameters : the objects that hold the names of :meth:`Drive.backup`.     uncalibrated : those of them whose meaning nobody knows yet:
         :meth:`Drive.write` refuses to change them until :meth:`Drive.calibrate` has told.
+    cautions : what of the limits that a record sets it does not take, and what stops the axis instead, in sentences.
     exchange, torque_scale : in words, the period of the exchange and what it costs the bus; why the unit of torque is in doubt, "" when
         it is not.
+    gains : what can be done with the gains of its loops.   gain_terms : what is known of those that only a person sets.
     shortest_guard_s : s, shortest time in which it can be made to notice that its host is gone; None when nothing in it watches the host.
     overload_time_s : s, for which the drive lets the motor have its peak torque from cold; None when it does not tell.
     """
@@ -173,6 +173,9 @@ class Capabilities:
     refused: Mapping[str, str] = field(default_factory=dict)
     parameters: Mapping[str, ParameterObject] = field(default_factory=dict)
     uncalibrated: frozenset[str] = frozenset()
+    gains: GainAccess = "writable"
+    gain_terms: tuple[GainTerm, ...] = ()
+    cautions: tuple[str, ...] = ()
     exchange: str = ""
     torque_scale: str = ""
     shortest_guard_s: float | None = None
@@ -183,8 +186,7 @@ class Capabilities:
 class ExchangeReport:
     """How one recording went: rows delivered, cycles lost on the bus, and the largest deviation of a period, s.
 
-    irregular : rows whose period deviated by more than a quarter; their stamps say by how much.   remarks : what else the drive said of
-    itself, in words.
+    irregular : rows whose period deviated by more than a quarter; their stamps say by how much.   remarks : what else it said, in words.
     limited_cycles : samples in which the drive said that a limit of its own was active (statusword bit 11).
     """
 
@@ -376,25 +378,3 @@ def adapter_for(name: str, found: Sequence[FoundAdapter]) -> tuple[Adapter, str]
     broken = "".join(f" ({item.entry_point} is broken: {item.reason})" for item in found if not item.adapter)
     near = did_you_mean(scheme, [*schemes, "can0"])
     raise UsageError(f"no adapter understands the drive {name!r}{near}; known are {', '.join(schemes)} and CAN interfaces (can0){broken}")
-
-
-def able(drive: Drive, kind: MotionKind) -> Drive:
-    """The same drive, if it offers this kind of motion.   Raises Refused with its reason, and closes it; nothing has moved then."""
-    has = drive.capabilities
-    if kind in has.kinds:
-        return drive
-    drive.close()
-    why = has.refused.get(kind) or f"it offers motions of kind {', '.join(sorted(has.kinds)) or 'none'}, not {kind}"
-    raise Refused(f"{has.name} cannot do this: {why}; nothing was moved")
-
-
-def serve_drive(name: str, on: str, options: Mapping[str, object] | None = None) -> Service:
-    """The simulated drive called ``name`` (``virtual:g_a``) on the interface ``on``.
-
-    Raises UsageError when no adapter serves a drive of this name, and what the adapter raises.
-    """
-    scheme, _, address = word(name, "drive").partition(":")
-    for item in find_adapters():
-        if item.adapter and item.adapter.serve and scheme in item.adapter.schemes:
-            return item.adapter.serve(address, on, options or {})
-    raise UsageError(f"{name!r} is no simulated drive, so it cannot be served; give virtual or virtual:PLANT")

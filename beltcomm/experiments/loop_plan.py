@@ -10,7 +10,7 @@ import numpy as np
 
 from beltcomm.control import Cascade
 from beltcomm.drive import Capabilities
-from beltcomm.drive.parameters import GAIN_NAMES
+from beltcomm.drive.parameters import LOOP_GAINS
 from beltcomm.errors import Refused
 from beltcomm.excitation import Choice, choose, visible_band
 from beltcomm.excitation.moving import TAIL_S, MovingExcitation, moving, ramp_s, stroke_m
@@ -99,7 +99,7 @@ def offered(capabilities: Capabilities, way: Way, parameters: frozenset[str]) ->
 
     Raises Refused with what this drive lacks.
     """
-    missing = [name for name in GAIN_NAMES[:4] if name not in parameters]
+    missing = [name for name in LOOP_GAINS if name not in parameters]
     if missing:
         raise Refused(
             f"{capabilities.name} does not tell its gains {', '.join(missing)} over the bus, so no loop can be set or taken off again: "

@@ -120,8 +120,8 @@ class ResonanceWatch:
         hertz = float(np.argmax(lines)) / (FINE * len(band) * self.period_s)
         raise SafetyStop(
             f"the motor torque swings with {math.sqrt(2.0 * self._power / self._rows):.3g} N m at about {hertz:.0f} Hz, in the band of the "
-            f"belt's resonance; predicted were {swing.predicted_nm:.2g} N m, {swing.allowed_nm:.2g} N m are allowed; the axis was stopped "
-            "and gets its old gains back: the loop does not fit this axis (another load, a later torque, a gain that is not what it "
+            f"belt's resonance; predicted were {swing.predicted_nm:.2g} N m, {swing.allowed_nm:.2g} N m are allowed; the axis was stopped: "
+            "the loop in the drive does not fit this axis (another load, a later torque, a gain that is not what it "
             "says), so identify it again, or frames to the drive got lost, so check the cabling",
             "resonance",
         )
