@@ -76,7 +76,14 @@ from beltcomm.thesis.topics import thesis as thesis
 def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """The whole job: identify, fit, friction, design, verify.   Exit code 1 for a missed target or a model that does not explain the data.
 
-    Raises UsageError, Refused (also a user's no), DataError, SafetyStop, DriveError.
+    Raises
+    ------
+    UsageError
+    Refused
+        Also a user's no.
+    DataError
+    SafetyStop
+    DriveError
     """
     options, talk, axis, run = given(options), talk or Silence(), axis_of(axis), place(run)
     referencing.suitable(axis)
@@ -129,7 +136,13 @@ def identify(drive: str, axis: Axis | Place, run: Place, *, options: Options | N
 
 
 def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Options, talk: Talk, *, whole: bool = False) -> Result:
-    """What :func:`identify` does on a connected drive.   whole : the whole job was asked for, so that this is not success."""
+    """What :func:`identify` does on a connected drive.
+
+    Parameters
+    ----------
+    whole : bool
+        The whole job was asked for, so that this is not success.
+    """
     if options.dry_run:
         return planned(identify_plan(axis, connected.capabilities, options.window_m), connected.capabilities, options, axis)
     folder = new_folder(run, axis, connected, options, talk)
@@ -197,7 +210,16 @@ def design(
 ) -> Result:
     """Gains with margins from the run's model, proven on its measured responses too; nothing is written to a drive.
 
-    pictures : the open loops into ``RUN/pictures``.   Raises Refused with what binds, DataError.
+    Parameters
+    ----------
+    pictures : bool
+        The open loops into ``RUN/pictures``.
+
+    Raises
+    ------
+    Refused
+        With what binds.
+    DataError
     """
     options, talk = given(options), talk or Silence()
     basis = basis_of(place(run))
@@ -224,8 +246,14 @@ def verify(
 ) -> Result:
     """Drive a move with the run's design, compare its error with the prediction.   Exit code 1 when a target is missed.
 
-    ``options.feedforward`` replaces the design's for this move only.   rungs : the move once for each step of what the model can bring.
-    over_belt : on a virtual drive, the belt may carry more than its feed force.
+    ``options.feedforward`` replaces the design's for this move only.
+
+    Parameters
+    ----------
+    rungs : bool
+        The move once for each step of what the model can bring.
+    over_belt : bool
+        On a virtual drive, the belt may carry more than its feed force.
     """
     options, talk, run = given(options), talk or Silence(), place(run)
     move = None if move is None else place(move, "move")
@@ -249,8 +277,15 @@ def apply(
 ) -> Result:
     """Write the run's gains, or the values of a file, to the drive and read them back; with ``apply="save"`` for good.
 
-    shown : by a small move before anything is saved; else nothing moves.
-    Raises Refused for gains in doubt (model not trusted, no verification passed) without a yes to that or ``force``.
+    Parameters
+    ----------
+    shown : bool
+        By a small move before anything is saved; else nothing moves.
+
+    Raises
+    ------
+    Refused
+        For gains in doubt (model not trusted, no verification passed) without a yes to that or ``force``.
     """
     options, talk, run = given(options), talk or Silence(), place(run)
     dcf, folder = None if dcf is None else place(dcf, "file"), RunFolder.open(run)
@@ -291,7 +326,13 @@ def calibrate(drive: str, axis: Axis | Place | None, run: Place, *, options: Opt
 
 
 def move(drive: str, axis: Axis | Place, by_m: float, *, options: Options | None = None, talk: Talk | None = None) -> Result:
-    """Move the carriage slowly by a small distance with the gains that are in the drive.   Raises UsageError beyond 100 mm."""
+    """Move the carriage slowly by a small distance with the gains that are in the drive.
+
+    Raises
+    ------
+    UsageError
+        Beyond 100 mm.
+    """
     options, talk, axis, by_m = given(options), talk or Silence(), axis_of(axis), number(by_m, "by_m", "m")
     short_move.admit(axis, by_m)
     if options.simulate_first:
@@ -357,7 +398,13 @@ def study(
 
 
 def study_member(file: Place, number: int, *, out: Place | None = None) -> Result:
-    """One member of a study again.   out : folder for its plant file, and for the run of one that is commissioned."""
+    """One member of a study again.
+
+    Parameters
+    ----------
+    out : Place or None
+        Folder for its plant file, and for the run of one that is commissioned.
+    """
     folder = None if out is None else place(out, "folder")
     return one_member(str(place(file, "study")), number, doing=Doing(commission), out=folder)
 

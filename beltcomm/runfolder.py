@@ -52,10 +52,14 @@ _KINDS = {"models": "model", "designs": "design", "results": "result"}
 class RunFolder:
     """One run folder.  Make one with :meth:`create`, use an existing one with :meth:`open`.
 
-    path : the folder.     axis : as read from its ``axis.yaml``; None when the folder has none.
-    elapsed_s : s of date and time since the run began on its drive, as far as :meth:`claim_drive` knows it.
-    stamp : what a line of the journal begins with, its time.
-    remarks : what :meth:`recordings` left out last, and why, as sentences.
+    Parameters
+    ----------
+    path : Path
+        The folder.
+    axis : Axis or None
+        As read from its ``axis.yaml``; None when the folder has none. elapsed_s : s of date and time since the run began on its drive, as
+        far as :meth:`claim_drive` knows it. stamp : what a line of the journal begins with, its time. remarks : what :meth:`recordings`
+        left out last, and why, as sentences.
     """
 
     def __init__(self, path: Path, axis: Axis | None) -> None:
@@ -69,9 +73,13 @@ class RunFolder:
     def create(cls, path: Path, axis: Axis, *, resume: bool = False) -> RunFolder:
         """A new folder for ``axis``, or with ``resume`` the existing one, when its axis has not changed.
 
-        An empty folder counts as new, and one whose run ended before anything moved.   Raises UsageError when the folder exists and
-        ``resume`` is not asked for, when it does not exist and ``resume`` is, when the axis has changed (with the entries), or when it
-        cannot be written.
+        An empty folder counts as new, and one whose run ended before anything moved.
+
+        Raises
+        ------
+        UsageError
+            When the folder exists and ``resume`` is not asked for, when it does not exist and ``resume`` is, when the axis has changed
+            (with the entries), or when it cannot be written.
         """
         if resume:
             return cls._resumed(path, axis)
@@ -90,7 +98,12 @@ class RunFolder:
     def open(cls, path: Path | str) -> RunFolder:
         """An existing folder, the tool's own or one made by hand.
 
-        Raises DataError when there is no folder or it holds neither axis nor recordings, UsageError for a wrong ``axis.yaml``.
+        Raises
+        ------
+        DataError
+            When there is no folder or it holds neither axis nor recordings.
+        UsageError
+            For a wrong ``axis.yaml``.
         """
         path = Path(path)
         if not path.is_dir():
@@ -123,7 +136,13 @@ class RunFolder:
 
     @property
     def axis(self) -> Axis:
-        """The axis.   Raises DataError when the folder has no ``axis.yaml``."""
+        """The axis.
+
+        Raises
+        ------
+        DataError
+            When the folder has no ``axis.yaml``.
+        """
         if self._axis is None:
             raise DataError(
                 f"{self.path / 'axis.yaml'} is missing; copy the axis file there or write one with "
@@ -149,9 +168,17 @@ class RunFolder:
     def claim_drive(self, identity: Mapping[str, str], wall_s: float | None = None) -> None:
         """Note which drive this run is made on, and when; on a later call, that it still is, and how much later.
 
-        identity : :attr:`beltcomm.drive.Capabilities.identity`; what was not told, then or now, is not compared.
-        wall_s : date and time now, s; None where nobody knows it, or where the drive begins anew with every session.
-        Raises UsageError when the run was made on another drive, with what differs.
+        Parameters
+        ----------
+        identity : dict of str to str
+            Attr:`beltcomm.drive.Capabilities.identity`; what was not told, then or now, is not compared.
+        wall_s : float or None
+            Date and time now, s; None where nobody knows it, or where the drive begins anew with every session.
+
+        Raises
+        ------
+        UsageError
+            When the run was made on another drive, with what differs.
         """
         about = self._about()
         known, began_s = about.get("drive") or {}, about.get("began_s")
@@ -177,7 +204,10 @@ class RunFolder:
     def finished_names(self) -> list[str]:
         """Names of the recordings that are complete, sorted.
 
-        Raises DataError when a sidecar stands without its recording.
+        Raises
+        ------
+        DataError
+            When a sidecar stands without its recording.
         """
         broken_off = {path.name.removesuffix(".csv.part") for path in self.recordings_folder.glob("*.csv.part")}
         for note in sorted(self.recordings_folder.glob("*.yaml")):
@@ -194,8 +224,12 @@ class RunFolder:
     def recordings(self, experiment: str | None = None) -> list[Recording]:
         """The complete recordings, checked, sorted by name; those of one kind of experiment when it is given.
 
-        One in which the axis did not move is left out beside others (``remarks``).   Raises DataError when there is none, one of them
-        cannot be used (with file, column and row), or they are of two axes.
+        One in which the axis did not move is left out beside others (``remarks``).
+
+        Raises
+        ------
+        DataError
+            When there is none, one of them cannot be used (with file, column and row), or they are of two axes.
         """
         if not self.recordings_folder.is_dir():
             raise DataError(f"{self.recordings_folder} is missing; record with `beltcomm identify`, or put CSV files there")
@@ -238,7 +272,12 @@ class RunFolder:
                 )
 
     def recording(self, name: str) -> Recording:
-        """One recording by name, checked against the axis.   Raises DataError."""
+        """One recording by name, checked against the axis.
+
+        Raises
+        ------
+        DataError
+        """
         path = self.recordings_folder / f"{name}.csv"
         if not path.is_file():
             if path.with_name(f"{name}.csv.part").is_file():
@@ -250,7 +289,12 @@ class RunFolder:
     def new_recording(self, name: str, sidecar: Sidecar, columns: tuple[str, ...] = MOTOR_COLUMNS) -> RecordingWriter:
         """A writer for a new recording; an earlier unfinished one of that name is moved aside.
 
-        Raises DataError when a complete one exists, UsageError for a name that is no file name.
+        Raises
+        ------
+        DataError
+            When a complete one exists.
+        UsageError
+            For a name that is no file name.
         """
         _make_folder(self.recordings_folder)
         return RecordingWriter(self.recordings_folder / f"{checked_name(name)}.csv", sidecar, columns)
@@ -267,7 +311,13 @@ class RunFolder:
         return save_recording(recording, self.recordings_folder)
 
     def save_model(self, name: str, mapping: Mapping[str, Any]) -> Path:
-        """Write ``models/NAME.yaml``; returns its path.   Raises UsageError when it cannot be written."""
+        """Write ``models/NAME.yaml``; returns its path.
+
+        Raises
+        ------
+        UsageError
+            When it cannot be written.
+        """
         return self._save("models", name, mapping)
 
     def save_design(self, name: str, mapping: Mapping[str, Any]) -> Path:
@@ -284,7 +334,13 @@ class RunFolder:
         return [path.stem for path in sorted(files, key=lambda path: (path.stat().st_mtime_ns, path.stem))]
 
     def file(self, kind: str, name: str) -> Path:
-        """Path of ``KIND/NAME.yaml``.   Raises DataError when it is missing, naming what makes it."""
+        """Path of ``KIND/NAME.yaml``.
+
+        Raises
+        ------
+        DataError
+            When it is missing, naming what makes it.
+        """
         path = self.path / kind / f"{checked_name(name)}.yaml"
         if not path.is_file():
             maker = {"models": "fit", "designs": "design"}.get(kind)
@@ -293,7 +349,13 @@ class RunFolder:
         return path
 
     def load(self, kind: str, name: str) -> dict[str, Any]:
-        """The mapping in ``KIND/NAME.yaml``.   Raises DataError when it is missing, unreadable or empty."""
+        """The mapping in ``KIND/NAME.yaml``.
+
+        Raises
+        ------
+        DataError
+            When it is missing, unreadable or empty.
+        """
         return self._unsealed(kind, name)[0]
 
     def edited(self, kind: str, name: str) -> bool:
@@ -307,11 +369,23 @@ class RunFolder:
         return unsealed(read_yaml(path, DataError))
 
     def load_result(self, name: str) -> dict[str, Any] | None:
-        """The mapping in ``results/NAME.yaml``, None when there is none.   Raises DataError when it is unreadable."""
+        """The mapping in ``results/NAME.yaml``, None when there is none.
+
+        Raises
+        ------
+        DataError
+            When it is unreadable.
+        """
         return self.load("results", name) if (self.path / "results" / f"{checked_name(name)}.yaml").is_file() else None
 
     def occupy(self, talk: Talk) -> ExitStack:
-        """Keep other commands out of this folder until what is given back is closed.   Raises UsageError when one is in it already."""
+        """Keep other commands out of this folder until what is given back is closed.
+
+        Raises
+        ------
+        UsageError
+            When one is in it already.
+        """
         with ExitStack() as held:
             held.enter_context(
                 occupied(
@@ -325,7 +399,18 @@ class RunFolder:
             return held.pop_all()
 
     def journal(self, line: str, event: Event = "note") -> None:
-        """Append one line to the session's journal.   event : what it means to a program.   Raises UsageError when it cannot be written."""
+        """Append one line to the session's journal.
+
+        Parameters
+        ----------
+        event : Event
+            What it means to a program.
+
+        Raises
+        ------
+        UsageError
+            When it cannot be written.
+        """
         journal.append(self.path, line, event, self.stamp())
 
     def _save(self, kind: str, name: str, mapping: Mapping[str, Any]) -> Path:
@@ -377,7 +462,7 @@ def _content(path: Path) -> set[Path]:
 
 
 def _make_folder(path: Path, *, inside: bool = True) -> None:
-    """inside : of a run, where nothing is written through links."""
+    """Parameters ---------- inside : bool Of a run, where nothing is written through links."""
     if inside and path.is_symlink():
         raise link_refused(path)
     try:
@@ -387,7 +472,12 @@ def _make_folder(path: Path, *, inside: bool = True) -> None:
 
 
 def checked_name(name: str) -> str:
-    """The name, when it can be a file name everywhere.   Raises UsageError."""
+    """The name, when it can be a file name everywhere.
+
+    Raises
+    ------
+    UsageError
+    """
     if not _NAME.fullmatch(name) or len(name) > LONGEST_NAME:
         shown = name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}..."
         raise UsageError(f"{shown!r} cannot be a name; use up to {LONGEST_NAME} letters, digits, '_', '-' and '.', a letter or digit first")

@@ -131,7 +131,13 @@ _BY_NAME = {effect.name: effect for effect in EFFECTS}
 
 
 def effect_named(name: str) -> Effect:
-    """The effect of that name.  Raises UsageError with the nearest names."""
+    """The effect of that name.
+
+    Raises
+    ------
+    UsageError
+        With the nearest names.
+    """
     if name in _BY_NAME:
         return _BY_NAME[name]
     near = difflib.get_close_matches(name, _BY_NAME, n=3)
@@ -142,7 +148,10 @@ def effect_named(name: str) -> Effect:
 def stands_for(name: str, *, behind_gap: bool = False) -> str:
     """The effect by which a name is fitted: itself, or the one that holds it among its twins and cannot be told from it.
 
-    behind_gap : the carriage moves free of the motor at times, so that effects which are told from their twins only there are themselves.
+    Parameters
+    ----------
+    behind_gap : bool
+        The carriage moves free of the motor at times, so that effects which are told from their twins only there are themselves.
     """
     effect = _BY_NAME.get(name)
     if effect is not None and (behind_gap or not effect.behind_gap):

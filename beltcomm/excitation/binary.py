@@ -64,8 +64,24 @@ class PrbsChoice:
 def prbs_bits(order: int) -> NDArray[np.int8]:
     """One period of a maximal-length binary sequence, s(k) = mod(Σ a_i s(k-i), 2), from s(-1) = ... = s(-n) = 1.
 
-    order : n in 3 to 16.     Returns ndarray (2^n - 1,), 0 or 1, with 2^(n-1) ones.
-    Raises UsageError for another order.     Source: thesis (3.1) to (3.3).
+    Parameters
+    ----------
+    order : int
+        n in 3 to 16.
+
+    Returns
+    -------
+    ndarray of int8, (2^n - 1,)
+        0 or 1, with 2^(n-1) ones.
+
+    Raises
+    ------
+    UsageError
+        For another order.
+
+    References
+    ----------
+    Thesis (3.1) to (3.3).
     """
     if order not in MAXIMAL_TAPS:
         raise UsageError(f"a PRBS of order {order} is not available; choose an order from 3 to 16")
@@ -92,10 +108,31 @@ def prbs(
 
     The second term takes away the mean of (3.4); see :func:`beltcomm.excitation.record.finished` for drift, start and rounding.
 
-    order : n, 3 to 16.     clock : P, samples per bit.     peak_to_peak_nm : A of (3.4), N m, motor shaft: the thesis's
-    0.3 N m is ±0.15 N m.     sample_period_s : T_s, s.     repeats : measured periods.
-    run_in_periods : periods before ``first_sample``.     torque_step_nm : N m, resolution of the drive's torque setpoint, 0 for none.
-    Raises UsageError for values that are no PRBS.     Source: thesis (3.1) to (3.6); thesis.md, erratum 10.
+    Parameters
+    ----------
+    order : int
+        n, 3 to 16.
+    clock : int
+        P, samples per bit.
+    peak_to_peak_nm : float
+        A of (3.4), N m, motor shaft: the thesis's 0.3 N m is ±0.15 N m.
+    sample_period_s : float
+        T_s, s.
+    repeats : int
+        Measured periods.
+    run_in_periods : int
+        Periods before ``first_sample``.
+    torque_step_nm : float, N m
+        Resolution of the drive's torque setpoint, 0 for none.
+
+    Raises
+    ------
+    UsageError
+        For values that are no PRBS.
+
+    References
+    ----------
+    Thesis (3.1) to (3.6); thesis.md, erratum 10.
     """
     if clock < 1:
         raise UsageError(f"clock {clock}: a bit must last at least 1 sample")
@@ -130,10 +167,26 @@ def choose_prbs(sample_period_s: float, lowest_hz: float, highest_hz: float, dur
     tenth of ``lowest_hz`` and 1 Hz: a longer period would only move the cart further (its stroke grows with the
     period's 3/2 power).  The time left over becomes measured periods.
 
-    sample_period_s : s.     lowest_hz : the lowest antiresonance expected.     highest_hz : the highest resonance
-    expected.     duration_s : s, the whole record with rest and one period of run-in.
-    Raises UsageError for numbers that cannot be meant, Refused when sampling or duration do not reach, with what would.
-    Source: thesis (3.5), (3.6); thesis.md, erratum 9: at 1 kHz clock 2 with order 9 to 11.
+    Parameters
+    ----------
+    sample_period_s : float, s
+    lowest_hz : float
+        The lowest antiresonance expected.
+    highest_hz : float
+        The highest resonance expected.
+    duration_s : float, s
+        The whole record with rest and one period of run-in.
+
+    Raises
+    ------
+    UsageError
+        For numbers that cannot be meant.
+    Refused
+        When sampling or duration do not reach, with what would.
+
+    References
+    ----------
+    Thesis (3.5), (3.6); thesis.md, erratum 9: at 1 kHz clock 2 with order 9 to 11.
     """
     check_band(sample_period_s, lowest_hz, highest_hz, duration_s)
     largest = max(1, floor(1.0 / (ZERO_OVER_HIGHEST * highest_hz * sample_period_s)))

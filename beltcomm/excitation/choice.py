@@ -58,8 +58,21 @@ def choose(
     """The signal of a kind that shows ``lowest_hz`` to ``highest_hz`` within ``duration_s``, run-in and rest included.
 
     Lines lie no further apart than a tenth of the lowest frequency and 1 Hz; of a multisine, where every second one is silent, than a
-    twentieth and 1 Hz.   lowest_hz : lowest antiresonance expected.   highest_hz : highest resonance expected.
-    Raises UsageError for an unknown kind or numbers that cannot be meant, Refused when sampling or duration do not reach.
+    twentieth and 1 Hz.
+
+    Parameters
+    ----------
+    lowest_hz : float
+        Lowest antiresonance expected.
+    highest_hz : float
+        Highest resonance expected.
+
+    Raises
+    ------
+    UsageError
+        For an unknown kind or numbers that cannot be meant.
+    Refused
+        When sampling or duration do not reach.
     """
     if kind == "prbs":
         return choose_prbs(sample_period_s, lowest_hz, highest_hz, duration_s)

@@ -54,10 +54,27 @@ def gprbs(
     S(ω) ∝ (1 - ρ²)/(1 - 2 ρ cos ωT + ρ²),  ρ = 1 - 2/h,   has no zero; h = 2 is white.
 
     As many samples are +A/2 as -A/2, as far as the period allows; what is left over is taken away as mean.
-    period_samples : samples of a period.   mean_hold : h, samples, above 1.   peak_to_peak_nm : A, N m, motor shaft.
-    seed : the sequence; the same seed gives the same.   Others as for :func:`beltcomm.excitation.prbs`.
-    Raises UsageError for values that are no GPRBS.
-    Source: thesis 3.1; Isermann, Münchhof, Identification of Dynamic Systems (2011), section 6.3.
+
+    Others as for :func:`beltcomm.excitation.prbs`.
+
+    Parameters
+    ----------
+    period_samples : int
+        Samples of a period.
+    mean_hold : float, h
+        Samples, above 1.
+    peak_to_peak_nm : float, A, N m, motor shaft
+    seed : int
+        The sequence; the same seed gives the same.
+
+    Raises
+    ------
+    UsageError
+        For values that are no GPRBS.
+
+    References
+    ----------
+    Thesis 3.1; Isermann, Münchhof, Identification of Dynamic Systems (2011), section 6.3.
     """
     if not mean_hold > 1.0 or period_samples < FEWEST_CHANGES * mean_hold:
         raise UsageError(

@@ -58,9 +58,24 @@ def multisine(
 
     A torque that acts like -u backwards answers on odd lines (friction, cubic stiffness), one that acts alike on even ones (backlash to
     one side, asymmetry): both kinds show on lines that are not excited, apart from each other and from noise.
-    detection : False excites every line of the band.     amplitude_nm : largest torque, N m, motor shaft.
-    Others as for :func:`beltcomm.excitation.prbs`.   Raises UsageError for values that are no multisine.
-    Source: Pintelon, Schoukens, System Identification (2012), sections 4.3 and 5.2.
+
+    Others as for :func:`beltcomm.excitation.prbs`.
+
+    Parameters
+    ----------
+    detection : bool
+        False excites every line of the band.
+    amplitude_nm : float
+        Largest torque, N m, motor shaft.
+
+    Raises
+    ------
+    UsageError
+        For values that are no multisine.
+
+    References
+    ----------
+    Pintelon, Schoukens, System Identification (2012), sections 4.3 and 5.2.
     """
     if not (sample_period_s > 0 and amplitude_nm > 0):
         raise UsageError(f"amplitude {amplitude_nm} N m, sample period {sample_period_s} s: both must be positive")

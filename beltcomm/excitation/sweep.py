@@ -47,8 +47,22 @@ def chirp(
 
     w rises from 0 to 1 over the share ``fade`` of the period t_1, and falls so at its end.   It is begun within the period where the
     carriage then stays about its place (:func:`beltcomm.excitation.record.finished`).
-    amplitude_nm : largest torque, N m, motor shaft.   Others as for :func:`beltcomm.excitation.prbs`.
-    Raises UsageError for values that are no chirp.     Source: thesis 3.1.
+
+    Others as for :func:`beltcomm.excitation.prbs`.
+
+    Parameters
+    ----------
+    amplitude_nm : float
+        Largest torque, N m, motor shaft.
+
+    Raises
+    ------
+    UsageError
+        For values that are no chirp.
+
+    References
+    ----------
+    Thesis 3.1.
     """
     period_s = period_samples * sample_period_s
     if not (sample_period_s > 0 and amplitude_nm > 0 and 0.0 <= fade <= 0.5):

@@ -33,7 +33,15 @@ SUSPECT_MISFIT = 1.5
 
 @dataclass(frozen=True, eq=False)
 class ModelFit:
-    """data : records as the model sees them.   fitted : the minimum.   model : with 95 % intervals, None for a parameter at a bound."""
+    """Attributes
+    ----------
+    data : Data
+        Records as the model sees them.
+    fitted : Fitted
+        The minimum.
+    model : Model
+        With 95 % intervals, None for a parameter at a bound.
+    """
 
     data: Data
     fitted: Fitted
@@ -150,9 +158,17 @@ def fit_model(
 ) -> ModelFit:
     """Fit all parameters of ``start`` but the ``fixed`` ones to the recordings that are not held out.
 
-    path : of the torque, where it is known.   sheet : the data sheets, for what the records do not tell.
+    Parameters
+    ----------
+    path : TorquePath or None
+        Of the torque, where it is known.
+    sheet : Model or None
+        The data sheets, for what the records do not tell.
 
-    Raises DataError when too few samples are left or the fit does not stay finite.
+    Raises
+    ------
+    DataError
+        When too few samples are left or the fit does not stay finite.
     """
     to_fit = [r for r in recordings if not r.sidecar.held_out]
     noise = torque_noise(to_fit) if noise_nm is None else noise_nm

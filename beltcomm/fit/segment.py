@@ -79,15 +79,36 @@ HELD_SPREAD = 1.2
 class Segment:
     """A gapless piece of one recording, ready for evaluation.
 
-    position, torque : ndarray (n,), rad and N m at the motor shaft.   motion : the same on a fine grid.
-    keep : ndarray (n,) bool, samples that count.     noise_nm : torque noise, N m rms.    step_rad : encoder step, rad.
-    offset_m : m, the belt may be stretched by up to this at the start.   whitener : gains worked out beforehand for the reference, a model
-    near the right one; without it every evaluation works out its own.   group : see :func:`group_starts`.
-    rounding : shares for ``whitener``.   process_noise, freedom_m : for ``observer``, that of a carriage which is free at times, see
-    :func:`with_observer`.   turns : what the kernel's Coulomb friction of level 1 lacks at the reversals that count, (n,); None where none
-    of those count, or the motor has no such friction.   colour : of the torque's noise, see ``whitening``.   noise_factor : factor on the
-    noise of a segment that was decimated.
-    own_noise : whether every model is judged in the noise that it passes on itself, for rounding is most of it; else in the reference's.
+    Attributes
+    ----------
+    position, torque : ndarray (n,), rad and N m at the motor shaft
+    motion : FineMotion
+        The same on a fine grid.
+    keep : ndarray (n,) of bool
+        Samples that count.
+    noise_nm : float
+        Torque noise, N m rms.
+    step_rad : float
+        Encoder step, rad.
+    offset_m : float, m
+        The belt may be stretched by up to this at the start.
+    whitener : Whitener or None
+        Gains worked out beforehand for the reference, a model near the right one; without it every evaluation works out its own.
+    group : int
+        See :func:`group_starts`.
+    rounding : tuple of float
+        Shares for ``whitener``.
+    process_noise, freedom_m : float
+        For ``observer``, that of a carriage which is free at times, see :func:`with_observer`.
+    turns : ndarray or None
+        What the kernel's Coulomb friction of level 1 lacks at the reversals that count, (n,); None where none of those count, or the motor
+        has no such friction.
+    colour : float
+        Of the torque's noise, see ``whitening``.
+    noise_factor : float
+        Factor on the noise of a segment that was decimated.
+    own_noise : bool
+        Whether every model is judged in the noise that it passes on itself, for rounding is most of it; else in the reference's.
     """
 
     record: str
@@ -162,9 +183,16 @@ def segments(
 ) -> list[Segment]:
     """The gapless pieces of a recording that hold at least 50 samples; ``model`` gives inertia and transmission.
 
-    fitted : the model's load is good enough to say how the motor moves between the samples.   substeps : fine steps then.
-    reversals : samples in which the motor passes through a reversal count too, for a model with :func:`turns_at_once`, and fitted.
-    path : from the reading to the torque that acts; None takes the reading.
+    Parameters
+    ----------
+    fitted : bool
+        The model's load is good enough to say how the motor moves between the samples.
+    substeps : int
+        Fine steps then.
+    reversals : bool
+        Samples in which the motor passes through a reversal count too, for a model with :func:`turns_at_once`, and fitted.
+    path : TorquePath or None
+        From the reading to the torque that acts; None takes the reading.
     """
     own = recording.sample_period_s
     counted = min(step_rad, smallest_step(recording.position)) if fitted else step_rad  # without the angle's own noise, which is white
@@ -251,7 +279,10 @@ def rebuild_motion(
 ) -> FineMotion:
     """The motion between the samples with the load that it gives rise to, and one that is lacking there, N m, mean over each fine step.
 
-    motion : that the load is worked out from; behind a coarse encoder the likeliest one, for a stiff belt would take the steps for a load.
+    Parameters
+    ----------
+    motion : FineMotion
+        That the load is worked out from; behind a coarse encoder the likeliest one, for a stiff belt would take the steps for a load.
     """
     true = true_motion(model, motion)
     load, _ = fine_load(model, true)
@@ -295,7 +326,13 @@ def with_observers(segments: Sequence[Segment], models: Sequence[Model]) -> list
 
 
 def evaluate(segment: Segment, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
-    """Residual e[n], N m at the motor shaft, (n,): all samples, also those not kept.   offset_m : see ``fine_load``."""
+    """Residual e[n], N m at the motor shaft, (n,): all samples, also those not kept.
+
+    Parameters
+    ----------
+    offset_m : float
+        See ``fine_load``.
+    """
     if segment.observer is not None:
         return innovations(segment.observations, model, [vector])[0][1]
     return evaluate_each(segment, model, [vector], [offset_m])[0]

@@ -44,7 +44,13 @@ HELD = 1e-6
 class Lag:
     """A filter of the torque, 1 for a slow one, or a limit of its slew rate.
 
-    values : see :data:`VALUES`.   intervals : half widths at 95 %, () where not known."""
+    Attributes
+    ----------
+    values : tuple of float
+        See :data:`VALUES`.
+    intervals : tuple of float
+        Half widths at 95 %, () where not known.
+    """
 
     kind: Kind
     values: tuple[float, ...]
@@ -83,9 +89,17 @@ class Lag:
 
 @dataclass(frozen=True)
 class DriveLaw:
-    """Law from torque setpoint to acting torque.   delay : sampling periods, any number.   lags : one behind the other.   gain : N m/(N m).
+    """Law from torque setpoint to acting torque.
 
-    delay_interval : half width at 95 %, periods; 0 for a whole delay, and where it is not known.
+    Attributes
+    ----------
+    delay : float
+        Sampling periods, any number.
+    lags : tuple of Lag
+        One behind the other.
+    gain : float, N m/(N m)
+    delay_interval : float
+        Half width at 95 %, periods; 0 for a whole delay, and where it is not known.
     """
 
     delay: float = 1.0
@@ -110,9 +124,16 @@ class DriveLaw:
 
 @dataclass(frozen=True)
 class ReadingLaw:
-    """How the reading follows the acting torque.   late : sampling periods, 0 and more.   lags : one behind the other.
+    """How the reading follows the acting torque.
 
-    at_end : whether it is the torque at the end of the period, else its mean over the period.
+    Attributes
+    ----------
+    late : float
+        Sampling periods, 0 and more.
+    lags : tuple of Lag
+        One behind the other.
+    at_end : bool
+        Whether it is the torque at the end of the period, else its mean over the period.
     """
 
     late: float = 0.0
@@ -144,11 +165,20 @@ class ReadingLaw:
 
 @dataclass(frozen=True)
 class TorquePath:
-    """Both laws.   drive : None where no setpoint was recorded.   commanded : whether the reading is only the command.
+    """Both laws.
 
-    acts : share of what the reading differs from the setpoint's part by that acts and is no noise of the sensor; 1 where nobody knows.
-    loop_s : time constant of the current loop where no setpoint was recorded, s, told by the motion alone.
-    rivals : other paths that the records do not tell from this one.
+    Attributes
+    ----------
+    drive : DriveLaw or None
+        None where no setpoint was recorded.
+    commanded : bool
+        Whether the reading is only the command.
+    acts : float
+        Share of what the reading differs from the setpoint's part by that acts and is no noise of the sensor; 1 where nobody knows.
+    loop_s : float
+        Time constant of the current loop where no setpoint was recorded, s, told by the motion alone.
+    rivals : tuple of TorquePath
+        Other paths that the records do not tell from this one.
     """
 
     drive: DriveLaw | None = None
@@ -240,7 +270,16 @@ def path_to_dict(path: TorquePath) -> dict[str, Any]:
 
 
 def path_from_dict(data: Mapping[str, Any]) -> TorquePath:
-    """The path of :func:`path_to_dict`.   Raises KeyError, TypeError or ValueError for a damaged one."""
+    """The path of :func:`path_to_dict`.
+
+    Raises
+    ------
+    KeyError
+    TypeError
+        For a damaged one.
+    ValueError
+        For a damaged one.
+    """
 
     def lags(law: Mapping[str, Any]) -> tuple[Lag, ...]:
         found = []

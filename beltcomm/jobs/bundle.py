@@ -52,8 +52,19 @@ def versions() -> str:
 def write_bundle(run: Path, path: Path, *, recordings: bool = False, private: Sequence[str] = ()) -> list[str]:
     """Write the zip and return the names in it; links are left out.
 
-    recordings : with the rows of every record and foreign originals too; else their sidecars only.   private : words that are taken out.
-    Raises DataError when there is no such folder, UsageError when the zip cannot be written.
+    Parameters
+    ----------
+    recordings : bool
+        With the rows of every record and foreign originals too; else their sidecars only.
+    private : sequence of str
+        Words that are taken out.
+
+    Raises
+    ------
+    DataError
+        When there is no such folder.
+    UsageError
+        When the zip cannot be written.
     """
     if not run.is_dir():
         RunFolder.open(run)

@@ -35,9 +35,16 @@ def fit(
     options: Options | None = None,
     talk: Talk | None = None,
 ) -> Result:
-    """The model from all recordings of a run; no machine needed.   Exit code 1 for one that does not explain them.   Raises DataError.
+    """The model from all recordings of a run; no machine needed.   Exit code 1 for one that does not explain them.
 
-    model : "three-mass" fits the end pulley too, and saves it as a revision (noted with command, when) where the records hold it.
+    Parameters
+    ----------
+    model : {'two-mass', 'three-mass'}
+        "three-mass" fits the end pulley too, and saves it as a revision (noted with command, when) where the records hold it.
+
+    Raises
+    ------
+    DataError
     """
     del options
     run, talk = place(run), talk or Silence()

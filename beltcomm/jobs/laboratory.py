@@ -63,7 +63,13 @@ from beltcomm.talk import Silence, Talk
 
 @changes_run()
 def compare_run(run: Place, *, pictures: bool = True, command: str = "", talk: Talk | None = None) -> Result:
-    """Model against measurement: ratios to the noise per record, and where it fails.   pictures : into ``RUN/pictures``."""
+    """Model against measurement: ratios to the noise per record, and where it fails.
+
+    Parameters
+    ----------
+    pictures : bool
+        Into ``RUN/pictures``.
+    """
     run = place(run)
     folder, question = RunFolder.open(run), (pictures, command)
     return answered(folder, "comparison", question, lambda: compared(run, pictures, command, talk or Silence()), drawn=pictures)
@@ -123,7 +129,12 @@ def diagnose_run(
 ) -> Result:
     """Which effect is missing; ``auto`` adds what is found and confirmed, step by step.
 
-    cost : say what it costs, see ``rundata.cost``.   following : write the plan of what to record next.
+    Parameters
+    ----------
+    cost : bool
+        Say what it costs, see ``rundata.cost``.
+    following : bool
+        Write the plan of what to record next.
     """
     run, talk = place(run), talk or Silence()
     folder = RunFolder.open(run)
@@ -257,7 +268,12 @@ def add_to_run(
 ) -> Result:
     """Everything refitted with one more effect, saved as a new revision.
 
-    pictures : before and after, into ``RUN/pictures``.   cost : of not knowing it, in tracking error.
+    Parameters
+    ----------
+    pictures : bool
+        Before and after, into ``RUN/pictures``.
+    cost : bool
+        Of not knowing it, in tracking error.
     """
     run, asked = place(run), word(effect, "effect")
     effect_named(stands_for(asked))
@@ -304,7 +320,13 @@ def remove_from_run(
 
 @changes_run()
 def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Result:
-    """All revisions as a staircase.   pictures : it into ``RUN/pictures``."""
+    """All revisions as a staircase.
+
+    Parameters
+    ----------
+    pictures : bool
+        It into ``RUN/pictures``.
+    """
     run = place(run)
     folder = RunFolder.open(run)
     rungs = revisions(folder)
@@ -319,7 +341,13 @@ def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Re
 
 
 def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, notes: Sequence[str], command: str, pictures: bool) -> Result:
-    """What ``add`` and ``remove`` say.   grown : the records as the new model sees them."""
+    """What ``add`` and ``remove`` say.
+
+    Parameters
+    ----------
+    grown : Data
+        The records as the new model sees them.
+    """
     run = here.folder.path
     made: list[str] = []
     remarks: list[str] = []

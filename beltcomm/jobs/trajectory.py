@@ -56,7 +56,11 @@ def trajectory(
     acceleration may rise) and jerk down (at which it may fall); what is left out is as its counterpart.  States are the axis's, signed.
     The jerk of a row is that from its moment on; that of the last row, the one before.
 
-    Raises UsageError, Refused (no such motion; the file exists and ``options.yes`` was not given).
+    Raises
+    ------
+    UsageError
+    Refused
+        No such motion; the file exists and ``options.yes`` was not given.
     """
     file, options, talk = place(file, "file"), options or Options(), talk or Silence()
     along = _along(speed_m_s, speed_back_m_s, acceleration_m_s2, deceleration_m_s2, jerk_m_s3, jerk_down_m_s3)
@@ -90,7 +94,13 @@ def trajectory(
 
 
 def _along(speed: float, back: float | None, up: float, down: float | None, rise: float, fall: float | None) -> MotionBounds:
-    """Bounds of a motion upwards.   Raises UsageError for a limit that is not positive; no speed back is possible."""
+    """Bounds of a motion upwards.
+
+    Raises
+    ------
+    UsageError
+        For a limit that is not positive; no speed back is possible.
+    """
     given = {"speed": speed, "acceleration": up, "deceleration": down, "jerk": rise, "jerk down": fall}
     for name, value in given.items():
         if value is not None and not value > 0.0:

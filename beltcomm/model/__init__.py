@@ -55,7 +55,13 @@ _OTHER_SIDE: Mapping[str, Mapping[str, tuple[str, float]]] = {
 
 @dataclass(frozen=True)
 class Value:
-    """One parameter value.  interval : half width of its 95 % interval, same unit; None when it is not an estimate."""
+    """One parameter value.
+
+    Attributes
+    ----------
+    interval : float or None
+        Half width of its 95 % interval, same unit; None when it is not an estimate.
+    """
 
     value: float
     unit: str
@@ -70,7 +76,10 @@ class Value:
 class Model:
     """Bodies, effects in listed order, and a value for each of their parameters (``owner.parameter``).
 
-    Raises UsageError for an unknown effect, two effects of one group, a missing or unknown parameter, a value out of bounds.
+    Raises
+    ------
+    UsageError
+        For an unknown effect, two effects of one group, a missing or unknown parameter, a value out of bounds.
     """
 
     name: str
@@ -221,7 +230,13 @@ def on_side(parameter: Parameter, side: Side) -> Parameter:
 
 
 def expected_parameters(effects: Iterable[str], base_bodies: Iterable[str], side: Side = "motor") -> dict[str, Parameter]:
-    """All parameters of a combination, by full name in their fixed order.  Raises UsageError on a clash."""
+    """All parameters of a combination, by full name in their fixed order.
+
+    Raises
+    ------
+    UsageError
+        On a clash.
+    """
     return {name: on_side(parameter, side) for name, parameter in _motor_parameters(effects, base_bodies).items()}
 
 
@@ -284,7 +299,12 @@ def build_model(
 
 
 def model_from_dict(data: Mapping[str, Any]) -> Model:
-    """Inverse of :meth:`Model.to_dict`.  Bounds and units that are left out come from the effect.  Raises UsageError."""
+    """Inverse of :meth:`Model.to_dict`.  Bounds and units that are left out come from the effect.
+
+    Raises
+    ------
+    UsageError
+    """
     try:
         effects = tuple(data["effects"])
         base_bodies = tuple(data.get("bodies", ("motor", "cart")))
@@ -334,10 +354,20 @@ def _plain_number(key: str, value: object, unit: str) -> None:
 class PlantFile:
     """The truth behind a virtual axis: a model and the drive's imperfections.
 
-    setpoint_delay_s : s, torque setpoint to acting torque.  torque_noise_nm : N m rms on the reported torque.
-    brake_torque_nm : N m, of the motor's holding brake, 0 for none.   brake_time_s : s, in which it opens or closes.
-    motor : of its nameplate rated_torque_nm, peak_torque_nm, rated_current_a, max_speed_rpm; what is missing is that of the thesis's motor.
-    instruments : what else lies between setpoint, torque, reading and angle.
+    Attributes
+    ----------
+    setpoint_delay_s : float, s
+        Torque setpoint to acting torque.
+    torque_noise_nm : float
+        N m rms on the reported torque.
+    brake_torque_nm : float, N m
+        Of the motor's holding brake, 0 for none.
+    brake_time_s : float, s
+        In which it opens or closes.
+    motor : dict of str to float
+        Of its nameplate rated_torque_nm, peak_torque_nm, rated_current_a, max_speed_rpm; what is missing is that of the thesis's motor.
+    instruments : Instruments
+        What else lies between setpoint, torque, reading and angle.
     """
 
     model: Model
@@ -355,7 +385,17 @@ class PlantFile:
 
 
 def load_plant(name: str | Path, drive: Mapping[str, object] | None = None) -> PlantFile:
-    """Load ``configs/plants/NAME.yaml`` or a path.   drive : entries that stand in for those of its drive section.   Raises UsageError."""
+    """Load ``configs/plants/NAME.yaml`` or a path.
+
+    Parameters
+    ----------
+    drive : dict of str to object or None
+        Entries that stand in for those of its drive section.
+
+    Raises
+    ------
+    UsageError
+    """
     path = find_config("plants", str(name))
     data = read_yaml(path)
     model = _model_in(path, data)
@@ -368,7 +408,13 @@ def load_plant(name: str | Path, drive: Mapping[str, object] | None = None) -> P
 
 
 def load_model(path: Path | str) -> Model:
-    """Load a model or plant file.  Raises UsageError that names the file."""
+    """Load a model or plant file.
+
+    Raises
+    ------
+    UsageError
+        That names the file.
+    """
     return _model_in(Path(path), read_yaml(Path(path)))
 
 

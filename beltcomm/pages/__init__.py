@@ -26,9 +26,16 @@ def report(run: Place, *, against: Place | None = None, out: Place | None = None
 
 @dataclass(frozen=True)
 class Ended:
-    """The page of a run that was just commissioned, None where there is none.   line : on it, or why there is none.
+    """The page of a run that was just commissioned, None where there is none.
 
-    error : of the model over the noise.   doubts : what of the data sheets the model contradicts, in words.
+    Attributes
+    ----------
+    line : str
+        On it, or why there is none.
+    error : float or None
+        Of the model over the noise.
+    doubts : sequence of str
+        What of the data sheets the model contradicts, in words.
     """
 
     page: str | None
