@@ -64,7 +64,14 @@ LONGEST_SHOWN = 60
 
 
 class TorqueLimit(NamedTuple):
-    """Attributes ---------- torque_nm : float, N m, motor shaft binds : str In words, what sets it."""
+    """The smallest of the limits of an axis's torque.
+
+    Attributes
+    ----------
+    torque_nm : float, N m, motor shaft
+    binds : str
+        In words, what sets it.
+    """
 
     torque_nm: float
     binds: str
@@ -81,8 +88,6 @@ class ImpossibleEntry(UsageError):
 @dataclass(frozen=True)
 class Axis:
     """One axis as its data sheets describe it.
-
-    Raises ImpossibleEntry (a UsageError) for values that cannot be.
 
     Attributes
     ----------
@@ -114,12 +119,36 @@ class Axis:
         return (f"axis {self.name!r}" if self.name else "axis without a name") + (f" ({self.source})" if self.source else "")
 
     def get(self, entry: str) -> Any:
-        """Value of a dotted entry such as ``"motor.inertia_kg_m2"``; None when it is not known."""
+        """Value of an entry.
+
+        Parameters
+        ----------
+        entry : str
+            Dotted name such as ``"motor.inertia_kg_m2"``.
+
+        Returns
+        -------
+        Any
+            None when it is not known.
+        """
         section, _, key = entry.partition(".")
         return getattr(getattr(self, section), key, None)
 
     def require(self, job: str, *entries: str) -> None:
-        """Raise UsageError unless all entries are known, naming those missing and ``job``, which needs them."""
+        """Make sure that entries are known.
+
+        Parameters
+        ----------
+        job : str
+            The job that needs them, in words.
+        *entries : str
+            Dotted names.
+
+        Raises
+        ------
+        UsageError
+            Unless all are known, naming those that are missing and the job.
+        """
         missing = [entry for entry in entries if self.get(entry) is None]
         if missing:
             named = ", ".join(f"{entry} ({meaning_of(entry)})" for entry in missing)
@@ -128,6 +157,16 @@ class Axis:
 
     def trajectory(self, name: str) -> TrajectoryLimits:
         """Limits of a named reference motion.
+
+        Parameters
+        ----------
+        name : str
+            As in ``axis.yaml``.
+
+        Returns
+        -------
+        TrajectoryLimits
+            Speed, acceleration and jerk, m along the axis.
 
         Raises
         ------
@@ -221,6 +260,16 @@ class Axis:
 
         c = EA/l1 + EA/(2 l3 − l1)  (2.26),  l1 = offset + position;  coupling in series: 1/c_total = 1/c + i_t²/k.
 
+        Parameters
+        ----------
+        position_m : float, m
+            Carriage on the axis.
+
+        Returns
+        -------
+        float
+            N/m at the belt line.
+
         Raises
         ------
         UsageError
@@ -242,14 +291,19 @@ class Axis:
         return 1.0 / compliance
 
     def expected_resonance_hz(self, mass_kg: float, position_m: float | None = None) -> float:
-        """Resonance by the data sheets:  √(c (i_t²/Θ_e + 1/m))/2π  (2.44), Hz; infinite without belt and pulley.
+        """Resonance by the data sheets:  √(c (i_t²/Θ_e + 1/m))/2π  (2.44).
 
         Parameters
         ----------
-        mass_kg : float
+        mass_kg : float, kg
             Carriage and payload.
-        position_m : float or None
-            Carriage; the softest (highest) place when None.
+        position_m : float or None, m
+            Carriage; the softest place when None.
+
+        Returns
+        -------
+        float, Hz
+            Infinite without belt and pulley.
 
         Raises
         ------
@@ -260,7 +314,25 @@ class Axis:
         return math.sqrt(self._stiffness_at(position_m) * (mobility + 1.0 / _positive_mass(mass_kg))) / math.tau
 
     def expected_antiresonance_hz(self, mass_kg: float, position_m: float | None = None) -> float:
-        """Antiresonance by the data sheets:  √(c/m)/2π  (2.45), Hz; arguments and errors as for the resonance."""
+        """Antiresonance by the data sheets:  √(c/m)/2π  (2.45).
+
+        Parameters
+        ----------
+        mass_kg : float, kg
+            Carriage and payload.
+        position_m : float or None, m
+            Carriage; the softest place when None.
+
+        Returns
+        -------
+        float, Hz
+            Infinite without belt and pulley.
+
+        Raises
+        ------
+        UsageError
+            For what is not known, or a mass that is not positive.
+        """
         return math.sqrt(self._stiffness_at(position_m) / _positive_mass(mass_kg)) / math.tau
 
     def _stiffness_at(self, position_m: float | None) -> float:
@@ -289,7 +361,18 @@ class Axis:
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def changes(self, other: Axis) -> list[str]:
-        """Dotted names of the entries in which two axes differ, each with both values in words."""
+        """The entries in which two axes differ.
+
+        Parameters
+        ----------
+        other : Axis
+            The axis to compare with.
+
+        Returns
+        -------
+        list of str
+            Dotted names, each with both values in words.
+        """
         mine, theirs = _flat(self.to_dict()), _flat(other.to_dict())
         names = [*mine, *(name for name in theirs if name not in mine)]
         return [
@@ -301,6 +384,16 @@ class Axis:
 
 def load_axis(path_or_name: str | Path) -> Axis:
     """Load ``axis.yaml`` from a path, or a shipped axis by its name.
+
+    Parameters
+    ----------
+    path_or_name : str or Path
+        Path of an ``axis.yaml``, or the name of a shipped axis.
+
+    Returns
+    -------
+    Axis
+        All entries checked; SI units.
 
     Raises
     ------
@@ -317,14 +410,24 @@ def load_axis(path_or_name: str | Path) -> Axis:
 
 
 def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:
-    """The axis that a mapping in the shape of ``axis.yaml`` describes.
-
-    Raises as load_axis.
+    """Make an axis of a mapping in the shape of ``axis.yaml``.
 
     Parameters
     ----------
+    data : dict of str to Any
+        The mapping.
     path : Path or None
         For messages.
+
+    Returns
+    -------
+    Axis
+        Checked as by :func:`load_axis`.
+
+    Raises
+    ------
+    UsageError
+        As :func:`load_axis`.
     """
 
     def fault(text: str, *keys: str) -> UsageError:
@@ -379,6 +482,13 @@ def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:
 
 def save_axis(axis: Axis, path: Path) -> None:
     """Write ``axis.yaml``, whole or not at all; floats come back exactly.
+
+    Parameters
+    ----------
+    axis : Axis
+        The axis to be written.
+    path : Path
+        Of the file.
 
     Raises
     ------

@@ -21,9 +21,9 @@ class AxisEntry:
     Attributes
     ----------
     above : float
-        exclusive.
+        Exclusive.
     at_least, at_most : float
-        inclusive.
+        Inclusive.
     """
 
     meaning: str

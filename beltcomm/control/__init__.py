@@ -76,10 +76,14 @@ class Feedforward:
 
     Attributes
     ----------
-    inertia_kg_m2 : float
-        Motor inertia and carriage mass together, kg m². viscous_nm_s_rad. coulomb_nm.
-    offset_nm : float
-        gravity. ``velocity`` K_v of (4.17): 1 passes the reference velocity to the velocity loop, 0 leaves all to the position gain.
+    inertia_kg_m2 : float, kg m², motor side
+        Motor inertia and carriage mass together.
+    viscous_nm_s_rad : float, N m s/rad, motor side
+    coulomb_nm : float, N m, motor side
+    offset_nm : float, N m, motor side
+        Gravity.
+    velocity : float
+        K_v of (4.17): 1 passes the reference velocity to the velocity loop, 0 leaves all to the position gain.
     advance_s : float, s
         The reference is extrapolated so far ahead for the feedforward torque: dead time and half a loop period, after which that torque
         acts.
@@ -162,6 +166,8 @@ def discrete_coefficients(cascade: Cascade, period_s: float, torque_limit_nm: fl
 
     Parameters
     ----------
+    cascade : Cascade
+        Gains, prefilter and feedforward.
     period_s : float, s
         > 0, sampling period T of the loops.
     torque_limit_nm : float, N m, motor shaft
@@ -206,9 +212,21 @@ def discrete_coefficients(cascade: Cascade, period_s: float, torque_limit_nm: fl
 
 
 def feedforward_torque(feedforward: Feedforward, velocity_rad_s: Array, period_s: float) -> Array:
-    """The drive's own feedforward along a sampled reference velocity, N m, (n,), as :func:`cascade_step` computes it from a rest.
+    """The drive's own feedforward along a sampled reference velocity, as :func:`cascade_step` computes it from a rest.
 
     J α + d ω + τ_c sign ω + offset, with ω and its difference quotient α carried ``advance_s`` ahead by their own change.
+
+    Parameters
+    ----------
+    feedforward : Feedforward
+        Its parameters, at the motor shaft.
+    velocity_rad_s : ndarray (n,), rad/s, motor shaft
+    period_s : float, s
+        Sampling period of the loops.
+
+    Returns
+    -------
+    ndarray (n,), N m, motor shaft
     """
     acceleration = np.diff(velocity_rad_s, prepend=velocity_rad_s[0]) / period_s
     advance, ahead = feedforward.advance_s, feedforward.advance_s / period_s
@@ -256,8 +274,15 @@ def prefilter_response(omega_rad_s: Array, prefilter: Prefilter, period_s: float
     Parameters
     ----------
     omega_rad_s : ndarray, rad/s
+    prefilter : Prefilter
+        Kind and frequency, with its additional low-pass.
     period_s : float
         T, s.
+
+    Returns
+    -------
+    ComplexArray
+        Shape of ``omega_rad_s``, no unit.
 
     Raises
     ------
@@ -280,19 +305,37 @@ def pi_response(omega_rad_s: Array, kp_nm_s_rad: float, ki_nm_rad: float, period
     ----------
     omega_rad_s : ndarray, rad/s
         Not 0.
+    kp_nm_s_rad : float
+        K_P, motor shaft.
+    ki_nm_rad : float
+        K_I, motor shaft.
+    period_s : float, s
+        Sampling period T.
+
+    Returns
+    -------
+    ComplexArray
+        Shape of ``omega_rad_s``, N m s/rad.
     """
     return np.asarray(kp_nm_s_rad + ki_nm_rad * period_s / np.expm1(1j * omega_rad_s * period_s))
 
 
 def prefilter_coefficients(prefilter: Prefilter, period_s: float) -> tuple[float, float, float, float, float]:
-    """b0, b1, b2, a1, a2 of the prefilter (b0 + b1 z⁻¹ + b2 z⁻²)/(1 + a1 z⁻¹ + a2 z⁻²).
+    """Discrete coefficients of the prefilter (b0 + b1 z⁻¹ + b2 z⁻²)/(1 + a1 z⁻¹ + a2 z⁻²).
 
     s/ω0 becomes (1 − z⁻¹)/(1 + z⁻¹)/tan(ω0 T/2), which is exact at ω0.
 
     Parameters
     ----------
+    prefilter : Prefilter
+        Kind and frequency.
     period_s : float
         T, s.
+
+    Returns
+    -------
+    tuple of float
+        b0, b1, b2, a1, a2.
 
     Raises
     ------
@@ -322,7 +365,25 @@ def prefilter_coefficients(prefilter: Prefilter, period_s: float) -> tuple[float
 
 
 def roll_off_coefficients(prefilter: Prefilter, period_s: float) -> tuple[float, float, float, float, float]:
-    """b0, b1, b2, a1, a2 of the additional low-pass (4.2.1); 1, 0, 0, 0, 0 for none.   Arguments and errors as above."""
+    """Discrete coefficients of the additional low-pass (4.2.1).
+
+    Parameters
+    ----------
+    prefilter : Prefilter
+        Holds the low-pass.
+    period_s : float, s
+        Sampling period T.
+
+    Returns
+    -------
+    tuple of float
+        b0, b1, b2, a1, a2; 1, 0, 0, 0, 0 for none.
+
+    Raises
+    ------
+    UsageError
+        As :func:`prefilter_coefficients`.
+    """
     omega = prefilter.roll_off_rad_s
     if omega != 0.0 and not 0.0 < omega < math.pi / period_s:
         raise UsageError(

@@ -47,7 +47,13 @@ class Clock(Protocol):
         ...
 
     def sleep_until(self, t_s: float) -> None:
-        """Return when ``now() >= t_s``; virtual time moves on, real time waits."""
+        """Wait until ``now() >= t_s``; virtual time moves on, real time waits.
+
+        Parameters
+        ----------
+        t_s : float, s
+            On this clock.
+        """
         ...
 
 
@@ -89,7 +95,18 @@ class Limits:
     guard_s: float = GUARD_S
 
     def where(self, angle_rad: float) -> str:
-        """An angle of the motor in words: where the carriage is, in mm, when its ratio is known."""
+        """An angle of the motor in words.
+
+        Parameters
+        ----------
+        angle_rad : float, rad, motor shaft
+            In the drive's zero.
+
+        Returns
+        -------
+        str
+            Where the carriage is, in mm, when its ratio is known; else the angle.
+        """
         return f"{1e3 * self.ratio_m_rad * (angle_rad - self.zero_rad):.1f} mm" if self.ratio_m_rad else f"{angle_rad:.4g} rad"
 
 
@@ -97,24 +114,23 @@ class Limits:
 class Motion:
     """What the axis is asked to do, one entry per sample period; starts and ends at rest.
 
-    ``velocity_rad_s`` is its velocity feedforward and ``torque_nm`` is added to its torque;
-           "velocity"  the drive closes its velocity loop on ``velocity_rad_s``; ``torque_nm`` is added to its torque;
-           "profile"   strokes from rest to rest: each is handed to the drive as end, speed and acceleration (profile position), which
-                       drives a trapezoid of the same way, time and top speed by itself, and ends it by itself.
-           What a drive cannot add (:attr:`Capabilities.torque_along`) must be zero.
-
-    Arrays a kind does not use are zero.
+    "torque" is a torque setpoint, all loops open (cyclic synchronous or profile torque).  In "position" the drive closes its cascade on
+    ``position_rad`` (cyclic synchronous or interpolated position), ``velocity_rad_s`` is its velocity feedforward and ``torque_nm`` is
+    added to its torque.  In "velocity" it closes its velocity loop on ``velocity_rad_s``; ``torque_nm`` is added to its torque.
+    "profile" are strokes from rest to rest: each is handed to the drive as end, speed and acceleration (profile position), which drives a
+    trapezoid of the same way, time and top speed by itself, and ends it by itself.  What a drive cannot add
+    (:attr:`Capabilities.torque_along`) must be zero, and so are the arrays that a kind does not use.
 
     Attributes
     ----------
     kind : MotionKind
-        "torque" torque setpoint, all loops open (cyclic synchronous or profile torque); "position" the drive closes its cascade on
-        ``position_rad`` (cyclic synchronous or interpolated position).
+        See above.
     period_s : float, s
         A whole multiple of ``Capabilities.sample_period_s``.
     position_rad : ndarray (n,), rad, motor shaft
         Absolute in the drive's zero.
-    velocity_rad_s, torque_nm : ndarray (n,)
+    velocity_rad_s : ndarray (n,), rad/s, motor shaft
+    torque_nm : ndarray (n,), N m, motor shaft
     rest_nm : float, N m
         Of kind "torque": what holds the axis while the drive is being enabled, after the last entry and until it is stopped.
     """
@@ -151,15 +167,23 @@ class Guarding:
     brakes: bool
 
     def held_s(self, guard_s: float) -> float:
-        """How long the last torque is held at worst when it is set to ``guard_s``, s."""
+        """How long the last torque is held at worst.
+
+        Parameters
+        ----------
+        guard_s : float, s
+            That the guarding is set to.
+
+        Returns
+        -------
+        float, s
+        """
         return guard_s + max(self.reaction_s - self.guard_s, 0.0)
 
 
 @dataclass(frozen=True)
 class Capabilities:
     """What a connected drive can do, as read from it or from its profile (never assumed).
-
-    ``torque_nm[n]`` acts from ``t[n]`` to ``t[n+1]``; the word is kept in the run folder as provenance.
 
     Attributes
     ----------
@@ -173,12 +197,12 @@ class Capabilities:
         Resolution of a torque setpoint.
     torque_sampling : {'over', 'after'}
         When the reported torque was acting, relative to the position of the same frame: "over" the period that follows, "after": the period
-        just ended. The adapter has already shifted its rows so that.
+        just ended. The adapter has already shifted its rows so that ``torque_nm[n]`` acts from ``t[n]`` to ``t[n+1]``; the word is kept in
+        the run folder as provenance.
     structure : CascadeStructure
         The cascade inside the drive.
     rated_torque_nm, peak_torque_nm : float, N m
-    rated_current_a : float
-        A rms.
+    rated_current_a : float, A rms
     max_speed_rad_s : float, rad/s
     referenced : bool
         The drive knows its zero.
@@ -258,8 +282,20 @@ class Drive(Protocol):
     clock: Clock
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
-        """Values of named quantities: ``position_rad``, ``velocity_rad_s``, ``torque_nm``, ``state`` (CiA 402 state
-        number), ``referenced``, and every writable name of :meth:`backup`.
+        """Values of named quantities.
+
+        Names are ``position_rad``, ``velocity_rad_s``, ``torque_nm``, ``state`` (CiA 402 state number), ``referenced``, and every writable
+        name of :meth:`backup`.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Of the quantities.
+
+        Returns
+        -------
+        dict of str to float
+            SI values by name, motor shaft.
 
         Raises
         ------
@@ -269,12 +305,24 @@ class Drive(Protocol):
         ...
 
     def write(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Write named parameters (stage off when the drive demands it), read them back and return what is stored.
+        """Write named parameters (stage off when the drive demands it) and read them back.
+
+        Parameters
+        ----------
+        values : dict of str to float
+            SI values by name, motor shaft.
+
+        Returns
+        -------
+        dict of str to float
+            What is stored.
 
         Raises
         ------
         Refused
-            For another value of an uncalibrated gain, ObjectLocked for an object that is never written.
+            For another value of an uncalibrated gain.
+        ObjectLocked
+            For an object that is never written.
         ObjectRefused
             When the drive refuses.
         DriveError
@@ -283,9 +331,14 @@ class Drive(Protocol):
         ...
 
     def calibrate(self, units: Mapping[str, float]) -> None:
-        """From here on one raw unit of these gains means so much: N m s/rad, 1/s, or s where an object holds an integral time.
+        """Declare what one raw unit of uncalibrated gains means.
 
         Nothing is written; :attr:`capabilities` and all values of these names follow.
+
+        Parameters
+        ----------
+        units : dict of str to float
+            By name: N m s/rad, 1/s, or s where an object holds an integral time.
 
         Raises
         ------
@@ -302,13 +355,37 @@ class Drive(Protocol):
         ...
 
     def read_objects(self, places: Sequence[tuple[int, int, str]]) -> list[float | None]:
-        """Raw values of objects by index, subindex and data type; None where the drive has none or does not tell."""
+        """Raw values of objects.
+
+        Parameters
+        ----------
+        places : sequence of tuple[int, int, str]
+            Index, subindex and data type of each.
+
+        Returns
+        -------
+        list of float | None
+            None where the drive has none or does not tell.
+        """
         ...
 
     def write_objects(self, values: Sequence[ObjectValue]) -> None:
         """Write raw values with the stage off, read them back; all or none.
 
-        Raises ObjectLocked before anything is written, ObjectRefused, DriveError (another value came back)."""
+        Parameters
+        ----------
+        values : sequence of ObjectValue
+            The objects and their values.
+
+        Raises
+        ------
+        ObjectLocked
+            Before anything is written.
+        ObjectRefused
+            When the drive refuses.
+        DriveError
+            When another value came back.
+        """
         ...
 
     def save(self) -> None:
@@ -318,12 +395,19 @@ class Drive(Protocol):
     def home(self, limits: Limits) -> None:
         """Run the drive's own homing.
 
+        Parameters
+        ----------
+        limits : Limits
+            What the motion must stay within.
+
         Raises
         ------
         Refused
             Where there is none.
         SafetyStop
-            DriveFault.
+            A limit was met.
+        DriveFault
+            The drive reports a fault.
         """
         ...
 
@@ -334,12 +418,28 @@ class Drive(Protocol):
         Rows follow :data:`COLUMNS`; ``t_s`` is the time stamp of the sample, not a grid.  Any exception out of this
         call (also one raised by ``sink``, also KeyboardInterrupt) leaves a stopped, disabled axis.
 
+        Parameters
+        ----------
+        motion : Motion
+            What to run.
+        limits : Limits
+            What the motion must stay within.
+        sink : Sink
+            Takes each row.
+
+        Returns
+        -------
+        ExchangeReport
+            What the exchange was like.
+
         Raises
         ------
         SafetyStop
-            (limit, with the value), DriveFault.
+            A limit was exceeded; it says which, with the value.
+        DriveFault
+            The drive reports a fault.
         BusError
-            Lost frames.
+            Frames were lost.
         """
         ...
 
@@ -350,8 +450,15 @@ class Drive(Protocol):
 
         Parameters
         ----------
+        limits : Limits
+            ``guard_s`` is the time to prove.
         rest_nm : float, N m
             What holds the axis.
+
+        Returns
+        -------
+        Guarding
+            What was seen.
 
         Raises
         ------
@@ -399,9 +506,6 @@ class Service(Protocol):
 class Adapter:
     """What an adapter package registers.
 
-    ``options``: str -> value, e.g. ``seed``, ``profile``, ``node``, ``bitrate``, ``realtime``; unknown ones are a
-        UsageError.
-
     Attributes
     ----------
     name : str
@@ -411,7 +515,8 @@ class Adapter:
     schemes : tuple of str
         What may stand before the colon of ``--drive`` (``virtual``, ``can``, ``slcan``, ``serial``).
     open : callable
-        ``open(address, options) -> Drive``; ``address`` is what follows the colon ("" when nothing does).
+        ``open(address, options) -> Drive``; ``address`` is what follows the colon ("" when nothing does); ``options``: str ->
+        value, e.g. ``seed``, ``profile``, ``node``, ``bitrate``, ``realtime``; unknown ones are a UsageError.
     claims : callable
         Whether this adapter understands an address without a scheme of its own (``can0``, ``pcan:PCAN_USBBUS1``).
     examine : callable or None
@@ -462,18 +567,63 @@ def find_adapters() -> list[FoundAdapter]:
 
 
 def simulated(name: str) -> bool:
-    """Whether a drive's name is that of a virtual one: ``virtual:g_a``, ``serial:virtual``."""
+    """Whether a drive's name is that of a virtual one: ``virtual:g_a``, ``serial:virtual``.
+
+    Parameters
+    ----------
+    name : str
+        As for ``--drive``.
+
+    Returns
+    -------
+    bool
+        False for a name that may be a machine's.
+    """
     return "virtual" in name.split(":")[:2]
 
 
 def open_drive(name: str, options: Mapping[str, object] | None = None) -> Drive:
-    """Open the drive called ``name`` (``virtual:g_a``, ``can0``, ``slcan:PORT`` ...).   Raises as adapter and :func:`adapter_for`."""
+    """Open the drive called ``name``.
+
+    Parameters
+    ----------
+    name : str
+        ``virtual:g_a``, ``can0``, ``slcan:PORT`` ...
+    options : dict of str to object or None
+        For the adapter, by name.
+
+    Returns
+    -------
+    Drive
+        Connected; it is closed by leaving its context.
+
+    Raises
+    ------
+    UsageError
+        When no adapter understands the name or an option.
+    DriveError
+        What the adapter raises.
+    BusError
+        What the adapter raises.
+    """
     adapter, address = adapter_for(name, find_adapters())
     return adapter.open(address, {key: value for key, value in (options or {}).items() if key != "log" or adapter.logs})
 
 
 def adapter_for(name: str, found: Sequence[FoundAdapter]) -> tuple[Adapter, str]:
-    """The adapter that understands the drive called ``name``, and the address it is to open.
+    """Find the adapter that understands a drive's name.
+
+    Parameters
+    ----------
+    name : str
+        As for ``--drive``.
+    found : sequence of FoundAdapter
+        The adapters installed.
+
+    Returns
+    -------
+    tuple[Adapter, str]
+        The adapter, and the address it is to open.
 
     Raises
     ------
@@ -498,10 +648,22 @@ def adapter_for(name: str, found: Sequence[FoundAdapter]) -> tuple[Adapter, str]
 def able(drive: Drive, kind: MotionKind) -> Drive:
     """The same drive, if it offers this kind of motion.
 
+    Parameters
+    ----------
+    drive : Drive
+        An opened drive.
+    kind : MotionKind
+        Of motion.
+
+    Returns
+    -------
+    Drive
+        The same drive.
+
     Raises
     ------
     Refused
-        With its reason, and closes it; nothing has moved then.
+        With the drive's reason, and closes it; nothing has moved then.
     """
     has = drive.capabilities
     if kind in has.kinds:
@@ -513,6 +675,20 @@ def able(drive: Drive, kind: MotionKind) -> Drive:
 
 def serve_drive(name: str, on: str, options: Mapping[str, object] | None = None) -> Service:
     """The simulated drive called ``name`` (``virtual:g_a``) on the interface ``on``.
+
+    Parameters
+    ----------
+    name : str
+        Of a simulated drive.
+    on : str
+        Interface on which others find it.
+    options : dict of str to object or None
+        For the adapter, by name.
+
+    Returns
+    -------
+    Service
+        Its ``run`` serves until it is interrupted.
 
     Raises
     ------

@@ -131,7 +131,17 @@ _BY_NAME = {effect.name: effect for effect in EFFECTS}
 
 
 def effect_named(name: str) -> Effect:
-    """The effect of that name.
+    """Look an effect up by its name.
+
+    Parameters
+    ----------
+    name : str
+        As in the catalogue.
+
+    Returns
+    -------
+    Effect
+        From ``EFFECTS``.
 
     Raises
     ------
@@ -150,8 +160,15 @@ def stands_for(name: str, *, behind_gap: bool = False) -> str:
 
     Parameters
     ----------
+    name : str
+        Of an effect.
     behind_gap : bool
         The carriage moves free of the motor at times, so that effects which are told from their twins only there are themselves.
+
+    Returns
+    -------
+    str
+        The name to fit.
     """
     effect = _BY_NAME.get(name)
     if effect is not None and (behind_gap or not effect.behind_gap):

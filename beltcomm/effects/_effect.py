@@ -193,7 +193,8 @@ class Element:
     """A massless connection of two bodies: ``force = law(stretch, rate, x, *own parameters)``.
 
     stretch = coordinate of ``ends[0]`` minus that of ``ends[1]``; a positive force pulls the first body back and the second
-    one on.  Coordinates are m along the belt, or rad at the motor shaft when ``angular``.    x : m, carriage on the axis.
+    one on.  Coordinates are m along the belt, or rad at the motor shaft when ``angular``; x is the carriage
+    on the axis, m.
 
     Attributes
     ----------
@@ -225,7 +226,18 @@ class Point:
     time_s: float = 0.0
 
     def speed(self, rotary: bool) -> float:
-        """Speed in the coordinate of a body: rad/s at the motor shaft, or m/s along the belt."""
+        """Speed in the coordinate of a body.
+
+        Parameters
+        ----------
+        rotary : bool
+            The body turns with the motor.
+
+        Returns
+        -------
+        float, rad/s at the motor shaft
+            Or m/s along the belt.
+        """
         return self.motor_speed_rad_s if rotary else self.motor_speed_rad_s * self.transmission_m_rad
 
 
@@ -276,7 +288,7 @@ class Effect:
     Attributes
     ----------
     name : str
-        unique.
+        Unique.
     slot : Slot
         See docs/slots.md.
     law : callable or None
@@ -386,10 +398,32 @@ class Effect:
 
 
 def body_units(body: str) -> tuple[str, str, Side]:
-    """Units of force and of viscous friction on a body, and its side: N m, N m s/rad where it turns with the motor; N, N s/m elsewhere."""
+    """Units of force and of viscous friction on a body, and its side.
+
+    Parameters
+    ----------
+    body : str
+        Name of the body.
+
+    Returns
+    -------
+    tuple[str, str, Side], N m, N m s/rad
+        "motor" where it turns with the motor; N, N s/m and its side elsewhere.
+    """
     return ("N m", "N m s/rad", "motor") if body in ("motor", "load") else ("N", "N s/m", "cart" if body == "cart" else "belt")
 
 
 def is_plain_belt(effect: Effect) -> bool:
-    """Whether an effect is nothing but a spring or damper between driving end and carriage, which others may share."""
+    """Whether an effect is nothing but a spring or damper between driving end and carriage, which others may share.
+
+    Parameters
+    ----------
+    effect : Effect
+        The effect to look at.
+
+    Returns
+    -------
+    bool
+        False for one with a law of its own.
+    """
     return len(effect.elements) == 1 and effect.elements[0].ends == (DRIVING_END, "cart") and BELT_STIFFNESS not in effect.uses

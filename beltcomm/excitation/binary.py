@@ -57,7 +57,22 @@ class PrbsChoice:
     reason: str
 
     def excitation(self, amplitude_nm: float, sample_period_s: float, *, torque_step_nm: float = 0.0) -> Excitation:
-        """The record with ±amplitude, N m, about its mean."""
+        """The record with ±amplitude, N m, about its mean.
+
+        Parameters
+        ----------
+        amplitude_nm : float, N m, motor shaft
+            About the mean.
+        sample_period_s : float, s
+            Sampling period.
+        torque_step_nm : float, N m
+            Resolution of the drive's torque setpoint, 0 for none.
+
+        Returns
+        -------
+        Excitation
+            The record, ready to be run.
+        """
         return prbs(self.order, self.clock, 2.0 * amplitude_nm, sample_period_s, self.repeats, torque_step_nm=torque_step_nm)
 
 
@@ -125,6 +140,11 @@ def prbs(
     torque_step_nm : float, N m
         Resolution of the drive's torque setpoint, 0 for none.
 
+    Returns
+    -------
+    Excitation
+        N m at the motor shaft, (n,), with rest and run-in.
+
     Raises
     ------
     UsageError
@@ -151,9 +171,27 @@ def prbs(
 
 
 def prbs_band(order: int, clock: int, sample_period_s: float) -> tuple[float, float]:
-    """Lowest line and first zero of the spectrum, Hz, the latter not above half the sampling frequency.
+    """Lowest line and first zero of the spectrum of a PRBS.
 
-    f_min = 1 / ((2^n - 1) P T_s),   f_max = 1 / (P T_s)     Source: thesis (3.5), (3.6); raises nothing.
+    f_min = 1 / ((2^n - 1) P T_s),   f_max = 1 / (P T_s)
+
+    Parameters
+    ----------
+    order : int
+        n.
+    clock : int
+        P, samples per bit.
+    sample_period_s : float
+        T_s, s.
+
+    Returns
+    -------
+    tuple of float
+        f_min and f_max, Hz, the latter not above half the sampling frequency.
+
+    References
+    ----------
+    Thesis (3.5), (3.6).
     """
     bit_s = clock * sample_period_s
     return 1.0 / ((2**order - 1) * bit_s), min(1.0 / bit_s, 0.5 / sample_period_s)
@@ -176,6 +214,11 @@ def choose_prbs(sample_period_s: float, lowest_hz: float, highest_hz: float, dur
         The highest resonance expected.
     duration_s : float, s
         The whole record with rest and one period of run-in.
+
+    Returns
+    -------
+    PrbsChoice
+        Order, clock and number of periods.
 
     Raises
     ------

@@ -48,7 +48,22 @@ class Choice(Protocol):
         ...
 
     def excitation(self, amplitude_nm: float, sample_period_s: float, *, torque_step_nm: float = 0.0) -> Excitation:
-        """The record with this amplitude, N m."""
+        """The record with this amplitude, N m.
+
+        Parameters
+        ----------
+        amplitude_nm : float, N m, motor shaft
+            About the mean.
+        sample_period_s : float, s
+            Sampling period.
+        torque_step_nm : float, N m
+            Resolution of the drive's torque setpoint, 0 for none.
+
+        Returns
+        -------
+        Excitation
+            The record, ready to be run.
+        """
         ...
 
 
@@ -62,10 +77,23 @@ def choose(
 
     Parameters
     ----------
-    lowest_hz : float
+    kind : ExcitationKind
+        Of signal.
+    sample_period_s : float, s
+        Sampling period.
+    lowest_hz : float, Hz
         Lowest antiresonance expected.
-    highest_hz : float
+    highest_hz : float, Hz
         Highest resonance expected.
+    duration_s : float, s
+        The whole record.
+    seed : int
+        Of what is random in it.
+
+    Returns
+    -------
+    Choice
+        It makes the record for an amplitude.
 
     Raises
     ------

@@ -24,7 +24,22 @@ class GprbsChoice:
     seed: int = 1
 
     def excitation(self, amplitude_nm: float, sample_period_s: float, *, torque_step_nm: float = 0.0) -> Excitation:
-        """The record with ±amplitude, N m, about its mean."""
+        """The record with ±amplitude, N m, about its mean.
+
+        Parameters
+        ----------
+        amplitude_nm : float, N m, motor shaft
+            About the mean.
+        sample_period_s : float, s
+            Sampling period.
+        torque_step_nm : float, N m
+            Resolution of the drive's torque setpoint, 0 for none.
+
+        Returns
+        -------
+        Excitation
+            The record, ready to be run.
+        """
         return gprbs(
             self.period_samples,
             self.mean_hold,
@@ -55,17 +70,29 @@ def gprbs(
 
     As many samples are +A/2 as -A/2, as far as the period allows; what is left over is taken away as mean.
 
-    Others as for :func:`beltcomm.excitation.prbs`.
-
     Parameters
     ----------
     period_samples : int
         Samples of a period.
-    mean_hold : float, h
-        Samples, above 1.
-    peak_to_peak_nm : float, A, N m, motor shaft
+    mean_hold : float
+        h, samples, above 1.
+    peak_to_peak_nm : float, N m, motor shaft
+        A.
+    sample_period_s : float
+        T, s.
+    repeats : int
+        Measured periods.
     seed : int
         The sequence; the same seed gives the same.
+    run_in_periods : int
+        Periods before ``first_sample``.
+    torque_step_nm : float, N m
+        Resolution of the drive's torque setpoint, 0 for none.
+
+    Returns
+    -------
+    Excitation
+        N m at the motor shaft, (n,), with rest and run-in.
 
     Raises
     ------

@@ -81,10 +81,19 @@ def data_sheet_model(axis: Axis, position_m: float | None, coulomb_nm: float, ti
 
     Parameters
     ----------
+    axis : Axis
+        Its data sheets.
     position_m : float or None, m
         Where the stiffness is taken; None takes the geometric mean of both ends of the travel.
     coulomb_nm : float, N m at the motor
         Of motor and carriage together; the split is not known and set to 70 % at the motor.
+    tilt_rad : float, rad
+        Of the axis against the horizontal.
+
+    Returns
+    -------
+    Model
+        All parameters at their data-sheet values.
 
     Raises
     ------
@@ -111,7 +120,17 @@ def data_sheet_model(axis: Axis, position_m: float | None, coulomb_nm: float, ti
 
 @dataclass(frozen=True)
 class FirstEstimate:
-    """Attributes ---------- rest : float Mean square of the torque that the model leaves, (N m)². samples : int How many counted."""
+    """A model from a short record, and how well it explains it.
+
+    Attributes
+    ----------
+    model : Model
+        Without intervals.
+    rest : float, (N m)²
+        Mean square of the torque that the model leaves.
+    samples : int
+        How many counted.
+    """
 
     model: Model
     rest: float
@@ -126,8 +145,19 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
 
     Parameters
     ----------
+    recordings : sequence of Recording
+        Short, open loop, excited.
+    start : Model
+        The model by the data sheets.
+    counts_per_rev : int
+        Of the encoder.
     path : TorquePath or None
         To the torque that acts; None takes the reading.
+
+    Returns
+    -------
+    FirstEstimate
+        The model, and how well it explains the records.
 
     Raises
     ------

@@ -33,7 +33,9 @@ SUSPECT_MISFIT = 1.5
 
 @dataclass(frozen=True, eq=False)
 class ModelFit:
-    """Attributes
+    """A fitted model with the records that it was fitted to.
+
+    Attributes
     ----------
     data : Data
         Records as the model sees them.
@@ -160,10 +162,27 @@ def fit_model(
 
     Parameters
     ----------
+    recordings : sequence of Recording
+        Of one axis; those with ``held_out`` judge the fit and take no part in it.
+    start : Model
+        Start values, effects and bounds.
+    counts_per_rev : int
+        Of the encoder.
+    fixed : sequence of str
+        Parameters that keep their start value, by full name.
+    noise_nm : float or None
+        N m rms, of the torque reading; None estimates it.
     path : TorquePath or None
-        Of the torque, where it is known.
+        From setpoint and reading to the torque that acts, where it is known.
     sheet : Model or None
         The data sheets, for what the records do not tell.
+    progress : callable
+        Hears the share that is done, 0 to 1.
+
+    Returns
+    -------
+    ModelFit
+        Values with 95 % intervals, and what is left unexplained.
 
     Raises
     ------

@@ -64,7 +64,9 @@ COMMAND = 1e-4
 
 @dataclass(frozen=True)
 class ReadingFit:
-    """Attributes
+    """The chain from torque setpoint to reading that explains the readings best.
+
+    Attributes
     ----------
     law : DriveLaw
         Of drive and reading together, with intervals.
@@ -72,7 +74,7 @@ class ReadingFit:
         Rms it leaves, N m.
     cost : float
         -2 ln L with ln N for each value.
-    samples : int, N
+    samples : int
         How many were looked at.
     values : int
         How many were found.
@@ -95,7 +97,18 @@ class ReadingFit:
 
 
 def fit_reading(recordings: Sequence[Recording]) -> ReadingFit | None:
-    """The chain that explains the readings best; None where no setpoint changes."""
+    """Fit the chain from torque setpoint to reading.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        With setpoint and reading.
+
+    Returns
+    -------
+    ReadingFit or None
+        The chain that explains the readings best; None where no setpoint changes.
+    """
     pairs, sample_s = lively_pairs(recordings)
     if not pairs:
         return None

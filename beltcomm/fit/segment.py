@@ -150,18 +150,51 @@ class Segment:
         return [] if self.observer is None else [Observation(self.observer, self.motion, self.torque)]
 
     def middle_m(self, model: Model) -> float:
-        """Middle of the way of the carriage, m."""
+        """Middle of the travel of the carriage.
+
+        Parameters
+        ----------
+        model : Model
+            Gives the transmission.
+
+        Returns
+        -------
+        float, m
+            In the zero of the motor.
+        """
         return 0.5 * float(self.motion.theta.min() + self.motion.theta.max()) * model["transmission.ratio"]
 
     def white(self, torque: Array) -> Array:
-        """A torque, N m, (n,) or (n, k), in units of the noise by the whitener worked out beforehand; linear in the torque."""
+        """Whiten a torque by the whitener worked out beforehand; linear in the torque.
+
+        Parameters
+        ----------
+        torque : ndarray
+            ndarray (n,) or (n, k), N m, motor shaft.
+
+        Returns
+        -------
+        ndarray
+            In units of the noise.
+        """
         if self.observer is not None:
             return self.group_sums(self.observer.white(torque, self.keep))
         assert self.whitener is not None
         return self.group_sums(self.whitener(torque, self.keep))
 
     def group_sums(self, single: Array) -> Array:
-        """Values of the kept samples, (kept,) or (kept, k), put together group by group."""
+        """Sums of the kept samples, group by group.
+
+        Parameters
+        ----------
+        single : ndarray
+            ndarray (kept,) or (kept, k).
+
+        Returns
+        -------
+        ndarray
+            (groups,) or (groups, k).
+        """
         if self.group == 1 or len(single) == 0:  # of a record in which the axis never slid nothing counts
             return single
         rows = single.reshape(len(single), -1)
@@ -181,10 +214,18 @@ def segments(
     reversals: bool = False,
     path: TorquePath | None = None,
 ) -> list[Segment]:
-    """The gapless pieces of a recording that hold at least 50 samples; ``model`` gives inertia and transmission.
+    """The gapless pieces of a recording that hold at least 50 samples.
 
     Parameters
     ----------
+    recording : Recording
+        Motor side.
+    model : Model
+        Gives inertia and transmission.
+    step_rad : float, rad
+        Encoder step at the motor shaft.
+    noise_nm : float
+        N m rms, of the torque reading.
     fitted : bool
         The model's load is good enough to say how the motor moves between the samples.
     substeps : int
@@ -193,6 +234,11 @@ def segments(
         Samples in which the motor passes through a reversal count too, for a model with :func:`turns_at_once`, and fitted.
     path : TorquePath or None
         From the reading to the torque that acts; None takes the reading.
+
+    Returns
+    -------
+    list of Segment
+        In the order of time.
     """
     own = recording.sample_period_s
     counted = min(step_rad, smallest_step(recording.position)) if fitted else step_rad  # without the angle's own noise, which is white

@@ -57,7 +57,20 @@ class Lag:
     intervals: tuple[float, ...] = field(default=(), compare=False)
 
     def filtered(self, cells: Array, sample_s: float) -> Array:
-        """The answer to a torque, mean over each cell of every period, (n, cells), N m, at rest before."""
+        """The lag's answer to a torque, at rest before.
+
+        Parameters
+        ----------
+        cells : ndarray (n, cells), N m
+            Mean over each cell of every period.
+        sample_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        ndarray
+            Shape of ``cells``, N m.
+        """
         from scipy.signal import lfilter  # takes a second to import, and most drives have no filter
 
         if self.kind == "sampled":
@@ -79,7 +92,17 @@ class Lag:
         return np.asarray(0.5 * (np.append(u[0], ends[:-1]) + ends).reshape(cells.shape))
 
     def delay_s(self, sample_s: float) -> float:
-        """Delay of a slow torque, s."""
+        """Delay of a slow torque.
+
+        Parameters
+        ----------
+        sample_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        float, s
+        """
         if self.kind == "slew rate":
             return 0.0
         if self.kind == "sampled":
@@ -108,7 +131,21 @@ class DriveLaw:
     delay_interval: float = field(default=0.0, compare=False)
 
     def cells(self, setpoint: Array, sample_s: float, number: int = CELLS) -> Array:
-        """Acting torque, mean over each cell of every period, (n, number), N m; a setpoint is held until the next one."""
+        """Acting torque inside every period; a setpoint is held until the next one.
+
+        Parameters
+        ----------
+        setpoint : ndarray (n,), N m, motor shaft
+        sample_s : float, s
+            Sampling period.
+        number : int
+            Cells per period.
+
+        Returns
+        -------
+        ndarray
+            Mean over each cell, (n, number), N m.
+        """
         whole = math.floor(self.delay)
         now, before = _later(setpoint, whole), _later(setpoint, whole + 1)
         old = np.clip((self.delay - whole) * number - np.arange(number), 0.0, 1.0)
@@ -118,7 +155,17 @@ class DriveLaw:
         return np.asarray(cells)
 
     def delay_s(self, sample_s: float) -> float:
-        """Delay of a slow torque, s."""
+        """Delay of a slow torque.
+
+        Parameters
+        ----------
+        sample_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        float, s
+        """
         return self.delay * sample_s + sum(lag.delay_s(sample_s) for lag in self.lags)
 
 
@@ -146,7 +193,19 @@ class ReadingLaw:
         return self.late == 0.0 and not self.lags and not self.at_end
 
     def read(self, cells: Array, sample_s: float) -> Array:
-        """The reading without noise, (n,), N m, of a torque, mean over each cell of every period, (n, cells)."""
+        """The reading that a torque gives, without noise.
+
+        Parameters
+        ----------
+        cells : ndarray (n, cells), N m
+            Mean over each cell of every period.
+        sample_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        ndarray (n,), N m
+        """
         for lag in self.lags:
             cells = lag.filtered(cells, sample_s)
         if self.at_end:
@@ -159,7 +218,17 @@ class ReadingLaw:
         return np.asarray(np.diff(at) / number)
 
     def delay_s(self, sample_s: float) -> float:
-        """Delay of a slow torque, s."""
+        """Delay of a slow torque.
+
+        Parameters
+        ----------
+        sample_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        float, s
+        """
         return self.late * sample_s + sum(lag.delay_s(sample_s) for lag in self.lags)
 
 
@@ -194,7 +263,22 @@ class TorquePath:
         return self.reading.faithful and not self.commanded
 
     def likeliest(self, acting: Array, setpoint: Array | None, sample_s: float) -> Array:
-        """The torque that acts without most of the sensor's noise, mean over each period, (n,), N m: for what moves between the samples."""
+        """The torque that acts without most of the sensor's noise: for what moves between the samples.
+
+        Parameters
+        ----------
+        acting : ndarray (n,), N m
+            Of :meth:`acting`.
+        setpoint : ndarray (n,) or None, N m
+            None where it was not recorded.
+        sample_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        ndarray
+            Mean over each period, (n,), N m.
+        """
         if self.drive is None or setpoint is None or self.acts == 1.0:
             return acting
         means = self.drive.cells(setpoint, sample_s).mean(axis=1)
@@ -202,7 +286,22 @@ class TorquePath:
         return np.asarray(means + offset + self.acts * (acting - means - offset))
 
     def acting(self, torque: Array, setpoint: Array | None, sample_s: float) -> tuple[Array, Intersample | None]:
-        """The torque that acts, mean over each period, (n,), N m, and its spread inside; from the reading and the setpoint, (n,) each."""
+        """The torque that acts, from the reading and the setpoint.
+
+        Parameters
+        ----------
+        torque : ndarray (n,), N m
+            Reading at the motor shaft.
+        setpoint : ndarray (n,) or None, N m
+            None where it was not recorded.
+        sample_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        tuple[ndarray, Intersample | None]
+            Mean over each period, (n,), N m, and its spread inside.
+        """
         if self.drive is None or setpoint is None:
             torque = self._unfiltered(torque, sample_s)
             return torque, None if self.loop_s == 0.0 else Intersample(_behind_loop(torque, self.loop_s, sample_s))
@@ -217,9 +316,19 @@ class TorquePath:
         return torque, None if held else Intersample(above)
 
     def noise_undone(self, colour: float) -> tuple[float, float]:
-        """Factor on the noise of a late reading that is undone without a setpoint, and the noise's colour then; 1 and as it was for others.
+        """Noise of a late reading that is undone without a setpoint.
 
         x[n] = (w[n] - c x[n-1])/p,   p the larger part of the sample, c = (1 - p)/p:   factor 1/(p √(1 - c²)), colour -c.
+
+        Parameters
+        ----------
+        colour : float
+            Of the reading's noise.
+
+        Returns
+        -------
+        tuple of float
+            Factor on the noise, and its colour then; 1 and as it was for other paths.
         """
         part = self.reading.late - math.floor(self.reading.late)
         if self.drive is not None or part == 0.0:
@@ -244,7 +353,18 @@ FAITHFUL = TorquePath()
 
 
 def path_to_dict(path: TorquePath) -> dict[str, Any]:
-    """The path as a plain mapping."""
+    """The path as a plain mapping.
+
+    Parameters
+    ----------
+    path : TorquePath
+        Of the torque.
+
+    Returns
+    -------
+    dict of str to Any
+        Numbers and words only, ready for YAML.
+    """
 
     def lags(law: DriveLaw | ReadingLaw) -> list[dict[str, Any]]:
         return [
@@ -270,11 +390,22 @@ def path_to_dict(path: TorquePath) -> dict[str, Any]:
 
 
 def path_from_dict(data: Mapping[str, Any]) -> TorquePath:
-    """The path of :func:`path_to_dict`.
+    """The path that :func:`path_to_dict` wrote.
+
+    Parameters
+    ----------
+    data : dict of str to Any
+        The mapping.
+
+    Returns
+    -------
+    TorquePath
+        Equal to the one written.
 
     Raises
     ------
     KeyError
+        For a damaged one.
     TypeError
         For a damaged one.
     ValueError
@@ -318,9 +449,20 @@ def _behind_loop(means: Array, time_s: float, sample_s: float) -> Array:
 
 
 def torque_at(cells: Array, share: float) -> Array:
-    """Torque at a share of every period, (n,), N m, from its mean over each cell, (n, cells): of the parabola through three of them.
+    """Torque at a share of every period, by the parabola through the means of three cells.
 
     Between two beginnings of a cell it is linear.
+
+    Parameters
+    ----------
+    cells : ndarray (n, cells), N m
+        Mean over each cell.
+    share : float
+        Of the period, 0 to 1.
+
+    Returns
+    -------
+    ndarray (n,), N m
     """
     row, number = cells.reshape(-1), cells.shape[1]
     whole = math.floor(share * number)

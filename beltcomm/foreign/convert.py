@@ -133,7 +133,9 @@ def _is(value: Any, kind: Any) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Converted:
-    """Attributes
+    """The columns of a foreign table in our names and units.
+
+    Attributes
     ----------
     columns : dict of str to Column
         Ours by name.
@@ -142,7 +144,7 @@ class Converted:
     not_taken : tuple of str
         Columns of the file that were left.
     notes : tuple of str
-        sentences.
+        Remarks, as sentences.
     """
 
     columns: Mapping[str, Column]

@@ -46,6 +46,8 @@ def import_recordings(
     ----------
     files : Place or sequence of Place
         CSV or text (also .gz), .mat, HDF5, MDF, .npz, .npy, logs of CAN frames.
+    run : Place
+        Run folder.
     reading : Reading
         The mapping and how the files are read.
     axis : Axis or str, or None
@@ -61,11 +63,19 @@ def import_recordings(
     talk : Talk or None
         Hears how long it will take.
 
+    Returns
+    -------
+    Result
+        What was recorded, and how the columns were read.
+
     Raises
     ------
     UsageError
+        For options that contradict each other.
     DataError
-        NeedsAnswers; nothing is written then.
+        For files that cannot be used; nothing is written then.
+    NeedsAnswers
+        For guesses that are not sure, without ``ask``; nothing is written then.
     """
     files, run, sidecar = places(files, "file"), place(run), sidecar or Sidecar()
     if not files:
@@ -180,7 +190,18 @@ def _what_was_done(sidecar: Sidecar, part: Part, first: Part, reading: Reading, 
 
 
 def check_imports(run: Place) -> Result:
-    """Repeat every import of a run from its original and compare bit by bit.   Exit code 1 when something differs."""
+    """Repeat every import of a run from its original and compare bit by bit.
+
+    Parameters
+    ----------
+    run : Place
+        Run folder.
+
+    Returns
+    -------
+    Result
+        What differs; exit code 1 when something does.
+    """
     run = place(run)
     outcome = store.repeated(RunFolder.open(run))
     wrong = {name: text for name, text in outcome.items() if text}

@@ -84,7 +84,24 @@ def write_bundle(run: Path, path: Path, *, recordings: bool = False, private: Se
 
 
 def bundle(run: Place, out: Place, *, recordings: bool = False, private: Sequence[str] = ()) -> Result:
-    """The command: a run in one zip; see :func:`write_bundle`."""
+    """Pack a run into one zip without paths and names; see :func:`write_bundle`.
+
+    Parameters
+    ----------
+    run : Place
+        Run folder.
+    out : Place
+        Of the zip.
+    recordings : bool
+        Pack the recordings too.
+    private : sequence of str
+        Words to be taken out.
+
+    Returns
+    -------
+    Result
+        What was packed.
+    """
     run, out = place(run), place(out, "zip")
     names = write_bundle(run, out, recordings=recordings, private=private)
     return Result({"bundle": str(out), "files": names}, [f"{len(names)} files of {run} are in {out}, without paths and user names."])

@@ -18,8 +18,19 @@ def convert(run: Place | None = None, *, cascade: Cascade | None = None, pid: Pi
 
     Parameters
     ----------
+    run : Place or None
+        Run folder with a design.
+    cascade : Cascade or None
+        The cascade to be written as a PID.
+    pid : Pid or None
+        The PID to be written as a cascade.
     period_s : float
         T of the loops, s; 0 for the continuous form, which is appendix B's when T_R is 0 too.
+
+    Returns
+    -------
+    Result
+        The gains of the other form.
 
     Raises
     ------

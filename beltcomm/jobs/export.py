@@ -41,12 +41,27 @@ def export(
 
     Parameters
     ----------
-    when : str
-        Date and time, ISO 8601, for the file.
-    command : str
-        Kept as provenance.
+    run : Place
+        Run folder.
+    format_ : str
+        "yaml", "c", "st" or "dcf".
+    out : Place or None
+        File to be written; None only returns the text.
     torque_limit_nm : float or None, N m, motor shaft
         The drive's peak torque when left out, else the motor's.
+    command : str
+        Kept as provenance.
+    when : str
+        Date and time, ISO 8601, for the file.
+    options : Options or None
+        Settings beside the main arguments; None for the safe defaults.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+
+    Returns
+    -------
+    Result
+        The text.
 
     Raises
     ------

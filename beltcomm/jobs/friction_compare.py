@@ -31,6 +31,22 @@ NOT_THE_AXIS = ("payload.", "trajectories.", "limits.", "name ")
 def friction_compare(runs: Place | Sequence[Place], *, pictures: bool = False, command: str = "", talk: Talk | None = None) -> Result:
     """The sweeps of a run once more, or friction against load over the sweeps of several runs of one axis; no machine needed.
 
+    Parameters
+    ----------
+    runs : Place or sequence of Place
+        One run, or several of one axis with different loads.
+    pictures : bool
+        Pictures into ``RUN/pictures``.
+    command : str
+        Command line, kept as provenance.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+
+    Returns
+    -------
+    Result
+        Friction by run, or over the load.
+
     Raises
     ------
     UsageError

@@ -13,9 +13,20 @@ def serve(drive: str, on: str, *, options: Options | None = None, talk: Talk | N
 
     Parameters
     ----------
+    drive : str
+        Name of a simulated drive.
     on : str
         ``slcan`` (a pseudo-terminal), ``socket:PORT`` (TCP on this computer), ``can0`` and whatever else an adapter opens; ``rs232`` (the
         other port of the drive, on a pseudo-terminal).
+    options : Options or None
+        Settings beside the main arguments; None for the safe defaults.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+
+    Returns
+    -------
+    Result
+        After the interruption.
 
     Raises
     ------

@@ -56,6 +56,46 @@ def trajectory(
     acceleration may rise) and jerk down (at which it may fall); what is left out is as its counterpart.  States are the axis's, signed.
     The jerk of a row is that from its moment on; that of the last row, the one before.
 
+    Parameters
+    ----------
+    file : Place
+        To be written, CSV.
+    start_m : float, m
+        First position.
+    end_m : float, m
+        Last position.
+    speed_m_s : float, m/s
+        Limit from start to end.
+    acceleration_m_s2 : float, m/s²
+        Limit from start to end.
+    jerk_m_s3 : float, m/s³
+        Rate at which the acceleration may rise.
+    speed_back_m_s : float or None, m/s
+        Limit the other way; None for ``speed_m_s``.
+    deceleration_m_s2 : float or None, m/s²
+        None for ``acceleration_m_s2``.
+    jerk_down_m_s3 : float or None, m/s³
+        Rate at which the acceleration may fall; None for ``jerk_m_s3``.
+    start_velocity_m_s : float, m/s
+        signed.
+    start_acceleration_m_s2 : float, m/s²
+        signed.
+    end_velocity_m_s : float, m/s
+        signed.
+    end_acceleration_m_s2 : float, m/s²
+        signed.
+    period_s : float, s
+        Of the rows.
+    options : Options or None
+        Settings beside the main arguments; None for the safe defaults.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+
+    Returns
+    -------
+    Result
+        Duration and what was reached.
+
     Raises
     ------
     UsageError

@@ -182,18 +182,29 @@ def tune(
     options: Options | None = None,
     talk: Talk | None = None,
 ) -> Result:
-    """The page on 127.0.0.1 until KeyboardInterrupt.
-
-    Exit code 1 when the last design saved is not to be used.
+    """Serve the tuning page on 127.0.0.1 until KeyboardInterrupt.
 
     Parameters
     ----------
+    run : Place
+        Run folder.
     token : str
         Secret part of its address.
     port : int
         0 takes a free one.
+    move : Place or None
+        A file with the reference motion; None for that of the axis.
     opened : callable or None
         Called with the address, as a browser would be.
+    options : Options or None
+        Settings beside the main arguments; None for the safe defaults.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+
+    Returns
+    -------
+    Result
+        The last design saved; exit code 1 when it is not to be used.
 
     Raises
     ------

@@ -222,16 +222,21 @@ def feed_constant_in_doubt(axis: Axis, model: Model, position_m: float | None) -
 
 
 def ruler(axis: Axis, crept_m: float, measured_m: float) -> Result:
-    """What a ruler says of the feed constant.
-
-    Exit code 1 when they differ by more than the ruler's reading.
+    """Compare a creep by the encoder with what a ruler says: the feed constant.
 
     Parameters
     ----------
-    crept_m : float
+    axis : Axis
+        With the feed constant.
+    crept_m : float, m
         By the encoder, signed.
-    measured_m : float
+    measured_m : float, m
         By the ruler, negative for the other way.
+
+    Returns
+    -------
+    Result
+        The feed constant that the ruler says; exit code 1 when they differ by more than the ruler's reading.
 
     Raises
     ------

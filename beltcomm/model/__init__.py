@@ -111,11 +111,35 @@ class Model:
         return self.parameters[name].value
 
     def get(self, name: str, default: float = 0.0) -> float:
-        """Value of a parameter, or ``default`` when the model has no such effect."""
+        """Value of a parameter.
+
+        Parameters
+        ----------
+        name : str
+            Full name, ``effect.parameter``.
+        default : float
+            Taken when the model has no such effect.
+
+        Returns
+        -------
+        float
+            In the parameter's unit and side.
+        """
         return self.parameters[name].value if name in self.parameters else default
 
     def index(self, name: str) -> int:
-        """Place of a parameter in :meth:`vector`."""
+        """Position of a parameter in :meth:`vector`.
+
+        Parameters
+        ----------
+        name : str
+            Full name.
+
+        Returns
+        -------
+        int
+            From 0.
+        """
         return self._index[name]
 
     def vector(self) -> NDArray[np.float64]:
@@ -131,7 +155,20 @@ class Model:
         return body_list(self.effects, self.base_bodies)
 
     def with_values(self, values: Mapping[str, float], origin: str = "") -> Model:
-        """The same model with other numbers; intervals of the changed ones are dropped."""
+        """The same model with other numbers; intervals of the changed ones are dropped.
+
+        Parameters
+        ----------
+        values : dict of str to float
+            By full name.
+        origin : str
+            Where the values come from, in words; "" keeps what stood there.
+
+        Returns
+        -------
+        Model
+            A new model.
+        """
         changed = {}
         for name, value in values.items():
             if name not in self.parameters:
@@ -142,30 +179,89 @@ class Model:
         return replace(self, parameters={**self.parameters, **changed})
 
     def with_vector(self, vector: NDArray[np.float64]) -> Model:
-        """The same model with the values of :meth:`vector`, kept within their bounds."""
+        """The same model with the values of :meth:`vector`, kept within their bounds.
+
+        Parameters
+        ----------
+        vector : ndarray (k,)
+            In the order of ``names``.
+
+        Returns
+        -------
+        Model
+            A new model.
+        """
         items = zip(self.parameters.items(), vector, strict=True)
         values = {name: replace(item, value=float(min(max(value, item.low), item.high))) for (name, item), value in items}
         return replace(self, parameters=values)
 
     def with_effect(self, name: str, values: Mapping[str, float] | None = None, origin: str = "start value") -> Model:
-        """The model with one more effect, at its start values or the given ones (own parameter names)."""
+        """The model with one more effect.
+
+        Parameters
+        ----------
+        name : str
+            Of the effect.
+        values : dict of str to float or None
+            By own parameter name; None for the start values.
+        origin : str
+            Where the values come from, in words.
+
+        Returns
+        -------
+        Model
+            A new model.
+        """
         effect = effect_named(name)
         parameters = self.parameters_of(effect)
         added = default_values(parameters, values or {}, origin)
         return replace(self, effects=(*self.effects, name), parameters={**self.parameters, **added})
 
     def parameters_of(self, effect: Effect) -> dict[str, Parameter]:
-        """Parameters that an effect brings or has brought, by full name, in the units of this model's side."""
+        """Parameters that an effect brings or has brought.
+
+        Parameters
+        ----------
+        effect : Effect
+            The effect.
+
+        Returns
+        -------
+        dict of str to Parameter
+            By full name, in the units of this model's side.
+        """
         return {key: on_side(item, self.side) for key, item in effect_parameters(effect).items()}
 
     def with_forms(self, name: str) -> Model:
-        """The model with the forms of one effect's law free to be fitted: see ``Parameter.form``."""
+        """The model with the forms of one effect's law free to be fitted: see ``Parameter.form``.
+
+        Parameters
+        ----------
+        name : str
+            Of the effect.
+
+        Returns
+        -------
+        Model
+            A new model.
+        """
         forms = {key: p for key, p in self.parameters_of(effect_named(name)).items() if p.form}
         freed = {key: replace(self.parameters[key], low=p.low, high=p.high) for key, p in forms.items()}
         return replace(self, parameters={**self.parameters, **freed})
 
     def without_effect(self, name: str) -> Model:
-        """The model without that effect and those that complete it."""
+        """The model without that effect and those that complete it.
+
+        Parameters
+        ----------
+        name : str
+            Of the effect.
+
+        Returns
+        -------
+        Model
+            A new model.
+        """
         gone = {name, *effect_named(name).completed_by}
         dropped = {key for e in gone for key in effect_parameters(effect_named(e))}
         kept = {key: item for key, item in self.parameters.items() if key not in dropped}

@@ -63,7 +63,7 @@ class Recording:
     position : ndarray (n,), rad
         Motor shaft (side "load": m), sampled at t[n].
     torque_setpoint, velocity, reference_position, reference_velocity : ndarray or None
-        Ndarray (n,) in the same units, None where absent.
+        ndarray (n,) in the same units, None where absent.
     torque_offset : ndarray (n,) or None
         What was added to a controller's torque; None where absent.
     temperature_c, cart_position_m, load_position_rad : ndarray (n,) or None
@@ -155,9 +155,19 @@ class Recording:
         return named | {name: column for name, column in self.extra.items() if name not in named}
 
     def check_against(self, axis: Axis) -> None:
-        """Raise DataError when the record contradicts the axis: travel, carriage sensor or torque in another unit.
+        """Check the record against the axis: travel, carriage sensor, unit of torque.
 
         Only what the axis states is checked; 5 % are left for mounting and data-sheet tolerances.
+
+        Parameters
+        ----------
+        axis : Axis
+            That was recorded.
+
+        Raises
+        ------
+        DataError
+            When the record contradicts the axis.
         """
         if self.side == "load":
             ratio: float | None = 1.0
@@ -333,6 +343,11 @@ def load_recording(path: Path | str, axis: Axis | None = None) -> Recording:
     axis : Axis or None
         Scales current_a by its torque constant, and the record is checked against it.
 
+    Returns
+    -------
+    Recording
+        Checked, in SI units.
+
     Raises
     ------
     DataError
@@ -355,7 +370,27 @@ def recording_from_columns(
     notes: tuple[str, ...] = (),
     file: str = "",
 ) -> Recording:
-    """The recording that named columns make, as :func:`load_recording` does; unknown columns are kept and not used.
+    """Make a recording of named columns, as :func:`load_recording` does; unknown columns are kept and not used.
+
+    Parameters
+    ----------
+    name : str
+        Of the recording.
+    columns : dict of str to ndarray
+        By name with the unit as suffix, (n,) each.
+    sidecar : Sidecar
+        What was done.
+    axis : Axis or None
+        Scales current_a by its torque constant, and the record is checked against it.
+    notes : tuple of str
+        Remarks to be kept.
+    file : str
+        For messages.
+
+    Returns
+    -------
+    Recording
+        Checked, in SI units.
 
     Raises
     ------
@@ -381,7 +416,19 @@ def recording_from_columns(
 
 
 def save_recording(recording: Recording, folder: Path) -> Path:
-    """Write ``NAME.csv`` and ``NAME.yaml``; returns the path of the CSV.  Floats come back exactly.
+    """Write ``NAME.csv`` and ``NAME.yaml``; floats come back exactly.
+
+    Parameters
+    ----------
+    recording : Recording
+        To be written.
+    folder : Path
+        Where.
+
+    Returns
+    -------
+    Path
+        Path of the CSV.
 
     Raises
     ------
@@ -405,7 +452,17 @@ def save_recording(recording: Recording, folder: Path) -> Path:
 
 
 def common_side(recordings: Iterable[Recording]) -> Side:
-    """The side that all recordings of one axis are from.
+    """The side of the gearbox that all recordings of one axis are from.
+
+    Parameters
+    ----------
+    recordings : iterable of Recording
+        Of one axis.
+
+    Returns
+    -------
+    Side
+        "motor", "load" or "ampere".
 
     Raises
     ------

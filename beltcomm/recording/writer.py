@@ -59,6 +59,11 @@ class RecordingWriter:
     def write(self, row: tuple[float, ...]) -> None:
         """Append one row.
 
+        Parameters
+        ----------
+        row : tuple of float
+            One number per column, in SI units.
+
         Raises
         ------
         UsageError
@@ -82,14 +87,21 @@ class RecordingWriter:
             raise _unwritable(self._part, error) from error
 
     def close(self, *, finished: bool, **changes: Any) -> Path:
-        """Close the record and return the path of its rows: ``NAME.csv`` when finished, else ``NAME.csv.part``.
+        """Close the record.
 
         Idempotent: a closed record stays as it is.
 
         Parameters
         ----------
-        changes : Any
+        finished : bool
+            The record is complete.
+        **changes : Any
             Fields of the sidecar known only now.
+
+        Returns
+        -------
+        Path
+            Path of the rows: ``NAME.csv`` when finished, else ``NAME.csv.part``.
         """
         if self._file is None:
             return self.path if self.path.exists() else self._part

@@ -38,7 +38,7 @@ class FrequencyResponse:
     Attributes
     ----------
     freq_hz : ndarray (k,), Hz
-        rising.
+        Rising.
     h : ComplexArray, (k,)
         Complex, rad/(N m), response to torque held over each sample.
     noise : ndarray (k,), rad/(N m)
@@ -80,18 +80,40 @@ class FrequencyResponse:
             raise DataError(f"frequency response: {self.n_periods} period(s), at least 2 are needed for its noise level")
 
     def error_radius(self, level: float = 0.95) -> Array:
-        """Radius around h in the complex plane that holds the true response with probability ``level``, rad/(N m).
+        """Radius around h in the complex plane that holds the true response with a given probability.
 
         ρ² = noise² F_level(2, 2 m) = noise² m ((1 - level)^(-1/m) - 1),   m = n_periods - 1
 
         because |Δh|² and the scatter are sums of 2 and of 2 m normal squares; m → ∞ gives -ln(1 - level).
-        Returns ndarray (k,).  Raises nothing.     Source: Pintelon, Schoukens, System Identification (2012), section 2.4.
+
+        Parameters
+        ----------
+        level : float
+            The probability.
+
+        Returns
+        -------
+        ndarray (k,), rad/(N m)
+
+        References
+        ----------
+        Pintelon, Schoukens, System Identification (2012), section 2.4.
         """
         m = self.n_periods - 1
         return np.asarray(self.noise * np.sqrt(m * ((1.0 - level) ** (-1.0 / m) - 1.0)), dtype=np.float64)
 
     def lines(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> FrequencyResponse:
-        """The same response at the lines of ``index`` only.
+        """The response at some of its lines.
+
+        Parameters
+        ----------
+        index : ndarray of int or ndarray of bool, (k,)
+            Lines to keep.
+
+        Returns
+        -------
+        FrequencyResponse
+            A new response.
 
         Raises
         ------
@@ -111,9 +133,15 @@ class FrequencyResponse:
     def save(self, path: Path) -> None:
         """Write everything to one ``.npz`` file.
 
+        Parameters
+        ----------
+        path : Path
+            Of the file.
+
         Raises
         ------
         OSError
+            When it cannot be written.
         """
         with atomic.replacing(path) as file:
             np.savez(
@@ -130,6 +158,16 @@ class FrequencyResponse:
     @classmethod
     def load(cls, path: Path) -> Self:
         """Read what :meth:`save` wrote.
+
+        Parameters
+        ----------
+        path : Path
+            Of the ``.npz`` file.
+
+        Returns
+        -------
+        Self
+            Equal to the one written.
 
         Raises
         ------
@@ -295,7 +333,7 @@ def log_spaced_lines(freq_hz: Array, n_lines: int, lowest_hz: float, highest_hz:
     Parameters
     ----------
     freq_hz : ndarray (k,), Hz
-        rising.
+        Rising.
     lowest_hz, highest_hz : float, Hz
         Only lines within.
 

@@ -42,12 +42,21 @@ TOPICS: Mapping[str, Topic] = {
 
 
 def thesis(topic: str | None = None, *, pictures: Place | None = None, command: str = "") -> Result:
-    """All topics, or one of them recomputed.
+    """Recompute the topics of the design source, or one of them.
 
     Parameters
     ----------
+    topic : str or None
+        Its word; None for all.
     pictures : Place or None
         Folder for its figures, None for none.
+    command : str
+        Command line, kept as provenance.
+
+    Returns
+    -------
+    Result
+        Our figures beside the source's.
 
     Raises
     ------
