@@ -290,51 +290,6 @@ class Axis:
             compliance += self.transmission_m_rad**2 / self.coupling.stiffness_nm_rad
         return 1.0 / compliance
 
-    def expected_resonance_hz(self, mass_kg: float, position_m: float | None = None) -> float:
-        """Resonance by the data sheets:  √(c (i_t²/Θ_e + 1/m))/2π  (2.44).
-
-        Parameters
-        ----------
-        mass_kg : float, kg
-            Carriage and payload.
-        position_m : float or None, m
-            Carriage; the softest place when None.
-
-        Returns
-        -------
-        float, Hz
-            Infinite without belt and pulley.
-
-        Raises
-        ------
-        UsageError
-            For what is not known, or a mass that is not positive.
-        """
-        mobility = self.transmission_m_rad**2 / self.motor_side_inertia_kg_m2 if self.has_belt else 0.0
-        return math.sqrt(self._stiffness_at(position_m) * (mobility + 1.0 / _positive_mass(mass_kg))) / math.tau
-
-    def expected_antiresonance_hz(self, mass_kg: float, position_m: float | None = None) -> float:
-        """Antiresonance by the data sheets:  √(c/m)/2π  (2.45).
-
-        Parameters
-        ----------
-        mass_kg : float, kg
-            Carriage and payload.
-        position_m : float or None, m
-            Carriage; the softest place when None.
-
-        Returns
-        -------
-        float, Hz
-            Infinite without belt and pulley.
-
-        Raises
-        ------
-        UsageError
-            For what is not known, or a mass that is not positive.
-        """
-        return math.sqrt(self._stiffness_at(position_m) / _positive_mass(mass_kg)) / math.tau
-
     def _stiffness_at(self, position_m: float | None) -> float:
         if position_m is None and self.has_belt:
             self.require("the softest position", "travel.max_m")
