@@ -46,6 +46,8 @@ def on_one_raster(table: Table, sources: Mapping[str, Source], kept: Mapping[str
         given["t_s"] = replace(Source("t_s", master, written=master), scale=_seconds(table, master))
     elif given["t_s"].theirs != master and len(table.columns[given["t_s"].theirs]) == len(table.columns[master]):
         return table, given, ()  # another column of that raster is the time: the user's word
+    elif given["t_s"].theirs != master and given["t_s"].theirs in clocks.values():
+        given["t_s"] = replace(given["t_s"], theirs=master)  # his word on the unit holds for the slower rows, too
     others = {column: clock for column, clock in clocks.items() if clock != master and not _equal(table, clock, master)}
     if not others:
         return table, given, ()
