@@ -6,13 +6,14 @@ import json
 import os
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from beltcomm.errors import DataError
-from beltcomm.foreign.apart import Kind
+from beltcomm.foreign.apart import Kind, instead_of
 from beltcomm.foreign.table import Table, words_of
 from beltcomm.outside import check_columns, check_count, in_words, opened
 
@@ -56,13 +57,27 @@ def _numpy(path: Path) -> Table:
     return table_of(path, arrays)
 
 
-def _blf(path: Path) -> Table:
-    from beltcomm.foreign.framelog import read_blf
+def _frames(kind: Kind, path: Path) -> Table:
+    from beltcomm.foreign.framelog import frames_apart
 
-    return read_blf(path)
+    return frames_apart(kind, path)
 
 
-_READERS: Final[dict[str, Callable[[Path], Table]]] = {"matlab": _matlab, "hdf5": _hdf5, "mdf": _mdf, "numpy": _numpy, "blf": _blf}
+def _dbc(path: Path) -> Table:
+    from beltcomm.foreign.signals import dbc_apart
+
+    return dbc_apart(path)
+
+
+_READERS: Final[dict[Kind, Callable[[Path], Table]]] = {
+    "matlab": _matlab,
+    "hdf5": _hdf5,
+    "mdf": _mdf,
+    "numpy": _numpy,
+    "blf": partial(_frames, "blf"),
+    "trc": partial(_frames, "trc"),
+    "dbc": _dbc,
+}
 
 
 def _bounded(kind: str, memory: int, limit_s: int) -> None:
@@ -94,7 +109,7 @@ def _answer(kind: Kind, path: Path, given: str, memory: int, limit_s: int) -> No
         fault = str(error).replace(str(path), given)
     except MemoryError:
         fault = (
-            f"{given} asks for more than {in_words(memory)} of memory, a file of its size needs far less; is it damaged? Export it as CSV"
+            f"{given} asks for more than {in_words(memory)} of memory, a file of its size needs far less; is it damaged? {instead_of(kind)}"
         )
     columns = {} if fault else table.columns
     about = {

@@ -7,21 +7,22 @@ import io
 import json
 import re
 import zlib
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from array import array
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import DataError, UsageError
-from beltcomm.foreign.apart import read_apart
+from beltcomm.foreign.apart import Kind, read_apart
 from beltcomm.foreign.table import Table, words_of
 from beltcomm.outside import MEASURED_BYTES, MOST_VALUES, in_words, opened
 
-_READ_BY_PYTHON_CAN = {".blf": "BLFReader", ".trc": "TRCReader"}
+#: Read by python-can, apart: on damaged bytes its readers turn in circles and take all memory.
+_READ_APART: Final[dict[str, Kind]] = {".blf": "blf", ".trc": "trc"}
 #: ``candump -L``: (1436509052.249713) can0 181#0011223344556677
 _COMPACT = re.compile(r"\((-?\d+\.\d+)\)\s+(\S+)\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(R\d?|#?[0-9A-Fa-f.]*)(?:\s+[TR])?\s*$")
 #: ``candump``:  (1436509052.249713)  can0  181   [8]  00 11 22 33 44 55 66 77; the stamp only with -t
@@ -34,8 +35,11 @@ _TURNS_NS = tuple(sorted({(1 << bits) * unit for bits in (16, 31, 32) for unit i
 _SHORTEST_TURN_NS = 1_000_000_000
 #: ns within which both sides of a turn lie to it.
 _AT_TURN_NS = 1_000_000_000
-#: Damaged stamps end here, that differences of two fit.
+#: Damaged stamps end here, that differences of two fit; and what stands for none.
 _LAST_NS = 1 << 61
+_NO_STAMP = -(1 << 62)
+#: Interfaces that are told apart.
+_MOST_CHANNELS = 1000
 #: Lines from which a text file is recognised as a log.
 _LOOKED_AT = 20
 #: Letters of a line that are read at once: no frame takes more.
@@ -91,7 +95,7 @@ class FrameLog:
 
 def is_frame_log(path: Path) -> bool:
     """Whether a file is a log of CAN frames: by its ending, or text whose first lines are candump's."""
-    if path.suffix.lower() in {".asc", *_READ_BY_PYTHON_CAN}:
+    if path.suffix.lower() in {".asc", *_READ_APART}:
         return True
     try:
         with _opened(path) as file:
@@ -114,37 +118,99 @@ def read_frames(path: Path, channel: str | None = None) -> FrameLog:
     """
     others = _Others()
     ending = path.suffix.lower()
-    reader = _READ_BY_PYTHON_CAN.get(ending)
-    if ending == ".blf":
-        frames = _of_table(read_apart("blf", path), others)
+    if ending in _READ_APART:
+        frames = _Frames.of_table(read_apart(_READ_APART[ending], path), others)
     else:
-        frames = list(_by_python_can(path, reader, others) if reader else (_asc if ending == ".asc" else _candump)(path, others))
+        frames = _Frames.of(path, (_asc if ending == ".asc" else _candump)(path, others))
     notes = others.notes
     if others.count:
         notes.append(f"{others.count} {others.what} left out{f', the first is line {others.first}' if others.first else ''}")
     in_file = len(frames) + others.count
-    if not frames:
+    if not len(frames):
         raise DataError(f"{path} holds no CAN frames that can be read{'; ' + notes[0] if notes else ''}; is it cut off?")
-    names = [name for name, _ in Counter(frame.channel for frame in frames).most_common()]
+    names = frames.channels_by_count()
     if channel is not None and channel not in names:
         raise UsageError(f"{path} has no frames of the interface {channel!r}; it has {', '.join(names)}")
     chosen = channel or names[0]
     if len(names) > 1:
-        frames = [frame for frame in frames if frame.channel == chosen]
         notes.append(f"only the frames of {chosen} are taken, not those of {', '.join(n for n in names if n != chosen)}: see --channel")
-    data = np.zeros((len(frames), _LONGEST), dtype=np.uint8)
-    flat = np.frombuffer(b"".join(frame.data.ljust(_LONGEST, b"\0") for frame in frames), dtype=np.uint8)
-    data[:] = flat.reshape(len(frames), _LONGEST)
+    taken = frames.of_channel(chosen)
     return FrameLog(
         str(path),
-        _risen([frame.time_ns for frame in frames], notes),
-        np.array([frame.identifier for frame in frames], dtype=np.int64),
-        np.array([frame.remote for frame in frames], dtype=np.bool_),
-        np.array([len(frame.data) for frame in frames], dtype=np.int64),
-        data,
+        _risen(taken["time_ns"], notes),
+        taken["identifier"],
+        taken["remote"].astype(np.bool_),
+        taken["length"].astype(np.int64),
+        taken["data"].copy(),
         tuple(notes),
         in_file,
     )
+
+
+class _Frames:
+    """Frames gathered in columns, 28 bytes each, for a log may hold many millions."""
+
+    def __init__(self) -> None:
+        self._channels: dict[str, int] = {}
+        self._columns = {"time_ns": array("q"), "channel": array("H"), "identifier": array("q"), "remote": array("B"), "length": array("B")}
+        self._data = bytearray()
+
+    def __len__(self) -> int:
+        return len(self._columns["length"])
+
+    @classmethod
+    def of(cls, path: Path, frames: Iterable[LoggedFrame]) -> _Frames:
+        """What a reader finds.   Raises DataError for more interfaces than any computer has."""
+        made = cls()
+        channels, columns, data = made._channels, made._columns, made._data
+        adds = [column.append for column in columns.values()]
+        for time_ns, channel, identifier, remote, content in frames:
+            number = channels.setdefault(channel, len(channels))
+            if number == _MOST_CHANNELS:
+                raise DataError(f"{path} names more than {_MOST_CHANNELS} interfaces; is it a log of CAN frames? Export one interface")
+            stamp = _NO_STAMP if time_ns is None else min(max(time_ns, -_LAST_NS), _LAST_NS)
+            for add, value in zip(adds, (stamp, number, identifier, remote, len(content)), strict=True):
+                add(value)
+            data += content.ljust(_LONGEST, b"\0")
+        return made
+
+    def table(self, path: Path, others: _Others) -> Table:
+        """As columns of numbers with what else is known in a note, for another process."""
+        columns = self._arrays()
+        seconds, ns = np.divmod(columns["time_ns"], 10**9)
+        numbers = [seconds, ns, *(columns[name] for name in ("channel", "identifier", "remote", "length")), *columns["data"].T]
+        about = {"count": others.count, "what": others.what, "notes": others.notes, "channels": list(self._channels)}
+        return Table(str(path), {str(k): column.astype(np.float64) for k, column in enumerate(numbers)}, notes=(json.dumps(about),))
+
+    @classmethod
+    def of_table(cls, table: Table, others: _Others) -> _Frames:
+        """The frames of :meth:`table`."""
+        about = json.loads(table.notes[0])
+        others.count, others.what, others.notes = int(about["count"]), str(about["what"]), list(map(str, about["notes"]))
+        made = cls()
+        made._channels = {str(name): number for number, name in enumerate(about["channels"])}
+        seconds, ns, *numbers = (table.columns[str(k)] for k in range(6 + _LONGEST))
+        columns = dict(zip(("channel", "identifier", "remote", "length"), numbers, strict=False))
+        columns["time_ns"] = seconds.astype(np.int64) * 10**9 + ns.astype(np.int64)
+        for name, column in made._columns.items():
+            column.frombytes(columns[name].astype(column.typecode).tobytes())
+        made._data = bytearray(np.column_stack(numbers[4:]).astype(np.uint8).tobytes())
+        return made
+
+    def channels_by_count(self) -> list[str]:
+        """The interfaces, that with the most frames first."""
+        counts = np.bincount(np.array(self._columns["channel"]), minlength=len(self._channels))
+        return [name for name, number in sorted(self._channels.items(), key=lambda item: -int(counts[item[1]]))]
+
+    def of_channel(self, channel: str) -> dict[str, NDArray[Any]]:
+        """Columns of the frames of one interface: time_ns, identifier, remote, length (n,), data (n, 8)."""
+        columns = self._arrays()
+        taken = columns["channel"] == self._channels[channel]
+        return {name: column[taken] for name, column in columns.items()}
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        columns = {name: np.frombuffer(column, dtype=column.typecode) for name, column in self._columns.items()}
+        return {**columns, "data": np.frombuffer(self._data, dtype=np.uint8).reshape(-1, _LONGEST)}
 
 
 @dataclass
@@ -285,38 +351,19 @@ def _by_python_can(path: Path, reader: str, others: _Others) -> Iterator[LoggedF
     others.count = max(there, number) - taken
 
 
-def read_blf(path: Path) -> Table:
-    """All frames of a BLF file as columns of numbers, with what else is known in a note: python-can turns in circles on damaged ones, so it
-    is read apart."""
+def frames_apart(kind: Kind, path: Path) -> Table:
+    """All frames of a file that python-can reads, in the process for such readers; :func:`read_frames` makes frames of them again."""
     others = _Others()
-    frames = list(_by_python_can(path, "BLFReader", others))
-    channels = list(dict.fromkeys(frame.channel for frame in frames))
-    numbers = {name: k for k, name in enumerate(channels)}
-    rows = [
-        (*divmod(f.time_ns or 0, 10**9), numbers[f.channel], f.identifier, f.remote, len(f.data), *f.data.ljust(_LONGEST, b"\0"))
-        for f in frames
-    ]
-    about = {"count": others.count, "what": others.what, "notes": others.notes, "channels": channels}
-    columns = np.array(rows, dtype=np.float64).reshape(len(rows), 6 + _LONGEST)
-    return Table(str(path), {str(k): column for k, column in enumerate(columns.T.copy())}, notes=(json.dumps(about),))
+    frames = _Frames.of(path, _by_python_can(path, {"blf": "BLFReader", "trc": "TRCReader"}[kind], others))
+    return frames.table(path, others)
 
 
-def _of_table(table: Table, others: _Others) -> list[LoggedFrame]:
-    """The frames of :func:`read_blf`."""
-    about = json.loads(table.notes[0])
-    others.count, others.what, others.notes = int(about["count"]), str(about["what"]), list(map(str, about["notes"]))
-    whole = np.column_stack(list(table.columns.values())).astype(np.int64)
-    return [
-        LoggedFrame(s * 10**9 + ns, str(about["channels"][channel]), identifier, bool(remote), bytes(data[:length]))
-        for s, ns, channel, identifier, remote, length, *data in whole.tolist()
-    ]
-
-
-def _risen(stamps: Sequence[int | None], notes: list[str]) -> NDArray[np.float64]:
+def _risen(stamps: NDArray[np.int64], notes: list[str]) -> NDArray[np.float64]:
     """Stamps since the first; those of ``candump -t d``, each since the one before, are added up; a counter's turns are taken out."""
-    if any(stamp is None for stamp in stamps):
-        return np.array([np.nan if stamp is None else stamp * 1e-9 for stamp in stamps])
-    exact = np.array([min(max(stamp, -_LAST_NS), _LAST_NS) for stamp in stamps if stamp is not None], dtype=np.int64)
+    without = stamps == _NO_STAMP
+    if without.any():
+        return np.where(without, np.nan, stamps * 1e-9)
+    exact = stamps
     if len(exact) > 2 and np.mean(np.diff(exact) < 0) > 0.1:
         notes.append("the stamps are the times between frames (candump -t d); they were added up")
         exact = np.cumsum(exact)
