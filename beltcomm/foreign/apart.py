@@ -22,7 +22,7 @@ from beltcomm.errors import DataError
 from beltcomm.foreign.table import Table
 from beltcomm.outside import MEASURED_BYTES, check_columns, check_count, opened
 
-Kind = Literal["matlab", "hdf5", "mdf", "numpy", "blf", "trc", "dbc"]
+Kind = Literal["matlab", "hdf5", "mdf", "numpy", "blf", "trc", "sqlite", "dbc"]
 
 #: s of processor time that a reader may take, and how much more for each byte of the file: ten times what whole files take; and how many
 #: times as long by the clock, on a machine that is busy otherwise.
@@ -38,6 +38,7 @@ _NAMES: Final[dict[Kind, str]] = {
     "numpy": "a NumPy file",
     "blf": "a BLF file",
     "trc": "a TRC file",
+    "sqlite": "a database of CAN frames",
     "dbc": "a DBC file",
 }
 

@@ -76,6 +76,7 @@ _READERS: Final[dict[Kind, Callable[[Path], Table]]] = {
     "numpy": _numpy,
     "blf": partial(_frames, "blf"),
     "trc": partial(_frames, "trc"),
+    "sqlite": partial(_frames, "sqlite"),
     "dbc": _dbc,
 }
 

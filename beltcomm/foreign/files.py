@@ -11,7 +11,8 @@ from beltcomm.axis import Axis
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.apart import Kind, read_apart
 from beltcomm.foreign.convert import Reading
-from beltcomm.foreign.framelog import is_frame_log, read_frames
+from beltcomm.foreign.framelines import kind_of_log
+from beltcomm.foreign.framelog import read_frames
 from beltcomm.foreign.mdf import check_mdf, is_mdf
 from beltcomm.foreign.table import Decimal, Separator, Table
 from beltcomm.foreign.textfile import read_text_table
@@ -53,7 +54,7 @@ def parts_of(path: Path, reading: Reading, axis: Axis) -> list[Part]:
     """All recordings that a file holds.   axis : gives units that a log of frames does not show.   Raises UsageError, DataError."""
     _check_there(path)
     sha256 = sha256_of(path)
-    if not is_frame_log(path):
+    if kind_of_log(path) is None:
         for option in ("signals", "dbc", "channel", "record", "node"):
             if getattr(reading, option):
                 name = option.removesuffix("s")

@@ -63,6 +63,8 @@ _UNIT_WORDS = {other for unit in UNITS.values() for other in unit.others} | {
 
 
 class Line(NamedTuple):
+    """A line of a text file.   number : from 1."""
+
     number: int
     text: str
 

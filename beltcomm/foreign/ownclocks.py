@@ -131,7 +131,7 @@ def _is_time(table: Table, name: str, period_s: float) -> bool:
     even = bool(np.mean(np.abs(steps / usual - 1.0) < 0.2) > 0.9)
     fits = any(abs(usual * tick / period_s - 1.0) < 0.01 for tick in _TICKS)
     named = (meaning := meaning_of(table, name)) is not None and meaning.quantity == "time"
-    return even and fits and (named or list(table.columns)[0] == name)
+    return even and fits and (named or next(iter(table.columns)) == name)
 
 
 def _sparse(table: Table) -> Table:

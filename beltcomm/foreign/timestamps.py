@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import re
 from collections.abc import Sequence
 from functools import lru_cache
@@ -93,7 +92,7 @@ def _day(text: tuple[str, str, str], places: tuple[int, int, int]) -> int:
     year, month, day = (text[place] for place in places)
     if len(year) not in (2, 4):
         raise ValueError("which is no date")
-    return datetime.date(int(year) + (2000 if len(year) == 2 else 0), int(month), int(day)).toordinal()
+    return int(np.datetime64(f"{int(year) + (2000 if len(year) == 2 else 0):04}-{int(month):02}-{int(day):02}", "D").astype(np.int64))
 
 
 def rough_stamps(t_s: Column) -> str:
@@ -103,10 +102,10 @@ def rough_stamps(t_s: Column) -> str:
     resolution, step = float(np.spacing(np.float32(np.abs(t_s).max()))), float(np.median(np.diff(t_s)))
     if not step > 0.0 or resolution < _ROUGH * step or np.array_equal(t_s, np.round(t_s)):
         return ""
-    rate = (len(t_s) - 1) / float(t_s[-1] - t_s[0])
+    rate, share = (len(t_s) - 1) / float(t_s[-1] - t_s[0]), 100.0 * resolution / step
     return (
-        f"the stamps are single-precision numbers, at {np.abs(t_s).max():.6g} s exact to {1e3 * resolution:.3g} ms ({100.0 * resolution / step:.2g} % "
-        f"of a step): if the sampling was even, import with --rate {rate:.6g}Hz instead of the stamps"
+        f"the stamps are single-precision numbers, at {np.abs(t_s).max():.6g} s exact to {1e3 * resolution:.3g} ms ({share:.2g} % of "
+        f"a step): if the sampling was even, import with --rate {rate:.6g}Hz instead of the stamps"
     )
 
 
