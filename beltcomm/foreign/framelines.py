@@ -7,6 +7,7 @@ import io
 import re
 import zlib
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -71,14 +72,15 @@ class Others:
         self.count, self.first = self.count + 1, self.first or number
 
 
-def opened_text(path: Path) -> Any:
+@contextmanager
+def opened_text(path: Path) -> Iterator[io.TextIOWrapper]:
     """A text file to read from, a gzip file's unpacked.   Raises OSError, DataError."""
-    file = opened(path)
-    packed = file.read(2) == b"\x1f\x8b"
-    file.seek(0)
-    if packed:
-        return io.TextIOWrapper(gzip.GzipFile(fileobj=file), encoding="utf-8", errors="replace")
-    return io.TextIOWrapper(file, encoding="utf-8", errors="replace")
+    with opened(path) as file:
+        packed = file.read(2) == b"\x1f\x8b"
+        file.seek(0)
+        source: Any = gzip.GzipFile(fileobj=file) if packed else file
+        with io.TextIOWrapper(source, encoding="utf-8", errors="replace") as text:
+            yield text
 
 
 #: What stands at the beginning of files that hold frames; PEAK's and Vector's text formats have a header of their own.
@@ -88,7 +90,7 @@ _ASC_HEAD = re.compile(r"\s*base\s+(hex|dec)\b|\s*Begin Trigger\s?block|//\s*ver
 #: Headers of frames in CSV: python-can's, SavvyCAN's, and others with a time, an identifier and data.
 _CSV_TIME = re.compile(r"time ?stamps?( ?\(?u?s\)?)?|time( ?\[?\(?u?s\]?\)?)?|zeit", re.I)
 _CSV_ID = re.compile(r"arbitration_id|(can[ _-]?)?id(entifier)?( ?\(?hex\)?)?", re.I)
-_CSV_DATA = re.compile(r"data( ?bytes)?( ?\(?hex\)?)?|payload|(d|b|data|byte)[ _]?[0-7]", re.I)
+_CSV_DATA = re.compile(r"data( ?bytes)?( ?\(?hex\)?)?|payload|(d|b|data|byte)[ _]?[0-8]", re.I)
 
 
 def kind_of_log(path: Path) -> LogKind | None:
@@ -108,7 +110,11 @@ def kind_of_log(path: Path) -> LogKind | None:
     except (OSError, EOFError, ValueError, zlib.error):
         lines = []
     kind = _kind_of_lines(lines)
-    if kind is None and ending in {".blf", ".trc", ".asc"} and not (ending != ".blf" and _is_a_table(lines)):
+    if (
+        kind is None
+        and ending in {".blf", ".trc", ".asc"}
+        and not (ending != ".blf" and (b"\0" in begin or b"#9" in begin or _is_a_table(lines)))
+    ):
         return {".blf": "blf", ".trc": "trc", ".asc": "asc"}[ending]  # type: ignore[return-value]
     return kind
 

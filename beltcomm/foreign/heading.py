@@ -112,11 +112,20 @@ def heading_of(above: Sequence[Line], shape: Shape, commented: tuple[str, ...]) 
     block = _Block(shape)
     rest = [line for line in above if not block.takes(line)]
     names, units, number = _header(rest, shape, commented, required=not block.names)
-    names, units = (block.names or names), (block.units or units)
+    names, units = (block.names or names), (_beside_clocks(block.units, names) or units)
     period, start = block.periods, block.starts
     if names and not any(period) and len(names) == shape.width:
         names, period, start = _increment_beside(names, rest, shape)
     return Heading(names, units, block.line or number, period, start, block.clocks)
+
+
+def _beside_clocks(units: list[str], names: list[str]) -> list[str]:
+    """Units of the channels alone by column, where each channel has a time column of one name."""
+    channels = [k for k, name in enumerate(names) if name and name != names[0]]
+    stated = [unit for unit in units if unit]
+    if len(names) - len(channels) < 2 or len(stated) != len(channels):
+        return units
+    return [stated[channels.index(k)] if k in channels else "" for k in range(len(names))]
 
 
 class _Block:
@@ -226,7 +235,8 @@ def _header(above: Sequence[Line], shape: Shape, commented: tuple[str, ...], *, 
 def _as_wide(fields: list[str], text: str, shape: Shape, comment: bool) -> list[str]:
     """The cells of a header as many as the rows', where it is plain how they differ."""
     if shape.spaces and len(fields) != shape.width:  # names with a blank inside, more blanks between them
-        fields = re.split(r"\s{2,}|\t", text.strip())
+        parted = re.split(r"\s{2,}|\t", text.strip())
+        fields = parted if len(parted) == shape.width else fields
     if len(fields) > shape.width and all(cell.strip().strip('"').lower() in _REMARKS for cell in fields[shape.width :]):
         return fields[: shape.width]  # a column of remarks that no row has
     if len(fields) == shape.width - 1 and not comment:

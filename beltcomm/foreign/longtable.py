@@ -33,7 +33,7 @@ def unstacked(table: Table) -> Table:
     signals, which = np.unique(np.char.strip(np.char.strip(table.columns[names].astype(str)), '"'), return_inverse=True)
     check_columns(table.file, 2 * len(signals))
     stamps, notes = _stamps(table, time)
-    unit = table.unit(time)
+    unit = "s" if time == "Time_ms" and "VarName" in table.columns else table.unit(time)
     columns: dict[str, Column] = {}
     stated: dict[str, str] = {}
     clocks: dict[str, str] = {}
@@ -56,6 +56,8 @@ def unstacked(table: Table) -> Table:
 
 def _stamps(table: Table, time: str) -> tuple[NDArray[np.float64], tuple[str, ...]]:
     stamps = table.columns[time]
+    if time == "Time_ms" and "VarName" in table.columns:  # of WinCC: millionths of a day
+        return (stamps - stamps[0]) * 0.0864, ()
     return (stamps, ()) if stamps.dtype.kind == "f" else seconds_of(table.file, time, stamps)
 
 

@@ -93,10 +93,7 @@ def _by_period(table: Table, heading: Heading) -> Table:
     one = stated.pop() if len(stated) == 1 else 0.0
     time = next((name for name in names if one and _is_time(table, name, one)), None)
     if time is not None:
-        seconds, unit = _in_seconds(table.columns[time], one)
-        if not unit or table.unit(time):
-            return _sparse(table)
-        return _sparse(replace(table, columns={**table.columns, time: seconds}, units={**table.units, time: unit}))
+        return _timed_by(table, time, one)
     columns: dict[str, Column] = {}
     clocks: dict[str, str] = {}
     made: dict[tuple[float, float, int], str] = {}
@@ -118,6 +115,19 @@ def _by_period(table: Table, heading: Heading) -> Table:
     units = {name: unit for name, unit in table.units.items() if name in columns} | dict.fromkeys(made.values(), "s")
     told = ", ".join(f"{1e3 * period:.6g} ms" for period, *_ in made)
     return Table(table.file, columns, units, (*table.notes, f"the time is that of the file's sample time, {told}"), clocks)
+
+
+def _timed_by(table: Table, time: str, period_s: float) -> Table:
+    """The table with a column that steps by the stated sample time as the time of all."""
+    if _is_named_time(table, time) and table.unit(time):
+        return _sparse(table)
+    seconds, _ = _in_seconds(table.columns[time], period_s)
+    clock = time if _is_named_time(table, time) else "time"
+    columns = {clock if name == time else name: seconds if name == time else column for name, column in table.columns.items()}
+    units = {name: unit for name, unit in table.units.items() if name != time} | {clock: "s"}
+    made = _sparse(replace(table, columns=columns, units=units))
+    same = {name: clock for name, column in columns.items() if name != clock and len(column) == len(seconds) and column.dtype.kind == "f"}
+    return made if made.clocks else replace(made, clocks=same)
 
 
 def _is_time(table: Table, name: str, period_s: float) -> bool:
