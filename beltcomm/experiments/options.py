@@ -45,7 +45,7 @@ NUMBERS = {
 #: Ratings of a drive that a session lowers while it works.
 RATINGS = ("peak_torque_nm", "max_speed_rad_s")
 COUNTS = ("seed", "repeat", "node", "bitrate")
-NAMES = ("profile", "first_motion")
+NAMES = ("profile", "slave", "first_motion")
 #: s: longest plan that ``yes`` answers for; a person beside the machine looks at it once in a quarter of an hour.
 LONGEST_S = 900.0
 
@@ -90,6 +90,8 @@ class Options:
         None is the best one; "compliant" is for ``verify``.
     profile, node, bitrate, realtime
         Of the drive.
+    slave : str or None
+        Which drive a virtual one plays.
     order, repeat, mounted_kg
         Of friction sweeps (thesis 3.6), how often, and the payload that is mounted while they are driven.
     loop : Way
@@ -142,6 +144,7 @@ class Options:
     repeat: int | None = None
     mounted_kg: float | None = None
     profile: str | None = None
+    slave: str | None = None
     node: int | None = None
     bitrate: int | None = None
     realtime: bool = False
@@ -220,6 +223,7 @@ class Options:
         given = {
             "seed": self.seed,
             "profile": self.profile,
+            "as": self.slave,
             "node": self.node,
             "bitrate": self.bitrate,
             "sample_period": self.sample_period_s,
