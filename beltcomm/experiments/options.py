@@ -13,7 +13,7 @@ from beltcomm.design.feedforward import SentFeedforward
 from beltcomm.drive import Capabilities, Drive
 from beltcomm.errors import Declined, Refused, UsageError
 from beltcomm.excitation import ExcitationKind
-from beltcomm.given import Place, choice, number, place, whole, word
+from beltcomm.given import Place, Reached, choice, number, pasted, place, whole, word
 from beltcomm.identify.loop_response import CLOSED_WAYS, Way
 from beltcomm.machine.hardware import Hardware
 from beltcomm.rundata.calibration import RESULT
@@ -217,6 +217,13 @@ class Options:
         if self.base_speed_m_s is not None and not self.base_speed_m_s >= 0.0:
             raise UsageError(f"the base speed is {self.base_speed_m_s:g} m/s; give a positive one, or 0 to stand")
         return True
+
+    def reached(self, drive: str) -> Reached:
+        """The drive's name for the next command, with the options that it is reached by."""
+        given = {"profile": self.profile, "node": self.node, "bitrate": self.bitrate}
+        found = Reached(drive)
+        found.options = " ".join(f"--{name} {pasted(value)}" for name, value in given.items() if value is not None)
+        return found
 
     def for_drive(self) -> dict[str, object]:
         """The adapter's options: those that were given."""

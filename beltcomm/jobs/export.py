@@ -111,6 +111,12 @@ def _dcf(folder: RunFolder, saved: Mapping[str, Any], out: Path | None, when: st
     Refused
     """
     known = folder.load_result("drive") or {}
+    if known.get("gains") == "unknown":
+        raise Refused(
+            "nobody knows in which objects this drive has its gains, so there is no DCF of them; `beltcomm design` shows what to type "
+            "into the "
+            "maker's tool, and --format yaml, c or st hold the design"
+        )
     places = parameters_from_dict(known)
     if unknown := known.get("uncalibrated"):
         raise Refused(
