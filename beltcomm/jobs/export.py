@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from beltcomm import __version__
 from beltcomm.configfiles import write_text
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.drive.objects import object_values
@@ -24,6 +23,7 @@ from beltcomm.rundata.proof import doubts
 from beltcomm.rundata.store import cascade_from_dict, parameters_from_dict, saved_design, structure_from_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Silence, Talk
+from beltcomm.version import __version__
 
 
 def export(
