@@ -186,7 +186,9 @@ def interpolation_time(period_s: float) -> tuple[int, int]:
         value = round(period_s * 10.0**-power)
         if 1 <= value <= _BYTE and abs(value * 10.0**power - period_s) <= _SAME_S:
             return value, power
-    raise UsageError(f"a period of {1e3 * period_s:g} ms cannot be told to the drive (60C2h, a byte times a power of ten); choose another one")
+    raise UsageError(
+        f"a period of {1e3 * period_s:g} ms cannot be told to the drive (60C2h, a byte times a power of ten); choose another one"
+    )
 
 
 def _steps(acceleration_rad_s2: float, scaling: Scaling) -> int:
