@@ -73,7 +73,8 @@ class CanopenDrive(ObjectDrive):
         where = f"{bus.channel_info}, node {node}" + (f", {bitrate // 1000} kbit/s" if bitrate else "")
         identity = read_identity(self._objects, where)
         self._link.restarted = False  # it may just have been switched on; from here on it must stay so
-        self._take_over(self._link, choose_profile(identity, profile))
+        chosen = choose_profile(identity, profile)
+        self._take_over(self._link, chosen.with_modes(supported_modes(self._objects, chosen)))
         try:
             self.capabilities = read_capabilities(
                 self._objects,

@@ -164,7 +164,9 @@ def lend_settings(
     if mode in TORQUE_MODES and profile.torque_exit == "velocity" and math.isfinite(limits.deceleration_rad_s2):
         lending.set(0x6084, 0, "uint32", _steps(limits.deceleration_rad_s2, scaling))
     if mode == 4 and profile.torque_slope_permille_s is not None:
-        lending.set(0x6087, 0, "uint32", profile.torque_slope_permille_s)
+        slope = objects.read_if_there(0x6087, 0, "uint32")
+        if slope is not None and slope < profile.torque_slope_permille_s:
+            lending.set_if_there(0x6087, 0, "uint32", profile.torque_slope_permille_s)
     if mode == 7:
         lending.set_if_there(0x60C0, 0, "int16", _LINEAR_INTERPOLATION)
         lending.set_if_there(0x60C1, 2, "uint8", 0)  # absolute positions; before sub 1 (F1 p195)

@@ -5,8 +5,8 @@ A quirk of a drive is a line in its file, never a branch on its name.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, Final, Literal
 
@@ -57,7 +57,8 @@ class Profile:
     """A kind of drive.
 
     match : of its identity; None is chosen by name only.
-    modes : CiA 402 mode of operation by kind of motion.    supported_modes : asked when the drive has no 6502h.
+    modes : CiA 402 mode of operation by kind of motion.    choices : all that may serve, the best first; see :meth:`with_modes`.
+    supported_modes : asked when the drive has no 6502h.
     units : "cia402" (608Fh, 6091h, 6092h) or "factor_group" (6093h, 6094h, 6097h of the Metronix family).
     offsets : 60B1h and 60B2h exist.    guarding : how the drive notices that its host is gone.
     torque_sampling : see :class:`beltcomm.drive.Capabilities`.
@@ -110,6 +111,12 @@ class Profile:
     dead_zone: tuple[int, int] | None = None
     emergency: Mapping[int, str] = field(default_factory=dict)
     signals: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    choices: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+
+    def with_modes(self, available: Collection[int]) -> Profile:
+        """The profile with the first mode of each kind that a drive has; the first of all where it has none."""
+        best = {kind: next((mode for mode in modes if mode in available), modes[0]) for kind, modes in self.choices.items()}
+        return replace(self, modes=best)
 
 
 @cache
@@ -170,7 +177,10 @@ def _profile(raw: dict[str, Any]) -> Profile:
     if raw.get("torque_exit", "quick_stop") not in ("quick_stop", "velocity"):
         raise ValueError(f"torque_exit is {raw['torque_exit']!r}, not quick_stop or velocity")
     logic, referenced = raw.pop("enable_logic", None), raw.pop("referenced", None)
+    choices = {str(kind): tuple(wanted) if isinstance(wanted, list) else (wanted,) for kind, wanted in raw.pop("modes").items()}
     return Profile(
+        modes={kind: wanted[0] for kind, wanted in choices.items()},
+        choices=choices,
         shortest_sync_ms=float(sync["shortest_ms"]),
         sync_step_ms=float(sync["step_ms"]),
         sync_change=sync["change"],
@@ -217,7 +227,7 @@ def _check_writes(profile: Profile, *, shipped: bool) -> None:
 
     shipped : it came with this package; any other one may hand control to the bus by an object only that a shipped one does it by.
     """
-    for kind, mode in profile.modes.items():
+    for kind, mode in ((kind, mode) for kind, modes in profile.choices.items() for mode in modes):
         if mode not in MODES.get(kind, ()):
             raise ValueError(f"mode {mode!r} for motions of kind {kind!r}; known are {', '.join(f'{k} {v}' for k, v in MODES.items())}")
     places = [(entry.index, entry.subindex) for entry in profile.parameters.values()]
