@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from beltcomm.configfiles import did_you_mean
 from beltcomm.control import CascadeStructure
 from beltcomm.drive.finding import Finding
-from beltcomm.drive.objects import ObjectValue, ParameterObject
+from beltcomm.drive.objects import DictionaryEntry, ObjectValue, ParameterObject
 from beltcomm.drive.parameters import GainAccess, GainTerm
 from beltcomm.errors import UsageError
 from beltcomm.given import word
@@ -537,6 +537,9 @@ class Adapter:
         ``serve(address, on, options) -> Service``, of a drive that is simulated: for other processes, on the interface ``on``.
     logs : bool
         ``open`` takes the option ``log``, which is called with every frame of its bus.
+    new_profile : callable or None
+        ``new_profile(address, options, device, entries) -> text`` of a profile, from the drive at an address, None for none, and from what
+        an EDS says: its device section and its objects.
     """
 
     name: str
@@ -548,6 +551,7 @@ class Adapter:
     surroundings: Callable[[], Iterable[Finding]] | None = None
     serve: Callable[[str, str, Mapping[str, object]], Service] | None = None
     logs: bool = False
+    new_profile: Callable[[str | None, Mapping[str, object], Mapping[str, str], Sequence[DictionaryEntry]], str] | None = None
 
 
 @dataclass(frozen=True)
