@@ -19,7 +19,7 @@ Path = tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Value:
+class FieldValue:
     """A single value.   give : what is to be given, in words.   fits : whether a value is that."""
 
     give: str
@@ -27,7 +27,7 @@ class Value:
 
 
 @dataclass(frozen=True)
-class Group:
+class FieldGroup:
     """A mapping.   fields : by key, "*" for any.   needed : keys that must be there."""
 
     fields: Mapping[str, Any]
@@ -35,51 +35,51 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Rows:
+class FieldRows:
     """A list.   row : each of its entries."""
 
-    row: Group
+    row: FieldGroup
 
 
-def _word(give: str) -> Value:
-    return Value(give, lambda value: isinstance(value, str) and bool(value.strip()))
+def _word(give: str) -> FieldValue:
+    return FieldValue(give, lambda value: isinstance(value, str) and bool(value.strip()))
 
 
-def _number(give: str, least: float, most: float) -> Value:
-    return Value(f"{give}, {least:g} to {most:g}", lambda v: _is_number(v) and least <= float(v) <= most)
+def _number(give: str, least: float, most: float) -> FieldValue:
+    return FieldValue(f"{give}, {least:g} to {most:g}", lambda v: _is_number(v) and least <= float(v) <= most)
 
 
-def _whole(give: str, least: int, most: int) -> Value:
+def _whole(give: str, least: int, most: int) -> FieldValue:
     span = f"{least:X}h to {most:X}h" if most > 9999 else f"{least} to {most}"
-    return Value(f"{give}, {span}", lambda v: isinstance(v, int) and not isinstance(v, bool) and least <= v <= most)
+    return FieldValue(f"{give}, {span}", lambda v: isinstance(v, int) and not isinstance(v, bool) and least <= v <= most)
 
 
 def _is_number(value: object) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _choice(*words: str) -> Value:
-    return Value(f"one of {', '.join(words)}", lambda value: value in words)
+def _choice(*words: str) -> FieldValue:
+    return FieldValue(f"one of {', '.join(words)}", lambda value: value in words)
 
 
-def _modes(kind: str) -> Value:
+def _modes(kind: str) -> FieldValue:
     known = MODES[kind]
     words = f"mode {' or '.join(map(str, known))} of CiA 402, or a list of them, the best first"
-    return Value(words, lambda v: bool(v) and all(isinstance(m, int) and m in known for m in (v if isinstance(v, list) else [v])))
+    return FieldValue(words, lambda v: bool(v) and all(isinstance(m, int) and m in known for m in (v if isinstance(v, list) else [v])))
 
 
-_YES: Final = Value("true or false", lambda value: isinstance(value, bool))
+_YES: Final = FieldValue("true or false", lambda value: isinstance(value, bool))
 _INDEX, _SUBINDEX = _whole("an index of the object dictionary", 0x1000, 0xFFFF), _whole("a subindex", 0, 0xFF)
 _PLACE: Final = {"index": _INDEX, "subindex": _SUBINDEX}
 _BIT: Final = _whole("a bit", 0, 31)
 _TYPE: Final = _choice(*TYPES)
 _SOURCE: Final = {"source": _word("where it is from, a text"), "confidence": _choice(*CONFIDENCES)}
 _UNIT: Final = _word("the name of a unit, such as rpm, 0.1 rpm, counts/s, rpm/s")
-_LOCK: Final = Group(
+_LOCK: Final = FieldGroup(
     {"index": _INDEX, "first": _INDEX, "last": _INDEX, "subindex": _SUBINDEX, "what": _word("what it holds, a text"), **_SOURCE},
     ("what", *_SOURCE),
 )
-_GAIN: Final = Group(
+_GAIN: Final = FieldGroup(
     {
         **_PLACE, "type": _TYPE, "scale": _number("SI at the motor shaft of one raw unit", 1e-30, 1e30),
         "lowest": _number("the smallest raw value", -1e12, 1e12), "highest": _number("the largest raw value", -1e12, 1e12),
@@ -87,7 +87,7 @@ _GAIN: Final = Group(
     },
     ("index", "subindex", "type"),
 )  # fmt: skip
-_TERM: Final = Group(
+_TERM: Final = FieldGroup(
     {
         "place": _word("object or name in the maker's tool"), "what": _word("what it does"), "missing": _word("what is not known of it"),
         "parameter": _choice(*GAIN_NAMES, "integral_time_s"), "unit": _word("the unit that the tool shows"),
@@ -97,14 +97,14 @@ _TERM: Final = Group(
 )  # fmt: skip
 
 #: The whole file.
-PROFILE: Final = Group(
+PROFILE: Final = FieldGroup(
     {
         "name": _word("a short name"),
         "title": _word("maker and series"),
         "like": _word("the name of a shipped profile whose entries hold where this file has none; cia402 when left out"),
-        "match": Value("null, or a mapping of vendor_id, product_code and device_names (a list)", lambda v: v is None or _matches(v)),
-        "modes": Group({kind: _modes(kind) for kind in MODES}),
-        "supported_modes": Value(
+        "match": FieldValue("null, or a mapping of vendor_id, product_code and device_names (a list)", lambda v: v is None or _matches(v)),
+        "modes": FieldGroup({kind: _modes(kind) for kind in MODES}),
+        "supported_modes": FieldValue(
             "a list of modes of CiA 402", lambda v: isinstance(v, list) and all(isinstance(m, int) and 0 <= m <= 10 for m in v)
         ),
         "units": _choice("cia402", "factor_group"),
@@ -115,19 +115,19 @@ PROFILE: Final = Group(
         "offsets": _YES,
         "guarding": _choice("heartbeat", "node_guarding"),
         "torque_sampling": _choice("over", "after"),
-        "torque_scale": Group(
+        "torque_scale": FieldGroup(
             {"of": _choice("rated_torque", "rated_current", "drive_peak", "unknown"), "check": _word("what tells whether it is right")},
             ("of", "check"),
         ),
-        "sync": Group(
+        "sync": FieldGroup(
             {
                 "shortest_ms": _number("ms", 0.05, 100.0), "step_ms": _number("ms", 0.05, 100.0),
                 "change": _choice("at_once", "after_reset"),
             }
         ),
-        "structure": Group(
+        "structure": FieldGroup(
             {
-                "prefilters": Value(
+                "prefilters": FieldValue(
                     f"a list of some of {', '.join(PREFILTER_KINDS)}",
                     lambda v: isinstance(v, list) and bool(v) and all(kind in PREFILTER_KINDS for kind in v),
                 ),
@@ -135,22 +135,22 @@ PROFILE: Final = Group(
             }
         ),
         "gain_meaning": _choice("documented", "unconfirmed", "none"),
-        "parameters": Group({name: _GAIN for name in GAIN_NAMES}),
-        "known_gains": Rows(_TERM),
-        "never_write": Rows(_LOCK),
-        "enable_logic": Group({**_PLACE, "type": _TYPE, "value": _whole("a value", 0, 0xFFFFFFFF)}, (*_PLACE, "type", "value")),
+        "parameters": FieldGroup({name: _GAIN for name in GAIN_NAMES}),
+        "known_gains": FieldRows(_TERM),
+        "never_write": FieldRows(_LOCK),
+        "enable_logic": FieldGroup({**_PLACE, "type": _TYPE, "value": _whole("a value", 0, 0xFFFFFFFF)}, (*_PLACE, "type", "value")),
         "torque_slope_permille_s": _whole("6087h", 1, 0xFFFFFFFF),
         "torque_exit": _choice("quick_stop", "velocity"),
         "torque_limit_lowest_permille": _number("thousandths of rated torque", 0, 1000),
-        "referenced": Group({**_PLACE, "bit": _BIT}, (*_PLACE, "bit")),
-        **{name: Group(_PLACE, tuple(_PLACE)) for name in ("loop_period", "overload_time", "output_limit", "dead_zone")},
-        "emergency": Value(
+        "referenced": FieldGroup({**_PLACE, "bit": _BIT}, (*_PLACE, "bit")),
+        **{name: FieldGroup(_PLACE, tuple(_PLACE)) for name in ("loop_period", "overload_time", "output_limit", "dead_zone")},
+        "emergency": FieldValue(
             "a mapping of EMCY codes to texts",
             lambda v: isinstance(v, dict) and all(isinstance(k, int) and 0 <= k <= 0xFFFF and isinstance(t, str) for k, t in v.items()),
         ),
-        "signals": Group({"*": Group({**_PLACE, "bit": _BIT, "bits": Group({"*": _BIT})}, ("index",))}),
+        "signals": FieldGroup({"*": FieldGroup({**_PLACE, "bit": _BIT, "bits": FieldGroup({"*": _BIT})}, ("index",))}),
         "bus": _word("canopen, or what it has in its place"),
-        "sources": Group({"*": Group(_SOURCE, tuple(_SOURCE))}),
+        "sources": FieldGroup({"*": FieldGroup(_SOURCE, tuple(_SOURCE))}),
     },
     ("name", "title"),
 )  # fmt: skip
@@ -165,7 +165,7 @@ def _matches(value: object) -> bool:
     return whole and isinstance(names, list) and all(isinstance(name, str) and name for name in names)
 
 
-def faults(raw: object, group: Group = PROFILE, path: Path = ()) -> Iterator[tuple[Path, str]]:
+def faults(raw: object, group: FieldGroup = PROFILE, path: Path = ()) -> Iterator[tuple[Path, str]]:
     """Where a file is not as it must be, with a sentence each, from the outermost field in."""
     where = ".".join(path)
     if not isinstance(raw, Mapping):
@@ -180,9 +180,9 @@ def faults(raw: object, group: Group = PROFILE, path: Path = ()) -> Iterator[tup
         name = ".".join(here)
         if node is None:
             yield here, f"{name} is no field of a profile{did_you_mean(str(key), group.fields)}"
-        elif isinstance(node, Group):
+        elif isinstance(node, FieldGroup):
             yield from faults(value, node, here)
-        elif isinstance(node, Rows):
+        elif isinstance(node, FieldRows):
             if not isinstance(value, list):
                 yield here, f"{name} is {_shown(value)}; give a list"
                 continue
@@ -194,7 +194,13 @@ def faults(raw: object, group: Group = PROFILE, path: Path = ()) -> Iterator[tup
 
 
 def _give(node: Any) -> str:
-    return node.give if isinstance(node, Value) else "it as a list" if isinstance(node, Rows) else f"a mapping of {', '.join(node.fields)}"
+    return (
+        node.give
+        if isinstance(node, FieldValue)
+        else "it as a list"
+        if isinstance(node, FieldRows)
+        else f"a mapping of {', '.join(node.fields)}"
+    )
 
 
 def _shown(value: object) -> str:

@@ -20,7 +20,7 @@ from beltcomm_adapters.canopen import connect
 from beltcomm_adapters.gains import Parameters
 from beltcomm_adapters.link import Link
 from beltcomm_adapters.locks import ALWAYS
-from beltcomm_adapters.profile_schema import CONFIDENCES, PROFILE, Group, Rows, faults
+from beltcomm_adapters.profile_schema import CONFIDENCES, PROFILE, FieldGroup, FieldRows, faults
 from beltcomm_adapters.profiles import UNSOURCED, choose_profile, load_profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import SdoObjects
@@ -197,14 +197,14 @@ def test_a_stranger_s_profile_writes_settings_only(tmp_path, old, new, words):
     assert load_profile(str(path)).enable_logic == load_profile("cmmp-as").enable_logic
 
 
-def leaves(group: Group, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+def leaves(group: FieldGroup, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
     for key, node in group.fields.items():
         if key in GAIN_NAMES[1:]:  # as the first
             continue
         here = (*path, "thing" if key == "*" else key)
-        if isinstance(node, Group):
+        if isinstance(node, FieldGroup):
             yield from leaves(node, here)
-        elif isinstance(node, Rows):
+        elif isinstance(node, FieldRows):
             yield from leaves(node.row, (*here, "0"))
         else:
             yield here
