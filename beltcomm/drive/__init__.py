@@ -130,6 +130,21 @@ class Guarding:
 
 
 @dataclass(frozen=True)
+class Nameplate:
+    """What is known of a motor beforehand, for what a drive does not tell; None where nobody knows it.
+
+    rated_torque_nm, peak_torque_nm : N m.   torque_constant_nm_a : N m per A rms.   max_speed_rad_s : that it is driven with at most.
+    counts_per_rev : increments of its encoder.
+    """
+
+    rated_torque_nm: float | None = None
+    peak_torque_nm: float | None = None
+    torque_constant_nm_a: float | None = None
+    max_speed_rad_s: float | None = None
+    counts_per_rev: int | None = None
+
+
+@dataclass(frozen=True)
 class Capabilities:
     """What a connected drive can do, as read from it or from its profile (never assumed).
 
@@ -314,6 +329,7 @@ class Adapter:
     surroundings : what on this machine the adapter could be used with, or why nothing.
     serve : ``serve(address, on, options) -> Service``, of a drive that is simulated: for other processes, on the interface ``on``.
     logs : ``open`` takes the option ``log``, which is called with every frame of its bus.
+    nameplates : ``open`` and ``examine`` take the option ``nameplate``, a :class:`Nameplate`, for what the drive does not tell.
     """
 
     name: str
@@ -325,6 +341,12 @@ class Adapter:
     surroundings: Callable[[], Iterable[Finding]] | None = None
     serve: Callable[[str, str, Mapping[str, object]], Service] | None = None
     logs: bool = False
+    nameplates: bool = False
+
+    def taken(self, options: Mapping[str, object]) -> dict[str, object]:
+        """Of what programs add to every adapter's options what this one takes."""
+        refused = {name for name, takes in (("log", self.logs), ("nameplate", self.nameplates)) if not takes}
+        return {name: value for name, value in options.items() if name not in refused}
 
 
 @dataclass(frozen=True)
@@ -360,7 +382,7 @@ def simulated(name: str) -> bool:
 def open_drive(name: str, options: Mapping[str, object] | None = None) -> Drive:
     """Open the drive called ``name`` (``virtual:g_a``, ``can0``, ``slcan:PORT`` ...).   Raises as adapter and :func:`adapter_for`."""
     adapter, address = adapter_for(name, find_adapters())
-    return adapter.open(address, {key: value for key, value in (options or {}).items() if key != "log" or adapter.logs})
+    return adapter.open(address, adapter.taken(options or {}))
 
 
 def adapter_for(name: str, found: Sequence[FoundAdapter]) -> tuple[Adapter, str]:
