@@ -222,6 +222,7 @@ class CanopenDrive(ObjectDrive):
         self._machine.reset_fault()
         self._machine.disable()
         link.forget_emergency()
+        exchange: Exchange | None = None
         try:
             with objects.lend() as lending:
                 speeds = motion.velocity_rad_s if motion is not None else None
@@ -256,6 +257,8 @@ class CanopenDrive(ObjectDrive):
                     raise
                 self._halt(run, exchange, None)
         finally:
+            if exchange is not None:
+                exchange.stop_sync()
             link.guard(None)
             self.clock.sleep_until(self.clock.now() + limits.brake_s)  # it is over when a brake has had its time to close
 

@@ -18,6 +18,7 @@ _SLOW_RAD_S: Final = 2.0
 #: belt may ring, and not for the motion below.
 _SMOOTH_S: Final = 0.008
 _RPM: Final = 2.0 * math.pi / 60.0
+_RPM_TURN: Final = 60.0
 #: rad of the motor after which a unit of speed that nobody tells is known; position units of a change that is a motion.
 _LEARNT_RAD: Final = 0.25
 _CLEAR_STEPS: Final = 2
@@ -84,8 +85,10 @@ class SpeedUnit:
         usual = [_RPM * 10.0**-power for power in range(5)] + [self._position_rad * 10.0**-power for power in range(3)]
         nearest = min(usual, key=lambda one: abs(math.log(one / unit)))
         if abs(math.log(nearest / unit)) > math.log(_MOST):
+            per_turn = _RPM_TURN * unit / self._position_rad
             raise DriveError(
                 f"the drive does not tell what its speeds (606Ch) count in, and by what its position does one is {unit:.4g} rad/s, "
-                "which is no unit that makers use; state velocity_unit in a drive profile (--profile)"
+                f"which is no unit that makers use; in min⁻¹ one turn would be {per_turn:.0f} position units: state "
+                "position_unit or velocity_unit in a drive profile (--profile)"
             )
         return nearest
