@@ -150,7 +150,7 @@ class Capabilities:
 
     kinds : the kinds of :class:`Motion` it can run.
     sample_period_s : s, shortest period of the synchronous exchange.
-    counts_per_rev : encoder counts per motor revolution.    torque_step_nm : N m, resolution of a torque setpoint.
+    counts_per_rev : steps of the position that it tells, per motor revolution.    torque_step_nm : N m, resolution of a torque setpoint.
     torque_sampling : when the reported torque was acting, relative to the position of the same frame:
         "over" the period that follows, "after": the period just ended.  The adapter has already shifted its rows so that
         ``torque_nm[n]`` acts from ``t[n]`` to ``t[n+1]``; the word is kept in the run folder as provenance.
@@ -167,6 +167,7 @@ class Capabilities:
         it is not.
     gains : what can be done with the gains of its loops.   gain_terms : what is known of those that only a person sets.
     shortest_guard_s : s, shortest time in which it can be made to notice that its host is gone; None when nothing in it watches the host.
+    encoder_counts_per_rev : of the encoder, where its positions are coarser than that.
     overload_time_s : s, for which the drive lets the motor have its peak torque from cold; None when it does not tell.
     """
 
@@ -194,6 +195,7 @@ class Capabilities:
     exchange: str = ""
     torque_scale: str = ""
     shortest_guard_s: float | None = None
+    encoder_counts_per_rev: int | None = None
     overload_time_s: float | None = None
 
 
