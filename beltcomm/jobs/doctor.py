@@ -32,12 +32,34 @@ def doctor(
     talk: Talk | None = None,
     found: Sequence[FoundAdapter] | None = None,
 ) -> Result:
-    """Examine a drive, or with None this machine.
+    """Examine a drive, or this machine.
 
-    try_bitrates : look for the bus's bit rate when nobody answers.     sync_test : map two PDOs for a second and count the answers to SYNC.
-    axis : or its name, compared with what the drive says.     found : the adapters, those installed when left out.
-    Exit code 0 when nothing is wrong, 1 when something hinders commissioning, 5 when the drive cannot be reached.
-    Raises UsageError for a drive that no adapter understands, or an option it does not have.
+    Parameters
+    ----------
+    drive : str or None
+        Name of the drive; None examines this machine.
+    axis : Axis or str, or None
+        Compared with what the drive says.
+    try_bitrates : bool
+        Look for the bus's bit rate when nobody answers.
+    sync_test : bool
+        Map two PDOs for a second and count the answers to SYNC.
+    options : Options or None
+        Settings beside the main arguments; None for the safe defaults.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+    found : sequence of FoundAdapter or None
+        The adapters, those installed when left out.
+
+    Returns
+    -------
+    Result
+        The findings; exit code 0 when nothing is wrong, 1 when something hinders commissioning, 5 when the drive cannot be reached.
+
+    Raises
+    ------
+    UsageError
+        For a drive that no adapter understands, or an option it does not have.
     """
     options, talk = options or Options(), talk or Silence()
     found = find_adapters() if found is None else found

@@ -11,9 +11,7 @@ So the loops of tick k use what the SYNC at t_k has activated.
 
 from __future__ import annotations
 
-import hashlib
 import math
-import struct
 from collections import deque
 from collections.abc import Callable
 from typing import Protocol
@@ -120,7 +118,7 @@ class LockstepBus(can.BusABC):
 
     wall_clock : paces the ticks in real time; None runs as fast as it can.  missed_cycles : ticks that the wall clock had
         already left when they were due; they are dropped from the schedule, not caught up in a burst.
-    on_frame : called with every :data:`Frame` on the bus, e.g. ``list.append`` or a :class:`FrameHash`.
+    on_frame : called with every :data:`Frame` on the bus, e.g. ``list.append``.
     faults : what is wrong with the wire or the host; None is a good one.   line : the wire that carries them out.
     ticks_per_second : one over the cycle of the drive's loops.   tick_s : that cycle.
     """
@@ -145,10 +143,6 @@ class LockstepBus(can.BusABC):
         """Connect a node; it starts at the present tick."""
         self._nodes.append(node)
         node.begin_tick(self.tick)
-
-    def detach(self, node: Node) -> None:
-        """Pull a node's plug: it hears, sends and computes nothing any more."""
-        self._nodes.remove(node)
 
     def advance(self) -> None:
         """Let virtual time move on by one tick."""
@@ -238,19 +232,3 @@ class LockstepBus(can.BusABC):
             self._wall_start_s += late_ticks / self.ticks_per_second
         else:
             wall.sleep_until(due_s)
-
-
-class FrameHash:
-    """A frame hook that keeps only a SHA-256 of everything that went over the bus."""
-
-    def __init__(self) -> None:
-        self._hash = hashlib.sha256()
-
-    def __call__(self, frame: Frame) -> None:
-        """Add one frame."""
-        time_s, identifier, data, source = frame
-        self._hash.update(struct.pack("<dHB", time_s, identifier & 0xFFFF, len(data)) + data + source.encode())
-
-    def hexdigest(self) -> str:
-        """Hash of all frames so far."""
-        return self._hash.hexdigest()

@@ -11,10 +11,11 @@ from collections.abc import Callable
 from math import floor
 
 from beltcomm.plant import Plant
-from beltcomm.virtual.cia402 import Command, DriveState, DriveStateMachine, decode
+from beltcomm.virtual.cia402 import DriveState, DriveStateMachine
 from beltcomm.virtual.dictionary import ObjectDictionary, SdoAbort
 from beltcomm.virtual.emcy import Code, ErrorRegister
 from beltcomm.virtual.faults import Faults
+from beltcomm.virtual.guidance import Guidance
 from beltcomm.virtual.homing import Homing
 from beltcomm.virtual.loops import STANDSTILL_RAD_S, Loops
 from beltcomm.virtual.modes import (
@@ -51,7 +52,7 @@ _MODES: dict[int, type[OperationMode]] = {
 }
 _BUS_CONTROL = 2
 _NOTHING, _FAULT, _OFF, _QUICK_STOP = range(4)  # 6007h
-_QUICK_STOP_WORD, _SWITCH_ON_WORD = 0x0002, 0x0007
+_QUICK_STOP_WORD = 0x0002
 #: 605Ah: how the axis stops; from 5 on it is held then.
 _QUICK_STOP_KINDS = {0: 0, 1: 1, 2: 2, 3: 3, 5: 1, 6: 2, 7: 3}
 _FIRST_THAT_HOLDS = 5
@@ -106,9 +107,8 @@ class Servo:
         self._modes[6] = self._homing
         self._mode_number = 0
         self._mode = self._modes[0]
-        self._ramping = False
-        self._enabled_at_s: float | None = None
         self._stop = StopMode(loops)
+        self._guidance = Guidance(self.machine, self._stop, dictionary, 1e-3 * profile.enable_ms, self._resume)
         self._switches = (False, False)
         self._warm = False
         self._now_s = 0.0
@@ -128,9 +128,7 @@ class Servo:
         entry(0x6098).check = self._one_of(self._profile.homing)
         self._quick_stop_code = entry(0x605A)
         has = self._dictionary.has
-        self._loss, self._shutdown, self._disable, self._reaction = (
-            entry(index) if has(index) else None for index in (0x6007, 0x605B, 0x605C, 0x605E)
-        )
+        self._loss, self._reaction = (entry(index) if has(index) else None for index in (0x6007, 0x605E))
         self._position_demand, self._position = entry(0x6062), entry(0x6064)
         self._velocity, self._following_error = entry(0x606C), entry(0x60F4)
         self._torque_demand, self._torque, self._current = entry(0x6074), entry(0x6077), entry(0x6078)
@@ -197,8 +195,7 @@ class Servo:
             self.machine.control(_DISABLE_VOLTAGE)
         if faults.emergency_at_s is not None or faults.warm_from_s is not None:
             self._suffer(now_s)
-        if self._enabled_at_s is not None and now_s >= self._enabled_at_s:
-            self.machine.control(self._controlword.value)
+        self._guidance.pass_tick(self._controlword.value, now_s)
         if dictionary.stage_on:
             follows_position = self._mode_number in _WITH_POSITION_REFERENCE
             self._publish_demand(position, follows_position)
@@ -227,17 +224,10 @@ class Servo:
 
     def run(self) -> None:
         """The loop of the tick, then the tick itself."""
-        loops = self._loops
-        operates = self.machine.operates
-        loops.begin()
+        self._loops.begin()
         torque_nm = 0.0
-        if operates and self._ramping:
-            torque_nm = self._stop.step()
-            if self._stop.done:
-                self._ramping = False
-                self.machine.control(self._controlword.value)
-        elif operates:
-            torque_nm = self._mode.step()
+        if self.machine.operates:
+            torque_nm = self._guidance.brake(self._controlword.value) if self._guidance.ramping else self._mode.step()
         elif self._dictionary.stage_on:
             torque_nm = self._stop.step()
             if self._stop.done:
@@ -271,26 +261,10 @@ class Servo:
 
     def _lead(self, controlword: int) -> None:
         """The state machine along the controlword, as far as the inputs let it."""
-        if self._faults.stage_blocked:
-            controlword = _DISABLE_VOLTAGE
-        command, state = decode(controlword), self.machine.state
-        if state == DriveState.OPERATION_ENABLED:
-            option = {Command.SHUTDOWN: self._shutdown, Command.SWITCH_ON: self._disable}.get(command)
-            if option is not None and option.value == 1:
-                if not self._ramping:
-                    self._ramping = True
-                    self._stop.start(StopKind.PROFILE)
-                return
-            if self._ramping and command == Command.ENABLE_OPERATION:
-                self._ramping = False
-                self._mode.start()
-        elif self._profile.enable_ms and command == Command.ENABLE_OPERATION and state in (DriveState.READY, DriveState.SWITCHED_ON):
-            self.machine.control(_SWITCH_ON_WORD)
-            if self._enabled_at_s is None:
-                self._enabled_at_s = self._now_s + 1e-3 * self._profile.enable_ms
-            if self._now_s < self._enabled_at_s:
-                return
-        self.machine.control(controlword)
+        self._guidance.follow(_DISABLE_VOLTAGE if self._faults.stage_blocked else controlword, self._now_s)
+
+    def _resume(self) -> None:
+        self._mode.start()
 
     def _settle_anew(self) -> None:
         self._unsettled = True
@@ -325,7 +299,7 @@ class Servo:
 
     def _entered(self, number: int, state: DriveState) -> None:
         """After a transition of the state machine."""
-        self._ramping, self._enabled_at_s = False, None
+        self._guidance.forget()
         self._unsettled = True  # the controlword may lead further: its level counts, not only its writing
         self._dictionary.stage_on = self.machine.powered
         if state == DriveState.OPERATION_ENABLED:
