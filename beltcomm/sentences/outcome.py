@@ -213,7 +213,7 @@ def _following(folder: RunFolder, findings: Findings, drive: str) -> str:
     if findings.final is None or findings.final.fit.suspect:
         return f"beltcomm diagnose {run}"
     if findings.succeeded and simulated(drive) and findings.applied == "restore":
-        return f"beltcomm tune {run}   (other gains on a page; a virtual drive keeps none)"
+        return f"beltcomm open {run}   (model and other gains on a page; a virtual drive keeps none)"
     if not findings.succeeded:
         return (
             "what would help stands above: other parts of the drive's controller, a drive that has them, or slower moves "
