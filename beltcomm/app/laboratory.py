@@ -7,6 +7,7 @@ import math
 import threading
 from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
@@ -31,10 +32,11 @@ TOLD, LEAST_SHARE = 6, 0.01
 
 
 class LaboratoryTab:
-    """One run seen by its laboratory.   when : date and time for a revision, from whoever knows a clock.   Ends with :meth:`close`."""
+    """One run seen by its laboratory.   when : date and time for a revision, from whoever knows a clock.   moving : whether a session is in
+    the run: nothing is computed beside one, which may need this computer in time.   Ends with :meth:`close`."""
 
-    def __init__(self, run: Path, when: Callable[[], str] = str) -> None:
-        self._run, self._when = run, when
+    def __init__(self, run: Path, when: Callable[[], str] = str, moving: Callable[[], bool] = bool) -> None:
+        self._run, self._when, self._moving = run, when, moving
         self._lock = threading.Lock()
         self._view: ResidualView | None = None
         self._before: ResidualView | None = None
@@ -46,6 +48,7 @@ class LaboratoryTab:
         self._change: Mapping[str, Any] | None = None
         self._rungs = 0
         self._pipe: Connection | None = None
+        self._process: BaseProcess | None = None
         self._closed = False
 
     def answers(self) -> Mapping[str, Callable[[Any], Mapping[str, Any]]]:
@@ -66,7 +69,8 @@ class LaboratoryTab:
         stamp = stamp_of(self._run)
         with self._lock:
             stale = stamp != (self._view.stamp if self._view is not None else self._asked_for)
-            if stale and not self._pending and stamp != self._asked_for:
+            waiting = stale and not self._pending and stamp != self._asked_for
+            if waiting and not (moving := self._moving()):
                 self._asked_for = stamp
                 self._send("look", {})
             words, share = self._progress
@@ -74,7 +78,7 @@ class LaboratoryTab:
                 "version": self._version,
                 "candidates": len(self._candidates),
                 "searched": self._searched,
-                "busy": words if self._pending else "",
+                "busy": words if self._pending else SESSION if waiting and moving else "",
                 "share": share,
                 "failed": self._failed,
                 "rungs": self._rungs,
@@ -156,10 +160,11 @@ class LaboratoryTab:
         return {"revisions": [as_mapping(rung) for rung in revisions(RunFolder.open(self._run))]}
 
     def close(self) -> None:
-        """The worker ends."""
+        """The worker ends; what it writes is whole or not there."""
         self._closed = True
-        if self._pipe is not None:
-            self._pipe.close()
+        if self._process is not None:
+            self._process.terminate()
+            self._process.join()
 
     def _told(
         self, one: CandidateEffect, view: ResidualView, chosen: NDArray[np.bool_], band: tuple[float, float] | None
@@ -213,6 +218,8 @@ class LaboratoryTab:
         effect = asked.get("effect") if isinstance(asked, dict) else None
         if job != "evidence" and effect not in {one.name for one in EFFECTS}:
             raise UsageError(f"there is no effect {effect!r}; `beltcomm effects` lists them")
+        if self._moving():
+            raise UsageError(SESSION)
         with self._lock:
             if self._pending and not self._gives_way:
                 raise UsageError(f"wait for what is running: {self._progress[0]}")
@@ -273,6 +280,7 @@ class LaboratoryTab:
         self._pending -= 1
 
 
+SESSION = "a session is at work in this run; it is read when that is over"
 WORDS = {
     "look": "reading the records",
     "add": "adding an effect, everything is fitted again",

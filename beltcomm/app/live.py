@@ -22,7 +22,7 @@ from beltcomm.runfolder import RunFolder
 #: Bytes at the end of a record that is being made that are looked at, and points of it that are drawn; bytes of one line at most.
 TAIL, DRAWN, LONGEST_LINE = 400_000, 400, 4096
 #: Looks without anything new after which nobody is at work there: a killed session leaves its lock.
-STILL = 60
+STILL = 150
 #: Lines of the journal that are shown.
 LINES = 12
 

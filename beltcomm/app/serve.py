@@ -25,9 +25,9 @@ class RunPage:
     ) -> None:
         RunFolder.open(run)  # says what is wrong before a page opens
         self._run = run
-        self.laboratory = LaboratoryTab(run, when)
-        self.design = DesignTab(run, payload_kg=payload_kg, move=move, seed=seed)
         self.runs, self.live = RunsTab(run), LiveTab(run)
+        self.laboratory = LaboratoryTab(run, when, self.live.running)
+        self.design = DesignTab(run, payload_kg=payload_kg, move=move, seed=seed)
 
     def answers(self) -> Mapping[str, Callable[[Any], Mapping[str, Any]]]:
         """By the name under which the page asks, ``TAB-NAME``."""

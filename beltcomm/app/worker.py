@@ -55,7 +55,7 @@ def work(run: Path, pipe: Connection) -> None:
             JOBS[job](run, given, pipe)
         except BeltcommError as problem:
             pipe.send(("failed", str(problem)))
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, BrokenPipeError):  # nobody listens any more
             return
         except Exception as problem:  # the page says it, and the next job begins afresh
             pipe.send(("failed", f"{type(problem).__name__}: {problem}; this is a fault of beltcomm, please report it"))

@@ -241,7 +241,7 @@ export function laboratory(ask) {
       const place = element("div");
       made.append(place);
       const law = chart(place, {
-        title: "Its law over what is missing", name: `law-${one.effect}`, x: { label: `${TITLES[one.law.along]}, ${unitOf(one.law.along)}` }, y: { label: found.units.force }, height: 190, quiet: true,
+        title: "Its law over what is left", name: `law-${one.effect}`, x: { label: `${TITLES[one.law.along]}, ${unitOf(one.law.along)}` }, y: { label: found.units.force }, height: 190, quiet: true,
         series: [{ name: "missing, forward", look: "first", dots: true, size: 5 }, { name: "missing, backward", look: "second", dots: true, size: 5 }, { name: "law, forward", look: "first" }, { name: "law, backward", look: "second" }],
         overlay: (u, ctx) => horizontal(u, ctx, 0, colour("soft")),
       });

@@ -27,9 +27,10 @@ export function live(ask) {
   async function look() {
     const found = await ask("live-state");
     if (!plots) make();
-    const { record, limits } = found, peak = (values) => Math.max(0, ...values.slice(-60).map(Math.abs));
-    const planned = found.experiments.reduce((sum, one) => sum + one.seconds, 0), made = found.done.length;
-    $("live-words").textContent = `${found.running ? TITLES.commission : TITLES.still} ${made} records are finished.` + (planned && found.running ? ` Planned: ${number(planned)} s in motion.` : "") + (record ? ` Now: ${record.name}, ${number(record.t_s.at(-1))} s.` : "");
+    const { record, limits } = found;
+    const peak = (values) => Math.max(0, ...values.slice(-60).map(Math.abs));
+    const elapsed = (Number.parseFloat(found.lines.at(-1)) || 0) + (record ? record.t_s.at(-1) : 0), planned = found.experiments.reduce((sum, one) => sum + one.seconds, 0), made = found.done.length;
+    $("live-words").textContent = `${found.running ? TITLES.commission : TITLES.still} ${made} records are finished.` + (planned && found.running ? ` About ${number(Math.max(planned - elapsed, 0), 2)} of ${number(planned)} s in motion are left.` : "") + (record ? ` Now: ${record.name}, ${number(record.t_s.at(-1))} s.` : "");
     $("journal").textContent = found.lines.join("\n");
     $("steps").replaceChildren(...found.experiments.map((one) => element("li", {}, `${one.title}, ${number(one.seconds)} s`)));
     $("made").replaceChildren(...found.done.map((name) => element("li", {}, name)), ...(record ? [element("li", { className: "now" }, `${record.name} …`)] : []));

@@ -62,7 +62,7 @@ async function look() {
     if (state.share === null) $("share").removeAttribute("value");
     else $("share").value = state.share;
     $("doing").textContent = state.busy ? `${state.busy} …` : "";
-    failed(state.failed ? `Not done: ${state.failed}` : "");
+    failed(state.failed && current === "laboratory" ? `Not done: ${state.failed}` : "");
     await tabs.laboratory.heard(state);
     if (current === "design") await tabs.design.heard();
   } catch (problem) {

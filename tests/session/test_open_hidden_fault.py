@@ -1,4 +1,4 @@
-"""A hidden fault found on the page with clicks alone: where the model fails, what explains it, adding it, a slider; the numbers are JSON's."""
+"""A hidden fault on the page, with clicks alone: where the model fails, what explains it, adding it, a slider; numbers as in JSON."""
 
 from __future__ import annotations
 
