@@ -18,7 +18,17 @@ from beltcomm.borders import for_html
 
 @dataclass(frozen=True)
 class Result:
-    """What a command did.   data : everything, for programs.   text : the same for people.   exit_code : 0, or 1 for a missed target."""
+    """What a command did.
+
+    Attributes
+    ----------
+    data : dict of str to Any
+        Everything, for programs.
+    text : sequence of str
+        The same for people.
+    exit_code : int
+        0, or 1 for a missed target.
+    """
 
     data: Mapping[str, Any]
     text: Sequence[str]
@@ -42,7 +52,14 @@ class Result:
 class Row(str):
     """A line of a table: as text what stands in files and pipes, and the cells of it, which a terminal may draw as it likes.
 
-    cells : as shown.   right : for each, whether it stands at the right of its column.   head : the line of the titles.
+    Attributes
+    ----------
+    cells : tuple of str
+        As shown.
+    right : tuple of bool
+        For each, whether it stands at the right of its column.
+    head : bool
+        The line of the titles.
     """
 
     cells: tuple[str, ...]
@@ -80,9 +97,14 @@ def with_unit(number: str, unit: str) -> str:
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "") -> list[Row]:
-    """Lines of equal columns, the titles first.   columns : titles; one that begins with ``>`` has its cells at the right.
+    """Lines of equal columns, the titles first.
 
     A row may have fewer cells than there are titles.
+
+    Parameters
+    ----------
+    columns : sequence of str
+        Titles; one that begins with ``>`` has its cells at the right.
     """
     right = [title.startswith(">") for title in columns]
     filled = [[title.removeprefix(">") for title in columns], *([*row, *[""] * (len(columns) - len(row))] for row in rows)]

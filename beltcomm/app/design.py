@@ -81,7 +81,12 @@ class DesignTab:
 class TunedDesign:
     """One run on the page: answers to what the page asks, and the designs it saved.
 
-    move : file with the user's own, None for the standard one.   seed : of the draws of a proof.
+    Parameters
+    ----------
+    move : Path or None
+        File with the user's own, None for the standard one.
+    seed : int
+        Of the draws of a proof.
     """
 
     def __init__(self, run: Path, *, payload_kg: float = 0.0, move: Path | None = None, seed: int = 0) -> None:
@@ -248,7 +253,15 @@ class TunedDesign:
 
 
 def ground_of(basis: Basis, saved: Mapping[str, Any], move: Path | None = None) -> DesignInput:
-    """What tuning of a run rests on.   saved : its present design.   move : file with the user's own."""
+    """What tuning of a run rests on.
+
+    Parameters
+    ----------
+    saved : dict of str to Any
+        Its present design.
+    move : Path or None
+        File with the user's own.
+    """
     folder, model, structure = basis.folder, basis.model, basis.structure
     assume_delay(basis.findings, structure)
     late_s, apparent = delay(basis.findings), analyse.apparent_damping(basis.findings.thesis)

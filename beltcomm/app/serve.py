@@ -63,11 +63,38 @@ def open_page(
     options: Options | None = None,
     talk: Talk | None = None,
 ) -> Result:
-    """The page on 127.0.0.1 until KeyboardInterrupt.   token : secret part of its address.   port : 0 takes a free one.
+    """Serve the page of a run on 127.0.0.1 until KeyboardInterrupt.
 
-    opened : called with the address, as a browser would be.   when : date and time, for the models that are made on it.
-    Exit code 1 when the last design saved there is not to be used.   Raises DataError for a folder that is no run, UsageError for a port
-    that is taken.
+    Parameters
+    ----------
+    run : Place
+        Run folder.
+    token : str
+        Secret part of its address.
+    port : int
+        0 takes a free one.
+    move : Place or None
+        A file with the reference motion; None for that of the axis.
+    opened : callable or None
+        Called with the address, as a browser would be.
+    when : callable
+        Date and time as text, for the models that are made on the page.
+    options : Options or None
+        Settings beside the main arguments; None for the safe defaults.
+    talk : Talk or None
+        Hears where the page is; None says nothing.
+
+    Returns
+    -------
+    Result
+        The last design saved; exit code 1 when it is not to be used.
+
+    Raises
+    ------
+    DataError
+        For a folder that is no run.
+    UsageError
+        For a port that is taken.
     """
     from beltcomm.web.server import PAGE, serve  # no other command needs a web server
 
