@@ -30,7 +30,7 @@ VERBS = {
     "fit": "Model with intervals from the recordings of a run.",
     "friction": "Constant-speed sweep: Coulomb and viscous friction.",
     "design": "Controller gains with margins from the model of a run.",
-    "tune": "The three knobs of the design as sliders, on a local page.",
+    "open": "A run on a local page: where its model fails, its design with sliders, what it does now.",
     "verify": "Predicted against measured tracking error of a move.",
     "calibrate": "What the drive's gains mean, by small steps.",
     "apply": "Write the designed gains to the drive.",
