@@ -77,6 +77,13 @@ class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic 
 @click.option("--first-sample", type=click.IntRange(0), default=0, help="Row, from 0, where its first period begins.")
 @click.option("--source", default="", help="Where the data came from, in words.")
 @click.option(
+    "--accept",
+    "accepted",
+    default="",
+    metavar="REASON",
+    help="Take a record that is judged wrong (sign, clipped, no relation); kept with it.",
+)
+@click.option(
     "--torque-acts",
     type=shared.WordChoice(["after", "before"]),
     help="After its row's time stamp, as in a table when left out, or before it; in a log of frames as the drive's profile says.",
@@ -246,5 +253,5 @@ def _sidecar(given: dict[str, Any]) -> Any:
         excitation = ExcitationNote(given["excitation"], given["amplitude_nm"], given["period_samples"], given["first_sample"])
     elif given["amplitude_nm"] is not None or given["period_samples"] is not None or given["first_sample"]:
         raise UsageError("--amplitude, --period-samples and --first-sample describe an excitation; give its kind with --excitation")
-    same = ("experiment", "held_out", "closed_loop", "start_position_m", "payload_kg", "session_time_s", "source")
+    same = ("experiment", "held_out", "closed_loop", "start_position_m", "payload_kg", "session_time_s", "source", "accepted")
     return Sidecar(**{key: given[key] for key in same}, excitation=excitation)

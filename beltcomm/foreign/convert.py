@@ -150,6 +150,9 @@ def convert(table: Table, reading: Reading, *, timed: bool = True) -> Converted:
     if timed:
         _check_there_is_time(table, columns)
         columns, rows = _without_doubles(columns, rows, notes)
+        if len(rows) > 1 and np.all(np.diff(columns["t_s"]) < 0.0):
+            columns, rows = {name: column[::-1] for name, column in columns.items()}, rows[::-1]
+            notes.append("the newest row stands first: the rows were taken in the order of their stamps")
         checked_time(table.file, columns["t_s"], rows)
         if not reading.period_s and (rough := rough_stamps(_as_written(table, sources, len(columns["t_s"])))):
             notes.append(rough)
