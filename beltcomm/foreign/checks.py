@@ -21,6 +21,10 @@ LONGEST_TRAVEL_M = 100.0
 _FEWEST_STEPS = 64.0
 #: Below this correlation of successive periods of the torque an excitation does not repeat.
 _REPEATS = 0.7
+#: Deviation of a range from one turn by which it is one.
+_A_TURN = 0.1
+#: Share of the time that a motion goes either way at least; by how much a sign explains a magnitude better.
+_BOTH_WAYS, _BETTER = 0.1, 0.1
 
 
 def check(recording: Recording) -> tuple[str, ...]:
@@ -62,6 +66,11 @@ def _judgement(recording: Recording) -> str:
     found = belonging(recording.t_s, recording.torque, recording.position)
     if found is not None and found.swapped:
         return f"{torque} and {position} look swapped: {torque} moves smoothly, and {position} explains itself as what drives it"
+    if found is not None and _without_sign(recording, found.explained):
+        return (
+            f"{torque} is never below 0 while the axis moves both ways, and with the sign of the motion it would fit: a magnitude (rms), "
+            "which tells no torque; record the value with its sign (the q component of the current)"
+        )
     if found is not None and not found.together:
         return (
             f"{torque} and {position} do not belong together: the motion explains {100.0 * max(found.explained, 0.0):.2g} % of the torque, "
@@ -86,6 +95,15 @@ def _judgement(recording: Recording) -> str:
     return ""
 
 
+def _without_sign(recording: Recording, explained: float) -> bool:
+    torque, direction = recording.torque, np.sign(np.gradient(recording.position))
+    both = min(float(np.mean(direction > 0.0)), float(np.mean(direction < 0.0)))
+    if float(torque.min()) < 0.0 or both < _BOTH_WAYS:
+        return False
+    signed = belonging(recording.t_s, torque * direction, recording.position)
+    return signed is not None and signed.explained > explained + _BETTER
+
+
 def _wrap(position: Array) -> float:
     """The span by which a position jumps back as a counter does; 0 when it does not.
 
@@ -98,6 +116,9 @@ def _wrap(position: Array) -> float:
     others = np.abs(steps[np.abs(steps) < 0.5 * largest])
     usual = float(np.percentile(others, 99.0)) if len(others) else 0.0
     jumps = steps[np.abs(steps) >= 0.5 * largest]
+    joined = np.abs(np.diff(np.unwrap(position)))
+    if abs(float(np.ptp(position)) / math.tau - 1.0) < _A_TURN and len(jumps) > 1 and float(joined.max()) < 0.5 * largest:
+        return math.tau  # of a motor that turns fast, each turn
     return float(np.median(np.abs(jumps))) if largest > 50.0 * usual and len(jumps) < 0.05 * len(steps) else 0.0
 
 

@@ -26,6 +26,8 @@ BEYOND = 0.95
 _SHIFTS = tuple(((0.618033988749895 * k) % 0.8) + 0.1 for k in range(1, 30))
 #: Rows that are looked at, windows that a width needs, parts of the record that judge in turn, and bins of the place.
 _MOST_ROWS, _FEWEST_WINDOWS, _PARTS, _BINS = 20_000, 64, 8, 120
+#: Columns of a rigid body with friction; rad, part of a turn from which a law of the angle is told from one of the place.
+_PLAIN, _TURNS = 4, 1.0
 #: By how much a position may be rougher than a torque, and be one.
 _ROUGHER = 2.0
 
@@ -71,19 +73,20 @@ def belonging(t_s: Array, torque: Array, position: Array) -> Belonging | None:
 class _Law:
     """The regression under one width.   columns : ndarray (n, 9).   bins : (n,), place and direction of each window: a law of the place.
 
-    parts : of each half that judges, which windows make the numbers, and what makes them: (9, windows), the columns' pseudo-inverse.
+    parts : of each half that judges, which windows make the numbers, and what makes them: pseudo-inverses of the first columns, and of all.
     """
 
     width: int
     columns: Array
     bins: NDArray[np.intp]
-    parts: tuple[tuple[NDArray[np.bool_], Array], ...]
+    parts: tuple[tuple[NDArray[np.bool_], tuple[Array, ...]], ...]
 
 
 def _laws(position: Array) -> list[_Law]:
     found = []
     width = 1
-    rotary = (np.sin(position), np.cos(position))
+    # over a small part of a turn sine and cosine are a parabola, which goes astray beyond the rows that made it
+    rotary = (np.sin(position), np.cos(position)) if np.ptp(position) > _TURNS else ()
     while len(position) // max(1, width // 2) >= _FEWEST_WINDOWS and len(position) > 8 * width:
         every = max(1, width // 2)
         before, middle, after = position[: -2 * width], position[width:-width], position[2 * width :]
@@ -91,12 +94,15 @@ def _laws(position: Array) -> list[_Law]:
         direction = _triangle(np.sign(np.gradient(position)), width)[::every][: len(speed)]
         later, earlier = np.roll(acceleration, -1), np.roll(acceleration, 1)
         place = [middle[::every], *(_triangle(part, width)[::every][: len(speed)] for part in rotary)]
-        columns = np.column_stack([np.ones(len(speed)), acceleration, earlier, later, speed, direction, *place])
+        columns = np.column_stack([np.ones(len(speed)), acceleration, speed, direction, earlier, later, *place])
         scale = np.maximum(np.abs(columns).max(axis=0), 1e-300)
         bins = np.floor((middle[::every] - position.min()) / max(float(np.ptp(position)), 1e-300) * (_BINS - 1e-9)).astype(np.intp)
         columns /= scale
         half = (np.arange(len(columns)) * _PARTS // len(columns)) % 2
-        parts = tuple((made, np.linalg.pinv(columns[made], rcond=1e-8)) for made in (half == 0, half == 1))
+        parts = tuple(
+            (made, tuple(np.linalg.pinv(columns[made][:, :few], rcond=1e-8) for few in (_PLAIN, columns.shape[1])))
+            for made in (half == 0, half == 1)
+        )
         found.append(_Law(width, columns, 2 * bins + (direction > 0.0), parts))
         width *= 2
     return found
@@ -115,16 +121,18 @@ def _explained(law: _Law, torque: Array) -> float:
     force = _triangle(torque, law.width)[:: max(1, law.width // 2)][: len(law.columns)]
     if len(force) < len(law.columns):
         force = np.append(force, np.full(len(law.columns) - len(force), force[-1]))
-    left, there = np.zeros(2), 0.0
-    for made, inverse in law.parts:
+    left, there = np.zeros(3), 0.0
+    for made, inverses in law.parts:
         seen = ~made
         there += float(np.sum((force[seen] - force[made].mean()) ** 2))
-        rest = force - law.columns @ (inverse @ force[made])
-        left[0] += float(rest[seen] @ rest[seen])
+        rest = force
+        for k, inverse in enumerate(inverses):
+            rest = force - law.columns[:, : len(inverse)] @ (inverse @ force[made])
+            left[k] += float(rest[seen] @ rest[seen])
         count = np.bincount(law.bins[made], minlength=2 * _BINS)
         means = np.bincount(law.bins[made], rest[made], minlength=2 * _BINS) / np.maximum(count, 1)
         placed = rest[seen] - means[law.bins[seen]]
-        left[1] += float(placed @ placed)
+        left[2] += float(placed @ placed)
     return 1.0 - float(left.min()) / there if there > 0.0 else 0.0
 
 

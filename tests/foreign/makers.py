@@ -503,7 +503,7 @@ KINDS: list[Kind] = [
         rows=slice(None, None, 2),
         tolerance=1e-2,
     ),
-    Kind("MATLAB, a structure", binary("a.mat", _mat), shown="log.torque"),
+    Kind("MATLAB, a structure", binary("a.mat", _mat), shown="--set motor.inertia_kg_m2=0.000123"),
     Kind("MATLAB, a structure, named .dat", binary("a.dat", _mat)),
     Kind("MATLAB 7, a timetable", binary("a.mat", lambda path: _mat_table(path, "v7", timed=True))),
     Kind("MATLAB 7.3, a table", binary("a.mat", lambda path: _mat_table(path, "v7.3", timed=False))),
