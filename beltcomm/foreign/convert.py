@@ -38,17 +38,31 @@ _POSITIONS = tuple(channels["position"] for channels in CHANNELS.values())
 class Reading:
     """How foreign files are read, the same for all files of one import.
 
-    mapping : one ``column=name*scale`` each (:mod:`beltcomm.foreign.mapping`).   keep : further columns to keep, or ("all",).
-    separator, decimal, skip_lines : of a text file; recognised when None.
-    period_s : s between rows, where there is no time column or it is not to be used.
-    first_row, last_row : only these rows, counted from 1.     from_s, until_s : only this part, s after its first row.
-    torque_acts : "after" the time stamp of its row, or "before" it: then the row's torque is moved to the row before; None: "after" in a
-    table, in a log of frames as the drive's profile says.
-    unwrap : span after which the position starts anew, such as "1rev"; None when it does not.
-    drop_incomplete : leave out rows in which a value is missing, instead of refusing them.
-    flip : "torque", "position" or both: all columns of that kind get the other sign.
-    record, channel, node, signals, dbc : of a log of frames: which of its moves, from 1; interface; node of the drive; what frames
-    carry, by hand or by a DBC file.
+    Attributes
+    ----------
+    mapping : tuple of str
+        One ``column=name*scale`` each (:mod:`beltcomm.foreign.mapping`).
+    keep : tuple of str
+        Further columns to keep, or ("all",).
+    separator, decimal, skip_lines
+        Of a text file; recognised when None.
+    period_s : float or None
+        s between rows, where there is no time column or it is not to be used.
+    first_row, last_row : int or None
+        Only these rows, counted from 1.
+    from_s, until_s : float or None
+        Only this part, s after its first row.
+    torque_acts : {'after', 'before'} or None
+        "after" the time stamp of its row, or "before" it: then the row's torque is moved to the row before; None: "after" in a table, in a
+        log of frames as the drive's profile says.
+    unwrap : str or None
+        Span after which the position starts anew, such as "1rev"; None when it does not.
+    drop_incomplete : bool
+        Leave out rows in which a value is missing, instead of refusing them.
+    flip : tuple of str
+        "torque", "position" or both: all columns of that kind get the other sign.
+    record, channel, node, signals, dbc
+        Of a log of frames: which of its moves, from 1; interface; node of the drive; what frames carry, by hand or by a DBC file.
     """
 
     mapping: tuple[str, ...] = ()
@@ -85,7 +99,13 @@ class Reading:
 
 
 def reading_from_dict(data: Mapping[str, Any]) -> Reading:
-    """The inverse of :meth:`Reading.to_dict`.   Raises DataError for keys that are none."""
+    """The inverse of :meth:`Reading.to_dict`.
+
+    Raises
+    ------
+    DataError
+        For keys that are none.
+    """
     kinds = get_type_hints(Reading)
     given: dict[str, Any] = {}
     for key, value in (data if isinstance(data, Mapping) else {"reading": data}).items():
@@ -113,7 +133,19 @@ def _is(value: Any, kind: Any) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Converted:
-    """columns : ours by name.   sources : where each came from.   not_taken : columns of the file that were left.   notes : sentences."""
+    """The columns of a foreign table in our names and units.
+
+    Attributes
+    ----------
+    columns : dict of str to Column
+        Ours by name.
+    sources : dict of str to Source
+        Where each came from.
+    not_taken : tuple of str
+        Columns of the file that were left.
+    notes : tuple of str
+        Remarks, as sentences.
+    """
 
     columns: Mapping[str, Column]
     sources: Mapping[str, Source]
@@ -122,9 +154,19 @@ class Converted:
 
 
 def convert(table: Table, reading: Reading, *, timed: bool = True) -> Converted:
-    """Map, scale, cut and align the columns of a table.   timed : False for a static map, which has no time.
+    """Map, scale, cut and align the columns of a table.
 
-    Raises UsageError for a mapping that does not fit the table, DataError for values that are missing or time that does not rise.
+    Parameters
+    ----------
+    timed : bool
+        False for a static map, which has no time.
+
+    Raises
+    ------
+    UsageError
+        For a mapping that does not fit the table.
+    DataError
+        For values that are missing or time that does not rise.
     """
     sources = sources_for(table, reading.mapping, KNOWN_COLUMNS)
     kept = kept_columns(table, reading.keep, sources, KNOWN_COLUMNS)
@@ -316,7 +358,13 @@ def line_of_table(name: str, column: Column, source: Source | None) -> dict[str,
 
 
 def without_time(reading: Reading) -> Reading:
-    """The same for a static map.   Raises UsageError when a rate or a part in time was given."""
+    """The same for a static map.
+
+    Raises
+    ------
+    UsageError
+        When a rate or a part in time was given.
+    """
     if reading.period_s is not None or reading.from_s is not None or reading.until_s is not None:
         raise UsageError("a static map has no time; leave out --rate, --period, --from and --until")
     return replace(reading, torque_acts=None)

@@ -45,7 +45,12 @@ GENTLE = (0.5, 2.0)
 class Tuning:
     """One run on the page: answers to what the page asks, and the designs it saved.
 
-    move : file with the user's own, None for the standard one.   seed : of the draws of a proof.
+    Parameters
+    ----------
+    move : Path or None
+        File with the user's own, None for the standard one.
+    seed : int
+        Of the draws of a proof.
     """
 
     def __init__(self, run: Path, *, payload_kg: float = 0.0, move: Path | None = None, seed: int = 0) -> None:
@@ -177,10 +182,36 @@ def tune(
     options: Options | None = None,
     talk: Talk | None = None,
 ) -> Result:
-    """The page on 127.0.0.1 until KeyboardInterrupt.   token : secret part of its address.   port : 0 takes a free one.
+    """Serve the tuning page on 127.0.0.1 until KeyboardInterrupt.
 
-    opened : called with the address, as a browser would be.   Exit code 1 when the last design saved is not to be used.
-    Raises DataError without a design, UsageError for a port that is taken.
+    Parameters
+    ----------
+    run : Place
+        Run folder.
+    token : str
+        Secret part of its address.
+    port : int
+        0 takes a free one.
+    move : Place or None
+        A file with the reference motion; None for that of the axis.
+    opened : callable or None
+        Called with the address, as a browser would be.
+    options : Options or None
+        Settings beside the main arguments; None for the safe defaults.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+
+    Returns
+    -------
+    Result
+        The last design saved; exit code 1 when it is not to be used.
+
+    Raises
+    ------
+    DataError
+        Without a design.
+    UsageError
+        For a port that is taken.
     """
     from beltcomm.web.server import PageFiles, serve  # no other command needs a web server
 
@@ -200,7 +231,15 @@ def tune(
 
 
 def ground_of(basis: Basis, saved: Mapping[str, Any], move: Path | None = None) -> DesignInput:
-    """What tuning of a run rests on.   saved : its present design.   move : file with the user's own."""
+    """What tuning of a run rests on.
+
+    Parameters
+    ----------
+    saved : dict of str to Any
+        Its present design.
+    move : Path or None
+        File with the user's own.
+    """
     folder, model, structure = basis.folder, basis.model, basis.structure
     assume_delay(basis.findings, structure)
     late_s, apparent = delay(basis.findings), analyse.apparent_damping(basis.findings.thesis)
