@@ -167,7 +167,7 @@ def _verified(machine: Machine, findings: Findings, model: Model, cascade: Casca
     )
     recording = machine.record(MOVE, machine.follow(beside, "position"), phases.loose_room(machine), sidecar)
     designed = predict_move(model, cascade, along, verification.in_drive(machine, delay(findings)))
-    verdict = judge(recording, machine.ratio, designed, along.position_m)
+    verdict = judge(recording, machine.ratio, designed)
     said = (
         f"driven with the gains that stand in the drive; with those of the design {1e3 * verdict.predicted.dynamic_m:.3g} mm and "
         f"{1e6 * verdict.predicted.static_m:.3g} µm are predicted at the motor"
