@@ -52,7 +52,8 @@ class VirtualProfile:
     peak_torque_units : torques are told so that the motor's peak torque is this many; 0: in 0.1 % of the rated one.
     cycle_s : of its loops; the bus ticks with it.
     after_loss : as 1029h:1, of a drive without it.   sdo_delay_ms : before an answer.   enable_ms : until the stage is on.
-    instruments : of its torque path, where the plant file has none.   tells_zero : in bit 15 of the statusword, which CiA 402 leaves to the maker.   aliases : a quantity's second number.
+    instruments : of its torque path, where the plant file has none.   aliases : a quantity's second number.
+    tells_zero : in bit 15 of the statusword, which CiA 402 leaves to the maker.
     """
 
     name: str
