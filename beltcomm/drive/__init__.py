@@ -182,6 +182,21 @@ class Guarding:
 
 
 @dataclass(frozen=True)
+class Nameplate:
+    """What is known of a motor beforehand, for what a drive does not tell; None where nobody knows it.
+
+    rated_torque_nm, peak_torque_nm : N m.   torque_constant_nm_a : N m per A rms.   max_speed_rad_s : that it is driven with at most.
+    counts_per_rev : increments of its encoder.
+    """
+
+    rated_torque_nm: float | None = None
+    peak_torque_nm: float | None = None
+    torque_constant_nm_a: float | None = None
+    max_speed_rad_s: float | None = None
+    counts_per_rev: int | None = None
+
+
+@dataclass(frozen=True)
 class Capabilities:
     """What a connected drive can do, as read from it or from its profile (never assumed).
 
@@ -537,6 +552,8 @@ class Adapter:
         ``serve(address, on, options) -> Service``, of a drive that is simulated: for other processes, on the interface ``on``.
     logs : bool
         ``open`` takes the option ``log``, which is called with every frame of its bus.
+    nameplates : bool
+        ``open`` and ``examine`` take the option ``nameplate``, a :class:`Nameplate`, for what the drive does not tell.
     """
 
     name: str
@@ -548,6 +565,12 @@ class Adapter:
     surroundings: Callable[[], Iterable[Finding]] | None = None
     serve: Callable[[str, str, Mapping[str, object]], Service] | None = None
     logs: bool = False
+    nameplates: bool = False
+
+    def taken(self, options: Mapping[str, object]) -> dict[str, object]:
+        """Of what programs add to every adapter's options what this one takes."""
+        refused = {name for name, takes in (("log", self.logs), ("nameplate", self.nameplates)) if not takes}
+        return {name: value for name, value in options.items() if name not in refused}
 
 
 @dataclass(frozen=True)
@@ -616,7 +639,7 @@ def open_drive(name: str, options: Mapping[str, object] | None = None) -> Drive:
         What the adapter raises.
     """
     adapter, address = adapter_for(name, find_adapters())
-    return adapter.open(address, {key: value for key, value in (options or {}).items() if key != "log" or adapter.logs})
+    return adapter.open(address, adapter.taken(options or {}))
 
 
 def adapter_for(name: str, found: Sequence[FoundAdapter]) -> tuple[Adapter, str]:
