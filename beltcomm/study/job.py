@@ -252,7 +252,7 @@ def read_members(path: Path) -> list[Line]:
             int(line["member"]), str(line["key"]), dict(line["values"]), int(line["exit_code"])
             if not isinstance(line.get("found"), dict) and "error" not in line:
                 raise ValueError("it has neither result nor error")
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, OverflowError) as error:
             raise DataError(f"{path} is damaged in line {number} ({error}); delete that line, and its member is computed again") from error
         lines.append(line)
     return lines
