@@ -12,19 +12,19 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import kills
-from strangers import files, page, terminal
+from strangers import files, odd, page, terminal
 from strangers.outcome import Outcome, judged, table
 
-GROUPS = ("page", "files", "kills", "disks", "drives", "terminal")
+GROUPS = ("page", "files", "kills", "disks", "drives", "terminal", "odd")
 
 
-def cases(group: str, place: kills.Place, seed: int) -> Iterator[Outcome]:
+def cases(group: str, place: kills.Place, seed: int, named: Sequence[str] = ()) -> Iterator[Outcome]:
     """The cases of a group."""
     base, folder = place.folder / "base", place.folder
     match group:
@@ -32,6 +32,8 @@ def cases(group: str, place: kills.Place, seed: int) -> Iterator[Outcome]:
             yield from page.attacks(base, folder)
         case "terminal":
             yield from terminal.cases(base, folder)
+        case "odd":
+            yield from odd.cases(base, folder, named)
         case "files":
             yield from files.cases(base, folder, seed)
         case "drives":
@@ -49,13 +51,14 @@ def main() -> int:
     """The table; exit code 1 when a case was broken."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="*", default=list(GROUPS), choices=GROUPS)
+    parser.add_argument("--named", nargs="*", default=[], help="of the odd ones, those with these words in their names")
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
     found: list[Outcome] = []
     with tempfile.TemporaryDirectory(prefix="beltcomm-hostile-") as made:
         place = kills.Place(Path(made))
         for group in asked.only:
-            for outcome in cases(group, place, asked.seed):
+            for outcome in cases(group, place, asked.seed, asked.named):
                 found.append(outcome)
                 if outcome.verdict != "fine":
                     print(f"{outcome.verdict}: {outcome.group}: {outcome.case}: {outcome.said}", file=sys.stderr, flush=True)
