@@ -212,6 +212,7 @@ class TunedDesign:
     def save(self, setting: SliderSetting) -> dict[str, Any]:
         """The design of a setting, with its whole proof, as the run's design; the one before stays as ``designs/replaced_N.yaml``."""
         folder, ground = self._basis.folder, self.bench.ground
+        RunFolder.open(folder.path)  # it may have gone since, and is not made anew
         found = self.bench.design(setting)
         loads = [0.0, setting.payload_kg] if setting.payload_kg else [0.0]
         plants = tuple(ground.plants(ground.ends_m, loads))
@@ -243,7 +244,7 @@ class TunedDesign:
     def _preset(self, data: Any) -> dict[str, Any]:
         if not isinstance(data, dict) or set(data) != {"setting", "kind", "pace"}:
             raise UsageError("a preset is asked for by setting, kind and pace")
-        if data["kind"] not in {one.key for one in KINDS} or data["pace"] not in {one.key for one in PACES}:
+        if data["kind"] not in [one.key for one in KINDS] or data["pace"] not in [one.key for one in PACES]:
             raise UsageError(f"there is no preset {data['kind']!r}, {data['pace']!r}")
         found: dict[str, Any] = plain(preset(self.bench, setting_from(data["setting"], self.bench.ground), data["kind"], data["pace"]))
         return found

@@ -15,6 +15,7 @@ import click
 
 from beltcomm.cli.endings import like_ctrl_c, twice_leaves
 from beltcomm.cli.frame import Invocation
+from beltcomm.cli.streams import prepare
 from beltcomm.version import __version__
 
 # The matrices here are tall and narrow: more threads cost more than they bring, and results must not depend on the number of cores.
@@ -137,6 +138,7 @@ def main() -> None:
     """Entry point of the console script."""
     if sys.argv[1:2] and sys.argv[1] in SHORT:
         gc.disable()
+    prepare()
     try:
         cli()
     finally:
