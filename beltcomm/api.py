@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from beltcomm.app.serve import open_page as open_page
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.design.compensation import compensated
@@ -50,7 +51,6 @@ from beltcomm.jobs.new_profile import new_profile as new_profile
 from beltcomm.jobs.serve import serve as serve
 from beltcomm.jobs.simulate import run_experiment
 from beltcomm.jobs.trajectory import trajectory as trajectory
-from beltcomm.jobs.tune import tune as tune
 from beltcomm.jobs.verify import verify_with
 from beltcomm.jobs.write import admitted, apply_to, backup_list, roll_back
 from beltcomm.locks import changes_run
@@ -71,6 +71,14 @@ from beltcomm.study.job import one_member, study_of
 from beltcomm.study.members import Doing
 from beltcomm.talk import Silence, Talk
 from beltcomm.thesis.topics import thesis as thesis
+
+
+def _axis_in(run: Path) -> Axis | None:
+    """Of a run folder, where it is one; a backup from elsewhere has none."""
+    try:
+        return RunFolder.open(run).axis
+    except BeltcommError:
+        return None
 
 
 @changes_run(waits=False)
@@ -108,7 +116,7 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
     options, talk, axis, run = given(options), talk or Silence(), axis_of(axis), place(run)
     referencing.suitable(axis)
     agreed = Agreement(options, talk, partial(commission, axis=axis), goes_on=False)
-    with able(open_drive(drive, options.for_drive()), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
+    with able(open_drive(drive, options.for_drive(axis)), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
         analyse.offered(connected.capabilities.structure, options.prefilter, options.feedforward)
         if options.window_m is not None:
             referencing.only_here(connected.capabilities, options.position_m, home=options.home)
@@ -166,7 +174,7 @@ def identify(drive: str, axis: Axis | Place, run: Place, *, options: Options | N
     options, talk, axis, run = given(options), talk or Silence(), axis_of(axis), place(run)
     referencing.suitable(axis)
     closed = options.in_loop
-    with able(open_drive(drive, options.for_drive()), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
+    with able(open_drive(drive, options.for_drive(axis)), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
         if closed:
             again = Agreement(options, talk, partial(identify, axis=axis))
             return identify_in_loop(connected, axis, run, options, again, talk)
@@ -224,7 +232,8 @@ def follow(drive: str, run: Place, plan: Place, *, options: Options | None = Non
         The records made.
     """
     options, talk, run, plan = given(options), talk or Silence(), place(run), place(plan, "plan")
-    with able(open_drive(drive, options.for_drive()), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
+    named = RunFolder.open(run).axis
+    with able(open_drive(drive, options.for_drive(named)), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
         agreed = Agreement(options, talk, partial(follow, plan=plan))
         return follow_plan(connected, run, plan, options, agreed, talk)
 
@@ -260,7 +269,7 @@ def friction(
     folder = RunFolder.open(run)
     model = offline.saved_model(folder)
     friction_job.check_payload(folder, model, asked)
-    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
+    with open_drive(drive, options.for_drive(folder.axis)) as opened, supervised(opened, drive, run, options, talk) as connected:
         plan = friction_job.plan_of(folder.axis, connected.capabilities, model, asked)
         if options.dry_run:
             return planned(plan, connected.capabilities, options, folder.axis)
@@ -368,7 +377,10 @@ def verify(
     options, talk, run = given(options), talk or Silence(), place(run)
     move = None if move is None else place(move, "move")
     how: dict[str, Any] = {"move": move, "trajectory": trajectory, "rungs": rungs, "over_belt": over_belt}
-    with able(open_drive(drive, options.for_drive()), "position") as opened, supervised(opened, drive, run, options, talk) as connected:
+    with (
+        able(open_drive(drive, options.for_drive(_axis_in(run))), "position") as opened,
+        supervised(opened, drive, run, options, talk) as connected,
+    ):
         return verify_with(
             connected,
             drive,
@@ -416,7 +428,7 @@ def apply(
     dcf, folder = None if dcf is None else place(dcf, "file"), RunFolder.open(run)
     admitted(folder, options, talk, dcf, shown)
     agreed = Agreement(options, talk, partial(apply, dcf=dcf, shown=shown))
-    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
+    with open_drive(drive, options.for_drive(_axis_in(run))) as opened, supervised(opened, drive, run, options, talk) as connected:
         return apply_to(connected, drive, folder, options, talk, agreed, dcf=dcf, shown=shown)
 
 
@@ -464,7 +476,10 @@ def rollback(drive: str, run: Place, *, backup: str | None = None, options: Opti
     folder = RunFolder.open(run)
     chosen(folder, backup)  # before anything is connected
     # a rollback is what an unfinished session needs: it is not offered one
-    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk, settles=False) as connected:
+    with (
+        open_drive(drive, options.for_drive(_axis_in(run))) as opened,
+        supervised(opened, drive, run, options, talk, settles=False) as connected,
+    ):
         return roll_back(connected, drive, folder, backup, options, talk)
 
 
@@ -492,8 +507,8 @@ def calibrate(drive: str, axis: Axis | Place | None, run: Place, *, options: Opt
     """
     options, talk, run = given(options), talk or Silence(), place(run)
     agreed = Agreement(options, talk, partial(calibrate, axis=axis), goes_on=axis is None)
-    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
-        of_axis = RunFolder.open(run).axis if axis is None else axis_of(axis)
+    of_axis = RunFolder.open(run).axis if axis is None else axis_of(axis)
+    with open_drive(drive, options.for_drive(of_axis)) as opened, supervised(opened, drive, run, options, talk) as connected:
         plan = calibrate_job.plan_of(of_axis, connected.capabilities)
         if options.dry_run:
             return planned(plan, connected.capabilities, options, of_axis)
@@ -533,7 +548,7 @@ def move(drive: str, axis: Axis | Place, by_m: float, *, options: Options | None
         raise UsageError(
             "a creep without a loop is not played on a twin: only the axis itself shows where it breaks away; leave --simulate-first out"
         )
-    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, None, options, talk) as connected:
+    with open_drive(drive, options.for_drive(axis)) as opened, supervised(opened, drive, None, options, talk) as connected:
         return short_move.moved(connected, drive, axis, by_m, options, talk)
 
 
@@ -682,6 +697,7 @@ __all__ = [
     "import_recordings",
     "ladder",
     "move",
+    "open_page",
     "remove",
     "report",
     "rollback",
@@ -693,6 +709,5 @@ __all__ = [
     "thesis",
     "trajectory",
     "trend",
-    "tune",
     "verify",
 ]

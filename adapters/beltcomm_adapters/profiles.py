@@ -16,6 +16,7 @@ from beltcomm.drive.parameters import GAIN_NAMES, GainTerm
 from beltcomm.errors import UsageError
 from beltcomm_adapters.locks import ALWAYS, Lock
 from beltcomm_adapters.profile_schema import CONFIDENCES, faults
+from beltcomm_adapters.units import named
 
 #: Keys of a file that state no fact about the drive; every other one has its source.
 SOURCE_KEYS: Final = ("source", "confidence")
@@ -51,7 +52,9 @@ class Profile:
     match : of its identity; None is chosen by name only.
     modes : CiA 402 mode of operation by kind of motion.    choices : all that may serve, the best first; see :meth:`with_modes`.
     supported_modes : asked when the drive has no 6502h.
-    units : "cia402" (608Fh, 6091h, 6092h) or "factor_group" (6093h, 6094h, 6097h of the Metronix family).
+    units : "cia402" (608Fh, 6091h, 6092h, 60A8h to 60AAh) or "factor_group" (6093h, 6094h, 6097h of the Metronix family).
+    position_unit, velocity_unit, acceleration_unit : by name, where the drive does not tell them ("0.1 rpm", "10 counts/s2").
+    rated_torque_unit_nm : N m in one unit of 6076h; None is mN m, or what agrees with axis.yaml.
     offsets : 60B1h and 60B2h exist.    guarding : how the drive notices that its host is gone.
     torque_sampling : see :class:`beltcomm.drive.Capabilities`.
     bus : "canopen", or what the drive has in place of such a port; then it cannot be opened here.
@@ -101,6 +104,10 @@ class Profile:
     overload_time: tuple[int, int] | None = None
     output_limit: tuple[int, int] | None = None
     dead_zone: tuple[int, int] | None = None
+    position_unit: str | None = None
+    velocity_unit: str | None = None
+    acceleration_unit: str | None = None
+    rated_torque_unit_nm: float | None = None
     emergency: Mapping[int, str] = field(default_factory=dict)
     signals: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     choices: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
@@ -124,6 +131,7 @@ def load_profile(name: str) -> Profile:
         raw = completed(raw)
     try:
         found = _profile(raw)
+        _check_units(found)
         _check_writes(found, shipped=not named_file(name))
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise UsageError(f"the drive profile {path.name} cannot be used: {type(error).__name__}: {error}") from error
@@ -209,6 +217,13 @@ def _profile(raw: dict[str, Any]) -> Profile:
         dead_zone=_place(raw.pop("dead_zone", None)),
         **raw,
     )
+
+
+def _check_units(profile: Profile) -> None:
+    """Raise ValueError for a unit that nobody knows."""
+    for per, name in enumerate((profile.position_unit, profile.velocity_unit, profile.acceleration_unit)):
+        if name is not None:
+            named(name, per)
 
 
 def _check_writes(profile: Profile, *, shipped: bool) -> None:

@@ -43,7 +43,9 @@ def _playing(address: str, options: Mapping[str, object]) -> tuple[LockstepBus, 
 def _open(address: str, options: Mapping[str, object]) -> Drive:
     bus, machine = _playing(address, options)
     bitrate = whole_number(options, "bitrate", None, 10_000, 1_000_000)
-    drive = connect(bus, bus.clock, NODE, played(options)[1], bitrate, bus.shutdown, number(options, "sample_period", None))
+    given: Mapping[str, Any] = options
+    period_s = number(options, "sample_period", None)
+    drive = connect(bus, bus.clock, NODE, played(options)[1], bitrate, bus.shutdown, period_s, given.get("nameplate"))
     identity = {**drive.capabilities.identity, "plant": machine}  # the machine behind it is part of what a run was made on
     drive.capabilities = replace(drive.capabilities, identity=identity)
     return drive
@@ -85,4 +87,5 @@ ADAPTER = Adapter(
     serve=_serve,
     logs=True,
     new_profile=_new_profile,
+    nameplates=True,
 )

@@ -16,6 +16,7 @@ from beltcomm.excitation import ExcitationKind
 from beltcomm.given import Place, Reached, choice, number, pasted, place, whole, word
 from beltcomm.identify.loop_response import CLOSED_WAYS, Way
 from beltcomm.machine.hardware import Hardware
+from beltcomm.machine.ratings import nameplate_of
 from beltcomm.rundata.calibration import RESULT
 from beltcomm.rundata.findings import Apply, Settings
 from beltcomm.rundata.proof import EDITED
@@ -225,8 +226,8 @@ class Options:
         found.options = " ".join(f"--{name} {pasted(value)}" for name, value in given.items() if value is not None)
         return found
 
-    def for_drive(self) -> dict[str, object]:
-        """The adapter's options: those that were given."""
+    def for_drive(self, axis: Axis | None = None) -> dict[str, object]:
+        """The adapter's options: those that were given, and what the axis file knows of the motor."""
         given = {
             "seed": self.seed,
             "profile": self.profile,
@@ -238,6 +239,8 @@ class Options:
         found: dict[str, object] = {name: value for name, value in given.items() if value is not None}
         if self.realtime:
             found["realtime"] = True
+        if axis is not None:
+            found["nameplate"] = nameplate_of(axis)
         return {**found, **self.drive}
 
 

@@ -134,6 +134,7 @@ def examine_bus(
         yield Finding(node.AREA, "identity", "wrong", problem, "is node --node a CANopen drive, and nobody else on its number?")
         return
     patient = Patient(link, objects, identity, chosen, others, bitrate, rtr, bool(options.get("sync_test")), heard.nmt.get(number))
+    patient.nameplate = options.get("nameplate")
     yield from examine(patient, CHECKS)
     if link.emergency is not None:
         text = f"the drive sent an emergency message meanwhile: error {link.emergency.code:04X}h"
