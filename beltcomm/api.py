@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from beltcomm.app.serve import open_page as open_page
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.design.compensation import compensated
@@ -49,7 +50,6 @@ from beltcomm.jobs.loop import identify_in_loop
 from beltcomm.jobs.serve import serve as serve
 from beltcomm.jobs.simulate import run_experiment
 from beltcomm.jobs.trajectory import trajectory as trajectory
-from beltcomm.jobs.tune import tune as tune
 from beltcomm.jobs.verify import verify_with
 from beltcomm.jobs.write import admitted, apply_to, backup_list, roll_back
 from beltcomm.locks import changes_run
@@ -696,6 +696,7 @@ __all__ = [
     "import_recordings",
     "ladder",
     "move",
+    "open_page",
     "remove",
     "report",
     "rollback",
@@ -707,6 +708,5 @@ __all__ = [
     "thesis",
     "trajectory",
     "trend",
-    "tune",
     "verify",
 ]

@@ -104,7 +104,7 @@ def read_capabilities(
     loop_s = _loop_period_s(objects, profile)
     exchange = plan_exchange(bitrate, fullest(profile, modes), *sync_steps(objects, profile), wanted_s)
     period_s = exchange.period_s
-    plate = nameplate or Nameplate()
+    plate, steps = nameplate or Nameplate(), max(round(math.tau / abs(scaling.position_rad)), 1)
     peak_permille = objects.read_if_there(0x6073, 0, "uint16") or objects.read_if_there(0x6072, 0, "uint16")
     peak_nm = plate.peak_torque_nm or scaling.rated_torque_nm if peak_permille is None else peak_permille * 1e-3 * scaling.rated_torque_nm
     fastest = read_top_speed_rad_s(objects) or plate.max_speed_rad_s or FASTEST_RAD_S
@@ -112,7 +112,8 @@ def read_capabilities(
         name=identity.get("device_name", profile.title),
         kinds=frozenset(kind for kind, mode in profile.modes.items() if mode in modes),
         sample_period_s=period_s,
-        counts_per_rev=scaling.counts_per_rev,
+        counts_per_rev=min(scaling.counts_per_rev, steps),
+        encoder_counts_per_rev=scaling.counts_per_rev if steps < scaling.counts_per_rev else None,
         torque_step_nm=scaling.torque_nm,
         torque_sampling=profile.torque_sampling,
         torque_along=frozenset(kind for kind, mode in profile.modes.items() if profile.offsets and mode in modes and mode in OFFSET_MODES),

@@ -15,6 +15,7 @@ import click
 
 from beltcomm.cli.endings import like_ctrl_c, twice_leaves
 from beltcomm.cli.frame import Invocation
+from beltcomm.cli.streams import prepare
 from beltcomm.version import __version__
 
 # The matrices here are tall and narrow: more threads cost more than they bring, and results must not depend on the number of cores.
@@ -30,7 +31,7 @@ VERBS = {
     "fit": "Model with intervals from the recordings of a run.",
     "friction": "Constant-speed sweep: Coulomb and viscous friction.",
     "design": "Controller gains with margins from the model of a run.",
-    "tune": "The three knobs of the design as sliders, on a local page.",
+    "open": "A run on a local page: where its model fails, its design with sliders, what it does now.",
     "verify": "Predicted against measured tracking error of a move.",
     "calibrate": "What the drive's gains mean, by small steps.",
     "apply": "Write the designed gains to the drive.",
@@ -137,6 +138,7 @@ def main() -> None:
     """Entry point of the console script."""
     if sys.argv[1:2] and sys.argv[1] in SHORT:
         gc.disable()
+    prepare()
     try:
         cli()
     finally:

@@ -185,8 +185,14 @@ class Guarding:
 class Nameplate:
     """What is known of a motor beforehand, for what a drive does not tell; None where nobody knows it.
 
-    rated_torque_nm, peak_torque_nm : N m.   torque_constant_nm_a : N m per A rms.   max_speed_rad_s : that it is driven with at most.
-    counts_per_rev : increments of its encoder.
+    Attributes
+    ----------
+    rated_torque_nm, peak_torque_nm : float or None, N m
+    torque_constant_nm_a : float or None, N m per A rms
+    max_speed_rad_s : float or None, rad/s
+        That it is driven with at most.
+    counts_per_rev : int or None
+        Increments of its encoder.
     """
 
     rated_torque_nm: float | None = None
@@ -207,7 +213,7 @@ class Capabilities:
     sample_period_s : float, s
         Shortest period of the synchronous exchange.
     counts_per_rev : int
-        Encoder counts per motor revolution.
+        Steps of the position that it tells, per motor revolution.
     torque_step_nm : float, N m
         Resolution of a torque setpoint.
     torque_sampling : {'over', 'after'}
@@ -244,6 +250,8 @@ class Capabilities:
         Shortest time in which it can be made to notice that its host is gone; None when nothing in it watches the host.
     overload_time_s : float or None, s
         For which the drive lets the motor have its peak torque from cold; None when it does not tell.
+    encoder_counts_per_rev : int or None
+        Of the encoder, where the positions are coarser than that.
     """
 
     name: str
@@ -270,6 +278,7 @@ class Capabilities:
     exchange: str = ""
     torque_scale: str = ""
     shortest_guard_s: float | None = None
+    encoder_counts_per_rev: int | None = None
     overload_time_s: float | None = None
 
 

@@ -1,4 +1,4 @@
-"""What ``design`` and ``tune`` share: what a design rests on in a run, its proof on the run's own data, and keeping it."""
+"""What ``design`` and the page with sliders share: what a design rests on in a run, its proof on the run's own data, and keeping it."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import CascadeStructure
 from beltcomm.errors import UsageError
-from beltcomm.experiments import referencing
+from beltcomm.experiments import phases, referencing
 from beltcomm.given import pasted
 from beltcomm.laboratory.cross_checks import sheet_doubts
 from beltcomm.model import Model
@@ -27,6 +28,11 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import outcome, typed_gains, words
 from beltcomm.sentences.cross_checks import sheet_lines
 from beltcomm.sentences.design_proof import proof_lines
+from beltcomm.trajectory import Trajectory, load_move, plan_trajectory
+from beltcomm.verify import MOVE_M
+
+#: m/s and m/s² of a move for an axis that states no limits of its own.
+GENTLE = (0.5, 2.0)
 
 
 @dataclass(frozen=True)
@@ -112,3 +118,23 @@ def delivered(
     ]
     unfit = findings.design.relaxed or proof.failed or unexplained
     return Result({"run": str(folder.path), **mapping, "data_sheet": plain(sheets), "pictures": made}, text, 1 if unfit else 0)
+
+
+def move_of(folder: RunFolder, period_s: float, file: Path | None) -> Trajectory:
+    """The user's own move from a file, the one that verified the run, or the standard one of its axis."""
+    axis = folder.axis
+    if file is not None:
+        return load_move(file, period_s, axis)
+    top, fastest = axis.limits.speed_m_s or GENTLE[0], axis.limits.acceleration_m_s2 or GENTLE[1]
+    gentle = TrajectoryLimits(speed_m_s=min(top, GENTLE[0]), acceleration_m_s2=min(fastest, GENTLE[1]), jerk_m_s3=20.0 * GENTLE[1])
+    limits = axis.trajectories.get("T_A") or gentle
+    paths = [
+        (folder.load("results", name).get("proof") or {}).get("path") for name in folder.names("results") if name.startswith("verify_")
+    ]
+    if paths and paths[-1]:
+        start, end, duration = paths[-1]
+        share = plan_trajectory(start, end, limits, period_s).duration_s / duration
+        return plan_trajectory(start, end, phases.slower(limits, share), period_s)
+    low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
+    start = max(low + 0.05 * (high - low), min(0.0, high))
+    return plan_trajectory(start, min(start + MOVE_M, high - 0.05 * (high - low)), limits, period_s)

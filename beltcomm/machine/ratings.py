@@ -91,7 +91,7 @@ def ratings(axis: Axis, capabilities: Capabilities) -> tuple[Rating, ...]:
             "a motor that runs away would be stopped too late; lower 6080h in the drive, or correct motor.max_speed_rad_s",
             most=True,
         ),
-        counts_rating(axis, capabilities.counts_per_rev),
+        counts_rating(axis, capabilities.encoder_counts_per_rev or capabilities.counts_per_rev),
     )
 
 
@@ -101,7 +101,7 @@ def check_ratings(axis: Axis, capabilities: Capabilities) -> list[str]:
     wrong = [rating.words() for rating in found if rating.wrong]
     if wrong:
         raise UsageError("; ".join(wrong))
-    counted = counts_rating(axis, capabilities.counts_per_rev)
+    counted = counts_rating(axis, capabilities.encoder_counts_per_rev or capabilities.counts_per_rev)
     return [counted.words()] if counted.share != 1.0 else []
 
 

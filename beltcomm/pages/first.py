@@ -80,7 +80,7 @@ def next_steps(run: Gathered, called: str = "") -> list[str]:
     elif not run.verifications:
         steps.append(f"beltcomm verify --drive DRIVE --run {pasted(name)}: a move that proves the gains")
     elif virtual:
-        steps.append(f"beltcomm tune {pasted(name)}: the knobs of the design as sliders; a virtual drive keeps no gains")
+        steps.append(f"beltcomm open {pasted(name)}: where the model fails, other gains by sliders; a virtual drive keeps none")
     elif list(run.verifications.values())[-1]["passed"]:
         steps.append(f"beltcomm apply --drive DRIVE --run {pasted(name)}: the gains into the drive (--save keeps them beyond power-off)")
     return steps

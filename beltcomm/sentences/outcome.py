@@ -230,7 +230,7 @@ def _following(folder: RunFolder, findings: Findings, drive: str) -> str:
     if findings.own_loop:
         return f"type these gains in with the maker's tool, then beltcomm verify --drive {pasted(drive)} --run {run}"
     if findings.succeeded and simulated(drive) and findings.applied == "restore":
-        return f"beltcomm tune {run}   (other gains on a page; a virtual drive keeps none)"
+        return f"beltcomm open {run}   (model and other gains on a page; a virtual drive keeps none)"
     if not findings.succeeded:
         return (
             "what would help stands above: other parts of the drive's controller, a drive that has them, or slower moves "

@@ -16,7 +16,7 @@ from beltcomm.control import Cascade
 from beltcomm.design.compensation import compensation
 from beltcomm.drive.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import DataError, UsageError
-from beltcomm.jobs.tune import move_of
+from beltcomm.jobs.design import move_of
 from beltcomm.model import PlantFile, load_plant
 from beltcomm.outside import read_text
 from beltcomm.quantities import parse_quantity

@@ -48,7 +48,7 @@ def test_it_meets_its_targets(complete: Complete) -> None:
     text = "\n".join(complete.result.lines())
     assert text.startswith("The axis meets its targets.")
     assert str(complete.path) in text
-    assert text.splitlines()[1].startswith("Next: beltcomm tune")
+    assert text.splitlines()[1].startswith("Next: beltcomm open")
 
 
 @pytest.mark.parametrize(("found", "true", "share"), PARAMETERS)
