@@ -37,7 +37,7 @@ from beltcomm.schedule.record_schedule import Extent
 from beltcomm.schedule.strokes import fastest_stroke_m_s
 from beltcomm.simulate.stopping import Braking, total_friction
 from beltcomm.trajectory import Trajectory, plan_trajectory
-from beltcomm.verify import MOVE_M, demand
+from beltcomm.verify import demand
 
 #: Of the points those on what moves and how far.
 HOW_FAR = 2
@@ -174,7 +174,9 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
     force = axis.belt_force_limit_n
     moving = _move_seconds(axis, capabilities) / (3.0 + MOVE_SECONDS)
     heating = math.sqrt(moving * stroking_nm(axis, 1.0) ** 2 + stroking_nm(axis, 0.0) ** 2)  # at rest friction may stay wound up
-    move = Experiment("move that verifies the result", min(whole, MOVE_M), whole, moved, torque, force, 3.0 + MOVE_SECONDS, heating)
+    move = Experiment(
+        "move that verifies the result", min(whole, axis.targets.way_m), whole, moved, torque, force, 3.0 + MOVE_SECONDS, heating
+    )
     budget = record_schedule.BUDGET_S[extent] + (HOLDING_SECONDS if axis.mounting.tilted else 0.0)
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will move by itself.",
@@ -269,20 +271,20 @@ def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
 
 def _move_seconds(axis: Axis, capabilities: Capabilities) -> float:
     """How long the standard move takes at least, s: a longer one takes less torque by more than it takes longer."""
-    limits = axis.trajectories.get("T_A")
+    limits = axis.trajectories.get(axis.targets.limits)
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     if limits is None or whole <= 0.0:
         return MOVE_SECONDS
-    return min(MOVE_SECONDS, plan_trajectory(0.0, min(whole, MOVE_M), limits, capabilities.sample_period_s).duration_s)
+    return min(MOVE_SECONDS, plan_trajectory(0.0, min(whole, axis.targets.way_m), limits, capabilities.sample_period_s).duration_s)
 
 
 def _move_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
     """Top speed of the standard move, before a heavy carriage slows it down."""
-    top, limits = top_speed_m_s(axis, capabilities), axis.trajectories.get("T_A")
+    top, limits = top_speed_m_s(axis, capabilities), axis.trajectories.get(axis.targets.limits)
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     if limits is None or whole <= 0.0:
         return top
-    path = plan_trajectory(0.0, min(whole, MOVE_M), limits, capabilities.sample_period_s)
+    path = plan_trajectory(0.0, min(whole, axis.targets.way_m), limits, capabilities.sample_period_s)
     return min(top, float(np.max(np.abs(path.velocity_m_s))))
 
 

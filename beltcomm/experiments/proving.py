@@ -121,10 +121,18 @@ def verify_move(
 
     def error(other: Model, stretch_m: float) -> TrackingError:
         path = predict_move(other, running, sent.motor, drive, belt_stretch_m=stretch_m, extra_torque_nm=sent.torque_nm, time_s=clock_s)
-        return tracking_error(path.t_s, sent.motor.position_m, path.motor_m)
+        return tracking_error(path.t_s, sent.motor.position_m, path.motor_m, machine.axis.targets)
 
     spread = predict_range(model, error) if sent.motor.duration_s <= LONGEST_RANGED_S else None
-    verdict = judge(recording, machine.ratio, path, sent.motor.position_m, carriage_m=sent.carriage.position_m, predicted_range=spread)
+    verdict = judge(
+        recording,
+        machine.ratio,
+        path,
+        sent.motor.position_m,
+        carriage_m=sent.carriage.position_m,
+        predicted_range=spread,
+        targets=machine.axis.targets,
+    )
     if sent.torque_nm is not None:
         plain = held(trajectory, REST_S)
         alone = predict_move(model, running, plain, drive, time_s=clock_s)

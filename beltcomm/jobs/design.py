@@ -21,6 +21,7 @@ from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.design_proof import grounds_of, prove
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.fitted_run import records_of
+from beltcomm.rundata.headline import OF, hashes_of
 from beltcomm.rundata.kept_path import kept_path
 from beltcomm.rundata.proof import SUSPECT, doubts, error_of, suspect, thin_margins
 from beltcomm.runfolder import RunFolder
@@ -92,6 +93,7 @@ def delivered(
         "revision": basis.revision,
         "compensated": list(along),
         "proof": proof.to_dict(),
+        OF: hashes_of(findings.cascade, basis.model),
         **(noted or {}),
     }
     sound = "final" in folder.names("designs") and not doubts(folder)

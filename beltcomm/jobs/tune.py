@@ -34,7 +34,7 @@ from beltcomm.tuning.changes import changes, error_changes, sentence
 from beltcomm.tuning.curves import DISTURBANCE_NM, OpenLoops, Responses
 from beltcomm.tuning.ground import MOST_PAYLOAD_KG, RANGES, DesignInput, SliderSetting, setting_from
 from beltcomm.tuning.presets import KINDS, PACES, preset
-from beltcomm.verify import DYNAMIC_TARGET_M, MOVE_M, REST_S, STATIC_TARGET_M, Loop
+from beltcomm.verify import REST_S, Loop
 
 #: T_R to choose from beside the present one, s.
 VELOCITY_FILTERS_S = (0.001, 0.002, 0.004, 0.008, 0.016)
@@ -71,7 +71,7 @@ class Tuning:
 
     def begin(self) -> dict[str, Any]:
         """What the page needs once: where the controls stand, their ranges and choices."""
-        ground, start = self.bench.ground, self._start
+        ground, start, targets = self.bench.ground, self._start, self._basis.folder.axis.targets
         return {
             "run": str(self._basis.folder.path),
             "axis": self._basis.folder.axis.name,
@@ -88,7 +88,7 @@ class Tuning:
             "kinds": plain(KINDS),
             "paces": plain(PACES),
             "disturbance_nm": DISTURBANCE_NM,
-            "targets": {"dynamic_mm": 1e3 * DYNAMIC_TARGET_M, "static_um": 1e6 * STATIC_TARGET_M},
+            "targets": {"dynamic_mm": 1e3 * targets.following_m, "static_um": 1e6 * targets.settled_m},
             "move": self._move_words,
             "compensated": list(self._saved_design.get("compensated") or ()),
         }
@@ -227,7 +227,7 @@ def move_of(folder: RunFolder, period_s: float, file: Path | None) -> Trajectory
         return load_move(file, period_s, axis)
     top, fastest = axis.limits.speed_m_s or GENTLE[0], axis.limits.acceleration_m_s2 or GENTLE[1]
     gentle = TrajectoryLimits(speed_m_s=min(top, GENTLE[0]), acceleration_m_s2=min(fastest, GENTLE[1]), jerk_m_s3=20.0 * GENTLE[1])
-    limits = axis.trajectories.get("T_A") or gentle
+    limits = axis.trajectories.get(axis.targets.limits) or gentle
     paths = [
         (folder.load("results", name).get("proof") or {}).get("path") for name in folder.names("results") if name.startswith("verify_")
     ]
@@ -237,7 +237,7 @@ def move_of(folder: RunFolder, period_s: float, file: Path | None) -> Trajectory
         return plan_trajectory(start, end, phases.slower(limits, share), period_s)
     low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
     start = max(low + 0.05 * (high - low), min(0.0, high))
-    return plan_trajectory(start, min(start + MOVE_M, high - 0.05 * (high - low)), limits, period_s)
+    return plan_trajectory(start, min(start + axis.targets.way_m, high - 0.05 * (high - low)), limits, period_s)
 
 
 def _hz(omega_rad_s: float) -> float:

@@ -21,7 +21,8 @@ from beltcomm.machine import stops
 from beltcomm.machine.machine import Machine
 from beltcomm.result import Result
 from beltcomm.rundata import analyse, offline
-from beltcomm.rundata.proof import next_step, proof
+from beltcomm.rundata.headline import OF, following, hashes_of, headline_of
+from beltcomm.rundata.proof import proof
 from beltcomm.rundata.store import saved_design, verdict_to_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import words
@@ -118,7 +119,8 @@ def verify_with(
         for gains, how in ways:
             record = f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
             verdict, asked = verify_move(machine, model, gains, delay_s, path, record, sending=how)
-            shown = {"proof": proof(gains, path, (), how if how in ("stretch", "compliant") else "")}
+            driven_with = proof(gains, path, (), how if how in ("stretch", "compliant") else "")
+            shown = {"proof": driven_with, OF: hashes_of(driven_with["gains"], model)}
             folder.save_result(f"verify_{record}", {**verdict_to_dict(verdict), **shown})
             driven.append((record, verdict, asked))
     if over_belt and asked.feed_force_n > folder.axis.belt_force_limit_n:
@@ -137,8 +139,10 @@ def _result(folder: RunFolder, drive: str, one: tuple[str, Verdict, Demand], fee
         text.append(
             "`beltcomm apply` writes the gains that this move was driven with, and the drive's own feedforward; the host led the motor."
         )
-    text.append(f"Next: {next_step(folder, drive, verdict.passed)}")
-    return Result({"run": str(folder.path), "recording": record, **verdict_to_dict(verdict)}, text, 0 if verdict.passed else 1)
+    headline = headline_of(folder)
+    text.append(f"Next: {following(folder, headline, drive).command}")
+    data = {"run": str(folder.path), "recording": record, **verdict_to_dict(verdict), "headline": headline.to_dict()}
+    return Result(data, text, 0 if verdict.passed else 1)
 
 
 def _rungs_result(folder: RunFolder, path: Trajectory, driven: list[tuple[str, Verdict, Demand]]) -> Result:

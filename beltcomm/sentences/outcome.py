@@ -15,6 +15,7 @@ from beltcomm.result import plain
 from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import delay
 from beltcomm.rundata.findings import Findings
+from beltcomm.rundata.headline import OF, following, hashes_of, headline_of
 from beltcomm.rundata.kept_fit import keep_fit
 from beltcomm.rundata.kept_path import KEY
 from beltcomm.rundata.store import design_to_dict, fit_to_dict, verdict_to_dict
@@ -25,6 +26,7 @@ from beltcomm.sentences.torque_path import path_data, path_lines, period_of
 
 def save(folder: RunFolder, findings: Findings) -> None:
     """Everything known into the run folder: models, designs, results."""
+    model = findings.final.fit.model if findings.final is not None else None
     if findings.final is not None:
         folder.save_model("final", findings.final.fit.model.to_dict())
         folder.save_result("fit", fit_dict(findings.final, findings))
@@ -34,9 +36,10 @@ def save(folder: RunFolder, findings: Findings) -> None:
     if findings.standstill is not None:
         folder.save_result("standstill", plain(findings.standstill))
     if findings.design is not None:
-        folder.save_design("final", design_dict(findings))
+        folder.save_design("final", {**design_dict(findings), OF: hashes_of(findings.cascade, model) if findings.cascade else {}})
     if findings.verdict is not None:
-        verdict = {**verdict_to_dict(findings.verdict), "proof": plain(findings.proof), "reservations": findings.reservations}
+        proven = {"proof": plain(findings.proof), OF: hashes_of(findings.proof["gains"], model)}
+        verdict = {**verdict_to_dict(findings.verdict), **proven, "reservations": findings.reservations}
         folder.save_result(f"verify_{findings.move_name}", verdict)
 
 
@@ -65,6 +68,7 @@ def data(folder: RunFolder, findings: Findings) -> dict[str, Any]:
     """Everything that was found, for ``--json``."""
     found: dict[str, Any] = {
         "run": str(folder.path),
+        "headline": headline_of(folder).to_dict(),
         "machine_seconds": findings.machine_seconds,
         "remarks": findings.remarks,
         "reservations": findings.reservations,
@@ -166,25 +170,16 @@ def commission_text(
 
     page : a line on the report.   error : of the model over the noise, as the report has it.   doubts : of the data sheets, likewise.
     """
-    passed = findings.verdict is not None and findings.verdict.passed
-    suspect = findings.final is None or findings.final.fit.suspect
+    headline = headline_of(folder)
     state = {
         "restore": "The drive has its old gains again",
         "keep": "The new gains are in the drive until power-off",
         "save": "The new gains are saved in the drive",
     }[findings.applied]
-    headline = {
-        (True, False): "The axis meets its targets.",
-        (False, False): "The axis misses its targets.",
-        (True, True): "The move met its targets, but the model does not explain what was measured: do not trust its numbers yet.",
-        (False, True): "The axis misses its targets, and the model does not explain what was measured.",
-    }[passed, suspect]
-    if passed and not suspect and findings.reservations:
-        headline = f"The move that was driven met its targets, but the axis does not: {'; '.join(findings.reservations)}."
-    following = _following(folder, findings, drive)
+    step = following(folder, headline, drive, virtual=simulated(drive), applied=findings.applied).command
     top = [
-        headline,
-        f"Next: {following}",
+        headline.text,
+        f"Next: {step}",
         "",
         *(words.verdict_lines(findings.verdict, findings.demand) if findings.verdict else []),
         *model_text(findings, error=error, compared=False),
@@ -202,26 +197,6 @@ def commission_text(
         "",
         f"{findings.machine_seconds:.0f} s on the machine. Everything is in {folder.path}, this and the details in verdict.txt.",
         *([page] if page else []),
-        f"{state}. Next: {following}",
+        f"{state}. Next: {step}",
     ]
     return Ending(top, details, bottom)
-
-
-def _following(folder: RunFolder, findings: Findings, drive: str) -> str:
-    """The command after a commissioning."""
-    run = pasted(folder.path)
-    if findings.final is None or findings.final.fit.suspect:
-        return f"beltcomm diagnose {run}"
-    if findings.succeeded and simulated(drive) and findings.applied == "restore":
-        return f"beltcomm tune {run}   (other gains on a page; a virtual drive keeps none)"
-    if not findings.succeeded:
-        return (
-            "what would help stands above: other parts of the drive's controller, a drive that has them, or slower moves "
-            f"(beltcomm verify --drive {pasted(drive)} --run {run} --move FILE)"
-            if findings.reservations
-            else f"look at the remarks above, then beltcomm design {run} and beltcomm verify --drive {pasted(drive)} --run {run}"
-        )
-    if findings.applied == "restore":
-        return f"beltcomm apply --drive {pasted(drive)} --run {run}   (--save keeps them beyond power-off)"
-    undo = " --save" if findings.applied == "save" else ""
-    return f"beltcomm rollback --drive {pasted(drive)} --run {run}{undo} undoes it" + words.lasting(drive)

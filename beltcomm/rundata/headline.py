@@ -1,0 +1,229 @@
+"""What is said of a run first, everywhere in the same words: terminal, ``verdict.txt``, report, JSON; and the one command to type next."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from beltcomm.axis.entries import NO_TARGETS, AxisTargets, entries_of
+from beltcomm.control import Cascade
+from beltcomm.drive.parameters import cascade_to_parameters
+from beltcomm.errors import BeltcommError
+from beltcomm.given import pasted
+from beltcomm.model import Model
+from beltcomm.rundata.proof import same_gains, suspect
+from beltcomm.rundata.revisions import trusted_model
+from beltcomm.runfolder import RunFolder
+
+State = Literal["pass", "fail", "doubt", "stale", "open"]
+#: Each state in the word that stands first.
+WORDS: Mapping[State, str] = {
+    "pass": "PASS",
+    "fail": "FAIL",
+    "doubt": "NOT TRUSTED",
+    "stale": "OUT OF DATE",
+    "open": "NOT PROVEN",
+}
+#: Where a result of a move keeps what it was driven with.
+OF = "verified"
+UNEXPLAINED = "the model does not explain what was measured"
+
+
+@dataclass(frozen=True)
+class Headline:
+    """state : what the axis is.   sentence : without the state's word.   move : name of the result it rests on, "" without one.
+
+    errors : following and settled error, m, at motor and carriage.   targets : that count, as stated or by default.
+    """
+
+    state: State
+    sentence: str
+    move: str = ""
+    errors: Mapping[str, Any] | None = None
+    targets: AxisTargets = NO_TARGETS
+
+    @property
+    def word(self) -> str:
+        """PASS, FAIL, ..."""
+        return WORDS[self.state]
+
+    @property
+    def text(self) -> str:
+        """Word and sentence, for a file or a page."""
+        return f"{self.word}  {self.sentence}"
+
+    @property
+    def good(self) -> bool:
+        """Whether the axis does what was asked, by a model that explains it and with nothing that speaks against it."""
+        return self.state == "pass"
+
+    def to_dict(self) -> dict[str, Any]:
+        """For programs."""
+        return {
+            "state": self.state,
+            "word": self.word,
+            "sentence": self.sentence,
+            "move": self.move,
+            "errors": self.errors,
+            "targets": targets_dict(self.targets),
+        }
+
+
+@dataclass(frozen=True)
+class Following:
+    """The command to type next.   why : what it does, a few words."""
+
+    command: str
+    why: str
+
+
+def targets_dict(targets: AxisTargets) -> dict[str, Any]:
+    """What holds, and whether anybody stated it."""
+    return {
+        "following_error_m": targets.following_m,
+        "settled_error_m": targets.settled_m,
+        "settled_after_s": targets.after_s,
+        "at": list(targets.places),
+        "move": targets.limits,
+        "distance_m": targets.way_m,
+        "stated": targets.stated,
+    }
+
+
+def hashes_of(gains: Mapping[str, float] | Cascade, model: Model | None) -> dict[str, str]:
+    """Short hashes of gains and model, to three digits: what a later computation of the same leaves as it is."""
+    values = cascade_to_parameters(gains) if isinstance(gains, Cascade) else gains
+    told = {} if model is None else {name: item.value for name, item in model.parameters.items()}
+    effects = [] if model is None else list(model.effects)
+    return {"gains": _hash({n: f"{v:.3g}" for n, v in values.items()}), "model": _hash([effects, {n: f"{v:.3g}" for n, v in told.items()}])}
+
+
+def headline_of(folder: RunFolder) -> Headline:
+    """By the last move that was driven with today's gains on today's model; without one, the last of all is out of date."""
+    name = (folder.axis.name if folder.has_axis else "") or "the axis"
+    asked = folder.axis.targets if folder.has_axis else NO_TARGETS
+    moves = {n: folder.load("results", n) for n in folder.names("results") if n.startswith("verify_")}
+    if not moves:
+        doubt = f"; {UNEXPLAINED}" if suspect(folder) else ""
+        text = f"{name}: no move has been driven with a design of this run yet{doubt}"
+        return Headline("doubt" if doubt else "open", text, targets=asked)
+    design = folder.load("designs", "final") if "final" in folder.names("designs") else {}
+    model = _model_of(folder)
+    changed = {n: _changed(moves[n], design.get("parameters"), model) for n in moves}
+    today = [n for n in moves if not changed[n]]
+    last = today[-1] if today else list(moves)[-1]
+    told, targets = moves[last], targets_of(moves[last], asked)
+    errors = {place: _error(told, place) for place in ("motor", "carriage")}
+    if not today:
+        text = f"{name} was verified with {' and '.join(changed[last])} than this run has now: {_within(errors)} then"
+        return Headline("stale", text, last, errors, targets)
+    missed = _missed(errors, targets)
+    if missed or not told.get("passed"):
+        text = f"{name} misses its target: {'; '.join(missed) or _within(errors)}"
+        return Headline("fail", f"{text}; {UNEXPLAINED}" if suspect(folder) else text, last, errors, targets)
+    if suspect(folder):
+        return Headline("doubt", f"{UNEXPLAINED}, though {name} followed within {_within(errors)}", last, errors, targets)
+    if said := told.get("reservations"):
+        reasons = "; ".join(str(one) for one in (said if isinstance(said, (list, tuple)) else [said]))
+        return Headline("fail", f"{name} met its targets in this move, but {reasons}", last, errors, targets)
+    return Headline("pass", f"{name} follows within {_within(errors)}", last, errors, targets)
+
+
+def targets_of(result: Mapping[str, Any], asked: AxisTargets) -> AxisTargets:
+    """What a move was judged by.   asked : of the axis, for a result that does not tell."""
+    told = result.get("targets")
+    if not isinstance(told, Mapping):
+        return asked
+    known = {*entries_of(AxisTargets), "at", "move"}
+    return AxisTargets(**{key: value for key, value in told.items() if key in known and value is not None})
+
+
+def following(
+    folder: RunFolder, headline: Headline, drive: str = "DRIVE", *, virtual: bool = False, applied: str = "restore", called: str = ""
+) -> Following:
+    """The one command that helps most now.   applied : what became of the gains.   called : the folder as a terminal takes it."""
+    run = pasted(called or folder.path)
+    with_drive = f"--drive {pasted(drive)} --run {run}"
+    if folder.has_axis and not folder.axis.has_belt:
+        return Following(f"beltcomm diagnose {run}", "what the model misses")
+    if "final" not in folder.names("models"):
+        return Following(f"beltcomm fit {run}", "a model of the records")
+    if suspect(folder):
+        named = "" if drive == "DRIVE" else f" --drive {pasted(drive)}"
+        return Following(f"beltcomm improve {run}{named}", "names what the model lacks, adds it, designs again")
+    design, model = folder.load("designs", "final") if "final" in folder.names("designs") else {}, _model_of(folder)
+    of = design.get(OF)
+    if not design or (isinstance(of, Mapping) and of.get("model") != hashes_of({}, model)["model"]):
+        return Following(f"beltcomm design {run}", "gains with margins, of the model as it is now" if design else "gains with margins")
+    if headline.state in ("open", "stale"):
+        return Following(f"beltcomm verify {with_drive}", "a move that proves the gains")
+    if headline.state == "fail":
+        return Following(f"beltcomm tune {run}", "other gains on a page; or state other targets, or a slower move")
+    if virtual:
+        return Following(f"beltcomm tune {run}", "other gains on a page; a virtual drive keeps none")
+    if applied == "restore":
+        return Following(f"beltcomm apply {with_drive}", "writes the gains; --save keeps them beyond power-off")
+    if applied == "keep":
+        return Following(f"beltcomm apply {with_drive} --save", "keeps the gains beyond power-off")
+    return Following(f"beltcomm report {run}", "the page for the file of this machine")
+
+
+def _model_of(folder: RunFolder) -> Model | None:
+    """The model that a design rests on."""
+    try:
+        return trusted_model(folder)[0]
+    except BeltcommError:
+        return None
+
+
+def _changed(result: Mapping[str, Any], gains: Any, model: Model | None) -> list[str]:
+    """What is not as it was when a move was driven."""
+    proof, of = result.get("proof"), result.get(OF)
+    driven = proof.get("gains") if isinstance(proof, Mapping) else None
+    changed = [] if driven is None or same_gains(driven, gains) else ["other gains"]
+    if isinstance(of, Mapping) and model is not None and of.get("model") != hashes_of({}, model)["model"]:
+        changed.append("another model")
+    return changed
+
+
+def _error(result: Mapping[str, Any], place: str) -> dict[str, Any]:
+    """Errors at a place, measured where something measures there."""
+    measured = result.get("measured") if place == "motor" else result.get("measured_cart")
+    told = measured or result.get("predicted" if place == "motor" else "predicted_cart") or {}
+    return {
+        "following_m": float(told.get("dynamic_m", float("nan"))),
+        "settled_m": float(told.get("static_m", float("nan"))),
+        "measured": bool(measured),
+    }
+
+
+def _within(errors: Mapping[str, Mapping[str, Any]]) -> str:
+    return ", ".join(
+        f"{_mm(one['following_m'])} ({place}{'' if one['measured'] else ', predicted'})"
+        for place, one in errors.items()
+        if one["following_m"] == one["following_m"]
+    )
+
+
+def _missed(errors: Mapping[str, Mapping[str, Any]], targets: AxisTargets) -> list[str]:
+    """Each target that is missed, with value and limit."""
+    found = []
+    for place in targets.places:
+        one = errors[place]
+        how = place if one["measured"] else f"{place}, predicted"
+        if one["following_m"] > targets.following_m:
+            found.append(f"following error {_mm(one['following_m'])} ({how}), allowed {_mm(targets.following_m)}")
+        if one["settled_m"] > targets.settled_m:
+            found.append(f"{_mm(one['settled_m'])} off after {targets.after_s:g} s ({how}), allowed {_mm(targets.settled_m)}")
+    return found
+
+
+def _mm(value_m: float) -> str:
+    return f"{1e3 * value_m:.3g} mm"
+
+
+def _hash(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:12]
