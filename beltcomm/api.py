@@ -99,16 +99,19 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
             agreed(plan, machine)
             with early_end.kept(machine, findings):
                 sequence.commission(machine, settings, findings)
-    text = outcome.commission_text(folder, findings, drive)
-    outcome.keep_text(folder, text.whole())
-    page = None
-    if options.report:
-        ended = at_the_end(run)
-        page = ended.page
-        text = outcome.commission_text(folder, findings, drive, page=ended.line, error=ended.error, doubts=ended.doubts)
-        outcome.keep_text(folder, text.whole())
-    found = {**outcome.data(folder, findings), "visible": plan.visible, "page": page}
-    return Result(found, text.short(), 0 if findings.succeeded else 1)
+            outcome.keep_text(folder, outcome.commission_text(folder, findings).whole(()))
+            machine.begin(sequence.TITLES[8])
+            ended = at_the_end(run) if options.report else None
+            answer = outcome.commission_text(folder, findings, ended)
+            if asked := sequence.asks(machine, settings, findings):
+                talk.say(*answer.screen)  # what the question about the gains is about
+            sequence.dispose(machine, settings, findings)
+    answer = outcome.commission_text(folder, findings, ended)
+    closing = outcome.closing(folder, findings, drive, ended.line if ended is not None else "")
+    outcome.keep_text(folder, answer.whole(closing))
+    found = {**outcome.data(folder, findings), "visible": plan.visible, "page": ended.page if ended is not None else None}
+    told = len(answer.screen) if asked else 0
+    return Result(found, [*answer.screen, *closing], 0 if findings.succeeded else 1, details=answer.details, told=told)
 
 
 @changes_run(waits=False)

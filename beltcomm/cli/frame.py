@@ -64,7 +64,7 @@ class CommandResult(Protocol):
 class Invocation:
     """One call of the command line.
 
-    run : the run folder, once known: where the log of an unexpected error goes.   verbose : -v once or more.
+    run : the run folder, once known: where the log of an unexpected error goes.   verbose : -v once or more.   details : --details.
     ended : by a signal from outside.   drive, bus_log : as given on the command line.
     """
 
@@ -72,6 +72,7 @@ class Invocation:
         self.words = words
         self.json = "--json" in words
         self.verbose = 0
+        self.details = False
         self.ended = False
         self._run: Path | None = None
         self._events_before = 0
@@ -160,7 +161,9 @@ class Invocation:
 
     def show(self, result: CommandResult) -> int:
         """Print a result, as one JSON object or as lines; returns its exit code."""
-        self.print(result.to_json(), result.lines())
+        lines, details = list(result.lines()), list(getattr(result, "details", ()))
+        told = getattr(result, "told", 0) if sys.stdout.isatty() and sys.stderr.isatty() else 0
+        self.print(result.to_json(), [*lines[told:], *(["", *details] if self.details and details else [])])
         return result.exit_code
 
     def print(self, data: Mapping[str, Any], lines: Iterable[str]) -> None:
@@ -182,7 +185,7 @@ class Invocation:
         from beltcomm.cli.talk import terminal_talk
 
         if self._talk is None:
-            self._talk = terminal_talk(self.verbose)
+            self._talk = terminal_talk(self.verbose, self.details)
         return self._talk
 
     def _end_talk(self, done: bool = False) -> None:

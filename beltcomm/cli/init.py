@@ -40,6 +40,7 @@ _TITLES = {
     "limits": "Limits of the mechanics",
     "mounting": "Mounting",
     "payload": "Payload",
+    "targets": "Targets of the axis (Enter: the default, 1 mm while it moves and 0.1 mm from 0.5 s on, at the motor)",
 }
 #: What may be written instead of a number, by entry, beside other units.
 _OTHERWISE = {

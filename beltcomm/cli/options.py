@@ -87,13 +87,19 @@ class Window(Pairs):
 
 
 def output_options(function: Function) -> Function:
-    """``--json`` and ``-v``: every verb has them."""
+    """``--json``, ``--details`` and ``-v``: every verb has them."""
+
+    def set_details(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
+        ctx.obj.details = value
 
     def set_verbose(ctx: click.Context, _param: click.Parameter, value: int) -> int:
         ctx.obj.verbose = value
         return value
 
     function = click.option("--json", "_json", is_flag=True, expose_value=False, help="One JSON object on stdout.")(function)
+    function = click.option(
+        "--details", is_flag=True, expose_value=False, callback=set_details, help="What does not fit on a screen, too."
+    )(function)
     return click.option(
         "-v", "--verbose", count=True, expose_value=False, callback=set_verbose, help="Say more on stderr; -vv for everything."
     )(function)

@@ -103,9 +103,9 @@ def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted)
         notes += friction.stroke_lines(strokes, left_out)
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will {sign_words(axis, capabilities.kinds)}travel in closed loop at constant speeds, "
-        "both ways, with a loop designed from the run's model. Keep people and tools out of its travel; Ctrl-C stops it at any time, what "
-        "was recorded until then is kept.",
+        "both ways, with a loop designed from the run's model. What was recorded when it is stopped is kept.",
         tuple(lines),
+        verb="friction",
         notes=tuple(notes),
     )
 
@@ -127,7 +127,7 @@ def record(machine: Machine, model: Model, asked: Wanted) -> Made:
     made, left_out, remarks = list[str](), set[float](), list[str]()
     for order, repetition in asked.sweeps:
         note = SweepNote(measurement, order, repetition)
-        machine.talk.say(f"{'order ' + order if order != DEFAULT else 'sweep'}, {repetition}: {orders.WORDS[order]}")
+        machine.detail(f"{'order ' + order if order != DEFAULT else 'sweep'}, {repetition}: {orders.WORDS[order]}")
         if order == DEFAULT:
             phases.move_to(machine, phases.stroke_ends(machine)[0], model)
             made.append(_recorded(machine, sweeping.sweep(machine, model).trajectory, note, asked))

@@ -5,9 +5,10 @@ The functions here import what draws only when they are called: it takes longer 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from beltcomm.given import Place, pasted, place, places
 from beltcomm.locks import changes_run
@@ -28,13 +29,14 @@ def report(run: Place, *, against: Place | None = None, out: Place | None = None
 class Ended:
     """The page of a run that was just commissioned, None where there is none.   line : on it, or why there is none.
 
-    error : of the model over the noise.   doubts : what of the data sheets the model contradicts, in words.
+    error : of the model over the noise.   doubts, sheets : what of the data sheets the model contradicts, in words and as numbers.
     """
 
     page: str | None
     line: str
     error: float | None = None
     doubts: Sequence[str] = ()
+    sheets: Sequence[Mapping[str, Any]] = ()
 
 
 def at_the_end(run: Path) -> Ended:
@@ -42,9 +44,10 @@ def at_the_end(run: Path) -> Ended:
     try:
         shown = report(run)
         made = shown.data
+        known = ((made.get("ratio") or {}).get("overall"), made["data_sheet_words"], made["data_sheet"])
         if made["page"] is None:
-            return Ended(None, f"Note: {shown.text[-1]}", (made.get("ratio") or {}).get("overall"), made["data_sheet_words"])
-        return Ended(str(made["page"]), f"Report: {made['page']}", (made.get("ratio") or {}).get("overall"), made["data_sheet_words"])
+            return Ended(None, f"Note: {shown.text[-1]}", *known)
+        return Ended(str(made["page"]), f"Report: {made['page']}", *known)
     except Exception as problem:  # an axis was commissioned, and its gains may be in the drive
         return Ended(None, f"Note: there is no report ({type(problem).__name__}: {problem}); beltcomm report {pasted(run)} makes one")
 

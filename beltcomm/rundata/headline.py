@@ -53,7 +53,7 @@ class Headline:
     @property
     def text(self) -> str:
         """Word and sentence, for a file or a page."""
-        return f"{self.word}  {self.sentence}"
+        return f"{self.word}   {self.sentence}"
 
     @property
     def good(self) -> bool:
@@ -125,11 +125,11 @@ def headline_of(folder: RunFolder) -> Headline:
         text = f"{name} misses its target: {'; '.join(missed) or _within(errors)}"
         return Headline("fail", f"{text}; {UNEXPLAINED}" if suspect(folder) else text, last, errors, targets)
     if suspect(folder):
-        return Headline("doubt", f"{UNEXPLAINED}, though {name} followed within {_within(errors)}", last, errors, targets)
+        return Headline("doubt", f"{UNEXPLAINED}, though {name} was within {_within(errors)}", last, errors, targets)
     if said := told.get("reservations"):
         reasons = "; ".join(str(one) for one in (said if isinstance(said, (list, tuple)) else [said]))
         return Headline("fail", f"{name} met its targets in this move, but {reasons}", last, errors, targets)
-    return Headline("pass", f"{name} follows within {_within(errors)}", last, errors, targets)
+    return Headline("pass", f"{name} is within {_within(errors)}", last, errors, targets)
 
 
 def targets_of(result: Mapping[str, Any], asked: AxisTargets) -> AxisTargets:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from beltcomm.configfiles import write_text
 from beltcomm.drive import simulated
 from beltcomm.experiments import holding
 from beltcomm.given import pasted
 from beltcomm.identify.final import FinalModel
-from beltcomm.result import plain
-from beltcomm.rundata import analyse
+from beltcomm.language import tr
+from beltcomm.result import Line, plain
+from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.delays import delay
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.headline import OF, following, hashes_of, headline_of
@@ -20,7 +22,7 @@ from beltcomm.rundata.kept_fit import keep_fit
 from beltcomm.rundata.kept_path import KEY
 from beltcomm.rundata.store import design_to_dict, fit_to_dict, verdict_to_dict
 from beltcomm.runfolder import RunFolder
-from beltcomm.sentences import friction, words
+from beltcomm.sentences import friction, screens, words
 from beltcomm.sentences.torque_path import path_data, path_lines, period_of
 
 
@@ -143,60 +145,85 @@ def keep_text(folder: RunFolder, text: list[str]) -> None:
     write_text(folder.path / "verdict.txt", "\n".join(text) + "\n")
 
 
+class Ended(Protocol):
+    """What a report tells of a run that was just commissioned: see :class:`beltcomm.pages.Ended`."""
+
+    @property
+    def error(self) -> float | None:
+        """Of the model over the noise."""
+        ...
+
+    @property
+    def doubts(self) -> Sequence[str]:
+        """What of the data sheets the model contradicts, in sentences."""
+        ...
+
+    @property
+    def sheets(self) -> Sequence[Mapping[str, Any]]:
+        """The same as numbers."""
+        ...
+
+
+#: A remark that nobody has to act on.
+UNHURRIED = "not recorded, for "
+
+
 @dataclass(frozen=True)
 class Ending:
-    """What a commissioning says at its end.   top : verdict, next command, what was proven, model, gains.   details : for whoever checks.
+    """What a commissioning says at its end.   screen : the answer.   details : for whoever checks.   warnings : of the report."""
 
-    bottom : notes, where the files are, and the next command once more, above which a terminal may have scrolled.
-    """
-
-    top: list[str]
+    screen: list[Line]
     details: list[str]
-    bottom: list[str]
 
-    def whole(self) -> list[str]:
+    def whole(self, closing: Sequence[str]) -> list[str]:
         """For ``verdict.txt``."""
-        return [*self.top, *(["", "Details:", *self.details] if self.details else []), *self.bottom]
-
-    def short(self) -> list[str]:
-        """For the terminal."""
-        return [*self.top, *self.bottom]
+        return [*self.screen, *closing, "", "Details:", *self.details]
 
 
-def commission_text(
-    folder: RunFolder, findings: Findings, drive: str, *, page: str = "", error: float | None = None, doubts: Sequence[str] = ()
-) -> Ending:
-    """The verdict first, then what to do next, everything behind it, and where the files are.
-
-    page : a line on the report.   error : of the model over the noise, as the report has it.   doubts : of the data sheets, likewise.
-    """
-    headline = headline_of(folder)
-    state = {
-        "restore": "The drive has its old gains again",
-        "keep": "The new gains are in the drive until power-off",
-        "save": "The new gains are saved in the drive",
-    }[findings.applied]
-    step = following(folder, headline, drive, virtual=simulated(drive), applied=findings.applied).command
-    top = [
-        headline.text,
-        f"Next: {step}",
-        "",
+def commission_text(folder: RunFolder, findings: Findings, ended: Ended | None = None) -> Ending:
+    """The answer on a screen, and everything behind it.   ended : what the report says of the run; None where there is none yet."""
+    error = ended.error if ended is not None else None
+    final = findings.final
+    warnings = [
+        *findings.reservations,
+        *screens.sheet_words(ended.sheets if ended is not None else ()),
+        *(r for r in findings.remarks if not r.startswith(UNHURRIED)),
+    ]
+    answer = [Line(""), *screens.headline_lines(headline_of(folder)), Line("")]
+    if findings.verdict is not None:
+        answer += [*screens.tracking_lines(findings.verdict), Line("")]
+    if final is not None:
+        delay_s = findings.dead_time.value_s if findings.dead_time is not None else None
+        level = math.sqrt(final.fit.misfit) if error is None else error
+        answer += [
+            *screens.axis_lines(final.fit.model, offline.middle_m(folder.axis), delay_s),
+            screens.model_line(level, final.fit.suspect),
+        ]
+    if findings.design is not None and findings.cascade is not None:
+        answer += screens.design_screen(findings.design, findings.cascade)
+    answer += screens.warning_lines(warnings)
+    details = [
         *(words.verdict_lines(findings.verdict, findings.demand) if findings.verdict else []),
         *model_text(findings, error=error, compared=False),
-        *(f"  {doubt}" for doubt in doubts),
+        *(f"  {doubt}" for doubt in (ended.doubts if ended is not None else ())),
         *gravity_text(folder, findings),
         *(words.design_lines(findings.design, findings.cascade) if findings.design and findings.cascade else []),
-    ]
-    details = [
         *(words.friction_lines(findings.friction) if findings.friction else []),
         *friction.standstill_lines(findings.standstill),
         *words.thesis_lines(findings.thesis),
-    ]
-    bottom = [
         *words.remarks_lines(findings.remarks),
-        "",
-        f"{findings.machine_seconds:.0f} s on the machine. Everything is in {folder.path}, this and the details in verdict.txt.",
-        *([page] if page else []),
-        f"{state}. Next: {step}",
+        f"{findings.machine_seconds:.0f} s on the machine.",
     ]
-    return Ending(top, details, bottom)
+    return Ending(answer, details)
+
+
+def closing(folder: RunFolder, findings: Findings, drive: str, page: str = "") -> list[str]:
+    """Where the report is, what became of the gains, and the command to type next."""
+    state = {
+        "restore": tr("old gains restored"),
+        "keep": tr("new gains kept until power-off"),
+        "save": tr("new gains saved in the drive"),
+    }[findings.applied]
+    step = following(folder, headline_of(folder), drive, virtual=simulated(drive), applied=findings.applied)
+    where = page or tr("Run {run}", run=folder.path)
+    return [Line("  ", where, "   ", (f"({state})", "soft")), *screens.next_lines(step)]

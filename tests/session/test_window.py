@@ -63,7 +63,8 @@ def test_the_carriage_never_leaves_the_window(here: Here) -> None:
 
 
 def test_the_plan_states_the_window(here: Here) -> None:
-    plan = here.talk.said[0]
+    assert "-20 ... +30 mm from where it stands" in here.talk.said[0]
+    plan = here.talk.said[1]
     assert "between -20 mm and +30 mm of where it stands now" in plan
     ways = [line for line in plan.splitlines() if " mm " in line and " m/s " in line]
     assert len(ways) == 3
@@ -145,7 +146,7 @@ def test_without_a_window_the_operator_is_asked_for_one(make_bench: MakeBench, t
     bench, talk = make_bench(referenced=False, faults=Faults(stuck_from_s=0.0)), Listener(answer=True)
     fails(Refused, bench, tmp_path / "yes", options=api.Options(seed=1), talk=talk)  # it does not move
     assert talk.asked[1:] == ["May the axis move like this?"]
-    assert "between -35 mm and +35 mm" in talk.said[0]
+    assert "-35 ... +35 mm from where it stands" in talk.said[0]
 
 
 @pytest.mark.parametrize(
