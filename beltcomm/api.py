@@ -91,7 +91,7 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
             RunFolder.create(run, axis, resume=True)  # says whether it could go on
         if options.dry_run:
             return planned(plan, connected.capabilities, options, axis)
-        folder = new_folder(run, axis, connected, options, talk)
+        folder = new_folder(run, axis, connected, options, talk, drive)
         findings = Findings()
         with Machine(connected, axis, folder, talk) as machine:
             settings = settings_of(options)
@@ -135,7 +135,7 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     """What :func:`identify` does on a connected drive.   whole : the whole job was asked for, so that this is not success."""
     if options.dry_run:
         return planned(identify_plan(axis, connected.capabilities, options.window_m), connected.capabilities, options, axis)
-    folder = new_folder(run, axis, connected, options, talk)
+    folder = new_folder(run, axis, connected, options, talk, drive)
     findings = Findings()
     with Machine(connected, axis, folder, talk) as machine:
         window = referencing.reference(machine, settings_of(options), needed=False)
@@ -146,11 +146,11 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
             sequence.identify_here(machine, findings)
         known = machine.place_known
     split = analyse.nonlinearities(folder.recordings())
-    text = outcome.identify_text(folder, findings, drive, known)
-    text[-1:] = [*words.nonlinearity_lines(split), text[-1]]
+    text, details = outcome.identify_text(folder, findings, drive, known)
+    details += words.nonlinearity_lines(split)
     if whole:
         text = ["Only the record at this place was made: the rest of the job needs to know where the carriage stands.", "", *text]
-    return Result({**outcome.data(folder, findings), "nonlinearity": plain(split)}, text, int(whole))
+    return Result({**outcome.data(folder, findings), "nonlinearity": plain(split)}, text, int(whole), details=details)
 
 
 @changes_run(waits=False)
@@ -289,7 +289,7 @@ def calibrate(drive: str, axis: Axis | Place | None, run: Place, *, options: Opt
         plan = calibrate_job.plan_of(of_axis, connected.capabilities)
         if options.dry_run:
             return planned(plan, connected.capabilities, options, of_axis)
-        folder = RunFolder.open(run) if axis is None else new_folder(run, of_axis, connected, options, talk)
+        folder = RunFolder.open(run) if axis is None else new_folder(run, of_axis, connected, options, talk, drive)
         return calibrate_job.calibrate_on(connected, drive, folder, settings_of(options), partial(agreed, plan), talk)
 
 

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 #: Columns that a bar has at least and at most, and that stand before it.
 SHORTEST, LONGEST, INDENT = 8, 60, "   "
+#: s without a word from the job, after which it computes.
+SILENT_S = 1.5
 #: Share of a limit from which a bar is marked.
 NEAR = 0.9
 
@@ -38,7 +40,7 @@ class Display:
         """The next phase of the same job."""
         self.number, self.title = number, title
         self.place, self._fraction, self._left = None, None, ""
-        self._phase_s = self._clock()
+        self._told_s = self._clock()
         self._pace.begin()
 
     def moving(self, place: CarriagePosition) -> None:
@@ -47,11 +49,12 @@ class Display:
             self._peaks.clear()
         for gauge in place.gauges:
             self._peaks[gauge.name] = max(self._peaks.get(gauge.name, 0.0), abs(gauge.value))
-        self.place = place
+        self.place, self._told_s = place, self._clock()
         self._most_left_s = max(self._most_left_s, place.left_s or 0.0)
 
     def progress(self, fraction: float, seconds_left: float | None) -> None:
         """Of the record that is made, or of the calculation; only a record has seconds that are known."""
+        self._told_s = self._clock()
         if seconds_left is None:
             self.place = None
         self._fraction = fraction
@@ -71,7 +74,10 @@ class Display:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         """Phase and clock, what is done, the carriage, the load, what was found, and how to stop it: at most eight lines."""
-        width, moves = options.max_width, self.place is not None
+        width, silent_s = options.max_width, self._clock() - self._told_s
+        if silent_s > SILENT_S:
+            self.place = self._fraction = None  # the record is made: what it is computed from stands still
+        moves = self.place is not None
         record = self.place.record if self.place is not None else ""
         title = Text.assemble((f" {self.number} ", "bold"), (self.title, "bold"), f"   {record}" if record else "")
         passed = clock_words(self._clock() - self._begun_s)
@@ -81,6 +87,8 @@ class Display:
         yield title
         if self._fraction is not None:
             yield from self._done(width)
+        elif silent_s > SILENT_S:
+            yield Text(f"{INDENT}{tr('computing')}{'.' * (1 + int(silent_s) % 3)}", "dim")
         if self.place is not None:
             yield window_line(self.place, width, options.ascii_only)
             for gauge in self.place.gauges:

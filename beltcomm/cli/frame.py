@@ -5,12 +5,13 @@ from __future__ import annotations
 import errno
 import importlib
 import os
+import re
 import shlex
 import shutil
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
@@ -40,6 +41,10 @@ NO_PATH = (errno.ENAMETOOLONG, errno.ENOTDIR, errno.EISDIR, errno.ELOOP)
 #: Verbs that go on with ``--resume``, and all that record.
 RESUMABLE = ("commission", "identify")
 RECORDING = (*RESUMABLE, "friction", "verify", "simulate")
+#: A line that ends with what to type next, and why.
+NEXT = re.compile(r"Next: (beltcomm (?:(?!   \().)+)(?:   \((.*)\)\.?)?")
+#: The same of a failed command: command, why, what comes after it.
+LEFT_NEXT = re.compile(r"(beltcomm (?:(?!   \(|; |, then ).)+)(?:   \(([^)]*)\))?(?:[;,] (.*))?")
 #: The shipped axis that a virtual drive is commissioned with when no other is given.
 VIRTUAL_AXIS = "egc-70-600"
 
@@ -225,7 +230,7 @@ class Invocation:
         try:
             self._end_talk()
             failure(f"beltcomm: {sentence}", sys.stderr)
-            echo([f"{label.capitalize() + ':':8}{words}" for label, words in left.items()], sys.stderr)
+            echo(_left_lines(left), sys.stderr)
             if self.json:
                 told = {} if diagnosis is None else {"diagnosis": diagnosis}
                 click.echo(for_json({"error": sentence, "exit_code": code, **left, **told}))
@@ -251,13 +256,33 @@ class Invocation:
         return ""
 
 
-def typed(lines: Iterable[str]) -> Iterable[str]:
-    """What to type next as this terminal can find it: by its path where no folder of ``PATH`` holds the program that runs."""
+def _left_lines(left: Mapping[str, str]) -> Iterator[str]:
+    """What a failed command leaves behind; what to type next stands alone on its line."""
+    for label, words in left.items():
+        first = LEFT_NEXT.fullmatch(words) if label == "next" else None
+        if first is None:
+            yield f"{label.capitalize() + ':':8}{words}"
+            continue
+        yield from typed([f"Next: {first[1]}   ({first[2]})" if first[2] else f"Next: {first[1]}"])
+        if first[3]:
+            yield f"Then:   {first[3].removeprefix('then ')}"
+
+
+def typed(lines: Iterable[str]) -> Iterator[str]:
+    """What to type next: alone on its line, as this terminal finds it: by its path where no folder of ``PATH`` holds the program."""
+    from beltcomm.result import Line, command_lines
+
     program = Path(sys.argv[0])
-    if program.name != "beltcomm" or shutil.which("beltcomm") is not None or not program.is_file():
-        return lines
-    said, there = "Next: beltcomm ", f"Next: {pasted(os.path.relpath(program))} "
-    return [line.replace(said, there) if said in line else line for line in lines]
+    there = ""
+    if program.name == "beltcomm" and shutil.which("beltcomm") is None and program.is_file():
+        there = pasted(os.path.relpath(program))
+    for line in lines:
+        rows: Sequence[str] = [line]
+        if not isinstance(line, Line) and (found := NEXT.fullmatch(line)):
+            rows = command_lines(found[1], found[2] or "")
+        for row in rows:
+            command = isinstance(row, Line) and any(style == "command" for _, style in row.parts)
+            yield Line("    ", (re.sub(r"^beltcomm", lambda _: there, row.strip()), "command")) if command and there else row
 
 
 def api(home: str = "beltcomm.api") -> Any:

@@ -68,7 +68,8 @@ class Options:
     wall_clock : date and time in s, to know how much later a run goes on; the core has no clock of its own.
     report : a page on the run at the end of ``commission``; the command line asks for it.
     search : records of a session that cannot go on are searched for what is wrong with the axis; the command line asks for it.
-    sample_period_s : of records; None is the shortest that drive and bus allow.   drive : further options for the adapter, by name.
+    targets : of one verification, in place of axis.yaml's, by the names there.   drive : further options for the adapter, by name.
+    sample_period_s : of records; None is the shortest that drive and bus allow.
     """
 
     yes: bool = False
@@ -101,6 +102,7 @@ class Options:
     bitrate: int | None = None
     realtime: bool = False
     sample_period_s: float | None = None
+    targets: Mapping[str, object] | None = field(default=None, compare=False)
     first_motion: str | None = None
     hold: Hold | None = field(default=None, compare=False)
     simulate_first: bool = False
@@ -229,11 +231,12 @@ def axis_of(axis: Axis | Place) -> Axis:
     return axis if isinstance(axis, Axis) else load_axis(str(place(axis, "axis")))
 
 
-def new_folder(run: Path, axis: Axis, drive: Drive, options: Options, talk: Talk) -> RunFolder:
-    """The folder of a run that begins, or goes on with ``resume``, on this drive.   Raises UsageError."""
+def new_folder(run: Path, axis: Axis, drive: Drive, options: Options, talk: Talk, reached_as: str = "") -> RunFolder:
+    """The folder of a run that begins, or goes on with ``resume``, on this drive.   reached_as : what it is called.   Raises UsageError."""
     folder = RunFolder.create(run, axis, resume=options.resume)
     claim(folder, drive.capabilities, options, talk)
     now, before = drive_to_dict(drive.capabilities), folder.load_result("drive") or {}
     begun = before.get("begun_with") or {name: (before or now)[name] for name in RATINGS if name in (before or now)}
-    folder.save_result("drive", {**now, "begun_with": begun})  # a session that was cut off leaves them lower
+    called = {"reached_as": reached_as or before.get("reached_as") or ""}
+    folder.save_result("drive", {**now, "begun_with": begun, **called})  # a session that was cut off leaves them lower
     return folder

@@ -49,9 +49,8 @@ def plan_screen(plan: Plan, axis: Axis, capabilities: Capabilities, drive: str =
 
 def _bounds(plan: Plan, axis: Axis, capabilities: Capabilities) -> list[Line]:
     """Range, speed, torque, belt force, heat and duration."""
-    most = {
-        key: max((getattr(e, key) for e in plan.experiments), default=0.0) for key in ("reach_m", "speed_m_s", "torque_nm", "belt_force_n")
-    }
+    keys = ("reach_m", "speed_m_s", "torque_nm", "belt_force_n")
+    most = {key: max((getattr(e, key) for e in plan.experiments), default=0.0) for key in keys}
     peak = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
     rows = [Line("   ", (f"{tr('range'):<13}", "title"), _range(plan, axis, most["reach_m"]))]
     for label, value, limit, unit, of in (

@@ -63,5 +63,5 @@ def calibrate_on(drive: Drive, name: str, folder: RunFolder, settings: Settings,
     text = [f"What the gains of {drive.capabilities.name} mean (95 % intervals):", *found.lines(), *remarks_lines(remarks)]
     if name.partition(":")[0] != "virtual":  # a simulated drive tells nothing of a real one
         text.append(f"  {keep_for_kind(found)}")
-    text.append(f"Next: beltcomm apply --drive {pasted(name)} --run {pasted(folder.path)}, once this run has a design")
+    text.append(f"Next: beltcomm apply --drive {pasted(name)} --run {pasted(folder.path)}   (once this run has a design)")
     return Result({"run": str(folder.path), **found.to_dict(), "remarks": remarks}, text)

@@ -6,7 +6,6 @@ import math
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -134,8 +133,6 @@ class Tuning:
         findings = replace(self._basis.findings, remarks=list(self._basis.findings.remarks))
         findings.design, findings.cascade = proven, ground.with_feedforward(found.cascade)
         with self._saving, occupied(folder.path, Silence(), refusal=lambda holder: at_work(folder.path, holder)):
-            replaced = next(name for k in count(1) if (name := f"replaced_{k}") not in folder.names("designs"))
-            folder.save_design(replaced, saved_design(folder))
             result = delivered(
                 replace(self._basis, findings=findings),
                 self._saved_design.get("compensated") or (),
@@ -148,7 +145,7 @@ class Tuning:
             "lines": list(result.text),
             "failed": bool(result.exit_code),
             "doubts": list(result.data["proof"]["doubts"]),
-            "replaced": f"designs/{replaced}.yaml",
+            "replaced": result.data["replaced"],
             "next": [
                 f"beltcomm verify --drive DRIVE --run {pasted(folder.path)}",
                 f"beltcomm apply --drive DRIVE --run {pasted(folder.path)}",

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from beltcomm.axis import Axis
+from beltcomm.axis import Axis, axis_from_dict
 from beltcomm.control import Cascade
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.drive import Drive, simulated
@@ -19,13 +19,13 @@ from beltcomm.experiments.sign import check_sign
 from beltcomm.given import pasted
 from beltcomm.machine import stops
 from beltcomm.machine.machine import Machine
-from beltcomm.result import Result
+from beltcomm.result import Line, Result
 from beltcomm.rundata import analyse, offline
-from beltcomm.rundata.headline import OF, following, hashes_of, headline_of
+from beltcomm.rundata.headline import OF, drive_of, following, hashes_of, headline_of
 from beltcomm.rundata.proof import proof
 from beltcomm.rundata.store import saved_design, verdict_to_dict
 from beltcomm.runfolder import RunFolder
-from beltcomm.sentences import words
+from beltcomm.sentences import screens, words
 from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Demand, Verdict
@@ -86,6 +86,7 @@ def verify_with(
     if over_belt and not simulated(name):
         raise Refused("more than the feed force is for virtual belts only; slow the move down, or state another belt in axis.yaml")
     folder, feedforward = RunFolder.open(run), options.feedforward
+    axis = asked_of(folder.axis, options.targets)
     saved = saved_design(folder)
     model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
     claim(folder, drive.capabilities, options, talk)
@@ -104,7 +105,7 @@ def verify_with(
     along = bool(saved.get("compensated")) and structure.torque_feedforward and feedforward in (None, "nonlinear")
     sending: Sending = "compliant" if feedforward == "compliant" else "rigid" if along else "nothing"
     driven: list[tuple[str, Verdict, Demand]] = []
-    with Machine(drive, folder.axis, folder, talk) as machine:
+    with Machine(drive, axis, folder, talk) as machine:
         machine.over_belt = over_belt
         referencing.reference(machine, settings_of(replace(options, feedforward=None)))
         braking = stops.count_on_loop(machine, [model], cascade, delay_s)
@@ -131,18 +132,34 @@ def verify_with(
     return _rungs_result(folder, path, driven) if rungs else _result(folder, name, driven[0], feedforward, remark)
 
 
+def asked_of(axis: Axis, targets: Mapping[str, object] | None) -> Axis:
+    """The axis with other targets than its file's.   Raises UsageError for impossible ones."""
+    if not targets:
+        return axis
+    data = axis.to_dict()
+    return axis_from_dict({**data, "targets": {**data.get("targets", {}), **targets}})
+
+
 def _result(folder: RunFolder, drive: str, one: tuple[str, Verdict, Demand], feedforward: str | None, remark: str) -> Result:
     """One move."""
     record, verdict, asked = one
-    text = words.verdict_lines(verdict, asked, feedforward) + words.remarks_lines([remark] if remark else [])
-    if feedforward == "compliant":
-        text.append(
-            "`beltcomm apply` writes the gains that this move was driven with, and the drive's own feedforward; the host led the motor."
-        )
     headline = headline_of(folder)
-    text.append(f"Next: {following(folder, headline, drive).command}")
+    notes = ([remark] if remark else []) + (
+        ["apply writes the gains and the drive's own feedforward; in this move the host led the motor"]
+        if feedforward == "compliant"
+        else []
+    )
+    text = [
+        Line(""),
+        *screens.headline_lines(headline),
+        Line(""),
+        *screens.tracking_lines(verdict),
+        *screens.warning_lines(notes),
+        *screens.next_lines(following(folder, headline, drive)),
+    ]
     data = {"run": str(folder.path), "recording": record, **verdict_to_dict(verdict), "headline": headline.to_dict()}
-    return Result(data, text, 0 if verdict.passed else 1)
+    details = [*words.verdict_lines(verdict, asked, feedforward), *words.remarks_lines(notes)]
+    return Result(data, text, 0 if verdict.passed else 1, details=details)
 
 
 def _rungs_result(folder: RunFolder, path: Trajectory, driven: list[tuple[str, Verdict, Demand]]) -> Result:
@@ -169,6 +186,7 @@ def _rungs_result(folder: RunFolder, path: Trajectory, driven: list[tuple[str, V
         missed = 1e6 * abs(last.measured.dynamic_m - last.predicted.dynamic_m)
         text.append(f"  the prediction knows the model only: at the motor it is {missed:.3g} µm off, expect no less at the carriage")
     text.append(
-        f"Next: beltcomm verify --drive DRIVE --run {pasted(folder.path)} --feedforward compliant --move FILE for a move of your own"
+        f"Next: beltcomm verify --drive {pasted(drive_of(folder))} --run {pasted(folder.path)} --feedforward compliant --move FILE"
+        "   (a move of your own)"
     )
     return Result({"run": str(folder.path), "rungs": data}, text)

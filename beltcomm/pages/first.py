@@ -61,6 +61,5 @@ def _margin(run: Gathered) -> Fact:
 
 def next_steps(run: Gathered, called: str = "") -> list[str]:
     """The command that helps most.   called : the run's folder as a terminal takes it; on a page, :attr:`Gathered.place`."""
-    virtual = run.folder.drive.get("hardware") == "virtual"
-    found = following(run.folder, headline_of(run.folder), virtual=virtual, called=called or run.place)
+    found = following(run.folder, headline_of(run.folder), called=called or run.place)
     return [f"{found.command}: {found.why}"]

@@ -141,19 +141,19 @@ def targets_of(result: Mapping[str, Any], asked: AxisTargets) -> AxisTargets:
     return AxisTargets(**{key: value for key, value in told.items() if key in known and value is not None})
 
 
-def following(
-    folder: RunFolder, headline: Headline, drive: str = "DRIVE", *, virtual: bool = False, applied: str = "restore", called: str = ""
-) -> Following:
-    """The one command that helps most now.   applied : what became of the gains.   called : the folder as a terminal takes it."""
-    run = pasted(called or folder.path)
+def following(folder: RunFolder, headline: Headline, drive: str = "", *, applied: str = "restore", called: str = "") -> Following:
+    """The one command that helps most now.   drive : that of the run unless told.   applied : what became of the gains.
+
+    called : the folder as a terminal takes it.
+    """
+    run, drive = pasted(called or folder.path), drive or drive_of(folder)
     with_drive = f"--drive {pasted(drive)} --run {run}"
     if folder.has_axis and not folder.axis.has_belt:
         return Following(f"beltcomm diagnose {run}", "what the model misses")
     if "final" not in folder.names("models"):
         return Following(f"beltcomm fit {run}", "a model of the records")
     if suspect(folder):
-        named = "" if drive == "DRIVE" else f" --drive {pasted(drive)}"
-        return Following(f"beltcomm improve {run}{named}", "names what the model lacks, adds it, designs again")
+        return Following(f"beltcomm improve {run}", "names what the model lacks, adds it, designs again")
     design, model = folder.load("designs", "final") if "final" in folder.names("designs") else {}, _model_of(folder)
     of = design.get(OF)
     if not design or (isinstance(of, Mapping) and of.get("model") != hashes_of({}, model)["model"]):
@@ -162,13 +162,19 @@ def following(
         return Following(f"beltcomm verify {with_drive}", "a move that proves the gains")
     if headline.state == "fail":
         return Following(f"beltcomm tune {run}", "other gains on a page; or state other targets, or a slower move")
-    if virtual:
+    if folder.drive.get("hardware") == "virtual":
         return Following(f"beltcomm tune {run}", "other gains on a page; a virtual drive keeps none")
     if applied == "restore":
         return Following(f"beltcomm apply {with_drive}", "writes the gains; --save keeps them beyond power-off")
     if applied == "keep":
         return Following(f"beltcomm apply {with_drive} --save", "keeps the gains beyond power-off")
     return Following(f"beltcomm report {run}", "the page for the file of this machine")
+
+
+def drive_of(folder: RunFolder) -> str:
+    """What the drive of a run is called; DRIVE where it does not tell."""
+    called = (folder.load_result("drive") or {}).get("reached_as")
+    return called if isinstance(called, str) and called else "DRIVE"
 
 
 def _model_of(folder: RunFolder) -> Model | None:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from beltcomm.configfiles import write_text
-from beltcomm.drive import simulated
 from beltcomm.experiments import holding
 from beltcomm.given import pasted
 from beltcomm.identify.final import FinalModel
@@ -121,23 +120,40 @@ def gravity_text(folder: RunFolder, findings: Findings) -> list[str]:
     return [*holding.lines(findings.holding), *fits]
 
 
-def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known: bool) -> list[str]:
-    """The first model, where the recordings are, and what to do next: with a reference, or to get one."""
-    text = [
-        *model_text(findings),
-        *gravity_text(folder, findings),
-        *words.remarks_lines(findings.remarks),
-        f"Recordings are in {folder.recordings_folder}.",
-    ]
-    if place_known:
-        return [*text, f"Next: beltcomm friction --drive {pasted(drive)} --run {pasted(folder.path)}"]
+def model_screen(folder: RunFolder, findings: Findings) -> list[Line]:
+    """What is known of the axis so far, on a screen: axis, model, friction, and what to look at."""
+    final = findings.final
+    if final is None:
+        return screens.warning_lines(findings.remarks)
+    delay_s = findings.dead_time.value_s if findings.dead_time is not None else None
     return [
-        *text,
-        "Not possible as long as nobody knows where the carriage stands: other places, the friction sweep, the move that verifies.",
-        f"Next: measure where the carriage stands, or let the drive find its zero: "
-        f"beltcomm commission --drive {pasted(drive)} --position METRES (or --home); or go on with this run: "
-        f"beltcomm friction --drive {pasted(drive)} --run {pasted(folder.path)} --position METRES",
+        *screens.axis_lines(final.fit.model, offline.middle_m(folder.axis), delay_s),
+        *([screens.friction_line(findings.friction)] if findings.friction is not None else []),
+        screens.model_line(math.sqrt(final.fit.misfit), final.fit.suspect),
+        *screens.warning_lines([*screens.sheet_words(plain(list(findings.sheets))), *final.fit.remarks, *findings.remarks]),
     ]
+
+
+def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known: bool) -> tuple[list[str], list[str]]:
+    """The first model on a screen, with what to do next; and everything behind it."""
+    details = [*model_text(findings), *gravity_text(folder, findings), *words.remarks_lines(findings.remarks)]
+    name = folder.axis.name or tr("the axis")
+    shown = [
+        Line(""),
+        Line("  ", (tr("MEASURED"), "good"), "   ", (tr("{name}: a first model, from where the carriage stands", name=name), "title")),
+        Line(""),
+        *model_screen(folder, findings),
+        Line("  ", tr("Recordings are in {folder}", folder=folder.recordings_folder)),
+    ]
+    run = f"beltcomm friction --drive {pasted(drive)} --run {pasted(folder.path)}"
+    if place_known:
+        return [*shown, f"Next: {run}   (strokes over the whole travel)"], details
+    return [
+        *shown,
+        "  Other places, the friction sweep and the verification move need to know where the carriage stands: measure it (--position),",
+        "  or let the drive find its zero (--home).",
+        f"Next: {run} --position METRES   (strokes over the whole travel)",
+    ], details
 
 
 def keep_text(folder: RunFolder, text: list[str]) -> None:
@@ -224,6 +240,6 @@ def closing(folder: RunFolder, findings: Findings, drive: str, page: str = "") -
         "keep": tr("new gains kept until power-off"),
         "save": tr("new gains saved in the drive"),
     }[findings.applied]
-    step = following(folder, headline_of(folder), drive, virtual=simulated(drive), applied=findings.applied)
+    step = following(folder, headline_of(folder), drive, applied=findings.applied)
     where = page or tr("Run {run}", run=folder.path)
     return [Line("  ", where, "   ", (f"({state})", "soft")), *screens.next_lines(step)]

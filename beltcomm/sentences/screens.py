@@ -17,10 +17,12 @@ from beltcomm.design.margins import Margins
 from beltcomm.errors import BeltcommError
 from beltcomm.fit.model_fit import SUSPECT_MISFIT
 from beltcomm.fit.noise_level import too_little
+from beltcomm.identify.friction import FrictionFit
 from beltcomm.language import tr
 from beltcomm.model import Model
 from beltcomm.result import Line, command_lines
 from beltcomm.rundata import analyse
+from beltcomm.rundata.design_proof import DesignProof
 from beltcomm.rundata.headline import Following, Headline
 from beltcomm.verify import TrackingError, Verdict
 
@@ -125,7 +127,7 @@ def model_line(level: float, suspect: bool | None = None) -> Line:
         return Line(*label, (tr("does NOT explain what was measured ({level:.2f} x the noise)", level=level), "bad"))
     if level > EXPLAINED:
         return Line(*label, (tr("leaves {level:.2f} x the noise: something is missing", level=level), "note"))
-    return Line(*label, tr("explains everything above the noise ({level:.2f} x)", level=level).ljust(53), (tr("ok"), "good"))
+    return Line(*label, tr("explains everything above the noise ({level:.2f} x)", level=level).ljust(56), (tr("ok"), "good"))
 
 
 def gain_lines(cascade: Cascade) -> list[Line]:
@@ -170,9 +172,32 @@ def loop_lines(margins: Sequence[Margins], binding: Sequence[str]) -> list[Line]
     return rows + ([Line(" " * 12, shorten(f"{tr('limited by')} {', '.join(limits)}", WIDE - 12, placeholder=" ..."))] if limits else [])
 
 
+def friction_line(friction: FrictionFit) -> Line:
+    """Coulomb and viscous friction of the sweep at the motor, with their intervals."""
+    coulomb, viscous = friction.coulomb, friction.viscous
+    text = f"Coulomb {_digits(1e3 * coulomb.value)}{_half(coulomb.interval)} mN m   "
+    text += f"{tr('viscous')} {_digits(1e3 * viscous.value)}{_half(viscous.interval)} mN m s/rad"
+    return Line("   ", (f"{tr('friction'):<9}", "title"), text)
+
+
+def _half(interval: float | None) -> str:
+    return "" if interval is None else f" ± {1e3 * interval:.2g}"
+
+
 def design_screen(design: DesignResult, cascade: Cascade) -> list[Line]:
     """Gains and loop of a design."""
     return [*gain_lines(cascade), *loop_lines(design.margins, design.binding)]
+
+
+def proof_lines(proof: DesignProof) -> list[Line]:
+    """On how many measured responses and drawn models the loop holds, and the worst of them."""
+    unstable = [m.record for m in proof.measured if m.stable is False]
+    bad = bool(unstable) or proof.spread.unstable > 0
+    text = tr("{count} measured responses", count=len(proof.measured))
+    text += f", {tr('UNSTABLE on')} {', '.join(unstable)}" if unstable else ""
+    text += "; " + tr("{count} drawn models, {bad} unstable", count=proof.spread.draws, bad=proof.spread.unstable or tr("none"))
+    label = ("   ", ""), (f"{tr('proof'):<9}", "title")
+    return [Line(*label, (text, "bad"))] if bad else [Line(*label, text.ljust(56), (tr("ok"), "good"))]
 
 
 def sheet_words(doubts: Iterable[Mapping[str, Any]]) -> list[str]:
@@ -199,10 +224,8 @@ def next_lines(step: Following) -> list[Line]:
 
 
 def _limit(reason: str) -> str:
-    """What binds, without its value: ``velocity phase margin (at least 45)``."""
-    words, _, rest = reason.partition(" (")
-    limit = re.match(r"(at (?:least|most) [\d.-]+) asked for", rest)
-    return tr(re.split(r" -?[\d.]", words)[0]) + (f" ({limit[1]})" if limit else "")
+    """What binds, without its value: ``velocity phase margin``."""
+    return tr(re.split(r" -?[\d.]", reason.partition(" (")[0])[0])
 
 
 def _mm(value_m: float) -> str:
