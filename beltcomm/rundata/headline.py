@@ -13,6 +13,7 @@ from beltcomm.control import Cascade
 from beltcomm.drive.parameters import cascade_to_parameters
 from beltcomm.errors import BeltcommError
 from beltcomm.given import pasted
+from beltcomm.language import tr
 from beltcomm.model import Model
 from beltcomm.rundata.proof import same_gains, suspect
 from beltcomm.rundata.revisions import trusted_model
@@ -107,8 +108,8 @@ def headline_of(folder: RunFolder) -> Headline:
     asked = folder.axis.targets if folder.has_axis else NO_TARGETS
     moves = {n: folder.load("results", n) for n in folder.names("results") if n.startswith("verify_")}
     if not moves:
-        doubt = f"; {UNEXPLAINED}" if suspect(folder) else ""
-        text = f"{name}: no move has been driven with a design of this run yet{doubt}"
+        doubt = f"; {tr(UNEXPLAINED)}" if suspect(folder) else ""
+        text = tr("{name}: no move has been driven with a design of this run yet", name=name) + doubt
         return Headline("doubt" if doubt else "open", text, targets=asked)
     design = folder.load("designs", "final") if "final" in folder.names("designs") else {}
     model = _model_of(folder)
@@ -118,18 +119,20 @@ def headline_of(folder: RunFolder) -> Headline:
     told, targets = moves[last], targets_of(moves[last], asked)
     errors = {place: _error(told, place) for place in ("motor", "carriage")}
     if not today:
-        text = f"{name} was verified with {' and '.join(changed[last])} than this run has now: {_within(errors)} then"
+        what = tr(" and ").join(tr(one) for one in changed[last])
+        text = tr("{name} was verified with {what} than this run has now: {within} then", name=name, what=what, within=_within(errors))
         return Headline("stale", text, last, errors, targets)
     missed = _missed(errors, targets)
     if missed or not told.get("passed"):
-        text = f"{name} misses its target: {'; '.join(missed) or _within(errors)}"
-        return Headline("fail", f"{text}; {UNEXPLAINED}" if suspect(folder) else text, last, errors, targets)
+        text = tr("{name} misses its target: {missed}", name=name, missed="; ".join(missed) or _within(errors))
+        return Headline("fail", f"{text}; {tr(UNEXPLAINED)}" if suspect(folder) else text, last, errors, targets)
     if suspect(folder):
-        return Headline("doubt", f"{UNEXPLAINED}, though {name} was within {_within(errors)}", last, errors, targets)
+        text = tr("the model does not explain what was measured, though {name} was within {within}", name=name, within=_within(errors))
+        return Headline("doubt", text, last, errors, targets)
     if said := told.get("reservations"):
         reasons = "; ".join(str(one) for one in (said if isinstance(said, (list, tuple)) else [said]))
-        return Headline("fail", f"{name} met its targets in this move, but {reasons}", last, errors, targets)
-    return Headline("pass", f"{name} is within {_within(errors)}", last, errors, targets)
+        return Headline("fail", tr("{name} met its targets in this move, but {why}", name=name, why=reasons), last, errors, targets)
+    return Headline("pass", tr("{name} is within {within}", name=name, within=_within(errors)), last, errors, targets)
 
 
 def targets_of(result: Mapping[str, Any], asked: AxisTargets) -> AxisTargets:
@@ -149,26 +152,28 @@ def following(folder: RunFolder, headline: Headline, drive: str = "", *, applied
     run, drive = pasted(called or folder.path), drive or drive_of(folder)
     with_drive = f"--drive {pasted(drive)} --run {run}"
     if folder.has_axis and not folder.axis.has_belt:
-        return Following(f"beltcomm diagnose {run}", "what the model misses")
+        return Following(f"beltcomm diagnose {run}", tr("what the model misses"))
     if "final" not in folder.names("models"):
-        return Following(f"beltcomm fit {run}", "a model of the records")
+        return Following(f"beltcomm fit {run}", tr("a model of the records"))
     if suspect(folder):
-        return Following(f"beltcomm improve {run}", "names what the model lacks, adds it, designs again")
+        return Following(f"beltcomm improve {run}", tr("names what the model lacks, adds it, designs again"))
     design, model = folder.load("designs", "final") if "final" in folder.names("designs") else {}, _model_of(folder)
     of = design.get(OF)
     if not design or (isinstance(of, Mapping) and of.get("model") != hashes_of({}, model)["model"]):
-        return Following(f"beltcomm design {run}", "gains with margins, of the model as it is now" if design else "gains with margins")
+        return Following(
+            f"beltcomm design {run}", tr("gains with margins, of the model as it is now") if design else tr("gains with margins")
+        )
     if headline.state in ("open", "stale"):
-        return Following(f"beltcomm verify {with_drive}", "a move that proves the gains")
+        return Following(f"beltcomm verify {with_drive}", tr("a move that proves the gains"))
     if headline.state == "fail":
-        return Following(f"beltcomm tune {run}", "other gains on a page; or state other targets, or a slower move")
+        return Following(f"beltcomm tune {run}", tr("other gains on a page; or state other targets, or a slower move"))
     if folder.drive.get("hardware") == "virtual":
-        return Following(f"beltcomm tune {run}", "other gains on a page; a virtual drive keeps none")
+        return Following(f"beltcomm tune {run}", tr("other gains on a page; a virtual drive keeps none"))
     if applied == "restore":
-        return Following(f"beltcomm apply {with_drive}", "writes the gains; --save keeps them beyond power-off")
+        return Following(f"beltcomm apply {with_drive}", tr("writes the gains; --save keeps them beyond power-off"))
     if applied == "keep":
-        return Following(f"beltcomm apply {with_drive} --save", "keeps the gains beyond power-off")
-    return Following(f"beltcomm report {run}", "the page for the file of this machine")
+        return Following(f"beltcomm apply {with_drive} --save", tr("keeps the gains beyond power-off"))
+    return Following(f"beltcomm report {run}", tr("the page for the file of this machine"))
 
 
 def drive_of(folder: RunFolder) -> str:
@@ -208,7 +213,7 @@ def _error(result: Mapping[str, Any], place: str) -> dict[str, Any]:
 
 def _within(errors: Mapping[str, Mapping[str, Any]]) -> str:
     return ", ".join(
-        f"{_mm(one['following_m'])} ({place}{'' if one['measured'] else ', predicted'})"
+        f"{_mm(one['following_m'])} ({tr(place)}{'' if one['measured'] else ', ' + tr('predicted')})"
         for place, one in errors.items()
         if one["following_m"] == one["following_m"]
     )
@@ -219,11 +224,13 @@ def _missed(errors: Mapping[str, Mapping[str, Any]], targets: AxisTargets) -> li
     found = []
     for place in targets.places:
         one = errors[place]
-        how = place if one["measured"] else f"{place}, predicted"
+        how = tr(place) if one["measured"] else f"{tr(place)}, {tr('predicted')}"
         if one["following_m"] > targets.following_m:
-            found.append(f"following error {_mm(one['following_m'])} ({how}), allowed {_mm(targets.following_m)}")
+            value, limit = _mm(one["following_m"]), _mm(targets.following_m)
+            found.append(tr("following error {value} ({how}), allowed {limit}", value=value, how=how, limit=limit))
         if one["settled_m"] > targets.settled_m:
-            found.append(f"{_mm(one['settled_m'])} off after {targets.after_s:g} s ({how}), allowed {_mm(targets.settled_m)}")
+            value, limit = _mm(one["settled_m"]), _mm(targets.settled_m)
+            found.append(tr("{value} off after {s:g} s ({how}), allowed {limit}", value=value, s=targets.after_s, how=how, limit=limit))
     return found
 
 
