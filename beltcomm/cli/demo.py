@@ -33,10 +33,10 @@ def command(frame: Invocation, /, seed: int | None, run: Path | None) -> int:
         steps.append({"command": step.command, "why": step.why, **step.data})
         if not frame.json:
             frame.print({}, ["", Line(("# ", "title"), (step.why, "title")), *([f"$ {step.command}"] if step.command else []), *step.lines])
-    made = api().report(frame.run, talk=frame.talk())
-    data = {"run": str(frame.run), "seed": chosen, "steps": steps, "page": made.data["page"]}
-    right = bool(steps[-1]["right"])
-    found = Line("  ", ("FOUND" if right else "NOT FOUND", "good" if right else "note"), f"   {steps[-1]['hidden']}")
+    page = api().report(frame.run, talk=frame.talk()).to_json().get("page")
+    data = {"run": str(frame.run), "seed": chosen, "steps": steps, "page": page}
+    right = bool(steps[-1].get("right"))
+    found = Line("  ", ("FOUND" if right else "NOT FOUND", "good" if right else "note"), f"   {steps[-1].get('hidden')}")
     follow = command_lines("beltcomm commission --drive virtual", "the whole job on a virtual axis")
-    frame.print(data, ["", found, f"Report: {made.data['page']}", *follow])
+    frame.print(data, ["", found, f"Report: {page}", *follow])
     return 0

@@ -43,6 +43,8 @@ RESUMABLE = ("commission", "identify")
 RECORDING = (*RESUMABLE, "friction", "verify", "simulate")
 #: A line that ends with what to type next, and why.
 NEXT = re.compile(r"Next: (beltcomm (?:(?!   \().)+)(?:   \((.*)\)\.?)?")
+#: The same of a doctor: words around a command in backticks.
+DOCTORS_NEXT = re.compile(r"next: ([^`]*)`(beltcomm [^`]+)`(.*)")
 #: The same of a failed command: command, why, what comes after it.
 LEFT_NEXT = re.compile(r"(beltcomm (?:(?!   \(|; |, then ).)+)(?:   \(([^)]*)\))?(?:[;,] (.*))?")
 #: The shipped axis that a virtual drive is commissioned with when no other is given.
@@ -278,6 +280,8 @@ def typed(lines: Iterable[str]) -> Iterator[str]:
         there = pasted(os.path.relpath(program))
     for line in lines:
         rows: Sequence[str] = [line]
+        if not isinstance(line, Line) and (told := DOCTORS_NEXT.fullmatch(line)):
+            line = f"Next: {told[2]}   ({' '.join(part for part in (told[1].strip(' ,'), told[3].strip(' ,')) if part) or 'one step more'})"
         if not isinstance(line, Line) and (found := NEXT.fullmatch(line)):
             rows = command_lines(found[1], found[2] or "")
         for row in rows:

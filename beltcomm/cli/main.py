@@ -13,7 +13,7 @@ from typing import Any
 
 import click
 
-from beltcomm import __version__
+from beltcomm import __version__, language
 from beltcomm.cli.endings import like_ctrl_c, twice_leaves
 from beltcomm.cli.frame import Invocation
 
@@ -128,6 +128,7 @@ class Verbs(click.Group):
         if COMPLETING in os.environ:
             importlib.import_module("beltcomm.cli.bash")
         words = list(sys.argv[1:] if args is None else args) or ["--help"]
+        language.use(language.of_environment(os.environ))
         frame = Invocation(words)
         with like_ctrl_c(frame.note_end), twice_leaves():
             code = frame.guarded(
@@ -153,6 +154,8 @@ def cli() -> None:
     """Commissions toothed-belt linear axes by itself: identified model, tuned cascade, proof.
 
     First steps without hardware: beltcomm commission --drive virtual
+
+    Screens speak German where LANG (or BELTCOMM_LANG) is de.
 
     RUN is the newest run where none is named; --details of a verb shows what does not fit on a screen.
 

@@ -10,6 +10,14 @@ OFFERED = ("de",)
 _catalogue: dict[str, str] = {}
 
 
+def of_environment(environment: Mapping[str, str]) -> str:
+    """The language that a shell asks for, two letters; "" for none.   BELTCOMM_LANG comes before LC_ALL, LC_MESSAGES and LANG."""
+    for name in ("BELTCOMM_LANG", "LC_ALL", "LC_MESSAGES", "LANG"):
+        if value := environment.get(name, ""):
+            return value[:2].lower()
+    return ""
+
+
 def use(language: str) -> None:
     """From now on screens speak this language; one that is not offered leaves English."""
     _catalogue.clear()

@@ -149,7 +149,8 @@ def following(folder: RunFolder, headline: Headline, drive: str = "", *, applied
 
     called : the folder as a terminal takes it.
     """
-    run, drive = pasted(called or folder.path), drive or drive_of(folder)
+    run = pasted(called or folder.path)
+    drive = drive or drive_of(folder)
     with_drive = f"--drive {pasted(drive)} --run {run}"
     if folder.has_axis and not folder.axis.has_belt:
         return Following(f"beltcomm diagnose {run}", tr("what the model misses"))

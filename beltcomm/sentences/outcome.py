@@ -150,8 +150,8 @@ def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known
         return [*shown, f"Next: {run}   (strokes over the whole travel)"], details
     return [
         *shown,
-        "  Other places, the friction sweep and the verification move need to know where the carriage stands: measure it (--position),",
-        "  or let the drive find its zero (--home).",
+        "  Not possible yet: other places, the friction sweep, the verification move. They need to know",
+        "  where the carriage stands: measure it (--position), or let the drive find its zero (--home).",
         f"Next: {run} --position METRES   (strokes over the whole travel)",
     ], details
 

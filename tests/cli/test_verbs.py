@@ -116,7 +116,7 @@ def test_an_empty_axis_still_needs_all_that_commissioning_requires(tmp_path: Pat
         assert f"Still needed: {entry} for" in outcome.stdout
         assert entry in str(refused.value)
     assert "Next: beltcomm commission" not in outcome.stdout
-    assert f"Next: beltcomm init {path} --from {path} --set motor.inertia_kg_m2=VALUE" in outcome.stdout
+    assert f"beltcomm init {path} --from {path} --set motor.inertia_kg_m2=VALUE" in outcome.stdout
 
 
 def test_init_does_not_overwrite_without_a_yes(tmp_path: Path) -> None:

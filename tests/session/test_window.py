@@ -92,7 +92,7 @@ def test_what_one_place_can_tell_is_right(here: Here) -> None:
 
 
 def test_it_says_what_is_not_possible_and_how_to_get_there(here: Here) -> None:
-    text = "\n".join(here.result.lines())
+    text = "\n".join([*here.result.lines(), *here.result.details])
     for words in ("the stiffness holds for that place alone", "Not possible", "friction sweep", "--position METRES", "--home"):
         assert words in text
 
@@ -100,7 +100,7 @@ def test_it_says_what_is_not_possible_and_how_to_get_there(here: Here) -> None:
 def test_fit_and_design_cope_with_it_and_what_needs_a_reference_says_so(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
     """The fit says what it holds for, the design too, in its file as well; what moves along the travel is refused."""
     monkeypatch.setattr(offline, "final_model", lambda *_args, **_kwargs: here.final)  # of the same records
-    fitted = CliRunner().invoke(cli, ["fit", str(here.path)])
+    fitted = CliRunner().invoke(cli, ["fit", str(here.path), "--details"])
     assert fitted.exit_code == 0
     assert "the stiffness holds for that place alone" in fitted.stdout
     designed = CliRunner().invoke(cli, ["design", str(here.path)])
