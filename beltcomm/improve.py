@@ -78,7 +78,7 @@ def _nothing(run: Any, data: Mapping[str, Any], found: Result) -> Result:
     state = (tr("NOTHING MISSING"), "good") if fine else (tr("NOT IMPROVED"), "note")
     said = tr("the model explains what was measured") if fine else str(verdict)
     text = [Line(""), Line("  ", state, "   ", (said, "title")), Line("")]
-    step = Following(f"beltcomm tune {pasted(run)}", tr("other gains on a page"))
+    step = Following(f"beltcomm open {pasted(run)}", tr("other gains on a page"))
     if not fine:
         step = Following(f"beltcomm compare {pasted(run)}", tr("where the error sits"))
     text += screens.next_lines(step)

@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 from beltcomm import atomic
-from beltcomm.errors import UsageError
+from beltcomm.errors import DataError, UsageError
+from beltcomm.outside import read_text
 from beltcomm.talk import Silence, Talk
 
 if TYPE_CHECKING:
@@ -136,11 +137,13 @@ def at_work(folder: Path, holder: str) -> str:
 
 
 def refuse_links(folder: Path) -> None:
-    """Raise UsageError where a command would write through a link out of a folder."""
+    """Raise UsageError where a command would write through a link out of a folder, or into a pipe or folder instead of a file."""
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             if entry.is_symlink() and (entry.name in _IN_PLACE or (entry.is_dir() and entry.name not in _READ)):
                 raise link_refused(Path(entry.path))
+            if entry.name in _IN_PLACE and not entry.is_file():
+                raise UsageError(f"{entry.path} is a folder, a pipe or a device, no file; delete it, it is made anew")
 
 
 def link_refused(path: Path) -> UsageError:
@@ -170,6 +173,6 @@ def _folder_lock(folder: Path, talk: Talk, refusal: Callable[[str], str] | None,
 def _holder(path: Path) -> str:
     """In words, as the holder has written them."""
     try:
-        return path.read_text(encoding="utf-8").strip()[:100] or "another process"
-    except (OSError, UnicodeDecodeError):
+        return read_text(path, failure=DataError).strip()[:100] or "another process"
+    except (OSError, DataError):
         return "another process"

@@ -12,12 +12,14 @@ from typing import Any, Final, Literal
 
 from beltcomm.configfiles import config_names, find_config, named_file, read_yaml
 from beltcomm.drive.objects import ParameterObject, name_of
-from beltcomm.drive.parameters import GAIN_NAMES, PREFILTER_KINDS
+from beltcomm.drive.parameters import GAIN_NAMES, PREFILTER_KINDS, GainTerm
 from beltcomm.errors import UsageError
 from beltcomm_adapters.locks import ALWAYS, Lock
+from beltcomm_adapters.units import named
 
 CONFIDENCES: Final = ("read", "inferred", "unconfirmed", "simulated")
 #: Keys of a file that state no fact about the drive; every other one has its source.
+SOURCE_KEYS: Final = ("source", "confidence")
 UNSOURCED: Final = frozenset({"name", "title", "known_gains", "never_write"})
 
 
@@ -52,21 +54,14 @@ class TorqueScale:
 
 
 @dataclass(frozen=True)
-class KnownGain:
-    """An object said to hold a gain, without what would be needed to write it.   what, missing : in words."""
-
-    place: str
-    what: str
-    missing: str
-
-
-@dataclass(frozen=True)
 class Profile:
     """A kind of drive.
 
     match : of its identity; None is chosen by name only.
     modes : CiA 402 mode of operation by kind of motion.    supported_modes : asked when the drive has no 6502h.
-    units : "cia402" (608Fh, 6091h, 6092h) or "factor_group" (6093h, 6094h, 6097h of the Metronix family).
+    units : "cia402" (608Fh, 6091h, 6092h, 60A8h to 60AAh) or "factor_group" (6093h, 6094h, 6097h of the Metronix family).
+    position_unit, velocity_unit, acceleration_unit : by name, where the drive does not tell them ("0.1 rpm", "10 counts/s2").
+    rated_torque_unit_nm : N m in one unit of 6076h; None is mN m, or what agrees with axis.yaml.
     offsets : 60B1h and 60B2h exist.    guarding : how the drive notices that its host is gone.
     torque_sampling : see :class:`beltcomm.drive.Capabilities`.
     bus : "canopen", or what the drive has in place of such a port; then it cannot be opened here.
@@ -105,7 +100,7 @@ class Profile:
     gain_meaning: Literal["documented", "unconfirmed", "none"]
     sources: Mapping[str, Mapping[str, str]]
     bus: str = "canopen"
-    known_gains: tuple[KnownGain, ...] = ()
+    known_gains: tuple[GainTerm, ...] = ()
     never_write: tuple[Lock, ...] = ()
     enable_logic: tuple[int, int, str, int] | None = None
     torque_slope_permille_s: int | None = None
@@ -116,6 +111,10 @@ class Profile:
     overload_time: tuple[int, int] | None = None
     output_limit: tuple[int, int] | None = None
     dead_zone: tuple[int, int] | None = None
+    position_unit: str | None = None
+    velocity_unit: str | None = None
+    acceleration_unit: str | None = None
+    rated_torque_unit_nm: float | None = None
     emergency: Mapping[int, str] = field(default_factory=dict)
     signals: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
@@ -185,7 +184,7 @@ def _profile(raw: dict[str, Any]) -> Profile:
         parameters=parameters,
         torque_scale=TorqueScale(**raw.pop("torque_scale"), confidence=sources["torque_scale"]["confidence"]),
         never_write=tuple(_lock(entry) for entry in locks),
-        known_gains=tuple(KnownGain(entry["place"], entry["what"], entry["missing"]) for entry in gains),
+        known_gains=tuple(GainTerm(**{key: value for key, value in entry.items() if key not in SOURCE_KEYS}) for entry in gains),
         sources=sources,
         supported_modes=tuple(raw.pop("supported_modes")),
         enable_logic=(logic["index"], logic["subindex"], logic["type"], logic["value"]) if logic else None,
@@ -208,6 +207,11 @@ def _check_words(profile: Profile) -> None:
         raise ValueError(f"structure has no {', '.join(unknown)}")
     if not set(own["prefilters"]) <= set(PREFILTER_KINDS) or not all(isinstance(own.get(part, False), bool) for part in PARTS):
         raise ValueError(f"structure is {dict(own)}; prefilters are some of {', '.join(PREFILTER_KINDS)}, the rest true or false")
+    for per, name in enumerate((profile.position_unit, profile.velocity_unit, profile.acceleration_unit)):
+        if name is not None:
+            named(name, per)
+    if profile.rated_torque_unit_nm is not None and not 1e-9 <= profile.rated_torque_unit_nm <= 1e3:
+        raise ValueError(f"rated_torque_unit_nm is {profile.rated_torque_unit_nm}; N m in one unit of 6076h, such as 1.0e-3")
     logic, zero = profile.enable_logic, profile.referenced
     places = [profile.loop_period, profile.overload_time, profile.output_limit, profile.dead_zone, logic and logic[:2], zero and zero[:2]]
     places += [(entry["index"], entry.get("subindex", 0)) for entry in profile.signals.values()]

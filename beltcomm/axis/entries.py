@@ -22,7 +22,15 @@ AT = ("motor", "carriage", "both")
 
 @dataclass(frozen=True)
 class AxisEntry:
-    """Meaning and bounds of one number in ``axis.yaml``.   above : exclusive.   at_least, at_most : inclusive."""
+    """Meaning and bounds of one number in ``axis.yaml``.
+
+    Attributes
+    ----------
+    above : float
+        Exclusive.
+    at_least, at_most : float
+        Inclusive.
+    """
 
     meaning: str
     above: float = -math.inf

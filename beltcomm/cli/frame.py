@@ -18,13 +18,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import click
 
-from beltcomm import __version__
 from beltcomm.borders import for_file_name, for_json, for_terminal
 from beltcomm.cli.aftermath import aftermath, again_command
+from beltcomm.cli.streams import NAMES
 from beltcomm.cli.terminal import echo, failure
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.given import pasted, place
 from beltcomm.journal import events_of
+from beltcomm.version import __version__
 
 if TYPE_CHECKING:
     from beltcomm.axis import Axis
@@ -140,6 +141,10 @@ class Invocation:
                 return self._interrupted()
             if error.errno not in UNWRITABLE + NO_PATH or not error.filename:
                 return self._unexpected(error)
+            if error.filename in NAMES:
+                return self._failed(
+                    f"{error.filename} cannot be written: {error.strerror}; make room, or send it elsewhere", UsageError.exit_code
+                )
             remedy = "check the path" if error.errno in NO_PATH else "choose a folder that can be written, or make room"
             return self._failed(f"{error.filename} cannot be used: {error.strerror}; {remedy}", UsageError.exit_code)
         except Exception as error:  # what nobody thought of: a sentence and a log with the traceback, never a bare traceback
@@ -179,7 +184,7 @@ class Invocation:
         if self.json:
             from beltcomm.result import jsonable  # numpy, which a command that prints help does without
 
-            click.echo(for_json(jsonable(data)))
+            click.echo(for_json(jsonable(data)), file=sys.stdout)
             return
         echo(typed(lines), sys.stdout)
 
@@ -235,9 +240,9 @@ class Invocation:
             echo(_left_lines(left), sys.stderr)
             if self.json:
                 told = {} if diagnosis is None else {"diagnosis": diagnosis}
-                click.echo(for_json({"error": sentence, "exit_code": code, **left, **told}))
-        except OSError:
-            if not self.ended:
+                click.echo(for_json({"error": sentence, "exit_code": code, **left, **told}), file=sys.stdout)
+        except OSError as error:
+            if not self.ended and error.filename not in NAMES:
                 raise
         return code
 

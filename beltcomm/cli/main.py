@@ -13,9 +13,11 @@ from typing import Any
 
 import click
 
-from beltcomm import __version__, language
+from beltcomm import language
 from beltcomm.cli.endings import like_ctrl_c, twice_leaves
 from beltcomm.cli.frame import Invocation
+from beltcomm.cli.streams import prepare
+from beltcomm.version import __version__
 
 # The matrices here are tall and narrow: more threads cost more than they bring, and results must not depend on the number of cores.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -43,7 +45,6 @@ GROUPS: dict[str, dict[str, str]] = {
     "Model and gains of a run, no machine": {
         "fit": "Model with intervals from the recordings of a run.",
         "design": "Controller gains with margins from the model of a run.",
-        "tune": "The three knobs of the design as sliders, on a local page.",
         "export": "The designed controller as YAML, C or structured text.",
         "convert": "Gains of a P-PI cascade as a PID controller, and back.",
     },
@@ -57,6 +58,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "effects": "The physical effects a model can have.",
     },
     "Runs and reports": {
+        "open": "A run on a local page: model, design with sliders, live.",
         "runs": "The runs here, the newest first, and what is said of each.",
         "report": "Everything known of a run, as one page.",
         "trend": "One axis over many runs: what drifts.",
@@ -77,7 +79,7 @@ EXAMPLES = {
     "Commission, on a machine": "beltcomm commission --drive can0 --axis axis.yaml",
     "Model and gains of a run, no machine": "beltcomm design",
     "What is wrong with an axis": "beltcomm improve",
-    "Runs and reports": "beltcomm runs",
+    "Runs and reports": "beltcomm open",
     "Simulation and drives": "beltcomm drives",
 }
 VERBS = {verb: words for group in GROUPS.values() for verb, words in group.items()}
@@ -167,6 +169,7 @@ def main() -> None:
     """Entry point of the console script."""
     if sys.argv[1:2] and sys.argv[1] in SHORT:
         gc.disable()
+    prepare()
     try:
         cli()
     finally:

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
     from beltcomm.result import Line
 
-#: Columns of a terminal that does not tell.
-USUAL_WIDTH = 80
+#: Columns of a terminal that does not tell, and of any.
+USUAL_WIDTH, WIDEST = 80, 1000
 #: Between two columns of a drawn table.
 GAP = 3
 #: What the parts of a line look like where there are colours; bold stays without them.
@@ -42,9 +42,14 @@ def draws(stream: TextIO) -> bool:
 def width_of(stream: TextIO) -> int:
     """Columns of the terminal behind a stream; of each stream its own, for one of them may be a pipe."""
     try:
-        return int(os.environ.get("COLUMNS", "0")) or os.get_terminal_size(stream.fileno()).columns or USUAL_WIDTH
+        told = int(os.environ.get("COLUMNS", "0"))
+    except ValueError:
+        told = 0
+    try:
+        width = told if told > 0 else os.get_terminal_size(stream.fileno()).columns
     except (OSError, ValueError):
-        return USUAL_WIDTH
+        width = 0
+    return min(width, WIDEST) if width > 0 else USUAL_WIDTH
 
 
 def fitted(line: str, stream: TextIO) -> str:

@@ -35,6 +35,7 @@ from beltcomm.model import Model
 from beltcomm.result import Row, plain, table
 from beltcomm.schedule import record_schedule
 from beltcomm.schedule.record_schedule import Extent
+from beltcomm.schedule.sequences import excitation_travel_m, short_seconds
 from beltcomm.schedule.strokes import fastest_stroke_m_s
 from beltcomm.simulate.stopping import Braking, total_friction
 from beltcomm.trajectory import Trajectory, plan_trajectory
@@ -52,6 +53,7 @@ class Plan:
     notes : lines after the table.   visible : what the records could show, where that was worked out.
     thermal : of motor and drive, for the heat of the plan.   verb : that it is the plan of.   window_m : to be kept, from where it stands.
     host_loss : s until the drive stops by itself when its host is silent, and how far it coasts then at most, m.
+    types_gains : the gains of its drive are set by a person only.
     """
 
     text: str
@@ -64,6 +66,7 @@ class Plan:
     verb: str = ""
     window_m: tuple[float, float] | None = None
     host_loss: tuple[float, float] | None = None
+    types_gains: bool = False
 
     @property
     def over_budget(self) -> bool:
@@ -76,6 +79,8 @@ class Plan:
 
     def written(self) -> str:
         """What becomes of the drive's parameters."""
+        if self.types_gains:
+            return tr("drive parameters: limits and modes only, restored; it moves with the gains that stand in the drive")
         if self.verb == "commission":
             return tr("drive parameters: backed up, restored at the end unless you keep the gains")
         return tr("drive parameters: backed up and restored at the end")
@@ -206,6 +211,7 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
         sampling_limits.notes_before(axis, capabilities),
         points=commission_points(axis, capabilities, lightest, (heaviest, fastest_m_s(axis, capabilities, possible, heaviest))),
         verb="commission",
+        types_gains=capabilities.gains == "unknown",
         host_loss=host_loss(axis, capabilities),
     )
 
@@ -314,9 +320,8 @@ def _move_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
     return min(top, float(np.max(np.abs(path.velocity_m_s))))
 
 
-#: s, upper bounds of the parts, from the sequence's own constants: rising steps of 2.8 s; rest, run-in and measured periods; strokes at
-#: seven speeds, three of them twice.
-STEP_SECONDS = 3.0
+#: s, upper bounds of the parts, from the sequence's own constants: rest, run-in and measured periods; strokes at seven speeds, three of
+#: them twice.
 RESPONSE_SECONDS = 7.5
 MOVE_SECONDS = 2.0
 SWEEP_SECONDS = 28.0
@@ -337,8 +342,8 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
     rising = (creep.HELD_SHARE if tilted else creep.BREAKAWAY_SHARE) * torque
     top = top_speed_m_s(axis, capabilities)
     shaken = min(phases.EXCITATION_SPEED_M_S, top)
-    travel = min(phases.EXCITATION_TRAVEL_M, widest)
-    reach = min(phases.EXCITATION_TRAVEL_M + phases.END_MARGIN_M, widest)
+    shaken_m = excitation_travel_m(capabilities.sample_period_s)
+    travel, reach = min(shaken_m, widest), min(shaken_m + phases.END_MARGIN_M, widest)
     held, slow = held_before_nm(axis), stroking_nm(axis, 0.0)
     binary = math.hypot(phases.excitation_torque_nm(axis, capabilities, held), held)
     return (
@@ -353,7 +358,7 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
             rising / math.sqrt(3.0) + held,  # rms of a ramp
         ),
         *gain_steps.line(axis, capabilities),
-        Experiment("excitation, rising", travel, reach, shaken, torque, shaking, 3 * STEP_SECONDS, binary),
+        Experiment("excitation, rising", travel, reach, shaken, torque, shaking, 3 * short_seconds(capabilities.sample_period_s), binary),
         *([Experiment("holding torque, in slow creep", 5e-3, reach, 0.02, torque, force, HOLDING_STROKES_SECONDS, slow)] if tilted else []),
         Experiment("frequency response here", travel, reach, shaken, torque, shaking, RESPONSE_SECONDS, binary),
     )

@@ -134,10 +134,9 @@ def in_drive(machine: Machine, delay_s: float) -> Loop:
 
 def _error_m(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> float:
     """Predicted following error of a move, m: the largest of the places where the targets count."""
-    rested = held(trajectory, REST_S)
-    path = predict_move(model, cascade, rested, in_drive(machine, delay_s))
+    path = predict_move(model, cascade, held(trajectory, REST_S), in_drive(machine, delay_s))
     at = {"motor": path.motor_m, "carriage": path.cart_m}
-    return max(tracking_error(path.t_s, rested.position_m, at[place]).dynamic_m for place in machine.axis.targets.places)
+    return max(tracking_error(path.t_s, path.reference_m, at[place]).dynamic_m for place in machine.axis.targets.places)
 
 
 def fastest(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> Trajectory | None:

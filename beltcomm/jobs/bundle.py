@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import re
+import shutil
 import zipfile
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
@@ -12,6 +13,7 @@ from pathlib import Path
 from beltcomm import atomic
 from beltcomm.errors import UsageError
 from beltcomm.given import Place, place
+from beltcomm.outside import MEASURED_BYTES, opened, read_text
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
 
@@ -52,8 +54,19 @@ def versions() -> str:
 def write_bundle(run: Path, path: Path, *, recordings: bool = False, private: Sequence[str] = ()) -> list[str]:
     """Write the zip and return the names in it; links are left out.
 
-    recordings : with the rows of every record and foreign originals too; else their sidecars only.   private : words that are taken out.
-    Raises DataError when there is no such folder, UsageError when the zip cannot be written.
+    Parameters
+    ----------
+    recordings : bool
+        With the rows of every record and foreign originals too; else their sidecars only.
+    private : sequence of str
+        Words that are taken out.
+
+    Raises
+    ------
+    DataError
+        When there is no such folder.
+    UsageError
+        When the zip cannot be written.
     """
     if not run.is_dir():
         RunFolder.open(run)
@@ -64,16 +77,34 @@ def write_bundle(run: Path, path: Path, *, recordings: bool = False, private: Se
             for file in chosen:
                 inside = file.relative_to(run).as_posix()
                 if file.suffix in LOGS:
-                    archive.writestr(inside, file.read_bytes())
+                    with opened(file) as log, archive.open(inside, "w") as packed:
+                        shutil.copyfileobj(log, packed)
                 else:
-                    archive.writestr(inside, scrubbed(file.read_text(encoding="utf-8", errors="replace"), private))
+                    archive.writestr(inside, scrubbed(read_text(file, MEASURED_BYTES, errors="replace"), private))
             return archive.namelist()
     except OSError as error:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}; make room or choose another place with --out") from error
 
 
 def bundle(run: Place, out: Place, *, recordings: bool = False, private: Sequence[str] = ()) -> Result:
-    """The command: a run in one zip; see :func:`write_bundle`."""
+    """Pack a run into one zip without paths and names; see :func:`write_bundle`.
+
+    Parameters
+    ----------
+    run : Place
+        Run folder.
+    out : Place
+        Of the zip.
+    recordings : bool
+        Pack the recordings too.
+    private : sequence of str
+        Words to be taken out.
+
+    Returns
+    -------
+    Result
+        What was packed.
+    """
     run, out = place(run), place(out, "zip")
     names = write_bundle(run, out, recordings=recordings, private=private)
     return Result({"bundle": str(out), "files": names}, [f"{len(names)} files of {run} are in {out}, without paths and user names."])

@@ -1,4 +1,4 @@
-"""What ``design`` and ``tune`` share: what a design rests on in a run, its proof on the run's own data, and keeping it."""
+"""What ``design`` and the page with sliders share: what a design rests on in a run, its proof on the run's own data, and keeping it."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import CascadeStructure
 from beltcomm.errors import UsageError
-from beltcomm.experiments import referencing
+from beltcomm.experiments import phases, referencing
 from beltcomm.given import pasted
 from beltcomm.laboratory.cross_checks import sheet_doubts
 from beltcomm.language import tr
@@ -27,9 +28,13 @@ from beltcomm.rundata.headline import OF, following, hashes_of, headline_of
 from beltcomm.rundata.kept_path import kept_path
 from beltcomm.rundata.proof import SUSPECT, doubts, error_of, same_gains, suspect, thin_margins
 from beltcomm.runfolder import RunFolder
-from beltcomm.sentences import outcome, screens, words
+from beltcomm.sentences import outcome, screens, typed_gains, words
 from beltcomm.sentences.cross_checks import sheet_lines
 from beltcomm.sentences.design_proof import proof_lines
+from beltcomm.trajectory import Trajectory, load_move, plan_trajectory
+
+#: m/s and m/s² of a move for an axis that states no limits of its own.
+GENTLE = (0.5, 2.0)
 
 
 @dataclass(frozen=True)
@@ -120,6 +125,7 @@ def delivered(
     ]
     details = [
         *words.design_lines(findings.design, findings.cascade),
+        *typed_gains.of_run(folder, findings.cascade),
         *words.knowledge_lines(basis.model, along, basis.which),
         *lines,
         *sheet_lines(sheets),
@@ -150,3 +156,23 @@ def keep_replaced(folder: RunFolder, other: Mapping[str, Any]) -> str:
     name = next(name for k in count(1) if (name := f"replaced_{k}") not in folder.names("designs"))
     folder.save_design(name, folder.load("designs", "final"))
     return f"designs/{name}.yaml"
+
+
+def move_of(folder: RunFolder, period_s: float, file: Path | None) -> Trajectory:
+    """The user's own move from a file, the one that verified the run, or the standard one of its axis."""
+    axis = folder.axis
+    if file is not None:
+        return load_move(file, period_s, axis)
+    top, fastest = axis.limits.speed_m_s or GENTLE[0], axis.limits.acceleration_m_s2 or GENTLE[1]
+    gentle = TrajectoryLimits(speed_m_s=min(top, GENTLE[0]), acceleration_m_s2=min(fastest, GENTLE[1]), jerk_m_s3=20.0 * GENTLE[1])
+    limits = axis.trajectories.get(axis.targets.limits) or gentle
+    paths = [
+        (folder.load("results", name).get("proof") or {}).get("path") for name in folder.names("results") if name.startswith("verify_")
+    ]
+    if paths and paths[-1]:
+        start, end, duration = paths[-1]
+        share = plan_trajectory(start, end, limits, period_s).duration_s / duration
+        return plan_trajectory(start, end, phases.slower(limits, share), period_s)
+    low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
+    start = max(low + 0.05 * (high - low), min(0.0, high))
+    return plan_trajectory(start, min(start + axis.targets.way_m, high - 0.05 * (high - low)), limits, period_s)

@@ -36,9 +36,34 @@ def fit(
     options: Options | None = None,
     talk: Talk | None = None,
 ) -> Result:
-    """The model from all recordings of a run; no machine needed.   Exit code 1 for one that does not explain them.   Raises DataError.
+    """Fit the model to all recordings of a run; no machine needed.
 
-    model : "three-mass" fits the end pulley too, and saves it as a revision (noted with command, when) where the records hold it.
+    Parameters
+    ----------
+    run : Place
+        Run folder.
+    solver : Solver or None
+        How the fit is minimised; None for the usual one.
+    model : {'two-mass', 'three-mass'}
+        "three-mass" fits the end pulley too, and saves it as a revision (noted with command, when) where the records hold it.
+    command : str
+        Command line, kept as provenance.
+    when : str
+        Date and time, kept as provenance.
+    options : Options or None
+        Settings beside the main arguments; None for the safe defaults.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+
+    Returns
+    -------
+    Result
+        Values with 95 % intervals; exit code 1 for a model that does not explain the records.
+
+    Raises
+    ------
+    DataError
+        Without usable recordings.
     """
     del options
     run, talk = place(run), talk or Silence()

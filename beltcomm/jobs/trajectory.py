@@ -56,7 +56,51 @@ def trajectory(
     acceleration may rise) and jerk down (at which it may fall); what is left out is as its counterpart.  States are the axis's, signed.
     The jerk of a row is that from its moment on; that of the last row, the one before.
 
-    Raises UsageError, Refused (no such motion; the file exists and ``options.yes`` was not given).
+    Parameters
+    ----------
+    file : Place
+        To be written, CSV.
+    start_m : float, m
+        First position.
+    end_m : float, m
+        Last position.
+    speed_m_s : float, m/s
+        Limit from start to end.
+    acceleration_m_s2 : float, m/s²
+        Limit from start to end.
+    jerk_m_s3 : float, m/s³
+        Rate at which the acceleration may rise.
+    speed_back_m_s : float or None, m/s
+        Limit the other way; None for ``speed_m_s``.
+    deceleration_m_s2 : float or None, m/s²
+        None for ``acceleration_m_s2``.
+    jerk_down_m_s3 : float or None, m/s³
+        Rate at which the acceleration may fall; None for ``jerk_m_s3``.
+    start_velocity_m_s : float, m/s
+        signed.
+    start_acceleration_m_s2 : float, m/s²
+        signed.
+    end_velocity_m_s : float, m/s
+        signed.
+    end_acceleration_m_s2 : float, m/s²
+        signed.
+    period_s : float, s
+        Of the rows.
+    options : Options or None
+        Settings beside the main arguments; None for the safe defaults.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+
+    Returns
+    -------
+    Result
+        Duration and what was reached.
+
+    Raises
+    ------
+    UsageError
+    Refused
+        No such motion; the file exists and ``options.yes`` was not given.
     """
     file, options, talk = place(file, "file"), options or Options(), talk or Silence()
     along = _along(speed_m_s, speed_back_m_s, acceleration_m_s2, deceleration_m_s2, jerk_m_s3, jerk_down_m_s3)
@@ -90,7 +134,13 @@ def trajectory(
 
 
 def _along(speed: float, back: float | None, up: float, down: float | None, rise: float, fall: float | None) -> MotionBounds:
-    """Bounds of a motion upwards.   Raises UsageError for a limit that is not positive; no speed back is possible."""
+    """Bounds of a motion upwards.
+
+    Raises
+    ------
+    UsageError
+        For a limit that is not positive; no speed back is possible.
+    """
     given = {"speed": speed, "acceleration": up, "deceleration": down, "jerk": rise, "jerk down": fall}
     for name, value in given.items():
         if value is not None and not value > 0.0:

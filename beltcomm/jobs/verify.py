@@ -17,18 +17,19 @@ from beltcomm.experiments.plan import Plan, verification_plan
 from beltcomm.experiments.proving import Sending, verify_move
 from beltcomm.experiments.sign import check_sign
 from beltcomm.given import pasted
+from beltcomm.language import tr
 from beltcomm.machine import stops
 from beltcomm.machine.machine import Machine
 from beltcomm.result import Line, Result
 from beltcomm.rundata import analyse, offline
-from beltcomm.rundata.headline import OF, drive_of, following, hashes_of, headline_of
+from beltcomm.rundata.headline import OF, Following, drive_of, following, hashes_of, headline_of
 from beltcomm.rundata.proof import proof
 from beltcomm.rundata.store import saved_design, verdict_to_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import screens, words
 from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory
-from beltcomm.verify import Demand, Verdict
+from beltcomm.verify import AS_PREDICTED, SLACK_M, Demand, Verdict
 
 
 @dataclass(frozen=True)
@@ -114,6 +115,8 @@ def verify_with(
         plan = verification_plan(machine.axis, model, path, braking, len(RUNGS) if rungs else 1)
         if planned is not None:
             return planned(plan, folder.axis)
+        if drive.capabilities.gains == "unknown":
+            talk.say("This drive's gains can neither be written nor read: the move is planned for those of the design, typed in by hand.")
         agree(plan, machine)
         check_sign(machine)
         ways = [(rung.change(cascade), rung.sending) for rung in RUNGS] if rungs else [(cascade, sending)]
@@ -122,6 +125,8 @@ def verify_with(
             verdict, asked = verify_move(machine, model, gains, delay_s, path, record, sending=how)
             driven_with = proof(gains, path, (), how if how in ("stretch", "compliant") else "")
             shown = {"proof": driven_with, OF: hashes_of(driven_with["gains"], model)}
+            if drive.capabilities.gains == "unknown" and not as_predicted(verdict):
+                shown = {}  # what was driven are other gains
             folder.save_result(f"verify_{record}", {**verdict_to_dict(verdict), **shown})
             driven.append((record, verdict, asked))
     if over_belt and asked.feed_force_n > folder.axis.belt_force_limit_n:
@@ -129,7 +134,9 @@ def verify_with(
             f"the belt carried up to {asked.feed_force_n:.0f} N, beyond its {folder.axis.belt_force_limit_n:.0f} N: for a virtual belt only"
         )
         remark = f"{remark}; {beyond}" if remark else beyond
-    return _rungs_result(folder, path, driven) if rungs else _result(folder, name, driven[0], feedforward, remark)
+    if rungs:
+        return _rungs_result(folder, path, driven)
+    return _result(folder, options.reached(name), driven[0], feedforward, remark, typed=drive.capabilities.gains == "unknown")
 
 
 def asked_of(axis: Axis, targets: Mapping[str, object] | None) -> Axis:
@@ -140,8 +147,10 @@ def asked_of(axis: Axis, targets: Mapping[str, object] | None) -> Axis:
     return axis_from_dict({**data, "targets": {**data.get("targets", {}), **targets}})
 
 
-def _result(folder: RunFolder, drive: str, one: tuple[str, Verdict, Demand], feedforward: str | None, remark: str) -> Result:
-    """One move."""
+def _result(
+    folder: RunFolder, drive: str, one: tuple[str, Verdict, Demand], feedforward: str | None, remark: str, *, typed: bool = False
+) -> Result:
+    """One move.   typed : a person has set the gains in the drive, so that only the move tells whether they are those of the design."""
     record, verdict, asked = one
     headline = headline_of(folder)
     notes = ([remark] if remark else []) + (
@@ -149,17 +158,39 @@ def _result(folder: RunFolder, drive: str, one: tuple[str, Verdict, Demand], fee
         if feedforward == "compliant"
         else []
     )
+    step = following(folder, headline, drive)
+    if typed:
+        notes.append(typed_words(verdict))
+        if step.command.startswith("beltcomm apply"):
+            step = Following(f"beltcomm report {pasted(folder.path)}", tr("save the gains with the maker's tool, and keep this run"))
     text = [
         Line(""),
         *screens.headline_lines(headline),
         Line(""),
         *screens.tracking_lines(verdict),
         *screens.warning_lines(notes),
-        *screens.next_lines(following(folder, headline, drive)),
+        *screens.next_lines(step),
     ]
     data = {"run": str(folder.path), "recording": record, **verdict_to_dict(verdict), "headline": headline.to_dict()}
     details = [*words.verdict_lines(verdict, asked, feedforward), *words.remarks_lines(notes)]
     return Result(data, text, 0 if verdict.passed else 1, details=details)
+
+
+def as_predicted(verdict: Verdict) -> bool:
+    """Whether a drive behaved, no worse and no better, as it would with the gains of the prediction."""
+    off, said = verdict.measured.dynamic_m, verdict.predicted.dynamic_m
+    return off <= AS_PREDICTED * said + SLACK_M and said <= AS_PREDICTED * off + SLACK_M
+
+
+def typed_words(verdict: Verdict) -> str:
+    """The same in words, of gains that a person has typed in."""
+    off, said = verdict.measured.dynamic_m, verdict.predicted.dynamic_m
+    if as_predicted(verdict):
+        return "The drive did as predicted with the gains of the design: they are in it, as far as this move can tell."
+    return (
+        f"The drive was off by {1e3 * off:.3g} mm where {1e3 * said:.3g} mm are predicted with the gains of the design: they are not what "
+        "stands in it. Look at each in the maker's tool, at its unit first."
+    )
 
 
 def _rungs_result(folder: RunFolder, path: Trajectory, driven: list[tuple[str, Verdict, Demand]]) -> Result:

@@ -12,7 +12,7 @@ from beltcomm.axis.entries import NO_TARGETS, AxisTargets, entries_of
 from beltcomm.control import Cascade
 from beltcomm.drive.parameters import cascade_to_parameters
 from beltcomm.errors import BeltcommError
-from beltcomm.given import pasted
+from beltcomm.given import Reached, pasted
 from beltcomm.language import tr
 from beltcomm.model import Model
 from beltcomm.rundata.proof import same_gains, suspect
@@ -30,6 +30,8 @@ WORDS: Mapping[State, str] = {
 }
 #: Where a result of a move keeps what it was driven with.
 OF = "verified"
+#: Where it says that the move was driven with gains that a person has set in the drive.
+OWN = "own_loop"
 UNEXPLAINED = "the model does not explain what was measured"
 
 
@@ -123,6 +125,7 @@ def headline_of(folder: RunFolder) -> Headline:
         text = tr("{name} was verified with {what} than this run has now: {within} then", name=name, what=what, within=_within(errors))
         return Headline("stale", text, last, errors, targets)
     missed = _missed(errors, targets)
+    name = tr("{name}, with the gains that stand in the drive,", name=name) if told.get(OWN) else name
     if missed or not told.get("passed"):
         text = tr("{name} misses its target: {missed}", name=name, missed="; ".join(missed) or _within(errors))
         return Headline("fail", f"{text}; {tr(UNEXPLAINED)}" if suspect(folder) else text, last, errors, targets)
@@ -166,10 +169,14 @@ def following(folder: RunFolder, headline: Headline, drive: str = "", *, applied
         )
     if headline.state in ("open", "stale"):
         return Following(f"beltcomm verify {with_drive}", tr("a move that proves the gains"))
+    if folder.load("results", headline.move).get(OWN):
+        if headline.good:
+            return Following(f"beltcomm report {run}", tr("nothing has to be typed in: the loop in the drive does"))
+        return Following(f"beltcomm verify {with_drive}", tr("when the gains are typed in with the maker's tool"))
     if headline.state == "fail":
-        return Following(f"beltcomm tune {run}", tr("other gains on a page; or state other targets, or a slower move"))
+        return Following(f"beltcomm open {run}", tr("other gains on a page; or state other targets, or a slower move"))
     if folder.drive.get("hardware") == "virtual":
-        return Following(f"beltcomm tune {run}", tr("other gains on a page; a virtual drive keeps none"))
+        return Following(f"beltcomm open {run}", tr("model and other gains on a page; a virtual drive keeps none"))
     if applied == "restore":
         return Following(f"beltcomm apply {with_drive}", tr("writes the gains; --save keeps them beyond power-off"))
     if applied == "keep":
@@ -179,8 +186,11 @@ def following(folder: RunFolder, headline: Headline, drive: str = "", *, applied
 
 def drive_of(folder: RunFolder) -> str:
     """What the drive of a run is called; DRIVE where it does not tell."""
-    called = (folder.load_result("drive") or {}).get("reached_as")
-    return called if isinstance(called, str) and called else "DRIVE"
+    drive = folder.load_result("drive") or {}
+    called, by = drive.get("reached_as"), drive.get("reached_by")
+    found = Reached(called if isinstance(called, str) and called else "DRIVE")
+    found.options = by if isinstance(by, str) else ""
+    return found
 
 
 def _model_of(folder: RunFolder) -> Model | None:
@@ -195,7 +205,7 @@ def _changed(result: Mapping[str, Any], gains: Any, model: Model | None) -> list
     """What is not as it was when a move was driven."""
     proof, of = result.get("proof"), result.get(OF)
     driven = proof.get("gains") if isinstance(proof, Mapping) else None
-    changed = [] if driven is None or same_gains(driven, gains) else ["other gains"]
+    changed = [] if driven is None or result.get(OWN) or same_gains(driven, gains) else ["other gains"]
     if isinstance(of, Mapping) and model is not None and of.get("model") != hashes_of({}, model)["model"]:
         changed.append("another model")
     return changed

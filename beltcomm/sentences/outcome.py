@@ -16,12 +16,12 @@ from beltcomm.result import Line, plain
 from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.delays import delay
 from beltcomm.rundata.findings import Findings
-from beltcomm.rundata.headline import OF, following, hashes_of, headline_of
+from beltcomm.rundata.headline import OF, OWN, following, hashes_of, headline_of
 from beltcomm.rundata.kept_fit import keep_fit
 from beltcomm.rundata.kept_path import KEY
 from beltcomm.rundata.store import design_to_dict, fit_to_dict, verdict_to_dict
 from beltcomm.runfolder import RunFolder
-from beltcomm.sentences import friction, screens, words
+from beltcomm.sentences import friction, screens, typed_gains, words
 from beltcomm.sentences.torque_path import path_data, path_lines, period_of
 
 
@@ -39,7 +39,8 @@ def save(folder: RunFolder, findings: Findings) -> None:
     if findings.design is not None:
         folder.save_design("final", {**design_dict(findings), OF: hashes_of(findings.cascade, model) if findings.cascade else {}})
     if findings.verdict is not None:
-        proven = {"proof": plain(findings.proof), OF: hashes_of(findings.proof["gains"], model)}
+        driven = findings.proof.get("gains") if isinstance(findings.proof, Mapping) else None
+        proven = {"proof": plain(findings.proof), OF: hashes_of(driven or {}, model), **({OWN: True} if findings.own_loop else {})}
         verdict = {**verdict_to_dict(findings.verdict), **proven, "reservations": findings.reservations}
         folder.save_result(f"verify_{findings.move_name}", verdict)
 
@@ -200,6 +201,7 @@ def commission_text(folder: RunFolder, findings: Findings, ended: Ended | None =
     """The answer on a screen, and everything behind it.   ended : what the report says of the run; None where there is none yet."""
     error = ended.error if ended is not None else None
     final = findings.final
+    typed = typed_gains.of_run(folder, findings.cascade) if findings.own_loop and findings.cascade else []
     warnings = [
         *findings.reservations,
         *screens.sheet_words(ended.sheets if ended is not None else ()),
@@ -217,6 +219,7 @@ def commission_text(folder: RunFolder, findings: Findings, ended: Ended | None =
         ]
     if findings.design is not None and findings.cascade is not None:
         answer += screens.design_screen(findings.design, findings.cascade)
+    answer += [Line(" " * 12, (tr("to be typed in with the maker's tool: --details"), "note"))] if typed else []
     answer += screens.warning_lines(warnings)
     details = [
         *(words.verdict_lines(findings.verdict, findings.demand) if findings.verdict else []),
@@ -224,6 +227,7 @@ def commission_text(folder: RunFolder, findings: Findings, ended: Ended | None =
         *(f"  {doubt}" for doubt in (ended.doubts if ended is not None else ())),
         *gravity_text(folder, findings),
         *(words.design_lines(findings.design, findings.cascade) if findings.design and findings.cascade else []),
+        *typed,
         *(words.friction_lines(findings.friction) if findings.friction else []),
         *friction.standstill_lines(findings.standstill),
         *words.thesis_lines(findings.thesis),
@@ -240,6 +244,8 @@ def closing(folder: RunFolder, findings: Findings, drive: str, page: str = "") -
         "keep": tr("new gains kept until power-off"),
         "save": tr("new gains saved in the drive"),
     }[findings.applied]
+    if findings.own_loop:
+        state = tr("the gains that a person has set stand in the drive")
     step = following(folder, headline_of(folder), drive, applied=findings.applied)
     where = page or tr("Run {run}", run=folder.path)
     return [Line("  ", where, "   ", (f"({state})", "soft")), *screens.next_lines(step)]

@@ -355,7 +355,7 @@ WORDS = {
     "export": "R --format c",
     "trajectory": "m.csv --from 0 --to 0.5 --speed 1 --acceleration 10 --jerk 200", "thesis": "", "convert": "R", "doctor": "",
     "serve": "--on slcan", "bundle": "R", "drives": "", "effects": "", "commission": "--drive virtual", "identify": "--drive virtual",
-    "calibrate": "--drive virtual", "demo": "--seed 3", "tune": "R", "trend": "R S", "study": "tolerances", "improve": "R", "runs": "",
+    "calibrate": "--drive virtual", "demo": "--seed 3", "open": "R", "trend": "R S", "study": "tolerances", "improve": "R", "runs": "",
 }  # fmt: skip
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from beltcomm.cli.display import window_line
 from beltcomm.cli.talk import PlainTalk, RichTalk, terminal_talk
-from beltcomm.cli.terminal import echo, failure, fitted
+from beltcomm.cli.terminal import WIDEST, echo, failure, fitted, width_of
 from beltcomm.drive.finding import Finding
 from beltcomm.jobs.doctor import _lines
 from beltcomm.result import jsonable, table
@@ -49,6 +49,13 @@ def test_a_line_is_no_wider_than_the_terminal(monkeypatch: pytest.MonkeyPatch) -
     assert " ".join(" ".join(lines).split()) == line.strip()
     assert fitted(line, io.StringIO()) == line
     assert fitted("short", Terminal()) == "short"
+
+
+@pytest.mark.parametrize("columns", ["-5", "0", "abc", "", "9" * 30])
+def test_a_width_that_is_none(monkeypatch: pytest.MonkeyPatch, columns: str) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    assert 1 <= width_of(Terminal()) <= WIDEST
+    assert fitted("word " * 50, Terminal()).split() == ["word"] * 50
 
 
 def test_a_row_of_a_table_is_a_line_of_text() -> None:

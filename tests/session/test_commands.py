@@ -154,7 +154,7 @@ def test_verify_misses_a_target_with_exit_code_1(make_bench: MakeBench, copy_of_
     assert outcome.exit_code == 1, outcome.output
     assert "allowed" in outcome.stdout
     assert "MISSED" in outcome.stdout
-    assert f"    beltcomm tune {run}\n" in outcome.stdout
+    assert f"    beltcomm open {run}\n" in outcome.stdout
     assert bench.parameters() == bench.initial
 
 

@@ -48,7 +48,7 @@ def test_it_meets_its_targets(complete: Complete) -> None:
     text = "\n".join(complete.result.lines())
     assert text.strip().startswith("PASS")
     assert str(complete.path) in text
-    assert text.splitlines()[-1].strip() == f"beltcomm tune {complete.path}"
+    assert text.splitlines()[-1].strip() == f"beltcomm open {complete.path}"
 
 
 @pytest.mark.parametrize(("found", "true", "share"), PARAMETERS)

@@ -104,7 +104,7 @@ def test_the_first_screen_has_the_numbers_of_the_run(page: str, complete: Comple
     assert tracking["value"] == f"{1e6 * verdict['measured']['dynamic_m']:.0f} µm"
     assert float(model["value"].split()[0]) == pytest.approx(max(numbers["ratio"].values()), abs=0.006)
     assert 40.0 < float(margin["value"].rstrip("°")) < 60.0
-    assert any("beltcomm tune" in step for step in numbers["next"])
+    assert any("beltcomm open" in step for step in numbers["next"])
     assert numbers["sections"] == [
         "changes", "tracking", "gains", "model", "model-error", "cost", "responses", "friction", "loops", "safety", "journal",
     ]  # fmt: skip

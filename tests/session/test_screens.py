@@ -96,7 +96,7 @@ def test_the_verdict_is_a_screen_and_the_rest_in_details(complete: Complete, mon
         assert word in text
     assert "95 % intervals" not in text
     assert "95 % intervals" in "\n".join(complete.result.details)  # type: ignore[attr-defined]
-    assert lines[-1].strip() == f"beltcomm tune {complete.path}"
+    assert lines[-1].strip() == f"beltcomm open {complete.path}"
 
 
 @pytest.mark.parametrize("at", ["motor", "both"])
