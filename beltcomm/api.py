@@ -47,6 +47,7 @@ from beltcomm.jobs.laboratory import diagnose_run as diagnose
 from beltcomm.jobs.laboratory import ladder_of_run as ladder
 from beltcomm.jobs.laboratory import remove_from_run as remove
 from beltcomm.jobs.loop import identify_in_loop
+from beltcomm.jobs.new_profile import new_profile as new_profile
 from beltcomm.jobs.serve import serve as serve
 from beltcomm.jobs.simulate import run_experiment
 from beltcomm.jobs.trajectory import trajectory as trajectory

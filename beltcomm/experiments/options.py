@@ -224,7 +224,7 @@ class Options:
 
     def reached(self, drive: str) -> Reached:
         """The drive's name for the next command, with the options that it is reached by."""
-        given = {"profile": self.profile, "node": self.node, "bitrate": self.bitrate}
+        given = {"as": self.slave, "profile": self.profile, "node": self.node, "bitrate": self.bitrate}
         found = Reached(drive)
         found.options = " ".join(f"--{name} {pasted(value)}" for name, value in given.items() if value is not None)
         return found
