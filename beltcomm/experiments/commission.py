@@ -32,7 +32,7 @@ from beltcomm.experiments import (
     verification,
 )
 from beltcomm.experiments.proving import verify_move
-from beltcomm.experiments.recentre import MOST_STOPS, brought_back, exhausted, stands_after
+from beltcomm.experiments.recentre import MOST_STOPS, brought_back, exhausted, stands, stands_after
 from beltcomm.fit.acting import acting_recording
 from beltcomm.identify.amplitude import AmplitudeStep, family_around, unknown_masses_kg
 from beltcomm.identify.final import FinalModel, evidence, final_model
@@ -63,6 +63,8 @@ VERIFYING_S = 4.0
 DRIFTING_S = 22.0
 #: Share of the torque with which a record is made again after the carriage went too far.
 QUIETER = 0.7
+#: What follows a path that a first loop was left behind by is driven so many times slower, and no slower than that in all.
+SLOWER, SLOWEST_PACE = 0.5, 0.13
 #: s of machine time that finding sign and breakaway takes as a rule.
 CREPT_S = 2.0
 #: s, from where a dead time is looked for; evidence that it must have.
@@ -271,7 +273,7 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
             f"not recorded, for {record_schedule.BUDGET_S[extent]:.0f} s of machine time are not enough: {names}{longer}"
         )
     loudest = findings.excited.step.amplitude_nm if findings.excited else machine.axis.torque_limit_nm
-    share = 1.0
+    share = pace = 1.0
     needed = [item.step for item in items if item.rank == 0]
     for name, step in record_schedule.named(steps, ("frf_1",)):
         left_out = f"{name} ({step.title(course.place_m(step))}) was left out"
@@ -280,8 +282,12 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
             continue
         while True:
             try:
-                execute_step.make(machine, loop, step, name, loudest, share)
-            except SafetyStop as problem:  # the model does not quite know how far this machine goes: again, and all that follow, quieter
+                execute_step.make(machine, loop, step, name, loudest, share, pace)
+            except SafetyStop as problem:
+                if lags_behind(machine, step.kind, problem) and pace > SLOWEST_PACE:
+                    pace *= SLOWER
+                    findings.remarks.append(f"{name} and what follows are driven at {pace:.2g} times their speed, after this: {problem}")
+                    continue  # the model does not quite know how far this machine goes: again, and all that follow, quieter
                 if not brought_back(machine, model, step, problem):
                     raise
                 if not exhausted(machine):
@@ -296,6 +302,27 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
             break
         if name == execute_step.SWEEP:
             loop = friction_feedforward.sent_ahead(machine, findings, loop)
+
+
+def lags_behind(machine: Machine, kind: str, problem: SafetyStop) -> bool:
+    """Whether a first loop, too weak for what its feedforward does not know yet, was left behind by a path; the axis stands then."""
+    return kind != "response" and problem.reason == "lag" and stands(machine)
+
+
+def quick_sweep(machine: Machine, findings: Findings, model: Model) -> None:
+    """The sweep of a quick commissioning, slower where the first loop lags behind it."""
+    speeds = record_schedule.quick_speeds_m_s(phases.gentle_limits(machine, model, np.inf).acceleration_m_s2)
+    pace = 1.0
+    while True:
+        try:
+            asked = [pace * speed for speed in speeds]
+            measure_friction(machine, model, speeds_m_s=asked, longest_s=record_schedule.QUICK_PLATEAU_S)
+            return
+        except SafetyStop as problem:
+            if not lags_behind(machine, "sweep", problem) or pace <= SLOWEST_PACE:
+                raise
+            pace *= SLOWER
+            findings.remarks.append(f"the sweep is driven at {pace:.2g} times its speeds, after this: {problem}")
 
 
 def measure_friction(
@@ -392,8 +419,7 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
     if not travels:
         pass
     elif brief:
-        speeds = record_schedule.quick_speeds_m_s(phases.gentle_limits(machine, model, np.inf).acceleration_m_s2)
-        measure_friction(machine, model, speeds_m_s=speeds, longest_s=record_schedule.QUICK_PLATEAU_S)
+        quick_sweep(machine, findings, model)
     else:
         record_steps(machine, findings, model, cascade, settings.extent)
     cascade = fit_and_design(machine, findings, settings)

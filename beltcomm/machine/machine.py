@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
-from beltcomm.control import Cascade
+from beltcomm.control import Cascade, Feedforward, feedforward_torque
 from beltcomm.drive import COLUMNS, Drive, Guarding, Limits, LoopKind, Motion, Row
 from beltcomm.drive.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, SafetyStop, UsageError
@@ -83,6 +84,7 @@ class Machine:
         self.guarding: Guarding | None = None
         self.closed: tuple[Model, float] | None = None
         self.cascade: Cascade | None = None
+        self._sent: Feedforward | None = None  # with every reference, where the drive holds none itself
         self.machine_seconds = 0.0
         self.wanderings = 0
         self.planned_s: float | None = None
@@ -263,13 +265,13 @@ class Machine:
 
     def follow(self, trajectory: Trajectory, kind: LoopKind, torque_nm: Array | None = None) -> Motion:
         """A reference motion of the carriage for the drive's own position or velocity loop.   torque_nm : (n,), sent along with it."""
-        zero = np.zeros(len(trajectory.t_s))
+        speed = trajectory.velocity_m_s / self.ratio
         return Motion(
             kind,
             self.drive.capabilities.sample_period_s,
             self.origin_rad + trajectory.position_m / self.ratio,
-            trajectory.velocity_m_s / self.ratio,
-            zero if torque_nm is None else torque_nm,
+            speed,
+            self._along(speed, kind, torque_nm),
         )
 
     def stops_beyond(self, position_m: Array, speed_m_s: Array, spare_m: float = 0.0) -> str:
@@ -401,5 +403,22 @@ class Machine:
         values = {n: v for n, v in cascade_to_parameters(cascade).items() if n in offered}
         stored = self.drive.write(values)
         self.folder.journal("wrote " + ", ".join(f"{n}={v:.6g}" for n, v in stored.items()))
-        self.cascade = parameters_to_cascade({"velocity_filter_s": 0.0, **offered, **stored})
-        return self.cascade
+        by_host = {"ff_velocity": cascade.feedforward.velocity} if self.sends_feedforward else {}
+        self.cascade = parameters_to_cascade({"velocity_filter_s": 0.0, **by_host, **offered, **stored})
+        if not self.sends_feedforward:
+            return self.cascade
+        self._sent = cascade.feedforward
+        return replace(self.cascade, feedforward=cascade.feedforward)
+
+    @property
+    def sends_feedforward(self) -> bool:
+        """Whether the drive takes a torque along with a reference and holds no feedforward of its own: the host computes and sends it."""
+        own = self.drive.capabilities
+        return own.structure.torque_feedforward and bool(own.torque_along) and "ff_coulomb_nm" not in self._backup
+
+    def _along(self, motion_rad_s: Array, kind: LoopKind, torque_nm: Array | None) -> Array:
+        """What is sent along with a reference, N m."""
+        along = np.zeros(len(motion_rad_s)) if torque_nm is None else torque_nm
+        if self._sent is None or kind not in self.drive.capabilities.torque_along:
+            return along
+        return along + feedforward_torque(self._sent, motion_rad_s, self.drive.capabilities.sample_period_s)
