@@ -10,6 +10,7 @@ from typing import Any, Final
 from beltcomm.configfiles import did_you_mean
 from beltcomm.drive.objects import TYPES
 from beltcomm.drive.parameters import GAIN_NAMES, PREFILTER_KINDS
+from beltcomm_adapters.units import named
 
 #: What is known of an entry: it stands in the source, follows from it, is recalled, nobody knows, or is what the virtual drive does.
 CONFIDENCES: Final = ("read", "inferred", "recalled", "unknown", "simulated")
@@ -58,6 +59,16 @@ def _is_number(value: object) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
+def _unit(per: int, example: str) -> FieldValue:
+    def fits(value: Any) -> bool:
+        try:
+            return isinstance(value, str) and bool(named(value, per))
+        except ValueError:
+            return False
+
+    return FieldValue(f"a number and a unit, such as {example}", fits)
+
+
 def _choice(*words: str) -> FieldValue:
     return FieldValue(f"one of {', '.join(words)}", lambda value: value in words)
 
@@ -74,7 +85,6 @@ _PLACE: Final = {"index": _INDEX, "subindex": _SUBINDEX}
 _BIT: Final = _whole("a bit", 0, 31)
 _TYPE: Final = _choice(*TYPES)
 _SOURCE: Final = {"source": _word("where it is from, a text"), "confidence": _choice(*CONFIDENCES)}
-_UNIT: Final = _word("the name of a unit, such as rpm, 0.1 rpm, counts/s, rpm/s")
 _LOCK: Final = FieldGroup(
     {"index": _INDEX, "first": _INDEX, "last": _INDEX, "subindex": _SUBINDEX, "what": _word("what it holds, a text"), **_SOURCE},
     ("what", *_SOURCE),
@@ -108,9 +118,9 @@ PROFILE: Final = FieldGroup(
             "a list of modes of CiA 402", lambda v: isinstance(v, list) and all(isinstance(m, int) and 0 <= m <= 10 for m in v)
         ),
         "units": _choice("cia402", "factor_group"),
-        "position_unit": _UNIT,
-        "velocity_unit": _UNIT,
-        "acceleration_unit": _UNIT,
+        "position_unit": _unit(0, "1 counts, 0.1 deg, 1 um"),
+        "velocity_unit": _unit(1, "rpm, 0.1 rpm, 10 counts/s"),
+        "acceleration_unit": _unit(2, "rpm/s, 10 counts/s2, ms to 3000 rpm"),
         "rated_torque_unit_nm": _number("N m in one unit of 6076h", 1e-9, 1e3),
         "offsets": _YES,
         "guarding": _choice("heartbeat", "node_guarding"),

@@ -61,9 +61,9 @@ def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: floa
     Raises what the machine raises.
     """
     if machine.folder.finished(name) is not None:
-        machine.talk.say(f"{name}: kept from the earlier run")
+        machine.detail(f"{name}: kept from the earlier run")
         return
-    machine.talk.say(f"{name}: {step.words()}")
+    machine.detail(f"{name}: {step.words()}")
     if step.kind == "response":
         respond(machine, loop.model, step, name, loudest_nm, share)
         return

@@ -25,6 +25,7 @@ from beltcomm.machine.closed_loop_watch import foreseen as foreseen_of
 from beltcomm.machine.closed_loop_watch import unwatched, within
 from beltcomm.machine.envelope import Room as Room
 from beltcomm.machine.envelope import stroking as stroking
+from beltcomm.machine.load import Load
 from beltcomm.machine.ratings import check_ratings
 from beltcomm.machine.restore_drive import leave
 from beltcomm.model import Model
@@ -34,7 +35,7 @@ from beltcomm.rundata.backups import keep_first
 from beltcomm.rundata.calibration import recall
 from beltcomm.runfolder import RunFolder
 from beltcomm.simulate.stopping import Braking, first_deceleration
-from beltcomm.talk import CarriagePosition, Talk
+from beltcomm.talk import CarriagePosition, Gauge, Talk, detail, found
 from beltcomm.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -129,6 +130,15 @@ class Machine:
         self.talk.say(sentence)
         self.folder.journal(sentence)
         self.remarks.append(sentence)
+
+    def detail(self, sentence: str) -> None:
+        """What only some want to read while it happens."""
+        detail(self.talk, sentence)
+        self.folder.journal(sentence)
+
+    def found(self, name: str, value: str) -> None:
+        """A number that was found on the way."""
+        found(self.talk, name, value)
 
     def begin(self, title: str) -> None:
         """Tell that a phase begins, numbered among those to come."""
@@ -304,14 +314,14 @@ class Machine:
         Raises Refused, SafetyStop, DriveError, DataError.
         """
         if self.folder.finished(name) is not None:
-            self.talk.say(f"{name}: kept from the earlier run")
+            self.detail(f"{name}: kept from the earlier run")
             return self.folder.recording(name)
         self._check_stops(motion, foreseen)
         self.let_settle()
         writer = self.folder.new_recording(name, sidecar, COLUMNS)
         closed = foreseen_of(self, motion)
         zero, begun, total = self.origin_rad, self.drive.clock.now(), len(motion.torque_nm)
-        rows = 0
+        rows, load = 0, Load(self.axis, room)
 
         def sink(row: Row) -> None:
             nonlocal rows
@@ -319,9 +329,10 @@ class Machine:
             writer.write((t, torque, setpoint, position - zero, velocity, reference - zero, *others))
             closed.watch(row)
             watch(row)
+            load.see(row)
             rows += 1
             if rows % 200 == 0 and rows < total:  # a drive that makes its strokes by itself takes longer than planned
-                self.talk.moving(self._place(name, position, begun))
+                self.talk.moving(self._place(name, position, begun, load.gauges()))
                 self.talk.progress(rows / total, (total - rows) * motion.period_s)
 
         try:
@@ -346,11 +357,13 @@ class Machine:
             self.folder.withdraw(name)  # what cannot be used is no finished record: --resume makes it again
             raise
 
-    def _place(self, record: str, position_rad: float, begun_s: float) -> CarriagePosition:
+    def _place(self, record: str, position_rad: float, begun_s: float, gauges: tuple[Gauge, ...]) -> CarriagePosition:
         """Where the carriage is in a record that began at ``begun_s`` of the drive's clock."""
         gone = self.machine_seconds + self.drive.clock.now() - begun_s
         left = None if self.planned_s is None else max(0.0, self.planned_s - gone)
-        return CarriagePosition(record, self.ratio * (position_rad - self.origin_rad), self.full_room().window_m, self.place_known, left)
+        return CarriagePosition(
+            record, self.ratio * (position_rad - self.origin_rad), self.full_room().window_m, self.place_known, left, gauges
+        )
 
     @contextmanager
     def withdrawing(self) -> Iterator[None]:

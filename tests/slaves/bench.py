@@ -28,7 +28,9 @@ from campaign.rig import BUFFERS_M, PLANT, STANDING_M_S, START_M, Examiner, Outc
 AXIS = "egc-70-600"
 #: N: what the belt of the axis bears.
 BELT_N = load_axis(AXIS).belt_force_limit_n
-VERBS = ("doctor", "identify", "friction", "commission", "verify", "apply", "Ctrl-C", "host lost")
+#: A motion is held against that on the model which a quick session has: the real belt may feel so much more.
+MODEL_IS_OFF = 1.1
+VERBS = ("doctor", "identify", "commission", "friction", "verify", "apply", "Ctrl-C", "host lost")
 #: s of virtual time for one command, at most.
 LONGEST_S = 600.0
 
@@ -75,12 +77,13 @@ class SlaveRig(Rig):
         self.examiner: Watch = Watch(self.plant, self.device, file.model["transmission.ratio"], tick_s=self.bus.tick_s)
         self.bus.attach(self.examiner)
         self.opened = 0
-        self.profile: str | None = None
 
     def open(self, _name: str, options: Any = None) -> Drive:
         """In place of :func:`beltcomm.drive.open_drive`: this drive, not a new one."""
         self.opened += 1
-        drive: Any = connect(self.bus, self.bus.clock, 1, self.profile, None, lambda: None, self.period_s)
+        given = options or {}
+        profile, plate = given.get("profile"), given.get("nameplate")
+        drive: Any = connect(self.bus, self.bus.clock, 1, profile, None, lambda: None, self.period_s, plate)
         drive.capabilities = replace(drive.capabilities, identity={**drive.capabilities.identity, "plant": self._plant_name})
         return drive  # type: ignore[no-any-return]
 
@@ -143,7 +146,7 @@ def judged(rig: SlaveRig, verb: str, slave: str, outcome: Outcome, first: int, a
         wrong.append("the carriage moves in the end")
     if watch.powered[-1]:
         wrong.append("the stage is on in the end")
-    if belt_n > BELT_N:
+    if belt_n > BELT_N * MODEL_IS_OFF:
         wrong.append(f"{belt_n:.0f} N in the belt")
     if len(place) and (place.min() < TRAVEL_M[0] or place.max() > TRAVEL_M[1]):
         wrong.append("outside its travel")
@@ -164,7 +167,7 @@ def judged(rig: SlaveRig, verb: str, slave: str, outcome: Outcome, first: int, a
 def words(verb: str, run: Path) -> list[str]:
     """A command line."""
     common = ["--drive", "virtual", "--axis", AXIS, "--yes"]
-    if verb in ("verify", "apply"):
+    if verb in ("friction", "verify", "apply"):
         return [verb, "--drive", "virtual", "--run", str(run), "--yes", *(["--force"] if verb == "apply" else [])]
     if verb == "doctor":
         return ["doctor", "--drive", "virtual", "--axis", AXIS]
@@ -183,7 +186,7 @@ def run_row(slave: str, verbs: tuple[str, ...] = VERBS, seed: int = 1, period_s:
         for verb in verbs:
             rig = SlaveRig(slave, seed, period_s, **options)
             place = ["--position", f"{1e3 * START_M:g}mm"] if verb not in ("doctor", "apply") else []
-            run = whole if verb in ("verify", "apply") else Path(folder) / verb.replace(" ", "-")
+            run = whole if verb in ("friction", "verify", "apply") else Path(folder) / verb.replace(" ", "-")
             if verb == "doctor":
                 cells.append(_doctor(rig, slave, words(verb, run)))
             elif verb in ("Ctrl-C", "host lost") and healthy is not None:
