@@ -406,11 +406,6 @@ ADAPTER = Adapter(
     examine=_examine,
     surroundings=surroundings,
     logs=True,
-<<<<<<< HEAD
-    new_profile=_new_profile,
-    nameplates=True,
-=======
     nameplates=True,
     new_profile=_new_profile,
->>>>>>> main
 )

@@ -16,10 +16,6 @@ from beltcomm.drive.parameters import GAIN_NAMES, GainTerm
 from beltcomm.errors import UsageError
 from beltcomm_adapters.locks import ALWAYS, Lock
 from beltcomm_adapters.profile_schema import CONFIDENCES, faults
-<<<<<<< HEAD
-from beltcomm_adapters.units import named
-=======
->>>>>>> main
 
 #: Keys of a file that state no fact about the drive; every other one has its source.
 SOURCE_KEYS: Final = ("source", "confidence")
@@ -134,7 +130,6 @@ def load_profile(name: str) -> Profile:
         raw = completed(raw)
     try:
         found = _profile(raw)
-        _check_units(found)
         _check_writes(found, shipped=not named_file(name))
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise UsageError(f"the drive profile {path.name} cannot be used: {type(error).__name__}: {error}") from error
@@ -222,16 +217,6 @@ def _profile(raw: dict[str, Any]) -> Profile:
     )
 
 
-<<<<<<< HEAD
-def _check_units(profile: Profile) -> None:
-    """Raise ValueError for a unit that nobody knows."""
-    for per, name in enumerate((profile.position_unit, profile.velocity_unit, profile.acceleration_unit)):
-        if name is not None:
-            named(name, per)
-
-
-=======
->>>>>>> main
 def _check_writes(profile: Profile, *, shipped: bool) -> None:
     """What a profile makes beltcomm write: settings of controllers and modes that fit, whoever wrote it.   Raises ValueError.
 

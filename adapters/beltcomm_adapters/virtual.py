@@ -86,11 +86,6 @@ ADAPTER = Adapter(
     examine=_examine,
     serve=_serve,
     logs=True,
-<<<<<<< HEAD
-    new_profile=_new_profile,
-    nameplates=True,
-=======
     nameplates=True,
     new_profile=_new_profile,
->>>>>>> main
 )

@@ -561,19 +561,11 @@ class Adapter:
         ``serve(address, on, options) -> Service``, of a drive that is simulated: for other processes, on the interface ``on``.
     logs : bool
         ``open`` takes the option ``log``, which is called with every frame of its bus.
-<<<<<<< HEAD
-    new_profile : callable or None
-        ``new_profile(address, options, device, entries) -> text`` of a profile, from the drive at an address, None for none, and from what
-        an EDS says: its device section and its objects.
-    nameplates : bool
-        ``open`` and ``examine`` take the option ``nameplate``, a :class:`Nameplate`, for what the drive does not tell.
-=======
     nameplates : bool
         ``open`` and ``examine`` take the option ``nameplate``, a :class:`Nameplate`, for what the drive does not tell.
     new_profile : callable or None
         ``new_profile(address, options, device, entries) -> text`` of a profile, from the drive at an address, None for none, and from what
         an EDS says: its device section and its objects.
->>>>>>> main
     """
 
     name: str
@@ -585,10 +577,6 @@ class Adapter:
     surroundings: Callable[[], Iterable[Finding]] | None = None
     serve: Callable[[str, str, Mapping[str, object]], Service] | None = None
     logs: bool = False
-<<<<<<< HEAD
-    new_profile: Callable[[str | None, Mapping[str, object], Mapping[str, str], Sequence[DictionaryEntry]], str] | None = None
-=======
->>>>>>> main
     nameplates: bool = False
     new_profile: Callable[[str | None, Mapping[str, object], Mapping[str, str], Sequence[DictionaryEntry]], str] | None = None
 
