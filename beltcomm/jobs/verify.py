@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -186,8 +187,8 @@ def set_by_hand(drive: Drive, folder: RunFolder) -> Iterator[None]:
         if drive.capabilities.gains != "unknown" or problem.reason not in ("lag", "resonance"):
             raise
         raise SafetyStop(
-            f"{problem.args[0].partition('; ')[0]}; the axis was stopped. With the gains of the design it would not have been: type them in "
-            f"with the maker's tool first (`beltcomm design {pasted(folder.path)} --details` lists them), and look at the unit of each",
+            f"{problem.args[0].partition('; ')[0]}; the axis was stopped. With the gains of the design it would not have been: type them "
+            f"in with the maker's tool first (`beltcomm design {pasted(folder.path)} --details` lists them), and look at the unit of each",
             problem.reason,
         ) from problem
 
