@@ -61,6 +61,10 @@ class Odometer:
         self._way = self._time_s = self._both = self._square = 0.0
 
 
+#: Units that a record does not tell apart: within this factor of each other.
+_ALIKE: Final = 1.2
+
+
 class SpeedUnit:
     """What one raw number of a reported speed is, by the way that the position goes meanwhile, over whole records.
 
@@ -91,4 +95,5 @@ class SpeedUnit:
                 f"which is no unit that makers use; in min⁻¹ one turn would be {per_turn:.0f} position units: state "
                 "position_unit or velocity_unit in a drive profile (--profile)"
             )
-        return nearest
+        # 0.001 min⁻¹ and a count of 65536 per turn differ by 9 %, less than a filter makes of a shaken axis: then as CiA 402 says
+        return self._position_rad if abs(math.log(nearest / self._position_rad)) < math.log(_ALIKE) else nearest
