@@ -47,6 +47,7 @@ from beltcomm.jobs.laboratory import diagnose_run as diagnose
 from beltcomm.jobs.laboratory import ladder_of_run as ladder
 from beltcomm.jobs.laboratory import remove_from_run as remove
 from beltcomm.jobs.loop import identify_in_loop
+from beltcomm.jobs.new_profile import new_profile as new_profile
 from beltcomm.jobs.serve import serve as serve
 from beltcomm.jobs.simulate import run_experiment
 from beltcomm.jobs.trajectory import trajectory as trajectory
@@ -125,7 +126,7 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
             RunFolder.create(run, axis, resume=True)  # says whether it could go on
         if options.dry_run:
             return planned(plan, connected.capabilities, options, axis)
-        folder = new_folder(run, axis, connected, options, talk)
+        folder = new_folder(run, axis, connected, options, talk, drive)
         findings = Findings()
         with Machine(connected, axis, folder, talk) as machine:
             settings = settings_of(options)
@@ -133,16 +134,19 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
             agreed(plan, machine)
             with early_end.kept(machine, findings):
                 sequence.commission(machine, settings, findings)
-    text = outcome.commission_text(folder, findings, options.reached(drive))
-    outcome.keep_text(folder, text.whole())
-    page = None
-    if options.report:
-        ended = at_the_end(run)
-        page = ended.page
-        text = outcome.commission_text(folder, findings, options.reached(drive), page=ended.line, error=ended.error, doubts=ended.doubts)
-        outcome.keep_text(folder, text.whole())
-    found = {**outcome.data(folder, findings), "visible": plan.visible, "page": page}
-    return Result(found, text.short(), 0 if findings.succeeded else 1)
+            outcome.keep_text(folder, outcome.commission_text(folder, findings).whole(()))
+            machine.begin(sequence.TITLES[8])
+            ended = at_the_end(run) if options.report else None
+            answer = outcome.commission_text(folder, findings, ended)
+            if asked := sequence.asks(machine, settings, findings):
+                talk.say(*answer.screen)  # what the question about the gains is about
+            sequence.dispose(machine, settings, findings)
+    answer = outcome.commission_text(folder, findings, ended)
+    closing = outcome.closing(folder, findings, options.reached(drive), ended.line if ended is not None else "")
+    outcome.keep_text(folder, answer.whole(closing))
+    found = {**outcome.data(folder, findings), "visible": plan.visible, "page": ended.page if ended is not None else None}
+    told = len(answer.screen) if asked else 0
+    return Result(found, [*answer.screen, *closing], 0 if findings.succeeded else 1, details=answer.details, told=told)
 
 
 @changes_run(waits=False)
@@ -190,7 +194,7 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     """
     if options.dry_run:
         return planned(identify_plan(axis, connected.capabilities, options.window_m), connected.capabilities, options, axis)
-    folder = new_folder(run, axis, connected, options, talk)
+    folder = new_folder(run, axis, connected, options, talk, drive)
     findings = Findings()
     with Machine(connected, axis, folder, talk) as machine:
         window = referencing.reference(machine, settings_of(options), needed=False)
@@ -201,11 +205,11 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
             sequence.identify_here(machine, findings)
         known = machine.place_known
     split = analyse.nonlinearities(folder.recordings())
-    text = outcome.identify_text(folder, findings, options.reached(drive), known)
-    text[-1:] = [*words.nonlinearity_lines(split), text[-1]]
+    text, details = outcome.identify_text(folder, findings, options.reached(drive), known)
+    details += words.nonlinearity_lines(split)
     if whole:
         text = ["Only the record at this place was made: the rest of the job needs to know where the carriage stands.", "", *text]
-    return Result({**outcome.data(folder, findings), "nonlinearity": plain(split)}, text, int(whole))
+    return Result({**outcome.data(folder, findings), "nonlinearity": plain(split)}, text, int(whole), details=details)
 
 
 @changes_run(waits=False)
@@ -511,7 +515,7 @@ def calibrate(drive: str, axis: Axis | Place | None, run: Place, *, options: Opt
         plan = calibrate_job.plan_of(of_axis, connected.capabilities)
         if options.dry_run:
             return planned(plan, connected.capabilities, options, of_axis)
-        folder = RunFolder.open(run) if axis is None else new_folder(run, of_axis, connected, options, talk)
+        folder = RunFolder.open(run) if axis is None else new_folder(run, of_axis, connected, options, talk, drive)
         return calibrate_job.calibrate_on(connected, drive, folder, settings_of(options), partial(agreed, plan), talk)
 
 

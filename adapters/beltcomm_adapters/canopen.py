@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import can
@@ -13,6 +13,7 @@ import numpy as np
 
 from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Guarding, Limits, Motion, Nameplate, Sink
 from beltcomm.drive.finding import Finding
+from beltcomm.drive.objects import DictionaryEntry
 from beltcomm.errors import BusError, DriveError, Refused, UsageError
 from beltcomm_adapters import host_reaction
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_can_bus, open_bus
@@ -33,6 +34,7 @@ from beltcomm_adapters.interrupts import deferred_interrupt
 from beltcomm_adapters.link import NMT_PRE_OPERATIONAL, Link, find_nodes
 from beltcomm_adapters.logged import LoggedBus
 from beltcomm_adapters.motion import Run
+from beltcomm_adapters.new_profile import facts_of_bus, facts_of_file, text_of
 from beltcomm_adapters.object_drive import ObjectDrive
 from beltcomm_adapters.preparation import check_motion, guard, homing_speeds_rad_s, prepare
 from beltcomm_adapters.profiles import choose_profile, load_profile
@@ -389,6 +391,18 @@ def profile_name(options: Mapping[str, object]) -> str | None:
     return str(value)
 
 
+def _new_profile(address: str | None, options: Mapping[str, object], device: Mapping[str, str], entries: Sequence[DictionaryEntry]) -> str:
+    if address is None:
+        return text_of(facts_of_file(device, entries))
+    bitrate = whole_number(options, "bitrate", DEFAULT_BITRATE, 10_000, 1_000_000)
+    assert bitrate is not None
+    bus = open_bus(Address.parse(address), bitrate)
+    try:
+        return text_of(facts_of_bus(bus, MonotonicClock(), whole_number(options, "node", None, 1, 126), entries))
+    finally:
+        bus.shutdown()
+
+
 ADAPTER = Adapter(
     name="canopen",
     summary="CiA 402 drive over CANopen: can0 (SocketCAN), slcan:/dev/ttyACM0 (serial CAN adapter), can:INTERFACE:CHANNEL",
@@ -399,4 +413,5 @@ ADAPTER = Adapter(
     surroundings=surroundings,
     logs=True,
     nameplates=True,
+    new_profile=_new_profile,
 )

@@ -66,7 +66,8 @@ def supported_modes(objects: Objects, profile: Profile) -> frozenset[int]:
 
 
 def as_the_drive_is(objects: Objects, profile: Profile) -> Profile:
-    """The profile without the offsets 60B1h and 60B2h where the drive lacks one of them: no motion needs them."""
+    """The profile with the modes that the drive has, and without the offsets 60B1h and 60B2h where it lacks one: no motion needs them."""
+    profile = profile.with_modes(supported_modes(objects, profile))
     if not profile.offsets or all(objects.read_if_there(*offset) is not None for offset in OFFSETS):
         return profile
     return replace(profile, offsets=False, structure={**profile.structure, "velocity_feedforward": False, "torque_feedforward": False})

@@ -169,7 +169,9 @@ def lend_settings(
         braking = scaling.raw_acceleration(limits.deceleration_rad_s2)
         limit(objects, lending, 0x6084, 0, "uint32", braking, scaling.acceleration, "rad/s²", harder=True)
     if mode == 4 and profile.torque_slope_permille_s is not None:
-        lending.set(0x6087, 0, "uint32", profile.torque_slope_permille_s)
+        slope = objects.read_if_there(0x6087, 0, "uint32")
+        if slope is not None and slope < profile.torque_slope_permille_s:
+            lending.set_if_there(0x6087, 0, "uint32", profile.torque_slope_permille_s)
     if mode == 7:
         lending.set_if_there(0x60C0, 0, "int16", _LINEAR_INTERPOLATION)
         lending.set_if_there(0x60C1, 2, "uint8", 0)  # absolute positions; before sub 1 (F1 p195)

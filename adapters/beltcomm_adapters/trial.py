@@ -35,6 +35,7 @@ INSTEAD: Final = {
     0x6080: "the host stops the axis when a row shows too much speed; the drive itself allows what it is set to",
     0x607D: "the host alone stops the axis at the end of its window",
     0x6065: "the host alone stops the axis when it lags behind its reference",
+    0x6087: "a step of torque rises no faster than it is set to, which the identification sees as a lag",
     0x60C2: "its interpolation runs at the period that it is set to",
 }
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from beltcomm.drive import Adapter, Drive, Service
 from beltcomm.drive.finding import Finding
+from beltcomm.drive.objects import DictionaryEntry
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm_adapters.buses import MonotonicClock
 from beltcomm_adapters.canopen import EXAMINATION_OPTIONS, connect, number, whole_number
 from beltcomm_adapters.examination.can import examine_bus
+from beltcomm_adapters.new_profile import facts_of_bus, text_of
 from beltcomm_adapters.virtual_node import NODE, attached, played, ticks_per_second
 
 
@@ -58,6 +60,14 @@ def _examine(address: str, options: Mapping[str, object]) -> Iterator[Finding]:
         bus.shutdown()
 
 
+def _new_profile(address: str | None, options: Mapping[str, object], _device: Mapping[str, str], entries: Sequence[DictionaryEntry]) -> str:
+    bus, _ = _playing(address or "", options)
+    try:
+        return text_of(facts_of_bus(bus, bus.clock, NODE, entries))
+    finally:
+        bus.shutdown()
+
+
 def _serve(address: str, on: str, options: Mapping[str, object]) -> Service:
     if on == "rs232":
         from beltcomm_adapters.virtual_serial import ServedSerial
@@ -77,4 +87,5 @@ ADAPTER = Adapter(
     serve=_serve,
     logs=True,
     nameplates=True,
+    new_profile=_new_profile,
 )

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from beltcomm.configfiles import did_you_mean
 from beltcomm.control import CascadeStructure
 from beltcomm.drive.finding import Finding
-from beltcomm.drive.objects import ObjectValue, ParameterObject
+from beltcomm.drive.objects import DictionaryEntry, ObjectValue, ParameterObject
 from beltcomm.drive.parameters import GainAccess, GainTerm
 from beltcomm.errors import UsageError
 from beltcomm.given import word
@@ -563,6 +563,9 @@ class Adapter:
         ``open`` takes the option ``log``, which is called with every frame of its bus.
     nameplates : bool
         ``open`` and ``examine`` take the option ``nameplate``, a :class:`Nameplate`, for what the drive does not tell.
+    new_profile : callable or None
+        ``new_profile(address, options, device, entries) -> text`` of a profile, from the drive at an address, None for none, and from what
+        an EDS says: its device section and its objects.
     """
 
     name: str
@@ -575,6 +578,7 @@ class Adapter:
     serve: Callable[[str, str, Mapping[str, object]], Service] | None = None
     logs: bool = False
     nameplates: bool = False
+    new_profile: Callable[[str | None, Mapping[str, object], Mapping[str, str], Sequence[DictionaryEntry]], str] | None = None
 
     def taken(self, options: Mapping[str, object]) -> dict[str, object]:
         """Of what programs add to every adapter's options what this one takes."""

@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from beltcomm.configfiles import did_you_mean
+from beltcomm.configfiles import did_you_mean, without_halves
 from beltcomm.errors import UsageError
 from beltcomm.foreign.table import Table
 from beltcomm.quantities import UNITS, in_other_unit, parse_quantity, suffix_of, unit_of
@@ -232,5 +232,6 @@ def kept_columns(table: Table, names: Sequence[str], sources: Mapping[str, Sourc
         found = table.find(name)
         if found is None:
             raise UsageError(f"--keep {name}: {table.no_such_column(name)}")
-        kept[found if found not in known else f"{found} (as found)"] = found
+        plain = " ".join(without_halves(found).split()) or f"c{list(table.columns).index(found) + 1}"
+        kept[plain if plain not in known else f"{plain} (as found)"] = found
     return kept

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from beltcomm import atomic
 from beltcomm.axis import Axis
 from beltcomm.borders import for_file_name
+from beltcomm.configfiles import without_halves
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.checks import check
 from beltcomm.foreign.convert import Converted, Reading, convert, reading_from_dict, without_time
@@ -165,7 +166,7 @@ def write(run: Path, folder: RunFolder | None, axis: Axis, found: Sequence[Impor
 def _keep_original(folder: RunFolder, source: Path, sha256: str) -> Path:
     """Copy the foreign file, unless the run has it already; another file of that name is not touched."""
     target = folder.path / ORIGINALS
-    stem, ending = stem_and_ending(source)
+    stem, ending = (without_halves(part) for part in stem_and_ending(source))
     if target.is_symlink():
         raise link_refused(target)
     try:

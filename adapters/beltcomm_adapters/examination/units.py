@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
-from beltcomm.drive.finding import Finding
+from beltcomm.drive.finding import Finding, State
 from beltcomm_adapters.busload import shortest_period_s
 from beltcomm_adapters.examination.patient import Check, Patient
 from beltcomm_adapters.identification import HOMING_MODE, supported_modes, sync_period_s, sync_steps
@@ -60,7 +60,8 @@ def modes(patient: Patient) -> Iterator[Finding]:
     if missing:
         wanted = ", ".join(f"{mode} ({_MODES[mode]}, for {kind})" for kind, mode in missing.items())
         remedy = "commissioning needs torque and position; choose another --profile, or another firmware of the drive"
-        yield Finding(AREA, "modes", "wrong", f"{text}; missing: {wanted}", remedy, values)
+        state: State = "wrong" if set(missing) & {"torque", "position"} else "warning"
+        yield Finding(AREA, "modes", state, f"{text}; missing: {wanted}", remedy, values)
     elif HOMING_MODE not in has:
         yield Finding(AREA, "modes", "ok", f"{text}; no homing: --position says where the carriage is", "", values)
     else:
