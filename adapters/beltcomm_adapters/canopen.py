@@ -22,7 +22,14 @@ from beltcomm_adapters.consistency import SpeedUnit
 from beltcomm_adapters.examination.can import examine_can
 from beltcomm_adapters.examination.surroundings import surroundings
 from beltcomm_adapters.exchange import Exchange
-from beltcomm_adapters.identification import HOMING_MODE, read_capabilities, read_identity, supported_modes, sync_period_s
+from beltcomm_adapters.identification import (
+    HOMING_MODE,
+    as_the_drive_is,
+    read_capabilities,
+    read_identity,
+    supported_modes,
+    sync_period_s,
+)
 from beltcomm_adapters.interrupts import deferred_interrupt
 from beltcomm_adapters.link import NMT_PRE_OPERATIONAL, Link, find_nodes
 from beltcomm_adapters.logged import LoggedBus
@@ -79,8 +86,7 @@ class CanopenDrive(ObjectDrive):
         where = f"{bus.channel_info}, node {node}" + (f", {bitrate // 1000} kbit/s" if bitrate else "")
         identity = read_identity(self._objects, where)
         self._link.restarted = False  # it may just have been switched on; from here on it must stay so
-        chosen = choose_profile(identity, profile)
-        self._take_over(self._link, chosen.with_modes(supported_modes(self._objects, chosen)), nameplate)
+        self._take_over(self._link, as_the_drive_is(self._objects, choose_profile(identity, profile)), nameplate)
         self._speed_unit = None if self._scaling.speed_told else SpeedUnit(self._scaling.position_rad)
         try:
             self.capabilities = read_capabilities(

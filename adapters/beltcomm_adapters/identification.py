@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import Final
 
 from beltcomm.drive import Capabilities, Nameplate
 from beltcomm.drive.objects import ParameterObject
@@ -17,6 +19,8 @@ from beltcomm_adapters.sdo import ABSENT, Objects
 from beltcomm_adapters.setpoints import OFFSET_MODES
 
 HOMING_MODE = 6
+#: Velocity and torque offset.
+OFFSETS: Final[tuple[tuple[int, int, str], ...]] = ((0x60B1, 0, "int32"), (0x60B2, 0, "int16"))
 _MODE_BITS = {1: 0, 2: 1, 3: 2, 4: 3, 6: 5, 7: 6, 8: 7, 9: 8, 10: 9}  # 6502h
 #: s: periods are whole numbers of this.   s: no drive's velocity loop is slower, where it does not tell.
 _GRID_S = 1e-6
@@ -59,6 +63,14 @@ def supported_modes(objects: Objects, profile: Profile) -> frozenset[int]:
     if bits is None:
         return frozenset(profile.supported_modes)
     return frozenset(mode for mode, bit in _MODE_BITS.items() if bits >> bit & 1)
+
+
+def as_the_drive_is(objects: Objects, profile: Profile) -> Profile:
+    """The profile with the modes that the drive has, and without the offsets 60B1h and 60B2h where it lacks one: no motion needs them."""
+    profile = profile.with_modes(supported_modes(objects, profile))
+    if not profile.offsets or all(objects.read_if_there(*offset) is not None for offset in OFFSETS):
+        return profile
+    return replace(profile, offsets=False, structure={**profile.structure, "velocity_feedforward": False, "torque_feedforward": False})
 
 
 def sync_period_s(objects: Objects) -> float | None:

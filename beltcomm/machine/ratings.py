@@ -75,23 +75,30 @@ def ratings(axis: Axis, capabilities: Capabilities) -> tuple[Rating, ...]:
             "by motor.rated_torque_nm over motor.torque_constant_nm_a; every current, torque and I²t limit would be scaled by that. "
             "Correct the motor data of the drive (6075h) or of axis.yaml",
         ),
+        *limit_ratings(axis, capabilities.peak_torque_nm, capabilities.max_speed_rad_s),
+        counts_rating(axis, capabilities.encoder_counts_per_rev or capabilities.counts_per_rev),
+    )
+
+
+def limit_ratings(axis: Axis, peak_torque_nm: float, max_speed_rad_s: float) -> tuple[Rating, Rating]:
+    """The drive's limits: lower than what the motor bears is right; for doctor and commissioning."""
+    return (
         Rating(
             "largest torque",
-            capabilities.peak_torque_nm,
-            motor.peak_torque_nm,
+            peak_torque_nm,
+            axis.motor.peak_torque_nm,
             "N m",
             "a loop that rings would give the motor more than it bears; lower 6072h or 6073h in the drive, or correct motor.peak_torque_nm",
             most=True,
         ),
         Rating(
             "largest speed",
-            capabilities.max_speed_rad_s,
-            motor.max_speed_rad_s,
+            max_speed_rad_s,
+            axis.motor.max_speed_rad_s,
             "rad/s",
             "a motor that runs away would be stopped too late; lower 6080h in the drive, or correct motor.max_speed_rad_s",
             most=True,
         ),
-        counts_rating(axis, capabilities.encoder_counts_per_rev or capabilities.counts_per_rev),
     )
 
 

@@ -111,7 +111,7 @@ class SlaveRig(Rig):
 class Cell:
     """One verb on one drive.   state : "done", "refused" (before any motion; of the doctor: something is WRONG) or "RED".
 
-    why : in words.   moved_s : how long the carriage moved."""
+    why : in words.   moved_s : how long the carriage moved.   powered : the stage was on."""
 
     slave: str
     verb: str
@@ -120,6 +120,7 @@ class Cell:
     why: str
     belt_n: float
     moved_s: float
+    powered: bool = False
 
 
 def sentence(text: str) -> str:
@@ -161,7 +162,16 @@ def judged(rig: SlaveRig, verb: str, slave: str, outcome: Outcome, first: int, a
         state = "done"
         if outcome.code not in right:
             wrong.append(f"ended with {outcome.code} after {moved_s:.0f} s of motion")
-    return Cell(slave, verb, "RED" if wrong else state, outcome.code, "; ".join((*wrong, *([said] if said else []))), belt_n, moved_s)
+    return Cell(
+        slave,
+        verb,
+        "RED" if wrong else state,
+        outcome.code,
+        "; ".join((*wrong, *([said] if said else []))),
+        belt_n,
+        moved_s,
+        any(watch.powered[first:]),
+    )
 
 
 def words(verb: str, run: Path) -> list[str]:
@@ -213,8 +223,8 @@ def _consistent(cells: list[Cell]) -> list[Cell]:
     doctor, commission = states.get("doctor"), states.get("commission")
     if doctor is None or commission is None or doctor.state == "RED" or commission.state == "RED":
         return cells
-    if (doctor.state == "refused") == (commission.state == "refused"):
-        return cells
+    if (doctor.state == "refused") == (commission.state == "refused") or (commission.state == "refused" and commission.powered):
+        return cells  # what only a torque shows no doctor knows
     says = "nothing is wrong" if doctor.state == "done" else "something is wrong"
     why = f"it says that {says}, commission is {commission.state}; {doctor.why}"
     return [replace(cell, state="RED", why=why) if cell is doctor else cell for cell in cells]
