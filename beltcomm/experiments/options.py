@@ -241,7 +241,18 @@ class Options:
         return found
 
     def for_drive(self, axis: Axis | None = None) -> dict[str, object]:
-        """The adapter's options: those that were given, and what the axis file knows of the motor."""
+        """Collect the adapter's options: those that were given, and what the axis file knows of the motor.
+
+        Parameters
+        ----------
+        axis : Axis or None
+            For what a drive does not tell.
+
+        Returns
+        -------
+        dict of str to object
+            By name.
+        """
         given = {
             "seed": self.seed,
             "profile": self.profile,
