@@ -7,7 +7,6 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
 from functools import partial
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +28,7 @@ from beltcomm.rundata.conditions import condition_of
 from beltcomm.rundata.delays import assume_delay, delay
 from beltcomm.rundata.design_proof import plant_responses
 from beltcomm.rundata.store import cascade_from_dict, saved_design
+from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Silence
 from beltcomm.trajectory import Trajectory, held, plan_trajectory
 from beltcomm.tuning.bench import Bench, CascadeView, TrackingPrediction
@@ -36,7 +36,7 @@ from beltcomm.tuning.changes import changes, error_changes, sentence
 from beltcomm.tuning.curves import DISTURBANCE_NM, OpenLoops, Responses
 from beltcomm.tuning.ground import MOST_PAYLOAD_KG, RANGES, DesignInput, SliderSetting, setting_from
 from beltcomm.tuning.presets import KINDS, PACES, preset
-from beltcomm.verify import DYNAMIC_TARGET_M, REST_S, STATIC_TARGET_M, Loop
+from beltcomm.verify import REST_S, Loop
 
 #: T_R to choose from beside the present one, s.
 VELOCITY_FILTERS_S = (0.001, 0.002, 0.004, 0.008, 0.016)
@@ -136,7 +136,7 @@ class TunedDesign:
 
     def begin(self) -> dict[str, Any]:
         """What the page needs once: where the controls stand, their ranges and choices."""
-        ground, start = self.bench.ground, self._start
+        ground, start, targets = self.bench.ground, self._start, self._basis.folder.axis.targets
         return {
             "run": str(self._basis.folder.path),
             "axis": self._basis.folder.axis.name,
@@ -153,7 +153,7 @@ class TunedDesign:
             "kinds": plain(KINDS),
             "paces": plain(PACES),
             "disturbance_nm": DISTURBANCE_NM,
-            "targets": {"dynamic_mm": 1e3 * DYNAMIC_TARGET_M, "static_um": 1e6 * STATIC_TARGET_M},
+            "targets": {"dynamic_mm": 1e3 * targets.following_m, "static_um": 1e6 * targets.settled_m},
             "move": self._move_words,
             "editor": _editor(ground.move),
             "compensated": list(self._saved_design.get("compensated") or ()),
@@ -212,6 +212,7 @@ class TunedDesign:
     def save(self, setting: SliderSetting) -> dict[str, Any]:
         """The design of a setting, with its whole proof, as the run's design; the one before stays as ``designs/replaced_N.yaml``."""
         folder, ground = self._basis.folder, self.bench.ground
+        RunFolder.open(folder.path)  # it may have gone since, and is not made anew
         found = self.bench.design(setting)
         loads = [0.0, setting.payload_kg] if setting.payload_kg else [0.0]
         plants = tuple(ground.plants(ground.ends_m, loads))
@@ -219,8 +220,6 @@ class TunedDesign:
         findings = replace(self._basis.findings, remarks=list(self._basis.findings.remarks))
         findings.design, findings.cascade = proven, ground.with_feedforward(found.cascade)
         with self._saving, occupied(folder.path, Silence(), refusal=lambda holder: at_work(folder.path, holder)):
-            replaced = next(name for k in count(1) if (name := f"replaced_{k}") not in folder.names("designs"))
-            folder.save_design(replaced, saved_design(folder))
             result = delivered(
                 replace(self._basis, findings=findings),
                 self._saved_design.get("compensated") or (),
@@ -233,7 +232,7 @@ class TunedDesign:
             "lines": list(result.text),
             "failed": bool(result.exit_code),
             "doubts": list(result.data["proof"]["doubts"]),
-            "replaced": f"designs/{replaced}.yaml",
+            "replaced": result.data["replaced"],
             "next": [
                 f"beltcomm verify --drive DRIVE --run {pasted(folder.path)}",
                 f"beltcomm apply --drive DRIVE --run {pasted(folder.path)}",
@@ -243,7 +242,7 @@ class TunedDesign:
     def _preset(self, data: Any) -> dict[str, Any]:
         if not isinstance(data, dict) or set(data) != {"setting", "kind", "pace"}:
             raise UsageError("a preset is asked for by setting, kind and pace")
-        if data["kind"] not in {one.key for one in KINDS} or data["pace"] not in {one.key for one in PACES}:
+        if data["kind"] not in [one.key for one in KINDS] or data["pace"] not in [one.key for one in PACES]:
             raise UsageError(f"there is no preset {data['kind']!r}, {data['pace']!r}")
         found: dict[str, Any] = plain(preset(self.bench, setting_from(data["setting"], self.bench.ground), data["kind"], data["pace"]))
         return found

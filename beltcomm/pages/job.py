@@ -14,6 +14,7 @@ from beltcomm.pages import axis, changes, diagnosed, first, gains, loops, missin
 from beltcomm.pages.gather import Gathered, gathered
 from beltcomm.report.page import Page, render
 from beltcomm.result import Result, jsonable, plain
+from beltcomm.rundata.headline import headline_of
 from beltcomm.sentences.cross_checks import sheet_lines
 from beltcomm.talk import Silence, Talk
 
@@ -102,6 +103,7 @@ def numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> d
     doubts = found.laboratory.sheets if found.laboratory is not None else ()
     return {
         "run": found.name,
+        "headline": headline_of(found.folder).to_dict(),
         "verdict": page.verdict,
         "state": page.state,
         "facts": [plain(fact) for fact in page.facts],

@@ -124,7 +124,14 @@ def serve(page: PageFiles, answers: Answers, token: str, port: int = 0) -> Itera
     def disconnect() -> None:
         wasyncore.close_all(connected)  # with nobody left to listen to, the server's loop ends
 
-    server = create_server(application(page, answers, token), map=connected, sockets=[listening], threads=THREADS, ident=None)
+    server = create_server(
+        application(page, answers, token),
+        map=connected,
+        sockets=[listening],
+        threads=THREADS,
+        ident=None,
+        max_request_body_size=LONGEST,  # refused by its announcement, not waited for
+    )
     try:
         yield ServedPage(
             f"http://{HOST}:{listening.getsockname()[1]}/{token}/", server.run, lambda: server.trigger.pull_trigger(disconnect)
@@ -160,6 +167,9 @@ def _answer(answer: Callable[[Any], Mapping[str, Any]], asked: Any) -> Response:
         found: Mapping[str, Any] = answer(asked)
     except BeltcommError as problem:
         found, status = {"error": str(problem)}, 422
+    except Exception as problem:  # what nobody thought of, as on the command line: a sentence there, the details for -v
+        logging.getLogger("beltcomm.web").info("an answer failed", exc_info=True)
+        found, status = {"error": f"an unexpected error: {type(problem).__name__}: {problem}"}, 500
     try:
         text = json.dumps(found, allow_nan=False)
     except (TypeError, ValueError):  # numbers that are not finite, arrays: rare, and looking for them takes longer than the rest

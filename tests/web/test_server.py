@@ -72,6 +72,8 @@ def test_anything_else_is_refused(client: Client, method: str, place: str, given
 def test_questions_are_answered(client: Client) -> None:
     own = HOST | {"Origin": "http://127.0.0.1:8000"}
     assert client.post("/secret/double", json={"x": 21}, headers=own).json == {"twice": 42}
+    fault = client.post("/secret/double", json={}, headers=own)
+    assert (fault.status_code, fault.json) == (500, {"error": "an unexpected error: KeyError: 'x'"})
     assert client.post("/secret/endless", json={}, headers=own).json == {"x": None}
     refusal = client.post("/secret/refuse", json={}, headers=own)
     assert (refusal.status_code, refusal.json) == (422, {"error": "the record is damaged"})
