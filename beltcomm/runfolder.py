@@ -209,6 +209,11 @@ class RunFolder:
         return dict(self._about().get("drive") or {})
 
     @property
+    def made_by(self) -> str:
+        """Version of the tool that began the run; "" where nobody knows it."""
+        return str(self._about().get("beltcomm") or "")
+
+    @property
     def began_s(self) -> float | None:
         """Date and time at which the run began on its drive, s since 1970; None where nobody knows it."""
         began = self._about().get("began_s")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 
 from beltcomm.laboratory.samples import Judged
 
@@ -51,10 +52,11 @@ def power(rows: Sequence[GridRow], values: Array, edges: Array, chosen: NDArray[
         count = int(mask.sum())
         if not count:
             continue
-        grid = np.zeros(row.length)
+        length = next_fast_len(row.length, real=True)
+        grid = np.zeros(length)
         grid[row.at] = own * mask
         lines = np.abs(np.fft.rfft(grid)) ** 2 / count
-        number = np.searchsorted(edges, np.fft.rfftfreq(row.length, row.step_s), side="right") - 1
+        number = np.searchsorted(edges, np.fft.rfftfreq(length, row.step_s), side="right") - 1
         number = np.clip(number, 0, len(edges) - 2)
         there = np.bincount(number, minlength=len(edges) - 1)
         total += count * np.bincount(number, lines, minlength=len(edges) - 1) / np.maximum(there, 1)
@@ -66,12 +68,13 @@ def filtered(rows: Sequence[GridRow], values: Array, low_hz: float, high_hz: flo
     """The part of the values that lies in a band, sample by sample."""
     parts = []
     for row, own, _ in _each(rows, values, None):
-        grid = np.zeros(row.length)
+        length = next_fast_len(row.length, real=True)
+        grid = np.zeros(length)
         grid[row.at] = own
         spectrum = np.fft.rfft(grid)
-        freq = np.fft.rfftfreq(row.length, row.step_s)
+        freq = np.fft.rfftfreq(length, row.step_s)
         spectrum[(freq < low_hz) | (freq > high_hz)] = 0.0
-        parts.append(np.fft.irfft(spectrum, row.length)[row.at])
+        parts.append(np.fft.irfft(spectrum, length)[row.at])
     return np.concatenate(parts)
 
 

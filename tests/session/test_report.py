@@ -106,7 +106,7 @@ def test_the_first_screen_has_the_numbers_of_the_run(page: str, complete: Comple
     assert 40.0 < float(margin["value"].rstrip("°")) < 60.0
     assert any("beltcomm open" in step for step in numbers["next"])
     assert numbers["sections"] == [
-        "changes", "tracking", "gains", "model", "model-error", "cost", "responses", "friction", "loops", "safety", "journal",
+        "changes", "diagnosed", "tracking", "gains", "model", "model-error", "cost", "responses", "friction", "loops", "safety", "journal",
     ]  # fmt: skip
 
 
