@@ -286,6 +286,7 @@ def add_to_run(
     effect: str,
     run: Place,
     *,
+    start: Mapping[str, float] | None = None,
     pictures: bool = True,
     cost: bool = True,
     command: str = "",
@@ -300,6 +301,8 @@ def add_to_run(
         Name of the effect.
     run : Place
         Run folder.
+    start : mapping of str to float, or None
+        Own parameters of the effect by bare name, from which the fit begins; None lets it search.
     pictures : bool
         Before and after, into ``RUN/pictures``.
     cost : bool
@@ -322,7 +325,7 @@ def add_to_run(
     effect = stands_for(asked, behind_gap=needs_observer(here.fitted.model))
     if effect in here.fitted.model.effects:
         raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {pasted(run)}`")
-    grown = with_effect(here.data, here.fitted, ground_of(here.fitted, here.data.fitted, here.folder.axis), effect_named(effect))
+    grown = with_effect(here.data, here.fitted, ground_of(here.fitted, here.data.fitted, here.folder.axis), effect_named(effect), start)
     grown = better(here.folder, here.data, here.fitted, grown, effect)
     data, named = refit_with_rebuilt_motion(here.data, grown, NEXT_ITERATIONS)
     on_body = assign_body(data, named, effect_named(effect))

@@ -270,7 +270,8 @@ def _jitter_fault(found: Sequence[tuple[Recording, Jitter]], axis: Axis) -> Data
 
 def _refuse_two_axes(timed: Sequence[Recording], axis: Axis) -> None:
     """Raise DataError for records of an axis with another inertia, or another encoder."""
-    told = [(r, found) for r in timed if (found := rigid_inertia(r.t_s, r.torque, r.position)) is not None]
+    weight = axis.get("pulley.effective_radius_m") is None and timed[0].side != "load"
+    told = [(r, found) for r in timed if (found := rigid_inertia(r.t_s, r.torque, r.position, weight=weight)) is not None]
     sure = [(r, found) for r, found in told if found.inertia > 0.0 and found.error < VAGUE * found.inertia]
     # A record that hardly slides tells its own friction too low: that of the surest record counts as well.
     # And where cogging holds a slow motion up, the torque that it takes poses as that of an inertia many times too large: how much a record

@@ -8,12 +8,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from beltcomm.compiled import in_one_thread
+from beltcomm.configfiles import did_you_mean
 from beltcomm.effects import EFFECTS, AxisSummary, Effect
 from beltcomm.errors import UsageError
 from beltcomm.fit.estimate import Fitted, fit, fit_of, problem_of
@@ -316,8 +317,20 @@ def refit_with(data: Data, base: Fitted, way: Scored, goal: float = math.inf) ->
 
 
 @in_one_thread
-def with_effect(data: Data, base: Fitted, ground: AxisSummary, effect: Effect) -> Fitted:
-    """The model with an effect that was asked for, whatever speaks for it."""
+def with_effect(data: Data, base: Fitted, ground: AxisSummary, effect: Effect, start: Mapping[str, float] | None = None) -> Fitted:
+    """The model with an effect that was asked for, whatever speaks for it.   start : values from which the fit begins, instead of a search.
+
+    Raises UsageError for a name that is no parameter of the effect, or a value outside its bounds.
+    """
+    if start:
+        own = {parameter.name: parameter for parameter in effect.parameters}
+        for name, value in start.items():
+            if name not in own:
+                raise UsageError(f"{effect.name} has no parameter {name!r}{did_you_mean(name, own)}; it has {', '.join(own)}")
+            if not own[name].low <= value <= own[name].high:
+                raise UsageError(f"{name} of {effect.name} is {value:g}; it lies between {own[name].low:g} and {own[name].high:g}")
+        values = {f"{effect.name}.{name}": value for name, value in start.items()}
+        return fit(data, base.model.with_effect(effect.name).with_values(values, "start"), ITERATIONS, offsets=base.offsets)
     scorer = Scorer(base)
     ways = scorer.score(effect, ground)
     if not ways:

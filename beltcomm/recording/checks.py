@@ -40,6 +40,8 @@ SLOW_SHARE = 0.01
 #: Standard deviations beyond which an inertia is certain; s, width of the means of what moves slowly; share of the work that a friction
 #: which drives gives at least.
 CERTAIN, SLOW_S, BACKWARDS = 4.0, 0.08, 0.1
+#: Rows of a long record on which that is judged.
+MOST_JUDGED = 300_000
 #: Share of the work, taken out of the axis, that no passive axis gives.
 ACTIVE = 0.3
 #: Share of the work from which a torque drives, whatever a regression says of springs and of friction that hardly slides.
@@ -160,6 +162,7 @@ def backwards(t_s: Array, torque: Array, position: Array) -> bool:
 
 def slow_work_share(t_s: Array, torque: Array, position: Array) -> float:
     """:func:`work_share` of what moves slowly; 0 for a record that is too short to tell."""
+    t_s, torque, position = t_s[:MOST_JUDGED], torque[:MOST_JUDGED], position[:MOST_JUDGED]
     even = np.arange(t_s[0], t_s[-1], usual_step(t_s))
     width = max(2, round(SLOW_S / float(even[1] - even[0]))) if len(even) > 1 else 0
     if width == 0 or len(even) < 8 * width:
@@ -197,8 +200,10 @@ class RigidInertia:
         return self.accelerating / max(self.friction, 1e-300)
 
 
-def rigid_inertia(t_s: Array, torque: Array, position: Array) -> RigidInertia | None:
+def rigid_inertia(t_s: Array, torque: Array, position: Array, *, weight: bool = False) -> RigidInertia | None:
     """Inertia of the axis as one rigid body, from its slow motion; None for a record that is too short.
+
+    weight : the load turns with the motor and may not be balanced: sine and cosine of the angle count as well.
 
         torque = inertia acceleration + damping speed + level sign(speed) + constant,   each under a triangle of 0.16 s
 
@@ -217,6 +222,9 @@ def rigid_inertia(t_s: Array, torque: Array, position: Array) -> RigidInertia | 
     rows = min(len(force), len(direction))
     acceleration, speed = ((after - 2.0 * middle + before)[::every] / span**2)[:rows], ((after - before)[::every] / (2.0 * span))[:rows]
     columns = np.column_stack([acceleration, speed, direction[:rows], np.ones(rows)])
+    if weight:
+        turned = [running_mean(running_mean(part, width), width)[1:-1][::every][:rows] for part in (np.sin(position), np.cos(position))]
+        columns = np.column_stack([columns, *turned])
     scale = np.maximum(np.abs(columns).max(axis=0), 1e-300)
     found = np.linalg.lstsq(columns / scale, force[:rows], rcond=1e-8)[0] / scale
     left = force[:rows] - columns @ found
