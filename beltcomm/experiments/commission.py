@@ -72,7 +72,7 @@ LATE_S, CLEAR_EVIDENCE = 5e-4, 150.0
 #: Names of the phases, as shown to the user.
 TITLES = (
     "connect and check",
-    "direction and breakaway",
+    "direction + breakaway",
     "excitation in place, rising",
     "frequency response here",
     "first safe loop",

@@ -348,7 +348,7 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
     binary = math.hypot(phases.excitation_torque_nm(axis, capabilities, held), held)
     return (
         Experiment(
-            "direction and breakaway",
+            "direction + breakaway",
             phases.SIGN_TRAVEL_M,
             min(phases.SIGN_REACH_M, widest),
             min(creep.CREEP_SPEED_M_S, top),
