@@ -7,8 +7,8 @@
 A variant is a drive (the product's own or another maker's, with rpm units among them), a SYNC period of 1, 2 or 4 ms, and a torque path:
 ideal, or with a setpoint filter, a current loop and a filter of the reading.  On each a short commissioning is run once.  A stop is one
 command on it (verify mostly; identify; the commissioning itself) that is ended while the carriage moves, at an instant that is drawn: by
-Ctrl-C, by the death of the host, or by a fault of the drive that brakes.  Counted from that instant to standstill: the largest force in the belt, the
-way, whether the axis came to rest inside its travel, and whether every setting of the drive was put back (not of a dead host).
+Ctrl-C, by the death of the host, or by a fault of the drive that brakes.  Counted from that instant to standstill: the largest force in the
+belt, the way, whether the axis came to rest inside its travel, and whether every setting of the drive was put back (not of a dead host).
 
 Planned: the force that the session noted for a stop out of its top speed ("N in the belt" in the journal), or what the belt bears where no
 loop is closed; the way likewise.
@@ -191,9 +191,10 @@ def report(rows: list[dict[str, object]]) -> None:
         planned = np.array([float(str(row["planned_n"])) for row in some])
         way = np.array([float(str(row["way_m"])) for row in some])
         bad = [sum(not row[key] for row in some) for key in ("stands", "inside", "restored")]
+        share = (belt / planned).max()
         return (
-            f"{name}: {len(some)} stops, belt {belt.max():.0f} N at most, "
-            f"{(belt / planned).max():.2f} of what was planned, way {1e3 * way.max():.0f} mm; not at rest {bad[0]}, outside {bad[1]}, not restored {bad[2]}"
+            f"{name}: {len(some)} stops, belt {belt.max():.0f} N at most, {share:.2f} of what was planned, way {1e3 * way.max():.0f} mm; "
+            f"not at rest {bad[0]}, outside {bad[1]}, not restored {bad[2]}"
         )
 
     if not rows:
