@@ -200,7 +200,7 @@ def design(
     pictures : the open loops into ``RUN/pictures``.   Raises Refused with what binds, DataError.
     """
     options, talk = given(options), talk or Silence()
-    basis = basis_of(place(run))
+    basis = basis_of(place(run), talk)
     analyse.offered(basis.structure, options.prefilter, options.feedforward)
     settings = replace(settings_of(options), specification=specification)
     found = basis.findings

@@ -17,16 +17,19 @@ from beltcomm.pages import pictures as drawn
 from beltcomm.recording import Recording
 from beltcomm.result import Result, plain
 from beltcomm.rundata import offline
+from beltcomm.rundata.behind import mark_of, unfitted
 from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.design_proof import grounds_of, prove
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.fitted_run import records_of
 from beltcomm.rundata.kept_path import kept_path
 from beltcomm.rundata.proof import SUSPECT, doubts, error_of, suspect, thin_margins
+from beltcomm.rundata.revisions import current_revision
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import outcome, words
 from beltcomm.sentences.cross_checks import sheet_lines
 from beltcomm.sentences.design_proof import proof_lines
+from beltcomm.talk import Talk
 
 
 @dataclass(frozen=True)
@@ -42,21 +45,35 @@ class Basis:
     recordings: Sequence[Recording]
 
 
-def basis_of(run: Path) -> Basis:
-    """The trusted model of a run, its drive, delay and damping.   Raises DataError."""
+def basis_of(run: Path, talk: Talk) -> Basis:
+    """The trusted model of a run, its drive, delay and damping; fitted anew where the run has records since.   Raises DataError."""
     folder = RunFolder.open(run)
     if not folder.axis.has_belt:
         raise UsageError(
             f"{folder.axis} has neither belt nor pulley; the controller is designed for a motor that drives a carriage by a belt. What the "
             f"laboratory knows of this axis: `beltcomm report {pasted(run)}`"
         )
+    since = unfitted(folder)
+    if since and current_revision(folder) is None:
+        talk.phase(1, 1, "fit")
+        outcome.save(folder, offline.fitted(folder, "lm", talk))
     model, revision, which = offline.trusted(folder)
     findings = Findings(kept_path=kept_path(folder))
+    findings.remarks += [_since(folder, since)] if since else []
     records = records_of(folder)
     recordings = records.recordings
     findings.remarks += records.remarks
     measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
     return Basis(folder, model, revision, which, findings, offline.structure_of(folder, findings), recordings)
+
+
+def _since(folder: RunFolder, names: Sequence[str]) -> str:
+    if unfitted(folder):
+        return (
+            f"{', '.join(names)} was recorded since the model's last revision, which was not fitted to it: `beltcomm compare "
+            f"{pasted(folder.path)}` says whether the model holds there too"
+        )
+    return f"the model was fitted anew, for {', '.join(names)} was recorded since"
 
 
 def delivered(
@@ -91,6 +108,7 @@ def delivered(
         **outcome.design_dict(findings),
         "revision": basis.revision,
         "compensated": list(along),
+        **mark_of(folder, basis.revision),
         "proof": proof.to_dict(),
         **(noted or {}),
     }

@@ -203,7 +203,7 @@ def result(
         *friction.standstill_lines(found.standstill),
         *pictures.lines(folder, shown, remarks),
         *words.remarks_lines(made.remarks),
-        f"Next: beltcomm fit {pasted(folder.path)}",
+        f"Next: beltcomm design {pasted(folder.path)}",
     ]
     data = {
         "run": str(folder.path),

@@ -48,8 +48,9 @@ class Tuning:
     move : file with the user's own, None for the standard one.   seed : of the draws of a proof.
     """
 
-    def __init__(self, run: Path, *, payload_kg: float = 0.0, move: Path | None = None, seed: int = 0) -> None:
-        self._basis = basis_of(run)
+    def __init__(self, run: Path, *, payload_kg: float = 0.0, move: Path | None = None, seed: int = 0, talk: Talk | None = None) -> None:
+        with occupied(run, talk or Silence()):  # a model that is behind its records is fitted anew
+            self._basis = basis_of(run, talk or Silence())
         self._saved_design = saved_design(self._basis.folder)
         self._seed = seed
         self.bench = Bench(ground_of(self._basis, self._saved_design, move))
@@ -188,7 +189,7 @@ def tune(
     run, options, talk = place(run), options or Options(), talk or Silence()
     move = None if move is None else place(move, "move")
     talk.say("computing the plants of this run")
-    tuning = Tuning(run, payload_kg=options.payload_kg or 0.0, move=move, seed=options.seed or 0)
+    tuning = Tuning(run, payload_kg=options.payload_kg or 0.0, move=move, seed=options.seed or 0, talk=talk)
     with serve(PageFiles("tune"), tuning.answers(), token, port) as served:
         talk.say(f"the tuning page is at {served.address} ; Ctrl-C ends it")
         if opened is not None:

@@ -21,6 +21,7 @@ from beltcomm.machine import stops
 from beltcomm.machine.machine import Machine
 from beltcomm.result import Result
 from beltcomm.rundata import analyse, offline
+from beltcomm.rundata.behind import behind
 from beltcomm.rundata.proof import next_step, proof
 from beltcomm.rundata.store import saved_design, verdict_to_dict
 from beltcomm.runfolder import RunFolder
@@ -90,6 +91,8 @@ def verify_with(
     claim(folder, drive.capabilities, options, talk)
     if planned is None:
         admit_edited("final.yaml of the run", folder.edited("designs", "final"), options, talk)
+    for line in behind(folder):
+        talk.say(f"{line[:1].upper()}{line[1:]}.")
     structure = drive.capabilities.structure
     leads = rungs or feedforward == "compliant"
     if leads and not (structure.torque_feedforward and structure.velocity_feedforward):

@@ -12,6 +12,7 @@ from beltcomm.drive.parameters import cascade_to_parameters
 from beltcomm.errors import Declined, Refused
 from beltcomm.fit.model_fit import SUSPECT_MISFIT
 from beltcomm.given import pasted
+from beltcomm.rundata.behind import behind
 from beltcomm.rundata.calibration import RESULT
 from beltcomm.rundata.revisions import revisions
 from beltcomm.rundata.store import saved_design
@@ -113,6 +114,8 @@ def doubts(folder: RunFolder) -> list[str]:
 
 def admit(folder: RunFolder, talk: Talk, *, yes: bool, force: bool) -> None:
     """Warn of every doubt about the design and ask; ``yes`` alone is no answer to that.   Raises Refused."""
+    for line in behind(folder):
+        talk.say(f"{line[:1].upper()}{line[1:]}.")
     found = "; ".join(doubts(folder))
     if not found:
         return

@@ -13,6 +13,7 @@ from beltcomm.given import pasted
 from beltcomm.identify.final import FinalModel
 from beltcomm.result import plain
 from beltcomm.rundata import analyse
+from beltcomm.rundata.behind import RECORDS, mark_of
 from beltcomm.rundata.delays import delay
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.kept_fit import keep_fit
@@ -27,14 +28,14 @@ def save(folder: RunFolder, findings: Findings) -> None:
     """Everything known into the run folder: models, designs, results."""
     if findings.final is not None:
         folder.save_model("final", findings.final.fit.model.to_dict())
-        folder.save_result("fit", fit_dict(findings.final, findings))
+        folder.save_result("fit", {**fit_dict(findings.final, findings), RECORDS: folder.finished_names()})
         keep_fit(folder, findings.final.fit.data, findings.final.fit.fitted, findings.final.fit.model)
     if findings.friction is not None:
         folder.save_result("friction", plain(findings.friction))
     if findings.standstill is not None:
         folder.save_result("standstill", plain(findings.standstill))
     if findings.design is not None:
-        folder.save_design("final", design_dict(findings))
+        folder.save_design("final", {**design_dict(findings), **mark_of(folder)})
     if findings.verdict is not None:
         verdict = {**verdict_to_dict(findings.verdict), "proof": plain(findings.proof), "reservations": findings.reservations}
         folder.save_result(f"verify_{findings.move_name}", verdict)
