@@ -32,8 +32,12 @@ class LeaveNow(KeyboardInterrupt):
 class BeltcommError(Exception):
     """Base of everything this package raises on purpose; ``str(error)`` is one or two plain sentences.
 
-    run : folder of the session that it ended, None outside of one.   diagnosis : what the records of that session show, where they were
-    searched; see :mod:`beltcomm.jobs.early_end`.
+    Attributes
+    ----------
+    run : Path or None
+        Folder of the session that it ended, None outside of one.
+    diagnosis : dict of str to object or None
+        What the records of that session show, where they were searched; see :mod:`beltcomm.jobs.early_end`.
     """
 
     exit_code = 1
@@ -81,7 +85,13 @@ class DamagedRecord(DataError):
 
 
 class NoMotion(DataError):
-    """The torque of a record did not move the axis.   torque_nm : the largest in it, N m at the motor."""
+    """The torque of a record did not move the axis.
+
+    Parameters
+    ----------
+    torque_nm : float
+        The largest in it, N m at the motor.
+    """
 
     def __init__(self, message: str, torque_nm: float) -> None:
         super().__init__(message)

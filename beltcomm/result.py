@@ -7,18 +7,38 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 
+from beltcomm.borders import for_html
+
 
 @dataclass(frozen=True)
 class Result:
-    """What a command did.   data : everything, for programs.   text : the same for people.   exit_code : 0, or 1 for a missed target."""
+    """What a command did.
+
+    Attributes
+    ----------
+    data : dict of str to Any
+        Everything, for programs.
+    text : sequence of str
+        The same for people.
+    exit_code : int
+        0, or 1 for a missed target.
+    details : sequence of str
+        For whoever wants to know more.
+    told : int
+        How many of the first lines were said already, before a question.
+    """
 
     data: Mapping[str, Any]
     text: Sequence[str]
     exit_code: int = 0
+    details: Sequence[str] = ()
+    told: int = 0
 
     def to_json(self) -> Mapping[str, Any]:
         """Everything as a mapping of plain values."""
@@ -28,11 +48,24 @@ class Result:
         """The result for people."""
         return self.text
 
+    def __repr__(self) -> str:
+        return "\n".join(map(str, self.text))
+
+    def _repr_html_(self) -> str:
+        return html_of(self.text)
+
 
 class Row(str):
     """A line of a table: as text what stands in files and pipes, and the cells of it, which a terminal may draw as it likes.
 
-    cells : as shown.   right : for each, whether it stands at the right of its column.   head : the line of the titles.
+    Attributes
+    ----------
+    cells : tuple of str
+        As shown.
+    right : tuple of bool
+        For each, whether it stands at the right of its column.
+    head : bool
+        The line of the titles.
     """
 
     cells: tuple[str, ...]
@@ -46,15 +79,65 @@ class Row(str):
         return row
 
 
+class Line(str):
+    """A line of a screen: as text what stands in files and pipes, and its parts, which a terminal colours and sets below each other.
+
+    parts : text and style: "good", "bad", "note", "title", "soft", "command" (kept whole, to be copied), "bar" (dropped first) or "".
+    """
+
+    parts: tuple[tuple[str, str], ...]
+
+    def __new__(cls, *parts: str | tuple[str, str]) -> Line:
+        """The line as it reads, and what it is made of."""
+        told = tuple((part, "") if isinstance(part, str) else part for part in parts)
+        row = super().__new__(cls, "".join(text for text, _ in told).rstrip())
+        row.parts = told
+        return row
+
+
+def bar(share: float, width: int = 16) -> str:
+    """``[#####...]``: a share of a limit; full from 1 on, empty for what is not known."""
+    filled = 0 if not math.isfinite(share) else min(width, max(0, round(share * width)))
+    return f"[{'#' * filled}{'.' * (width - filled)}]"
+
+
+def command_lines(command: str, why: str = "") -> list[Line]:
+    """What to type next: alone on its line, so that it can be copied."""
+    return [Line("  ", ("Next", "title"), f"  {why}" if why else ""), Line("    ", (command, "command"))]
+
+
+def html_of(lines: Iterable[str]) -> str:
+    """Lines as a notebook shows them: rows as tables, text as it stands."""
+    parts = []
+    for is_row, some in groupby(lines, key=lambda line: isinstance(line, Row) and bool(line.cells)):
+        if not is_row:
+            parts.append(f"<pre>{escape(chr(10).join(map(str, some)))}</pre>")
+            continue
+        rows = []
+        for row in some:
+            assert isinstance(row, Row)
+            kind = "th" if row.head else "td"
+            sides = ["right" if right else "left" for right in row.right]
+            cells = [f"<{kind} style='text-align:{side}'>{escape(cell)}</{kind}>" for cell, side in zip(row.cells, sides, strict=True)]
+            rows.append(f"<tr>{''.join(cells)}</tr>")
+        parts.append(f"<table>{''.join(rows)}</table>")
+    return for_html("".join(parts))
+
+
 def with_unit(number: str, unit: str) -> str:
     """A number with its unit as people write it: kg m² for the catalogue's kg m2, nothing for its 1."""
     return number if unit in ("", "1") else f"{number} {re.sub(r'(?<=[a-z])2', '²', unit)}"
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "") -> list[Row]:
-    """Lines of equal columns, the titles first.   columns : titles; one that begins with ``>`` has its cells at the right.
+    """Lines of equal columns, the titles first.
 
     A row may have fewer cells than there are titles.
+
+    Parameters
+    ----------
+    columns : sequence of str
+        Titles; one that begins with ``>`` has its cells at the right.
     """
     right = [title.startswith(">") for title in columns]
     filled = [[title.removeprefix(">") for title in columns], *([*row, *[""] * (len(columns) - len(row))] for row in rows)]
@@ -83,7 +166,7 @@ def plain(value: Any) -> Any:
         return [plain(item) for item in value]
     if isinstance(value, np.generic):
         return value.item()
-    return str(value) if isinstance(value, Row) else value
+    return str(value) if isinstance(value, (Row, Line)) else value
 
 
 def jsonable(value: Any) -> Any:

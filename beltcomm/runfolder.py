@@ -25,7 +25,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from beltcomm import __version__, journal
+from beltcomm import journal
 from beltcomm.atomic import is_draft
 from beltcomm.axis import Axis, load_axis, save_axis
 from beltcomm.configfiles import did_you_mean, read_yaml, sealed, to_yaml, unsealed, write_text
@@ -38,6 +38,7 @@ from beltcomm.recording import Recording, RecordingWriter, Sidecar, common_side,
 from beltcomm.recording.columns import MOTOR_COLUMNS
 from beltcomm.recording.sidecar import load_sidecar
 from beltcomm.talk import Talk
+from beltcomm.version import __version__
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 #: Letters of a name: file systems take 255 bytes, and ends such as .csv.part stand behind it.
@@ -52,10 +53,21 @@ _KINDS = {"models": "model", "designs": "design", "results": "result"}
 class RunFolder:
     """One run folder.  Make one with :meth:`create`, use an existing one with :meth:`open`.
 
-    path : the folder.     axis : as read from its ``axis.yaml``; None when the folder has none.
-    elapsed_s : s of date and time since the run began on its drive, as far as :meth:`claim_drive` knows it.
-    stamp : what a line of the journal begins with, its time.
-    remarks : what :meth:`recordings` left out last, and why, as sentences.
+    Parameters
+    ----------
+    path : Path
+        The folder.
+    axis : Axis or None
+        As read from its ``axis.yaml``; None when the folder has none.
+
+    Attributes
+    ----------
+    elapsed_s : float or None, s
+        Date and time since the run began on its drive, as far as :meth:`claim_drive` knows it.
+    stamp : callable
+        What a line of the journal begins with, its time.
+    remarks : list of str
+        What :meth:`recordings` left out last, and why, as sentences.
     """
 
     def __init__(self, path: Path, axis: Axis | None) -> None:
@@ -67,11 +79,29 @@ class RunFolder:
 
     @classmethod
     def create(cls, path: Path, axis: Axis, *, resume: bool = False) -> RunFolder:
-        """A new folder for ``axis``, or with ``resume`` the existing one, when its axis has not changed.
+        """Make a new run folder, or with ``resume`` open the existing one, when its axis has not changed.
 
-        An empty folder counts as new, and one whose run ended before anything moved.   Raises UsageError when the folder exists and
-        ``resume`` is not asked for, when it does not exist and ``resume`` is, when the axis has changed (with the entries), or when it
-        cannot be written.
+        An empty folder counts as new, and one whose run ended before anything moved.
+
+        Parameters
+        ----------
+        path : Path
+            Of the folder.
+        axis : Axis
+            Written as ``axis.yaml``.
+        resume : bool
+            Go on with an existing run.
+
+        Returns
+        -------
+        RunFolder
+            Open for writing.
+
+        Raises
+        ------
+        UsageError
+            When the folder exists and ``resume`` is not asked for, when it does not exist and ``resume`` is, when the axis has changed
+            (with the entries), or when it cannot be written.
         """
         if resume:
             return cls._resumed(path, axis)
@@ -88,9 +118,24 @@ class RunFolder:
 
     @classmethod
     def open(cls, path: Path | str) -> RunFolder:
-        """An existing folder, the tool's own or one made by hand.
+        """Open an existing folder, the tool's own or one made by hand.
 
-        Raises DataError when there is no folder or it holds neither axis nor recordings, UsageError for a wrong ``axis.yaml``.
+        Parameters
+        ----------
+        path : Path or str
+            Of the folder.
+
+        Returns
+        -------
+        RunFolder
+            Open for reading and writing.
+
+        Raises
+        ------
+        DataError
+            When there is no folder or it holds neither axis nor recordings.
+        UsageError
+            For a wrong ``axis.yaml``.
         """
         path = Path(path)
         if not path.is_dir():
@@ -104,7 +149,18 @@ class RunFolder:
 
     @classmethod
     def broken_off(cls, path: Path) -> bool:
-        """Whether a run stands here whose first record was begun and never finished."""
+        """Whether a run stands here whose first record was begun and never finished.
+
+        Parameters
+        ----------
+        path : Path
+            Of the folder.
+
+        Returns
+        -------
+        bool
+            False for any other run, and for no run.
+        """
         return path.is_dir() and any(path.glob("recordings/*.csv.part")) and not any(path.glob("recordings/*.csv"))
 
     @classmethod
@@ -123,7 +179,13 @@ class RunFolder:
 
     @property
     def axis(self) -> Axis:
-        """The axis.   Raises DataError when the folder has no ``axis.yaml``."""
+        """The axis.
+
+        Raises
+        ------
+        DataError
+            When the folder has no ``axis.yaml``.
+        """
         if self._axis is None:
             raise DataError(
                 f"{self.path / 'axis.yaml'} is missing; copy the axis file there or write one with "
@@ -146,12 +208,26 @@ class RunFolder:
         """Identity of the drive that the run was made on; empty when there was none."""
         return dict(self._about().get("drive") or {})
 
+    @property
+    def began_s(self) -> float | None:
+        """Date and time at which the run began on its drive, s since 1970; None where nobody knows it."""
+        began = self._about().get("began_s")
+        return float(began) if isinstance(began, (int, float)) else None
+
     def claim_drive(self, identity: Mapping[str, str], wall_s: float | None = None) -> None:
         """Note which drive this run is made on, and when; on a later call, that it still is, and how much later.
 
-        identity : :attr:`beltcomm.drive.Capabilities.identity`; what was not told, then or now, is not compared.
-        wall_s : date and time now, s; None where nobody knows it, or where the drive begins anew with every session.
-        Raises UsageError when the run was made on another drive, with what differs.
+        Parameters
+        ----------
+        identity : dict of str to str
+            :attr:`beltcomm.drive.Capabilities.identity`; what was not told, then or now, is not compared.
+        wall_s : float or None
+            Date and time now, s; None where nobody knows it, or where the drive begins anew with every session.
+
+        Raises
+        ------
+        UsageError
+            When the run was made on another drive, with what differs.
         """
         about = self._about()
         known, began_s = about.get("drive") or {}, about.get("began_s")
@@ -171,13 +247,27 @@ class RunFolder:
             raise UsageError(f"{self.path} was made on another drive ({'; '.join(changed)}); begin a new run")
 
     def finished(self, name: str) -> Path | None:
-        """Path of a complete recording, None when there is none of that name: what ``--resume`` need not repeat."""
+        """Path of a complete recording: what ``--resume`` need not repeat.
+
+        Parameters
+        ----------
+        name : str
+            Of the recording.
+
+        Returns
+        -------
+        Path or None
+            None when there is none of that name.
+        """
         return self.recordings_folder / f"{name}.csv" if name in self.finished_names() else None
 
     def finished_names(self) -> list[str]:
         """Names of the recordings that are complete, sorted.
 
-        Raises DataError when a sidecar stands without its recording.
+        Raises
+        ------
+        DataError
+            When a sidecar stands without its recording.
         """
         broken_off = {path.name.removesuffix(".csv.part") for path in self.recordings_folder.glob("*.csv.part")}
         for note in sorted(self.recordings_folder.glob("*.yaml")):
@@ -192,10 +282,24 @@ class RunFolder:
         return sorted(name for name in parts if not _MOVED_ASIDE.search(name))
 
     def recordings(self, experiment: str | None = None) -> list[Recording]:
-        """The complete recordings, checked, sorted by name; those of one kind of experiment when it is given.
+        """Load the complete recordings, checked, sorted by name.
 
-        One in which the axis did not move is left out beside others (``remarks``).   Raises DataError when there is none, one of them
-        cannot be used (with file, column and row), or they are of two axes.
+        One in which the axis did not move is left out beside others (``remarks``).
+
+        Parameters
+        ----------
+        experiment : str or None
+            Kind of experiment; None for all.
+
+        Returns
+        -------
+        list of Recording
+            At least one.
+
+        Raises
+        ------
+        DataError
+            When there is none, one of them cannot be used (with file, column and row), or they are of two axes.
         """
         if not self.recordings_folder.is_dir():
             raise DataError(f"{self.recordings_folder} is missing; record with `beltcomm identify`, or put CSV files there")
@@ -238,7 +342,23 @@ class RunFolder:
                 )
 
     def recording(self, name: str) -> Recording:
-        """One recording by name, checked against the axis.   Raises DataError."""
+        """Load one recording, checked against the axis.
+
+        Parameters
+        ----------
+        name : str
+            Of the recording.
+
+        Returns
+        -------
+        Recording
+            Checked, in SI units.
+
+        Raises
+        ------
+        DataError
+            When it is missing or cannot be used.
+        """
         path = self.recordings_folder / f"{name}.csv"
         if not path.is_file():
             if path.with_name(f"{name}.csv.part").is_file():
@@ -248,43 +368,171 @@ class RunFolder:
         return load_recording(path, self._axis)
 
     def new_recording(self, name: str, sidecar: Sidecar, columns: tuple[str, ...] = MOTOR_COLUMNS) -> RecordingWriter:
-        """A writer for a new recording; an earlier unfinished one of that name is moved aside.
+        """Begin a new recording; an earlier unfinished one of that name is moved aside.
 
-        Raises DataError when a complete one exists, UsageError for a name that is no file name.
+        Parameters
+        ----------
+        name : str
+            Of the recording.
+        sidecar : Sidecar
+            What is being done.
+        columns : tuple of str
+            Names of a row's values, with the unit as suffix.
+
+        Returns
+        -------
+        RecordingWriter
+            Takes the rows; close it.
+
+        Raises
+        ------
+        DataError
+            When a complete one exists.
+        UsageError
+            For a name that is no file name.
         """
         _make_folder(self.recordings_folder)
         return RecordingWriter(self.recordings_folder / f"{checked_name(name)}.csv", sidecar, columns)
 
     def withdraw(self, name: str) -> None:
-        """A complete recording turns out to be unusable: it becomes ``NAME.csv.part``, to be made again; nothing is deleted."""
+        """Take back a recording that turned out to be unusable.
+
+        It becomes ``NAME.csv.part``, to be made again; nothing is deleted.
+
+        Parameters
+        ----------
+        name : str
+            Of the recording.
+        """
         path = self.recordings_folder / f"{checked_name(name)}.csv"
         os.replace(path, path.with_name(f"{name}.csv.part"))
 
     def add_recording(self, recording: Recording) -> Path:
-        """Write a recording made elsewhere (simulated, imported).   Raises as :meth:`new_recording`."""
+        """Write a recording made elsewhere (simulated, imported).
+
+        Parameters
+        ----------
+        recording : Recording
+            To be written.
+
+        Returns
+        -------
+        Path
+            Path of its rows.
+
+        Raises
+        ------
+        DataError
+            When a complete one of that name exists.
+        UsageError
+            For a name that is no file name.
+        """
         _make_folder(self.recordings_folder)
         checked_name(recording.name)
         return save_recording(recording, self.recordings_folder)
 
     def save_model(self, name: str, mapping: Mapping[str, Any]) -> Path:
-        """Write ``models/NAME.yaml``; returns its path.   Raises UsageError when it cannot be written."""
+        """Write ``models/NAME.yaml``.
+
+        Parameters
+        ----------
+        name : str
+            Without suffix.
+        mapping : dict of str to Any
+            Numbers, words, lists and mappings.
+
+        Returns
+        -------
+        Path
+            Path of the file.
+
+        Raises
+        ------
+        UsageError
+            When it cannot be written.
+        """
         return self._save("models", name, mapping)
 
     def save_design(self, name: str, mapping: Mapping[str, Any]) -> Path:
-        """Write ``designs/NAME.yaml``; returns its path."""
+        """Write ``designs/NAME.yaml``.
+
+        Parameters
+        ----------
+        name : str
+            Without suffix.
+        mapping : dict of str to Any
+            Numbers, words, lists and mappings.
+
+        Returns
+        -------
+        Path
+            Path of the file.
+
+        Raises
+        ------
+        UsageError
+            When it cannot be written.
+        """
         return self._save("designs", name, mapping)
 
     def save_result(self, name: str, mapping: Mapping[str, Any]) -> Path:
-        """Write ``results/NAME.yaml``; returns its path."""
+        """Write ``results/NAME.yaml``.
+
+        Parameters
+        ----------
+        name : str
+            Without suffix.
+        mapping : dict of str to Any
+            Numbers, words, lists and mappings.
+
+        Returns
+        -------
+        Path
+            Path of the file.
+
+        Raises
+        ------
+        UsageError
+            When it cannot be written.
+        """
         return self._save("results", name, mapping)
 
     def names(self, kind: str) -> list[str]:
-        """Names of what is there of a kind ("models", "designs", "results"), in the order they were written."""
+        """Names of the files of a kind.
+
+        Parameters
+        ----------
+        kind : str
+            "models", "designs" or "results".
+
+        Returns
+        -------
+        list of str
+            In the order they were written.
+        """
         files = (self.path / kind).glob("*.yaml")
         return [path.stem for path in sorted(files, key=lambda path: (path.stat().st_mtime_ns, path.stem))]
 
     def file(self, kind: str, name: str) -> Path:
-        """Path of ``KIND/NAME.yaml``.   Raises DataError when it is missing, naming what makes it."""
+        """Path of ``KIND/NAME.yaml``.
+
+        Parameters
+        ----------
+        kind : str
+            "models", "designs" or "results".
+        name : str
+            Without suffix.
+
+        Returns
+        -------
+        Path
+            It exists.
+
+        Raises
+        ------
+        DataError
+            When it is missing, naming what makes it.
+        """
         path = self.path / kind / f"{checked_name(name)}.yaml"
         if not path.is_file():
             maker = {"models": "fit", "designs": "design"}.get(kind)
@@ -293,11 +541,47 @@ class RunFolder:
         return path
 
     def load(self, kind: str, name: str) -> dict[str, Any]:
-        """The mapping in ``KIND/NAME.yaml``.   Raises DataError when it is missing, unreadable or empty."""
+        """The mapping in ``KIND/NAME.yaml``.
+
+        Parameters
+        ----------
+        kind : str
+            "models", "designs" or "results".
+        name : str
+            Without suffix.
+
+        Returns
+        -------
+        dict of str to Any
+            As it stands in the file.
+
+        Raises
+        ------
+        DataError
+            When it is missing, unreadable or empty.
+        """
         return self._unsealed(kind, name)[0]
 
     def edited(self, kind: str, name: str) -> bool:
-        """Whether ``KIND/NAME.yaml`` is another one than this tool wrote.   Raises as :meth:`load`."""
+        """Whether ``KIND/NAME.yaml`` was edited since this tool wrote it.
+
+        Parameters
+        ----------
+        kind : str
+            "models", "designs" or "results".
+        name : str
+            Without suffix.
+
+        Returns
+        -------
+        bool
+            False for a file as this tool wrote it.
+
+        Raises
+        ------
+        DataError
+            As :meth:`load`.
+        """
         return not self._unsealed(kind, name)[1]
 
     def _unsealed(self, kind: str, name: str) -> tuple[dict[str, Any], bool]:
@@ -307,11 +591,43 @@ class RunFolder:
         return unsealed(read_yaml(path, DataError))
 
     def load_result(self, name: str) -> dict[str, Any] | None:
-        """The mapping in ``results/NAME.yaml``, None when there is none.   Raises DataError when it is unreadable."""
+        """The mapping in ``results/NAME.yaml``.
+
+        Parameters
+        ----------
+        name : str
+            Without suffix.
+
+        Returns
+        -------
+        dict of str to Any or None
+            None when there is none.
+
+        Raises
+        ------
+        DataError
+            When it is unreadable.
+        """
         return self.load("results", name) if (self.path / "results" / f"{checked_name(name)}.yaml").is_file() else None
 
     def occupy(self, talk: Talk) -> ExitStack:
-        """Keep other commands out of this folder until what is given back is closed.   Raises UsageError when one is in it already."""
+        """Keep other commands out of this folder.
+
+        Parameters
+        ----------
+        talk : Talk
+            Hears when somebody else has to be waited for.
+
+        Returns
+        -------
+        ExitStack
+            Closing it lets others in.
+
+        Raises
+        ------
+        UsageError
+            When one is in it already.
+        """
         with ExitStack() as held:
             held.enter_context(
                 occupied(
@@ -325,7 +641,20 @@ class RunFolder:
             return held.pop_all()
 
     def journal(self, line: str, event: Event = "note") -> None:
-        """Append one line to the session's journal.   event : what it means to a program.   Raises UsageError when it cannot be written."""
+        """Append one line to the session's journal.
+
+        Parameters
+        ----------
+        line : str
+            One line of text.
+        event : Event
+            What it means to a program.
+
+        Raises
+        ------
+        UsageError
+            When it cannot be written.
+        """
         journal.append(self.path, line, event, self.stamp())
 
     def _save(self, kind: str, name: str, mapping: Mapping[str, Any]) -> Path:
@@ -377,7 +706,7 @@ def _content(path: Path) -> set[Path]:
 
 
 def _make_folder(path: Path, *, inside: bool = True) -> None:
-    """inside : of a run, where nothing is written through links."""
+    """Make a folder; ``inside`` a run nothing is written through links."""
     if inside and path.is_symlink():
         raise link_refused(path)
     try:
@@ -387,7 +716,12 @@ def _make_folder(path: Path, *, inside: bool = True) -> None:
 
 
 def checked_name(name: str) -> str:
-    """The name, when it can be a file name everywhere.   Raises UsageError."""
+    """The name, when it can be a file name everywhere.
+
+    Raises
+    ------
+    UsageError
+    """
     if not _NAME.fullmatch(name) or len(name) > LONGEST_NAME:
         shown = name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}..."
         raise UsageError(f"{shown!r} cannot be a name; use up to {LONGEST_NAME} letters, digits, '_', '-' and '.', a letter or digit first")

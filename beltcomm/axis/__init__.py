@@ -15,8 +15,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from beltcomm.axis.entries import (
+    AT,
     SECTIONS,
     AxisLimits,
+    AxisTargets,
     Belt,
     Coupling,
     Gearbox,
@@ -38,6 +40,7 @@ __all__ = [
     "SECTIONS",
     "Axis",
     "AxisLimits",
+    "AxisTargets",
     "Belt",
     "Coupling",
     "Gearbox",
@@ -64,7 +67,14 @@ LONGEST_SHOWN = 60
 
 
 class TorqueLimit(NamedTuple):
-    """torque_nm : N m, motor shaft.   binds : in words, what sets it."""
+    """The smallest of the limits of an axis's torque.
+
+    Attributes
+    ----------
+    torque_nm : float, N m, motor shaft
+    binds : str
+        In words, what sets it.
+    """
 
     torque_nm: float
     binds: str
@@ -82,7 +92,10 @@ class ImpossibleEntry(UsageError):
 class Axis:
     """One axis as its data sheets describe it.
 
-    source : the file it came from, for messages.   Raises ImpossibleEntry (a UsageError) for values that cannot be.
+    Attributes
+    ----------
+    source : str
+        The file it came from, for messages.
     """
 
     name: str = ""
@@ -96,6 +109,7 @@ class Axis:
     trajectories: Mapping[str, TrajectoryLimits] = field(default_factory=dict)
     mounting: Mounting = field(default_factory=Mounting)
     payload: Payload = field(default_factory=Payload)
+    targets: AxisTargets = field(default_factory=AxisTargets)
     source: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
@@ -109,12 +123,36 @@ class Axis:
         return (f"axis {self.name!r}" if self.name else "axis without a name") + (f" ({self.source})" if self.source else "")
 
     def get(self, entry: str) -> Any:
-        """Value of a dotted entry such as ``"motor.inertia_kg_m2"``; None when it is not known."""
+        """Value of an entry.
+
+        Parameters
+        ----------
+        entry : str
+            Dotted name such as ``"motor.inertia_kg_m2"``.
+
+        Returns
+        -------
+        Any
+            None when it is not known.
+        """
         section, _, key = entry.partition(".")
         return getattr(getattr(self, section), key, None)
 
     def require(self, job: str, *entries: str) -> None:
-        """Raise UsageError unless all entries are known, naming those missing and ``job``, which needs them."""
+        """Make sure that entries are known.
+
+        Parameters
+        ----------
+        job : str
+            The job that needs them, in words.
+        *entries : str
+            Dotted names.
+
+        Raises
+        ------
+        UsageError
+            Unless all are known, naming those that are missing and the job.
+        """
         missing = [entry for entry in entries if self.get(entry) is None]
         if missing:
             named = ", ".join(f"{entry} ({meaning_of(entry)})" for entry in missing)
@@ -122,7 +160,23 @@ class Axis:
             raise UsageError(f"{job} needs {named}, which {verb} not in {self}; add it from the data sheet")
 
     def trajectory(self, name: str) -> TrajectoryLimits:
-        """Limits of a named reference motion.   Raises UsageError for an unknown name."""
+        """Limits of a named reference motion.
+
+        Parameters
+        ----------
+        name : str
+            As in ``axis.yaml``.
+
+        Returns
+        -------
+        TrajectoryLimits
+            Speed, acceleration and jerk, m along the axis.
+
+        Raises
+        ------
+        UsageError
+            For an unknown name.
+        """
         if name not in self.trajectories:
             known = ", ".join(self.trajectories) or "none"
             raise UsageError(f"{self} has no trajectory {name!r}{did_you_mean(name, self.trajectories)}; known are {known}")
@@ -140,7 +194,12 @@ class Axis:
     def transmission_m_rad(self) -> float:
         """Carriage travel per radian of the motor:  i_t = r/i_g  (2.16), m/rad.
 
-        1 for an axis without belt and pulley, whose load side is all there is.   Raises UsageError without a radius.
+        1 for an axis without belt and pulley, whose load side is all there is.
+
+        Raises
+        ------
+        UsageError
+            Without a radius.
         """
         if not self.has_belt:
             return 1.0
@@ -151,8 +210,12 @@ class Axis:
     def motor_side_inertia_kg_m2(self) -> float:
         """Inertia at the motor shaft:  Θ_e = Θ_m + Θ_coupling + (Θ_r + Θ_g)/i_g²  (2.8), kg m².
 
-        Of an axis without belt and pulley only what is known; the rest is in its rigid mass.   Raises UsageError for a belt
-        axis without motor inertia.
+        Of an axis without belt and pulley only what is known; the rest is in its rigid mass.
+
+        Raises
+        ------
+        UsageError
+            For a belt axis without motor inertia.
         """
         if self.has_belt:
             self.require("the motor-side inertia", "motor.inertia_kg_m2")
@@ -170,7 +233,12 @@ class Axis:
     def torque_limit(self) -> TorqueLimit:
         """The smallest of the torque limits, at the motor shaft, and which one it is; without a belt, the feed force in N counts as it is.
 
-        min(motor peak, pulley torque/i_g, i_t · feed force).   Raises UsageError when none of them is known.
+        min(motor peak, pulley torque/i_g, i_t · feed force).
+
+        Raises
+        ------
+        UsageError
+            When none of them is known.
         """
         known = []
         if self.motor.peak_torque_nm is not None:
@@ -196,7 +264,20 @@ class Axis:
 
         c = EA/l1 + EA/(2 l3 − l1)  (2.26),  l1 = offset + position;  coupling in series: 1/c_total = 1/c + i_t²/k.
 
-        Raises UsageError when the belt's data are not known or the position lies outside the belt.
+        Parameters
+        ----------
+        position_m : float, m
+            Carriage on the axis.
+
+        Returns
+        -------
+        float
+            N/m at the belt line.
+
+        Raises
+        ------
+        UsageError
+            When the belt's data are not known or the position lies outside the belt.
         """
         if not self.has_belt:
             return math.inf
@@ -212,19 +293,6 @@ class Axis:
         if self.coupling.stiffness_nm_rad is not None:
             compliance += self.transmission_m_rad**2 / self.coupling.stiffness_nm_rad
         return 1.0 / compliance
-
-    def expected_resonance_hz(self, mass_kg: float, position_m: float | None = None) -> float:
-        """Resonance by the data sheets:  √(c (i_t²/Θ_e + 1/m))/2π  (2.44), Hz; infinite without belt and pulley.
-
-        mass_kg : carriage and payload.   position_m : carriage; the softest (highest) place when None.
-        Raises UsageError for what is not known, or a mass that is not positive.
-        """
-        mobility = self.transmission_m_rad**2 / self.motor_side_inertia_kg_m2 if self.has_belt else 0.0
-        return math.sqrt(self._stiffness_at(position_m) * (mobility + 1.0 / _positive_mass(mass_kg))) / math.tau
-
-    def expected_antiresonance_hz(self, mass_kg: float, position_m: float | None = None) -> float:
-        """Antiresonance by the data sheets:  √(c/m)/2π  (2.45), Hz; arguments and errors as for the resonance."""
-        return math.sqrt(self._stiffness_at(position_m) / _positive_mass(mass_kg)) / math.tau
 
     def _stiffness_at(self, position_m: float | None) -> float:
         if position_m is None and self.has_belt:
@@ -247,12 +315,23 @@ class Axis:
         return {key: value for key, value in data.items() if value or (key in {"pulley", "belt"} and getattr(self, key))}
 
     def fingerprint(self) -> str:
-        """Short hash of all entries: equal for equal axes, whatever file they came from."""
-        text = json.dumps(_flat(self.to_dict()), sort_keys=True)
+        """Short hash of all entries that describe the machine: equal for equal axes, whatever file they came from and whatever is asked."""
+        text = json.dumps(_flat({key: value for key, value in self.to_dict().items() if key != "targets"}), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def changes(self, other: Axis) -> list[str]:
-        """Dotted names of the entries in which two axes differ, each with both values in words."""
+        """The entries in which two axes differ.
+
+        Parameters
+        ----------
+        other : Axis
+            The axis to compare with.
+
+        Returns
+        -------
+        list of str
+            Dotted names, each with both values in words.
+        """
         mine, theirs = _flat(self.to_dict()), _flat(other.to_dict())
         names = [*mine, *(name for name in theirs if name not in mine)]
         return [
@@ -265,8 +344,21 @@ class Axis:
 def load_axis(path_or_name: str | Path) -> Axis:
     """Load ``axis.yaml`` from a path, or a shipped axis by its name.
 
-    Raises UsageError for a file that is not there, empty or not YAML, an unknown key (with the line and the key that was probably
-    meant), a value that is no number or cannot be.
+    Parameters
+    ----------
+    path_or_name : str or Path
+        Path of an ``axis.yaml``, or the name of a shipped axis.
+
+    Returns
+    -------
+    Axis
+        All entries checked; SI units.
+
+    Raises
+    ------
+    UsageError
+        For a file that is not there, empty or not YAML, an unknown key (with the line and the key that was probably meant), a value that is
+        no number or cannot be.
     """
     path = find_config("axes", str(path_or_name))
     if not (data := read_yaml(path)):
@@ -277,7 +369,25 @@ def load_axis(path_or_name: str | Path) -> Axis:
 
 
 def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:
-    """The axis that a mapping in the shape of ``axis.yaml`` describes.   path : for messages.   Raises as load_axis."""
+    """Make an axis of a mapping in the shape of ``axis.yaml``.
+
+    Parameters
+    ----------
+    data : dict of str to Any
+        The mapping.
+    path : Path or None
+        For messages.
+
+    Returns
+    -------
+    Axis
+        Checked as by :func:`load_axis`.
+
+    Raises
+    ------
+    UsageError
+        As :func:`load_axis`.
+    """
 
     def fault(text: str, *keys: str) -> UsageError:
         line = line_of(path, keys) if path else 0
@@ -330,7 +440,20 @@ def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:
 
 
 def save_axis(axis: Axis, path: Path) -> None:
-    """Write ``axis.yaml``, whole or not at all; floats come back exactly.   Raises UsageError when it cannot be written."""
+    """Write ``axis.yaml``, whole or not at all; floats come back exactly.
+
+    Parameters
+    ----------
+    axis : Axis
+        The axis to be written.
+    path : Path
+        Of the file.
+
+    Raises
+    ------
+    UsageError
+        When it cannot be written.
+    """
     write_text(path, to_yaml(axis.to_dict()))
 
 
@@ -368,6 +491,17 @@ def _check_together(axis: Axis) -> None:
             "(1 kg cm² is 1e-4 kg m²) and at motor.rated_torque_nm",
             "motor.inertia_kg_m2",
         )
+    if axis.targets.at and axis.targets.at not in AT:
+        raise ImpossibleEntry(f"targets.at is {axis.targets.at!r}; choose {', '.join(AT)}", "targets.at")
+    if axis.targets.move and axis.targets.move not in axis.trajectories:
+        known = ", ".join(axis.trajectories) or "none"
+        raise ImpossibleEntry(
+            f"targets.move is {axis.targets.move!r}{did_you_mean(axis.targets.move, axis.trajectories)}; under trajectories are {known}",
+            "targets.move",
+        )
+    way = axis.targets.distance_m
+    if way is not None and low is not None and high is not None and way > high - low:
+        raise ImpossibleEntry(f"targets.distance_m is {way:g} m; the travel is {high - low:g} m", "targets.distance_m")
     l3, offset = axis.get("belt.pulley_distance_m"), axis.travel.driven_side_offset_m
     if l3 is not None and high is not None and offset + high >= l3:
         raise ImpossibleEntry(

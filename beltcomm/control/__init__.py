@@ -74,10 +74,19 @@ class Prefilter:
 class Feedforward:
     """Feedforward torque (4.16):  inertia dω_d/dt + viscous ω_d + coulomb sign(ω_d) + offset.
 
-    inertia_kg_m2 : motor inertia and carriage mass together, kg m².  viscous_nm_s_rad.  coulomb_nm.  offset_nm : gravity.
-    ``velocity`` K_v of (4.17): 1 passes the reference velocity to the velocity loop, 0 leaves all to the position gain.
-    advance_s : s, the reference is extrapolated so far ahead for the feedforward torque: dead time and half a loop period, after
-    which that torque acts.
+    Attributes
+    ----------
+    inertia_kg_m2 : float, kg m², motor side
+        Motor inertia and carriage mass together.
+    viscous_nm_s_rad : float, N m s/rad, motor side
+    coulomb_nm : float, N m, motor side
+    offset_nm : float, N m, motor side
+        Gravity.
+    velocity : float
+        K_v of (4.17): 1 passes the reference velocity to the velocity loop, 0 leaves all to the position gain.
+    advance_s : float, s
+        The reference is extrapolated so far ahead for the feedforward torque: dead time and half a loop period, after which that torque
+        acts.
     """
 
     inertia_kg_m2: float = 0.0
@@ -92,8 +101,18 @@ class Feedforward:
 class Cascade:
     """One set of controller gains.
 
-    kp_nm_s_rad : K_P.   ki_nm_rad : K_I.   kpp_1_s : K_PP.   velocity_filter_s : T_R of (6.1).
-    filter_reference : the reference velocity passes the same filter as the measured one.
+    Attributes
+    ----------
+    kp_nm_s_rad : float
+        K_P.
+    ki_nm_rad : float
+        K_I.
+    kpp_1_s : float
+        K_PP.
+    velocity_filter_s : float
+        T_R of (6.1).
+    filter_reference : bool
+        The reference velocity passes the same filter as the measured one.
     """
 
     kp_nm_s_rad: float
@@ -109,12 +128,22 @@ class Cascade:
 class CascadeStructure:
     """What a drive's built-in cascade can do, and how its gains are quantised: the design uses exactly this.
 
-    period_s : s, sampling period of its loops.    prefilters : the kinds available.    steps : smallest step
-    of each gain in SI by name (``kp_nm_s_rad`` ...), 0 when continuous for our purpose.  lowest, highest : SI bounds.
     Names besides the fields of :class:`Cascade`: ``integral_time_s`` for a drive that stores T_N = K_P/K_I in place of K_I.
-    roll_off : it has the additional low-pass behind the prefilter.
-    output_limit_rad_s, dead_zone_rad : bound of the position controller's output, and position errors it does not see; as set
-    in the drive, motor shaft.
+
+    Attributes
+    ----------
+    period_s : float, s
+        Sampling period of its loops.
+    prefilters : tuple of str
+        The kinds available.
+    steps : dict of str to float
+        Smallest step of each gain in SI by name (``kp_nm_s_rad`` ...), 0 when continuous for our purpose.
+    lowest, highest : dict of str to float
+        SI bounds.
+    roll_off : bool
+        It has the additional low-pass behind the prefilter.
+    output_limit_rad_s, dead_zone_rad : float
+        Bound of the position controller's output, and position errors it does not see; as set in the drive, motor shaft.
     """
 
     name: str
@@ -135,10 +164,25 @@ class CascadeStructure:
 def discrete_coefficients(cascade: Cascade, period_s: float, torque_limit_nm: float) -> Array:
     """The numbers that the compiled step runs on, in the order that :mod:`beltcomm.control.cascade_kernel` unpacks.
 
-    period_s : float, s, > 0, sampling period T of the loops.   torque_limit_nm : float, N m, motor shaft, > 0.
-    Returns ndarray (23,): T, K_P, K_I, K_PP, T_R, filter_reference (0 or 1), prefilter b0 b1 b2 a1 a2, inertia, viscous,
-    Coulomb and offset of the feedforward, K_v, torque limit, advance of the feedforward, additional low-pass b0 b1 b2 a1 a2.
-    Raises UsageError when a number is out of its range, or the prefilter lies at or above the Nyquist frequency π/T.
+    Parameters
+    ----------
+    cascade : Cascade
+        Gains, prefilter and feedforward.
+    period_s : float, s
+        > 0, sampling period T of the loops.
+    torque_limit_nm : float, N m, motor shaft
+        > 0.
+
+    Returns
+    -------
+    ndarray (23,)
+        T, K_P, K_I, K_PP, T_R, filter_reference (0 or 1), prefilter b0 b1 b2 a1 a2, inertia, viscous, Coulomb and offset of the
+        feedforward, K_v, torque limit, advance of the feedforward, additional low-pass b0 b1 b2 a1 a2.
+
+    Raises
+    ------
+    UsageError
+        When a number is out of its range, or the prefilter lies at or above the Nyquist frequency π/T.
     """
     if not (period_s > 0.0 and math.isfinite(period_s)):
         raise UsageError(f"the loop period is {period_s} s; give a positive number of seconds")
@@ -168,9 +212,21 @@ def discrete_coefficients(cascade: Cascade, period_s: float, torque_limit_nm: fl
 
 
 def feedforward_torque(feedforward: Feedforward, velocity_rad_s: Array, period_s: float) -> Array:
-    """The drive's own feedforward along a sampled reference velocity, N m, (n,), as :func:`cascade_step` computes it from a rest.
+    """The drive's own feedforward along a sampled reference velocity, as :func:`cascade_step` computes it from a rest.
 
     J α + d ω + τ_c sign ω + offset, with ω and its difference quotient α carried ``advance_s`` ahead by their own change.
+
+    Parameters
+    ----------
+    feedforward : Feedforward
+        Its parameters, at the motor shaft.
+    velocity_rad_s : ndarray (n,), rad/s, motor shaft
+    period_s : float, s
+        Sampling period of the loops.
+
+    Returns
+    -------
+    ndarray (n,), N m, motor shaft
     """
     acceleration = np.diff(velocity_rad_s, prepend=velocity_rad_s[0]) / period_s
     advance, ahead = feedforward.advance_s, feedforward.advance_s / period_s
@@ -192,7 +248,18 @@ def velocity_filter_response(omega_rad_s: Array, velocity_filter_s: float, perio
 
     (1 − z⁻¹)/(T_R + T − T_R z⁻¹),  z = exp(jωT):  (6.1) by backward differences.
 
-    omega_rad_s : ndarray, rad/s.   velocity_filter_s : T_R, s.   period_s : T, s.   Returns the shape of ``omega_rad_s``.
+    Parameters
+    ----------
+    omega_rad_s : ndarray, rad/s
+    velocity_filter_s : float
+        T_R, s.
+    period_s : float
+        T, s.
+
+    Returns
+    -------
+    ComplexArray
+        The shape of ``omega_rad_s``.
     """
     delayed = np.exp(-1j * omega_rad_s * period_s)
     return np.asarray((1.0 - delayed) / (velocity_filter_s + period_s - velocity_filter_s * delayed))
@@ -204,7 +271,23 @@ def prefilter_response(omega_rad_s: Array, prefilter: Prefilter, period_s: float
     (b0 + b1 z⁻¹ + b2 z⁻²)/(1 + a1 z⁻¹ + a2 z⁻²),  z = exp(jωT):  (4.1), (4.3) by the prewarped bilinear transform, times the
     additional low-pass where there is one.
 
-    omega_rad_s : ndarray, rad/s.   period_s : T, s.   Raises UsageError as :func:`discrete_coefficients`.
+    Parameters
+    ----------
+    omega_rad_s : ndarray, rad/s
+    prefilter : Prefilter
+        Kind and frequency, with its additional low-pass.
+    period_s : float
+        T, s.
+
+    Returns
+    -------
+    ComplexArray
+        Shape of ``omega_rad_s``, no unit.
+
+    Raises
+    ------
+    UsageError
+        As :func:`discrete_coefficients`.
     """
     delayed = np.exp(-1j * omega_rad_s * period_s)
     response = np.ones_like(delayed)
@@ -216,16 +299,48 @@ def prefilter_response(omega_rad_s: Array, prefilter: Prefilter, period_s: float
 def pi_response(omega_rad_s: Array, kp_nm_s_rad: float, ki_nm_rad: float, period_s: float) -> ComplexArray:
     """Frequency response of the PI velocity controller, N m s/rad.
 
-    K_P + K_I T/(z − 1),  z = exp(jωT):  (4.6) with the integrator (6.25).   omega_rad_s : ndarray, rad/s, not 0.
+    K_P + K_I T/(z − 1),  z = exp(jωT):  (4.6) with the integrator (6.25).
+
+    Parameters
+    ----------
+    omega_rad_s : ndarray, rad/s
+        Not 0.
+    kp_nm_s_rad : float
+        K_P, motor shaft.
+    ki_nm_rad : float
+        K_I, motor shaft.
+    period_s : float, s
+        Sampling period T.
+
+    Returns
+    -------
+    ComplexArray
+        Shape of ``omega_rad_s``, N m s/rad.
     """
     return np.asarray(kp_nm_s_rad + ki_nm_rad * period_s / np.expm1(1j * omega_rad_s * period_s))
 
 
 def prefilter_coefficients(prefilter: Prefilter, period_s: float) -> tuple[float, float, float, float, float]:
-    """b0, b1, b2, a1, a2 of the prefilter (b0 + b1 z⁻¹ + b2 z⁻²)/(1 + a1 z⁻¹ + a2 z⁻²).
+    """Discrete coefficients of the prefilter (b0 + b1 z⁻¹ + b2 z⁻²)/(1 + a1 z⁻¹ + a2 z⁻²).
 
-    s/ω0 becomes (1 − z⁻¹)/(1 + z⁻¹)/tan(ω0 T/2), which is exact at ω0.   period_s : T, s.
-    Raises UsageError for ω0 outside 0 .. π/T or a notch width not above 0.
+    s/ω0 becomes (1 − z⁻¹)/(1 + z⁻¹)/tan(ω0 T/2), which is exact at ω0.
+
+    Parameters
+    ----------
+    prefilter : Prefilter
+        Kind and frequency.
+    period_s : float
+        T, s.
+
+    Returns
+    -------
+    tuple of float
+        b0, b1, b2, a1, a2.
+
+    Raises
+    ------
+    UsageError
+        For ω0 outside 0 .. π/T or a notch width not above 0.
     """
     if prefilter.kind == "none":
         return 1.0, 0.0, 0.0, 0.0, 0.0
@@ -250,7 +365,25 @@ def prefilter_coefficients(prefilter: Prefilter, period_s: float) -> tuple[float
 
 
 def roll_off_coefficients(prefilter: Prefilter, period_s: float) -> tuple[float, float, float, float, float]:
-    """b0, b1, b2, a1, a2 of the additional low-pass (4.2.1); 1, 0, 0, 0, 0 for none.   Arguments and errors as above."""
+    """Discrete coefficients of the additional low-pass (4.2.1).
+
+    Parameters
+    ----------
+    prefilter : Prefilter
+        Holds the low-pass.
+    period_s : float, s
+        Sampling period T.
+
+    Returns
+    -------
+    tuple of float
+        b0, b1, b2, a1, a2; 1, 0, 0, 0, 0 for none.
+
+    Raises
+    ------
+    UsageError
+        As :func:`prefilter_coefficients`.
+    """
     omega = prefilter.roll_off_rad_s
     if omega != 0.0 and not 0.0 < omega < math.pi / period_s:
         raise UsageError(

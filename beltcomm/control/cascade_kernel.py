@@ -51,8 +51,12 @@ def cascade_step(
 
     e = K_PP (φ_d − φ) + filtered K_v ω_d − ω,   τ = PI(prefilter(e)) + feedforward(ω_d, dω_d/dt) + extra, limited.
 
-    coefficients, state : ndarray (23,), (10,).   The feedforward uses ω_d as it is, not filtered and not times K_v,
+    The feedforward uses ω_d as it is, not filtered and not times K_v,
     extrapolated by the advance: the torque acts a delay and half a period after it was computed.
+
+    Parameters
+    ----------
+    coefficients, state : ndarray (23,), (10,)
     """
     error = coefficients[3] * (reference_position_rad - position_rad)
     return _velocity_loop(

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from beltcomm.configfiles import did_you_mean
 from beltcomm.control import CascadeStructure
 from beltcomm.drive.finding import Finding
-from beltcomm.drive.objects import ObjectValue, ParameterObject
-from beltcomm.errors import Refused, UsageError
+from beltcomm.drive.objects import DictionaryEntry, ObjectValue, ParameterObject
+from beltcomm.drive.parameters import GainAccess, GainTerm
+from beltcomm.errors import UsageError
 from beltcomm.given import word
 from beltcomm.recording.columns import MOTOR_COLUMNS
 
@@ -44,10 +45,15 @@ class Clock(Protocol):
 
     def now(self) -> float:
         """Seconds on a clock that never goes back."""
-        ...
 
     def sleep_until(self, t_s: float) -> None:
-        """Return when ``now() >= t_s``; virtual time moves on, real time waits."""
+        """Wait until ``now() >= t_s``; virtual time moves on, real time waits.
+
+        Parameters
+        ----------
+        t_s : float, s
+            On this clock.
+        """
         ...
 
 
@@ -55,15 +61,25 @@ class Clock(Protocol):
 class Limits:
     """What must not be exceeded while the axis moves; watched in the drive and row by row on the host.
 
-    position_min_rad, position_max_rad : float, rad, motor shaft, in the drive's own zero.
-    speed_rad_s : float, rad/s, motor shaft.     torque_nm : float, N m, motor shaft.
-    deceleration_rad_s2 : float, rad/s², motor shaft, along which a quick stop brakes; inf leaves it to the drive.
-    lag_rad : rad, largest distance from the reference in a motion of kind "position"; None leaves it to the drive's own setting.
-    release : what breaks a motion off takes the stage off at once, for the brake or friction to stop the axis: nobody knows yet whether
-    the drive's own loop would.
-    brake_s : s, which a holding brake needs to open after the stage is on: so long the axis is held before it is moved.
-    guard_s : s, within which the drive is to notice that its host is gone.
-    ratio_m_rad, zero_rad : carriage = ratio (angle - zero), m, only for messages; 0 when there is no carriage to speak of.
+    Attributes
+    ----------
+    position_min_rad, position_max_rad : float, rad, motor shaft
+        In the drive's own zero.
+    speed_rad_s : float, rad/s, motor shaft
+    torque_nm : float, N m, motor shaft
+    deceleration_rad_s2 : float, rad/s², motor shaft
+        Along which a quick stop brakes; inf leaves it to the drive.
+    lag_rad : float or None, rad
+        Largest distance from the reference in a motion of kind "position"; None leaves it to the drive's own setting.
+    release : bool
+        What breaks a motion off takes the stage off at once, for the brake or friction to stop the axis: nobody knows yet whether the
+        drive's own loop would.
+    brake_s : float, s
+        Which a holding brake needs to open after the stage is on: so long the axis is held before it is moved.
+    guard_s : float, s
+        Within which the drive is to notice that its host is gone.
+    ratio_m_rad, zero_rad : float
+        Carriage = ratio (angle - zero), m, only for messages; 0 when there is no carriage to speak of.
     """
 
     position_min_rad: float
@@ -79,7 +95,18 @@ class Limits:
     guard_s: float = GUARD_S
 
     def where(self, angle_rad: float) -> str:
-        """An angle of the motor in words: where the carriage is, in mm, when its ratio is known."""
+        """An angle of the motor in words.
+
+        Parameters
+        ----------
+        angle_rad : float, rad, motor shaft
+            In the drive's zero.
+
+        Returns
+        -------
+        str
+            Where the carriage is, in mm, when its ratio is known; else the angle.
+        """
         return f"{1e3 * self.ratio_m_rad * (angle_rad - self.zero_rad):.1f} mm" if self.ratio_m_rad else f"{angle_rad:.4g} rad"
 
 
@@ -87,17 +114,25 @@ class Limits:
 class Motion:
     """What the axis is asked to do, one entry per sample period; starts and ends at rest.
 
-    kind : "torque"    torque setpoint, all loops open (cyclic synchronous or profile torque);
-           "position"  the drive closes its cascade on ``position_rad`` (cyclic synchronous or interpolated position),
-                       ``velocity_rad_s`` is its velocity feedforward and ``torque_nm`` is added to its torque;
-           "velocity"  the drive closes its velocity loop on ``velocity_rad_s``; ``torque_nm`` is added to its torque;
-           "profile"   strokes from rest to rest: each is handed to the drive as end, speed and acceleration (profile position), which
-                       drives a trapezoid of the same way, time and top speed by itself, and ends it by itself.
-           What a drive cannot add (:attr:`Capabilities.torque_along`) must be zero.
-    period_s : float, s, a whole multiple of ``Capabilities.sample_period_s``.
-    position_rad : ndarray (n,), rad, motor shaft, absolute in the drive's zero.
-    velocity_rad_s, torque_nm : ndarray (n,).   Arrays a kind does not use are zero.
-    rest_nm : N m, of kind "torque": what holds the axis while the drive is being enabled, after the last entry and until it is stopped.
+    "torque" is a torque setpoint, all loops open (cyclic synchronous or profile torque).  In "position" the drive closes its cascade on
+    ``position_rad`` (cyclic synchronous or interpolated position), ``velocity_rad_s`` is its velocity feedforward and ``torque_nm`` is
+    added to its torque.  In "velocity" it closes its velocity loop on ``velocity_rad_s``; ``torque_nm`` is added to its torque.
+    "profile" are strokes from rest to rest: each is handed to the drive as end, speed and acceleration (profile position), which drives a
+    trapezoid of the same way, time and top speed by itself, and ends it by itself.  What a drive cannot add
+    (:attr:`Capabilities.torque_along`) must be zero, and so are the arrays that a kind does not use.
+
+    Attributes
+    ----------
+    kind : MotionKind
+        See above.
+    period_s : float, s
+        A whole multiple of ``Capabilities.sample_period_s``.
+    position_rad : ndarray (n,), rad, motor shaft
+        Absolute in the drive's zero.
+    velocity_rad_s : ndarray (n,), rad/s, motor shaft
+    torque_nm : ndarray (n,), N m, motor shaft
+    rest_nm : float, N m
+        Of kind "torque": what holds the axis while the drive is being enabled, after the last entry and until it is stopped.
     """
 
     kind: MotionKind
@@ -117,8 +152,14 @@ class Motion:
 class Guarding:
     """How a drive took the silence of its host, seen once at standstill (:meth:`Drive.prove_guarding`).
 
-    guard_s : what it was set to, s.   reaction_s : from the last sign of life to its reaction, s.
-    brakes : it was seen to brake before its stage went off; else only friction, or a brake, stops the axis.
+    Attributes
+    ----------
+    guard_s : float
+        What it was set to, s.
+    reaction_s : float
+        From the last sign of life to its reaction, s.
+    brakes : bool
+        It was seen to brake before its stage went off; else only friction, or a brake, stops the axis.
     """
 
     guard_s: float
@@ -126,33 +167,91 @@ class Guarding:
     brakes: bool
 
     def held_s(self, guard_s: float) -> float:
-        """How long the last torque is held at worst when it is set to ``guard_s``, s."""
+        """How long the last torque is held at worst.
+
+        Parameters
+        ----------
+        guard_s : float, s
+            That the guarding is set to.
+
+        Returns
+        -------
+        float, s
+        """
         return guard_s + max(self.reaction_s - self.guard_s, 0.0)
+
+
+@dataclass(frozen=True)
+class Nameplate:
+    """What is known of a motor beforehand, for what a drive does not tell; None where nobody knows it.
+
+    Attributes
+    ----------
+    rated_torque_nm, peak_torque_nm : float or None, N m
+    torque_constant_nm_a : float or None, N m per A rms
+    max_speed_rad_s : float or None, rad/s
+        That it is driven with at most.
+    counts_per_rev : int or None
+        Increments of its encoder.
+    """
+
+    rated_torque_nm: float | None = None
+    peak_torque_nm: float | None = None
+    torque_constant_nm_a: float | None = None
+    max_speed_rad_s: float | None = None
+    counts_per_rev: int | None = None
 
 
 @dataclass(frozen=True)
 class Capabilities:
     """What a connected drive can do, as read from it or from its profile (never assumed).
 
-    kinds : the kinds of :class:`Motion` it can run.
-    sample_period_s : s, shortest period of the synchronous exchange.
-    counts_per_rev : encoder counts per motor revolution.    torque_step_nm : N m, resolution of a torque setpoint.
-    torque_sampling : when the reported torque was acting, relative to the position of the same frame:
-        "over" the period that follows, "after": the period just ended.  The adapter has already shifted its rows so that
-        ``torque_nm[n]`` acts from ``t[n]`` to ``t[n+1]``; the word is kept in the run folder as provenance.
-    structure : the cascade inside the drive.
-    rated_torque_nm, peak_torque_nm : N m.    rated_current_a : A rms.    max_speed_rad_s : rad/s.
-    referenced : the drive knows its zero.
-    torque_along : the kinds of closed-loop motion to whose torque it adds the motion's.
-    identity : name, maker, serial number, firmware ... as text, to recognise the same drive on ``--resume``; "" where the
-        port that it is connected by cannot tell.
-    refused : why kinds of motion that the drive itself may have are not offered, by kind: a sentence with the remedy.
-    parameters : the objects that hold the names of :meth:`Drive.backup`.     uncalibrated : those of them whose meaning nobody knows yet:
-        :meth:`Drive.write` refuses to change them until :meth:`Drive.calibrate` has told.
-    exchange, torque_scale : in words, the period of the exchange and what it costs the bus; why the unit of torque is in doubt, "" when
-        it is not.
-    shortest_guard_s : s, shortest time in which it can be made to notice that its host is gone; None when nothing in it watches the host.
-    overload_time_s : s, for which the drive lets the motor have its peak torque from cold; None when it does not tell.
+    Attributes
+    ----------
+    kinds : frozenset of str
+        The kinds of :class:`Motion` it can run.
+    sample_period_s : float, s
+        Shortest period of the synchronous exchange.
+    counts_per_rev : int
+        Steps of the position that it tells, per motor revolution.
+    torque_step_nm : float, N m
+        Resolution of a torque setpoint.
+    torque_sampling : {'over', 'after'}
+        When the reported torque was acting, relative to the position of the same frame: "over" the period that follows, "after": the period
+        just ended. The adapter has already shifted its rows so that ``torque_nm[n]`` acts from ``t[n]`` to ``t[n+1]``; the word is kept in
+        the run folder as provenance.
+    structure : CascadeStructure
+        The cascade inside the drive.
+    rated_torque_nm, peak_torque_nm : float, N m
+    rated_current_a : float, A rms
+    max_speed_rad_s : float, rad/s
+    referenced : bool
+        The drive knows its zero.
+    torque_along : frozenset of str
+        The kinds of closed-loop motion to whose torque it adds the motion's.
+    identity : dict of str to str
+        Name, maker, serial number, firmware ... as text, to recognise the same drive on ``--resume``; "" where the port that it is
+        connected by cannot tell.
+    refused : dict of str to str
+        Why kinds of motion that the drive itself may have are not offered, by kind: a sentence with the remedy.
+    parameters : dict of str to ParameterObject
+        The objects that hold the names of :meth:`Drive.backup`.
+    uncalibrated : frozenset of str
+        Those of them whose meaning nobody knows yet: :meth:`Drive.write` refuses to change them until :meth:`Drive.calibrate` has told.
+    cautions : tuple of str
+        What of the limits that a record sets it does not take, and what stops the axis instead, in sentences.
+    gains
+        What can be done with the gains of its loops.
+    gain_terms
+        What is known of those that only a person sets.
+    exchange, torque_scale : str
+        In words, the period of the exchange and what it costs the bus; why the unit of torque is in doubt, "" when it is not.
+    shortest_guard_s : float or None, s
+        Shortest time in which it can be made to notice that its host is gone; None when nothing in it watches the host.
+    overload_time_s : float or None, s
+        For which the drive lets the motor have its peak torque from cold; None when it does not tell.
+    encoder_counts_per_rev : int or None
+        Of the encoder, where the positions are coarser than that.
     """
 
     name: str
@@ -173,9 +272,13 @@ class Capabilities:
     refused: Mapping[str, str] = field(default_factory=dict)
     parameters: Mapping[str, ParameterObject] = field(default_factory=dict)
     uncalibrated: frozenset[str] = frozenset()
+    gains: GainAccess = "writable"
+    gain_terms: tuple[GainTerm, ...] = ()
+    cautions: tuple[str, ...] = ()
     exchange: str = ""
     torque_scale: str = ""
     shortest_guard_s: float | None = None
+    encoder_counts_per_rev: int | None = None
     overload_time_s: float | None = None
 
 
@@ -183,9 +286,14 @@ class Capabilities:
 class ExchangeReport:
     """How one recording went: rows delivered, cycles lost on the bus, and the largest deviation of a period, s.
 
-    irregular : rows whose period deviated by more than a quarter; their stamps say by how much.   remarks : what else the drive said of
-    itself, in words.
-    limited_cycles : samples in which the drive said that a limit of its own was active (statusword bit 11).
+    Attributes
+    ----------
+    irregular : int
+        Rows whose period deviated by more than a quarter; their stamps say by how much.
+    remarks : tuple of str
+        What else the drive said of itself, in words.
+    limited_cycles : int
+        Samples in which the drive said that a limit of its own was active (statusword bit 11).
     """
 
     rows: int
@@ -207,22 +315,68 @@ class Drive(Protocol):
     clock: Clock
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
-        """Values of named quantities: ``position_rad``, ``velocity_rad_s``, ``torque_nm``, ``state`` (CiA 402 state
-        number), ``referenced``, and every writable name of :meth:`backup`.  Raises UsageError for an unknown name."""
+        """Values of named quantities.
+
+        Names are ``position_rad``, ``velocity_rad_s``, ``torque_nm``, ``state`` (CiA 402 state number), ``referenced``, and every writable
+        name of :meth:`backup`.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Of the quantities.
+
+        Returns
+        -------
+        dict of str to float
+            SI values by name, motor shaft.
+
+        Raises
+        ------
+        UsageError
+            For an unknown name.
+        """
         ...
 
     def write(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Write named parameters (stage off when the drive demands it), read them back and return what is stored.
+        """Write named parameters (stage off when the drive demands it) and read them back.
 
-        Raises Refused for another value of an uncalibrated gain, ObjectLocked for an object that is never written, ObjectRefused when the
-        drive refuses, DriveError when the value read back is not the quantised one asked for; then everything written by this call has
-        been put back."""
+        Parameters
+        ----------
+        values : dict of str to float
+            SI values by name, motor shaft.
+
+        Returns
+        -------
+        dict of str to float
+            What is stored.
+
+        Raises
+        ------
+        Refused
+            For another value of an uncalibrated gain.
+        ObjectLocked
+            For an object that is never written.
+        ObjectRefused
+            When the drive refuses.
+        DriveError
+            When the value read back is not the quantised one asked for; then everything written by this call has been put back.
+        """
         ...
 
     def calibrate(self, units: Mapping[str, float]) -> None:
-        """From here on one raw unit of these gains means so much: N m s/rad, 1/s, or s where an object holds an integral time.
+        """Declare what one raw unit of uncalibrated gains means.
 
-        Nothing is written; :attr:`capabilities` and all values of these names follow.  Raises UsageError."""
+        Nothing is written; :attr:`capabilities` and all values of these names follow.
+
+        Parameters
+        ----------
+        units : dict of str to float
+            By name: N m s/rad, 1/s, or s where an object holds an integral time.
+
+        Raises
+        ------
+        UsageError
+        """
         ...
 
     def backup(self) -> dict[str, float]:
@@ -234,13 +388,37 @@ class Drive(Protocol):
         ...
 
     def read_objects(self, places: Sequence[tuple[int, int, str]]) -> list[float | None]:
-        """Raw values of objects by index, subindex and data type; None where the drive has none or does not tell."""
+        """Raw values of objects.
+
+        Parameters
+        ----------
+        places : sequence of tuple[int, int, str]
+            Index, subindex and data type of each.
+
+        Returns
+        -------
+        list of float | None
+            None where the drive has none or does not tell.
+        """
         ...
 
     def write_objects(self, values: Sequence[ObjectValue]) -> None:
         """Write raw values with the stage off, read them back; all or none.
 
-        Raises ObjectLocked before anything is written, ObjectRefused, DriveError (another value came back)."""
+        Parameters
+        ----------
+        values : sequence of ObjectValue
+            The objects and their values.
+
+        Raises
+        ------
+        ObjectLocked
+            Before anything is written.
+        ObjectRefused
+            When the drive refuses.
+        DriveError
+            When another value came back.
+        """
         ...
 
     def save(self) -> None:
@@ -248,7 +426,22 @@ class Drive(Protocol):
         ...
 
     def home(self, limits: Limits) -> None:
-        """Run the drive's own homing.  Raises Refused where there is none, SafetyStop, DriveFault."""
+        """Run the drive's own homing.
+
+        Parameters
+        ----------
+        limits : Limits
+            What the motion must stay within.
+
+        Raises
+        ------
+        Refused
+            Where there is none.
+        SafetyStop
+            A limit was met.
+        DriveFault
+            The drive reports a fault.
+        """
         ...
 
     def record(self, motion: Motion, limits: Limits, sink: Sink) -> ExchangeReport:
@@ -257,14 +450,54 @@ class Drive(Protocol):
         Before the first motion of kind "torque" :meth:`prove_guarding` is done.
         Rows follow :data:`COLUMNS`; ``t_s`` is the time stamp of the sample, not a grid.  Any exception out of this
         call (also one raised by ``sink``, also KeyboardInterrupt) leaves a stopped, disabled axis.
-        Raises SafetyStop (limit, with the value), DriveFault, BusError (lost frames)."""
+
+        Parameters
+        ----------
+        motion : Motion
+            What to run.
+        limits : Limits
+            What the motion must stay within.
+        sink : Sink
+            Takes each row.
+
+        Returns
+        -------
+        ExchangeReport
+            What the exchange was like.
+
+        Raises
+        ------
+        SafetyStop
+            A limit was exceeded; it says which, with the value.
+        DriveFault
+            The drive reports a fault.
+        BusError
+            Frames were lost.
+        """
         ...
 
     def prove_guarding(self, limits: Limits, rest_nm: float = 0.0) -> Guarding:
         """Once per connection: enable the axis at standstill, fall silent, see how the drive takes that, and acknowledge its fault.
 
-        rest_nm : N m, what holds the axis.   Later calls return what was seen.   Raises DriveError when the drive does not react
-        within ``limits.guard_s`` and a tolerance, or nothing in it watches its host: then it gets no motion of kind "torque".
+        Later calls return what was seen.
+
+        Parameters
+        ----------
+        limits : Limits
+            ``guard_s`` is the time to prove.
+        rest_nm : float, N m
+            What holds the axis.
+
+        Returns
+        -------
+        Guarding
+            What was seen.
+
+        Raises
+        ------
+        DriveError
+            When the drive does not react within ``limits.guard_s`` and a tolerance, or nothing in it watches its host: then it gets no
+            motion of kind "torque".
         """
         ...
 
@@ -289,7 +522,12 @@ class Service(Protocol):
     title: str
 
     def run(self) -> Mapping[str, int]:
-        """Serve until KeyboardInterrupt, which is the ordinary end; returns what was counted.  Raises BusError."""
+        """Serve until KeyboardInterrupt, which is the ordinary end; returns what was counted.
+
+        Raises
+        ------
+        BusError
+        """
         ...
 
     def __enter__(self) -> Service: ...
@@ -301,17 +539,33 @@ class Service(Protocol):
 class Adapter:
     """What an adapter package registers.
 
-    name : word for messages.     summary : one line for ``beltcomm drives``.
-    schemes : what may stand before the colon of ``--drive`` (``virtual``, ``can``, ``slcan``, ``serial``).
-    open : ``open(address, options) -> Drive``; ``address`` is what follows the colon ("" when nothing does).
-        ``options``: str -> value, e.g. ``seed``, ``profile``, ``node``, ``bitrate``, ``realtime``; unknown ones are a
-        UsageError.
-    claims : whether this adapter understands an address without a scheme of its own (``can0``, ``pcan:PCAN_USBBUS1``).
-    examine : ``examine(address, options)`` looks at a drive step by step, moves nothing and leaves it as it was found; the options are
-        those of ``open`` and ``try_bitrates``, ``sync_test`` (bool).  An unreachable drive is a finding, no exception.
-    surroundings : what on this machine the adapter could be used with, or why nothing.
-    serve : ``serve(address, on, options) -> Service``, of a drive that is simulated: for other processes, on the interface ``on``.
-    logs : ``open`` takes the option ``log``, which is called with every frame of its bus.
+    Attributes
+    ----------
+    name : str
+        Word for messages.
+    summary : str
+        One line for ``beltcomm drives``.
+    schemes : tuple of str
+        What may stand before the colon of ``--drive`` (``virtual``, ``can``, ``slcan``, ``serial``).
+    open : callable
+        ``open(address, options) -> Drive``; ``address`` is what follows the colon ("" when nothing does); ``options``: str ->
+        value, e.g. ``seed``, ``profile``, ``node``, ``bitrate``, ``realtime``; unknown ones are a UsageError.
+    claims : callable
+        Whether this adapter understands an address without a scheme of its own (``can0``, ``pcan:PCAN_USBBUS1``).
+    examine : callable or None
+        ``examine(address, options)`` looks at a drive step by step, moves nothing and leaves it as it was found; the options are those of
+        ``open`` and ``try_bitrates``, ``sync_test`` (bool). An unreachable drive is a finding, no exception.
+    surroundings : callable or None
+        What on this machine the adapter could be used with, or why nothing.
+    serve : callable or None
+        ``serve(address, on, options) -> Service``, of a drive that is simulated: for other processes, on the interface ``on``.
+    logs : bool
+        ``open`` takes the option ``log``, which is called with every frame of its bus.
+    nameplates : bool
+        ``open`` and ``examine`` take the option ``nameplate``, a :class:`Nameplate`, for what the drive does not tell.
+    new_profile : callable or None
+        ``new_profile(address, options, device, entries) -> text`` of a profile, from the drive at an address, None for none, and from what
+        an EDS says: its device section and its objects.
     """
 
     name: str
@@ -323,6 +577,13 @@ class Adapter:
     surroundings: Callable[[], Iterable[Finding]] | None = None
     serve: Callable[[str, str, Mapping[str, object]], Service] | None = None
     logs: bool = False
+    nameplates: bool = False
+    new_profile: Callable[[str | None, Mapping[str, object], Mapping[str, str], Sequence[DictionaryEntry]], str] | None = None
+
+    def taken(self, options: Mapping[str, object]) -> dict[str, object]:
+        """Of what programs add to every adapter's options what this one takes."""
+        refused = {name for name, takes in (("log", self.logs), ("nameplate", self.nameplates)) if not takes}
+        return {name: value for name, value in options.items() if name not in refused}
 
 
 @dataclass(frozen=True)
@@ -351,18 +612,69 @@ def find_adapters() -> list[FoundAdapter]:
 
 
 def simulated(name: str) -> bool:
-    """Whether a drive's name is that of a virtual one: ``virtual:g_a``, ``serial:virtual``."""
+    """Whether a drive's name is that of a virtual one: ``virtual:g_a``, ``serial:virtual``.
+
+    Parameters
+    ----------
+    name : str
+        As for ``--drive``.
+
+    Returns
+    -------
+    bool
+        False for a name that may be a machine's.
+    """
     return "virtual" in name.split(":")[:2]
 
 
 def open_drive(name: str, options: Mapping[str, object] | None = None) -> Drive:
-    """Open the drive called ``name`` (``virtual:g_a``, ``can0``, ``slcan:PORT`` ...).   Raises as adapter and :func:`adapter_for`."""
+    """Open the drive called ``name``.
+
+    Parameters
+    ----------
+    name : str
+        ``virtual:g_a``, ``can0``, ``slcan:PORT`` ...
+    options : dict of str to object or None
+        For the adapter, by name.
+
+    Returns
+    -------
+    Drive
+        Connected; it is closed by leaving its context.
+
+    Raises
+    ------
+    UsageError
+        When no adapter understands the name or an option.
+    DriveError
+        What the adapter raises.
+    BusError
+        What the adapter raises.
+    """
     adapter, address = adapter_for(name, find_adapters())
-    return adapter.open(address, {key: value for key, value in (options or {}).items() if key != "log" or adapter.logs})
+    return adapter.open(address, adapter.taken(options or {}))
 
 
 def adapter_for(name: str, found: Sequence[FoundAdapter]) -> tuple[Adapter, str]:
-    """The adapter that understands the drive called ``name``, and the address it is to open.   Raises UsageError when none does."""
+    """Find the adapter that understands a drive's name.
+
+    Parameters
+    ----------
+    name : str
+        As for ``--drive``.
+    found : sequence of FoundAdapter
+        The adapters installed.
+
+    Returns
+    -------
+    tuple[Adapter, str]
+        The adapter, and the address it is to open.
+
+    Raises
+    ------
+    UsageError
+        When none does.
+    """
     scheme, _, address = word(name, "drive").partition(":")
     if not found:
         raise UsageError("no drive adapters are installed; run `pip install -e .` in the beltcomm folder")
@@ -376,25 +688,3 @@ def adapter_for(name: str, found: Sequence[FoundAdapter]) -> tuple[Adapter, str]
     broken = "".join(f" ({item.entry_point} is broken: {item.reason})" for item in found if not item.adapter)
     near = did_you_mean(scheme, [*schemes, "can0"])
     raise UsageError(f"no adapter understands the drive {name!r}{near}; known are {', '.join(schemes)} and CAN interfaces (can0){broken}")
-
-
-def able(drive: Drive, kind: MotionKind) -> Drive:
-    """The same drive, if it offers this kind of motion.   Raises Refused with its reason, and closes it; nothing has moved then."""
-    has = drive.capabilities
-    if kind in has.kinds:
-        return drive
-    drive.close()
-    why = has.refused.get(kind) or f"it offers motions of kind {', '.join(sorted(has.kinds)) or 'none'}, not {kind}"
-    raise Refused(f"{has.name} cannot do this: {why}; nothing was moved")
-
-
-def serve_drive(name: str, on: str, options: Mapping[str, object] | None = None) -> Service:
-    """The simulated drive called ``name`` (``virtual:g_a``) on the interface ``on``.
-
-    Raises UsageError when no adapter serves a drive of this name, and what the adapter raises.
-    """
-    scheme, _, address = word(name, "drive").partition(":")
-    for item in find_adapters():
-        if item.adapter and item.adapter.serve and scheme in item.adapter.schemes:
-            return item.adapter.serve(address, on, options or {})
-    raise UsageError(f"{name!r} is no simulated drive, so it cannot be served; give virtual or virtual:PLANT")

@@ -131,7 +131,23 @@ _BY_NAME = {effect.name: effect for effect in EFFECTS}
 
 
 def effect_named(name: str) -> Effect:
-    """The effect of that name.  Raises UsageError with the nearest names."""
+    """Look an effect up by its name.
+
+    Parameters
+    ----------
+    name : str
+        As in the catalogue.
+
+    Returns
+    -------
+    Effect
+        From ``EFFECTS``.
+
+    Raises
+    ------
+    UsageError
+        With the nearest names.
+    """
     if name in _BY_NAME:
         return _BY_NAME[name]
     near = difflib.get_close_matches(name, _BY_NAME, n=3)
@@ -142,7 +158,17 @@ def effect_named(name: str) -> Effect:
 def stands_for(name: str, *, behind_gap: bool = False) -> str:
     """The effect by which a name is fitted: itself, or the one that holds it among its twins and cannot be told from it.
 
-    behind_gap : the carriage moves free of the motor at times, so that effects which are told from their twins only there are themselves.
+    Parameters
+    ----------
+    name : str
+        Of an effect.
+    behind_gap : bool
+        The carriage moves free of the motor at times, so that effects which are told from their twins only there are themselves.
+
+    Returns
+    -------
+    str
+        The name to fit.
     """
     effect = _BY_NAME.get(name)
     if effect is not None and (behind_gap or not effect.behind_gap):

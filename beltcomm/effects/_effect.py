@@ -40,11 +40,21 @@ TORQUE_LAG = "lag between torque and report"
 class Parameter:
     """One parameter of an effect or body.
 
-    unit : SI.     side : where it is meant: "motor" (motor shaft), "cart" (carriage), "belt" (at the belt line), "drive".
-    start : value used when an effect is added without knowledge.     low, high : physical bounds.
-    fitted : False for what is known beforehand or chosen from a list (a number of teeth, an order): a fit leaves it alone.
-    form : gives the law another form than the usual one, which is at ``start``: held there, without room between its bounds, until the
-    effect is named, and fitted from then on where that pays; ``fitted`` is False, too.
+    Attributes
+    ----------
+    unit : str
+        SI.
+    side : Side
+        Where it is meant: "motor" (motor shaft), "cart" (carriage), "belt" (at the belt line), "drive".
+    start : float
+        Value used when an effect is added without knowledge.
+    low, high : float
+        Physical bounds.
+    fitted : bool
+        False for what is known beforehand or chosen from a list (a number of teeth, an order): a fit leaves it alone.
+    form : bool
+        Gives the law another form than the usual one, which is at ``start``: held there, without room between its bounds, until the effect
+        is named, and fitted from then on where that pays; ``fitted`` is False, too.
     """
 
     name: str
@@ -69,8 +79,11 @@ class AxisSummary:
     the base model; fastest : rad/s, of the motor in them; side : of the records, "motor", "load" or "ampere"; belt : whether the axis has
     one; gear : turns of the motor per turn of the pulley; counts : of the encoder per turn of the motor, by its data sheet, 0 when not
     known; step_rad : of the angle in the records, 0 when not known;
-    explained_m : stretch of the belt to the negative and to the positive side up to which the base model explains the records, 0 when not
-    known.
+
+    Attributes
+    ----------
+    explained_m : tuple of float
+        Stretch of the belt to the negative and to the positive side up to which the base model explains the records, 0 when not known.
     """
 
     inertia: float
@@ -101,11 +114,19 @@ class AxisSummary:
 class Trial:
     """One way to switch an effect on, at a size typical of machines.
 
-    values : own parameters by bare name (those of bodies as ``body.name``); the rest stands at its start.
-    amplitudes : parameters that scale the effect each on its own (sine and cosine): every one is a column of its own in a score
-    test; () makes one column of the whole.    signed : the effect may as well act the other way round.    base : parameters of the
-    base model, by full name, that change with it: a base fitted without the effect may be far off.    swallowed : the base explains
-    all of it but what a fit from here finds; no score test can see it.
+    Attributes
+    ----------
+    values : dict of str to float
+        Own parameters by bare name (those of bodies as ``body.name``); the rest stands at its start.
+    amplitudes : tuple of str
+        Parameters that scale the effect each on its own (sine and cosine): every one is a column of its own in a score test; () makes one
+        column of the whole.
+    signed : bool
+        The effect may as well act the other way round.
+    base : dict of str to float
+        Parameters of the base model, by full name, that change with it: a base fitted without the effect may be far off.
+    swallowed : bool
+        The base explains all of it but what a fit from here finds; no score test can see it.
     """
 
     values: Mapping[str, float]
@@ -125,7 +146,17 @@ Carried = Literal["end", "clock", "no"]
 
 @dataclass(frozen=True)
 class EffectState:
-    """What an effect remembers.   unit : SI.   start : in a record.   carried : from one record to the next."""
+    """What an effect remembers.
+
+    Attributes
+    ----------
+    unit : str
+        SI.
+    start : Start
+        In a record.
+    carried : Carried
+        From one record to the next.
+    """
 
     name: str
     unit: str
@@ -145,7 +176,10 @@ OF_SLOT: Mapping[str, tuple[EffectState, ...]] = {
 class Body:
     """A moving mass with its inertia parameter; ``rotary`` bodies move in rad at the motor shaft, others in m.
 
-    swings : m or rad, rms by which it may still swing when a record begins, from the motion before it.
+    Attributes
+    ----------
+    swings : float
+        m or rad, rms by which it may still swing when a record begins, from the motion before it.
     """
 
     name: str
@@ -159,8 +193,13 @@ class Element:
     """A massless connection of two bodies: ``force = law(stretch, rate, x, *own parameters)``.
 
     stretch = coordinate of ``ends[0]`` minus that of ``ends[1]``; a positive force pulls the first body back and the second
-    one on.  Coordinates are m along the belt, or rad at the motor shaft when ``angular``.    x : m, carriage on the axis.
-    slope : ``(x, *own parameters) -> (stiffness, damping)``, N/m and N s/m (N m/rad and N m s/rad when angular).
+    one on.  Coordinates are m along the belt, or rad at the motor shaft when ``angular``; x is the carriage
+    on the axis, m.
+
+    Attributes
+    ----------
+    slope : callable
+        ``(x, *own parameters) -> (stiffness, damping)``, N/m and N s/m (N m/rad and N m s/rad when angular).
     """
 
     ends: tuple[str, str]
@@ -173,7 +212,12 @@ class Element:
 class Point:
     """Operating point of a linearisation.  ``speed`` of the named bodies, in rad/s or m/s; 0 means standstill.
 
-    position_m : m, carriage on the axis.     time_s : s, session clock.
+    Attributes
+    ----------
+    position_m : float, m
+        Carriage on the axis.
+    time_s : float, s
+        Session clock.
     """
 
     position_m: float
@@ -182,7 +226,18 @@ class Point:
     time_s: float = 0.0
 
     def speed(self, rotary: bool) -> float:
-        """Speed in the coordinate of a body: rad/s at the motor shaft, or m/s along the belt."""
+        """Speed in the coordinate of a body.
+
+        Parameters
+        ----------
+        rotary : bool
+            The body turns with the motor.
+
+        Returns
+        -------
+        float, rad/s at the motor shaft
+            Or m/s along the belt.
+        """
         return self.motor_speed_rad_s if rotary else self.motor_speed_rad_s * self.transmission_m_rad
 
 
@@ -190,7 +245,14 @@ class Point:
 class ManualCheck:
     """What a person does where no motion of the axis tells two effects apart.
 
-    change : on the machine.   record : what is recorded, or read, after it.   tells : which of the two it was.
+    Attributes
+    ----------
+    change : str
+        On the machine.
+    record : str
+        What is recorded, or read, after it.
+    tells : str
+        Which of the two it was.
     """
 
     change: str
@@ -204,7 +266,15 @@ class ManualCheck:
 
 @dataclass(frozen=True)
 class DiscriminatingExperiment:
-    """The experiment between an effect and one of its twins.   shows : where the two differ.   records : as steps of a plan file."""
+    """The experiment between an effect and one of its twins.
+
+    Attributes
+    ----------
+    shows : str
+        Where the two differ.
+    records : tuple of dict of str to Any
+        As steps of a plan file.
+    """
 
     shows: str
     records: tuple[Mapping[str, Any], ...] = ()
@@ -215,26 +285,59 @@ class DiscriminatingExperiment:
 class Effect:
     """One physical effect.
 
-    name : unique.     slot : see docs/slots.md.     law : the law of the slot as a function of plain floats that numba can
-    compile; own parameters follow the slot's arguments, then the values of ``uses`` (full names of other parameters).
-    body : the body a force or a friction level acts on.     elements, bodies : what an element or body effect brings.
-    slope : linearisation; for ``force``: (position, speed, t, *p) -> (d force/d position, d force/d speed); for
-    ``friction_level``: (speed, position, t, *p) -> d level/d speed.
-    group : effects of one group exclude each other.     seen, causes, check, remedy : for the technician.     source : origin of the law.
-    trials : how a diagnosis switches it on, from what is known of the axis; None: it is not put on trial (base effects and laws
-    that need data of their own).    twins : effects that no motion of this axis can tell from it, or hardly.    separate : the
-    experiment that tells the twins apart.    apart : the same by twin, as records and as changes by hand.    alike : what else looks
-    like it to a person, by name, each with the experiment that tells them apart; no diagnosis uses these.
-    harmonic : sines and cosines of the motor angle times the first parameter, added to the load or to the gain of the torque (so that all
-    orders can be searched in one pass), or to the angle shown.    state : what it remembers beside what its slot and its bodies do.
-    bound : it only says how much any law of its kind could explain; a diagnosis never adds it.
-    linear : its law is affine in positions and speeds (a friction level: constant), the same at every place and time, for any values of its
-    parameters: it is simulated without an integrator.
-    least : of its first parameter; up to this it is nothing to be named, because every axis has as much or no sensor shows it.
-    completed_by : effects that belong to it and mean nothing without it; put on trial once it is named.
-    behind_gap : put on trial only where the carriage may move free of the motor; without that it is the same as one of its twins.
-    untried : why a diagnosis cannot put it on trial although a motor may see it, with figures; "" where that has no need of words.
-    unlikely : of its own values and its bodies' by their names here, in words why no machine has them; empty where one may.
+    Attributes
+    ----------
+    name : str
+        Unique.
+    slot : Slot
+        See docs/slots.md.
+    law : callable or None
+        The law of the slot as a function of plain floats that numba can compile; own parameters follow the slot's arguments, then the
+        values of ``uses`` (full names of other parameters).
+    body : str
+        The body a force or a friction level acts on.
+    elements, bodies
+        What an element or body effect brings.
+    slope : callable or None
+        Linearisation; for ``force``: (position, speed, t, *p) -> (d force/d position, d force/d speed); for ``friction_level``: (speed,
+        position, t, *p) -> d level/d speed.
+    group : str
+        Effects of one group exclude each other.
+    seen, causes, check, remedy : str
+        For the technician.
+    source : str
+        Origin of the law.
+    trials : callable or None
+        How a diagnosis switches it on, from what is known of the axis; None: it is not put on trial (base effects and laws that need data
+        of their own).
+    twins : tuple of str
+        Effects that no motion of this axis can tell from it, or hardly.
+    separate : str
+        The experiment that tells the twins apart.
+    apart : dict of str to DiscriminatingExperiment
+        The same by twin, as records and as changes by hand.
+    alike : dict of str to str
+        What else looks like it to a person, by name, each with the experiment that tells them apart; no diagnosis uses these.
+    harmonic : {'', 'load', 'gain', 'angle'}
+        Sines and cosines of the motor angle times the first parameter, added to the load or to the gain of the torque (so that all orders
+        can be searched in one pass), or to the angle shown.
+    state : tuple of EffectState
+        What it remembers beside what its slot and its bodies do.
+    bound : bool
+        It only says how much any law of its kind could explain; a diagnosis never adds it.
+    linear : bool
+        Its law is affine in positions and speeds (a friction level: constant), the same at every place and time, for any values of its
+        parameters: it is simulated without an integrator.
+    least : float
+        Of its first parameter; up to this it is nothing to be named, because every axis has as much or no sensor shows it.
+    completed_by : tuple of str
+        Effects that belong to it and mean nothing without it; put on trial once it is named.
+    behind_gap : bool
+        Put on trial only where the carriage may move free of the motor; without that it is the same as one of its twins.
+    untried : str
+        Why a diagnosis cannot put it on trial although a motor may see it, with figures; "" where that has no need of words.
+    unlikely : callable or None
+        Of its own values and its bodies' by their names here, in words why no machine has them; empty where one may.
     """
 
     name: str
@@ -295,10 +398,32 @@ class Effect:
 
 
 def body_units(body: str) -> tuple[str, str, Side]:
-    """Units of force and of viscous friction on a body, and its side: N m, N m s/rad where it turns with the motor; N, N s/m elsewhere."""
+    """Units of force and of viscous friction on a body, and its side.
+
+    Parameters
+    ----------
+    body : str
+        Name of the body.
+
+    Returns
+    -------
+    tuple[str, str, Side], N m, N m s/rad
+        "motor" where it turns with the motor; N, N s/m and its side elsewhere.
+    """
     return ("N m", "N m s/rad", "motor") if body in ("motor", "load") else ("N", "N s/m", "cart" if body == "cart" else "belt")
 
 
 def is_plain_belt(effect: Effect) -> bool:
-    """Whether an effect is nothing but a spring or damper between driving end and carriage, which others may share."""
+    """Whether an effect is nothing but a spring or damper between driving end and carriage, which others may share.
+
+    Parameters
+    ----------
+    effect : Effect
+        The effect to look at.
+
+    Returns
+    -------
+    bool
+        False for one with a law of its own.
+    """
     return len(effect.elements) == 1 and effect.elements[0].ends == (DRIVING_END, "cart") and BELT_STIFFNESS not in effect.uses

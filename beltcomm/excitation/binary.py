@@ -57,15 +57,46 @@ class PrbsChoice:
     reason: str
 
     def excitation(self, amplitude_nm: float, sample_period_s: float, *, torque_step_nm: float = 0.0) -> Excitation:
-        """The record with ±amplitude, N m, about its mean."""
+        """The record with ±amplitude, N m, about its mean.
+
+        Parameters
+        ----------
+        amplitude_nm : float, N m, motor shaft
+            About the mean.
+        sample_period_s : float, s
+            Sampling period.
+        torque_step_nm : float, N m
+            Resolution of the drive's torque setpoint, 0 for none.
+
+        Returns
+        -------
+        Excitation
+            The record, ready to be run.
+        """
         return prbs(self.order, self.clock, 2.0 * amplitude_nm, sample_period_s, self.repeats, torque_step_nm=torque_step_nm)
 
 
 def prbs_bits(order: int) -> NDArray[np.int8]:
     """One period of a maximal-length binary sequence, s(k) = mod(Σ a_i s(k-i), 2), from s(-1) = ... = s(-n) = 1.
 
-    order : n in 3 to 16.     Returns ndarray (2^n - 1,), 0 or 1, with 2^(n-1) ones.
-    Raises UsageError for another order.     Source: thesis (3.1) to (3.3).
+    Parameters
+    ----------
+    order : int
+        n in 3 to 16.
+
+    Returns
+    -------
+    ndarray of int8, (2^n - 1,)
+        0 or 1, with 2^(n-1) ones.
+
+    Raises
+    ------
+    UsageError
+        For another order.
+
+    References
+    ----------
+    Thesis (3.1) to (3.3).
     """
     if order not in MAXIMAL_TAPS:
         raise UsageError(f"a PRBS of order {order} is not available; choose an order from 3 to 16")
@@ -92,10 +123,36 @@ def prbs(
 
     The second term takes away the mean of (3.4); see :func:`beltcomm.excitation.record.finished` for drift, start and rounding.
 
-    order : n, 3 to 16.     clock : P, samples per bit.     peak_to_peak_nm : A of (3.4), N m, motor shaft: the thesis's
-    0.3 N m is ±0.15 N m.     sample_period_s : T_s, s.     repeats : measured periods.
-    run_in_periods : periods before ``first_sample``.     torque_step_nm : N m, resolution of the drive's torque setpoint, 0 for none.
-    Raises UsageError for values that are no PRBS.     Source: thesis (3.1) to (3.6); thesis.md, erratum 10.
+    Parameters
+    ----------
+    order : int
+        n, 3 to 16.
+    clock : int
+        P, samples per bit.
+    peak_to_peak_nm : float
+        A of (3.4), N m, motor shaft: the thesis's 0.3 N m is ±0.15 N m.
+    sample_period_s : float
+        T_s, s.
+    repeats : int
+        Measured periods.
+    run_in_periods : int
+        Periods before ``first_sample``.
+    torque_step_nm : float, N m
+        Resolution of the drive's torque setpoint, 0 for none.
+
+    Returns
+    -------
+    Excitation
+        N m at the motor shaft, (n,), with rest and run-in.
+
+    Raises
+    ------
+    UsageError
+        For values that are no PRBS.
+
+    References
+    ----------
+    Thesis (3.1) to (3.6); thesis.md, erratum 10.
     """
     if clock < 1:
         raise UsageError(f"clock {clock}: a bit must last at least 1 sample")
@@ -114,9 +171,27 @@ def prbs(
 
 
 def prbs_band(order: int, clock: int, sample_period_s: float) -> tuple[float, float]:
-    """Lowest line and first zero of the spectrum, Hz, the latter not above half the sampling frequency.
+    """Lowest line and first zero of the spectrum of a PRBS.
 
-    f_min = 1 / ((2^n - 1) P T_s),   f_max = 1 / (P T_s)     Source: thesis (3.5), (3.6); raises nothing.
+    f_min = 1 / ((2^n - 1) P T_s),   f_max = 1 / (P T_s)
+
+    Parameters
+    ----------
+    order : int
+        n.
+    clock : int
+        P, samples per bit.
+    sample_period_s : float
+        T_s, s.
+
+    Returns
+    -------
+    tuple of float
+        f_min and f_max, Hz, the latter not above half the sampling frequency.
+
+    References
+    ----------
+    Thesis (3.5), (3.6).
     """
     bit_s = clock * sample_period_s
     return 1.0 / ((2**order - 1) * bit_s), min(1.0 / bit_s, 0.5 / sample_period_s)
@@ -130,10 +205,31 @@ def choose_prbs(sample_period_s: float, lowest_hz: float, highest_hz: float, dur
     tenth of ``lowest_hz`` and 1 Hz: a longer period would only move the cart further (its stroke grows with the
     period's 3/2 power).  The time left over becomes measured periods.
 
-    sample_period_s : s.     lowest_hz : the lowest antiresonance expected.     highest_hz : the highest resonance
-    expected.     duration_s : s, the whole record with rest and one period of run-in.
-    Raises UsageError for numbers that cannot be meant, Refused when sampling or duration do not reach, with what would.
-    Source: thesis (3.5), (3.6); thesis.md, erratum 9: at 1 kHz clock 2 with order 9 to 11.
+    Parameters
+    ----------
+    sample_period_s : float, s
+    lowest_hz : float
+        The lowest antiresonance expected.
+    highest_hz : float
+        The highest resonance expected.
+    duration_s : float, s
+        The whole record with rest and one period of run-in.
+
+    Returns
+    -------
+    PrbsChoice
+        Order, clock and number of periods.
+
+    Raises
+    ------
+    UsageError
+        For numbers that cannot be meant.
+    Refused
+        When sampling or duration do not reach, with what would.
+
+    References
+    ----------
+    Thesis (3.5), (3.6); thesis.md, erratum 9: at 1 kHz clock 2 with order 9 to 11.
     """
     check_band(sample_period_s, lowest_hz, highest_hz, duration_s)
     largest = max(1, floor(1.0 / (ZERO_OVER_HIGHEST * highest_hz * sample_period_s)))

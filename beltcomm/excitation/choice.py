@@ -48,7 +48,22 @@ class Choice(Protocol):
         ...
 
     def excitation(self, amplitude_nm: float, sample_period_s: float, *, torque_step_nm: float = 0.0) -> Excitation:
-        """The record with this amplitude, N m."""
+        """The record with this amplitude, N m.
+
+        Parameters
+        ----------
+        amplitude_nm : float, N m, motor shaft
+            About the mean.
+        sample_period_s : float, s
+            Sampling period.
+        torque_step_nm : float, N m
+            Resolution of the drive's torque setpoint, 0 for none.
+
+        Returns
+        -------
+        Excitation
+            The record, ready to be run.
+        """
         ...
 
 
@@ -58,8 +73,34 @@ def choose(
     """The signal of a kind that shows ``lowest_hz`` to ``highest_hz`` within ``duration_s``, run-in and rest included.
 
     Lines lie no further apart than a tenth of the lowest frequency and 1 Hz; of a multisine, where every second one is silent, than a
-    twentieth and 1 Hz.   lowest_hz : lowest antiresonance expected.   highest_hz : highest resonance expected.
-    Raises UsageError for an unknown kind or numbers that cannot be meant, Refused when sampling or duration do not reach.
+    twentieth and 1 Hz.
+
+    Parameters
+    ----------
+    kind : ExcitationKind
+        Of signal.
+    sample_period_s : float, s
+        Sampling period.
+    lowest_hz : float, Hz
+        Lowest antiresonance expected.
+    highest_hz : float, Hz
+        Highest resonance expected.
+    duration_s : float, s
+        The whole record.
+    seed : int
+        Of what is random in it.
+
+    Returns
+    -------
+    Choice
+        It makes the record for an amplitude.
+
+    Raises
+    ------
+    UsageError
+        For an unknown kind or numbers that cannot be meant.
+    Refused
+        When sampling or duration do not reach.
     """
     if kind == "prbs":
         return choose_prbs(sample_period_s, lowest_hz, highest_hz, duration_s)

@@ -24,7 +24,22 @@ class GprbsChoice:
     seed: int = 1
 
     def excitation(self, amplitude_nm: float, sample_period_s: float, *, torque_step_nm: float = 0.0) -> Excitation:
-        """The record with ±amplitude, N m, about its mean."""
+        """The record with ±amplitude, N m, about its mean.
+
+        Parameters
+        ----------
+        amplitude_nm : float, N m, motor shaft
+            About the mean.
+        sample_period_s : float, s
+            Sampling period.
+        torque_step_nm : float, N m
+            Resolution of the drive's torque setpoint, 0 for none.
+
+        Returns
+        -------
+        Excitation
+            The record, ready to be run.
+        """
         return gprbs(
             self.period_samples,
             self.mean_hold,
@@ -54,10 +69,39 @@ def gprbs(
     S(ω) ∝ (1 - ρ²)/(1 - 2 ρ cos ωT + ρ²),  ρ = 1 - 2/h,   has no zero; h = 2 is white.
 
     As many samples are +A/2 as -A/2, as far as the period allows; what is left over is taken away as mean.
-    period_samples : samples of a period.   mean_hold : h, samples, above 1.   peak_to_peak_nm : A, N m, motor shaft.
-    seed : the sequence; the same seed gives the same.   Others as for :func:`beltcomm.excitation.prbs`.
-    Raises UsageError for values that are no GPRBS.
-    Source: thesis 3.1; Isermann, Münchhof, Identification of Dynamic Systems (2011), section 6.3.
+
+    Parameters
+    ----------
+    period_samples : int
+        Samples of a period.
+    mean_hold : float
+        h, samples, above 1.
+    peak_to_peak_nm : float, N m, motor shaft
+        A.
+    sample_period_s : float
+        T, s.
+    repeats : int
+        Measured periods.
+    seed : int
+        The sequence; the same seed gives the same.
+    run_in_periods : int
+        Periods before ``first_sample``.
+    torque_step_nm : float, N m
+        Resolution of the drive's torque setpoint, 0 for none.
+
+    Returns
+    -------
+    Excitation
+        N m at the motor shaft, (n,), with rest and run-in.
+
+    Raises
+    ------
+    UsageError
+        For values that are no GPRBS.
+
+    References
+    ----------
+    Thesis 3.1; Isermann, Münchhof, Identification of Dynamic Systems (2011), section 6.3.
     """
     if not mean_hold > 1.0 or period_samples < FEWEST_CHANGES * mean_hold:
         raise UsageError(

@@ -23,6 +23,22 @@ WIDEST_LINE_SPACING_HZ = 1.0
 FEWEST_REPEATS = 3
 #: Half the sampling frequency over highest frequency to be seen: the upper flank of a resonance belongs to it.
 NYQUIST_OVER_HIGHEST = 1.1
+_ROUNDING = 1e-9
+#: s: samples that come more seldom than this show a motion only while it goes on in one direction; Hz, up to which it is then
+#: excited, and share of that from which on the lines must be near enough.
+SELDOM_S, SLOW_TOP_HZ, SLOW_LOW_SHARE = 2e-3, 15.0, 0.6
+
+
+def visible_band(sample_period_s: float, lowest_hz: float, highest_hz: float) -> tuple[float, float]:
+    """What of a band is to be excited where samples come with this period, Hz.
+
+    Rows that come seldom say what a motion took only while it goes on in one direction for several of them: then the excitation must be
+    slow, whatever is to be seen.  Of a resonance beyond its band a response says nothing; below, the axis is as heavy all the same.
+    """
+    top = (1.0 - _ROUNDING) * 0.5 / (sample_period_s * NYQUIST_OVER_HIGHEST)
+    if sample_period_s > SELDOM_S:
+        top = min(top, SLOW_TOP_HZ)
+    return (lowest_hz, highest_hz) if highest_hz <= top else (min(lowest_hz, SLOW_LOW_SHARE * top), top)
 
 
 def check_band(sample_period_s: float, lowest_hz: float, highest_hz: float, duration_s: float) -> None:
@@ -45,12 +61,27 @@ def check_band(sample_period_s: float, lowest_hz: float, highest_hz: float, dura
 class Excitation:
     """One torque record that starts and ends at rest; ``torque[n]`` acts from sample n to n + 1.
 
-    kind : "prbs", "gprbs", "chirp" or "multisine".     torque : ndarray (n,), N m, motor shaft, read-only.
-    period_samples : samples of one period.     repeats : measured periods, the run-in not counted.
-    amplitude_nm : N m, largest absolute torque.     sample_period_s : s.
-    first_sample : index where the first measured period begins.
-    band_hz : lowest and highest excited frequency, Hz.     parameters : what the signal was made from, by name.
-    lines : numbers of the lines that are excited on purpose, 1 is 1/period; () for all within the band.
+    Attributes
+    ----------
+    kind : str
+        "prbs", "gprbs", "chirp" or "multisine".
+    torque : ndarray (n,), N m, motor shaft
+        Read-only.
+    period_samples : int
+        Samples of one period.
+    repeats : int
+        Measured periods, the run-in not counted.
+    amplitude_nm : float, N m
+        Largest absolute torque.
+    sample_period_s : float, s
+    first_sample : int
+        Index where the first measured period begins.
+    band_hz : tuple of float
+        Lowest and highest excited frequency, Hz.
+    parameters : dict of str to float
+        What the signal was made from, by name.
+    lines : tuple of int
+        Numbers of the lines that are excited on purpose, 1 is 1/period; () for all within the band.
     """
 
     kind: str
@@ -104,9 +135,21 @@ def finished(
     takes it out again.  So a frictionless rigid axis has no mean speed in any period and ends at rest, and the belt alone decides how
     long the run-in must be.
 
-    period : ndarray (n,), N m.     torque_step_nm : N m, resolution of the drive's torque setpoint, 0 for none.  The momentum is rounded
-    instead of the torque, because what is taken away as mean is smaller than a step and would be lost: the torque then has at most one
-    step more than asked for.     Raises UsageError for values that are no signal.     Source: thesis.md, erratum 10.
+    Parameters
+    ----------
+    period : ndarray (n,), N m
+    torque_step_nm : float, N m
+        Resolution of the drive's torque setpoint, 0 for none. The momentum is rounded instead of the torque, because what is taken away as
+        mean is smaller than a step and would be lost: the torque then has at most one step more than asked for.
+
+    Raises
+    ------
+    UsageError
+        For values that are no signal.
+
+    References
+    ----------
+    thesis.md, erratum 10.
     """
     if repeats < 1 or run_in_periods < 0:
         raise UsageError(

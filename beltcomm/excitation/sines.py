@@ -27,7 +27,22 @@ class MultisineChoice:
     seed: int = 1
 
     def excitation(self, amplitude_nm: float, sample_period_s: float, *, torque_step_nm: float = 0.0) -> Excitation:
-        """The record with this largest torque, N m."""
+        """The record with this largest torque, N m.
+
+        Parameters
+        ----------
+        amplitude_nm : float, N m, motor shaft
+            About the mean.
+        sample_period_s : float, s
+            Sampling period.
+        torque_step_nm : float, N m
+            Resolution of the drive's torque setpoint, 0 for none.
+
+        Returns
+        -------
+        Excitation
+            The record, ready to be run.
+        """
         return multisine(
             self.period_samples,
             *self.band_hz,
@@ -58,9 +73,43 @@ def multisine(
 
     A torque that acts like -u backwards answers on odd lines (friction, cubic stiffness), one that acts alike on even ones (backlash to
     one side, asymmetry): both kinds show on lines that are not excited, apart from each other and from noise.
-    detection : False excites every line of the band.     amplitude_nm : largest torque, N m, motor shaft.
-    Others as for :func:`beltcomm.excitation.prbs`.   Raises UsageError for values that are no multisine.
-    Source: Pintelon, Schoukens, System Identification (2012), sections 4.3 and 5.2.
+
+    Parameters
+    ----------
+    period_samples : int
+        N, samples of a period.
+    lowest_hz : float, Hz
+        Lowest excited line.
+    highest_hz : float, Hz
+        Highest excited line.
+    amplitude_nm : float
+        Largest torque, N m, motor shaft.
+    sample_period_s : float
+        T, s.
+    repeats : int
+        Measured periods.
+    seed : int
+        Of the phases and the lines left out.
+    detection : bool
+        False excites every line of the band.
+    run_in_periods : int
+        Periods before ``first_sample``.
+    torque_step_nm : float, N m
+        Resolution of the drive's torque setpoint, 0 for none.
+
+    Returns
+    -------
+    Excitation
+        N m at the motor shaft, (n,), with rest and run-in.
+
+    Raises
+    ------
+    UsageError
+        For values that are no multisine.
+
+    References
+    ----------
+    Pintelon, Schoukens, System Identification (2012), sections 4.3 and 5.2.
     """
     if not (sample_period_s > 0 and amplitude_nm > 0):
         raise UsageError(f"amplitude {amplitude_nm} N m, sample period {sample_period_s} s: both must be positive")
@@ -92,7 +141,18 @@ def multisine(
 
 
 def detection_lines(excitation: Excitation) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Odd and even lines between the excited ones, which are not excited themselves; both empty where all are."""
+    """Odd and even lines between the excited ones, which are not excited themselves; both empty where all are.
+
+    Parameters
+    ----------
+    excitation : Excitation
+        Of a multisine.
+
+    Returns
+    -------
+    tuple of ndarray of int
+        Odd and even lines, as indices.
+    """
     lines = np.array(excitation.lines, dtype=np.intp)
     if len(lines) == 0 or np.any(lines % 2 == 0):
         return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)

@@ -24,7 +24,22 @@ class ChirpChoice:
     reason: str
 
     def excitation(self, amplitude_nm: float, sample_period_s: float, *, torque_step_nm: float = 0.0) -> Excitation:
-        """The record with this amplitude, N m."""
+        """The record with this amplitude, N m.
+
+        Parameters
+        ----------
+        amplitude_nm : float, N m, motor shaft
+            About the mean.
+        sample_period_s : float, s
+            Sampling period.
+        torque_step_nm : float, N m
+            Resolution of the drive's torque setpoint, 0 for none.
+
+        Returns
+        -------
+        Excitation
+            The record, ready to be run.
+        """
         return chirp(self.period_samples, *self.band_hz, amplitude_nm, sample_period_s, self.repeats, torque_step_nm=torque_step_nm)
 
 
@@ -47,8 +62,43 @@ def chirp(
 
     w rises from 0 to 1 over the share ``fade`` of the period t_1, and falls so at its end.   It is begun within the period where the
     carriage then stays about its place (:func:`beltcomm.excitation.record.finished`).
-    amplitude_nm : largest torque, N m, motor shaft.   Others as for :func:`beltcomm.excitation.prbs`.
-    Raises UsageError for values that are no chirp.     Source: thesis 3.1.
+
+    Parameters
+    ----------
+    period_samples : int
+        Samples of a period.
+    lowest_hz : float
+        f_1, Hz.
+    highest_hz : float
+        f_2, Hz.
+    amplitude_nm : float
+        Largest torque, N m, motor shaft.
+    sample_period_s : float, s
+        Sampling period.
+    repeats : int
+        Measured periods.
+    spacing : {'logarithmic', 'linear'}
+        Of the frequencies over time.
+    fade : float
+        Share of the period in which the window rises, and falls.
+    run_in_periods : int
+        Periods before ``first_sample``.
+    torque_step_nm : float, N m
+        Resolution of the drive's torque setpoint, 0 for none.
+
+    Returns
+    -------
+    Excitation
+        N m at the motor shaft, (n,), with rest and run-in.
+
+    Raises
+    ------
+    UsageError
+        For values that are no chirp.
+
+    References
+    ----------
+    Thesis 3.1.
     """
     period_s = period_samples * sample_period_s
     if not (sample_period_s > 0 and amplitude_nm > 0 and 0.0 <= fade <= 0.5):

@@ -24,7 +24,7 @@ from beltcomm.rundata.first_motions import CLEAR_SHARE
 from beltcomm.schedule.steps import LOUD, Step
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.trajectory import Trajectory
-from beltcomm.verify import predict_move
+from beltcomm.verify import demand, predict_move
 
 #: s of machine time per frequency response: rest, one run-in period, three to four measured ones.
 RESPONSE_S = 7.0
@@ -33,6 +33,8 @@ OVER_FRICTION = 1.1
 #: Share of the belt's force that a hard motion may ask for, and periods of the antiresonance that its acceleration rises in: less would
 #: let the belt swing.
 HARD_SHARE, RISE_PERIODS = 1.0, 1.5
+#: Share of the belt's force that a rigid carriage may ask for where nobody can predict how the belt swings.
+UNKNOWN_LOOP_SHARE = 0.6
 #: The record that says what holds the carriage where, and m/s of the strokes that count.
 SWEEP, STROKE_M_S = "sweep", 5e-3
 #: m: a place already measured nearby is not measured again.
@@ -45,29 +47,30 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True)
 class Closed:
-    """The loop that is in the drive, and the model that it was designed for.   delay_s : torque setpoint to acting torque."""
+    """The loop that is in the drive, None where nobody knows it, and the axis' model.   delay_s : torque setpoint to acting torque."""
 
     model: Model
-    cascade: Cascade
+    cascade: Cascade | None
     delay_s: float
 
 
-def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: float, share: float = 1.0) -> None:
+def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: float, share: float = 1.0, pace: float = 1.0) -> None:
     """Record one step; a record that a resumed run has already is left alone.
 
-    loudest_nm : N m, largest excitation to try.   share : of the torque that an excitation would have.   Raises what the machine raises.
+    loudest_nm : N m, largest excitation to try.   share : of the torque that an excitation would have.
+    Raises what the machine raises.
     """
     if machine.folder.finished(name) is not None:
-        machine.talk.say(f"{name}: kept from the earlier run")
+        machine.detail(f"{name}: kept from the earlier run")
         return
-    machine.talk.say(f"{name}: {step.words()}")
+    machine.detail(f"{name}: {step.words()}")
     if step.kind == "response":
         respond(machine, loop.model, step, name, loudest_nm, share)
         return
     course = course_of(machine, loop.model)
     phases.move_to(machine, start_of(step, course), loop.model)
     at = machine.position_m
-    path = stoppable_path(machine, loop, step, course, at)
+    path = stoppable_path(machine, loop, step, course, at, pace)
     sidecar = Sidecar(
         EXPERIMENT[step.kind],
         start_position_m=at,
@@ -172,12 +175,12 @@ def hard_acceleration_m_s2(machine: Machine, model: Model) -> float:
     return HARD_SHARE * min(machine.axis.limits.acceleration_m_s2 or math.inf, machine.belt_left_n / mass, by_torque)
 
 
-def stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, at_m: float) -> Trajectory:
+def stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, at_m: float, pace: float = 1.0) -> Trajectory:
     """The path of a step, slowed down until every stop ends inside the travel and moves keep the belt's force.
 
     Raises Refused when even the slowest one does not.
     """
-    shares: Sequence[float] = phases.STOPPABLE_SHARES
+    shares: Sequence[float] = [pace * share for share in phases.STOPPABLE_SHARES]
     path = path_of(step, course, at_m)
     for share in shares:
         eased = replace(course, gentle=phases.slower(course.gentle, share), hard=phases.slower(course.hard, share))
@@ -191,6 +194,8 @@ def within_belt(machine: Machine, loop: Closed, step: Step, path: Trajectory) ->
     """Whether a motion with more than gentle acceleration is predicted to load the belt no more than it may."""
     if step.kind != "moves" or machine.stroking() != "position":
         return True
+    if loop.cascade is None:
+        return demand(path, loop.model).feed_force_n <= UNKNOWN_LOOP_SHARE * machine.belt_left_n
     force = predict_move(loop.model, loop.cascade, path, verification.in_drive(machine, loop.delay_s)).belt_force_n
     top = float(np.max(np.abs(path.velocity_m_s)))
     return force <= verification.belt_force_limit_n(machine, loop.model, top, verification.BELT_SWING)

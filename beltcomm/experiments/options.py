@@ -13,9 +13,10 @@ from beltcomm.design.feedforward import SentFeedforward
 from beltcomm.drive import Capabilities, Drive
 from beltcomm.errors import Declined, Refused, UsageError
 from beltcomm.excitation import ExcitationKind
-from beltcomm.given import Place, choice, number, place, whole, word
+from beltcomm.given import Place, Reached, choice, number, pasted, place, whole, word
 from beltcomm.identify.loop_response import CLOSED_WAYS, Way
 from beltcomm.machine.hardware import Hardware
+from beltcomm.machine.ratings import nameplate_of
 from beltcomm.rundata.calibration import RESULT
 from beltcomm.rundata.findings import Apply, Settings
 from beltcomm.rundata.proof import EDITED
@@ -45,7 +46,7 @@ NUMBERS = {
 #: Ratings of a drive that a session lowers while it works.
 RATINGS = ("peak_torque_nm", "max_speed_rad_s")
 COUNTS = ("seed", "repeat", "node", "bitrate")
-NAMES = ("profile", "first_motion")
+NAMES = ("profile", "slave", "first_motion")
 #: s: longest plan that ``yes`` answers for; a person beside the machine looks at it once in a quarter of an hour.
 LONGEST_S = 900.0
 
@@ -54,21 +55,70 @@ LONGEST_S = 900.0
 class Options:
     """What a command line gives beside its main arguments; every default is the safe choice.
 
-    yes : no questions.   seed : of everything random in a virtual drive.   dry_run : plan only.   resume : go on with a run.
-    position_m : where the carriage stands.   window_m : how far it may move from there, (low, high).   home : find the zero first.
-    payload_kg : heaviest further load.   apply : "keep", "restore" or "save" the new gains; None asks, with ``yes`` it restores.
-    quick : one place only.   thorough : what every effect needs.   visible : of a quick session, too, say what it could show.
-    excitation : of the long frequency response; the rising ones before it stay binary.   force : gains in doubt, files edited.
-    longest_s : how long the axis may move without a question, with ``yes``.
-    prefilter, feedforward : None is the best one; "compliant" is for ``verify``.   profile, node, bitrate, realtime : of the drive.
-    order, repeat, mounted_kg : of friction sweeps (thesis 3.6), how often, and the payload that is mounted while they are driven.
-    loop : way of identification.   base_speed_m_s : of the carriage in a closed one; None chooses it, 0 stands.   pictures : made of it.
-    first_motion : serial number (or what it has instead) of a drive whose first motion is confirmed beforehand; ``yes`` does not do that.
-    hold : a key that must stay held while the axis moves.   simulate_first : the plan is played on a twin before anything moves.
-    wall_clock : date and time in s, to know how much later a run goes on; the core has no clock of its own.
-    report : a page on the run at the end of ``commission``; the command line asks for it.
-    search : records of a session that cannot go on are searched for what is wrong with the axis; the command line asks for it.
-    sample_period_s : of records; None is the shortest that drive and bus allow.   drive : further options for the adapter, by name.
+    Attributes
+    ----------
+    yes : bool
+        No questions.
+    seed : int or None
+        Of everything random in a virtual drive.
+    dry_run : bool
+        Plan only.
+    resume : bool
+        Go on with a run.
+    position_m : float or None
+        Where the carriage stands.
+    window_m : tuple of float or None
+        How far it may move from there, (low, high).
+    home : bool
+        Find the zero first.
+    payload_kg : float or None
+        Heaviest further load.
+    apply : Apply or None
+        "keep", "restore" or "save" the new gains; None asks, with ``yes`` it restores.
+    quick : bool
+        One place only.
+    thorough : bool
+        What every effect needs.
+    visible : bool
+        Of a quick session, too, say what it could show.
+    excitation : ExcitationKind
+        Of the long frequency response; the rising ones before it stay binary.
+    force : bool
+        Gains in doubt, files edited.
+    longest_s : float
+        How long the axis may move without a question, with ``yes``.
+    prefilter, feedforward
+        None is the best one; "compliant" is for ``verify``.
+    profile, node, bitrate, realtime
+        Of the drive.
+    slave : str or None
+        Which drive a virtual one plays.
+    order, repeat, mounted_kg
+        Of friction sweeps (thesis 3.6), how often, and the payload that is mounted while they are driven.
+    loop : Way
+        Way of identification.
+    base_speed_m_s : float or None
+        Of the carriage in a closed one; None chooses it, 0 stands.
+    pictures : bool
+        Made of it.
+    first_motion : str or None
+        Serial number (or what it has instead) of a drive whose first motion is confirmed beforehand; ``yes`` does not do that.
+    hold : Hold or None
+        A key that must stay held while the axis moves.
+    simulate_first : bool
+        The plan is played on a twin before anything moves.
+    wall_clock : callable or None
+        Date and time in s, to know how much later a run goes on; the core has no clock of its own.
+    report : bool
+        A page on the run at the end of ``commission``; the command line asks for it.
+    search : bool
+        Records of a session that cannot go on are searched for what is wrong with the axis; the command line asks for it.
+    targets : dict of str to object or None
+        Of one verification, in place of axis.yaml's, by the names there.
+    sample_period_s : float or None
+        Of records; None is the shortest that drive and bus allow.
+    drive : dict of str to object
+        Further options for the adapter, by name.
     """
 
     yes: bool = False
@@ -97,10 +147,12 @@ class Options:
     repeat: int | None = None
     mounted_kg: float | None = None
     profile: str | None = None
+    slave: str | None = None
     node: int | None = None
     bitrate: int | None = None
     realtime: bool = False
     sample_period_s: float | None = None
+    targets: Mapping[str, object] | None = field(default=None, compare=False)
     first_motion: str | None = None
     hold: Hold | None = field(default=None, compare=False)
     simulate_first: bool = False
@@ -138,14 +190,26 @@ class Options:
 
     @property
     def extent(self) -> Extent:
-        """How much a commissioning records.   Raises UsageError for both at once."""
+        """How much a commissioning records.
+
+        Raises
+        ------
+        UsageError
+            For both at once.
+        """
         if self.quick and self.thorough:
             raise UsageError("quick and thorough are two things: choose one")
         return "quick" if self.quick else "thorough" if self.thorough else "standard"
 
     @property
     def in_loop(self) -> bool:
-        """Whether the identification closes a loop.   Raises UsageError for options that do not go with it."""
+        """Whether the identification closes a loop.
+
+        Raises
+        ------
+        UsageError
+            For options that do not go with it.
+        """
         if self.loop == "open":
             if self.base_speed_m_s is not None:
                 raise UsageError("a base speed needs a closed loop: add --loop direct, indirect or setpoint")
@@ -158,11 +222,19 @@ class Options:
             raise UsageError(f"the base speed is {self.base_speed_m_s:g} m/s; give a positive one, or 0 to stand")
         return True
 
-    def for_drive(self) -> dict[str, object]:
-        """The adapter's options: those that were given."""
+    def reached(self, drive: str) -> Reached:
+        """The drive's name for the next command, with the options that it is reached by."""
+        given = {"as": self.slave, "profile": self.profile, "node": self.node, "bitrate": self.bitrate}
+        found = Reached(drive)
+        found.options = " ".join(f"--{name} {pasted(value)}" for name, value in given.items() if value is not None)
+        return found
+
+    def for_drive(self, axis: Axis | None = None) -> dict[str, object]:
+        """The adapter's options: those that were given, and what the axis file knows of the motor."""
         given = {
             "seed": self.seed,
             "profile": self.profile,
+            "as": self.slave,
             "node": self.node,
             "bitrate": self.bitrate,
             "sample_period": self.sample_period_s,
@@ -170,11 +242,19 @@ class Options:
         found: dict[str, object] = {name: value for name, value in given.items() if value is not None}
         if self.realtime:
             found["realtime"] = True
+        if axis is not None:
+            found["nameplate"] = nameplate_of(axis)
         return {**found, **self.drive}
 
 
 def settings_of(options: Options) -> Settings:
-    """What of them the sequence on the machine needs.   Raises UsageError for a compliant feedforward."""
+    """What of them the sequence on the machine needs.
+
+    Raises
+    ------
+    UsageError
+        For a compliant feedforward.
+    """
     feedforward = options.feedforward or "nonlinear"
     if feedforward == "compliant":
         raise UsageError("compliant is what the host sends along with a move; choose it in `beltcomm verify --feedforward compliant`")
@@ -196,7 +276,13 @@ def claim(folder: RunFolder, capabilities: Capabilities, options: Options, talk:
     """Note which drive a run is made on and when; one that begins anew with every command is as cold as at the first.
 
     A calibration that was edited since is asked for, where the drive's gains mean nothing without it.
-    Raises UsageError when the run was made on another drive, Refused for a no.
+
+    Raises
+    ------
+    UsageError
+        When the run was made on another drive.
+    Refused
+        For a no.
     """
     forgets, wall_clock = Hardware.of("", capabilities).forgetful, options.wall_clock
     folder.claim_drive(capabilities.identity, wall_clock() if wall_clock is not None and not forgets else None)
@@ -205,7 +291,12 @@ def claim(folder: RunFolder, capabilities: Capabilities, options: Options, talk:
 
 
 def admit_edited(file: str, edited: bool, options: Options, talk: Talk) -> None:
-    """Say of a file that goes to a machine that beltcomm did not write it so, and ask; ``yes`` alone is no answer.   Raises Refused."""
+    """Say of a file that goes to a machine that beltcomm did not write it so, and ask; ``yes`` alone is no answer.
+
+    Raises
+    ------
+    Refused
+    """
     if not edited:
         return
     talk.say(f"{file} is not as beltcomm wrote it: it {EDITED}.")
@@ -218,22 +309,45 @@ def admit_edited(file: str, edited: bool, options: Options, talk: Talk) -> None:
 
 
 def given(options: Options | None) -> Options:
-    """The options, all safe where there are none.   Raises UsageError for anything else."""
+    """The options, all safe where there are none.
+
+    Raises
+    ------
+    UsageError
+        For anything else.
+    """
     if options is None or isinstance(options, Options):
         return options or Options()
     raise UsageError(f"options is {options!r}; give beltcomm.api.Options(...)")
 
 
 def axis_of(axis: Axis | Place) -> Axis:
-    """An axis, or the one of a file or a shipped name.   Raises UsageError."""
+    """An axis, or the one of a file or a shipped name.
+
+    Raises
+    ------
+    UsageError
+    """
     return axis if isinstance(axis, Axis) else load_axis(str(place(axis, "axis")))
 
 
-def new_folder(run: Path, axis: Axis, drive: Drive, options: Options, talk: Talk) -> RunFolder:
-    """The folder of a run that begins, or goes on with ``resume``, on this drive.   Raises UsageError."""
+def new_folder(run: Path, axis: Axis, drive: Drive, options: Options, talk: Talk, reached_as: str = "") -> RunFolder:
+    """The folder of a run that begins, or goes on with ``resume``, on this drive.
+
+    Parameters
+    ----------
+    reached_as : str
+        What the drive is called on the command line.
+
+    Raises
+    ------
+    UsageError
+    """
     folder = RunFolder.create(run, axis, resume=options.resume)
     claim(folder, drive.capabilities, options, talk)
     now, before = drive_to_dict(drive.capabilities), folder.load_result("drive") or {}
     begun = before.get("begun_with") or {name: (before or now)[name] for name in RATINGS if name in (before or now)}
-    folder.save_result("drive", {**now, "begun_with": begun})  # a session that was cut off leaves them lower
+    by = options.reached(reached_as).options if reached_as else before.get("reached_by") or ""
+    called = {"reached_as": reached_as or before.get("reached_as") or "", "reached_by": by}
+    folder.save_result("drive", {**now, "begun_with": begun, **called})  # a session that was cut off leaves them lower
     return folder

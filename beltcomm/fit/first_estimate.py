@@ -19,6 +19,7 @@ from beltcomm.fit.jumps import CERTAIN, Jump, largest_step, refuse
 from beltcomm.fit.low_pass import fine, legible, smooth
 from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.segment import Segment, evaluate, segments
+from beltcomm.fit.seldom import clearly_moves, comes_seldom
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
@@ -60,7 +61,10 @@ _NONLINEAR = ("cart.mass", "belt_stiffness.stiffness", "cart_friction.level")
 def stiffness_range(axis: Axis, window_m: tuple[float, float]) -> tuple[float, float]:
     """Smallest and largest belt stiffness at a place that nobody knows, by the data sheet, as shares of that at ``position_m`` None.
 
-    window_m : (low < 0, high > 0), m, how far the carriage is free to move from there: so far it is from the ends of its travel.
+    Parameters
+    ----------
+    window_m : tuple of float
+        (low < 0, high > 0), m, how far the carriage is free to move from there: so far it is from the ends of its travel.
     """
     places = float(axis.travel.min_m or 0.0) - window_m[0], float(axis.travel.max_m or 0.0) - window_m[1]
     found = [axis.belt_stiffness_n_m(place) / _usual_stiffness(axis) for place in places]
@@ -76,9 +80,26 @@ def _usual_stiffness(axis: Axis) -> float:
 def data_sheet_model(axis: Axis, position_m: float | None, coulomb_nm: float, tilt_rad: float = 0.0) -> Model:
     """The model before anything was measured: inertia, transmission and belt from data sheets, friction from a breakaway test.
 
-    position_m : m, where the stiffness is taken; None takes the geometric mean of both ends of the travel.
-    coulomb_nm : N m at the motor, of motor and carriage together; the split is not known and set to 70 % at the motor.
-    Raises UsageError when the axis file lacks what the job needs.
+    Parameters
+    ----------
+    axis : Axis
+        Its data sheets.
+    position_m : float or None, m
+        Where the stiffness is taken; None takes the geometric mean of both ends of the travel.
+    coulomb_nm : float, N m at the motor
+        Of motor and carriage together; the split is not known and set to 70 % at the motor.
+    tilt_rad : float, rad
+        Of the axis against the horizontal.
+
+    Returns
+    -------
+    Model
+        All parameters at their data-sheet values.
+
+    Raises
+    ------
+    UsageError
+        When the axis file lacks what the job needs.
     """
     axis.require("identify", "motor.inertia_kg_m2", "pulley.effective_radius_m", "belt.specific_stiffness_n", "belt.pulley_distance_m")
     ratio = axis.transmission_m_rad
@@ -100,7 +121,17 @@ def data_sheet_model(axis: Axis, position_m: float | None, coulomb_nm: float, ti
 
 @dataclass(frozen=True)
 class FirstEstimate:
-    """rest : mean square of the torque that the model leaves, (N m)².   samples : how many counted."""
+    """A model from a short record, and how well it explains it.
+
+    Attributes
+    ----------
+    model : Model
+        Without intervals.
+    rest : float, (N m)²
+        Mean square of the torque that the model leaves.
+    samples : int
+        How many counted.
+    """
 
     model: Model
     rest: float
@@ -111,8 +142,30 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
     """Inertia, mass, stiffness and friction from a short excited record, found on a grid, so no start value can mislead it.
 
     For every mass and stiffness the torque equation is linear in the motor's inertia, Coulomb and viscous friction; the smallest
-    rest wins, and is refined between the points of the grid.   path : to the torque that acts; None takes the reading.
-    Raises DataError when the axis hardly moved, DamagedRecord when the motor angle jumps.
+    rest wins, and is refined between the points of the grid.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Short, open loop, excited.
+    start : Model
+        The model by the data sheets.
+    counts_per_rev : int
+        Of the encoder.
+    path : TorquePath or None
+        To the torque that acts; None takes the reading.
+
+    Returns
+    -------
+    FirstEstimate
+        The model, and how well it explains the records.
+
+    Raises
+    ------
+    DataError
+        When the axis hardly moved.
+    DamagedRecord
+        When the motor angle jumps.
     """
     step = 2.0 * np.pi / counts_per_rev
     for recording in recordings:
@@ -173,6 +226,8 @@ def _lowest(rests: Array, number: int) -> list[tuple[int, int]]:
 
 def moves_enough(recording: Recording, model: Model, counts_per_rev: int) -> bool:
     """Whether a record has enough moving samples for a first estimate."""
+    if comes_seldom(recording):
+        return clearly_moves(recording, counts_per_rev)
     noise = torque_noise([recording])
     return _moving(legible_stretches(recording, model, 2.0 * np.pi / counts_per_rev, noise)) >= FEWEST_SAMPLES
 

@@ -33,7 +33,17 @@ SUSPECT_MISFIT = 1.5
 
 @dataclass(frozen=True, eq=False)
 class ModelFit:
-    """data : records as the model sees them.   fitted : the minimum.   model : with 95 % intervals, None for a parameter at a bound."""
+    """A fitted model with the records that it was fitted to.
+
+    Attributes
+    ----------
+    data : Data
+        Records as the model sees them.
+    fitted : Fitted
+        The minimum.
+    model : Model
+        With 95 % intervals, None for a parameter at a bound.
+    """
 
     data: Data
     fitted: Fitted
@@ -150,9 +160,34 @@ def fit_model(
 ) -> ModelFit:
     """Fit all parameters of ``start`` but the ``fixed`` ones to the recordings that are not held out.
 
-    path : of the torque, where it is known.   sheet : the data sheets, for what the records do not tell.
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of one axis; those with ``held_out`` judge the fit and take no part in it.
+    start : Model
+        Start values, effects and bounds.
+    counts_per_rev : int
+        Of the encoder.
+    fixed : sequence of str
+        Parameters that keep their start value, by full name.
+    noise_nm : float or None
+        N m rms, of the torque reading; None estimates it.
+    path : TorquePath or None
+        From setpoint and reading to the torque that acts, where it is known.
+    sheet : Model or None
+        The data sheets, for what the records do not tell.
+    progress : callable
+        Hears the share that is done, 0 to 1.
 
-    Raises DataError when too few samples are left or the fit does not stay finite.
+    Returns
+    -------
+    ModelFit
+        Values with 95 % intervals, and what is left unexplained.
+
+    Raises
+    ------
+    DataError
+        When too few samples are left or the fit does not stay finite.
     """
     to_fit = [r for r in recordings if not r.sidecar.held_out]
     noise = torque_noise(to_fit) if noise_nm is None else noise_nm

@@ -64,10 +64,26 @@ COMMAND = 1e-4
 
 @dataclass(frozen=True)
 class ReadingFit:
-    """law : of drive and reading together, with intervals.   rest_nm : rms it leaves, N m.   cost : -2 ln L with ln N for each value.
+    """The chain from torque setpoint to reading that explains the readings best.
 
-    samples : N, how many were looked at.   values : how many were found.   at_end : whether the reading is the torque at the end of the
-    period.   crest_factor : largest of what is left over its rms.   rivals : others that explain the reading nearly as well.
+    Attributes
+    ----------
+    law : DriveLaw
+        Of drive and reading together, with intervals.
+    rest_nm : float
+        Rms it leaves, N m.
+    cost : float
+        -2 ln L with ln N for each value.
+    samples : int
+        How many were looked at.
+    values : int
+        How many were found.
+    at_end : bool
+        Whether the reading is the torque at the end of the period.
+    crest_factor : float
+        Largest of what is left over its rms.
+    rivals : tuple of ReadingFit
+        Others that explain the reading nearly as well.
     """
 
     law: DriveLaw
@@ -81,7 +97,18 @@ class ReadingFit:
 
 
 def fit_reading(recordings: Sequence[Recording]) -> ReadingFit | None:
-    """The chain that explains the readings best; None where no setpoint changes."""
+    """Fit the chain from torque setpoint to reading.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        With setpoint and reading.
+
+    Returns
+    -------
+    ReadingFit or None
+        The chain that explains the readings best; None where no setpoint changes.
+    """
     pairs, sample_s = lively_pairs(recordings)
     if not pairs:
         return None
@@ -93,7 +120,17 @@ def fit_reading(recordings: Sequence[Recording]) -> ReadingFit | None:
 
 
 def _best_chain(pairs: Sequence[Pair], sample_s: float, free: float, colour: float, first: Kind | None = None) -> ReadingFit | None:
-    """The chain that explains pairs best.   free : what a free response leaves, N m rms.   colour : of the noise.   first : known."""
+    """The chain that explains pairs best.
+
+    Parameters
+    ----------
+    free : float
+        What a free response leaves, N m rms.
+    colour : float
+        Of the noise.
+    first : Kind or None
+        known.
+    """
     best = _fit_chain(pairs, sample_s, (), colour)
     if best is None:
         return None
@@ -180,7 +217,13 @@ def _predicted_reading(law: DriveLaw, setpoint: Array, sample_s: float, at_end: 
 def _fit_chain(
     pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...], colour: float = 0.0, at_end: bool = False
 ) -> ReadingFit | None:
-    """The best values of a chain, from every whole delay.   colour : of the noise, by which all is whitened."""
+    """The best values of a chain, from every whole delay.
+
+    Parameters
+    ----------
+    colour : float
+        Of the noise, by which all is whitened.
+    """
     begin = _start(chain, pairs)
     samples = sum(len(setpoint) for setpoint, _ in pairs)
     skip = math.ceil(LONGEST_DELAY)
@@ -245,7 +288,13 @@ def _deviations(rest_at: Callable[[Array], Array], x: Array, rest: Array) -> Arr
 
 
 def _with_intervals(law: DriveLaw, deviations: Array) -> DriveLaw:
-    """The law with the half widths at 95 % of its values.   deviations : of the unknowns of :func:`_law`, (k,)."""
+    """The law with the half widths at 95 % of its values.
+
+    Parameters
+    ----------
+    deviations : ndarray
+        Of the unknowns of :func:`_law`, (k,).
+    """
     lags, place = [], 1
     for lag in law.lags:
         slopes = [share * (1.0 - share) for share in lag.values] if lag.kind == "sampled" else lag.values  # logistic and logarithms

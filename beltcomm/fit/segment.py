@@ -79,15 +79,36 @@ HELD_SPREAD = 1.2
 class Segment:
     """A gapless piece of one recording, ready for evaluation.
 
-    position, torque : ndarray (n,), rad and N m at the motor shaft.   motion : the same on a fine grid.
-    keep : ndarray (n,) bool, samples that count.     noise_nm : torque noise, N m rms.    step_rad : encoder step, rad.
-    offset_m : m, the belt may be stretched by up to this at the start.   whitener : gains worked out beforehand for the reference, a model
-    near the right one; without it every evaluation works out its own.   group : see :func:`group_starts`.
-    rounding : shares for ``whitener``.   process_noise, freedom_m : for ``observer``, that of a carriage which is free at times, see
-    :func:`with_observer`.   turns : what the kernel's Coulomb friction of level 1 lacks at the reversals that count, (n,); None where none
-    of those count, or the motor has no such friction.   colour : of the torque's noise, see ``whitening``.   noise_factor : factor on the
-    noise of a segment that was decimated.
-    own_noise : whether every model is judged in the noise that it passes on itself, for rounding is most of it; else in the reference's.
+    Attributes
+    ----------
+    position, torque : ndarray (n,), rad and N m at the motor shaft
+    motion : FineMotion
+        The same on a fine grid.
+    keep : ndarray (n,) of bool
+        Samples that count.
+    noise_nm : float
+        Torque noise, N m rms.
+    step_rad : float
+        Encoder step, rad.
+    offset_m : float, m
+        The belt may be stretched by up to this at the start.
+    whitener : Whitener or None
+        Gains worked out beforehand for the reference, a model near the right one; without it every evaluation works out its own.
+    group : int
+        See :func:`group_starts`.
+    rounding : tuple of float
+        Shares for ``whitener``.
+    process_noise, freedom_m : float
+        For ``observer``, that of a carriage which is free at times, see :func:`with_observer`.
+    turns : ndarray or None
+        What the kernel's Coulomb friction of level 1 lacks at the reversals that count, (n,); None where none of those count, or the motor
+        has no such friction.
+    colour : float
+        Of the torque's noise, see ``whitening``.
+    noise_factor : float
+        Factor on the noise of a segment that was decimated.
+    own_noise : bool
+        Whether every model is judged in the noise that it passes on itself, for rounding is most of it; else in the reference's.
     """
 
     record: str
@@ -129,18 +150,51 @@ class Segment:
         return [] if self.observer is None else [Observation(self.observer, self.motion, self.torque)]
 
     def middle_m(self, model: Model) -> float:
-        """Middle of the way of the carriage, m."""
+        """Middle of the travel of the carriage.
+
+        Parameters
+        ----------
+        model : Model
+            Gives the transmission.
+
+        Returns
+        -------
+        float, m
+            In the zero of the motor.
+        """
         return 0.5 * float(self.motion.theta.min() + self.motion.theta.max()) * model["transmission.ratio"]
 
     def white(self, torque: Array) -> Array:
-        """A torque, N m, (n,) or (n, k), in units of the noise by the whitener worked out beforehand; linear in the torque."""
+        """Whiten a torque by the whitener worked out beforehand; linear in the torque.
+
+        Parameters
+        ----------
+        torque : ndarray
+            ndarray (n,) or (n, k), N m, motor shaft.
+
+        Returns
+        -------
+        ndarray
+            In units of the noise.
+        """
         if self.observer is not None:
             return self.group_sums(self.observer.white(torque, self.keep))
         assert self.whitener is not None
         return self.group_sums(self.whitener(torque, self.keep))
 
     def group_sums(self, single: Array) -> Array:
-        """Values of the kept samples, (kept,) or (kept, k), put together group by group."""
+        """Sums of the kept samples, group by group.
+
+        Parameters
+        ----------
+        single : ndarray
+            ndarray (kept,) or (kept, k).
+
+        Returns
+        -------
+        ndarray
+            (groups,) or (groups, k).
+        """
         if self.group == 1 or len(single) == 0:  # of a record in which the axis never slid nothing counts
             return single
         rows = single.reshape(len(single), -1)
@@ -160,11 +214,31 @@ def segments(
     reversals: bool = False,
     path: TorquePath | None = None,
 ) -> list[Segment]:
-    """The gapless pieces of a recording that hold at least 50 samples; ``model`` gives inertia and transmission.
+    """The gapless pieces of a recording that hold at least 50 samples.
 
-    fitted : the model's load is good enough to say how the motor moves between the samples.   substeps : fine steps then.
-    reversals : samples in which the motor passes through a reversal count too, for a model with :func:`turns_at_once`, and fitted.
-    path : from the reading to the torque that acts; None takes the reading.
+    Parameters
+    ----------
+    recording : Recording
+        Motor side.
+    model : Model
+        Gives inertia and transmission.
+    step_rad : float, rad
+        Encoder step at the motor shaft.
+    noise_nm : float
+        N m rms, of the torque reading.
+    fitted : bool
+        The model's load is good enough to say how the motor moves between the samples.
+    substeps : int
+        Fine steps then.
+    reversals : bool
+        Samples in which the motor passes through a reversal count too, for a model with :func:`turns_at_once`, and fitted.
+    path : TorquePath or None
+        From the reading to the torque that acts; None takes the reading.
+
+    Returns
+    -------
+    list of Segment
+        In the order of time.
     """
     own = recording.sample_period_s
     counted = min(step_rad, smallest_step(recording.position)) if fitted else step_rad  # without the angle's own noise, which is white
@@ -251,7 +325,10 @@ def rebuild_motion(
 ) -> FineMotion:
     """The motion between the samples with the load that it gives rise to, and one that is lacking there, N m, mean over each fine step.
 
-    motion : that the load is worked out from; behind a coarse encoder the likeliest one, for a stiff belt would take the steps for a load.
+    Parameters
+    ----------
+    motion : FineMotion
+        That the load is worked out from; behind a coarse encoder the likeliest one, for a stiff belt would take the steps for a load.
     """
     true = true_motion(model, motion)
     load, _ = fine_load(model, true)
@@ -295,7 +372,13 @@ def with_observers(segments: Sequence[Segment], models: Sequence[Model]) -> list
 
 
 def evaluate(segment: Segment, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
-    """Residual e[n], N m at the motor shaft, (n,): all samples, also those not kept.   offset_m : see ``fine_load``."""
+    """Residual e[n], N m at the motor shaft, (n,): all samples, also those not kept.
+
+    Parameters
+    ----------
+    offset_m : float
+        See ``fine_load``.
+    """
     if segment.observer is not None:
         return innovations(segment.observations, model, [vector])[0][1]
     return evaluate_each(segment, model, [vector], [offset_m])[0]

@@ -44,14 +44,33 @@ HELD = 1e-6
 class Lag:
     """A filter of the torque, 1 for a slow one, or a limit of its slew rate.
 
-    values : see :data:`VALUES`.   intervals : half widths at 95 %, () where not known."""
+    Attributes
+    ----------
+    values : tuple of float
+        See :data:`VALUES`.
+    intervals : tuple of float
+        Half widths at 95 %, () where not known.
+    """
 
     kind: Kind
     values: tuple[float, ...]
     intervals: tuple[float, ...] = field(default=(), compare=False)
 
     def filtered(self, cells: Array, sample_s: float) -> Array:
-        """The answer to a torque, mean over each cell of every period, (n, cells), N m, at rest before."""
+        """The lag's answer to a torque, at rest before.
+
+        Parameters
+        ----------
+        cells : ndarray (n, cells), N m
+            Mean over each cell of every period.
+        sample_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        ndarray
+            Shape of ``cells``, N m.
+        """
         from scipy.signal import lfilter  # takes a second to import, and most drives have no filter
 
         if self.kind == "sampled":
@@ -73,7 +92,17 @@ class Lag:
         return np.asarray(0.5 * (np.append(u[0], ends[:-1]) + ends).reshape(cells.shape))
 
     def delay_s(self, sample_s: float) -> float:
-        """Delay of a slow torque, s."""
+        """Delay of a slow torque.
+
+        Parameters
+        ----------
+        sample_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        float, s
+        """
         if self.kind == "slew rate":
             return 0.0
         if self.kind == "sampled":
@@ -83,9 +112,17 @@ class Lag:
 
 @dataclass(frozen=True)
 class DriveLaw:
-    """Law from torque setpoint to acting torque.   delay : sampling periods, any number.   lags : one behind the other.   gain : N m/(N m).
+    """Law from torque setpoint to acting torque.
 
-    delay_interval : half width at 95 %, periods; 0 for a whole delay, and where it is not known.
+    Attributes
+    ----------
+    delay : float
+        Sampling periods, any number.
+    lags : tuple of Lag
+        One behind the other.
+    gain : float, N m/(N m)
+    delay_interval : float
+        Half width at 95 %, periods; 0 for a whole delay, and where it is not known.
     """
 
     delay: float = 1.0
@@ -94,7 +131,21 @@ class DriveLaw:
     delay_interval: float = field(default=0.0, compare=False)
 
     def cells(self, setpoint: Array, sample_s: float, number: int = CELLS) -> Array:
-        """Acting torque, mean over each cell of every period, (n, number), N m; a setpoint is held until the next one."""
+        """Acting torque inside every period; a setpoint is held until the next one.
+
+        Parameters
+        ----------
+        setpoint : ndarray (n,), N m, motor shaft
+        sample_s : float, s
+            Sampling period.
+        number : int
+            Cells per period.
+
+        Returns
+        -------
+        ndarray
+            Mean over each cell, (n, number), N m.
+        """
         whole = math.floor(self.delay)
         now, before = _later(setpoint, whole), _later(setpoint, whole + 1)
         old = np.clip((self.delay - whole) * number - np.arange(number), 0.0, 1.0)
@@ -104,15 +155,32 @@ class DriveLaw:
         return np.asarray(cells)
 
     def delay_s(self, sample_s: float) -> float:
-        """Delay of a slow torque, s."""
+        """Delay of a slow torque.
+
+        Parameters
+        ----------
+        sample_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        float, s
+        """
         return self.delay * sample_s + sum(lag.delay_s(sample_s) for lag in self.lags)
 
 
 @dataclass(frozen=True)
 class ReadingLaw:
-    """How the reading follows the acting torque.   late : sampling periods, 0 and more.   lags : one behind the other.
+    """How the reading follows the acting torque.
 
-    at_end : whether it is the torque at the end of the period, else its mean over the period.
+    Attributes
+    ----------
+    late : float
+        Sampling periods, 0 and more.
+    lags : tuple of Lag
+        One behind the other.
+    at_end : bool
+        Whether it is the torque at the end of the period, else its mean over the period.
     """
 
     late: float = 0.0
@@ -125,7 +193,19 @@ class ReadingLaw:
         return self.late == 0.0 and not self.lags and not self.at_end
 
     def read(self, cells: Array, sample_s: float) -> Array:
-        """The reading without noise, (n,), N m, of a torque, mean over each cell of every period, (n, cells)."""
+        """The reading that a torque gives, without noise.
+
+        Parameters
+        ----------
+        cells : ndarray (n, cells), N m
+            Mean over each cell of every period.
+        sample_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        ndarray (n,), N m
+        """
         for lag in self.lags:
             cells = lag.filtered(cells, sample_s)
         if self.at_end:
@@ -138,17 +218,36 @@ class ReadingLaw:
         return np.asarray(np.diff(at) / number)
 
     def delay_s(self, sample_s: float) -> float:
-        """Delay of a slow torque, s."""
+        """Delay of a slow torque.
+
+        Parameters
+        ----------
+        sample_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        float, s
+        """
         return self.late * sample_s + sum(lag.delay_s(sample_s) for lag in self.lags)
 
 
 @dataclass(frozen=True)
 class TorquePath:
-    """Both laws.   drive : None where no setpoint was recorded.   commanded : whether the reading is only the command.
+    """Both laws.
 
-    acts : share of what the reading differs from the setpoint's part by that acts and is no noise of the sensor; 1 where nobody knows.
-    loop_s : time constant of the current loop where no setpoint was recorded, s, told by the motion alone.
-    rivals : other paths that the records do not tell from this one.
+    Attributes
+    ----------
+    drive : DriveLaw or None
+        None where no setpoint was recorded.
+    commanded : bool
+        Whether the reading is only the command.
+    acts : float
+        Share of what the reading differs from the setpoint's part by that acts and is no noise of the sensor; 1 where nobody knows.
+    loop_s : float
+        Time constant of the current loop where no setpoint was recorded, s, told by the motion alone.
+    rivals : tuple of TorquePath
+        Other paths that the records do not tell from this one.
     """
 
     drive: DriveLaw | None = None
@@ -164,7 +263,22 @@ class TorquePath:
         return self.reading.faithful and not self.commanded
 
     def likeliest(self, acting: Array, setpoint: Array | None, sample_s: float) -> Array:
-        """The torque that acts without most of the sensor's noise, mean over each period, (n,), N m: for what moves between the samples."""
+        """The torque that acts without most of the sensor's noise: for what moves between the samples.
+
+        Parameters
+        ----------
+        acting : ndarray (n,), N m
+            Of :meth:`acting`.
+        setpoint : ndarray (n,) or None, N m
+            None where it was not recorded.
+        sample_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        ndarray
+            Mean over each period, (n,), N m.
+        """
         if self.drive is None or setpoint is None or self.acts == 1.0:
             return acting
         means = self.drive.cells(setpoint, sample_s).mean(axis=1)
@@ -172,7 +286,22 @@ class TorquePath:
         return np.asarray(means + offset + self.acts * (acting - means - offset))
 
     def acting(self, torque: Array, setpoint: Array | None, sample_s: float) -> tuple[Array, Intersample | None]:
-        """The torque that acts, mean over each period, (n,), N m, and its spread inside; from the reading and the setpoint, (n,) each."""
+        """The torque that acts, from the reading and the setpoint.
+
+        Parameters
+        ----------
+        torque : ndarray (n,), N m
+            Reading at the motor shaft.
+        setpoint : ndarray (n,) or None, N m
+            None where it was not recorded.
+        sample_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        tuple[ndarray, Intersample | None]
+            Mean over each period, (n,), N m, and its spread inside.
+        """
         if self.drive is None or setpoint is None:
             torque = self._unfiltered(torque, sample_s)
             return torque, None if self.loop_s == 0.0 else Intersample(_behind_loop(torque, self.loop_s, sample_s))
@@ -187,9 +316,19 @@ class TorquePath:
         return torque, None if held else Intersample(above)
 
     def noise_undone(self, colour: float) -> tuple[float, float]:
-        """Factor on the noise of a late reading that is undone without a setpoint, and the noise's colour then; 1 and as it was for others.
+        """Noise of a late reading that is undone without a setpoint.
 
         x[n] = (w[n] - c x[n-1])/p,   p the larger part of the sample, c = (1 - p)/p:   factor 1/(p √(1 - c²)), colour -c.
+
+        Parameters
+        ----------
+        colour : float
+            Of the reading's noise.
+
+        Returns
+        -------
+        tuple of float
+            Factor on the noise, and its colour then; 1 and as it was for other paths.
         """
         part = self.reading.late - math.floor(self.reading.late)
         if self.drive is not None or part == 0.0:
@@ -214,7 +353,18 @@ FAITHFUL = TorquePath()
 
 
 def path_to_dict(path: TorquePath) -> dict[str, Any]:
-    """The path as a plain mapping."""
+    """The path as a plain mapping.
+
+    Parameters
+    ----------
+    path : TorquePath
+        Of the torque.
+
+    Returns
+    -------
+    dict of str to Any
+        Numbers and words only, ready for YAML.
+    """
 
     def lags(law: DriveLaw | ReadingLaw) -> list[dict[str, Any]]:
         return [
@@ -240,7 +390,27 @@ def path_to_dict(path: TorquePath) -> dict[str, Any]:
 
 
 def path_from_dict(data: Mapping[str, Any]) -> TorquePath:
-    """The path of :func:`path_to_dict`.   Raises KeyError, TypeError or ValueError for a damaged one."""
+    """The path that :func:`path_to_dict` wrote.
+
+    Parameters
+    ----------
+    data : dict of str to Any
+        The mapping.
+
+    Returns
+    -------
+    TorquePath
+        Equal to the one written.
+
+    Raises
+    ------
+    KeyError
+        For a damaged one.
+    TypeError
+        For a damaged one.
+    ValueError
+        For a damaged one.
+    """
 
     def lags(law: Mapping[str, Any]) -> tuple[Lag, ...]:
         found = []
@@ -279,9 +449,20 @@ def _behind_loop(means: Array, time_s: float, sample_s: float) -> Array:
 
 
 def torque_at(cells: Array, share: float) -> Array:
-    """Torque at a share of every period, (n,), N m, from its mean over each cell, (n, cells): of the parabola through three of them.
+    """Torque at a share of every period, by the parabola through the means of three cells.
 
     Between two beginnings of a cell it is linear.
+
+    Parameters
+    ----------
+    cells : ndarray (n, cells), N m
+        Mean over each cell.
+    share : float
+        Of the period, 0 to 1.
+
+    Returns
+    -------
+    ndarray (n,), N m
     """
     row, number = cells.reshape(-1), cells.shape[1]
     whole = math.floor(share * number)

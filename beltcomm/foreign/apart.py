@@ -22,7 +22,7 @@ from beltcomm.errors import DataError
 from beltcomm.foreign.table import Table
 from beltcomm.outside import MEASURED_BYTES, check_columns, check_count, opened
 
-Kind = Literal["matlab", "hdf5", "mdf", "numpy", "blf", "trc", "dbc"]
+Kind = Literal["matlab", "hdf5", "mdf", "numpy", "tdms", "mcap", "json", "blf", "trc", "sqlite", "dbc"]
 
 #: s of processor time that a reader may take, and how much more for each byte of the file: ten times what whole files take; and how many
 #: times as long by the clock, on a machine that is busy otherwise.
@@ -36,8 +36,12 @@ _NAMES: Final[dict[Kind, str]] = {
     "hdf5": "an HDF5 file",
     "mdf": "an MDF file",
     "numpy": "a NumPy file",
+    "tdms": "a TDMS file",
+    "mcap": "an MCAP file",
+    "json": "JSON",
     "blf": "a BLF file",
     "trc": "a TRC file",
+    "sqlite": "a database of CAN frames",
     "dbc": "a DBC file",
 }
 
@@ -107,7 +111,8 @@ def _received(path: Path, stream: IO[bytes]) -> Table:
             _whole(stream, column.data.cast("B"))
         columns[str(name)] = column
     texts: list[dict[str, str]] = [{str(key): str(value) for key, value in about[part].items()} for part in ("units", "clocks")]
-    return Table(str(path), columns, texts[0], tuple(str(note) for note in about["notes"]), texts[1])
+    scalars = {str(key): float(value) for key, value in about["scalars"].items()}
+    return Table(str(path), columns, texts[0], tuple(str(note) for note in about["notes"]), texts[1], scalars)
 
 
 def _whole(stream: IO[bytes], place: bytearray | memoryview) -> bytes | bytearray | memoryview:

@@ -57,6 +57,24 @@ def _numpy(path: Path) -> Table:
     return table_of(path, arrays)
 
 
+def _tdms(path: Path) -> Table:
+    from beltcomm.foreign.tdms import read_tdms
+
+    return read_tdms(path)
+
+
+def _mcap(path: Path) -> Table:
+    from beltcomm.foreign.mcapfile import read_mcap
+
+    return read_mcap(path)
+
+
+def _json(path: Path) -> Table:
+    from beltcomm.foreign.jsonfile import read_json
+
+    return read_json(path)
+
+
 def _frames(kind: Kind, path: Path) -> Table:
     from beltcomm.foreign.framelog import frames_apart
 
@@ -74,8 +92,12 @@ _READERS: Final[dict[Kind, Callable[[Path], Table]]] = {
     "hdf5": _hdf5,
     "mdf": _mdf,
     "numpy": _numpy,
+    "tdms": _tdms,
+    "mcap": _mcap,
+    "json": _json,
     "blf": partial(_frames, "blf"),
     "trc": partial(_frames, "trc"),
+    "sqlite": partial(_frames, "sqlite"),
     "dbc": _dbc,
 }
 
@@ -117,6 +139,7 @@ def _answer(kind: Kind, path: Path, given: str, memory: int, limit_s: int) -> No
         "columns": [(name, len(column)) for name, column in columns.items()],
         "units": dict(table.units),
         "clocks": dict(table.clocks),
+        "scalars": dict(table.scalars),
         "notes": [note.replace(str(path), given) for note in table.notes],
     }
     text = json.dumps(about).encode("utf-8", "replace")

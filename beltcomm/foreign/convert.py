@@ -13,7 +13,7 @@ from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.mapping import Source, kept_columns, sources_for
 from beltcomm.foreign.rasters import on_one_raster
 from beltcomm.foreign.table import Decimal, Separator, Table
-from beltcomm.foreign.timestamps import checked_time, seconds_of
+from beltcomm.foreign.timestamps import checked_time, rough_stamps, seconds_of
 from beltcomm.quantities import in_other_unit, parse_quantity, unit_of
 from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS
 
@@ -38,17 +38,31 @@ _POSITIONS = tuple(channels["position"] for channels in CHANNELS.values())
 class Reading:
     """How foreign files are read, the same for all files of one import.
 
-    mapping : one ``column=name*scale`` each (:mod:`beltcomm.foreign.mapping`).   keep : further columns to keep, or ("all",).
-    separator, decimal, skip_lines : of a text file; recognised when None.
-    period_s : s between rows, where there is no time column or it is not to be used.
-    first_row, last_row : only these rows, counted from 1.     from_s, until_s : only this part, s after its first row.
-    torque_acts : "after" the time stamp of its row, or "before" it: then the row's torque is moved to the row before; None: "after" in a
-    table, in a log of frames as the drive's profile says.
-    unwrap : span after which the position starts anew, such as "1rev"; None when it does not.
-    drop_incomplete : leave out rows in which a value is missing, instead of refusing them.
-    flip : "torque", "position" or both: all columns of that kind get the other sign.
-    record, channel, node, signals, dbc : of a log of frames: which of its moves, from 1; interface; node of the drive; what frames
-    carry, by hand or by a DBC file.
+    Attributes
+    ----------
+    mapping : tuple of str
+        One ``column=name*scale`` each (:mod:`beltcomm.foreign.mapping`).
+    keep : tuple of str
+        Further columns to keep, or ("all",).
+    separator, decimal, skip_lines
+        Of a text file; recognised when None.
+    period_s : float or None
+        s between rows, where there is no time column or it is not to be used.
+    first_row, last_row : int or None
+        Only these rows, counted from 1.
+    from_s, until_s : float or None
+        Only this part, s after its first row.
+    torque_acts : {'after', 'before'} or None
+        "after" the time stamp of its row, or "before" it: then the row's torque is moved to the row before; None: "after" in a table, in a
+        log of frames as the drive's profile says.
+    unwrap : str or None
+        Span after which the position starts anew, such as "1rev"; None when it does not.
+    drop_incomplete : bool
+        Leave out rows in which a value is missing, instead of refusing them.
+    flip : tuple of str
+        "torque", "position" or both: all columns of that kind get the other sign.
+    record, channel, node, signals, dbc
+        Of a log of frames: which of its moves, from 1; interface; node of the drive; what frames carry, by hand or by a DBC file.
     """
 
     mapping: tuple[str, ...] = ()
@@ -85,7 +99,13 @@ class Reading:
 
 
 def reading_from_dict(data: Mapping[str, Any]) -> Reading:
-    """The inverse of :meth:`Reading.to_dict`.   Raises DataError for keys that are none."""
+    """The inverse of :meth:`Reading.to_dict`.
+
+    Raises
+    ------
+    DataError
+        For keys that are none.
+    """
     kinds = get_type_hints(Reading)
     given: dict[str, Any] = {}
     for key, value in (data if isinstance(data, Mapping) else {"reading": data}).items():
@@ -113,7 +133,19 @@ def _is(value: Any, kind: Any) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Converted:
-    """columns : ours by name.   sources : where each came from.   not_taken : columns of the file that were left.   notes : sentences."""
+    """The columns of a foreign table in our names and units.
+
+    Attributes
+    ----------
+    columns : dict of str to Column
+        Ours by name.
+    sources : dict of str to Source
+        Where each came from.
+    not_taken : tuple of str
+        Columns of the file that were left.
+    notes : tuple of str
+        Remarks, as sentences.
+    """
 
     columns: Mapping[str, Column]
     sources: Mapping[str, Source]
@@ -122,9 +154,19 @@ class Converted:
 
 
 def convert(table: Table, reading: Reading, *, timed: bool = True) -> Converted:
-    """Map, scale, cut and align the columns of a table.   timed : False for a static map, which has no time.
+    """Map, scale, cut and align the columns of a table.
 
-    Raises UsageError for a mapping that does not fit the table, DataError for values that are missing or time that does not rise.
+    Parameters
+    ----------
+    timed : bool
+        False for a static map, which has no time.
+
+    Raises
+    ------
+    UsageError
+        For a mapping that does not fit the table.
+    DataError
+        For values that are missing or time that does not rise.
     """
     sources = sources_for(table, reading.mapping, KNOWN_COLUMNS)
     kept = kept_columns(table, reading.keep, sources, KNOWN_COLUMNS)
@@ -133,10 +175,11 @@ def convert(table: Table, reading: Reading, *, timed: bool = True) -> Converted:
         table, sources, merged = on_one_raster(table, sources, kept)
     if reading.period_s is not None or not timed:
         sources.pop("t_s", None)
-    columns = {name: _scaled(table, source) for name, source in sources.items()}
+    notes: list[str] = []
+    columns = {name: _scaled(table, source, notes) for name, source in sources.items()}
     columns |= {name: table.columns[theirs] for name, theirs in kept.items()}
     _check_lengths(table, columns, sources)
-    notes: list[str] = [*table.notes, *merged]
+    notes[:0] = [*table.notes, *merged]
     first = (reading.first_row or 1) - 1
     rows = np.arange(first, min(len(next(iter(columns.values()), ())), reading.last_row or 2**62))
     if not len(rows):
@@ -149,8 +192,15 @@ def convert(table: Table, reading: Reading, *, timed: bool = True) -> Converted:
     if timed:
         _check_there_is_time(table, columns)
         columns, rows = _without_doubles(columns, rows, notes)
+        if len(rows) > 1 and np.all(np.diff(columns["t_s"]) < 0.0):
+            columns, rows = {name: column[::-1] for name, column in columns.items()}, rows[::-1]
+            notes.append("the newest row stands first: the rows were taken in the order of their stamps")
         checked_time(table.file, columns["t_s"], rows)
+        if not reading.period_s and (rough := rough_stamps(_as_written(table, sources, len(columns["t_s"])))):
+            notes.append(rough)
         columns = _cut(table.file, columns, reading)
+    if timed:
+        columns = _integrated(columns, notes)
     for name in _POSITIONS:
         if name in columns and reading.unwrap is not None:
             span = parse_quantity(reading.unwrap, name)
@@ -168,16 +218,25 @@ def convert(table: Table, reading: Reading, *, timed: bool = True) -> Converted:
     return Converted(ordered, sources, tuple(name for name in table.columns if name not in taken), tuple(notes))
 
 
-def _scaled(table: Table, source: Source) -> Column:
+def _scaled(table: Table, source: Source, notes: list[str]) -> Column:
     values = table.columns[source.theirs]
     if source.column == "t_s" and values.dtype.kind not in "fiu":
-        return seconds_of(table.file, source.theirs, values)
+        seconds, said = seconds_of(table.file, source.theirs, values)
+        notes += said
+        return seconds
     if values.dtype.kind not in "fiu":
         raise DataError(f"{table.file}: {source.theirs} holds text such as {str(values[0])[:30]!r}; map a column of numbers")
     if source.scale == 1.0 and source.offset == 0.0:
         return values
     with np.errstate(all="ignore"):  # what is no number is found with the missing values
         return source.scale * values + source.offset
+
+
+def _as_written(table: Table, sources: Mapping[str, Source], rows: int) -> Column:
+    """The stamps as the file holds them."""
+    source = sources.get("t_s")
+    values = table.columns[source.theirs] if source is not None else np.zeros(0)
+    return values[:rows] if values.dtype.kind == "f" else np.zeros(0)
 
 
 def _check_lengths(table: Table, columns: Mapping[str, Column], sources: Mapping[str, Source]) -> None:
@@ -241,6 +300,19 @@ def _check_there_is_time(table: Table, columns: Mapping[str, Column]) -> None:
     )
 
 
+def _integrated(columns: dict[str, Column], notes: list[str]) -> dict[str, Column]:
+    """With the position as the integral of the speed, where a side has a torque, a speed and no position."""
+    for channels in CHANNELS.values():
+        torque, position, velocity = (channels[signal] for signal in ("torque", "position", "velocity"))
+        if torque in columns and velocity in columns and not any(name in columns for name in _POSITIONS):
+            steps = 0.5 * (columns[velocity][1:] + columns[velocity][:-1]) * np.diff(columns["t_s"])
+            notes.append(
+                f"{position} is the integral of {velocity}: inertia and friction can be told, places and errors of the encoder cannot"
+            )
+            return {**columns, position: np.concatenate(([0.0], np.cumsum(steps)))}
+    return columns
+
+
 def _cut(file: str, columns: dict[str, Column], reading: Reading) -> dict[str, Column]:
     if reading.from_s is None and reading.until_s is None:
         return columns
@@ -286,7 +358,13 @@ def line_of_table(name: str, column: Column, source: Source | None) -> dict[str,
 
 
 def without_time(reading: Reading) -> Reading:
-    """The same for a static map.   Raises UsageError when a rate or a part in time was given."""
+    """The same for a static map.
+
+    Raises
+    ------
+    UsageError
+        When a rate or a part in time was given.
+    """
     if reading.period_s is not None or reading.from_s is not None or reading.until_s is not None:
         raise UsageError("a static map has no time; leave out --rate, --period, --from and --until")
     return replace(reading, torque_acts=None)

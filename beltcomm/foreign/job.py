@@ -15,6 +15,7 @@ from beltcomm.foreign import store
 from beltcomm.foreign.convert import Reading, alignment, line_of_table
 from beltcomm.foreign.files import Part, parts_of
 from beltcomm.foreign.guess import Ask, completed
+from beltcomm.foreign.scalars import offered
 from beltcomm.given import Place, pasted, place, places
 from beltcomm.locks import changes_run
 from beltcomm.outside import in_words
@@ -42,11 +43,40 @@ def import_recordings(
 ) -> Result:
     """Foreign measurements into a run folder, all files or none: of a table one recording, of a log of frames one per move.
 
-    files : CSV or text (also .gz), .mat, HDF5, MDF, .npz, .npy, logs of CAN frames.   reading : the mapping and how the files are read.
-    axis : an axis, its file or the name of a shipped one; None takes that of the run, or notes only a name: one rigid mass.
-    sidecar : what was done, the same for all files.   name : of the recording, when it is one file.   dry_run : write nothing.
-    ask : puts guesses that are not sure to a person; None: NeedsAnswers is raised instead.   talk : hears how long it will take.
-    Raises UsageError, DataError, NeedsAnswers; nothing is written then.
+    Parameters
+    ----------
+    files : Place or sequence of Place
+        CSV or text (also .gz), .mat, HDF5, MDF, .npz, .npy, logs of CAN frames.
+    run : Place
+        Run folder.
+    reading : Reading
+        The mapping and how the files are read.
+    axis : Axis or str, or None
+        An axis, its file or the name of a shipped one; None takes that of the run, or notes only a name: one rigid mass.
+    sidecar : Sidecar or None
+        What was done, the same for all files.
+    name : str or None
+        Of the recording, when it is one file.
+    dry_run : bool
+        Write nothing.
+    ask : Ask or None
+        Puts guesses that are not sure to a person; None: NeedsAnswers is raised instead.
+    talk : Talk or None
+        Hears how long it will take.
+
+    Returns
+    -------
+    Result
+        What was recorded, and how the columns were read.
+
+    Raises
+    ------
+    UsageError
+        For options that contradict each other.
+    DataError
+        For files that cannot be used; nothing is written then.
+    NeedsAnswers
+        For guesses that are not sure, without ``ask``; nothing is written then.
     """
     files, run, sidecar = places(files, "file"), place(run), sidecar or Sidecar()
     if not files:
@@ -74,6 +104,7 @@ def import_recordings(
     data = {"run": str(run), "dry_run": dry_run, "axis": _axis_dict(known, folder, axis), "recordings": described}
     text = [line for item, recording in zip(described, found, strict=True) for line in _lines(item, recording)]
     text += ["", *left_out, *(f"{item.recording.name} is in {run} already, the same rows of the same file." for item in there)]
+    text += [line for item in found for line in offered(item.scalars, known)][:1]
     text += _closing(run, folder, known, axis, dry_run)
     if sidecar.experiment != "static_map" and any("record" not in item.recording.sidecar.extra["import"]["reading"] for item in found):
         text.append(alignment(reading, found[0].converted.columns))
@@ -98,7 +129,13 @@ def _next(run: Path, folder: RunFolder | None, found: Sequence[store.Imported]) 
 def _parts_imported(
     file: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Axis, ask: Ask | None, left_out: list[str]
 ) -> list[store.Imported]:
-    """All recordings of one file.   left_out : gets sentences on moves in a log that no method can use."""
+    """All recordings of one file.
+
+    Parameters
+    ----------
+    left_out : list of str
+        Gets sentences on moves in a log that no method can use.
+    """
     parts = parts_of(file, reading, axis)
     mapping, guessed = completed(parts[0].table, reading.mapping, axis, timed=_timed(reading, sidecar), ask=ask)
     reading = replace(reading, mapping=mapping)
@@ -155,7 +192,18 @@ def _what_was_done(sidecar: Sidecar, part: Part, first: Part, reading: Reading, 
 
 
 def check_imports(run: Place) -> Result:
-    """Repeat every import of a run from its original and compare bit by bit.   Exit code 1 when something differs."""
+    """Repeat every import of a run from its original and compare bit by bit.
+
+    Parameters
+    ----------
+    run : Place
+        Run folder.
+
+    Returns
+    -------
+    Result
+        What differs; exit code 1 when something does.
+    """
     run = place(run)
     outcome = store.repeated(RunFolder.open(run))
     wrong = {name: text for name, text in outcome.items() if text}

@@ -54,8 +54,19 @@ def versions() -> str:
 def write_bundle(run: Path, path: Path, *, recordings: bool = False, private: Sequence[str] = ()) -> list[str]:
     """Write the zip and return the names in it; links are left out.
 
-    recordings : with the rows of every record and foreign originals too; else their sidecars only.   private : words that are taken out.
-    Raises DataError when there is no such folder, UsageError when the zip cannot be written.
+    Parameters
+    ----------
+    recordings : bool
+        With the rows of every record and foreign originals too; else their sidecars only.
+    private : sequence of str
+        Words that are taken out.
+
+    Raises
+    ------
+    DataError
+        When there is no such folder.
+    UsageError
+        When the zip cannot be written.
     """
     if not run.is_dir():
         RunFolder.open(run)
@@ -76,7 +87,24 @@ def write_bundle(run: Path, path: Path, *, recordings: bool = False, private: Se
 
 
 def bundle(run: Place, out: Place, *, recordings: bool = False, private: Sequence[str] = ()) -> Result:
-    """The command: a run in one zip; see :func:`write_bundle`."""
+    """Pack a run into one zip without paths and names; see :func:`write_bundle`.
+
+    Parameters
+    ----------
+    run : Place
+        Run folder.
+    out : Place
+        Of the zip.
+    recordings : bool
+        Pack the recordings too.
+    private : sequence of str
+        Words to be taken out.
+
+    Returns
+    -------
+    Result
+        What was packed.
+    """
     run, out = place(run), place(out, "zip")
     names = write_bundle(run, out, recordings=recordings, private=private)
     return Result({"bundle": str(out), "files": names}, [f"{len(names)} files of {run} are in {out}, without paths and user names."])

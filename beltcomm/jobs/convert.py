@@ -16,8 +16,30 @@ from beltcomm.runfolder import RunFolder
 def convert(run: Place | None = None, *, cascade: Cascade | None = None, pid: Pid | None = None, period_s: float = 0.0) -> Result:
     """The other form of one of the three: the design of a run (at its drive's loop period), a cascade, a PID.
 
-    period_s : T of the loops, s; 0 for the continuous form, which is appendix B's when T_R is 0 too.
-    Raises UsageError for none or more than one of them, Refused for a PID that no cascade equals, DataError for a damaged run.
+    Parameters
+    ----------
+    run : Place or None
+        Run folder with a design.
+    cascade : Cascade or None
+        The cascade to be written as a PID.
+    pid : Pid or None
+        The PID to be written as a cascade.
+    period_s : float
+        T of the loops, s; 0 for the continuous form, which is appendix B's when T_R is 0 too.
+
+    Returns
+    -------
+    Result
+        The gains of the other form.
+
+    Raises
+    ------
+    UsageError
+        For none or more than one of them.
+    Refused
+        For a PID that no cascade equals.
+    DataError
+        For a damaged run.
     """
     if sum(given is not None for given in (run, cascade, pid)) != 1:
         raise UsageError("give what is to be converted: a run folder, or K_P, K_I and K_PP of a cascade, or P, I and D of a PID")

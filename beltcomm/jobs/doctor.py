@@ -1,4 +1,4 @@
-"""``beltcomm doctor``: what stands in the way of commissioning, in words; nothing moves and nothing is written."""
+"""``beltcomm doctor``: what stands in the way of commissioning, in words; nothing moves, and what is tried is put back."""
 
 from __future__ import annotations
 
@@ -32,12 +32,34 @@ def doctor(
     talk: Talk | None = None,
     found: Sequence[FoundAdapter] | None = None,
 ) -> Result:
-    """Examine a drive, or with None this machine.
+    """Examine a drive, or this machine.
 
-    try_bitrates : look for the bus's bit rate when nobody answers.     sync_test : map two PDOs for a second and count the answers to SYNC.
-    axis : or its name, compared with what the drive says.     found : the adapters, those installed when left out.
-    Exit code 0 when nothing is wrong, 1 when something hinders commissioning, 5 when the drive cannot be reached.
-    Raises UsageError for a drive that no adapter understands, or an option it does not have.
+    Parameters
+    ----------
+    drive : str or None
+        Name of the drive; None examines this machine.
+    axis : Axis or str, or None
+        Compared with what the drive says.
+    try_bitrates : bool
+        Look for the bus's bit rate when nobody answers.
+    sync_test : bool
+        Map two PDOs for a second and count the answers to SYNC.
+    options : Options or None
+        Settings beside the main arguments; None for the safe defaults.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+    found : sequence of FoundAdapter or None
+        The adapters, those installed when left out.
+
+    Returns
+    -------
+    Result
+        The findings; exit code 0 when nothing is wrong, 1 when something hinders commissioning, 5 when the drive cannot be reached.
+
+    Raises
+    ------
+    UsageError
+        For a drive that no adapter understands, or an option it does not have.
     """
     options, talk = options or Options(), talk or Silence()
     found = find_adapters() if found is None else found
@@ -50,14 +72,15 @@ def doctor(
     adapter, address = adapter_for(drive, found)
     if adapter.examine is None:
         raise UsageError(f"the adapter {adapter.name} examines no drive; `beltcomm doctor` alone shows what this machine has")
-    talk.say(f"Examining {drive}: nothing moves" + (", two PDOs are borrowed for a second" if sync_test else ", only reads") + " ...")
+    talk.say(f"Examining {drive}: nothing moves, what is tried is put back" + (", SYNC is sent for a second" if sync_test else "") + " ...")
     asked = {name: True for name, wanted in (("try_bitrates", try_bitrates), ("sync_test", sync_test)) if wanted}
-    findings = list(_examined(adapter, address, {**options.for_drive(), **asked}))
-    findings = [replace(finding, remedy=_here(finding.remedy, drive)) for finding in findings]
+    known = load_axis(axis) if isinstance(axis, str) else axis
+    findings = list(_examined(adapter, address, adapter.taken({**options.for_drive(known), **asked})))
+    findings = [replace(finding, remedy=_here(finding.remedy, options.reached(drive))) for finding in findings]
     file = axis if isinstance(axis, str) else axis.source if axis else ""
-    if axis is not None:
-        findings += compared(findings, load_axis(axis) if isinstance(axis, str) else axis)
-    return _result(drive, findings, _next_drive(drive, file, findings))
+    if known is not None:
+        findings += compared(findings, known)
+    return _result(drive, findings, _next_drive(options.reached(drive), file, findings))
 
 
 def _examined(adapter: Adapter, address: str, options: dict[str, object]) -> Iterator[Finding]:

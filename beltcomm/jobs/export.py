@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from beltcomm import __version__
 from beltcomm.configfiles import write_text
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.drive.objects import object_values
@@ -24,6 +23,7 @@ from beltcomm.rundata.proof import doubts
 from beltcomm.rundata.store import cascade_from_dict, parameters_from_dict, saved_design, structure_from_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Silence, Talk
+from beltcomm.version import __version__
 
 
 def export(
@@ -39,10 +39,38 @@ def export(
 ) -> Result:
     """The run's design as "yaml", "c" or "st" text, or as "dcf" for its drive; into a file when ``out`` is given.
 
-    when : date and time, ISO 8601, for the file.   command : kept as provenance.
-    torque_limit_nm : N m, motor shaft; the drive's peak torque when left out, else the motor's.
-    Raises UsageError (unknown format, torque limit neither known nor given), DataError (no design in the run, or a damaged one), Refused
-    (the file exists and ``options.yes`` was not given).
+    Parameters
+    ----------
+    run : Place
+        Run folder.
+    format_ : str
+        "yaml", "c", "st" or "dcf".
+    out : Place or None
+        File to be written; None only returns the text.
+    torque_limit_nm : float or None, N m, motor shaft
+        The drive's peak torque when left out, else the motor's.
+    command : str
+        Kept as provenance.
+    when : str
+        Date and time, ISO 8601, for the file.
+    options : Options or None
+        Settings beside the main arguments; None for the safe defaults.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+
+    Returns
+    -------
+    Result
+        The text.
+
+    Raises
+    ------
+    UsageError
+        Unknown format, torque limit neither known nor given.
+    DataError
+        No design in the run, or a damaged one.
+    Refused
+        The file exists and ``options.yes`` was not given.
     """
     run, options, talk = place(run), options or Options(), talk or Silence()
     out = None if out is None else place(out, "file")
@@ -75,8 +103,20 @@ def export(
 
 
 def _dcf(folder: RunFolder, saved: Mapping[str, Any], out: Path | None, when: str, options: Options, talk: Talk) -> Result:
-    """What the design writes into its drive, as a device configuration file (CiA 306).   Raises DataError, Refused."""
+    """What the design writes into its drive, as a device configuration file (CiA 306).
+
+    Raises
+    ------
+    DataError
+    Refused
+    """
     known = folder.load_result("drive") or {}
+    if known.get("gains") == "unknown":
+        raise Refused(
+            "nobody knows in which objects this drive has its gains, so there is no DCF of them; `beltcomm design` shows what to type "
+            "into the "
+            "maker's tool, and --format yaml, c or st hold the design"
+        )
     places = parameters_from_dict(known)
     if unknown := known.get("uncalibrated"):
         raise Refused(

@@ -31,7 +31,28 @@ NOT_THE_AXIS = ("payload.", "trajectories.", "limits.", "name ")
 def friction_compare(runs: Place | Sequence[Place], *, pictures: bool = False, command: str = "", talk: Talk | None = None) -> Result:
     """The sweeps of a run once more, or friction against load over the sweeps of several runs of one axis; no machine needed.
 
-    Raises UsageError without a run or for runs of different axes, DataError for a run without a sweep or without a load.
+    Parameters
+    ----------
+    runs : Place or sequence of Place
+        One run, or several of one axis with different loads.
+    pictures : bool
+        Pictures into ``RUN/pictures``.
+    command : str
+        Command line, kept as provenance.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+
+    Returns
+    -------
+    Result
+        Friction by run, or over the load.
+
+    Raises
+    ------
+    UsageError
+        Without a run or for runs of different axes.
+    DataError
+        For a run without a sweep or without a load.
     """
     runs, talk = places(runs), talk or Silence()
     if not runs:
@@ -79,7 +100,12 @@ def friction_compare(runs: Place | Sequence[Place], *, pictures: bool = False, c
 def load_of(studies: Sequence[tuple[RunFolder, FrictionStudy, Model | None]]) -> tuple[str, LoadDependence, float]:
     """Friction against load; what the load is, in words, and the fastest speed that all have, rad/s at the motor.
 
-    The stated payload where every sweep has one, else the moving mass of each run's model.   Raises DataError without either.
+    The stated payload where every sweep has one, else the moving mass of each run's model.
+
+    Raises
+    ------
+    DataError
+        Without either.
     """
     groups: dict[str, tuple[RunFolder, Model | None, float | None, list[Sweep]]] = {}
     alone = len({folder.path.name for folder, _, _ in studies}) == len(studies)

@@ -63,7 +63,24 @@ from beltcomm.talk import Silence, Talk
 
 @changes_run()
 def compare_run(run: Place, *, pictures: bool = True, command: str = "", talk: Talk | None = None) -> Result:
-    """Model against measurement: ratios to the noise per record, and where it fails.   pictures : into ``RUN/pictures``."""
+    """Compare model and measurement: ratios to the noise per record, and where the model fails.
+
+    Parameters
+    ----------
+    run : Place
+        Run folder.
+    pictures : bool
+        Into ``RUN/pictures``.
+    command : str
+        Command line, kept as provenance.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+
+    Returns
+    -------
+    Result
+        Ratios and places.
+    """
     run = place(run)
     folder, question = RunFolder.open(run), (pictures, command)
     return answered(folder, "comparison", question, lambda: compared(run, pictures, command, talk or Silence()), drawn=pictures)
@@ -121,9 +138,29 @@ def diagnose_run(
     when: str = "",
     talk: Talk | None = None,
 ) -> Result:
-    """Which effect is missing; ``auto`` adds what is found and confirmed, step by step.
+    """Find which effect is missing.
 
-    cost : say what it costs, see ``rundata.cost``.   following : write the plan of what to record next.
+    Parameters
+    ----------
+    run : Place
+        Run folder.
+    auto : bool
+        Add what is found and confirmed, step by step.
+    cost : bool
+        Say what it costs, see ``rundata.cost``.
+    following : bool
+        Write the plan of what to record next.
+    command : str
+        Command line, kept as provenance.
+    when : str
+        Date and time, kept as provenance.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+
+    Returns
+    -------
+    Result
+        The evidence for each effect, and what to check.
     """
     run, talk = place(run), talk or Silence()
     folder = RunFolder.open(run)
@@ -255,9 +292,29 @@ def add_to_run(
     when: str = "",
     talk: Talk | None = None,
 ) -> Result:
-    """Everything refitted with one more effect, saved as a new revision.
+    """Refit everything with one more effect, saved as a new revision.
 
-    pictures : before and after, into ``RUN/pictures``.   cost : of not knowing it, in tracking error.
+    Parameters
+    ----------
+    effect : str
+        Name of the effect.
+    run : Place
+        Run folder.
+    pictures : bool
+        Before and after, into ``RUN/pictures``.
+    cost : bool
+        Of not knowing it, in tracking error.
+    command : str
+        Command line, kept as provenance.
+    when : str
+        Date and time, kept as provenance.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+
+    Returns
+    -------
+    Result
+        Values before and after, and whether the effect is worth its parameters.
     """
     run, asked = place(run), word(effect, "effect")
     effect_named(stands_for(asked))
@@ -288,7 +345,28 @@ def add_to_run(
 def remove_from_run(
     effect: str, run: Place, *, pictures: bool = True, command: str = "", when: str = "", talk: Talk | None = None
 ) -> Result:
-    """Everything refitted without an effect, saved as a new revision."""
+    """Refit everything without an effect, saved as a new revision.
+
+    Parameters
+    ----------
+    effect : str
+        Name of the effect.
+    run : Place
+        Run folder.
+    pictures : bool
+        Pictures into ``RUN/pictures``.
+    command : str
+        Command line, kept as provenance.
+    when : str
+        Date and time, kept as provenance.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+
+    Returns
+    -------
+    Result
+        Values before and after.
+    """
     run, asked = place(run), word(effect, "effect")
     here = opened(run, talk or Silence())
     effect = stands_for(asked, behind_gap=asked in here.fitted.model.effects)
@@ -304,7 +382,22 @@ def remove_from_run(
 
 @changes_run()
 def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Result:
-    """All revisions as a staircase.   pictures : it into ``RUN/pictures``."""
+    """Show all revisions of the model as a staircase.
+
+    Parameters
+    ----------
+    run : Place
+        Run folder.
+    pictures : bool
+        It into ``RUN/pictures``.
+    command : str
+        Command line, kept as provenance.
+
+    Returns
+    -------
+    Result
+        The steps, with their gain.
+    """
     run = place(run)
     folder = RunFolder.open(run)
     rungs = revisions(folder)
@@ -319,7 +412,13 @@ def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Re
 
 
 def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, notes: Sequence[str], command: str, pictures: bool) -> Result:
-    """What ``add`` and ``remove`` say.   grown : the records as the new model sees them."""
+    """What ``add`` and ``remove`` say.
+
+    Parameters
+    ----------
+    grown : Data
+        The records as the new model sees them.
+    """
     run = here.folder.path
     made: list[str] = []
     remarks: list[str] = []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltcomm.drive import serve_drive
+from beltcomm.drive.access import serve_drive
 from beltcomm.experiments.options import Options
 from beltcomm.result import Result
 from beltcomm.talk import Silence, Talk
@@ -11,9 +11,29 @@ from beltcomm.talk import Silence, Talk
 def serve(drive: str, on: str, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Serve the simulated ``drive`` on an interface until KeyboardInterrupt; ``talk`` hears first where it is found.
 
-    on : ``slcan`` (a pseudo-terminal), ``socket:PORT`` (TCP on this computer), ``can0`` and whatever else an adapter opens; ``rs232``
-    (the other port of the drive, on a pseudo-terminal).
-    Raises UsageError for a drive that is not simulated or an interface that is none, BusError for one that cannot be used.
+    Parameters
+    ----------
+    drive : str
+        Name of a simulated drive.
+    on : str
+        ``slcan`` (a pseudo-terminal), ``socket:PORT`` (TCP on this computer), ``can0`` and whatever else an adapter opens; ``rs232`` (the
+        other port of the drive, on a pseudo-terminal).
+    options : Options or None
+        Settings beside the main arguments; None for the safe defaults.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+
+    Returns
+    -------
+    Result
+        After the interruption.
+
+    Raises
+    ------
+    UsageError
+        For a drive that is not simulated or an interface that is none.
+    BusError
+        For one that cannot be used.
     """
     options, talk = options or Options(), talk or Silence()
     with serve_drive(drive, on, options.for_drive()) as service:

@@ -27,6 +27,8 @@ ALONG: Mapping[str, str] = {
 }
 _UNITS = {"velocity": "m/s", "acceleration": "m/s²", "jerk": "m/s³"}
 
+#: Rows of a motion: three hours at 1 kHz, 1 GB.
+MOST_ROWS = 10_000_000
 #: A smallest value this much smaller than the largest is zero, with the rounding of a sum.
 ROUNDING = 1e-12
 
@@ -56,7 +58,51 @@ def trajectory(
     acceleration may rise) and jerk down (at which it may fall); what is left out is as its counterpart.  States are the axis's, signed.
     The jerk of a row is that from its moment on; that of the last row, the one before.
 
-    Raises UsageError, Refused (no such motion; the file exists and ``options.yes`` was not given).
+    Parameters
+    ----------
+    file : Place
+        To be written, CSV.
+    start_m : float, m
+        First position.
+    end_m : float, m
+        Last position.
+    speed_m_s : float, m/s
+        Limit from start to end.
+    acceleration_m_s2 : float, m/s²
+        Limit from start to end.
+    jerk_m_s3 : float, m/s³
+        Rate at which the acceleration may rise.
+    speed_back_m_s : float or None, m/s
+        Limit the other way; None for ``speed_m_s``.
+    deceleration_m_s2 : float or None, m/s²
+        None for ``acceleration_m_s2``.
+    jerk_down_m_s3 : float or None, m/s³
+        Rate at which the acceleration may fall; None for ``jerk_m_s3``.
+    start_velocity_m_s : float, m/s
+        signed.
+    start_acceleration_m_s2 : float, m/s²
+        signed.
+    end_velocity_m_s : float, m/s
+        signed.
+    end_acceleration_m_s2 : float, m/s²
+        signed.
+    period_s : float, s
+        Of the rows.
+    options : Options or None
+        Settings beside the main arguments; None for the safe defaults.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+
+    Returns
+    -------
+    Result
+        Duration and what was reached.
+
+    Raises
+    ------
+    UsageError
+    Refused
+        No such motion; the file exists and ``options.yes`` was not given.
     """
     file, options, talk = place(file, "file"), options or Options(), talk or Silence()
     along = _along(speed_m_s, speed_back_m_s, acceleration_m_s2, deceleration_m_s2, jerk_m_s3, jerk_down_m_s3)
@@ -66,6 +112,7 @@ def trajectory(
     down = end_m < start_m
     bounds = along.mirrored() if down else along
     fastest = fastest_motion(start, end, bounds)
+    _check_rows(fastest.duration_s, number(period_s, "period_s", "s"), along)
     motion = on_grid(start, end, bounds, period_s)
     sampled = motion.sampled(period_s)
     may_write(file, options.yes, talk)
@@ -89,8 +136,25 @@ def trajectory(
     return Result(data, _lines(file, motion, fastest, bounds, period_s, binding))
 
 
+def _check_rows(duration_s: float, period_s: float, along: MotionBounds) -> None:
+    """Raise UsageError for more rows than anybody can use, with the numbers that ask for them."""
+    if not period_s > 0.0:
+        raise UsageError(f"the period is {period_s:g} s; it must be positive")
+    if duration_s / period_s > MOST_ROWS:
+        raise UsageError(
+            f"the motion takes {duration_s:.4g} s at a speed of {along.velocity_max_m_s:g} m/s, {duration_s / period_s:.3g} rows of "
+            f"{period_s:g} s; at most {MOST_ROWS} are written: give a larger speed, acceleration or jerk, or a longer period"
+        )
+
+
 def _along(speed: float, back: float | None, up: float, down: float | None, rise: float, fall: float | None) -> MotionBounds:
-    """Bounds of a motion upwards.   Raises UsageError for a limit that is not positive; no speed back is possible."""
+    """Bounds of a motion upwards.
+
+    Raises
+    ------
+    UsageError
+        For a limit that is not positive; no speed back is possible.
+    """
     given = {"speed": speed, "acceleration": up, "deceleration": down, "jerk": rise, "jerk down": fall}
     for name, value in given.items():
         if value is not None and not value > 0.0:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from beltcomm.axis import Axis
+from beltcomm.axis import Axis, axis_from_dict
 from beltcomm.control import Cascade
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.drive import Drive, simulated
@@ -17,18 +17,19 @@ from beltcomm.experiments.plan import Plan, verification_plan
 from beltcomm.experiments.proving import Sending, verify_move
 from beltcomm.experiments.sign import check_sign
 from beltcomm.given import pasted
+from beltcomm.language import tr
 from beltcomm.machine import stops
 from beltcomm.machine.machine import Machine
-from beltcomm.result import Result
+from beltcomm.result import Line, Result
 from beltcomm.rundata import analyse, offline
-from beltcomm.rundata.behind import behind
-from beltcomm.rundata.proof import next_step, proof
+from beltcomm.rundata.headline import OF, Following, behind, drive_of, following, hashes_of, headline_of
+from beltcomm.rundata.proof import proof
 from beltcomm.rundata.store import saved_design, verdict_to_dict
 from beltcomm.runfolder import RunFolder
-from beltcomm.sentences import words
+from beltcomm.sentences import screens, words
 from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory
-from beltcomm.verify import Demand, Verdict
+from beltcomm.verify import AS_PREDICTED, SLACK_M, Demand, Verdict
 
 
 @dataclass(frozen=True)
@@ -86,13 +87,14 @@ def verify_with(
     if over_belt and not simulated(name):
         raise Refused("more than the feed force is for virtual belts only; slow the move down, or state another belt in axis.yaml")
     folder, feedforward = RunFolder.open(run), options.feedforward
+    axis = asked_of(folder.axis, options.targets)
     saved = saved_design(folder)
     model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
     claim(folder, drive.capabilities, options, talk)
     if planned is None:
         admit_edited("final.yaml of the run", folder.edited("designs", "final"), options, talk)
     for line in behind(folder):
-        talk.say(f"{line[:1].upper()}{line[1:]}.")
+        talk.say(line)
     structure = drive.capabilities.structure
     leads = rungs or feedforward == "compliant"
     if leads and not (structure.torque_feedforward and structure.velocity_feedforward):
@@ -106,7 +108,7 @@ def verify_with(
     along = bool(saved.get("compensated")) and structure.torque_feedforward and feedforward in (None, "nonlinear")
     sending: Sending = "compliant" if feedforward == "compliant" else "rigid" if along else "nothing"
     driven: list[tuple[str, Verdict, Demand]] = []
-    with Machine(drive, folder.axis, folder, talk) as machine:
+    with Machine(drive, axis, folder, talk) as machine:
         machine.over_belt = over_belt
         referencing.reference(machine, settings_of(replace(options, feedforward=None)))
         braking = stops.count_on_loop(machine, [model], cascade, delay_s)
@@ -115,13 +117,18 @@ def verify_with(
         plan = verification_plan(machine.axis, model, path, braking, len(RUNGS) if rungs else 1)
         if planned is not None:
             return planned(plan, folder.axis)
+        if drive.capabilities.gains == "unknown":
+            talk.say("This drive's gains can neither be written nor read: the move is planned for those of the design, typed in by hand.")
         agree(plan, machine)
         check_sign(machine)
         ways = [(rung.change(cascade), rung.sending) for rung in RUNGS] if rungs else [(cascade, sending)]
         for gains, how in ways:
             record = f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
             verdict, asked = verify_move(machine, model, gains, delay_s, path, record, sending=how)
-            shown = {"proof": proof(gains, path, (), how if how in ("stretch", "compliant") else "")}
+            driven_with = proof(gains, path, (), how if how in ("stretch", "compliant") else "")
+            shown = {"proof": driven_with, OF: hashes_of(driven_with["gains"], model)}
+            if drive.capabilities.gains == "unknown" and not as_predicted(verdict):
+                shown = {}  # what was driven are other gains
             folder.save_result(f"verify_{record}", {**verdict_to_dict(verdict), **shown})
             driven.append((record, verdict, asked))
     if over_belt and asked.feed_force_n > folder.axis.belt_force_limit_n:
@@ -129,19 +136,63 @@ def verify_with(
             f"the belt carried up to {asked.feed_force_n:.0f} N, beyond its {folder.axis.belt_force_limit_n:.0f} N: for a virtual belt only"
         )
         remark = f"{remark}; {beyond}" if remark else beyond
-    return _rungs_result(folder, path, driven) if rungs else _result(folder, name, driven[0], feedforward, remark)
+    if rungs:
+        return _rungs_result(folder, path, driven)
+    return _result(folder, options.reached(name), driven[0], feedforward, remark, typed=drive.capabilities.gains == "unknown")
 
 
-def _result(folder: RunFolder, drive: str, one: tuple[str, Verdict, Demand], feedforward: str | None, remark: str) -> Result:
-    """One move."""
+def asked_of(axis: Axis, targets: Mapping[str, object] | None) -> Axis:
+    """The axis with other targets than its file's.   Raises UsageError for impossible ones."""
+    if not targets:
+        return axis
+    data = axis.to_dict()
+    return axis_from_dict({**data, "targets": {**data.get("targets", {}), **targets}})
+
+
+def _result(
+    folder: RunFolder, drive: str, one: tuple[str, Verdict, Demand], feedforward: str | None, remark: str, *, typed: bool = False
+) -> Result:
+    """One move.   typed : a person has set the gains in the drive, so that only the move tells whether they are those of the design."""
     record, verdict, asked = one
-    text = words.verdict_lines(verdict, asked, feedforward) + words.remarks_lines([remark] if remark else [])
-    if feedforward == "compliant":
-        text.append(
-            "`beltcomm apply` writes the gains that this move was driven with, and the drive's own feedforward; the host led the motor."
-        )
-    text.append(f"Next: {next_step(folder, drive, verdict.passed)}")
-    return Result({"run": str(folder.path), "recording": record, **verdict_to_dict(verdict)}, text, 0 if verdict.passed else 1)
+    headline = headline_of(folder)
+    notes = ([remark] if remark else []) + (
+        ["apply writes the gains and the drive's own feedforward; in this move the host led the motor"]
+        if feedforward == "compliant"
+        else []
+    )
+    step = following(folder, headline, drive)
+    if typed:
+        notes.append(typed_words(verdict))
+        if step.command.startswith("beltcomm apply"):
+            step = Following(f"beltcomm report {pasted(folder.path)}", tr("save the gains with the maker's tool, and keep this run"))
+    text = [
+        Line(""),
+        *screens.headline_lines(headline),
+        Line(""),
+        *screens.tracking_lines(verdict),
+        *screens.warning_lines(notes),
+        *screens.next_lines(step),
+    ]
+    data = {"run": str(folder.path), "recording": record, **verdict_to_dict(verdict), "headline": headline.to_dict()}
+    details = [*words.verdict_lines(verdict, asked, feedforward), *words.remarks_lines(notes)]
+    return Result(data, text, 0 if verdict.passed else 1, details=details)
+
+
+def as_predicted(verdict: Verdict) -> bool:
+    """Whether a drive behaved, no worse and no better, as it would with the gains of the prediction."""
+    off, said = verdict.measured.dynamic_m, verdict.predicted.dynamic_m
+    return off <= AS_PREDICTED * said + SLACK_M and said <= AS_PREDICTED * off + SLACK_M
+
+
+def typed_words(verdict: Verdict) -> str:
+    """The same in words, of gains that a person has typed in."""
+    off, said = verdict.measured.dynamic_m, verdict.predicted.dynamic_m
+    if as_predicted(verdict):
+        return "The drive did as predicted with the gains of the design: they are in it, as far as this move can tell."
+    return (
+        f"The drive was off by {1e3 * off:.3g} mm where {1e3 * said:.3g} mm are predicted with the gains of the design: they are not what "
+        "stands in it. Look at each in the maker's tool, at its unit first."
+    )
 
 
 def _rungs_result(folder: RunFolder, path: Trajectory, driven: list[tuple[str, Verdict, Demand]]) -> Result:
@@ -168,6 +219,7 @@ def _rungs_result(folder: RunFolder, path: Trajectory, driven: list[tuple[str, V
         missed = 1e6 * abs(last.measured.dynamic_m - last.predicted.dynamic_m)
         text.append(f"  the prediction knows the model only: at the motor it is {missed:.3g} µm off, expect no less at the carriage")
     text.append(
-        f"Next: beltcomm verify --drive DRIVE --run {pasted(folder.path)} --feedforward compliant --move FILE for a move of your own"
+        f"Next: beltcomm verify --drive {pasted(drive_of(folder))} --run {pasted(folder.path)} --feedforward compliant --move FILE"
+        "   (a move of your own)"
     )
     return Result({"run": str(folder.path), "rungs": data}, text)

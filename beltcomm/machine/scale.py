@@ -78,7 +78,16 @@ def _contradiction(axis: Axis, model: Model) -> str:
 def not_told_apart(axis: Axis, model: Model, first: Model, response: Recording, more_room: str) -> str:
     """In words, that a fit takes the carriage for a part of the motor, whose inertia an excitation before it has shown rightly.
 
-    model : the fit.   first : the estimate before it.   response : what was fitted.   more_room : what gives more of it.
+    Parameters
+    ----------
+    model : Model
+        The fit.
+    first : Model
+        The estimate before it.
+    response : Recording
+        What was fitted.
+    more_room : str
+        What gives more of it.
     """
     ratio = axis.transmission_m_rad
     together = axis.motor_side_inertia_kg_m2 + first["cart.mass"] * ratio**2
@@ -98,12 +107,16 @@ def not_told_apart(axis: Axis, model: Model, first: Model, response: Recording, 
 
 
 def check_first(machine: Machine, model: Model, recording: Recording) -> Model:
-    """The same with the first estimate, which is returned; nothing is said where friction took most of the torque.   Raises Refused.
+    """The same with the first estimate, which is returned; nothing is said where friction took most of the torque.
 
     What it does not know makes the estimate wrong: behind a gap the motor moves as if the carriage pushed it, a torque that acts late looks
     like one that moves more.  Friction makes the steps of the torque show more than there is, nothing makes them show less.  Where they
     show about the data sheets' inertia, that stands; where friction takes so much that they contradict the estimate, the next, louder
     record decides.
+
+    Raises
+    ------
+    Refused
     """
     stated = machine.axis.motor_side_inertia_kg_m2
     share = accelerating_share(recording, stated)
@@ -126,7 +139,15 @@ def check_first(machine: Machine, model: Model, recording: Recording) -> Model:
 def check_scale(machine: Machine, model: Model, factor: float) -> None:
     """Compare the inertia that torque and acceleration show with the data sheets, before anything faster.
 
-    factor : by which they may differ.   Raises Refused with both values and what to look at.
+    Parameters
+    ----------
+    factor : float
+        By which they may differ.
+
+    Raises
+    ------
+    Refused
+        With both values and what to look at.
     """
     share = inertia_share(machine.axis, model)
     machine.folder.journal(
@@ -145,10 +166,17 @@ def check_scale(machine: Machine, model: Model, factor: float) -> None:
 
 
 def check_fitted(machine: Machine, model: Model, first: Model, response: Recording) -> None:
-    """The same with the model of a frequency response, before a loop is closed; a feed constant in doubt is a remark.   Raises Refused.
+    """The same with the model of a frequency response, before a loop is closed; a feed constant in doubt is a remark.
 
-    first : what the excitation before it showed; where that agrees with the data sheets, it is not the scale that is wrong.  Nor is it
-    where the steps of the torque show about the data sheets' inertia and a fit, of a machine with more bodies, say, somewhat less.
+    Parameters
+    ----------
+    first : Model
+        What the excitation before it showed; where that agrees with the data sheets, it is not the scale that is wrong. Nor is it where the
+        steps of the torque show about the data sheets' inertia and a fit, of a machine with more bodies, say, somewhat less.
+
+    Raises
+    ------
+    Refused
     """
     if model["cart.mass"] < LIGHTEST_KG:
         raise Refused(
@@ -174,7 +202,10 @@ def check_fitted(machine: Machine, model: Model, first: Model, response: Recordi
 def feed_constant_in_doubt(axis: Axis, model: Model, position_m: float | None) -> str:
     """In words, that the belt is so much softer or stiffer than its data sheet that the feed constant may be wrong; "" when it is not.
 
-    position_m : of the carriage; None where nobody knows it, and then nothing is said.
+    Parameters
+    ----------
+    position_m : float or None, of the carriage
+        None where nobody knows it, and then nothing is said.
     """
     if position_m is None or STIFFNESS not in model.parameters:
         return ""
@@ -191,9 +222,26 @@ def feed_constant_in_doubt(axis: Axis, model: Model, position_m: float | None) -
 
 
 def ruler(axis: Axis, crept_m: float, measured_m: float) -> Result:
-    """What a ruler says of the feed constant.   crept_m : by the encoder, signed.   measured_m : by the ruler, negative for the other way.
+    """Compare a creep by the encoder with what a ruler says: the feed constant.
 
-    Exit code 1 when they differ by more than the ruler's reading.   Raises UsageError for a way too short to tell.
+    Parameters
+    ----------
+    axis : Axis
+        With the feed constant.
+    crept_m : float, m
+        By the encoder, signed.
+    measured_m : float, m
+        By the ruler, negative for the other way.
+
+    Returns
+    -------
+    Result
+        The feed constant that the ruler says; exit code 1 when they differ by more than the ruler's reading.
+
+    Raises
+    ------
+    UsageError
+        For a way too short to tell.
     """
     axis.require("the feed constant", "pulley.effective_radius_m")
     if abs(crept_m) < SHORTEST_M:

@@ -55,7 +55,13 @@ _OTHER_SIDE: Mapping[str, Mapping[str, tuple[str, float]]] = {
 
 @dataclass(frozen=True)
 class Value:
-    """One parameter value.  interval : half width of its 95 % interval, same unit; None when it is not an estimate."""
+    """One parameter value.
+
+    Attributes
+    ----------
+    interval : float or None
+        Half width of its 95 % interval, same unit; None when it is not an estimate.
+    """
 
     value: float
     unit: str
@@ -70,7 +76,10 @@ class Value:
 class Model:
     """Bodies, effects in listed order, and a value for each of their parameters (``owner.parameter``).
 
-    Raises UsageError for an unknown effect, two effects of one group, a missing or unknown parameter, a value out of bounds.
+    Raises
+    ------
+    UsageError
+        For an unknown effect, two effects of one group, a missing or unknown parameter, a value out of bounds.
     """
 
     name: str
@@ -102,11 +111,35 @@ class Model:
         return self.parameters[name].value
 
     def get(self, name: str, default: float = 0.0) -> float:
-        """Value of a parameter, or ``default`` when the model has no such effect."""
+        """Value of a parameter.
+
+        Parameters
+        ----------
+        name : str
+            Full name, ``effect.parameter``.
+        default : float
+            Taken when the model has no such effect.
+
+        Returns
+        -------
+        float
+            In the parameter's unit and side.
+        """
         return self.parameters[name].value if name in self.parameters else default
 
     def index(self, name: str) -> int:
-        """Place of a parameter in :meth:`vector`."""
+        """Position of a parameter in :meth:`vector`.
+
+        Parameters
+        ----------
+        name : str
+            Full name.
+
+        Returns
+        -------
+        int
+            From 0.
+        """
         return self._index[name]
 
     def vector(self) -> NDArray[np.float64]:
@@ -122,7 +155,20 @@ class Model:
         return body_list(self.effects, self.base_bodies)
 
     def with_values(self, values: Mapping[str, float], origin: str = "") -> Model:
-        """The same model with other numbers; intervals of the changed ones are dropped."""
+        """The same model with other numbers; intervals of the changed ones are dropped.
+
+        Parameters
+        ----------
+        values : dict of str to float
+            By full name.
+        origin : str
+            Where the values come from, in words; "" keeps what stood there.
+
+        Returns
+        -------
+        Model
+            A new model.
+        """
         changed = {}
         for name, value in values.items():
             if name not in self.parameters:
@@ -133,30 +179,89 @@ class Model:
         return replace(self, parameters={**self.parameters, **changed})
 
     def with_vector(self, vector: NDArray[np.float64]) -> Model:
-        """The same model with the values of :meth:`vector`, kept within their bounds."""
+        """The same model with the values of :meth:`vector`, kept within their bounds.
+
+        Parameters
+        ----------
+        vector : ndarray (k,)
+            In the order of ``names``.
+
+        Returns
+        -------
+        Model
+            A new model.
+        """
         items = zip(self.parameters.items(), vector, strict=True)
         values = {name: replace(item, value=float(min(max(value, item.low), item.high))) for (name, item), value in items}
         return replace(self, parameters=values)
 
     def with_effect(self, name: str, values: Mapping[str, float] | None = None, origin: str = "start value") -> Model:
-        """The model with one more effect, at its start values or the given ones (own parameter names)."""
+        """The model with one more effect.
+
+        Parameters
+        ----------
+        name : str
+            Of the effect.
+        values : dict of str to float or None
+            By own parameter name; None for the start values.
+        origin : str
+            Where the values come from, in words.
+
+        Returns
+        -------
+        Model
+            A new model.
+        """
         effect = effect_named(name)
         parameters = self.parameters_of(effect)
         added = default_values(parameters, values or {}, origin)
         return replace(self, effects=(*self.effects, name), parameters={**self.parameters, **added})
 
     def parameters_of(self, effect: Effect) -> dict[str, Parameter]:
-        """Parameters that an effect brings or has brought, by full name, in the units of this model's side."""
+        """Parameters that an effect brings or has brought.
+
+        Parameters
+        ----------
+        effect : Effect
+            The effect.
+
+        Returns
+        -------
+        dict of str to Parameter
+            By full name, in the units of this model's side.
+        """
         return {key: on_side(item, self.side) for key, item in effect_parameters(effect).items()}
 
     def with_forms(self, name: str) -> Model:
-        """The model with the forms of one effect's law free to be fitted: see ``Parameter.form``."""
+        """The model with the forms of one effect's law free to be fitted: see ``Parameter.form``.
+
+        Parameters
+        ----------
+        name : str
+            Of the effect.
+
+        Returns
+        -------
+        Model
+            A new model.
+        """
         forms = {key: p for key, p in self.parameters_of(effect_named(name)).items() if p.form}
         freed = {key: replace(self.parameters[key], low=p.low, high=p.high) for key, p in forms.items()}
         return replace(self, parameters={**self.parameters, **freed})
 
     def without_effect(self, name: str) -> Model:
-        """The model without that effect and those that complete it."""
+        """The model without that effect and those that complete it.
+
+        Parameters
+        ----------
+        name : str
+            Of the effect.
+
+        Returns
+        -------
+        Model
+            A new model.
+        """
         gone = {name, *effect_named(name).completed_by}
         dropped = {key for e in gone for key in effect_parameters(effect_named(e))}
         kept = {key: item for key, item in self.parameters.items() if key not in dropped}
@@ -221,7 +326,13 @@ def on_side(parameter: Parameter, side: Side) -> Parameter:
 
 
 def expected_parameters(effects: Iterable[str], base_bodies: Iterable[str], side: Side = "motor") -> dict[str, Parameter]:
-    """All parameters of a combination, by full name in their fixed order.  Raises UsageError on a clash."""
+    """All parameters of a combination, by full name in their fixed order.
+
+    Raises
+    ------
+    UsageError
+        On a clash.
+    """
     return {name: on_side(parameter, side) for name, parameter in _motor_parameters(effects, base_bodies).items()}
 
 
@@ -284,7 +395,12 @@ def build_model(
 
 
 def model_from_dict(data: Mapping[str, Any]) -> Model:
-    """Inverse of :meth:`Model.to_dict`.  Bounds and units that are left out come from the effect.  Raises UsageError."""
+    """Inverse of :meth:`Model.to_dict`.  Bounds and units that are left out come from the effect.
+
+    Raises
+    ------
+    UsageError
+    """
     try:
         effects = tuple(data["effects"])
         base_bodies = tuple(data.get("bodies", ("motor", "cart")))
@@ -334,10 +450,20 @@ def _plain_number(key: str, value: object, unit: str) -> None:
 class PlantFile:
     """The truth behind a virtual axis: a model and the drive's imperfections.
 
-    setpoint_delay_s : s, torque setpoint to acting torque.  torque_noise_nm : N m rms on the reported torque.
-    brake_torque_nm : N m, of the motor's holding brake, 0 for none.   brake_time_s : s, in which it opens or closes.
-    motor : of its nameplate rated_torque_nm, peak_torque_nm, rated_current_a, max_speed_rpm; what is missing is that of the thesis's motor.
-    instruments : what else lies between setpoint, torque, reading and angle.
+    Attributes
+    ----------
+    setpoint_delay_s : float, s
+        Torque setpoint to acting torque.
+    torque_noise_nm : float
+        N m rms on the reported torque.
+    brake_torque_nm : float, N m
+        Of the motor's holding brake, 0 for none.
+    brake_time_s : float, s
+        In which it opens or closes.
+    motor : dict of str to float
+        Of its nameplate rated_torque_nm, peak_torque_nm, rated_current_a, max_speed_rpm; what is missing is that of the thesis's motor.
+    instruments : Instruments
+        What else lies between setpoint, torque, reading and angle.
     """
 
     model: Model
@@ -355,7 +481,17 @@ class PlantFile:
 
 
 def load_plant(name: str | Path, drive: Mapping[str, object] | None = None) -> PlantFile:
-    """Load ``configs/plants/NAME.yaml`` or a path.   drive : entries that stand in for those of its drive section.   Raises UsageError."""
+    """Load ``configs/plants/NAME.yaml`` or a path.
+
+    Parameters
+    ----------
+    drive : dict of str to object or None
+        Entries that stand in for those of its drive section.
+
+    Raises
+    ------
+    UsageError
+    """
     path = find_config("plants", str(name))
     data = read_yaml(path)
     model = _model_in(path, data)
@@ -368,7 +504,13 @@ def load_plant(name: str | Path, drive: Mapping[str, object] | None = None) -> P
 
 
 def load_model(path: Path | str) -> Model:
-    """Load a model or plant file.  Raises UsageError that names the file."""
+    """Load a model or plant file.
+
+    Raises
+    ------
+    UsageError
+        That names the file.
+    """
     return _model_in(Path(path), read_yaml(Path(path)))
 
 

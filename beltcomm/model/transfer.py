@@ -70,11 +70,6 @@ class TwoMass:
         return self._it2 * self.mass_kg / self.inertia_kg_m2
 
     @property
-    def resonance_ratio(self) -> float:
-        """R = ω_r/ω_z = √(1 + κ).   Source: (2.47)."""
-        return math.sqrt(1.0 + self.inertia_ratio)
-
-    @property
     def _it2(self) -> float:
         return self.transmission_m_rad**2
 

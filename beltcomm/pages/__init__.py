@@ -5,9 +5,10 @@ The functions here import what draws only when they are called: it takes longer 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from beltcomm.given import Place, pasted, place, places
 from beltcomm.locks import changes_run
@@ -17,7 +18,24 @@ from beltcomm.talk import Talk
 
 @changes_run()
 def report(run: Place, *, against: Place | None = None, out: Place | None = None, talk: Talk | None = None) -> Result:
-    """The page on a run and its numbers beside it: :func:`beltcomm.pages.job.report`."""
+    """Write the page on a run and its numbers beside it; see :func:`beltcomm.pages.job.report`.
+
+    Parameters
+    ----------
+    run : Place
+        Run folder.
+    against : Place or None
+        An earlier run of the same axis; the page begins with what changed since.
+    out : Place or None
+        Of the page; None for ``report.html`` in the run.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+
+    Returns
+    -------
+    Result
+        Path and numbers of the page.
+    """
     from beltcomm.pages.job import report as made
 
     page = None if out is None else place(out, "page")
@@ -26,15 +44,25 @@ def report(run: Place, *, against: Place | None = None, out: Place | None = None
 
 @dataclass(frozen=True)
 class Ended:
-    """The page of a run that was just commissioned, None where there is none.   line : on it, or why there is none.
+    """The page of a run that was just commissioned, None where there is none.
 
-    error : of the model over the noise.   doubts : what of the data sheets the model contradicts, in words.
+    Attributes
+    ----------
+    line : str
+        On it, or why there is none.
+    error : float or None
+        Of the model over the noise.
+    doubts : sequence of str
+        What of the data sheets the model contradicts, in words.
+    sheets : sequence of dict
+        The same as numbers.
     """
 
     page: str | None
     line: str
     error: float | None = None
     doubts: Sequence[str] = ()
+    sheets: Sequence[Mapping[str, Any]] = ()
 
 
 def at_the_end(run: Path) -> Ended:
@@ -42,15 +70,33 @@ def at_the_end(run: Path) -> Ended:
     try:
         shown = report(run)
         made = shown.data
+        known = ((made.get("ratio") or {}).get("overall"), made["data_sheet_words"], made["data_sheet"])
         if made["page"] is None:
-            return Ended(None, f"Note: {shown.text[-1]}", (made.get("ratio") or {}).get("overall"), made["data_sheet_words"])
-        return Ended(str(made["page"]), f"Report: {made['page']}", (made.get("ratio") or {}).get("overall"), made["data_sheet_words"])
+            return Ended(None, f"Note: {shown.text[-1]}", *known)
+        return Ended(str(made["page"]), f"Report: {made['page']}", *known)
     except Exception as problem:  # an axis was commissioned, and its gains may be in the drive
         return Ended(None, f"Note: there is no report ({type(problem).__name__}: {problem}); beltcomm report {pasted(run)} makes one")
 
 
 def trend(runs: Place | Sequence[Place], *, limits: Sequence[str] = (), dates: Sequence[str] = (), out: Place | None = None) -> Result:
-    """One axis over many runs: :func:`beltcomm.pages.trend_page.trend`."""
+    """Show one axis over many runs; see :func:`beltcomm.pages.trend_page.trend`.
+
+    Parameters
+    ----------
+    runs : Place or sequence of Place
+        At least two runs of one axis.
+    limits : sequence of str
+        ``KEY=-20%``, ``KEY=+50%``, or an SI value for an upper limit.
+    dates : sequence of str
+        ISO 8601, one for each run; empty for those that the runs tell.
+    out : Place or None
+        Of the page; None for ``trend.html`` in the folder of the newest run.
+
+    Returns
+    -------
+    Result
+        The quantities over time; exit code 1 where a limit is reached.
+    """
     from beltcomm.pages.trend_page import trend as made
 
     return made(places(runs), limits=limits, dates=dates, out=None if out is None else place(out, "page"))

@@ -54,15 +54,35 @@ LONGEST_STEP_S = 0.25
 class Recording:
     """The signals of one experiment, arrays of one length n, checked and read-only; copied where anybody could write into them.
 
-    t_s : ndarray (n,), s, strictly rising; of a static map ndarray (0,): it has no time.
-    torque : ndarray (n,), N m at the motor shaft (side "load": N; "ampere": A); torque[n] acts from t[n] to t[n+1].
-    position : ndarray (n,), rad, motor shaft (side "load": m), sampled at t[n].
-    torque_setpoint, velocity, reference_position, reference_velocity : ndarray (n,) in the same units, None where absent.
-    torque_offset : ndarray (n,), what was added to a controller's torque; None where absent.
-    temperature_c, cart_position_m, load_position_rad : ndarray (n,), None where absent.
-    side : which of the three.     sidecar : what was done.     notes : sentences on what was ignored or looks odd.
-    extra : further columns by name, kept and not used.     file : where it came from, for messages.
-    Raises DataError, naming file, column and row, for signals that no method can use.
+    Attributes
+    ----------
+    t_s : ndarray (n,), s
+        Strictly rising; of a static map ndarray (0,): it has no time.
+    torque : ndarray (n,)
+        N m at the motor shaft (side "load": N; "ampere": A); torque[n] acts from t[n] to t[n+1].
+    position : ndarray (n,), rad
+        Motor shaft (side "load": m), sampled at t[n].
+    torque_setpoint, velocity, reference_position, reference_velocity : ndarray or None
+        ndarray (n,) in the same units, None where absent.
+    torque_offset : ndarray (n,) or None
+        What was added to a controller's torque; None where absent.
+    temperature_c, cart_position_m, load_position_rad : ndarray (n,) or None
+        None where absent.
+    side : Side
+        Which of the three.
+    sidecar : Sidecar
+        What was done.
+    notes : tuple of str
+        Sentences on what was ignored or looks odd.
+    extra : dict of str to ndarray
+        Further columns by name, kept and not used.
+    file : str
+        Where it came from, for messages.
+
+    Raises
+    ------
+    DataError
+        Naming file, column and row, for signals that no method can use.
     """
 
     name: str
@@ -96,7 +116,13 @@ class Recording:
 
     @cached_property
     def sample_period_s(self) -> float:
-        """Time step between samples none of which was lost, s.   Raises DataError for a static map."""
+        """Time step between samples none of which was lost, s.
+
+        Raises
+        ------
+        DataError
+            For a static map.
+        """
         if self.is_static_map:
             raise self._fault("it is a static map and has no time; use a record with t_s")
         return usual_step(self.t_s)
@@ -129,9 +155,19 @@ class Recording:
         return named | {name: column for name, column in self.extra.items() if name not in named}
 
     def check_against(self, axis: Axis) -> None:
-        """Raise DataError when the record contradicts the axis: travel, carriage sensor or torque in another unit.
+        """Check the record against the axis: travel, carriage sensor, unit of torque.
 
         Only what the axis states is checked; 5 % are left for mounting and data-sheet tolerances.
+
+        Parameters
+        ----------
+        axis : Axis
+            That was recorded.
+
+        Raises
+        ------
+        DataError
+            When the record contradicts the axis.
         """
         if self.side == "load":
             ratio: float | None = 1.0
@@ -225,12 +261,9 @@ class Recording:
                     "the column or the encoder is wrong",
                     self._excited_nm() or most,
                 )
-        share = 0.0 if self.is_static_map else clipped_share(self.torque, self.torque_setpoint, self._excited_nm())
-        if share >= CLIPPED_SHARE:
-            raise self._fault(
-                f"{channels['torque']} is clipped at {np.abs(self.torque).max():.4g} {self.torque_unit} in {100.0 * share:.0f} % "
-                f"of the rows (allowed: {100.0 * CLIPPED_SHARE:.0f} %); record again with a smaller amplitude or a larger range"
-            )
+        clipped = self._clipped()
+        if clipped and not self.sidecar.accepted:
+            raise self._fault(f"{clipped}; record again with a smaller amplitude or a larger range, or say why it holds: --accept REASON")
         if self.velocity is not None and not self.is_static_map:
             fault = velocity_unit_fault(self.t_s, self.position, self.velocity)
             if fault:
@@ -241,6 +274,16 @@ class Recording:
             fault = reference_unit_fault(values, asked) if values is not None and asked is not None else ""
             if fault:
                 raise self._fault(f"{channels[signal]} and {channels[reference]} contradict each other: {fault}; convert the column")
+
+    def _clipped(self) -> str:
+        """That the torque is clipped, in words; "" when it is not."""
+        share = 0.0 if self.is_static_map else clipped_share(self.torque, self.torque_setpoint, self._excited_nm())
+        if share < CLIPPED_SHARE:
+            return ""
+        return (
+            f"{CHANNELS[self.side]['torque']} is clipped at {np.abs(self.torque).max():.4g} {self.torque_unit} in {100.0 * share:.0f} % of "
+            f"the rows (allowed: {100.0 * CLIPPED_SHARE:.0f} %)"
+        )
 
     def _excited_nm(self) -> float | None:
         """Amplitude of the torque that excited the axis, N m, in open loop; None where there was none."""
@@ -264,6 +307,8 @@ class Recording:
         remarks = []
         if not self.sidecar.finished:
             remarks.append("the record was broken off")
+        if self.sidecar.accepted and (clipped := self._clipped()):
+            remarks.append(f"{clipped}: accepted, {self.sidecar.accepted}")
         for signal in ("velocity", *COMMON):
             values = getattr(self, signal)
             if values is not None and np.ptp(values) == 0.0:
@@ -300,9 +345,22 @@ def _unchanging(values: Any) -> bool:
 def load_recording(path: Path | str, axis: Axis | None = None) -> Recording:
     """Load ``NAME.csv`` with its sidecar ``NAME.yaml``; without one the record is ``free``.
 
-    path : also ``NAME.csv.part``, what was written before a record was broken off.
-    axis : scales current_a by its torque constant, and the record is checked against it.
-    Raises DataError, naming file, column and row.
+    Parameters
+    ----------
+    path : Path or str
+        Also ``NAME.csv.part``, what was written before a record was broken off.
+    axis : Axis or None
+        Scales current_a by its torque constant, and the record is checked against it.
+
+    Returns
+    -------
+    Recording
+        Checked, in SI units.
+
+    Raises
+    ------
+    DataError
+        Naming file, column and row.
     """
     path = Path(path)
     name = path.name.removesuffix(".part").removesuffix(".csv")
@@ -321,9 +379,32 @@ def recording_from_columns(
     notes: tuple[str, ...] = (),
     file: str = "",
 ) -> Recording:
-    """The recording that named columns make, as :func:`load_recording` does; unknown columns are kept and not used.
+    """Make a recording of named columns, as :func:`load_recording` does; unknown columns are kept and not used.
 
-    Raises DataError when the columns of every side are incomplete, and as :class:`Recording`.
+    Parameters
+    ----------
+    name : str
+        Of the recording.
+    columns : dict of str to ndarray
+        By name with the unit as suffix, (n,) each.
+    sidecar : Sidecar
+        What was done.
+    axis : Axis or None
+        Scales current_a by its torque constant, and the record is checked against it.
+    notes : tuple of str
+        Remarks to be kept.
+    file : str
+        For messages.
+
+    Returns
+    -------
+    Recording
+        Checked, in SI units.
+
+    Raises
+    ------
+    DataError
+        When the columns of every side are incomplete, and as :class:`Recording`.
     """
     rest = dict(columns)
     side = side_of(file or f"recording {name!r}", rest, timed=sidecar.experiment != "static_map")
@@ -344,9 +425,26 @@ def recording_from_columns(
 
 
 def save_recording(recording: Recording, folder: Path) -> Path:
-    """Write ``NAME.csv`` and ``NAME.yaml``; returns the path of the CSV.  Floats come back exactly.
+    """Write ``NAME.csv`` and ``NAME.yaml``; floats come back exactly.
 
-    Raises DataError when a recording of that name exists: raw recordings never change.  UsageError when writing fails.
+    Parameters
+    ----------
+    recording : Recording
+        To be written.
+    folder : Path
+        Where.
+
+    Returns
+    -------
+    Path
+        Path of the CSV.
+
+    Raises
+    ------
+    DataError
+        When a recording of that name exists: raw recordings never change.
+    UsageError
+        When writing fails.
     """
     path = folder / f"{recording.name}.csv"
     if path.exists():
@@ -363,7 +461,23 @@ def save_recording(recording: Recording, folder: Path) -> Path:
 
 
 def common_side(recordings: Iterable[Recording]) -> Side:
-    """The side that all recordings of one axis are from.   Raises DataError when they differ: then they are of two axes."""
+    """The side of the gearbox that all recordings of one axis are from.
+
+    Parameters
+    ----------
+    recordings : iterable of Recording
+        Of one axis.
+
+    Returns
+    -------
+    Side
+        "motor", "load" or "ampere".
+
+    Raises
+    ------
+    DataError
+        When they differ: then they are of two axes.
+    """
     sides: dict[Side, str] = {}
     for recording in recordings:
         sides.setdefault(recording.side, recording.name)

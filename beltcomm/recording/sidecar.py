@@ -25,11 +25,22 @@ MISSPELT = 0.9
 class ExcitationNote:
     """The excitation of an ``frf`` record.
 
-    kind : one of EXCITATION_KINDS.     amplitude_nm : N m (N for side "load"), largest absolute torque; None when not known.
-    period_samples : samples of one period; None when it does not repeat.     first_sample : where the first period begins.
-    period_starts : first samples of the periods that count, where others lie between them; None: all behind first_sample.
-    amplitude_rad_s : largest change of the speed setpoint, where that is what was excited.
-    base_speed_m_s : at which the carriage travelled; None when it stood.
+    Attributes
+    ----------
+    kind : str
+        One of EXCITATION_KINDS.
+    amplitude_nm : float or None
+        N m (N for side "load"), largest absolute torque; None when not known.
+    period_samples : int or None
+        Samples of one period; None when it does not repeat.
+    first_sample : int
+        Where the first period begins.
+    period_starts : tuple of int or None
+        First samples of the periods that count, where others lie between them; None: all behind first_sample.
+    amplitude_rad_s : float or None
+        Largest change of the speed setpoint, where that is what was excited.
+    base_speed_m_s : float or None
+        At which the carriage travelled; None when it stood.
     """
 
     kind: str
@@ -45,12 +56,33 @@ class ExcitationNote:
 class Sidecar:
     """What was done.  None means not known.
 
-    experiment : one of EXPERIMENTS.     start_position_m : m, carriage position at the first sample.
-    session_time_s : s, start of the record on the session's clock.     closed_loop : a controller was active.
-    held_out : never used to fit, only to judge.     payload_kg : kg, what was mounted.     controller : the known controller.
-    source : free text.     finished : False while the record is being made, and for ever when that was broken off.
-    extra : keys that mean nothing here, kept as they are.
-    Raises DataError for an experiment or a number that cannot be.
+    Attributes
+    ----------
+    experiment : str
+        One of EXPERIMENTS.
+    start_position_m : float or None, m
+        Carriage position at the first sample.
+    session_time_s : float or None, s
+        Start of the record on the session's clock.
+    closed_loop : bool
+        A controller was active.
+    held_out : bool
+        Never used to fit, only to judge.
+    payload_kg : float or None, kg
+        What was mounted.
+    controller : dict of str to Any
+        The known controller.
+    source : str
+        Free text.
+    finished : bool
+        False while the record is being made, and for ever when that was broken off.
+    extra : dict of str to Any
+        Keys that mean nothing here, kept as they are.
+
+    Raises
+    ------
+    DataError
+        For an experiment or a number that cannot be.
     """
 
     experiment: str = "free"
@@ -62,6 +94,7 @@ class Sidecar:
     excitation: ExcitationNote | None = None
     controller: Mapping[str, Any] = field(default_factory=dict)
     source: str = ""
+    accepted: str = ""
     finished: bool = True
     extra: Mapping[str, Any] = field(default_factory=dict)
 
@@ -100,7 +133,10 @@ class Sidecar:
 def load_sidecar(path: Path) -> tuple[Sidecar, tuple[str, ...]]:
     """The sidecar in a YAML file and sentences on keys that look misspelt.
 
-    Raises DataError, naming file and key, for a file that is no YAML mapping or a value that cannot be.
+    Raises
+    ------
+    DataError
+        Naming file and key, for a file that is no YAML mapping or a value that cannot be.
     """
     try:
         return sidecar_from_dict(read_yaml(path, DataError))
@@ -147,7 +183,7 @@ def _typed(key: str, value: Any) -> Any:
     name = key.rpartition(".")[2]
     if name == "period_starts" and isinstance(value, (list, tuple)):
         return tuple(_typed(key, item) for item in value)
-    if name in {"experiment", "source", "kind"}:
+    if name in {"experiment", "source", "accepted", "kind"}:
         return str(value)
     if name in {"closed_loop", "held_out", "finished"}:
         if not isinstance(value, bool):

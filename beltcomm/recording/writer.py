@@ -25,9 +25,19 @@ class RecordingWriter:
     to ``NAME.csv``.  As a context manager it is finished unless an exception leaves the block; an exception or a killed
     process leaves the part: an unfinished record.
 
-    path : ``NAME.csv``.     columns : names of a row's values; those that are NaN in the first row are left out.
-    Raises DataError when the record exists; raw recordings never change.  An unfinished one is moved aside, not deleted.
-    UsageError when the folder cannot be written.
+    Parameters
+    ----------
+    path : Path
+        ``NAME.csv``.
+    columns : tuple of str
+        Names of a row's values; those that are NaN in the first row are left out.
+
+    Raises
+    ------
+    DataError
+        When the record exists; raw recordings never change. An unfinished one is moved aside, not deleted.
+    UsageError
+        When the folder cannot be written.
     """
 
     def __init__(self, path: Path, sidecar: Sidecar, columns: tuple[str, ...] = MOTOR_COLUMNS) -> None:
@@ -47,7 +57,20 @@ class RecordingWriter:
             raise _unwritable(self._part, error) from error
 
     def write(self, row: tuple[float, ...]) -> None:
-        """Append one row.   Raises UsageError when the disk is full, ValueError for a row of another length."""
+        """Append one row.
+
+        Parameters
+        ----------
+        row : tuple of float
+            One number per column, in SI units.
+
+        Raises
+        ------
+        UsageError
+            When the disk is full.
+        ValueError
+            For a row of another length.
+        """
         if len(row) != len(self._columns):
             raise ValueError(f"a row has {len(row)} values for {len(self._columns)} columns")
         if self._file is None:
@@ -64,9 +87,21 @@ class RecordingWriter:
             raise _unwritable(self._part, error) from error
 
     def close(self, *, finished: bool, **changes: Any) -> Path:
-        """Close the record and return the path of its rows: ``NAME.csv`` when finished, else ``NAME.csv.part``.
+        """Close the record.
 
-        changes : fields of the sidecar known only now.   Idempotent: a closed record stays as it is.
+        Idempotent: a closed record stays as it is.
+
+        Parameters
+        ----------
+        finished : bool
+            The record is complete.
+        **changes : Any
+            Fields of the sidecar known only now.
+
+        Returns
+        -------
+        Path
+            Path of the rows: ``NAME.csv`` when finished, else ``NAME.csv.part``.
         """
         if self._file is None:
             return self.path if self.path.exists() else self._part

@@ -31,11 +31,28 @@ LEAST_SIGNIFICANCE = 5.0
 class FrequencyResponse:
     """Response from torque to motor angle at single frequencies, with what is known of its error.
 
-    freq_hz : ndarray (k,), Hz, rising.     h : ndarray (k,), complex, rad/(N m), response to torque held over each sample.
-    noise : ndarray (k,), rad/(N m), standard deviation of h, √E|Δh|², from the scatter between periods.
-    coherence : ndarray (k,), 0 to 1, of the single periods.     n_periods : how many were averaged.
-    sample_period_s : s.     remarks : sentences on what was left out.     Arrays are read-only.
-    Raises DataError when lengths differ or frequencies do not rise.
+    Arrays are read-only.
+
+    Attributes
+    ----------
+    freq_hz : ndarray (k,), Hz
+        Rising.
+    h : ComplexArray, (k,)
+        Complex, rad/(N m), response to torque held over each sample.
+    noise : ndarray (k,), rad/(N m)
+        Standard deviation of h, √E|Δh|², from the scatter between periods.
+    coherence : ndarray (k,)
+        0 to 1, of the single periods.
+    n_periods : int
+        How many were averaged.
+    sample_period_s : float, s
+    remarks : tuple of str
+        Sentences on what was left out.
+
+    Raises
+    ------
+    DataError
+        When lengths differ or frequencies do not rise.
     """
 
     freq_hz: Array
@@ -61,18 +78,46 @@ class FrequencyResponse:
             raise DataError(f"frequency response: {self.n_periods} period(s), at least 2 are needed for its noise level")
 
     def error_radius(self, level: float = 0.95) -> Array:
-        """Radius around h in the complex plane that holds the true response with probability ``level``, rad/(N m).
+        """Radius around h in the complex plane that holds the true response with a given probability.
 
         ρ² = noise² F_level(2, 2 m) = noise² m ((1 - level)^(-1/m) - 1),   m = n_periods - 1
 
         because |Δh|² and the scatter are sums of 2 and of 2 m normal squares; m → ∞ gives -ln(1 - level).
-        Returns ndarray (k,).  Raises nothing.     Source: Pintelon, Schoukens, System Identification (2012), section 2.4.
+
+        Parameters
+        ----------
+        level : float
+            The probability.
+
+        Returns
+        -------
+        ndarray (k,), rad/(N m)
+
+        References
+        ----------
+        Pintelon, Schoukens, System Identification (2012), section 2.4.
         """
         m = self.n_periods - 1
         return np.asarray(self.noise * np.sqrt(m * ((1.0 - level) ** (-1.0 / m) - 1.0)), dtype=np.float64)
 
     def lines(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> FrequencyResponse:
-        """The same response at the lines of ``index`` only.  Raises DataError when no line is left."""
+        """The response at some of its lines.
+
+        Parameters
+        ----------
+        index : ndarray of int or ndarray of bool, (k,)
+            Lines to keep.
+
+        Returns
+        -------
+        FrequencyResponse
+            A new response.
+
+        Raises
+        ------
+        DataError
+            When no line is left.
+        """
         return FrequencyResponse(
             self.freq_hz[index],
             self.h[index],
@@ -84,7 +129,18 @@ class FrequencyResponse:
         )
 
     def save(self, path: Path) -> None:
-        """Write everything to one ``.npz`` file.  Raises OSError."""
+        """Write everything to one ``.npz`` file.
+
+        Parameters
+        ----------
+        path : Path
+            Of the file.
+
+        Raises
+        ------
+        OSError
+            When it cannot be written.
+        """
         with atomic.replacing(path) as file:
             np.savez(
                 file,
@@ -99,7 +155,23 @@ class FrequencyResponse:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read what :meth:`save` wrote.  Raises DataError when the file is missing, damaged or of another kind."""
+        """Read what :meth:`save` wrote.
+
+        Parameters
+        ----------
+        path : Path
+            Of the ``.npz`` file.
+
+        Returns
+        -------
+        Self
+            Equal to the one written.
+
+        Raises
+        ------
+        DataError
+            When the file is missing, damaged or of another kind.
+        """
         try:
             with opened(path, KEPT_BYTES) as stream, np.load(stream, allow_pickle=False) as file:
                 if sum(item.file_size for item in file.zip.infolist()) > KEPT_BYTES:
@@ -136,14 +208,37 @@ def estimate_response(
     equality of (3.15) holds for Ĝ_τω; dividing by V_2 gives the angle, as (3.8) says.)  The noise level is that of the
     mean of e_p = ŵ_p - Ĝ_i û_p, in which both signals' noise is.  û is a held torque: Ĝ is the exact sampled response.
 
-    torque : ndarray (n,), N m, motor shaft; torque[n] acts from sample n to n + 1.     position : ndarray (n,), rad,
-    motor angle.     sample_period_s : T_s, s.     period_samples : samples of one period.     first_sample : where the
-    first measured period begins; what is before is run-in.     t_s : ndarray (n,), s, time stamps.  A gap in them, or a
-    value that is not finite, is a lost sample: its period is left out, and the later periods keep their places.
-    starts : first samples of the periods that count, where not every one behind ``first_sample`` does.
-    Returns lines 1/(period) apart, without those the torque does not excite.
-    Raises DataError when arrays do not match, fewer than two whole periods are left or no line is excited.
-    Source: thesis (3.7) to (3.15), 3.4; Pintelon, Schoukens, System Identification (2012), section 2.4.
+    Parameters
+    ----------
+    torque : ndarray (n,), N m, motor shaft
+        torque[n] acts from sample n to n + 1.
+    position : ndarray (n,), rad
+        Motor angle.
+    sample_period_s : float
+        T_s, s.
+    period_samples : int
+        Samples of one period.
+    first_sample : int
+        Where the first measured period begins; what is before is run-in.
+    t_s : ndarray (n,) or None, s
+        Time stamps. A gap in them, or a value that is not finite, is a lost sample: its period is left out, and the later periods keep
+        their places.
+    starts : sequence of int or None
+        First samples of the periods that count, where not every one behind ``first_sample`` does.
+
+    Returns
+    -------
+    FrequencyResponse
+        Lines 1/(period) apart, without those the torque does not excite.
+
+    Raises
+    ------
+    DataError
+        When arrays do not match, fewer than two whole periods are left or no line is excited.
+
+    References
+    ----------
+    Thesis (3.7) to (3.15), 3.4; Pintelon, Schoukens, System Identification (2012), section 2.4.
     """
     freq_hz, u, w, remarks = period_spectra(torque, position, sample_period_s, period_samples, first_sample, t_s=t_s, starts=starts)
     n_used = len(u)
@@ -222,9 +317,26 @@ def log_spaced_lines(freq_hz: Array, n_lines: int, lowest_hz: float, highest_hz:
     From each line the next target divides the ratio still to go evenly; where lines are too far apart, the next one
     follows.
 
-    freq_hz : ndarray (k,), Hz, rising.     lowest_hz, highest_hz : Hz, only lines within.
-    Returns indices into ``freq_hz``, rising, all lines within when there are no more than ``n_lines``.
-    Raises DataError when no line lies within.     Source: thesis 3.5, figure 3.9 (F_o, a subset of F).
+    Parameters
+    ----------
+    freq_hz : ndarray (k,), Hz
+        Rising.
+    lowest_hz, highest_hz : float, Hz
+        Only lines within.
+
+    Returns
+    -------
+    ndarray of int
+        Indices into ``freq_hz``, rising, all lines within when there are no more than ``n_lines``.
+
+    Raises
+    ------
+    DataError
+        When no line lies within.
+
+    References
+    ----------
+    Thesis 3.5, figure 3.9 (F_o, a subset of F).
     """
     within = np.flatnonzero((freq_hz >= lowest_hz) & (freq_hz <= highest_hz))
     if n_lines < 1 or len(within) == 0:

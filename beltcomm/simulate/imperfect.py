@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import cast
 
@@ -34,15 +33,6 @@ def is_late(model: Model) -> bool:
     return bool(_delays(model))
 
 
-def torque_as_read(model: Model, torque: Array, sample_s: float) -> Array:
-    """What the drive reports of a torque every ``sample_s`` seconds, (n,), N m; it begins at the first value."""
-    for effect in model.effect_list():
-        if effect.slot == "torque_reading":
-            law = cast("Callable[..., Array]", effect.law)
-            torque = law(torque, float(torque[0]), sample_s, *_values(model, effect))
-    return torque
-
-
 def memory_s(model: Model) -> float:
     """How long the torque path remembers, s."""
     return sum(_FORGOTTEN * abs(value) for _, values in _delays(model) for value in values)
@@ -69,16 +59,6 @@ def angle_sensor(model: Model) -> Callable[[float], float]:
 
 def _as_it_is(theta: float) -> float:
     return theta
-
-
-def path_response(model: Model, freq_hz: Array) -> NDArray[np.complex128]:
-    """Factor that the torque path puts before the axis, (m,): acting over reported torque."""
-    factor = np.ones(len(freq_hz), dtype=np.complex128)
-    for effect in model.effect_list():
-        if effect.slot in ("torque_delay", "torque_reading") and effect.slope is not None:
-            shown = np.asarray(effect.slope(2.0 * math.pi * freq_hz, *_values(model, effect)))
-            factor = factor * shown if effect.slot == "torque_delay" else factor / shown
-    return factor
 
 
 def _delays(model: Model) -> list[tuple[Callable[..., Array], list[float]]]:

@@ -42,9 +42,26 @@ TOPICS: Mapping[str, Topic] = {
 
 
 def thesis(topic: str | None = None, *, pictures: Place | None = None, command: str = "") -> Result:
-    """All topics, or one of them recomputed.   pictures : folder for its figures, None for none.
+    """Recompute the topics of the design source, or one of them.
 
-    Raises UsageError for a word that is no topic.
+    Parameters
+    ----------
+    topic : str or None
+        Its word; None for all.
+    pictures : Place or None
+        Folder for its figures, None for none.
+    command : str
+        Command line, kept as provenance.
+
+    Returns
+    -------
+    Result
+        Our figures beside the source's.
+
+    Raises
+    ------
+    UsageError
+        For a word that is no topic.
     """
     if topic is None:
         lines = [f"{name:14} {about.title} ({about.source})" for name, about in TOPICS.items()]
@@ -61,7 +78,13 @@ def thesis(topic: str | None = None, *, pictures: Place | None = None, command: 
 
 
 def drawn(topic: str, study: Any, folder: Path, command: str) -> list[str]:
-    """The figures of a topic as PNG; their paths.   Raises UsageError when the folder cannot be written."""
+    """The figures of a topic as PNG; their paths.
+
+    Raises
+    ------
+    UsageError
+        When the folder cannot be written.
+    """
     from beltcomm.report.style import Caption
 
     report = importlib.import_module(f"beltcomm.thesis.figures.{topic.replace('-', '_')}")

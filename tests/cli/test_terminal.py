@@ -132,7 +132,7 @@ def test_the_display_tells_phase_record_seconds_and_place() -> None:
     talk.progress(0.45, 3.0)
     talk._live.refresh()
     shown = printed(stream)
-    for words in ("6/8 strokes [all]", "machine: at most 41 s left", "frf_3", "45 %, 3 s left", "0 mm [", "carriage at 100 mm"):
+    for words in ("6/8 strokes [all]", "41 s left on the machine", "frf_3", "45 %, 3 s left", "0 mm [", "carriage at 100 mm"):
         assert words in shown
     talk.say("a [remark]", *TABLE)
     now[0] = 12.0
@@ -158,8 +158,8 @@ def test_a_log_has_a_line_for_each_record() -> None:
             talk.progress(row / 5, 5.0 - row)
     assert stream.getvalue().splitlines() == [
         "[6/8] strokes",
-        "      sweep: carriage at 100 mm (of 0 mm to 500 mm), machine: at most 49 s left",
-        "      frf_2: carriage at 100 mm (of 0 mm to 500 mm), machine: at most 49 s left",
+        "      sweep: carriage at 100 mm (of 0 mm to 500 mm), 49 s left on the machine",
+        "      frf_2: carriage at 100 mm (of 0 mm to 500 mm), 49 s left on the machine",
     ]
 
 

@@ -13,9 +13,9 @@ import pytest
 
 from beltcomm.drive import Drive, Limits, Motion, Row, open_drive
 from beltcomm.errors import BusError, DriveError, DriveFault, SafetyStop, UsageError
-from beltcomm.virtual.bus import FrameHash
 from beltcomm.virtual.faults import Faults
 from contract.conftest import Machine, RigidPlant, open_virtual
+from frames import FrameHash
 
 T = 1e-3
 PROFILES = ("reference", "cmmp-as")

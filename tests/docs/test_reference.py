@@ -3,9 +3,82 @@
 from __future__ import annotations
 
 import ast
+import importlib
+import inspect
+import re
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
+import pytest
+import yaml
+
+import beltcomm
 from beltcomm import api
+
+CHECKOUT = Path(beltcomm.__file__).parent.parent
+PAGES = [page for page in (Path(__file__).parents[2] / "docs" / "reference").glob("*.md") if ":::" in page.read_text(encoding="utf-8")]
+SHOWN = re.compile(r"^::: (\S+)\n((?: {4}.*\n)*)", re.MULTILINE)
+
+
+def own(name: str, thing: Any) -> bool:
+    return not name.startswith("_") and (inspect.isclass(thing) or inspect.isfunction(thing)) and thing.__module__.startswith("beltcomm")
+
+
+def shown_on(page: Path) -> Iterator[Any]:
+    """Classes and functions of a page of the reference, as mkdocstrings chooses them: what a module defines, and its ``__all__``."""
+    for path, block in SHOWN.findall(page.read_text(encoding="utf-8")):
+        parent, _, last = path.rpartition(".")
+        try:
+            module = importlib.import_module(path)
+        except ModuleNotFoundError:
+            yield getattr(importlib.import_module(parent), last)
+            continue
+        chosen = (yaml.safe_load(block) or {}).get("options", {}).get("members")
+        chosen = chosen if isinstance(chosen, list) else None
+        for name, thing in vars(module).items():
+            public = (
+                name in chosen
+                if chosen
+                else thing.__module__ == path or name in getattr(module, "__all__", ())
+                if own(name, thing)
+                else False
+            )
+            if public:
+                yield thing
+
+
+def public_functions() -> dict[str, Callable[..., Any]]:
+    """Every function and method of the reference and of what its packages export, by its full name."""
+    exported = [
+        thing
+        for path in sorted((CHECKOUT / "beltcomm").glob("*/__init__.py"))
+        for module in [importlib.import_module(f"beltcomm.{path.parent.name}")]
+        for name in getattr(module, "__all__", ())
+        if own(name, thing := getattr(module, name))
+    ]
+    found = {}
+    for thing in [*exported, *(thing for page in PAGES for thing in shown_on(page))]:
+        thing = inspect.unwrap(thing)
+        members = [(thing.__name__, thing)] if inspect.isfunction(thing) else vars(thing).items()
+        for name, member in members:
+            function = inspect.unwrap(getattr(member, "__func__", member))
+            if (
+                inspect.isfunction(function)
+                and not name.startswith("_")
+                and "<" not in function.__qualname__
+                and set(inspect.signature(function).parameters) - {"self", "cls"}
+            ):
+                found[f"{function.__module__}.{function.__qualname__}"] = function
+    return found
+
+
+FUNCTIONS = public_functions()
+
+
+def sections(text: str) -> dict[str, str]:
+    parts = re.split(r"^(\w+)\n-+\n", inspect.cleandoc(text), flags=re.MULTILINE)
+    return dict(zip(parts[1::2], parts[2::2], strict=True))
 
 
 def test_every_public_name_is_defined_or_imported_by_a_statement_of_its_own() -> None:
@@ -21,3 +94,25 @@ def test_every_public_name_is_defined_or_imported_by_a_statement_of_its_own() ->
 
 def test_every_public_name_says_what_it_is() -> None:
     assert {name for name in api.__all__ if not getattr(api, name).__doc__} == set()
+
+
+def test_the_reference_shows_functions_of_all_its_pages() -> None:
+    assert len(PAGES) >= 6
+    assert len(FUNCTIONS) > 100
+
+
+@pytest.mark.parametrize("name", sorted(FUNCTIONS))
+def test_a_public_function_names_its_parameters_and_what_it_returns(name: str) -> None:
+    """In numpydoc form; that no parameter is left out of the section, and the form itself, are ruff's D4 rules."""
+    function = FUNCTIONS[name]
+    found = sections(function.__doc__ or "")
+    signature = inspect.signature(function)
+    parameters = {p.name for p in signature.parameters.values()} - {"self", "cls"}
+    listed = {
+        part.strip().lstrip("*")
+        for line in found.get("Parameters", "").splitlines()
+        if line[:1].strip()
+        for part in line.split(" : ")[0].split(",")
+    }
+    assert listed == parameters
+    assert ("Returns" in found or "Yields" in found) == (signature.return_annotation not in (None, "None"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike, NDArray
 
 from beltcomm.errors import UsageError
 from beltcomm.thesis.encoder import formulas as f
@@ -13,6 +14,24 @@ from beltcomm.thesis.encoder.estimators import EstimatorSettings, velocities
 STEP, TICK, PERIOD, LAG = 2.5e-6, 1e-8, 1e-3, 2e-3
 #: In units of Δξ/T_s: neither they nor the ticks of their gaps, 10⁵ over them, lie near a whole number, so both roundings occur.
 RATIOS = (2.3, 3.77, 12.4, 117.6, 801.1)
+
+
+def gate_rms_percent(speed_m_s: ArrayLike, increment_m: float, tick_s: float, intervals: ArrayLike = 1.0) -> NDArray[np.float64]:
+    """100 Δt_min ξ/(√6 m Δξ_min), percent: rms over speeds and phases of (C.8), and of (C.5) with m intervals (not in the source).
+
+    Two times, each rounded up to a tick: the difference of two uniform errors has the variance Δt_min²/6.   For errors ≪ 100 %.
+    """
+    return np.asarray(100.0 * tick_s * np.asarray(speed_m_s) / (np.sqrt(6.0) * np.asarray(intervals) * increment_m))
+
+
+def high_pass_rms_percent(speed_m_s: ArrayLike, increment_m: float, period_s: float, lag_s: float) -> NDArray[np.float64]:
+    """100 Δξ_min/((T_R + T_s) ξ √6) √((1 + p)⁻¹), p = T_R/(T_R + T_s), percent: rms where rounding is white (not in the source).
+
+    Rounding has the variance Δξ_min²/12 and, from a few increments per period on, no memory; the sum of the squared weights of
+    (1 − z⁻¹)/(1 − p z⁻¹) is 2/(1 + p).
+    """
+    pole = lag_s / (lag_s + period_s)
+    return 100.0 * increment_m / ((lag_s + period_s) * np.asarray(speed_m_s)) * float(np.sqrt(1.0 / (6.0 * (1.0 + pole))))
 
 
 def relative_errors(speed: float, method: str, phases: int = 12, periods: int = 40) -> np.ndarray:
@@ -139,9 +158,9 @@ def test_rms_over_many_speeds() -> None:
         lagged.append(relative_errors(speed, "high_pass", phases=1)[15:])
     rms = [np.sqrt(np.mean(np.concatenate(e) ** 2)) for e in (gate, events, lagged)]
     mean = float(np.mean(speeds))
-    assert rms[0] == pytest.approx(f.gate_rms_percent(mean, STEP, TICK), rel=0.1)
-    assert rms[1] == pytest.approx(f.gate_rms_percent(mean, STEP, TICK, 49.0), rel=0.1)  # 49 or so intervals in a period
-    assert rms[2] == pytest.approx(f.high_pass_rms_percent(mean, STEP, PERIOD, LAG), rel=0.15)
+    assert rms[0] == pytest.approx(gate_rms_percent(mean, STEP, TICK), rel=0.1)
+    assert rms[1] == pytest.approx(gate_rms_percent(mean, STEP, TICK, 49.0), rel=0.1)  # 49 or so intervals in a period
+    assert rms[2] == pytest.approx(high_pass_rms_percent(mean, STEP, PERIOD, LAG), rel=0.15)
 
 
 def test_the_gate_saturates_at_an_increment_per_tick() -> None:

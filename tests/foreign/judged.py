@@ -6,6 +6,7 @@ response_error : of the motor's angle at the excited lines, mean over the period
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,12 +16,12 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from beltcomm.cli.main import cli
+from beltcomm.fit.in_band import Banded, in_band, low_passed
 from beltcomm.fit.segment import Segment, segments
-from beltcomm.laboratory.plain_error import Banded, in_band, low_passed, plain_error
+from beltcomm.laboratory.plain_error import plain_error
 from beltcomm.model import Model
 from beltcomm.model.linear import operating_point, state_space
 from beltcomm.recording import Recording
-from beltcomm.simulate.imperfect import path_response
 
 CHECKOUT = Path(__file__).parents[2]
 DATA = CHECKOUT.parent / "shared" / "data"
@@ -30,6 +31,16 @@ CASES = CHECKOUT.parent / "shared" / "cases"
 Array = NDArray[np.float64]
 #: The stretches of a record, each with what a model leaves of it in a band.
 Parts = list[tuple[Segment, Banded]]
+
+
+def path_response(model: Model, freq_hz: Array) -> NDArray[np.complex128]:
+    """Factor that the torque path puts before the axis, (m,): acting over reported torque."""
+    factor = np.ones(len(freq_hz), dtype=np.complex128)
+    for effect in model.effect_list():
+        if effect.slot in ("torque_delay", "torque_reading") and effect.slope is not None:
+            shown = np.asarray(effect.slope(2.0 * math.pi * freq_hz, *[model[name] for name in effect.full_names()]))
+            factor = factor * shown if effect.slot == "torque_delay" else factor / shown
+    return factor
 
 
 def imported(name: str, folder: Path, data: Path = DATA) -> Path:

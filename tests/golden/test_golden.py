@@ -24,7 +24,8 @@ from click.testing import CliRunner
 from beltcomm import api
 from beltcomm.cli.main import VERBS, cli
 from beltcomm.errors import BeltcommError
-from beltcomm.virtual.bus import Frame, FrameHash
+from beltcomm.virtual.bus import Frame
+from frames import FrameHash
 
 HERE = Path(__file__).parent
 DRIVE = ("--drive", "virtual", "--seed", "1")

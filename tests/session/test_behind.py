@@ -10,7 +10,8 @@ import pytest
 
 from beltcomm import api
 from beltcomm.model import load_model
-from beltcomm.rundata.behind import RECORDS, behind, unfitted
+from beltcomm.rundata.behind import RECORDS, unfitted
+from beltcomm.rundata.headline import behind
 from beltcomm.rundata.revisions import CURRENT, new_revision
 from beltcomm.runfolder import RunFolder
 
@@ -43,7 +44,7 @@ def test_a_design_takes_in_what_was_recorded_since(copy_of_complete: Copy) -> No
     assert [line for line in behind(folder) if f"was not fitted to {', '.join(names)}" in line]
     assert [line for line in behind(folder) if "from an earlier model" in line]
     found = api.design(run)
-    assert f"the model was fitted anew, for {', '.join(names)} was recorded since" in "\n".join(found.text)
+    assert f"the model was fitted anew, for {', '.join(names)} was recorded since" in "\n".join([*found.text, *found.details])
     for name, value in wanted.items():
         assert found.data["parameters"][name] == pytest.approx(value, rel=0.02), name
     assert behind(RunFolder.open(run)) == []
@@ -58,4 +59,4 @@ def test_a_revision_is_kept_and_that_is_said(copy_of_complete: Copy) -> None:
     for kind in ("csv", "yaml"):
         (folder.recordings_folder / f"later.{kind}").write_bytes((folder.recordings_folder / f"{sweep}.{kind}").read_bytes())
     found = api.design(run)
-    assert "later was recorded since the model's last revision" in "\n".join(found.text)
+    assert "later was recorded since the model's last revision" in "\n".join([*found.text, *found.details])

@@ -16,7 +16,7 @@ from beltcomm.drive.parameters import GAIN_NAMES
 from beltcomm.errors import Refused, UsageError
 from beltcomm.result import Result as Answer
 from beltcomm.runfolder import RunFolder
-from beltcomm.virtual.bus import FrameHash
+from frames import FrameHash
 from session.bench import Bench, Listener
 from session.conftest import SEED, Complete
 from session.test_commands import DRIVE, call, json_of

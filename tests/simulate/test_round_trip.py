@@ -10,8 +10,9 @@ import pytest
 from beltcomm.effects import EFFECTS, AxisSummary, Effect
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.forward import simulate_torque
-from beltcomm.simulate.imperfect import angle_sensor, torque_as_read
+from beltcomm.simulate.imperfect import angle_sensor
 from beltcomm.simulate.inverse import fine_load, reconstruct, torque_residuals
+from simulate.reading import torque_as_read
 
 T, RATIO = 1e-3, 0.0125
 BASE = ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb")

@@ -10,9 +10,10 @@ from beltcomm.fit.noise_path import MOTION, noise_path
 from beltcomm.fit.observer import needs_observer
 from beltcomm.model import Model, build_model, effect_parameters
 from beltcomm.simulate.forward import BodyStates, Simulated, at_rest, simulate_torque
-from beltcomm.simulate.imperfect import late_torque, torque_as_read
+from beltcomm.simulate.imperfect import late_torque
 from beltcomm.simulate.inverse import FineMotion, fine_load
 from beltcomm.simulate.kernels.compose import states_of
+from simulate.reading import torque_as_read
 from simulate.test_round_trip import BASE, RATIO, VALUES, T
 from test_energy import STANDS_ON, WITHOUT_BELT
 

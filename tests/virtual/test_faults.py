@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from beltcomm.errors import UsageError
-from beltcomm.virtual.bus import FrameHash, LockstepBus
+from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.cia402 import DriveState
 from beltcomm.virtual.device import VirtualDrive
 from beltcomm.virtual.faults import Faults
+from frames import FrameHash
 from virtual.host import Host, RigidPlant
 
 MakeHost = Callable[..., Host]

@@ -13,19 +13,23 @@ from beltcomm.drive import Clock
 from beltcomm.drive.finding import Finding
 from beltcomm.errors import BusError, DriveError, UsageError
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, open_bus
-from beltcomm_adapters.examination import condition, enabling, node, place, timing, units, watching, wire
+from beltcomm_adapters.examination import condition, enabling, node, opening, place, timing, units, watching, wire
 from beltcomm_adapters.examination.errors import WORDS
 from beltcomm_adapters.examination.host import Host, group_of
 from beltcomm_adapters.examination.line import not_opened
 from beltcomm_adapters.examination.patient import Patient, examine
-from beltcomm_adapters.identification import read_identity
+from beltcomm_adapters.identification import read_identity, supported_modes
 from beltcomm_adapters.link import HOST_NODE, Link
 from beltcomm_adapters.profiles import choose_profile
 from beltcomm_adapters.sdo import SdoObjects
 
 #: Interfaces that turn a remote frame into something else: python-can's socketcand has none.
 _NO_RTR: Final = frozenset({"socketcand"})
-CHECKS: Final = tuple(chain(node.CHECKS, condition.CHECKS, enabling.CHECKS, units.CHECKS, place.CHECKS, watching.CHECKS, timing.CHECKS))
+CHECKS: Final = tuple(
+    chain(
+        *(part.CHECKS for part in (node, condition, enabling, units, place, watching, opening, timing)),
+    )
+)
 
 
 def examine_can(
@@ -119,6 +123,8 @@ def examine_bus(
         objects = SdoObjects(link)
         identity = read_identity(objects, f"{bus.channel_info}, node {number}")
         chosen = choose_profile(identity, profile)
+        chosen = chosen.with_modes(supported_modes(objects, chosen))
+        objects.locks.add(chosen.never_write)
     except BusError as error:
         problem, _, remedy = str(error).partition("; ")
         yield wire.unreachable("interface", problem, remedy)
@@ -128,6 +134,7 @@ def examine_bus(
         yield Finding(node.AREA, "identity", "wrong", problem, "is node --node a CANopen drive, and nobody else on its number?")
         return
     patient = Patient(link, objects, identity, chosen, others, bitrate, rtr, bool(options.get("sync_test")), heard.nmt.get(number))
+    patient.nameplate = options.get("nameplate")
     yield from examine(patient, CHECKS)
     if link.emergency is not None:
         text = f"the drive sent an emergency message meanwhile: error {link.emergency.code:04X}h"

@@ -144,24 +144,6 @@ def high_pass_worst_percent(speed_m_s: ArrayLike, increment_m: float, period_s: 
     return 100.0 * increment_m / ((lag_s + period_s) * _array(speed_m_s))
 
 
-def gate_rms_percent(speed_m_s: ArrayLike, increment_m: float, tick_s: float, intervals: ArrayLike = 1.0) -> Array:
-    """100 Δt_min ξ/(√6 m Δξ_min), percent: rms over speeds and phases of (C.8), and of (C.5) with m intervals (not in the source).
-
-    Two times, each rounded up to a tick: the difference of two uniform errors has the variance Δt_min²/6.   For errors ≪ 100 %.
-    """
-    return _array(100.0 * tick_s * _array(speed_m_s) / (np.sqrt(6.0) * _array(intervals) * increment_m))
-
-
-def high_pass_rms_percent(speed_m_s: ArrayLike, increment_m: float, period_s: float, lag_s: float) -> Array:
-    """100 Δξ_min/((T_R + T_s) ξ √6) √((1 + p)⁻¹), p = T_R/(T_R + T_s), percent: rms where rounding is white (not in the source).
-
-    Rounding has the variance Δξ_min²/12 and, from a few increments per period on, no memory; the sum of the squared weights of
-    (1 − z⁻¹)/(1 − p z⁻¹) is 2/(1 + p).
-    """
-    pole = lag_s / (lag_s + period_s)
-    return 100.0 * increment_m / ((lag_s + period_s) * _array(speed_m_s)) * float(np.sqrt(1.0 / (6.0 * (1.0 + pole))))
-
-
 def high_pass_delay_s(period_s: float, lag_s: float) -> float:
     """T_R + T_s/2, s: how far (6.1) by backward differences lags behind a steady acceleration (not in the source)."""
     return lag_s + 0.5 * period_s
