@@ -327,7 +327,7 @@ def design(
     DataError
     """
     options, talk = given(options), talk or Silence()
-    basis = basis_of(place(run))
+    basis = basis_of(place(run), talk)
     analyse.offered(basis.structure, options.prefilter, options.feedforward)
     settings = replace(settings_of(options), specification=specification)
     found = basis.findings

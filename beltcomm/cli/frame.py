@@ -147,6 +147,8 @@ class Invocation:
                 )
             remedy = "check the path" if error.errno in NO_PATH else "choose a folder that can be written, or make room"
             return self._failed(f"{error.filename} cannot be used: {error.strerror}; {remedy}", UsageError.exit_code)
+        except MemoryError:
+            return self._failed("this computer has no memory left for it; end other programs, or give shorter or fewer records", 1)
         except Exception as error:  # what nobody thought of: a sentence and a log with the traceback, never a bare traceback
             if self.ended:  # with the terminal gone, whatever writes to it fails
                 return self._interrupted()

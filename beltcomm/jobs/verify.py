@@ -23,7 +23,7 @@ from beltcomm.machine import stops
 from beltcomm.machine.machine import Machine
 from beltcomm.result import Line, Result
 from beltcomm.rundata import analyse, offline
-from beltcomm.rundata.headline import OF, Following, drive_of, following, hashes_of, headline_of
+from beltcomm.rundata.headline import OF, Following, behind, drive_of, following, hashes_of, headline_of
 from beltcomm.rundata.proof import proof
 from beltcomm.rundata.store import saved_design, verdict_to_dict
 from beltcomm.runfolder import RunFolder
@@ -94,6 +94,8 @@ def verify_with(
     claim(folder, drive.capabilities, options, talk)
     if planned is None:
         admit_edited("final.yaml of the run", folder.edited("designs", "final"), options, talk)
+    for line in behind(folder):
+        talk.say(line)
     structure = drive.capabilities.structure
     leads = rungs or feedforward == "compliant"
     if leads and not (structure.torque_feedforward and structure.velocity_feedforward):

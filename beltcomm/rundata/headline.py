@@ -15,8 +15,9 @@ from beltcomm.errors import BeltcommError
 from beltcomm.given import Reached, pasted
 from beltcomm.language import tr
 from beltcomm.model import Model
+from beltcomm.rundata.behind import unfitted
 from beltcomm.rundata.proof import same_gains, suspect
-from beltcomm.rundata.revisions import trusted_model
+from beltcomm.rundata.revisions import current_revision, trusted_model
 from beltcomm.runfolder import RunFolder
 
 State = Literal["pass", "fail", "doubt", "stale", "open"]
@@ -162,8 +163,7 @@ def following(folder: RunFolder, headline: Headline, drive: str = "", *, applied
     if suspect(folder):
         return Following(f"beltcomm improve {run}", tr("names what the model lacks, adds it, designs again"))
     design, model = folder.load("designs", "final") if "final" in folder.names("designs") else {}, _model_of(folder)
-    of = design.get(OF)
-    if not design or (isinstance(of, Mapping) and of.get("model") != hashes_of({}, model)["model"]):
+    if not design or _outdated(design, model) or (unfitted(folder) and current_revision(folder) is None):
         return Following(
             f"beltcomm design {run}", tr("gains with margins, of the model as it is now") if design else tr("gains with margins")
         )
@@ -182,6 +182,21 @@ def following(folder: RunFolder, headline: Headline, drive: str = "", *, applied
     if applied == "keep":
         return Following(f"beltcomm apply {with_drive} --save", tr("keeps the gains beyond power-off"))
     return Following(f"beltcomm report {run}", tr("the page for the file of this machine"))
+
+
+def behind(folder: RunFolder) -> list[str]:
+    """In sentences, what should be made anew before the run's design is driven."""
+    found, again = [], tr("`beltcomm design {run}` makes it anew", run=pasted(folder.path))
+    if (names := unfitted(folder)) and current_revision(folder) is None:
+        found.append(tr("The run's model was not fitted to {names}, recorded since; {again}.", names=", ".join(names), again=again))
+    if _outdated(folder.load("designs", "final") if "final" in folder.names("designs") else {}, _model_of(folder)):
+        found.append(tr("The run's design was made from an earlier model; {again}.", again=again))
+    return found
+
+
+def _outdated(design: Mapping[str, Any], model: Model | None) -> bool:
+    of = design.get(OF)
+    return isinstance(of, Mapping) and of.get("model") != hashes_of({}, model)["model"]
 
 
 def drive_of(folder: RunFolder) -> str:
