@@ -17,7 +17,7 @@ from beltcomm.design.loops import SampledPlants, loop_shape, open_loops, open_ve
 from beltcomm.design.margins import PROOF_POINTS, Margins, margins_on
 from beltcomm.design.prefilters import butterworth_cutoff_rad_s, notch_width
 from beltcomm.design.search import best_gains, highest_position_gain
-from beltcomm.design.specification import GROUPS, Infeasible, Specification, describe, relaxed
+from beltcomm.design.specification import GROUPS, Infeasible, Specification, describe, relax
 from beltcomm.errors import UsageError
 
 #: Grid points per plant of the search, and what it keeps in reserve for the finer grid of the proof.
@@ -67,8 +67,8 @@ def design_cascade(plants: Sequence[DesignPlant], structure: CascadeStructure, s
     Raises Infeasible (a Refused) with what binds and the nearest feasible request; UsageError without plants.
     """
     specification = specification or Specification()
-    search, proof = _sampled(plants, structure)
-    found = _designed(search, proof, structure, specification)
+    search, proof = _sample_plants(plants, structure)
+    found = _best_design(search, proof, structure, specification)
     if found is None:
         raise _infeasible(search, proof, structure, specification)
     return found
@@ -76,17 +76,17 @@ def design_cascade(plants: Sequence[DesignPlant], structure: CascadeStructure, s
 
 def feasible_cascade(plants: Sequence[DesignPlant], structure: CascadeStructure, specification: Specification) -> DesignResult | None:
     """As :func:`design_cascade`; None, without looking for the reason, when nothing meets the specification."""
-    return _designed(*_sampled(plants, structure), structure, specification)
+    return _best_design(*_sample_plants(plants, structure), structure, specification)
 
 
-def _sampled(plants: Sequence[DesignPlant], structure: CascadeStructure) -> tuple[SampledPlants, SampledPlants]:
+def _sample_plants(plants: Sequence[DesignPlant], structure: CascadeStructure) -> tuple[SampledPlants, SampledPlants]:
     """The plants for the search, and for the proof."""
     if not plants:
         raise UsageError("the design has no plant; state at least one position and payload")
     return sample_plants(plants, structure.period_s, _SEARCH_POINTS), sample_plants(plants, structure.period_s, PROOF_POINTS)
 
 
-def _designed(
+def _best_design(
     search: SampledPlants, proof: SampledPlants, structure: CascadeStructure, specification: Specification
 ) -> DesignResult | None:
     found = best_cascade(search, proof, structure, specification)
@@ -215,7 +215,7 @@ def quantised_pi(kp: float, tn: float, structure: CascadeStructure) -> list[tupl
             ki = kp / time if structure.lowest.get("integral_time_s", 0.0) <= time <= structure.highest["integral_time_s"] else 0.0
         else:
             ki = on_step(kp / tn, structure.steps.get("ki_nm_rad", 0.0), way)
-        if ki > 0.0 and _within(kp, "kp_nm_s_rad", structure) and _within(ki, "ki_nm_rad", structure):
+        if ki > 0.0 and _is_within(kp, "kp_nm_s_rad", structure) and _is_within(ki, "ki_nm_rad", structure):
             pairs.append((kp, ki))
     return sorted(set(pairs))
 
@@ -228,7 +228,7 @@ def on_step(value: float, step: float, way: object) -> float:
     return step * (math.floor(value / step + 1e-9) if way is math.floor else math.ceil(value / step - 1e-9))
 
 
-def _within(value: float, name: str, structure: CascadeStructure) -> bool:
+def _is_within(value: float, name: str, structure: CascadeStructure) -> bool:
     return structure.lowest.get(name, 0.0) <= value * (1.0 + 1e-12) and value <= structure.highest.get(name, math.inf)
 
 
@@ -360,16 +360,16 @@ def _nearest(
     Bisected on the search grid; what is returned has been proven.
     """
     low, high = 0.0, 1.0
-    if not _within_reach(search, structure, relaxed(specification, groups, high)):
+    if not _within_reach(search, structure, relax(specification, groups, high)):
         return None
     while high - low > 0.02:
         middle = 0.5 * (low + high)
-        if _within_reach(search, structure, relaxed(specification, groups, middle)):
+        if _within_reach(search, structure, relax(specification, groups, middle)):
             high = middle
         else:
             low = middle
     while high <= 1.0:
-        request = relaxed(specification, groups, high)
+        request = relax(specification, groups, high)
         if best_cascade(search, proof, structure, request) is not None:
             return high, request
         high += 0.04

@@ -129,7 +129,7 @@ class DesignPlant:
         Returns Φ (4, 4), Γ0 (4,), Γ1 (4,) (2n with n bodies), n: whole periods of the dead time; Γ1 carries its fraction.
         Source: modified z-transform (hold split at the fraction of the dead time).
         """
-        return _sampled(self, period_s)
+        return _sample_cached(self, period_s)
 
     def sampled_response(self, omega_rad_s: Array, period_s: float) -> ComplexArray:
         """Exact response of the full model (2.38) from torque setpoint to sampled motor angle, rad/(N m).
@@ -171,9 +171,9 @@ def with_friction_fractions(plant: DesignPlant, fractions: Sequence[float]) -> l
 
 
 @lru_cache(maxsize=512)
-def _sampled(plant: DesignPlant, period_s: float) -> tuple[Array, Array, Array, int]:
+def _sample_cached(plant: DesignPlant, period_s: float) -> tuple[Array, Array, Array, int]:
     """See :meth:`DesignPlant.sampled`; kept, because search, proof and poles ask for the same plants."""
-    advance, new, old, whole = sampled_together([plant], period_s)
+    advance, new, old, whole = sample_plants([plant], period_s)
     result = advance[0], new[0], old[0]
     for array in result:
         array.flags.writeable = False
@@ -181,7 +181,7 @@ def _sampled(plant: DesignPlant, period_s: float) -> tuple[Array, Array, Array, 
 
 
 @in_one_thread
-def sampled_together(plants: Sequence[DesignPlant], period_s: float) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+def sample_plants(plants: Sequence[DesignPlant], period_s: float) -> tuple[Array, Array, Array, NDArray[np.int64]]:
     """:meth:`DesignPlant.sampled` of p plants with equally many bodies at once: Φ (p, n, n), Γ0 (p, n), Γ1 (p, n), whole periods (p,)."""
     dead = np.array([plant.dead_time_s for plant in plants])
     whole = np.floor(dead / period_s + 1e-9).astype(np.int64)

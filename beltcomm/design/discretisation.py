@@ -45,12 +45,12 @@ def prefilter_bound(omega_rad_s: Array, prefilter: Prefilter, period_s: float) -
         return np.asarray(np.prod([1.0 + prefilter_bound(omega_rad_s, part, period_s) for part in parts], axis=0) - 1.0)
     if prefilter.kind == "none":
         return np.zeros_like(omega_rad_s)
-    moved = warped(omega_rad_s, prefilter, period_s)
+    moved = warped_frequency(omega_rad_s, prefilter, period_s)
     slope = steepest(prefilter, np.minimum(omega_rad_s, moved), np.maximum(omega_rad_s, moved))
     return np.asarray(np.expm1(slope * np.abs(np.log(moved / omega_rad_s))))
 
 
-def warped(omega_rad_s: Array, prefilter: Prefilter, period_s: float) -> Array:
+def warped_frequency(omega_rad_s: Array, prefilter: Prefilter, period_s: float) -> Array:
     """ω', where the continuous prefilter has the value that the discrete one has at ω, rad/s.   omega_rad_s : (n,), up to π/T."""
     omega_0 = prefilter.omega_rad_s
     _theta(np.array([omega_0]), period_s)

@@ -59,7 +59,7 @@ def specification_of(knobs: Knobs, prefilter: Prefilter, velocity_filter_s: floa
     )
 
 
-def held(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: float, knobs: Knobs) -> DesignResult:
+def gains_of_knobs(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: float, knobs: Knobs) -> DesignResult:
     """The gains that the knobs stand for on all plants, on the drive's steps, with their proof.
 
     velocity_filter_s : T_R, s.   Raises OutOfReach where there are none, with the limit in words.
@@ -69,7 +69,7 @@ def held(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: float, kno
     refusal: OutOfReach | None = None
     for reserve in (1.0, 3.0, 10.0, 40.0):
         try:
-            cascades = _quantised(plants, shape, prefilter, velocity_filter_s, with_reserve(asked, reserve))
+            cascades = _quantised_cascades(plants, shape, prefilter, velocity_filter_s, with_reserve(asked, reserve))
         except OutOfReach as problem:
             refusal = refusal or problem
             break  # more in reserve only asks for more
@@ -112,7 +112,7 @@ def highest_position_margin(shape: LoopShape, structure: CascadeStructure, speci
     return low
 
 
-def _quantised(
+def _quantised_cascades(
     plants: KnobPlants, shape: LoopShape, prefilter: Prefilter, velocity_filter_s: float, inside: Specification
 ) -> list[Cascade]:
     """The cascade of these bounds on the drive's steps, rounded each way, the stiffest first.   Raises OutOfReach."""

@@ -3,7 +3,7 @@
 On a plant, behind a prefilter and with T_R the three numbers fix the three gains:  A_sup is |G_PI G_ω| at the undamped resonance ω_r
 (4.7),  φ_ωr the distance to −180° at the first crossover of the open velocity loop (4.8), (4.9),  φ_φr the same of the open position
 loop (4.13), all on the continuous plant (2.42) with its dead time.   :func:`knobs_of` reads them off given gains,
-:func:`gains_for` goes the other way, :func:`turned` moves one of them alone.
+:func:`gains_for` goes the other way, :func:`designs_along_knob` moves one of them alone.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def gains_for(plant: DesignPlant, prefilter: PrefilterKind | Prefilter, knobs: K
     return thesis_design(plant, prefilter, velocity_filter_s, knobs.phase_margin_deg, knobs.suppression_db, knobs.position_phase_margin_deg)
 
 
-def turned(
+def designs_along_knob(
     plant: DesignPlant, prefilter: PrefilterKind | Prefilter, knob: Knob, values: Sequence[float], knobs: Knobs | None = None
 ) -> tuple[Turn, ...]:
     """The designs with one knob at each of ``values`` and the others where ``knobs`` has them, T_R 2 ms."""

@@ -188,7 +188,7 @@ def frequencies(plants: Sequence[DesignPlant], period_s: float, points: int) -> 
     nyquist = 0.999 * math.pi / period_s
     modes = np.array([[plant.resonance_rad_s, plant.antiresonance_rad_s, *plant.modes_rad_s] for plant in plants])
     damping = np.array([plant.resonance_damping for plant in plants])
-    centre = _folded(modes, period_s)[..., None]
+    centre = _folded_frequency(modes, period_s)[..., None]
     nearest = np.broadcast_to(0.1 * np.maximum(damping, 1e-4)[:, None], modes.shape)
     width = centre * np.moveaxis(np.geomspace(nearest, 0.2, points // 4), 0, -1)
     base = np.broadcast_to(np.geomspace(_LOWEST_RAD_S, nyquist, points), (len(plants), points))
@@ -196,7 +196,7 @@ def frequencies(plants: Sequence[DesignPlant], period_s: float, points: int) -> 
     return np.sort(np.clip(np.concatenate([base, around], axis=1), _LOWEST_RAD_S, nyquist), axis=1)
 
 
-def _folded(omega_rad_s: Array, period_s: float) -> Array:
+def _folded_frequency(omega_rad_s: Array, period_s: float) -> Array:
     """Where frequencies appear after sampling, rad/s."""
     rate = 2.0 * math.pi / period_s
     return np.asarray(np.abs((omega_rad_s + 0.5 * rate) % rate - 0.5 * rate))

@@ -79,7 +79,7 @@ GROUPS = {
 }
 
 
-def relaxed(specification: Specification, groups: tuple[str, ...], share: float) -> Specification:
+def relax(specification: Specification, groups: tuple[str, ...], share: float) -> Specification:
     """The specification with the named groups moved by ``share`` (0: as asked, 1: hardly any margin left).
 
     Margins and sensitivity of the velocity loop move together, because |1/(1 + L)| at a crossover is 1/(2 sin(margin/2)).

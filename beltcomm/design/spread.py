@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.control import Cascade, pi_response, prefilter_response, velocity_filter_response
-from beltcomm.design.design_plant import DesignPlant, sampled_together
+from beltcomm.design.design_plant import DesignPlant, sample_plants
 from beltcomm.design.loops import closed_loop_matrix, frequencies
 from beltcomm.design.margins import margins
 from beltcomm.errors import UsageError
@@ -58,7 +58,7 @@ def margin_spread(draws: Sequence[Sequence[DesignPlant]], cascade: Cascade, peri
     plants = [plant for draw in draws for plant in draw]
     if not plants or len({len(draw) for draw in draws}) != 1:
         raise UsageError("margins spread over draws with equally many plants each, at least one")
-    advance, new, old, whole = sampled_together(plants, period_s)
+    advance, new, old, whole = sample_plants(plants, period_s)
     omega = frequencies(plants, period_s, GRID_POINTS)
     response = responses_together(advance, new, old, whole, omega, period_s)
     estimator = velocity_filter_response(omega, cascade.velocity_filter_s, period_s)

@@ -73,10 +73,10 @@ def trials(ground: AxisSummary) -> list[Trial]:
     geometry = {"pulley_distance": distance, "middle": middle}
     offsets = [max(offset, 0.02 - ground.low_m) for offset in offsets]
     plain = [Trial({"share": 0.6, "offset": offset, **geometry}, signed=True) for offset in offsets]
-    return [*shown(ground, geometry, offsets[0]), *plain]
+    return [*compliance_trials(ground, geometry, offsets[0]), *plain]
 
 
-def shown(ground: AxisSummary, geometry: Mapping[str, float], offset: float) -> list[Trial]:
+def compliance_trials(ground: AxisSummary, geometry: Mapping[str, float], offset: float) -> list[Trial]:
     """The law through the compliance seen at three places or more, or with the strands of ``offset``, m, through that seen at two."""
     if not ground.stiffness_at:
         return []

@@ -42,7 +42,7 @@ def trials(ground: AxisSummary) -> list[Trial]:
     return [Trial({"amount": 0.4 * ground.coulomb, "speed_scale": v / ground.ratio}) for v in (0.012, 0.03, 0.07)]
 
 
-def unlikely(values: Mapping[str, float]) -> str:
+def implausible(values: Mapping[str, float]) -> str:
     """Whether it falls more slowly than any that was measured: so does friction that grows with the logarithm of the time of contact."""
     return "friction that falls with the logarithm of the speed" if values["exponent"] < LEAST + MET else ""
 
@@ -62,7 +62,7 @@ MOTOR = Effect(
     body="motor",
     trials=trials,
     completed_by=("stribeck_cart",),
-    unlikely=unlikely,
+    unlikely=implausible,
     seen="slow strokes need more torque than the friction of faster ones says; stick-slip at creeping speed",
     causes="boundary lubrication, new seals, carriage preload",
     check="grease, seals, preload of the carriage",

@@ -52,7 +52,7 @@ def stroke_m(speed_m_s: float, ramp: float, settle: float, excited: float) -> fl
     return abs(speed_m_s) * (ramp + settle + excited + TAIL_S)
 
 
-def moving(excitation: Excitation, speed_m_s: float, strokes: int, ramp: float, settle: float) -> MovingExcitation:
+def moving_excitation(excitation: Excitation, speed_m_s: float, strokes: int, ramp: float, settle: float) -> MovingExcitation:
     """Strokes at ``speed_m_s`` (its sign: the first one's), each with the run-in and all periods of ``excitation``.
 
     Each stroke: rest, raised-cosine ramp, constant speed for ``settle``, lead-in, run-in and periods, tail, ramp.  With speed 0 the

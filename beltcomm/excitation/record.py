@@ -100,7 +100,7 @@ class Excitation:
         return float(np.max(np.abs(self.period)) / np.sqrt(np.mean(self.period**2)))
 
 
-def finished(
+def finish(
     kind: str,
     period: Array,
     repeats: int,

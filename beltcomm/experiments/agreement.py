@@ -91,11 +91,11 @@ def agree(
             referencing.home(machine)
 
 
-def planned(plan: Plan, capabilities: Capabilities | None = None, options: Options | None = None, axis: Axis | None = None) -> Result:
+def plan_result(plan: Plan, capabilities: Capabilities | None = None, options: Options | None = None, axis: Axis | None = None) -> Result:
     """A plan that is only shown."""
     if capabilities and axis and options:
         plan = _whole(plan, axis, capabilities, options)
-        referencing.inside(axis, options.position_m)
+        referencing.require_inside(axis, options.position_m)
         plan = with_homing(plan, axis, capabilities) if options.home else plan
     wrong = fault_of(axis, capabilities) if capabilities and axis else ""
     refused = [f"This plan will be refused: {fault}." for fault in (wrong, plan.heat_fault(axis)) if fault]

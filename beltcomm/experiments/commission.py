@@ -28,7 +28,7 @@ from beltcomm.experiments import (
     verification,
 )
 from beltcomm.experiments.proving import verify_move
-from beltcomm.experiments.recentre import MOST_STOPS, brought_back, exhausted, stands_after
+from beltcomm.experiments.recentre import MOST_STOPS, bring_back, may_not_excite, stands_after
 from beltcomm.fit.acting import acting_recording
 from beltcomm.identify.amplitude import AmplitudeStep, family_around, unknown_masses_kg
 from beltcomm.identify.final import FinalModel, evidence, final_model
@@ -121,7 +121,7 @@ def first_response(machine: Machine, findings: Findings, excited: Excited, secon
             phases.planned_response(machine, "frf_1", excited.model, choice, step)
             return
         except SafetyStop as problem:
-            if not stands_after(machine, problem) or exhausted(machine):
+            if not stands_after(machine, problem) or may_not_excite(machine):
                 raise
             most_nm = QUIETER * step.amplitude_nm
             excited = findings.excited = replace(excited, step=replace(step, amplitude_nm=most_nm), at_most_nm=most_nm)
@@ -221,10 +221,10 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
     items = [
         i
         for i in record_schedule.BY_EXTENT[extent]
-        if not execute_step.measured_already(machine, i.step) and (i.rank == 0 or bounds.has_room(i.step, course))
+        if not execute_step.is_measured(machine, i.step) and (i.rank == 0 or bounds.has_room(i.step, course))
     ]
     for item in record_schedule.BY_EXTENT[extent]:
-        if execute_step.measured_already(machine, item.step):
+        if execute_step.is_measured(machine, item.step):
             machine.talk.say(f"{item.step.title(course.place_m(item.step))}: frf_1 was recorded near there, and stands for it")
     kept = VERIFYING_S
     if machine.stroking() == "velocity":  # which drifts, and does not turn within a millimetre; its last move is a slow one
@@ -233,7 +233,7 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
     first = [machine.folder.recording(n) for n in machine.folder.finished_names() if n.startswith("amplitude_") or n == "frf_1"]
     spent = CREPT_S + findings.calibrating_s + sum(float(np.ptp(r.t_s)) for r in first)
     left = record_schedule.BUDGET_S[extent] - spent - kept
-    steps, without = record_schedule.fitting(items, lambda step: bounds.seconds_of(step, course), left)
+    steps, without = record_schedule.fitting_records(items, lambda step: bounds.seconds_of(step, course), left)
     if without:
         names = "; ".join(step.title(course.place_m(step)) for step in without)
         longer = "; --thorough has time for more" if extent == "standard" else ""
@@ -243,18 +243,18 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
     loudest = findings.excited.step.amplitude_nm if findings.excited else machine.axis.torque_limit_nm
     share = 1.0
     needed = [item.step for item in items if item.rank == 0]
-    for name, step in record_schedule.named(steps, ("frf_1",)):
+    for name, step in record_schedule.named_steps(steps, ("frf_1",)):
         left_out = f"{name} ({step.title(course.place_m(step))}) was left out"
-        if step.kind == "response" and exhausted(machine):
+        if step.kind == "response" and may_not_excite(machine):
             findings.remarks.append(f"{left_out}: the carriage went too far {MOST_STOPS} times before")
             continue
         while True:
             try:
                 execute_step.make(machine, loop, step, name, loudest, share)
             except SafetyStop as problem:  # the model does not quite know how far this machine goes: again, and all that follow, quieter
-                if not brought_back(machine, model, step, problem):
+                if not bring_back(machine, model, step, problem):
                     raise
-                if not exhausted(machine):
+                if not may_not_excite(machine):
                     share *= QUIETER
                     findings.remarks.append(f"{name} is made with {share:.2g} times the torque, after this: {problem}")
                     continue
@@ -265,7 +265,7 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
                 findings.remarks.append(f"{left_out}: {problem}")
             break
         if name == execute_step.SWEEP:
-            loop = friction_feedforward.sent_ahead(machine, findings, loop)
+            loop = friction_feedforward.with_measured_friction(machine, findings, loop)
 
 
 def measure_friction(
@@ -382,12 +382,12 @@ def dispose(machine: Machine, settings: Settings, findings: Findings, cascade: C
     wanted = settings.apply
     if wanted is None:
         wanted = "restore"
-        if settings.ask and findings.succeeded:
+        if settings.ask and findings.meets_targets:
             error = 1e3 * findings.verdict.measured.dynamic_m if findings.verdict else 0.0
             machine.talk.say(f"The move met its targets, {error:.3g} mm of dynamic error at the motor.")
             if machine.talk.confirm("Keep the new gains in the drive until power-off?"):
                 wanted = "save" if machine.talk.confirm("Save them for good, beyond power-off?") else "keep"
-    if wanted in ("keep", "save") and not findings.succeeded:
+    if wanted in ("keep", "save") and not findings.meets_targets:
         missed = findings.verdict is None or not findings.verdict.passed
         why = "the verification missed its target" if missed else "; ".join(findings.reservations)
         findings.remarks.append(

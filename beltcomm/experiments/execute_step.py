@@ -196,7 +196,7 @@ def within_belt(machine: Machine, loop: Closed, step: Step, path: Trajectory) ->
     return force <= verification.belt_force_limit_n(machine, loop.model, top, verification.BELT_SWING)
 
 
-def measured_already(machine: Machine, step: Step) -> bool:
+def is_measured(machine: Machine, step: Step) -> bool:
     """Whether the first response stands for that of a step."""
     here = machine.folder.recording("frf_1").sidecar.start_position_m
     loud = step.kind == "response" and step.share >= LOUD and not step.held_out

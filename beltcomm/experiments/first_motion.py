@@ -61,7 +61,7 @@ class Extent:
         return cls(machine, most | {name: max(getattr(e, name) for e in plan.experiments) for name in ASKED})
 
     @classmethod
-    def remembered(cls, entry: Any) -> Extent:
+    def from_dict(cls, entry: Any) -> Extent:
         """As :meth:`to_dict` has it; nothing at all for what cannot be read."""
         try:
             return cls(dict(entry["machine"]), {str(name): float(value) for name, value in entry["most"].items()})
@@ -72,7 +72,7 @@ class Extent:
         """For a file."""
         return {"machine": dict(self.machine), "most": dict(self.most)}
 
-    def beyond(self, confirmed: Extent) -> list[str]:
+    def unconfirmed_entries(self, confirmed: Extent) -> list[str]:
         """What of this was not confirmed, in words."""
         found = []
         for name, here in self.machine.items():
@@ -82,7 +82,8 @@ class Extent:
             before_most = confirmed.most.get(name, -math.inf)
             share = SAME_PLAN if name in ASKED else 1e-9
             if not most <= before_most + share * abs(before_most):
-                found.append(f"{ASKED.get(name, name.removeprefix(LOWER))} {_shown(name, most)}, was {_shown(name, before_most)}")
+                now, then = (_confirmation_words(name, value) for value in (most, before_most))
+                found.append(f"{ASKED.get(name, name.removeprefix(LOWER))} {now}, was {then}")
         return found
 
     def with_(self, confirmed: Extent) -> Extent:
@@ -107,8 +108,8 @@ def confirm_first_motion(hardware: Hardware, axis: Axis, plan: Plan, options: Op
         )
     known = hardware.remembered() if hardware.unique else {}
     before = bool(known.get("moved")) and known.get("axis") == axis.name
-    extent, confirmed = Extent.of(axis, plan, options.profile), Extent.remembered(known.get("confirmed") if before else None)
-    beyond = extent.beyond(confirmed)
+    extent, confirmed = Extent.of(axis, plan, options.profile), Extent.from_dict(known.get("confirmed") if before else None)
+    beyond = extent.unconfirmed_entries(confirmed)
     if before and not beyond:
         return
     what = f"{hardware.words} (on {hardware.name}) was never moved by beltcomm on this computer"
@@ -143,7 +144,7 @@ def _word(value: Any) -> str:
     return "" if value is None else f"{value:.9g}"
 
 
-def _shown(name: str, value: float) -> str:
+def _confirmation_words(name: str, value: float) -> str:
     value = -value if name.startswith(LOWER) else value
     return f"{value:.4g} {unit_of(name)}".rstrip() if math.isfinite(value) else "not stated" if value > 0 else "not confirmed"
 

@@ -20,7 +20,7 @@ from beltcomm.rundata import analyse
 from beltcomm.rundata.findings import Findings
 
 
-def sent_ahead(machine: Machine, findings: Findings, loop: execute_step.Closed) -> execute_step.Closed:
+def with_measured_friction(machine: Machine, findings: Findings, loop: execute_step.Closed) -> execute_step.Closed:
     """The loop, in the drive too, with the friction of the sweep sent ahead, where the first fit leaves its records unexplained."""
     if findings.final is None or not findings.final.fit.suspect or machine.folder.finished(execute_step.SWEEP) is None:
         return loop

@@ -22,7 +22,7 @@ from beltcomm.experiments.bounds import Experiment
 from beltcomm.identify.loop_gain import RISE, Gain, Steps, VelocityLaw, position_gain, velocity_law
 from beltcomm.machine.machine import Machine, Room
 from beltcomm.rundata.backups import renew
-from beltcomm.rundata.calibration import RESULT, Calibration, GainUnit, check, known_of
+from beltcomm.rundata.calibration import RESULT, Calibration, GainUnit, calibration_of, check
 from beltcomm.rundata.store import drive_to_dict
 
 Array = NDArray[np.float64]
@@ -83,7 +83,7 @@ def ensure(machine: Machine, breakaway_nm: float) -> float:
 def adopt(machine: Machine, found: Calibration) -> list[str]:
     """Believe a measurement: tell the drive, keep it in the run.  Returns remarks.   Raises Refused when it contradicts what is known."""
     drive = machine.drive
-    remarks = check(found, not drive.capabilities.uncalibrated, known_of(found.kind))
+    remarks = check(found, not drive.capabilities.uncalibrated, calibration_of(found.kind))
     drive.calibrate({name: one.value for name, one in found.units.items() if name in drive.capabilities.uncalibrated})
     machine.folder.save_result(RESULT, {"drive": dict(drive.capabilities.identity), **found.to_dict()})
     machine.folder.save_result("drive", drive_to_dict(drive.capabilities))
@@ -164,14 +164,14 @@ class _Probe:
         kp = units[GAIN].value * raw[GAIN]
         tn = units[_TOLD].value * raw[_TOLD] if self.parameters[_TOLD].law == "integral_time" else kp / (units[_TOLD].value * raw[_TOLD])
         law = VelocityLaw(Gain(kp, units[GAIN].interval * raw[GAIN]), Gain(tn, 0.0), 0)
-        position = [_within(entry, POSITION_GAIN / entry.scale)]
+        position = [_check_within(entry, POSITION_GAIN / entry.scale)]
         self._write({"kpp_1_s": position[0]})
         room = self.machine.full_room()
         most = min(LARGEST_STEP_M, SPEED_SHARE * room.speed_m_s * self.period_s) / self.machine.ratio
         first = self.torque_nm / (kp * entry.scale * position[0] * CAUTION)
 
         def raise_gain(factor: float) -> bool:
-            before, position[0] = position[0], _within(entry, position[0] * min(factor, 4.0))
+            before, position[0] = position[0], _check_within(entry, position[0] * min(factor, 4.0))
             self._write({"kpp_1_s": position[0]})
             return position[0] > before
 
@@ -181,11 +181,11 @@ class _Probe:
     def _gains(self, gain: float) -> dict[str, float]:
         """Raw gain nearest to ``gain`` with the slowest integral part, nothing fed forward, nothing filtered; written."""
         kp, ki = self.parameters[GAIN], self.parameters[_TOLD]
-        raw = {GAIN: _within(kp, gain)}
+        raw = {GAIN: _check_within(kp, gain)}
         if ki.law == "integral_time":
             raw[_TOLD] = float(ki.range[1])
         else:  # as slow as the pulses let it be seen
-            raw[_TOLD] = _within(ki, raw[GAIN] * kp.scale / (2.0 * self.samples * self.period_s * ki.scale))
+            raw[_TOLD] = _check_within(ki, raw[GAIN] * kp.scale / (2.0 * self.samples * self.period_s * ki.scale))
         idle = {n: 0.0 for n in self.parameters if n.startswith(("ff_", "prefilter_")) or n == "filter_reference"}
         self._write({**idle, **raw})
         return raw
@@ -264,7 +264,7 @@ class _Probe:
         return rows
 
 
-def _within(entry: ParameterObject, raw: float) -> float:
+def _check_within(entry: ParameterObject, raw: float) -> float:
     """A raw value that the object takes."""
     if entry.type == "real32":
         return float(np.float32(raw))

@@ -13,7 +13,7 @@ from beltcomm.drive import Capabilities
 from beltcomm.drive.parameters import GAIN_NAMES
 from beltcomm.errors import Refused
 from beltcomm.excitation import Choice, choose
-from beltcomm.excitation.moving import TAIL_S, MovingExcitation, moving, ramp_s, stroke_m
+from beltcomm.excitation.moving import TAIL_S, MovingExcitation, moving_excitation, ramp_s, stroke_m
 from beltcomm.experiments import commission as sequence
 from beltcomm.experiments import phases
 from beltcomm.experiments.bounds import Experiment, stroking_nm
@@ -85,7 +85,7 @@ class LoopJob:
         signal = replace(self.choice, repeats=1 if rising else self.periods)
         step = self.torque_step_nm if self.loop.into == "torque" else 0.0
         excitation = signal.excitation(amplitude, self.loop.sample_period_s, torque_step_nm=step)
-        return moving(excitation, sign * self.speed_m_s, 1 if rising else self.strokes, self.ramp, self.settle)
+        return moving_excitation(excitation, sign * self.speed_m_s, 1 if rising else self.strokes, self.ramp, self.settle)
 
     @property
     def unit(self) -> str:
@@ -93,7 +93,7 @@ class LoopJob:
         return "N m" if self.loop.into == "torque" else "rad/s"
 
 
-def offered(capabilities: Capabilities, way: Way, parameters: frozenset[str]) -> tuple[LoopKind, Into]:
+def require_offered(capabilities: Capabilities, way: Way, parameters: frozenset[str]) -> tuple[LoopKind, Into]:
     """Which loop is closed and where the excitation goes in.   parameters : names that the drive offers.
 
     Raises Refused with what this drive lacks.
@@ -121,7 +121,7 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
     base_speed_m_s : None is chosen here, 0 stands.   Raises Refused with what binds.
     """
     capabilities = machine.drive.capabilities
-    kind, into = offered(capabilities, way, frozenset(machine.drive.backup()))
+    kind, into = require_offered(capabilities, way, frozenset(machine.drive.backup()))
     cascade, margin = sequence.first_cascade(machine, findings, model, sum(machine.full_room().window_m) / 2.0)
     excited = cascade
     if into == "velocity":  # what the drive feeds forward would pass the excitation on beside the controller
@@ -153,7 +153,7 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
         phases.BELT_SHARE * machine.axis.belt_force_limit_n,
     )
     signal = cast("Any", choice)
-    shape = moving(replace(signal, repeats=1).excitation(1.0, loop.sample_period_s), speed, 1, ramp, settle)
+    shape = moving_excitation(replace(signal, repeats=1).excitation(1.0, loop.sample_period_s), speed, 1, ramp, settle)
     shape = shape.louder(1.0 / float(np.max(np.abs(shape.added))))
     family = family_around(model)
     start = near if speed else min(max(machine.position_m, near), far)
@@ -163,7 +163,7 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
         way, model, loop, cascade, margin, signal, speed, why, ramp, settle, periods, strokes, step, found, capabilities.torque_step_nm
     )
     prediction = predict_moving(family, loop, job.motion(step.amplitude), start)
-    inside(machine, prediction)
+    check_inside(machine, prediction)
     _moves(job, step.amplitude, start)
     return replace(job, prediction=prediction)
 
@@ -218,7 +218,7 @@ def _moves(job: LoopJob, amplitude: float, at_m: float) -> None:
         )
 
 
-def inside(machine: Machine, prediction: MovingPrediction) -> None:
+def check_inside(machine: Machine, prediction: MovingPrediction) -> None:
     """Raise Refused when a record with its stops is predicted to leave the travel."""
     low, high = machine.full_room().window_m
     if prediction.low_m < low or prediction.high_m > high:
@@ -283,7 +283,9 @@ def _settling(model: Model, loop: ClosedLoop, choice: Choice, speed: float, ramp
         return SETTLE_S
     signal = choice.excitation(1.0, loop.sample_period_s)
     length = signal.period_samples * loop.sample_period_s
-    path = moving(replace(cast("Any", choice), repeats=1).excitation(1.0, loop.sample_period_s), speed, 2, ramp, LONGEST_SETTLE_S)
+    path = moving_excitation(
+        replace(cast("Any", choice), repeats=1).excitation(1.0, loop.sample_period_s), speed, 2, ramp, LONGEST_SETTLE_S
+    )
     held = max(1, round(loop.sample_period_s / loop.drive.period_s))
     run = simulate_record(model, loop, path.louder(0.0), start_m)
     base = np.repeat(path.base_m_s, held)

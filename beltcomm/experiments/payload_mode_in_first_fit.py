@@ -14,7 +14,7 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.margins import margins
-from beltcomm.effects.payload_mode import unlikely
+from beltcomm.effects.payload_mode import implausible
 from beltcomm.errors import DataError, Refused
 from beltcomm.fit.segment import OUTLIER, segments, whitened_residual
 from beltcomm.identify.final import FinalModel, evidence, final_model
@@ -48,7 +48,7 @@ def with_swing(found: FinalModel, recordings: Sequence[Recording], axis: Axis, c
         except DataError:
             continue
         values = {name.removeprefix(f"{SWING}."): item.value for name, item in other.model.parameters.items()}
-        if not other.suspect and evidence(other, found.fit) > CLEAR_EVIDENCE and not unlikely(values):
+        if not other.suspect and evidence(other, found.fit) > CLEAR_EVIDENCE and not implausible(values):
             return other.model
     return None
 

@@ -188,7 +188,7 @@ def planned_response(
         f"{1e3 * step.prediction.stop_m:.1f} mm; {run_on}"
     )
     exposed, room = (
-        exciting.Exposed(step.prediction, family_around(balanced(model)), host_loss.losses_of(machine)),
+        exciting.Exposed(step.prediction, family_around(without_offset(model)), host_loss.losses_of(machine)),
         excitation_room(machine, at),
     )
     return exciting.excite(machine, name, excitation, at, room, exposed, held_out), excitation, step
@@ -228,10 +228,10 @@ def _loudest(machine: Machine, model: Model, choice: Choice, at_most_nm: float, 
     shape = choice.excitation(1.0, period)
     unit = shape.torque / shape.amplitude_nm
     counted = stops.braking_of(machine), host_loss.losses_of(machine)
-    return largest_amplitude(family_around(balanced(model)), unit, period, at, limits, at_most_nm, *counted)
+    return largest_amplitude(family_around(without_offset(model)), unit, period, at, limits, at_most_nm, *counted)
 
 
-def balanced(model: Model) -> Model:
+def without_offset(model: Model) -> Model:
     """The model without the constant torque that open-loop records hold."""
     return model.with_values({name: 0.0 for name in ("constant_offset.torque", "tilt.angle") if name in model.parameters})
 

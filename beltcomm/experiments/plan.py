@@ -136,9 +136,9 @@ class Plan:
         if whole > self.budget_s:
             rows.append(["all of them, if each took its longest", "", "", "", "", "", f"{whole} s"])
         rows.append(["on the machine, at most", "", "", "", "", "", f"{self.seconds:.0f} s"])
-        return [self.text, *self.told(), "", *table(columns, rows), *self.heat_lines(), *self.notes]
+        return [self.text, *self.table(), "", *table(columns, rows), *self.heat_lines(), *self.notes]
 
-    def told(self) -> list[Row]:
+    def table(self) -> list[Row]:
         """The points, and after how far it moves how fast, how hard and how long, by the table."""
         if not self.points:
             return []

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from beltcomm.control import Cascade, Feedforward
 from beltcomm.design.compensation import compensation
-from beltcomm.design.compliant import Leading, leading, torque_along
+from beltcomm.design.compliant import Leading, lead_motion, torque_along
 from beltcomm.errors import Refused
 from beltcomm.experiments import phases
 from beltcomm.experiments.verification import belt_force_limit_n, in_drive, refuse_broken
@@ -62,7 +62,7 @@ class Sent:
     led: Leading | None = None
 
 
-def sent_for(model: Model, feedforward: Feedforward, path: Trajectory, sending: Sending, time_s: float = 0.0) -> Sent:
+def reference_for(model: Model, feedforward: Feedforward, path: Trajectory, sending: Sending, time_s: float = 0.0) -> Sent:
     """Reference and torque for a motion of the carriage that ends with a rest.   time_s : session's clock at its start.
 
     Raises UsageError for a motor that should lead without a belt.
@@ -73,7 +73,7 @@ def sent_for(model: Model, feedforward: Feedforward, path: Trajectory, sending: 
     if sending == "rigid":
         along = compensation(model, feedforward, path, path.sample_period_s, time_s)
         return Sent(path, path, along, asked + float(np.max(np.abs(along))))
-    led = leading(model, path, feedforward.advance_s, friction=sending == "compliant", time_s=time_s)
+    led = lead_motion(model, path, feedforward.advance_s, friction=sending == "compliant", time_s=time_s)
     along = torque_along(led, feedforward, model["transmission.ratio"])
     return Sent(led.trajectory, led.carriage, along, float(np.max(np.abs(led.torque_nm))), led)
 
@@ -95,7 +95,7 @@ def verify_move(
     refuse_broken(machine, model, trajectory)
     running = machine.write_cascade(cascade)
     clock_s = machine.session_time_s
-    sent = sent_for(model, running.feedforward, held(trajectory, REST_S), sending, clock_s)
+    sent = reference_for(model, running.feedforward, held(trajectory, REST_S), sending, clock_s)
     drive = in_drive(machine, delay_s)
     path = predict_move(model, running, sent.motor, drive, extra_torque_nm=sent.torque_nm, time_s=clock_s)
     _check_path(machine, path)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from beltcomm.errors import NoMotion, Refused, SafetyStop
 from beltcomm.excitation import prbs
-from beltcomm.experiments.phases import BELT_SHARE, balanced, excitation_room, motion_limits
+from beltcomm.experiments.phases import BELT_SHARE, excitation_room, motion_limits, without_offset
 from beltcomm.experiments.recentre import stands_after
 from beltcomm.fit.acting import acting_recording
 from beltcomm.fit.first_estimate import data_sheet_model, moves_enough, stiffness_range
@@ -82,7 +82,7 @@ def raise_amplitude(
         name = f"amplitude_{len(recordings) + 1}"
         kept = machine.folder.finished(name) is not None
         try:
-            recordings.append(_made(machine, name, following, kept))
+            recordings.append(_record_of_step(machine, name, following, kept))
         except SafetyStop as problem:
             if found is None or not stands_after(machine, problem):
                 raise
@@ -118,7 +118,7 @@ def raise_amplitude(
         )
         model = scale.check_first(machine, model, acting_recording(recordings[-1], first.path))
         stops.lend_brake(machine, model, following.at_m)
-        family = family_around(balanced(model))
+        family = family_around(without_offset(model))
         at_most = GROWTH * step.amplitude_nm
         last = _louder(machine, family, following, at_most)
         bound = last.amplitude_nm < 1.1 * step.amplitude_nm
@@ -133,7 +133,7 @@ def _next(machine: Machine, breakaway: Breakaway, family: Sequence[Model], shape
     """The first of the sequences that may be louder than friction, as loud as it may be.   Raises Refused when none may."""
     at, period = machine.position_m, machine.drive.capabilities.sample_period_s  # every excitation leaves the carriage a little aside
     limits = motion_limits(machine, at)
-    braking, losses = stops.braking_of(machine, breakaway.sliding_nm), host_loss.losses_of(machine, breakaway.sliding_nm)
+    braking, losses = stops.braking_of(machine, breakaway.least_friction_nm), host_loss.losses_of(machine, breakaway.least_friction_nm)
     for order, clock in shapes:
         shape = prbs(order, clock, 2.0, period, 1)
         unit = shape.torque / shape.amplitude_nm
@@ -146,7 +146,7 @@ def _next(machine: Machine, breakaway: Breakaway, family: Sequence[Model], shape
     )
 
 
-def _made(machine: Machine, name: str, wanted: _Next, kept: bool) -> Recording:
+def _record_of_step(machine: Machine, name: str, wanted: _Next, kept: bool) -> Recording:
     """The record of a step.   kept : it is there from an earlier run."""
     own, step = machine.drive.capabilities, wanted.step
     if not kept:

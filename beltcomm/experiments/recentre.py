@@ -19,7 +19,7 @@ LOOK_S, STANDS_M = 0.2, 5e-5
 BACK_M_S = 0.05
 
 
-def exhausted(machine: Machine) -> bool:
+def may_not_excite(machine: Machine) -> bool:
     """Whether stops have used up what the session goes on after: then no further open-loop record is begun."""
     return machine.wanderings >= MOST_STOPS
 
@@ -43,7 +43,7 @@ def stands_after(machine: Machine, problem: BeltcommError) -> bool:
     return True
 
 
-def brought_back(machine: Machine, model: Model, step: Step, problem: SafetyStop) -> bool:
+def bring_back(machine: Machine, model: Model, step: Step, problem: SafetyStop) -> bool:
     """Whether the session goes on after the stop of an open-loop step; then the carriage is at its place again.
 
     model : of the loop in the drive.   Raises what bringing the carriage back raises.

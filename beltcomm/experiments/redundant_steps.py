@@ -32,7 +32,7 @@ class Before:
     friction_nm: float
 
 
-def shown_already(step: Step, before: Before) -> str:
+def record_showing(step: Step, before: Before) -> str:
     """Name of the record that shows what the step would, "" for none."""
     return next((r.name for r in before.recordings if shows(r, step, before)), "")
 
@@ -47,14 +47,14 @@ def shows(recording: Recording, step: Step, before: Before) -> bool:
     ):
         return False
     if step.kind == "response":
-        return excited_so(recording, step, before)
+        return excitation_suffices(recording, step, before)
     if step.kind == "reversals":
         return abs(before.ratio) * float(np.ptp(recording.position)) <= 2.0 * ROUNDED * max(step.amplitudes_m)
     if step.kind == "moves":
-        return moved_so(recording, step, before)
+        return moves_suffice(recording, step, before)
     if step.kind == "sweep" and not goes_across(recording, before):
         return False
-    return made_later(recording, before) if step.again else has_speeds(recording, step, before)
+    return is_later(recording, before) if step.again else has_speeds(recording, step, before)
 
 
 def is_there(recording: Recording, step: Step, before: Before) -> bool:
@@ -72,13 +72,13 @@ def goes_across(recording: Recording, before: Before) -> bool:
     return abs(before.ratio) * float(np.ptp(recording.position)) > ACROSS * (before.window_m[1] - before.window_m[0])
 
 
-def made_later(recording: Recording, before: Before) -> bool:
+def is_later(recording: Recording, before: Before) -> bool:
     """Whether strokes came ``LATER_S`` after the first ones, as for what warms up."""
     when = [r.sidecar.session_time_s or 0.0 for r in before.recordings if r.sidecar.experiment == "friction_sweep"]
     return (recording.sidecar.session_time_s or 0.0) - min(when) > LATER_S
 
 
-def moved_so(recording: Recording, step: Step, before: Before) -> bool:
+def moves_suffice(recording: Recording, step: Step, before: Before) -> bool:
     """Whether moves go on as long as the step asks for; of fast ones, whether they are as hard, the run's hardest being all it may do."""
     if step.seconds:
         return bool(recording.t_s[-1] - recording.t_s[0] >= REACHED * step.seconds)
@@ -87,7 +87,7 @@ def moved_so(recording: Recording, step: Step, before: Before) -> bool:
     return own > 0.0 and REACHED <= own / (step.share * hardest) <= 1.0 / REACHED
 
 
-def excited_so(recording: Recording, step: Step, before: Before) -> bool:
+def excitation_suffices(recording: Recording, step: Step, before: Before) -> bool:
     """Whether an excitation is as loud or as quiet, as long and as wide as the step asks for."""
     if recording.t_s[-1] - recording.t_s[0] < REACHED * (step.seconds or RESPONSE_S) or band_hz(recording) < REACHED * step.up_to_hz:
         return False

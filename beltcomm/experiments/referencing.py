@@ -89,7 +89,7 @@ def _stand_anywhere(machine: Machine, settings: Settings, needed: bool) -> tuple
     return window
 
 
-def inside(axis: Axis, position_m: float | None) -> None:
+def require_inside(axis: Axis, position_m: float | None) -> None:
     """Raise UsageError for a stated position outside the travel."""
     low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
     if position_m is not None and not low <= position_m <= high:
@@ -107,7 +107,7 @@ def slow_payload(axis: Axis, mass_kg: float, payload_kg: float | None) -> str | 
     )
 
 
-def only_here(capabilities: Capabilities, position_m: float | None, *, home: bool) -> None:
+def refuse_window(capabilities: Capabilities, position_m: float | None, *, home: bool) -> None:
     """Raise UsageError for a window where the whole travel will be used."""
     if position_m is not None or home or capabilities.referenced:
         raise UsageError(

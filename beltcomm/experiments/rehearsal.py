@@ -157,7 +157,7 @@ def rehearse(machine: Machine, options: Options, talk: Talk, job: Job, goes_on: 
             ) from problem
         played = RunFolder.open(run)
         names = [name for name in played.finished_names() if name not in before]
-        records = tuple(played_of(played.recording(name), axis, place) for name in sorted(names, key=lambda n: _clock(played, n)))
+        records = tuple(play_record(played.recording(name), axis, place) for name in sorted(names, key=lambda n: _clock(played, n)))
     whole = Played("everything, ways included", twin.low_m, twin.high_m, twin.fastest_m_s, twin.strongest_nm, twin.belt_n)
     found = Rehearsal(what, records, whole, bounds_of(machine, model))
     talk.say(*found.lines())
@@ -171,7 +171,7 @@ def rehearse(machine: Machine, options: Options, talk: Talk, job: Job, goes_on: 
 def twin_of(axis: Axis, folder: RunFolder) -> tuple[Model, str]:
     """The model behind the twin, and what it is in words."""
     if "final" in folder.names("models"):
-        return offline.trusted(folder)[0], "the run's model"
+        return offline.trusted_revision(folder)[0], "the run's model"
     model = sheet_model(axis)
     if axis.mounting.tilted:
         guess = gravity.expected(axis)
@@ -182,7 +182,7 @@ def twin_of(axis: Axis, folder: RunFolder) -> tuple[Model, str]:
     )
 
 
-def played_of(recording: Recording, axis: Axis, otherwise_m: float) -> Played:
+def play_record(recording: Recording, axis: Axis, otherwise_m: float) -> Played:
     """What a record of the twin shows; the belt's force as the motor shows it,  F = (τ - Θ_e φ̈)/i_t,  mean of ``BELT_ROWS`` rows."""
     ratio, inertia = axis.transmission_m_rad, axis.motor_side_inertia_kg_m2
     begun = otherwise_m if recording.sidecar.start_position_m is None else recording.sidecar.start_position_m

@@ -84,7 +84,7 @@ def _as_then(
     """
     own, at = machine.drive.capabilities, machine.position_m
     _, family = unknown_axis(machine, breakaway, masses_kg)
-    braking, losses = stops.braking_of(machine, breakaway.sliding_nm), host_loss.losses_of(machine, breakaway.sliding_nm)
+    braking, losses = stops.braking_of(machine, breakaway.least_friction_nm), host_loss.losses_of(machine, breakaway.least_friction_nm)
     one = prbs(*shape, 2.0, own.sample_period_s, 1)
     unit = one.torque / one.amplitude_nm
     step = largest_amplitude(family, unit, own.sample_period_s, at, phases.motion_limits(machine, at), amplitude_nm, braking, losses)

@@ -1,6 +1,6 @@
 """A connected drive as a command may use it: nothing moves before it was agreed to, a key must stay held, the motor stays cool enough.
 
-Wraps any :class:`beltcomm.drive.Drive`; every command opens its drive through :func:`supervised`.
+Wraps any :class:`beltcomm.drive.Drive`; every command opens its drive through :func:`supervise`.
 """
 
 from __future__ import annotations
@@ -174,12 +174,12 @@ class Supervised:
                 )
             rows += 1
             if hold is not None and rows % HOLD_ROWS == 0 and not hold.held():
-                raise _released()
+                raise _released_stop()
 
         if hold is None:
             return self._recorded(motion, limits, watched)
         if not hold.begin():
-            raise _released()
+            raise _released_stop()
         try:
             return self._recorded(motion, limits, watched)
         finally:
@@ -230,10 +230,10 @@ class Supervised:
             self._talk.say("This drive could not be remembered: its first motion will be asked for again.")
 
 
-def _released() -> SafetyStop:
+def _released_stop() -> SafetyStop:
     return SafetyStop("the key was let go; the axis was stopped; hold it as long as the axis may move, --resume goes on", "released")
 
 
-def supervised(drive: Drive, name: str, run: Path | None, options: Options, talk: Talk, *, settles: bool = True) -> Supervised:
+def supervise(drive: Drive, name: str, run: Path | None, options: Options, talk: Talk, *, settles: bool = True) -> Supervised:
     """The drive called ``name`` as a command on ``run`` may use it.   settles : as in :class:`Supervised`."""
     return Supervised(drive, Hardware.of(name, drive.capabilities), run, options, talk, settles=settles)

@@ -28,7 +28,7 @@ class ArrowheadJacobian:
         """Number of unknowns that all segments share, k."""
         return int(self.columns.shape[1]) - 1
 
-    def scaled(self, weights: Array) -> ArrowheadJacobian:
+    def weighted_rows(self, weights: Array) -> ArrowheadJacobian:
         """Every row times its weight, (n,)."""
         return ArrowheadJacobian(self.columns * weights[:, None], self.ends)
 

@@ -37,12 +37,12 @@ def decimated_noise(every: int) -> float:
     return math.sqrt((4.0 / 3.0 - 1.0 / (3.0 * every**2)) / every)
 
 
-def decimated(row: Array, every: int) -> Array:
+def decimate(row: Array, every: int) -> Array:
     """Mean of a row, (n,), over so many samples, without the rest at the end; (n // every,)."""
     return np.asarray(row[: len(row) // every * every].reshape(-1, every).mean(axis=1))
 
 
-def decimated_torque(torque: Array, within: Intersample | None, every: int) -> tuple[Array, Intersample]:
+def decimate_torque(torque: Array, within: Intersample | None, every: int) -> tuple[Array, Intersample]:
     """Mean of the torque over so many periods, (n // every,), N m at the motor, and how it is spread over them.
 
     torque : mean over each period, (n,), N m at the motor.   within : its spread inside; None: it is held.

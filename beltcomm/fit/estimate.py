@@ -80,7 +80,7 @@ class Fitted:
         return self.problem.offsets(self.x) if self.problem.movable else np.zeros(len(self.problem.pieces))
 
     @cached_property
-    def nearby(self) -> LocalQuadratic:
+    def local_quadratic(self) -> LocalQuadratic:
         """The neighbourhood of this minimum, worked out once: several questions in a row ask for it."""
         return LocalQuadratic(self.problem, self.x, self.residual)
 
@@ -116,7 +116,7 @@ def fit_of(
     """The same of a problem made already by :func:`problem_of`."""
     if needs_observer(problem.model):  # then an observer knows itself how the carriage may stand at first
         return _fit_with_observers(problem, data, iterations, fixed, enough, goal)
-    return _fitted_at(problem, problem.minimise(problem.start(offsets), iterations, enough=enough, goal=goal), data)
+    return _fit_result(problem, problem.minimise(problem.start(offsets), iterations, enough=enough, goal=goal), data)
 
 
 def resume_fit(data: Data, begun: Fitted, iterations: int) -> Fitted:
@@ -156,7 +156,7 @@ def _fit_with_observers(
         lost |= hopeless(best[1].objective - goal, least - best[1].objective, math.ceil(left / AT_A_TIME))
         through = not gain >= FOLLOWED_ENOUGH  # also where a body flew off, and it is no number
         if left <= 0 or through or lost:
-            return _fitted_at(*best, data, None if through or lost else problem.model)
+            return _fit_result(*best, data, None if through or lost else problem.model)
         found = problem.minimise(x, min(left, AT_A_TIME), enough=enough)
         left, gain = left - AT_A_TIME, here.objective - found.objective
         if best[0] is not problem:
@@ -164,7 +164,7 @@ def _fit_with_observers(
         problem = problem_of(data, problem.model_at(found.x, "laboratory"), fixed)
 
 
-def _fitted_at(problem: Problem, at: Minimum, data: Data, onward: Model | None = None) -> Fitted:
+def _fit_result(problem: Problem, at: Minimum, data: Data, onward: Model | None = None) -> Fitted:
     """A minimum, and what its model makes of the records held out."""
     problem.forget()  # most fits are only compared; what they looked at would be kept with each of them
     best = problem.model_at(at.x, "laboratory")

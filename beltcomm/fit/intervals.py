@@ -133,7 +133,7 @@ def information_of(fitted: Fitted) -> Information:
     """
     problem = fitted.problem
     weights, own = problem.weights(fitted.residual), len(problem.free)
-    jacobian, left = problem.jacobian(fitted.x).scaled(weights), fitted.residual * weights
+    jacobian, left = problem.jacobian(fitted.x).weighted_rows(weights), fitted.residual * weights
     # What a start offset can take up says nothing.
     columns = jacobian.columns[:, :own]
     for here in jacobian.segments():
@@ -181,7 +181,7 @@ def at_bound(fitted: Fitted) -> NDArray[np.bool_]:
     return found
 
 
-def spread_of(fitted: Fitted) -> ParameterSpread:
+def parameter_spread(fitted: Fitted) -> ParameterSpread:
     """The spread of a fit."""
     told, model = information_of(fitted), fitted.model
     moved, shares = without_each(told)
@@ -250,7 +250,7 @@ def with_intervals(fitted: Fitted) -> Model:
     """The model with half widths of 95 %, worked out once: several answers in a row ask for it; None where a parameter sits at a bound."""
     nuisance, known = _KNOWN.get(fitted, (None, None))
     if known is None or nuisance is not fitted.problem.nuisance:
-        spread = spread_of(fitted)
+        spread = parameter_spread(fitted)
         parameters = dict(fitted.model.parameters)
         for name in fitted.problem.free:
             parameters[name] = replace(parameters[name], interval=spread.half_width({name: 1.0}))

@@ -22,7 +22,7 @@ from beltcomm.fit.observer import Perturbation, slopes
 from beltcomm.fit.reversals import LEVEL
 from beltcomm.fit.rounding_bias import RoundingBias
 from beltcomm.fit.segment import Segment, in_noise, observed_residuals, with_observers
-from beltcomm.fit.touches import Touch, touched_by, touches_noise
+from beltcomm.fit.touches import Touch, part_touched, touches_noise
 from beltcomm.model import Model, expected_parameters
 from beltcomm.simulate.inverse import (
     FineMotion,
@@ -110,7 +110,7 @@ class Problem:
         self.low = np.concatenate([np.array([v.low for v in values]) / own, -held])
         self.high = np.concatenate([np.array([v.high for v in values]) / own, held])
         self.inertia = model.index("motor.inertia")
-        self.touches = [touched_by(model, name) for name in self.free]
+        self.touches = [part_touched(model, name) for name in self.free]
         self.touches_noise = [touches_noise(model, name) for name in self.free]
         self.ends = np.cumsum([0, *(len(piece.value_samples) for piece in self.pieces)])
         self.blocks = time_blocks(self.pieces, block_s)
@@ -255,7 +255,7 @@ class Problem:
             # An observer knows itself how the carriage may stand at first.
             offset_of = [own + i] if own + i in asked and piece.observer is None else []
             for j in [j for j in shared if j not in observed] + offset_of:
-                step, ahead = self.perturbed(x, j)
+                step, ahead = self.perturb(x, j)
                 touch: Touch = self.touches[j] if j < own else "belt"
                 offset = OFFSET_M * float(ahead[own + i]) if self.movable else 0.0
                 if touch == "belt":
@@ -269,7 +269,7 @@ class Problem:
             changes: dict[int, Array] = {}
             own_white = in_noise(piece, self.model, vector, here) if piece.own_noise else np.zeros(0)
             for j, beside in neighbours.items():
-                step, ahead = self.perturbed(x, j)
+                step, ahead = self.perturb(x, j)
                 if piece.own_noise and j < own and self.touches_noise[j]:
                     columns[self.ends[i] : self.ends[i + 1], j] = (in_noise(piece, self.model, self.full(ahead), beside) - own_white) / step
                 else:
@@ -283,12 +283,12 @@ class Problem:
         """Columns of unknowns behind the observers of the pieces, (n, numbers)."""
         steps = []
         for j in numbers:
-            length, ahead = self.perturbed(x, j)
+            length, ahead = self.perturb(x, j)
             steps.append(Perturbation(length, self.full(ahead), self.touches[j] == "all"))
         found = slopes([one for piece in self.pieces for one in piece.observations], self.model, self.full(x), steps)
         return np.concatenate([piece.group_sums(white[piece.keep]) for piece, white in zip(self.pieces, found, strict=True)])
 
-    def perturbed(self, x: Array, j: int) -> tuple[float, Array]:
+    def perturb(self, x: Array, j: int) -> tuple[float, Array]:
         """A small step of one unknown, to the side where there is room, and the unknowns there."""
         step = 1e-3 * max(abs(x[j]), 0.1)
         if x[j] + step > self.high[j]:
@@ -322,7 +322,7 @@ class Problem:
         moved = [j for j in range(own) if self.touches_noise[j]]
         steps, others = [], []
         for j in moved:
-            step, ahead = self.perturbed(x, j)
+            step, ahead = self.perturb(x, j)
             steps.append(step)
             others.append(self.full(ahead))
         slope, curvature = self.bias.responses(self.full(x), others, np.array(steps))
@@ -343,7 +343,7 @@ class Problem:
         asked = [j for j in range(len(x)) if j not in set(held)]
         for left in reversed(range(iterations if math.isfinite(value) else 0)):
             weights = self.weights(residual)
-            jacobian = self.jacobian(x, asked).scaled(weights)
+            jacobian = self.jacobian(x, asked).weighted_rows(weights)
             gradient, information = jacobian.transpose_times(residual * weights), jacobian.information()
             unit, own = np.diag(information).copy(), len(self.free)
             of_block = np.zeros(len(self.count))

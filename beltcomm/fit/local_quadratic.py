@@ -67,15 +67,15 @@ class LocalQuadratic:
 
     def _prepare_screening(self, here: Near) -> None:
         """Everything fitted, weighted as at the minimum, for :meth:`rough_gains`."""
-        rest = self.residual + self._moved(here.step[self.moving] * self.norms)
+        rest = self.residual + self._residual_change(here.step[self.moving] * self.norms)
         means = np.add.reduceat(rest**2, self.starts[:-1]) / self.count
         self.weights = np.repeat(1.0 / np.maximum(means, 1.0), np.diff(self.starts))
-        self.weighted = self.jacobian.scaled(self.weights)
+        self.weighted = self.jacobian.weighted_rows(self.weights)
         inner, _ = self._summed(1.0 / np.maximum(means, 1.0), self.products, np.zeros(self.products.shape[:2]))
         self.inverse = np.linalg.inv(inner + 1e-12 * np.diag(np.diag(inner)))
-        self.rest = rest - self._moved(self.inverse @ self.weighted.transpose_times(rest)[self.used])
+        self.rest = rest - self._residual_change(self.inverse @ self.weighted.transpose_times(rest)[self.used])
 
-    def _moved(self, place: Array) -> Array:
+    def _residual_change(self, place: Array) -> Array:
         """Change of the residual by everything fitted, (p,) -> (n,)."""
         every = np.zeros(self.jacobian.own + len(self.jacobian.ends) - 1)
         every[self.used] = place
@@ -166,7 +166,7 @@ class LocalQuadratic:
         value = _robust(self.count, means)
         for _ in range(PASSES):
             weights = 1.0 / np.maximum(means, 1.0)
-            ahead = _bounded(*self._summed(weights, system, slope), low, high, p)
+            ahead = _bounded_minimum(*self._summed(weights, system, slope), low, high, p)
             acts = self._by_block(ahead)
             pulled = 2.0 * slope + np.matmul(system, acts[:, :, None])[:, :, 0]
             means_ahead = np.maximum((square + np.sum(pulled * acts, axis=1)) / self.count, 0.0)
@@ -182,7 +182,7 @@ class LocalQuadratic:
         return Near(value, place[p:] / np.maximum(sizes, 1e-300), step)
 
 
-def _bounded(system: Array, slope: Array, low: Array, high: Array, p: int) -> Array:
+def _bounded_minimum(system: Array, slope: Array, low: Array, high: Array, p: int) -> Array:
     """Minimum of a quadratic form with what runs into a bound held there; columns after the first p that say nothing stay 0."""
     place = np.zeros(len(slope))
     free = np.diag(system) > 0.0

@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 from beltcomm.errors import DataError
 from beltcomm.fit.base import fit_base
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import ParameterSpread, spread_of, unbounded_estimates, with_intervals
+from beltcomm.fit.intervals import ParameterSpread, parameter_spread, unbounded_estimates, with_intervals
 from beltcomm.fit.noise_level import noise_colour, torque_noise
 from beltcomm.fit.nuisance import held_remarks
 from beltcomm.fit.records import Data, apparent_step, prepare_records
@@ -91,7 +91,7 @@ class ModelFit:
 
     @cached_property
     def _spread(self) -> ParameterSpread:
-        return spread_of(self.fitted)
+        return parameter_spread(self.fitted)
 
     @property
     def freedom(self) -> int:

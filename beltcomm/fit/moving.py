@@ -63,7 +63,7 @@ def creeping_samples(position: Array, sample_s: float, step_rad: float) -> tuple
     return found, even
 
 
-def crept(motion: FineMotion, position: Array, creeps: NDArray[np.bool_]) -> tuple[Array, Array] | None:
+def creep_motion(motion: FineMotion, position: Array, creeps: NDArray[np.bool_]) -> tuple[Array, Array] | None:
     """Angle, rad, and speed, rad/s, on the fine grid, even over the span of time in which the motor creeps; None where it does nowhere.
 
     Between two steps of the encoder the angle stands, and friction would seem to turn with every step.
@@ -90,7 +90,7 @@ def samples_between_counts(angle: Array, position: Array, step_rad: float) -> ND
     return np.asarray(ways[0] > MOST_WAY * (ways[1] + step_rad))
 
 
-def ran_in(motion: FineMotion, ratio: float) -> NDArray[np.bool_]:
+def run_in_samples(motion: FineMotion, ratio: float) -> NDArray[np.bool_]:
     """Samples after the carriage has first moved far enough to have forgotten where it stuck."""
     travel = np.abs(motion.theta[:: motion.substeps] - motion.theta[0]) * ratio
     moved = np.flatnonzero(travel > RUN_IN_TRAVEL_M)

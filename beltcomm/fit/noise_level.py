@@ -65,7 +65,7 @@ def torque_noise(recordings: Sequence[Recording], quiet_nm: float = 1e-3) -> flo
 def repeats_itself(recordings: Sequence[Recording]) -> bool:
     """True for a torque that repeats from period to period as no measured one does: most values the same, others a step or two apart."""
     for recording in recordings:
-        repeated, note = _repeated(recording), recording.sidecar.excitation
+        repeated, note = _period_difference(recording), recording.sidecar.excitation
         if repeated is None or note is None or len(repeated) < (note.period_samples or 0):
             continue
         if np.mean(repeated == 0.0) > SAME and float(np.std(repeated)) < NO_NOISE * float(np.std(recording.torque)):
@@ -109,7 +109,7 @@ def noise_untold(recordings: Sequence[Recording]) -> str:
     )
 
 
-def too_little(ratio: float) -> str:
+def error_floor_words(ratio: float) -> str:
     """Why an error over the noise is none; "" for one that noise can leave."""
     if ratio >= TOO_LITTLE:
         return ""
@@ -121,7 +121,7 @@ def too_little(ratio: float) -> str:
 
 def noise_doubt(ratio: float, recordings: Sequence[Recording]) -> str:
     """Why an error over the noise says nothing of a model; "" where it does."""
-    return noise_untold(recordings) or too_little(ratio)
+    return noise_untold(recordings) or error_floor_words(ratio)
 
 
 def _level(recordings: Sequence[Recording]) -> Level:
@@ -139,13 +139,13 @@ def _level(recordings: Sequence[Recording]) -> Level:
         levels.append(robust_rms(rest, step) if step > size else size)
     if levels:
         return Level(float(np.median(levels)), True)
-    coloured = [level for r in recordings if (level := _coloured(r)) is not None]  # what differences of a high order hardly show
+    coloured = [level for r in recordings if (level := _coloured_noise(r)) is not None]  # what differences of a high order hardly show
     return min(coloured or map(_without_setpoint, recordings), key=lambda level: level.nm, default=Level(0.0, True))
 
 
-def _coloured(recording: Recording) -> Level | None:
+def _coloured_noise(recording: Recording) -> Level | None:
     """Noise of first order, by what two whole periods of a record differ by; None where they differ by white noise or something else."""
-    repeated, note = _repeated(recording), recording.sidecar.excitation
+    repeated, note = _period_difference(recording), recording.sidecar.excitation
     if repeated is None or note is None or len(repeated) < (note.period_samples or 0):
         return None
     number = np.arange(len(repeated))
@@ -159,7 +159,7 @@ def _coloured(recording: Recording) -> Level | None:
 def _without_setpoint(recording: Recording) -> Level:
     """From the difference of repeated periods, where a record holds any, else from what is rough between jumps or behind the excitation."""
     rough = [nm for nm in (_between_jumps(recording.torque), _floor(recording)) if nm is not None]
-    repeated = _repeated(recording)
+    repeated = _period_difference(recording)
     if repeated is not None:
         nm = _rough(np.diff(repeated, ORDER), ORDER)
         if not rough or nm <= REPEATING * min(rough):
@@ -170,7 +170,7 @@ def _without_setpoint(recording: Recording) -> Level:
     return Level(min(rough), not restless or min(rough) < MOSTLY * float(np.std(recording.torque)))
 
 
-def _repeated(recording: Recording) -> Array | None:
+def _period_difference(recording: Recording) -> Array | None:
     """What samples one period apart differ by, over √2; None where too few are."""
     torque, note = recording.torque, recording.sidecar.excitation
     if note is None or note.period_samples is None:

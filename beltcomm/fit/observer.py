@@ -108,7 +108,7 @@ def load_beyond_motor(model: Model, motion: FineMotion, torque: Array, vector: A
     return left
 
 
-def forgotten(keep: NDArray[np.bool_], sample_s: float) -> NDArray[np.bool_]:
+def settling_samples(keep: NDArray[np.bool_], sample_s: float) -> NDArray[np.bool_]:
     """Samples that do not count, behind so many of them that the carriage may be anywhere in its gap when the next one does; (n,)."""
     number = np.arange(len(keep))
     since = number - np.maximum.accumulate(np.where(keep, number, -1))
@@ -176,7 +176,7 @@ def untuned_observer(
         held=held,
         spread=np.array([(0.5 * free) ** 2, swing**2]),
         lost=np.zeros(motion.samples, dtype=np.bool_),
-        forgets=forgotten(keep, motion.sample_s),
+        forgets=settling_samples(keep, motion.sample_s),
         learning=True,
         F=np.stack([opened.F, shut.F]),
         G=np.concatenate([np.stack([opened.G, shut.G]), by_chance], axis=2),

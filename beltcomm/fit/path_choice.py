@@ -312,8 +312,8 @@ def _motion_asks_for_path(data: Data, fitted: Fitted) -> bool:
     for path in (TorquePath(loop_s=LOOP_SHARES[0] * sample_s), TorquePath(None, late), TorquePath(None, filtered)):
         columns = columns_of(replace(data, path=path), fitted)
         if columns is not None and np.any(columns):
-            near = fitted.nearby.best(columns=columns)
-            gain = fitted.nearby.objective - near.objective
+            near = fitted.local_quadratic.best(columns=columns)
+            gain = fitted.local_quadratic.objective - near.objective
             if near.amounts[0] > 0.0 and gain > math.log(max(fitted.problem.samples, 2)) + CLEAR:
                 return True
     return False

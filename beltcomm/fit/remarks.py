@@ -81,7 +81,7 @@ def joint_draws(mean: Array, covariance: Array, low: Array, high: Array, count: 
     """Sets of parameters as uncertain as a fit leaves them, (count, k): multivariate Student t, cut off at the bounds.
 
     x = mean + C^(1/2) n √(f/χ²_f),   n standard normal (k,), one χ² per draw.   covariance : C, (k, k), of the fit, with f degrees of
-    ``freedom``; inf is normal.   low, high : (k,).     Source: the intervals' own law; Gelman et al., Bayesian Data Analysis, A.1.
+    ``gap_evidence``; inf is normal.   low, high : (k,).     Source: the intervals' own law; Gelman et al., Bayesian Data Analysis, A.1.
     """
     random = np.random.default_rng(seed)
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))

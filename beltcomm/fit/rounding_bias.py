@@ -105,9 +105,9 @@ class RoundingBias:
                 continue
             here, *beside = (kind.response(path) for path in own)
             long = max(r.shape[1] for r in (here, *beside))
-            base, ahead = _padded(here, long).reshape(-1), np.zeros((k, len(here) * long))
+            base, ahead = _pad(here, long).reshape(-1), np.zeros((k, len(here) * long))
             for i, (response, step) in enumerate(zip(beside, steps, strict=True)):
-                ahead[i] = (_padded(response, long).reshape(-1) - base) / step
+                ahead[i] = (_pad(response, long).reshape(-1) - base) / step
             slope[number], curvature[number] = (0.0 if kind.segment.own_noise else 2.0 * ahead @ base), ahead @ ahead.T
         return slope[self.of_segment], curvature[self.of_segment]
 
@@ -157,7 +157,7 @@ class _Kind:
         return found if found < ABSURD else math.inf
 
 
-def _padded(rows: Array, length: int) -> Array:
+def _pad(rows: Array, length: int) -> Array:
     return rows if rows.shape[1] == length else np.pad(rows, ((0, 0), (0, length - rows.shape[1])))
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.fit.decimation import decimated
+from beltcomm.fit.decimation import decimate
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.noise_level import LEAST_COLOUR, MOST_COLOUR, correlation, robust_rms, torque_step
 from beltcomm.fit.records import Data
@@ -56,7 +56,7 @@ def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
             continue
         rests.append(rest)
         every = round(piece.motion.sample_s / by_name[piece.record].sample_period_s)
-        rest = decimated(rest, every)
+        rest = decimate(rest, every)
         mean = np.zeros(len(rest))
         mean[1:-1] = 0.5 * (rest[:-2] + rest[1:-1])
         white, left, weight = piece.white(mean), fitted.residual[here], weights[here]

@@ -14,7 +14,7 @@ from beltcomm.simulate.kernels.writer import acts_on_motor
 Touch = Literal["inertia", "motor", "belt", "path", "all"]
 
 
-def touched_by(model: Model, name: str) -> Touch:
+def part_touched(model: Model, name: str) -> Touch:
     """Part of the equation of motion in which a parameter stands."""
     if name == "motor.inertia":
         return "inertia"

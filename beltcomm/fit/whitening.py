@@ -57,7 +57,9 @@ class Whitener:
         kept = np.count_nonzero(keep)
         if residual.ndim == 1:
             out = np.empty(kept)
-            _filtered(residual, keep, self.F, self.H, self.level, self.gains, self.deviations, np.zeros((2, self.H.shape[1])), out)
+            _filter_innovations(
+                residual, keep, self.F, self.H, self.level, self.gains, self.deviations, np.zeros((2, self.H.shape[1])), out
+            )
             return out
         levels, slow = len(self.H), self.H.shape[1] - ONE_BODY
         if slow in (0, 1):
@@ -161,7 +163,7 @@ def with_slow_rounding(path: NoisePath) -> NoisePath:
 
 
 @compiled
-def _filtered(
+def _filter_innovations(
     e: Array,
     keep: NDArray[np.bool_],
     f: Array,

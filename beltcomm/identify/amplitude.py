@@ -18,7 +18,7 @@ from beltcomm.errors import Refused
 from beltcomm.model import Model
 from beltcomm.model.linear import fastest_rate, operating_point
 from beltcomm.simulate.forward import integrate_torque
-from beltcomm.simulate.stopping import HEAVIEST_KG, Braking, HostLoss, run_on, total_friction, total_inertia
+from beltcomm.simulate.stopping import HEAVIEST_KG, Braking, HostLoss, run_on_distance, total_friction, total_inertia
 
 Array = NDArray[np.float64]
 
@@ -132,19 +132,19 @@ def unknown_payload(
     family = []
     for mass in masses_kg:
         for factor in (0.75 * stiffness_shares[0], 1.25 * stiffness_shares[1]):
-            family.append(_half_friction(model.with_values({"cart.mass": mass, **_scaled(model, _stiffness_names(model), factor)})))
+            family.append(_half_friction(model.with_values({"cart.mass": mass, **_scale_values(model, _stiffness_names(model), factor)})))
     return family
 
 
 def family_around(model: Model, spread: float = FIRST_ESTIMATE_SPREAD) -> list[Model]:
     """Family around an estimate: mass and stiffness apart by ``spread``, friction and belt damping lowered by it."""
     lossy = [n for n in model.parameters if n.endswith((".damping", ".level")) and not n.startswith("coupling")]
-    calmer = model.with_values(_scaled(model, lossy, 1.0 - spread))
+    calmer = model.with_values(_scale_values(model, lossy, 1.0 - spread))
     stiff = _stiffness_names(model)
     return [
         model,
         *(
-            calmer.with_values({"cart.mass": model["cart.mass"] * (1 + a * spread), **_scaled(model, stiff, 1 + b * spread)})
+            calmer.with_values({"cart.mass": model["cart.mass"] * (1 + a * spread), **_scale_values(model, stiff, 1 + b * spread)})
             for a in (-1, 1)
             for b in (-1, 1)
         ),
@@ -175,7 +175,7 @@ def predict(
         travel = max(travel, float(np.max(np.abs(result.cart_position_m - result.cart_position_m[0]))))
         speeds = np.diff(result.cart_position_m) / sample_s
         fastest = float(np.max(np.abs(speeds)))
-        died = [_died(model, result.cart_position_m, DIED_RESERVE * speeds, peak, loss) for loss in losses(model)]
+        died = [_run_on_of_record(model, result.cart_position_m, DIED_RESERVE * speeds, peak, loss) for loss in losses(model)]
         ways.append(tuple(way for way, _ in died))
         places.append(tuple(place for _, place in died))
         speed, stop = max(speed, fastest), max(stop, braking(model).way_m(SPEED_RESERVE * fastest))
@@ -185,11 +185,11 @@ def predict(
     return Prediction(travel, speed, peak, force, stop, motor, *farthest)
 
 
-def _died(model: Model, place_m: Array, speed_m_s: Array, torque_nm: float, loss: HostLoss) -> tuple[float, float]:
+def _run_on_of_record(model: Model, place_m: Array, speed_m_s: Array, torque_nm: float, loss: HostLoss) -> tuple[float, float]:
     """Longest run-on at any instant of a record, m, and the farthest place from its start.   place_m : (n,).   speed_m_s : (n - 1,)."""
     axis = (torque_nm, total_friction(model), total_inertia(model), model["transmission.ratio"], loss)
     gone = place_m[1:] - place_m[0]
-    up, down = run_on(speed_m_s, *axis), run_on(-speed_m_s, *axis)
+    up, down = run_on_distance(speed_m_s, *axis), run_on_distance(-speed_m_s, *axis)
     return float(np.max([up, down])), float(np.max([gone + up, down - gone]))
 
 
@@ -244,10 +244,10 @@ def _stiffness_names(model: Model) -> list[str]:
     return [n for n in model.parameters if n.startswith(("belt_stiffness.stiffness", "belt_spans.specific", "belt_sections.specific_s"))]
 
 
-def _scaled(model: Model, names: Sequence[str], factor: float) -> dict[str, float]:
+def _scale_values(model: Model, names: Sequence[str], factor: float) -> dict[str, float]:
     return {name: model[name] * factor for name in names}
 
 
 def _half_friction(model: Model) -> Model:
     friction = [n for n in model.parameters if n.endswith(".level") or n.startswith("viscous")]
-    return model.with_values(_scaled(model, friction, 0.5))
+    return model.with_values(_scale_values(model, friction, 0.5))

@@ -151,7 +151,7 @@ def fit_friction(plateaus: Sequence[Plateau], *, slowest_rad_s: float = 0.0) -> 
     # An error of nothing, as a simulation without noise has, is no infinite weight.
     weight = 1.0 / np.maximum(variance, max(1e-6 * float(variance.max()), 1e-30))
     regressor = np.stack([speed, np.sign(speed), np.ones(len(speed))], axis=1)
-    estimate, half = _weighted(regressor, torque, weight)
+    estimate, half = _weighted_estimate(regressor, torque, weight)
     fit = FrictionFit(
         viscous=_viscous(estimate[0], half[0]),
         coulomb=_coulomb(estimate[1], half[1]),
@@ -222,7 +222,7 @@ def _repeat_scatter(plateaus: Sequence[Plateau]) -> float | None:
     return float(np.sqrt(max(squares - own, 0.0) / freedom)) if freedom else None
 
 
-def _weighted(regressor: Array, torque: Array, weight: Array) -> tuple[Array, Array]:
+def _weighted_estimate(regressor: Array, torque: Array, weight: Array) -> tuple[Array, Array]:
     """Estimate and half widths at 95 % from the scatter about it; infinite when no pass is left over to judge by."""
     root = np.sqrt(weight)
     estimate = np.asarray(np.linalg.lstsq(regressor * root[:, None], torque * root, rcond=None)[0], dtype=np.float64)
@@ -239,7 +239,7 @@ def _one_direction(sign: float, speed: Array, torque: Array, weight: Array) -> t
     if rows.sum() < 2 or np.ptp(speed[rows]) < LARGEST_SPEED_ERROR * np.max(np.abs(speed[rows])):
         return None
     regressor = np.stack([np.abs(speed[rows]), np.ones(int(rows.sum()))], axis=1)
-    estimate, half = _weighted(regressor, sign * torque[rows], weight[rows])
+    estimate, half = _weighted_estimate(regressor, sign * torque[rows], weight[rows])
     return _viscous(estimate[0], half[0]), _coulomb(estimate[1], half[1])
 
 

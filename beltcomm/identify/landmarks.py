@@ -97,7 +97,7 @@ def shape_of(model: Model, position_m: float) -> Shape | None:
     if "motor" not in m.bodies or len(m.bodies) < 2:
         return None
     held = m.hold(("motor",))
-    (mu, low, vectors), (lam, high, _) = _undamped(held), _undamped(m)
+    (mu, low, vectors), (lam, high, _) = _undamped_modes(held), _undamped_modes(m)
     shares = vectors[held.bodies.index("cart")] ** 2 if "cart" in held.bodies else np.ones(len(mu))
     kept = [i for i in range(len(mu)) if mu[i] > 0.0]
 
@@ -115,7 +115,7 @@ def shape_of(model: Model, position_m: float) -> Shape | None:
     return best if best is not None and best.belt.antiresonance_hz > LOWEST_HZ and max(best.belt.damping) < MOST_DAMPING else None
 
 
-def _undamped(m: Matrices) -> tuple[Array, Array, Array]:
+def _undamped_modes(m: Matrices) -> tuple[Array, Array, Array]:
     """Eigenvalues, (rad/s)², ascending, the damping of each, 2 ζ ω, rad/s, and the eigenvectors in mass-normalised coordinates."""
     scale = 1.0 / np.sqrt(np.diag(m.M))
     values, vectors = np.linalg.eigh(m.K * np.outer(scale, scale))

@@ -142,11 +142,11 @@ def largest_moving(
             aimed = 0.5 * (low + high) if math.isfinite(high) else at_most
         trial = max(min(aimed, at_most), least)
     if best is None:
-        raise Refused(_too_much(binds, least, loop.into))
+        raise Refused(_excess_words(binds, least, loop.into))
     return best
 
 
-def _too_much(binds: str, least: float, into: Into) -> str:
+def _excess_words(binds: str, least: float, into: Into) -> str:
     unit = "N m" if into == "torque" else "rad/s"
     remedy = "travel faster (--base-speed)" if binds == "turning round" else "look at that limit in axis.yaml, or travel more slowly"
     what = "the motor would turn round" if binds == "turning round" else f"the limit on {binds} would be broken"

@@ -93,7 +93,7 @@ def product_form(freq_hz: Array, theta: Mapping[str, Array | float], transmissio
     N s/m at the belt.     transmission_m_rad : i_t, m/rad.     Raises nothing.     Source: thesis (2.42), errata 1 and 2.
     """
     s = 2j * np.pi * freq_hz
-    total, rigid_damping, mu, delta = _combined(theta, transmission_m_rad)
+    total, rigid_damping, mu, delta = _combined_coefficients(theta, transmission_m_rad)
     c, d_c, m_c = theta["stiffness_n_m"], theta["cart_damping_n_s_m"], theta["mass_kg"]
     rigid = s * (s * total + rigid_damping)
     return np.asarray((m_c * s**2 + d_c * s + c) / (rigid * (mu * s**2 + delta * s + c)), dtype=np.complex128)
@@ -109,7 +109,7 @@ def sampled_product_form(
     Arguments as :func:`product_form`, one parameter set.  The flexible part stands before the rigid one, time in units of
     1/ω_r, so that a double integrator (no damping) is no special case.  Raises nothing.
     """
-    total, rigid_damping, mu, delta = (float(v) for v in _combined(theta, transmission_m_rad))
+    total, rigid_damping, mu, delta = (float(v) for v in _combined_coefficients(theta, transmission_m_rad))
     c, d_c, m_c = theta["stiffness_n_m"], theta["cart_damping_n_s_m"], theta["mass_kg"]
     omega = np.sqrt(c / mu)
     # Flexible part in s' = s/ω_r: (β s'^2 + γ s' + 1)/(s'^2 + ε s' + 1), states 2 and 3; rigid part: states 0 and 1.
@@ -285,7 +285,7 @@ def _inverse(jacobian: Array) -> tuple[Array, Array]:
     return deviation, correlation
 
 
-def _combined(theta: Mapping[str, Array | float], transmission_m_rad: float) -> tuple[Array | float, ...]:
+def _combined_coefficients(theta: Mapping[str, Array | float], transmission_m_rad: float) -> tuple[Array | float, ...]:
     """Θ_e + i_t² m_c, i_t² (d_m + d_c), μ and δ of (2.42)."""
     i2, inertia, m_c = transmission_m_rad**2, theta["inertia_kg_m2"], theta["mass_kg"]
     d_m, d_c = theta["motor_damping_n_s_m"], theta["cart_damping_n_s_m"]

@@ -135,8 +135,8 @@ def standstill_of(recording: Recording, fit: MagnitudeFit, model: Model, sweep: 
         Value(predicted, "N m s/rad", "motor", 0.0, np.inf, uncertain, "describing function"),
         (float(gains[0] * coulomb.value), float(gains[1] * coulomb.value)),
         viscous.value + friction_as_damping(coulomb.value, amplitudes[0]),
-        _shown_by(model, recording, fit),
-        _shown_by(model.with_values({name: 0.0 for name in COULOMB if name in model.parameters}), recording, fit),
+        _apparent_damping(model, recording, fit),
+        _apparent_damping(model.with_values({name: 0.0 for name in COULOMB if name in model.parameters}), recording, fit),
     )
 
 
@@ -157,7 +157,7 @@ def apparent(fit: MagnitudeFit) -> Value:
     return Value(sum(parts(fit)), "N m s/rad", "motor", 0.0, np.inf, interval, "log-magnitude fit")
 
 
-def _shown_by(model: Model, recording: Recording, fit: MagnitudeFit) -> float | None:
+def _apparent_damping(model: Model, recording: Recording, fit: MagnitudeFit) -> float | None:
     """The apparent damping of a model under the torque of a record; None where it cannot be simulated or fitted."""
     note = recording.sidecar.excitation
     if note is None or not note.period_samples or len(recording.gaps()):

@@ -50,7 +50,7 @@ def basis_of(run: Path) -> Basis:
             f"{folder.axis} has neither belt nor pulley; the controller is designed for a motor that drives a carriage by a belt. What the "
             f"laboratory knows of this axis: `beltcomm report {pasted(run)}`"
         )
-    model, revision, which = offline.trusted(folder)
+    model, revision, which = offline.trusted_revision(folder)
     findings = Findings(kept_path=kept_path(folder))
     records = records_of(folder)
     recordings = records.recordings
@@ -109,5 +109,5 @@ def delivered(
         *(f"This design is in doubt: {why}." for why in (*unexplained, *thin_margins(findings.design.margins), *proof.doubts)),
         f"Next: beltcomm verify --drive DRIVE --run {pasted(folder.path)}",
     ]
-    unfit = findings.design.relaxed or proof.failed or unexplained
+    unfit = findings.design.relaxed or proof.has_failed or unexplained
     return Result({"run": str(folder.path), **mapping, "data_sheet": plain(sheets), "pictures": made}, text, 1 if unfit else 0)

@@ -70,11 +70,11 @@ def share_left(before: Fitted, after: Fitted) -> float:
 
     O forgives bad places, which may fall while the error as a whole stays or grows.
     """
-    held = _left(before.held_ratio, after.held_ratio) if before.held_ratio is not None and after.held_ratio is not None else 1.0
-    return held if held < HELD_FALLS else _left(before.ratio, after.ratio)
+    held = _mean_left(before.held_ratio, after.held_ratio) if before.held_ratio is not None and after.held_ratio is not None else 1.0
+    return held if held < HELD_FALLS else _mean_left(before.ratio, after.ratio)
 
 
-def _left(before: float, after: float) -> float:
+def _mean_left(before: float, after: float) -> float:
     return (after**2 - 1.0) / (before**2 - 1.0) if before > 1.0 and after > 1.0 else float(after >= before)
 
 

@@ -60,9 +60,9 @@ def compare(data: Data, fitted: Fitted) -> Comparison:
     vector = fitted.problem.full(fitted.x)
     for i, piece in enumerate(fitted.problem.pieces):
         white = fitted.residual[fitted.problem.ends[i] : fitted.problem.ends[i + 1]]
-        judged.append(_judged(piece, fitted, vector, white, OFFSET_M * float(fitted.offsets[i])))
+        judged.append(_judge(piece, fitted, vector, white, OFFSET_M * float(fitted.offsets[i])))
     for piece, white in zip(data.held_out, fitted.held_residual, strict=True):
-        judged.append(_judged(piece, fitted, vector, white, 0.0))
+        judged.append(_judge(piece, fitted, vector, white, 0.0))
     parts = band_limited_errors(data, fitted, band)
     records = []
     for name in dict.fromkeys(j.piece.record for j in judged):
@@ -76,7 +76,7 @@ def compare(data: Data, fitted: Fitted) -> Comparison:
     return Comparison(fitted.ratio, fitted.held_ratio, tuple(records), tuple(worst_places(judged)), tuple(judged), whole, held)
 
 
-def _judged(piece: Segment, fitted: Fitted, vector: Array, white: Array, offset_m: float) -> Judged:
+def _judge(piece: Segment, fitted: Fitted, vector: Array, white: Array, offset_m: float) -> Judged:
     torque = evaluate(piece, fitted.model, vector, offset_m)
     return Judged(piece, white, torque[piece.value_samples], fitted.model["transmission.ratio"], torque, units_of(fitted.model))
 

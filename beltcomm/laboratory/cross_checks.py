@@ -160,7 +160,7 @@ class MapCheck:
     orders: tuple[MapOrder, ...]
 
     @property
-    def confirmed(self) -> bool:
+    def is_confirmed(self) -> bool:
         """Whether the map shows what the model says."""
         return self.correlation > CONFIRMED
 

@@ -17,13 +17,9 @@ from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, prepare
 from beltcomm.fit.start import data_sheet
 from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, impossible, is_refuted, lowers, share_left
+from beltcomm.laboratory.backward_elimination import drop_superfluous
 from beltcomm.laboratory.compare import compare
-from beltcomm.laboratory.forms import assign_body, fit_law_shapes
-from beltcomm.laboratory.freedom import is_replaceable_gap
-from beltcomm.laboratory.masked import gap_with_delay
-from beltcomm.laboratory.plausible import run_away, undetermined_effects, unlikely
-from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of
-from beltcomm.laboratory.stage import (
+from beltcomm.laboratory.forward_selection import (
     MISSING,
     MOSTLY,
     Candidate,
@@ -33,8 +29,12 @@ from beltcomm.laboratory.stage import (
     merge_candidates,
     search,
 )
-from beltcomm.laboratory.structure import structure
-from beltcomm.laboratory.superfluous import drop_superfluous
+from beltcomm.laboratory.gap_behind_delay import gap_with_delay
+from beltcomm.laboratory.gap_evidence import is_replaceable_gap
+from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes
+from beltcomm.laboratory.plausibility import implausible_effects, parameters_at_bounds, undetermined_effects
+from beltcomm.laboratory.residual_structure import structure
+from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -65,7 +65,7 @@ TWIN_GAP, TWIN_SHARE = 50.0, 0.002
 @dataclass(frozen=True)
 class Stage:
     """One stage.   before : the model it began with.   candidates : ranked.   added : the effect taken on trial, "" for none.
-    removed : effects that became superfluous.   after : the model it ended with.   forms : see ``forms``; beside an effect that was
+    removed : effects that became superfluous.   after : the model it ended with.   forms : see ``law_shape``; beside an effect that was
     added what of it acts on the carriage.   detour : effects that were taken on trial first and became superfluous beside that one."""
 
     before: Fitted
@@ -99,10 +99,10 @@ class Diagnosis:
     @property
     def published_model(self) -> Fitted:
         """The model whose numbers are told: the base as it was published, where nothing was added."""
-        return self.published_base[1] if self.after is self.base else self.after
+        return self.published_base[1] if self.final_fit is self.base else self.final_fit
 
     @property
-    def after(self) -> Fitted:
+    def final_fit(self) -> Fitted:
         """The model with all effects on trial."""
         return self.steps[-1].after if self.steps else self.base
 
@@ -110,7 +110,7 @@ class Diagnosis:
     def added_effects(self) -> list[str]:
         """Effects that were added and stayed, in that order, each followed by what completes it."""
         every = [name for step in self.steps for name in (step.added, *step.forms)]
-        return [name for name in dict.fromkeys(every) if name in self.after.model.effects]
+        return [name for name in dict.fromkeys(every) if name in self.final_fit.model.effects]
 
 
 def fit_base_of(recordings: Sequence[Recording], axis: Axis, start: Model) -> tuple[Data, Fitted]:
@@ -167,7 +167,7 @@ def diagnose(
                 data, current, at_base if current is base else Scorer(current), start, axis, above, in_stage(progress, number)
             )
         # Further orders of a ripple that is there already are no new cause.
-        causes = sum(bool(step.added) and not further(step.added) for step in steps)
+        causes = sum(bool(step.added) and not is_later_member(step.added) for step in steps)
         taken = accept_best(data, current, ranked, trying, causes < most)
         ranked = None
         current.problem.forget()  # observers of a stage that is over: every step keeps its model
@@ -207,7 +207,7 @@ def diagnose(
             first, step = direct
             steps[first:], seen[first + 1 :] = [step], []
         doubted = len(steps) - 1 if strays else None  # what a gap hides may show itself behind it, as a slack strand does
-    twins = next((pair for step in steps if step.added and (pair := twins_of(uncontradicted(step.candidates)))), ())
+    twins = next((pair for step in steps if step.added and (pair := twins_of(without_contradicted(step.candidates)))), ())
     if twins and twins[0] not in current.model.effects:
         twins = ()
     against = base  # what the last model is held against: a base of the same steps of time and groups of samples
@@ -229,7 +229,7 @@ def find_candidates(
     """What may be missing, best first.
 
     Where the fit strayed from its start values, looked for from there as well, and where nothing explains most even so, for what hides
-    each other (``masked``).   above : O per sample from which on a fit explains little.
+    each other (``gap_behind_delay``).   above : O per sample from which on a fit explains little.
     """
     ground = ground_of(current, data.fitted, axis)
     candidates = search(data, scorer, ground, progress=progress, swallowed_above=above)
@@ -286,8 +286,8 @@ def accept_best(
     causes_left : whether one more cause may be named; else only further orders of one.
     """
     while True:
-        best = next(iter(uncontradicted(candidates)), None)
-        if best is None or not best.accepted or best.fitted is None or not (causes_left or further(best.effect.name)):
+        best = next(iter(without_contradicted(candidates)), None)
+        if best is None or not best.accepted or best.fitted is None or not (causes_left or is_later_member(best.effect.name)):
             return Acceptance(candidates, None, data)
         trying(best)
         ahead, grown = refit_with_rebuilt_motion(data, best.fitted, NEXT_ITERATIONS)
@@ -311,7 +311,7 @@ def escape_if_far_off(data: Data, fitted: Fitted) -> Fitted | None:
     return found if drop > EVIDENCE and not is_refuted(drop, held_gain) and not impossible(found.model) else None
 
 
-def uncontradicted(candidates: Sequence[Candidate]) -> list[Candidate]:
+def without_contradicted(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Candidates that neither the held-out records nor their own values contradict: the others stand in no one's way."""
     return [c for c in candidates if c.stands]
 
@@ -321,7 +321,7 @@ def in_stage(progress: Callable[[int, float], None], number: int) -> Callable[[f
     return lambda fraction: progress(number + 1, 0.5 * fraction)
 
 
-def further(name: str) -> bool:
+def is_later_member(name: str) -> bool:
     """Whether an effect is the second, third, ... of a numbered family."""
     return name.rpartition("_")[2].isdigit()
 
@@ -340,7 +340,7 @@ def find_shortcut(seen: Sequence[Data], steps: Sequence[Stage]) -> tuple[int, St
         straight = fit(seen[number], last.after.model, FIRST_ITERATIONS, offsets=last.after.offsets)
         found = candidate(seen[number], step.before, effect_named(last.added), 0.0, straight, len(steps) - number)
         candidates = merge_candidates(step.candidates, [found])
-        if uncontradicted(candidates)[0] is found and found.accepted:
+        if without_contradicted(candidates)[0] is found and found.accepted:
             detour = tuple(name for name in last.removed if name not in step.before.model.effects)
             left = {*last.after.model.parameters, *last.after.model.effects}
             forms = tuple(name for other in steps[number:] for name in other.forms if name in left)
@@ -362,7 +362,7 @@ def twins_of(candidates: Sequence[Candidate]) -> tuple[str, ...]:
 
 
 def remaining_structure(data: Data, fitted: Fitted) -> float:
-    """How far the rest is from noise: see ``beltcomm.laboratory.structure``."""
+    """How far the rest is from noise: see ``beltcomm.laboratory.residual_structure``."""
     return max(structures(data, fitted).values(), default=0.0)
 
 
@@ -383,8 +383,8 @@ def verdict_of(base: Fitted, steps: Sequence[Stage], twins: tuple[str, ...], lef
         rounded = any(piece.own_noise or (piece.group == 1 and piece.observer is None) for piece in base.problem.pieces)
         most = STRUCTURED_BESIDE if rounded or level <= QUIET else STRUCTURED
         return "nothing missing" if level < NOISE_KNOWN and left < most else NONE_EXPLAINS
-    if level >= MISSING or left >= STRUCTURED_BESIDE or run_away(after.model, base.model):
+    if level >= MISSING or left >= STRUCTURED_BESIDE or parameters_at_bounds(after.model, base.model):
         return "partly explained"
-    if undetermined_effects(with_intervals(after), base.model) or unlikely(after.model, base.model):
+    if undetermined_effects(with_intervals(after), base.model) or implausible_effects(after.model, base.model):
         return "partly explained"
     return "cannot tell" if twins else "explained"

@@ -63,7 +63,7 @@ class Extract:
         return self.last - self.first
 
 
-def extracted(records: Sequence[Recording], axis: Axis, remarks: list[str]) -> dict[str, list[Recording]]:
+def extract_long(records: Sequence[Recording], axis: Axis, remarks: list[str]) -> dict[str, list[Recording]]:
     """What stands for each long record, by its name: stretches of it, each a record of its own, called ``NAME@SECONDSs``.
 
     Records to fit and those held out are chosen among themselves.
@@ -136,7 +136,7 @@ def windows_of(records: Sequence[Recording]) -> list[Extract]:
     windows = []
     for number, one in enumerate(signals):
         for first, last in itertools.pairwise(one.cuts()):
-            found = _told(one, first, last, scale, speeds, (low, high), number / len(signals), 1.0 / len(signals))
+            found = _window_information(one, first, last, scale, speeds, (low, high), number / len(signals), 1.0 / len(signals))
             if found is not None:
                 windows.append(Extract(number, first, last, *found))
     return windows
@@ -189,7 +189,7 @@ class _Signals:
         return [*cuts, rows]
 
 
-def _told(
+def _window_information(
     one: _Signals, first: int, last: int, scale: Array, speeds: Array, places: tuple[float, float], begin: float, share: float
 ) -> tuple[Array, Array, float, int] | None:
     """What a window tells, see :class:`Extract`; None where it is too short."""
@@ -226,7 +226,7 @@ def best_windows(windows: Sequence[Extract], most_rows: int) -> list[Extract]:
         present, used, free[number] = present + told[number], used + rows[number], False
         taken.append(windows[number])
 
-    for number in np.argsort(-_left(windows), kind="stable"):
+    for number in np.argsort(-_regression_residual(windows), kind="stable"):
         if not taken or used + rows[number] <= ODD_SHARE * most_rows:
             take(int(number))
     while free.any() and used < most_rows:
@@ -235,7 +235,7 @@ def best_windows(windows: Sequence[Extract], most_rows: int) -> list[Extract]:
     return taken
 
 
-def _left(windows: Sequence[Extract]) -> Array:
+def _regression_residual(windows: Sequence[Extract]) -> Array:
     """Mean squared torque that the regression over all windows leaves in each."""
     known = np.arange(len(windows[0].moment)) != _FAST
     told = np.array([w.told for w in windows])[:, known][:, :, known]

@@ -42,7 +42,7 @@ def check_whole(recordings: Sequence[Recording]) -> None:
 
 
 def _gap_words(with_gaps: Sequence[Recording], timed: Sequence[Recording]) -> str:
-    count, lost = sum(len(r.gaps()) for r in with_gaps), sum(map(_lost, with_gaps))
+    count, lost = sum(len(r.gaps()) for r in with_gaps), sum(map(_lost_rows, with_gaps))
     share = lost / (sum(len(r.t_s) for r in timed) + lost)
     longest = max(float(np.diff(r.t_s)[r.gaps()].max()) for r in with_gaps)
     return (
@@ -51,7 +51,7 @@ def _gap_words(with_gaps: Sequence[Recording], timed: Sequence[Recording]) -> st
     )
 
 
-def _lost(record: Recording) -> int:
+def _lost_rows(record: Recording) -> int:
     """Rows that a record lacks."""
     steps = np.diff(record.t_s)[record.gaps()] / record.sample_period_s
     return int(np.sum(np.maximum(np.round(steps) - 1.0, 1.0)))

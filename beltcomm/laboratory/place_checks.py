@@ -72,7 +72,7 @@ def checked_positions(timed: Sequence[Recording], axis: Axis, remarks: list[str]
     place = np.array([float(r.sidecar.start_position_m or 0.0) for r in known])
     if len(known) < 3 or np.ptp(angle) * ratio < 10.0 * PLACE_M:
         if unknown:
-            remarks.append(_unplaced(unknown))
+            remarks.append(_unplaced_words(unknown))
         return list(timed)
     line = line_through(angle, place, ratio)
     if line.agree.mean() < MAJORITY:
@@ -80,7 +80,7 @@ def checked_positions(timed: Sequence[Recording], axis: Axis, remarks: list[str]
         if other.agree.sum() >= max(3, MAJORITY * len(known)) and np.ptp(place[other.agree]) > 10.0 * PLACE_M:
             raise _radius_fault(axis, ratio, other.slope, int(other.agree.sum()))
         if unknown:
-            remarks.append(_unplaced(unknown))
+            remarks.append(_unplaced_words(unknown))
         return list(timed)  # the angle began anew now and then: nothing to compare
     wrong = [(r, float(far)) for r, far, good in zip(known, line.far, line.agree, strict=True) if not good]
     if wrong:
@@ -103,7 +103,7 @@ def checked_positions(timed: Sequence[Recording], axis: Axis, remarks: list[str]
     ]
 
 
-def _unplaced(unknown: Sequence[Recording]) -> str:
+def _unplaced_words(unknown: Sequence[Recording]) -> str:
     return (
         f"{names_of(unknown)}: no start_position_m; where along the travel they were made is guessed from the motor "
         "angle, so what depends on "

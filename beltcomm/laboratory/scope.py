@@ -36,11 +36,11 @@ SLOW_M_S, APART_M = 0.08, 0.1
 
 def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Diagnosis, list[str]]:
     """The diagnosis without names or a verdict that these records cannot bear, and sentences on it."""
-    doubt = noise_doubt(found.after.ratio, recordings)
+    doubt = noise_doubt(found.final_fit.ratio, recordings)
     if doubt and found.verdict != "partly explained":
         return replace(found, verdict="cannot tell"), [doubt]
     if found.data.path.commanded and all(SLOTS.get(name) in DRIVE_SLOTS for name in found.added_effects):
-        return without_names(found), [only_commanded(found)]
+        return without_names(found), [commanded_only_words(found)]
     sentence = "" if found.verdict == "explained" or acts_slowly(found) else undersampling_remark(found.base.model, recordings)
     sentence = sentence or unknown_delivery(found, recordings)
     if sentence and found.verdict != "nothing missing":
@@ -56,9 +56,9 @@ def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tupl
                 "it is not named. Record an excitation (frf) and ask again."
             )
             return replace(found, steps=kept, verdict="cannot tell", twins=()), [sentence]
-    if found.verdict == NONE_EXPLAINS and found.after.ratio < UNDECIDED:
+    if found.verdict == NONE_EXPLAINS and found.final_fit.ratio < UNDECIDED:
         sentence = (
-            f"An error of {found.after.ratio:.2f} times the noise may be the noise itself: it is known to some "
+            f"An error of {found.final_fit.ratio:.2f} times the noise may be the noise itself: it is known to some "
             f"{100.0 * (UNDECIDED - 1.0):.0f} % "
             "where no record is excited. Record an excitation (frf) and ask again."
         )
@@ -78,7 +78,7 @@ def without_names(found: Diagnosis) -> Diagnosis:
     return replace(found, steps=kept, verdict="cannot tell", twins=(), data=found.first)
 
 
-def only_commanded(found: Diagnosis) -> str:
+def commanded_only_words(found: Diagnosis) -> str:
     """That nothing independent tells how noisy a torque is of which only the command was recorded, in words."""
     units = units_of(found.base.model)
     return (

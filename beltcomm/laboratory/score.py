@@ -22,7 +22,7 @@ from beltcomm.fit.records import SUBSTEPS
 from beltcomm.fit.segment import Segment, in_noise, observed_residuals, whitened_residual, with_observers
 from beltcomm.laboratory.acceptance import loudness
 from beltcomm.laboratory.harmonics import gain_means, line_columns, load_means, powers_of
-from beltcomm.laboratory.hints import explained_elongation, stiffness_by_record
+from beltcomm.laboratory.single_record import explained_elongation, stiffness_by_record
 from beltcomm.model import Model, on_side
 from beltcomm.simulate.inverse import (
     ENOUGH_LANES,
@@ -73,7 +73,7 @@ class Scorer:
         self.model: Model = fitted.model
         self.vector = fitted.problem.full(fitted.x)
         self.offsets = OFFSET_M * fitted.offsets if fitted.problem.movable else np.zeros(len(fitted.problem.pieces))
-        self.nearby = fitted.nearby
+        self.nearby = fitted.local_quadratic
         # The change by an effect is a difference of two runs: what coarse steps do wrong is in both.
         most = SUBSTEPS if needs_observer(self.model) else ROUGH_SUBSTEPS
         rough_pieces = [replace(p, motion=p.motion.coarser(min(most, p.motion.substeps))) for p in self.problem.pieces]

@@ -3,7 +3,7 @@
 At the fitted model, an effect of strength s (1: the size that its trials call typical) changes the weighted residual by s c.  What the
 free parameters would do as well is taken out, c⊥ = c - A (AᵀA)⁻¹ Aᵀ c, so it would lower the objective by s² c⊥ᵀc⊥.  Named it can be where
 
-    s² c⊥ᵀc⊥ - (n ln N + 2 ln ways)  >  EVIDENCE        (laboratory.stage)
+    s² c⊥ᵀc⊥ - (n ln N + 2 ln ways)  >  EVIDENCE        (laboratory.forward_selection)
 
 Two amplitudes (sine and cosine) count with the phase that shows least.  Nothing is refitted: to first order, and a search from the
 same model has worked out most of it.
@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, AxisSummary, Effect, Trial
 from beltcomm.laboratory.acceptance import EVIDENCE
+from beltcomm.laboratory.forward_selection import bic_penalty, may_add
 from beltcomm.laboratory.score import Scorer
-from beltcomm.laboratory.stage import bic_penalty, may_add
 
 Array = NDArray[np.float64]
 

@@ -220,7 +220,7 @@ def design(
     prefilter : the only kind to try; None: all that the drive has.
     Raises Refused (Infeasible) with what binds.
     """
-    offered(structure, prefilter)
+    require_offered(structure, prefilter)
     wanted = specification or PRODUCT_SPECIFICATION
     if prefilter is not None:
         wanted = replace(wanted, prefilters=(prefilter,))
@@ -263,7 +263,7 @@ def first_loop(
     return cautious_cascade(plant, structure, UNCERTAINTIES[-1], nearest)
 
 
-def offered(structure: CascadeStructure, prefilter: PrefilterKind | None, feedforward: SentFeedforward | None = None) -> None:
+def require_offered(structure: CascadeStructure, prefilter: PrefilterKind | None, feedforward: SentFeedforward | None = None) -> None:
     """Raise Refused for a prefilter or a feedforward that was asked for and that the drive does not have."""
     if prefilter is not None and prefilter not in structure.prefilters:
         raise Refused(f"{structure.name} has no {prefilter} prefilter; choose {' or '.join(structure.prefilters)}")
@@ -315,7 +315,7 @@ def apparent_damping(fits: Mapping[str, MagnitudeFit]) -> float:
     return max(values)
 
 
-def swinging(model: Model, position_m: float) -> Shape:
+def resonance_shape(model: Model, position_m: float) -> Shape:
     """:func:`beltcomm.identify.landmarks.shape_of`.   Raises DataError for a model whose belt is so soft that nothing swings on it."""
     shape = shape_of(model, position_m)
     if shape is None:
@@ -324,6 +324,6 @@ def swinging(model: Model, position_m: float) -> Shape:
 
 
 def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:
-    """Antiresonance and resonance of the belt with the carriage at a place, Hz.   Raises DataError as :func:`swinging`."""
-    belt = swinging(model, position_m).belt
+    """Antiresonance and resonance of the belt with the carriage at a place, Hz.   Raises DataError as :func:`resonance_shape`."""
+    belt = resonance_shape(model, position_m).belt
     return belt.antiresonance_hz, belt.resonance_hz

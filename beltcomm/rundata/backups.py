@@ -79,15 +79,15 @@ def _si(saved: Mapping[str, Any], item: ObjectValue) -> dict[str, Any]:
     return {"value": entry["value"]} if "value" in entry else {}
 
 
-def listed(folder: RunFolder) -> list[Backup]:
+def list_backups(folder: RunFolder) -> list[Backup]:
     """Every backup of a run, the oldest first; unreadable ones raise DataError."""
     names = [name for name in folder.names("results") if name == FIRST or name.removeprefix(f"{FIRST}_").isdigit()]
     return [read(folder.file("results", name)) for name in names]
 
 
-def chosen(folder: RunFolder, which: str | None) -> Backup:
+def choose_backup(folder: RunFolder, which: str | None) -> Backup:
     """A backup by name or path; None is the one from before the run.   Raises Refused when there is none, UsageError, DataError."""
-    names = [one.name for one in listed(folder)] if which is not None else []
+    names = [one.name for one in list_backups(folder)] if which is not None else []
     if which is None or which in names:
         if folder.load_result(which or FIRST) is None:
             raise Refused(f"{folder.path} holds no backup of a drive; nothing to roll back to")
@@ -125,7 +125,7 @@ def same_drive(backup: Backup, drive: Drive) -> None:
         raise UsageError(f"{backup.path} is the backup of another drive ({'; '.join(apart)}); nothing is written")
 
 
-def wanted_of(backup: Backup, drive: Drive) -> list[ObjectValue]:
+def values_to_restore(backup: Backup, drive: Drive) -> list[ObjectValue]:
     """What is to stand in the drive again.   Raises UsageError for a value that the drive cannot take.
 
     The mode of operation, which older backups hold, does not go back: whoever uses the drive next chooses it.

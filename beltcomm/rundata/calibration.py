@@ -108,7 +108,7 @@ def store_of(kind: str) -> Path:
     return user_data_path("beltcomm") / "calibration" / f"{kind}.yaml"
 
 
-def known_of(kind: str) -> Calibration | None:
+def calibration_of(kind: str) -> Calibration | None:
     """What was measured of a kind of drive before; None when nothing was.   Raises DataError for a damaged file."""
     path = store_of(kind)
     return calibration_from_dict(read_yaml(path, DataError), str(path)) if path.is_file() else None

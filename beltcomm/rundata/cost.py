@@ -14,7 +14,7 @@ from beltcomm.axis import Axis
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import CascadeStructure
 from beltcomm.design.cascade import DesignResult
-from beltcomm.design.compensation import compensated, compensation
+from beltcomm.design.compensation import compensated_effects, compensation
 from beltcomm.design.margins import margins
 from beltcomm.errors import BeltcommError, Refused
 from beltcomm.model import Model
@@ -62,7 +62,7 @@ class Cost:
     unaware_margins: str = ""
 
     @property
-    def nothing(self) -> bool:
+    def is_negligible(self) -> bool:
         """Whether knowing the effect changes no error by more than ``MATTERS_M`` and ``MATTERS_SHARE``."""
         pairs = [(self.unaware, self.aware), (self.unaware_cart, self.aware_cart)]
         values = [(getattr(a, n), getattr(b, n)) for a, b in pairs for n in ("dynamic_m", "static_m")]
@@ -86,10 +86,10 @@ def cost_of(folder: RunFolder, before: Model, after: Model) -> Cost:
     aware = _errors(axis, after, after, structure, findings, rested)
     top = float(abs(move.velocity_m_s).max())
     words = f"{move.position_m[0]:.2f} to {move.position_m[-1]:.2f} m at up to {top:.2g} m/s"
-    return Cost(words, unaware[0], aware[0], unaware[1], aware[1], unaware[2], aware[2], _lacking(axis, unaware[3], after, findings))
+    return Cost(words, unaware[0], aware[0], unaware[1], aware[1], unaware[2], aware[2], _missing_words(axis, unaware[3], after, findings))
 
 
-def _lacking(axis: Axis, designed: DesignResult, machine: Model, findings: Findings) -> str:
+def _missing_words(axis: Axis, designed: DesignResult, machine: Model, findings: Findings) -> str:
     """What a controller lacks on another machine than it was made for, in words; "" for nothing."""
     damping = analyse.apparent_damping(findings.thesis)
     plants = analyse.design_plants(machine, _ends(axis), [machine["cart.mass"]], delay(findings), damping)
@@ -121,7 +121,7 @@ def cost_lines(cost: Cost | None, reason: str, name: str) -> list[str]:
     """What a command says of it."""
     if cost is None:
         return [f"What {name} costs in tracking cannot be said: {reason}"]
-    if cost.nothing:
+    if cost.is_negligible:
         either = _um(cost.aware.dynamic_m)
         return [f"{name} costs nothing that matters in the move from {cost.move}: {either} at the motor with it and without."]
     lines = [
@@ -185,7 +185,7 @@ def _errors(
         dead_time_s=delay(findings),
         apparent_damping_nm_s_rad=analyse.apparent_damping(findings.thesis),
     )
-    send = structure.torque_feedforward and compensated(known)
+    send = structure.torque_feedforward and compensated_effects(known)
     extra = compensation(known, cascade.feedforward, rested, structure.period_s) if send else None
     drive = Loop(structure, delay(findings), axis.torque_limit_nm, int(axis.motor.encoder_counts_per_rev or COUNTS))
 
@@ -208,7 +208,7 @@ def cost_and_words(folder: RunFolder, before: Model, after: Model, name: str) ->
     return (None if price is None else dict(plain(price))), cost_lines(price, reason, name)
 
 
-def priced(folder: RunFolder, found: Diagnosis, made: list[Revision], whole: dict[str, Any] | None) -> list[Revision]:
+def with_costs(folder: RunFolder, found: Diagnosis, made: list[Revision], whole: dict[str, Any] | None) -> list[Revision]:
     """The revisions of a climb with what their effects together cost, kept with the last.   whole : of all that was named."""
     last = made[-1]
     new = [name for name in last.effects if name not in found.base.model.effects]

@@ -100,7 +100,7 @@ class DesignProof:
     notes: tuple[str, ...]
 
     @property
-    def failed(self) -> bool:
+    def has_failed(self) -> bool:
         """Whether some loop is unstable, or a load that was recorded is not borne: the gains are not to be used as they are."""
         unstable = self.spread.unstable > 0 or any(one.stable is False for one in self.measured)
         return unstable or any(_not_borne(one) for one in self.contradictions)
@@ -382,14 +382,14 @@ def _doubts(
     unexplained = [one.condition.record for one in contradictions if one.own is None]
     if unexplained:
         found.append(f"the model does not explain {', '.join(unexplained)}, and no other load does: run `beltcomm diagnose`")
-    return (*found, *(_too_much(one) for one in contradictions if _not_borne(one)))
+    return (*found, *(_excess_words(one) for one in contradictions if _not_borne(one)))
 
 
 def _not_borne(one: Contradiction) -> bool:
     return one.own is not None and not one.holds
 
 
-def _too_much(one: Contradiction) -> str:
+def _excess_words(one: Contradiction) -> str:
     assert one.own is not None
     return (
         f"{one.condition.record} was made with another load ({one.own['cart.mass']:.2f} kg at the carriage), for which these gains leave "

@@ -94,7 +94,7 @@ class Findings:
         return self.excited.path if self.excited is not None else self.kept_path
 
     @property
-    def succeeded(self) -> bool:
+    def meets_targets(self) -> bool:
         """Whether the axis meets its targets, by a model that explains it and with nothing that speaks against it."""
         trusted = self.final is not None and not self.final.fit.suspect
         return trusted and self.verdict is not None and self.verdict.passed and not self.reservations

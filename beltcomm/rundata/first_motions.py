@@ -35,7 +35,7 @@ class Breakaway:
         """Half the difference of the two: friction."""
         return 0.5 * (self.forward_nm + self.backward_nm)
 
-    def sliding_nm(self, inertia_kg_m2: float, ratio: float) -> float:
+    def least_friction_nm(self, inertia_kg_m2: float, ratio: float) -> float:
         """What is sure of the friction in motion, N m, on an axis with this inertia at the motor; 0 when nothing is.
 
         The torque went on rising until the carriage had moved by ``MOVED_M``:  x = i_t Ṁ t³/6J  gives by how much.

@@ -12,7 +12,7 @@ from beltcomm.fit.records import Data
 from beltcomm.given import pasted
 from beltcomm.laboratory.cross_checks import SheetDoubt, doubts_of
 from beltcomm.laboratory.run_checks import Checked, check_run
-from beltcomm.rundata.kept_fit import fitted_to
+from beltcomm.rundata.kept_fit import fit_base
 from beltcomm.rundata.reading_time import foretell
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
@@ -39,21 +39,21 @@ class Opened:
 
 def records_of(folder: RunFolder) -> Checked:
     """The records of a run, checked together.   Raises DataError for records that no model can be judged on."""
-    return left_out(folder, check_run(folder.recordings(), folder.axis, foreign=not folder.drive))
+    return with_remarks_on_rest(folder, check_run(folder.recordings(), folder.axis, foreign=not folder.drive))
 
 
-def left_out(folder: RunFolder, records: Checked) -> Checked:
+def with_remarks_on_rest(folder: RunFolder, records: Checked) -> Checked:
     """The records with what was left out among the remarks."""
     return replace(records, remarks=(*folder.remarks, *records.remarks))
 
 
-def opened(run: Path, talk: Talk) -> Opened:
+def open_fitted(run: Path, talk: Talk) -> Opened:
     """The current model of a run, or the base model where there is none yet, fitted to all records."""
     folder = RunFolder.open(run)
     foretell(folder, talk)
     records = records_of(folder)
     talk.phase(1, 1, "fit of the present model")
-    _, data, fitted = fitted_to(folder, records.recordings, current_model(folder))
+    _, data, fitted = fit_base(folder, records.recordings, current_model(folder))
     return Opened(folder, data, fitted, records)
 
 

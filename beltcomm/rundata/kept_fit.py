@@ -20,7 +20,7 @@ from beltcomm.runfolder import RunFolder
 FILE = ("kept", "fit.json")
 
 
-def fitted_to(folder: RunFolder, recordings: Sequence[Recording], model: Model | None) -> tuple[Model, Data, Fitted]:
+def fit_base(folder: RunFolder, recordings: Sequence[Recording], model: Model | None) -> tuple[Model, Data, Fitted]:
     """The model that the fit began with and :func:`beltcomm.laboratory.diagnosis.fit_base_of`; kept, it costs one evaluation.
 
     model : the run's present one; None begins with what the axis file and the records tell.

@@ -20,7 +20,7 @@ from beltcomm.runfolder import RunFolder
 BESIDE = ("originals", "kept", "pictures", "report.html", "report.json", TEXT, EVENTS, "verdict.txt")
 
 
-def answered(folder: RunFolder, name: str, question: Sequence[object], make: Callable[[], Result], drawn: bool = False) -> Result:
+def kept_or_new(folder: RunFolder, name: str, question: Sequence[object], make: Callable[[], Result], drawn: bool = False) -> Result:
     """The answer of before where the same programs would give it again from the same files, else a new one, kept.
 
     name : of the answer, and of its own file among the results.   question : everything else that the answer depends on.

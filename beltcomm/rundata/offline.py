@@ -25,7 +25,7 @@ from beltcomm.recording import Recording, common_side
 from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.findings import Findings
-from beltcomm.rundata.fitted_run import left_out
+from beltcomm.rundata.fitted_run import with_remarks_on_rest
 from beltcomm.rundata.kept_path import kept_path
 from beltcomm.rundata.revisions import CURRENT, model_named, trusted_model
 from beltcomm.rundata.store import cascade_from_dict, delay_from_dict, structure_from_dict
@@ -42,7 +42,7 @@ def saved_model(folder: RunFolder) -> Model:
     return model_named(folder, CURRENT)
 
 
-def trusted(folder: RunFolder, revision: str = "") -> tuple[Model, str, str]:
+def trusted_revision(folder: RunFolder, revision: str = "") -> tuple[Model, str, str]:
     """The model of a revision, or the newest that held-out records do not contradict; its revision and a sentence on it, "" for neither."""
     if revision and revision in folder.names("models"):
         return model_named(folder, revision), revision, ""
@@ -116,7 +116,7 @@ def coarser(recordings: Sequence[Recording], counts: int) -> int:
     return round(counts / (round(times) if abs(times - round(times)) < 0.01 * times else times))
 
 
-def fitted(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = None) -> Findings:
+def fit_run(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = None) -> Findings:
     """Final fit, log-magnitude fits, dead time and friction from what the run folder holds."""
     findings = Findings(kept_path=kept_path(folder))
     records = fit_for_belt_model(folder)
@@ -166,7 +166,7 @@ def fit_for_belt_model(folder: RunFolder) -> Checked:
     if not folder.drive:  # a sign or a unit before what is held out: an adapter has them right, whoever writes files by hand may not
         for recording in recordings:
             check(recording)
-    return left_out(folder, check_run(recordings, folder.axis, foreign=False))
+    return with_remarks_on_rest(folder, check_run(recordings, folder.axis, foreign=False))
 
 
 def middle_m(axis: Axis) -> float:

@@ -109,8 +109,8 @@ def plan_for(
     for sight in blind:
         seen = f"it would be seen from {sight.hardest:.2g} x a typical one on"
         reasons[sight.effect.name] = "these data say nothing of it" if math.isinf(sight.hardest) else seen
-        sets.update(shown_by(sight.effect))
-        if not any(judged[name][0] for name in shown_by(sight.effect)):
+        sets.update(records_showing(sight.effect))
+        if not any(judged[name][0] for name in records_showing(sight.effect)):
             by_hand.append(f"{sight.effect.name}: such records are here already; it shows only beyond the limits in axis.yaml")
     chosen = [judged[name] for name in SETS if name in sets]
     return NextPlan(reasons, tuple(by_hand), tuple(s for steps, _ in chosen for s in steps), tuple(t for _, out in chosen for t in out))
@@ -119,7 +119,7 @@ def plan_for(
 def plan_apart(twins: Sequence[str], already: Callable[[Step], str]) -> NextPlan:
     """The experiment that separates twins, without the steps that the run has."""
     first, other = twins[0], twins[1]
-    between = apart_of(first, other)
+    between = discriminating_experiment(first, other)
     reasons = {name: f"these data cannot tell it from {', '.join(n for n in twins if n != name)}: {between.shows}" for name in twins}
     records = enumerate(between.records, start=1)
     steps, left_out = new_ones([checked_step(entry, f"{first} and {other}, record {number}") for number, entry in records], already)
@@ -137,7 +137,7 @@ def new_ones(steps: Sequence[Step], already: Callable[[Step], str]) -> tuple[lis
     return ([] if all(step.held_out for step in new) else new), left_out
 
 
-def apart_of(first: str, other: str) -> DiscriminatingExperiment:
+def discriminating_experiment(first: str, other: str) -> DiscriminatingExperiment:
     """What tells two effects apart, whichever of them says so."""
     for one, two in ((first, other), (other, first)):
         said = effect_named(one).apart
@@ -164,7 +164,7 @@ def by_hand_of(name: str) -> list[dict[str, Any]]:
     return [{"effect": name, "cause": cause, **plain(hand)} for cause, apart in causes.items() for hand in apart.hands]
 
 
-def shown_by(effect: Effect) -> tuple[str, ...]:
+def records_showing(effect: Effect) -> tuple[str, ...]:
     """Sets of records that show an effect."""
     return BY_NAME.get(effect.name) or BY_SLOT.get(effect.slot, ("places", "sweep"))
 

@@ -63,7 +63,7 @@ class Stroke:
     length_m: float
 
 
-def wanted(order: str | None, repeat: int | None, mounted_kg: float | None) -> Wanted:
+def sweep_orders(order: str | None, repeat: int | None, mounted_kg: float | None) -> Wanted:
     """What options ask for.   Raises UsageError for an order that is none, no repetition, or VI without a payload."""
     if order is not None and order not in ORDERS:
         raise UsageError(f"there is no order {order!r}; the orders are {', '.join(ORDERS)} (thesis 3.6)")

@@ -212,9 +212,9 @@ def _following(folder: RunFolder, findings: Findings, drive: str) -> str:
     run = pasted(folder.path)
     if findings.final is None or findings.final.fit.suspect:
         return f"beltcomm diagnose {run}"
-    if findings.succeeded and simulated(drive) and findings.applied == "restore":
+    if findings.meets_targets and simulated(drive) and findings.applied == "restore":
         return f"beltcomm tune {run}   (other gains on a page; a virtual drive keeps none)"
-    if not findings.succeeded:
+    if not findings.meets_targets:
         return (
             "what would help stands above: other parts of the drive's controller, a drive that has them, or slower moves "
             f"(beltcomm verify --drive {pasted(drive)} --run {run} --move FILE)"

@@ -34,7 +34,7 @@ def exact_record(model: Model, start: Array, torque: Array, period_s: float) -> 
     Returns (4, n): motor angle and speed, carriage, m, at the start of each period and the largest |belt force| in it, N; state at the end.
     The model must be one that :func:`is_exact`.
     """
-    axis, pieces, known = _prepared(_Case(model.base_bodies, model.effects, model.vector().tobytes(), period_s, model))
+    axis, pieces, known = _prepare(_Case(model.base_bodies, model.effects, model.vector().tobytes(), period_s, model))
     state, out = start.copy(), np.empty((4, torque.size))
     # Two masses, or any number of them.
     if not runner(2 if len(axis.lightness) == 2 else 0)(axis, known, pieces, state, torque, *out):
@@ -54,7 +54,7 @@ class _Case:
 
 
 @lru_cache(maxsize=64)
-def _prepared(case: _Case) -> tuple[LinearAxis, int, Tables]:
+def _prepare(case: _Case) -> tuple[LinearAxis, int, Tables]:
     """Equations of motion, pieces of a period, tables; kept, since the same axis is often simulated under many torques."""
     axis, rate = linear_axis(case.model)
     pieces = max(1, math.ceil(rate * case.period_s / REACH))

@@ -77,7 +77,7 @@ def simulate_torque(
 
     Raises UsageError when the sub-steps are too long for the model, Refused when the carriage leaves what the model describes.
     """
-    return _simulated(model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _solved if is_exact(model) else _glided)
+    return _simulate(model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _solve_exactly if is_exact(model) else _glide)
 
 
 def integrate_torque(
@@ -90,7 +90,7 @@ def integrate_torque(
     state: BodyStates | None = None,
 ) -> Simulated:
     """The same by integration steps, whatever the model."""
-    return _simulated(model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _integrated)
+    return _simulate(model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _integrate)
 
 
 #: (model, state, torque, its period s, steps in it, time s, fastest rate 1/s) -> angle, speed, carriage, belt force, (4, n), and the state
@@ -98,7 +98,7 @@ def integrate_torque(
 _Motion = Callable[[Model, BodyStates, Array, float, int, float, float], tuple[Array, BodyStates]]
 
 
-def _simulated(
+def _simulate(
     model: Model,
     torque_nm: ArrayLike,
     sample_period_s: float,
@@ -112,9 +112,9 @@ def _simulated(
     if torque.ndim != 1 or not np.all(np.isfinite(torque)):
         raise UsageError(f"the torque must be one row of finite numbers, not an array of shape {torque.shape}")
     check_period(model, position_m, sample_period_s, substeps)
-    rate = 0.0 if motion is _solved else check_step(model, position_m, sample_period_s, substeps)
+    rate = 0.0 if motion is _solve_exactly else check_step(model, position_m, sample_period_s, substeps)
     start = state or at_rest(model, position_m)
-    if is_late(model) and motion is not _glided:
+    if is_late(model) and motion is not _glide:
         # The acting torque changes within a sampling period: every sub-step becomes a period of its own.
         h = sample_period_s / substeps
         acting = late_torque(model, np.repeat(torque, substeps), h)
@@ -130,7 +130,7 @@ def _simulated(
     return Simulated(t_s, theta, omega, cart, belt, end)
 
 
-def _solved(
+def _solve_exactly(
     model: Model, start: BodyStates, torque: Array, period_s: float, substeps: int, time_s: float, rate: float
 ) -> tuple[Array, BodyStates]:
     n = start.positions.size
@@ -138,7 +138,7 @@ def _solved(
     return out, BodyStates(end[:n], end[n:])
 
 
-def _integrated(
+def _integrate(
     model: Model, start: BodyStates, torque: Array, period_s: float, substeps: int, time_s: float, rate: float
 ) -> tuple[Array, BodyStates]:
     q, v, out = start.positions.copy(), start.speeds.copy(), np.empty((4, torque.size))
@@ -146,7 +146,7 @@ def _integrated(
     return out, BodyStates(q, v)
 
 
-def _glided(
+def _glide(
     model: Model, start: BodyStates, torque: Array, period_s: float, substeps: int, time_s: float, rate: float
 ) -> tuple[Array, BodyStates]:
     steps = max(math.ceil(substeps / STRIDE), math.ceil(period_s * rate / LONGEST_STEP))

@@ -187,7 +187,7 @@ def true_motion(model: Model, motion: FineMotion, vector: Array | None = None) -
     if key not in motion.made_true:
         shown = np.ascontiguousarray(motion.theta[:: motion.substeps])
         correction = np.empty_like(shown)
-        inverse_kernel().angle(shown, correction, board.spread(values), board.on)
+        inverse_kernel().angle(shown, correction, board.masked_vector(values), board.on)
         way, rate = interpolate(correction, motion.substeps)
         motion.made_true.clear()
         motion.made_true[key] = replace(motion, theta=motion.theta + way, omega=motion.omega + rate / motion.sample_s)
@@ -201,7 +201,7 @@ def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, off
     from where the belt is unstretched.
     """
     board = switchboard(model.base_bodies, model.effects)
-    p = board.spread(model.vector() if vector is None else vector)
+    p = board.masked_vector(model.vector() if vector is None else vector)
     load, cart = np.empty_like(motion.theta), np.empty_like(motion.theta)
     h, kernel = motion.sample_s / motion.substeps, inverse_kernel()
     given = (motion.theta, motion.omega, p, board.on, motion.time_s, h)
@@ -231,7 +231,7 @@ def motor_load(model: Model, motion: FineMotion, vector: Array, effect: str | No
             load, level = _SCRATCH.rows(len(motion.theta))
             h = motion.sample_s / motion.substeps
             theta, omega = motion.creep or (motion.theta, motion.omega)
-            inverse_kernel().motor(theta, omega, board.spread(vector), on, motion.time_s, h, motion.bristle_m, load, level)
+            inverse_kernel().motor(theta, omega, board.masked_vector(vector), on, motion.time_s, h, motion.bristle_m, load, level)
             mean = triangular_mean(load, motion.substeps)
         mean.setflags(write=False)
         if len(motion.rubbed) >= REMEMBERED:
@@ -259,7 +259,7 @@ def belt_loads(model: Model, motion: FineMotion, vectors: Sequence[Array], offse
     means = np.empty((len(vectors), motion.samples))
     load, cart = _SCRATCH.rows(len(motion.theta))
     for mean, vector, offset in zip(means, vectors, offsets_m, strict=True):
-        p = board.spread(vector)
+        p = board.masked_vector(vector)
         inverse_kernel().load(motion.theta, motion.omega, p, board.belt, motion.time_s, h, motion.bristle_m, offset, load, cart, NOTHING)
         mean[:] = triangular_mean(load, motion.substeps)
     return means.T
@@ -278,10 +278,10 @@ def follow_bodies(model: Model, motions: Sequence[FineMotion], vectors: Sequence
         h = motions[group[0]].sample_s / motions[group[0]].substeps
         for some in lock_step_groups(group, [len(motion.theta) for motion in motions]):
             if len(some) >= ENOUGH_LANES:
-                lock_step([_lane(motions[i], board.spread(vectors[i]), watches[i]) for i in some], board.belt, h)
+                lock_step([_lane(motions[i], board.masked_vector(vectors[i]), watches[i]) for i in some], board.belt, h)
                 continue
             for i in some:
-                motion, p = motions[i], board.spread(vectors[i])
+                motion, p = motions[i], board.masked_vector(vectors[i])
                 watch = with_memory(watches[i]) if watches[i].learning else watches[i]
                 load, cart = _SCRATCH.rows(len(motion.theta))
                 inverse_kernel().load(motion.theta, motion.omega, p, board.belt, motion.time_s, h, motion.bristle_m, 0.0, load, cart, watch)
@@ -341,7 +341,7 @@ def acting_cells(model: Model, motion: FineMotion, torque: Array, vector: Array 
         return cells
     cells = coarse(cells, finer)
     out = np.empty_like(cells)
-    inverse_kernel().torque(cells, motion.theta, board.spread(values), board.on, motion.time_s, h, out)
+    inverse_kernel().torque(cells, motion.theta, board.masked_vector(values), board.on, motion.time_s, h, out)
     return out
 
 

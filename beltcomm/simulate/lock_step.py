@@ -183,11 +183,11 @@ def lock_step_source() -> str:
         ], 1),
     ]  # fmt: skip
     given = "where, lengths, values, on, h, ratio, substeps, bodies, behind, cart, learning, rows, memory, passes, reaches, course, s"
-    text = broadcast_constants([*needed_lines([*_known(writer), *fences, *_seen(others)], body), *body])
+    text = broadcast_constants([*needed_lines([*_model_lines(writer), *fences, *_body_lines(others)], body), *body])
     return writer.assemble([["@in_lanes", f"def together({given}):", *indent(["nothing = eight(0.0)", *text], 1)]])
 
 
-def _known(writer: Writer) -> list[str]:
+def _model_lines(writer: Writer) -> list[str]:
     """Lines that bring what the models know and how all begins."""
     bodies, size = range(len(writer.bodies)), max(writer.place.values()) + 1
     names = [*(f"n{i}" for i in bodies), "first", "t", "bristle"]
@@ -198,7 +198,7 @@ def _known(writer: Writer) -> list[str]:
     return lines + [f"z{i} = nothing" for i in writer.onsets()]
 
 
-def _seen(others: Iterable[int]) -> list[str]:
+def _body_lines(others: Iterable[int]) -> list[str]:
     """Lines that say which bodies the observers know, and where their position and speed stand in the memory."""
     lines = []
     for i in others:

@@ -86,13 +86,13 @@ def close_loop(
     if type(plant) is SimulatedPlant and plant.plain:  # one that is derived may step otherwise
         out = plant.follow(kind == "position", coefficients, state, references, sensing, waiting, drive.period_s, late_s)
     else:
-        out = _stepped(plant, kind == "position", coefficients, state, references, sensing, waiting, drive.period_s, late_s)
+        out = _step_loop(plant, kind == "position", coefficients, state, references, sensing, waiting, drive.period_s, late_s)
     angle, speed, cart, asked, before, belt = out
     acting = (late_s * before + (drive.period_s - late_s) * np.append(before[1:], waiting[0])) / drive.period_s
     return LoopRun(angle, speed, cart, asked, acting, belt)
 
 
-def _stepped(
+def _step_loop(
     plant: Plant,
     follows_position: bool,
     coefficients: Array,

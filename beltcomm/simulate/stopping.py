@@ -102,7 +102,7 @@ class HostLoss:
     least_nm: float = 0.0
 
 
-def run_on(speed_m_s: Array, torque_nm: float, friction_nm: float, inertia_kg_m2: float, ratio: float, loss: HostLoss) -> Array:
+def run_on_distance(speed_m_s: Array, torque_nm: float, friction_nm: float, inertia_kg_m2: float, ratio: float, loss: HostLoss) -> Array:
     """How far a rigid axis runs on in one direction when its host dies under the worst torque in that direction, m, (n,):
 
         a = i_t (τ - τ_C)/J,    s = v T + a T²/2 + way(v + a T)

@@ -74,11 +74,11 @@ def study_of(
         ),
         unwritable="choose another --out",
     ):
-        lines = _computed(asked, file, out, workers=workers, scheduler=scheduler, limit=limit, talk=talk)
+        lines = _compute_members(asked, file, out, workers=workers, scheduler=scheduler, limit=limit, talk=talk)
         return _result(asked, file, out, lines, report)
 
 
-def _computed(
+def _compute_members(
     asked: Study, file: str | Path, out: Path, *, workers: int | None, scheduler: str | None, limit: int | None, talk: Talk
 ) -> dict[int, Line]:
     """All members with a result, old and new."""
@@ -109,7 +109,7 @@ def _computed(
     if open_members or kept.told:
         write_text(out / MEMBERS, "".join(_text(lines[k]) for k in sorted(lines)))
     if kept.aside:
-        write_text(out / GONE, "".join(_text(line) for line in kept.aside if _gone(line, asked)))
+        write_text(out / GONE, "".join(_text(line) for line in kept.aside if _is_gone(line, asked)))
     return lines
 
 
@@ -124,7 +124,7 @@ def _append(file: RawIOBase, text: str, path: Path) -> None:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}; make room, and the same command goes on") from error
 
 
-def _gone(line: Line, asked: Study) -> bool:
+def _is_gone(line: Line, asked: Study) -> bool:
     """Whether a line is that of a run which the fleet has no more."""
     return line["values"]["run"] not in asked.runs
 
@@ -221,7 +221,7 @@ def _of_fleet(asked: Study, out: Path, keys: Sequence[str], found: Sequence[Line
     before_it = read_members(out / GONE)
     by_key = {line["key"]: line for line in [*(line for line in before_it if line.get("program") == source_hash()), *found]}
     lines = {k: {**by_key[key], "member": k} for k, key in enumerate(keys) if key in by_key}
-    left = [line for line in found if _gone(line, asked)]
+    left = [line for line in found if _is_gone(line, asked)]
     had = {line["values"]["run"] for line in found}
     counts = {
         "changed and computed again": sum(run in had and k not in lines for k, run in enumerate(asked.runs)),

@@ -101,10 +101,10 @@ class Commissioned:
         try:
             made = self.doing.commission(f"virtual:{folder / 'plant.yaml'}", self.axis, run, options=options).to_json()
             if self.each == "commission":
-                return commissioned(made, truth)
+                return commission_quantities(made, truth)
             if self.each == "compare":
-                return compared(compare_run(run, pictures=False).to_json())
-            return diagnosed(diagnose_run(run, cost=False).to_json(), str(values.get(HIDDEN, NOTHING)))
+                return compare_quantities(compare_run(run, pictures=False).to_json())
+            return diagnosis_quantities(diagnose_run(run, cost=False).to_json(), str(values.get(HIDDEN, NOTHING)))
         except BeltcommError as error:  # the folder is another one every time
             error.args = (str(error).replace(str(folder), "MEMBER"), *error.args[1:])
             raise
@@ -122,15 +122,15 @@ class Fleet:
 
         run = Path(str(values["run"]))
         if self.each == "compare":
-            return compared(compare_run(run, pictures=False).to_json())
-        return diagnosed(diagnose_run(run, cost=False).to_json(), None)
+            return compare_quantities(compare_run(run, pictures=False).to_json())
+        return diagnosis_quantities(diagnose_run(run, cost=False).to_json(), None)
 
     def described(self, values: Values) -> None:
         """A real axis has no plant file."""
         return None
 
 
-def commissioned(made: Mapping[str, Any], truth: Model) -> dict[str, Any]:
+def commission_quantities(made: Mapping[str, Any], truth: Model) -> dict[str, Any]:
     """Of a commissioning: the verdict, the errors, and for each parameter how far it is off, and whether its interval covers the truth."""
     verdict = made.get("verdict") or {}
     measured, predicted = verdict.get("measured") or {}, verdict.get("predicted") or {}
@@ -149,12 +149,12 @@ def commissioned(made: Mapping[str, Any], truth: Model) -> dict[str, Any]:
     return found
 
 
-def compared(made: Mapping[str, Any]) -> dict[str, Any]:
+def compare_quantities(made: Mapping[str, Any]) -> dict[str, Any]:
     """Of a comparison: error over noise, and where it is worst."""
     return {"ratio": made["ratio"]["overall"], "held_out": made["ratio"]["held_out"], "worst": [one["text"] for one in made["worst"][:1]]}
 
 
-def diagnosed(made: Mapping[str, Any], hidden: str | None) -> dict[str, Any]:
+def diagnosis_quantities(made: Mapping[str, Any], hidden: str | None) -> dict[str, Any]:
     """Of a diagnosis: what it says, and whether that is the truth.   hidden : the truth, "none" of a healthy axis, None where not known."""
     added = [step["added"] for step in made["steps"] if step["added"]]
     found: dict[str, Any] = {"verdict": made["verdict"], "named": added}

@@ -54,7 +54,7 @@ def processors() -> int:
     return int(cpu_count())
 
 
-def _numbered(function: Callable[[Given], Found], number: int, given: Given) -> tuple[int, Found]:
+def _number_result(function: Callable[[Given], Found], number: int, given: Given) -> tuple[int, Found]:
     return number, function(given)
 
 
@@ -63,7 +63,7 @@ def _on_processes(function: Callable[[Given], Found], given: Sequence[Given], wo
 
     left, deaths = dict(enumerate(given)), 0
     while left:
-        tasks = [delayed(_numbered)(function, number, one) for number, one in left.items()]
+        tasks = [delayed(_number_result)(function, number, one) for number, one in left.items()]
         try:
             with isolation.children_apart():  # to the end: a worker may be started at any moment
                 for number, found in Parallel(n_jobs=workers, backend="loky", batch_size=1, return_as="generator_unordered")(tasks):
@@ -73,7 +73,7 @@ def _on_processes(function: Callable[[Given], Found], given: Sequence[Given], wo
         except BrokenProcessPool:
             deaths += 1
             if deaths == DEATHS:
-                raise Refused(_died(deaths, "fewer processes (--workers 1) need less memory")) from None
+                raise Refused(_death_words(deaths, "fewer processes (--workers 1) need less memory")) from None
             talk.say("a worker died; what it had in hand is computed again")
 
 
@@ -83,7 +83,7 @@ def _on_dask(function: Callable[[Given], Found], given: Sequence[Given], address
     except ImportError as error:
         raise UsageError("a Dask scheduler needs the package distributed: pip install 'beltcomm[study]'") from error
 
-    with _connected(address) as client:
+    with _connect(address) as client:
         known = set(client.nthreads())
         done: SimpleQueue[Any] = SimpleQueue()
         submitted = {client.submit(function, one, pure=False) for one in given}
@@ -93,7 +93,7 @@ def _on_dask(function: Callable[[Given], Found], given: Sequence[Given], address
             try:
                 future, found = _next(done, client, address, talk, alone_s, known)
             except KilledWorker as error:
-                raise Refused(_died(DEATHS, "more memory for the workers may help")) from error
+                raise Refused(_death_words(DEATHS, "more memory for the workers may help")) from error
             except (CancelledError, OSError) as error:
                 told = " ".join(str(error).split())
                 raise Refused(f"the scheduler {address} went away ({told}); what is done is kept, the same command goes on") from error
@@ -150,7 +150,7 @@ def _refuse_unfit(client: Client, new: list[str], threads: Mapping[str, int], ad
         raise Refused(f"{said}. What is done is kept, the same command goes on")
 
 
-def _connected(address: str) -> Client:
+def _connect(address: str) -> Client:
     """A client with at least one worker that has this beltcomm.   Raises UsageError."""
     from distributed import Client
 
@@ -191,5 +191,5 @@ def _alone(address: str) -> str:
     return f"`dask worker {address} --nthreads 1`"
 
 
-def _died(times: int, hint: str) -> str:
+def _death_words(times: int, hint: str) -> str:
     return f"workers died {times} times in a row over the same members; {hint}. What is done is kept, the same command goes on"

@@ -126,17 +126,19 @@ def standstill_shaking(settings: EstimatorSettings, size_m: float = 0.3 * INCREM
         return lambda t: 10.0 * settings.increment_m + size_m * (np.sin(pulse * t) - place)
 
     made = [edges_of(motion(p), 0.1) for p in np.linspace(-0.98, 0.98, 24)]
-    return _debouncing(made, settings, 0.1, size_m * pulse, 0.0)
+    return _debouncing_trial(made, settings, 0.1, size_m * pulse, 0.0)
 
 
-def bouncing_at_speed(settings: EstimatorSettings, speed_m_s: float = 0.01, seed: int = 1) -> Debouncing:
+def debouncing_at_speed(settings: EstimatorSettings, speed_m_s: float = 0.01, seed: int = 1) -> Debouncing:
     """Constant speed, up to three contact bounces of 20 us after each edge: largest deviation from the speed, by method."""
     flaws = Flaws(bounces=3, bounce_s=2e-5, seed=seed)
     edges = edges_of(_steady(0.4 * settings.increment_m, speed_m_s), 0.2, flaws=flaws)
-    return _debouncing([edges], settings, 0.2, speed_m_s, speed_m_s)
+    return _debouncing_trial([edges], settings, 0.2, speed_m_s, speed_m_s)
 
 
-def _debouncing(made: Sequence[Edges], settings: EstimatorSettings, duration_s: float, true_m_s: float, mean_m_s: float) -> Debouncing:
+def _debouncing_trial(
+    made: Sequence[Edges], settings: EstimatorSettings, duration_s: float, true_m_s: float, mean_m_s: float
+) -> Debouncing:
     counted, largest = [], []
     for debounce in (True, False):
         ticks = [count_increments(edges, debounce=debounce).tick for edges in made]

@@ -127,7 +127,7 @@ def one(name: str, model: Model, kind: ExcitationKind) -> tuple[ExcitationRow, t
     signal = choice.excitation(
         step.amplitude_nm * step.amplitude_nm / choice.excitation(step.amplitude_nm, PERIOD_S).amplitude_nm, PERIOD_S
     )
-    records = [recorded(model, signal, seed) for seed in SEEDS]
+    records = [make_recording(model, signal, seed) for seed in SEEDS]
     start = model.with_values({n: f * model[n] for n, f in BEGIN.items()}, "start")
     fits = [fit_model([record], start, counts_per_rev=COUNTS) for record in records]
     deviation = {n: float(np.mean([(f.model.parameters[n].interval or math.inf) / f.quantile for f in fits])) / model[n] for n in MEANT}
@@ -169,7 +169,7 @@ def one(name: str, model: Model, kind: ExcitationKind) -> tuple[ExcitationRow, t
     return row, (np.asarray(freq[1:]), np.asarray(lines[1:]))
 
 
-def recorded(model: Model, signal: Excitation, seed: int) -> Recording:
+def make_recording(model: Model, signal: Excitation, seed: int) -> Recording:
     """The record of an excitation as a drive gives it: counted angle, torque with noise."""
     moved = simulate_torque(model, signal.torque, PERIOD_S, PLACE_M + seed * FURTHER_M)
     step = 2.0 * math.pi / COUNTS

@@ -144,7 +144,7 @@ class SevenPhases:
             _, v, a = state
             turns = [-a / jerk] if jerk else []
             turns += [root.real for root in np.roots(np.trim_zeros(np.array([jerk / 2.0, a, v]), "f")) if root.imag == 0.0]
-            found += [phase_search.stepped(state, jerk, t) for t in turns if 0.0 < t < duration]
+            found += [phase_search.step_phase(state, jerk, t) for t in turns if 0.0 < t < duration]
         every = np.array([*states, *found])
         jerks = self.jerks_m_s3[self.durations_s > 0.0]
         ranges = [(float(column.min()), float(column.max())) for column in (*every.T, jerks if len(jerks) else np.zeros(1))]
@@ -206,7 +206,7 @@ def on_grid(start: MotionState, end: MotionState, bounds: MotionBounds, sample_p
         return motion
     task = _task(start, end, bounds)
     for _ in range(TRIES):
-        for slower in (phase_search.lasting, phase_search.softer):
+        for slower in (phase_search.motion_of_duration, phase_search.softer):
             found = slower(task, count * sample_period_s)
             if found is not None:
                 return SevenPhases(start, end, *found)
@@ -217,7 +217,7 @@ def on_grid(start: MotionState, end: MotionState, bounds: MotionBounds, sample_p
     )
 
 
-def reached(motion: SevenPhases, bounds: MotionBounds) -> tuple[str, ...]:
+def bounds_reached(motion: SevenPhases, bounds: MotionBounds) -> tuple[str, ...]:
     """Names of the bounds that a motion comes to, in the order of :class:`MotionBounds`: what makes it no faster."""
     extremes, found = motion.extremes(), []
     for field in fields(MotionBounds):

@@ -51,7 +51,7 @@ def prune(note: Path) -> None:
     """
     for path in _files(note.parent):
         if _NOTE.fullmatch(path.name) and path != note:
-            _remove(path, _superseded(path))
+            _remove(path, _is_superseded(path))
         elif found := _DRAFT.fullmatch(path.name):
             _remove(path, int(found[1]) < VERSION)
     for path in _files(note.parent / "__pycache__"):
@@ -63,7 +63,7 @@ def _owner() -> dict[str, str]:
     return {"package": str(package()), "numba_cache": os.environ.get("NUMBA_CACHE_DIR", "")}
 
 
-def _superseded(note: Path) -> bool:
+def _is_superseded(note: Path) -> bool:
     """Whether nobody will look for a note any more; False for one that this package has not written."""
     try:
         if not note.stat().st_size:

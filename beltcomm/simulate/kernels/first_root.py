@@ -61,11 +61,11 @@ def first_root(p: Array, moved: Array) -> float:
         return NEVER
     if low < degree and p[low + 1] + steepest < 0.0:  # it falls all the way
         return _between(p, low, 0.0, 1.0) if end < 0.0 else NEVER
-    return _searched(p, low, moved)
+    return _search_root(p, low, moved)
 
 
 @in_lanes
-def _searched(p: Array, low: int, moved: Array) -> float:
+def _search_root(p: Array, low: int, moved: Array) -> float:
     """The same of p/s^low, which is positive at 0.
 
     Descartes' rule on the Bernstein form: no change of sign, no root; one, one root; more, half the interval.

@@ -70,7 +70,7 @@ class ObserverState(NamedTuple):
     room: Array
 
 
-def _nothing() -> ObserverState:
+def _no_state() -> ObserverState:
     none, square, cube = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 0))
     some, places = np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.int64)
     at = ObserverState(none, some, places, 0, 1, 0, 0.0, 1.0, none, none, some, some, False, cube, cube, square, square, *(none,) * 10)
@@ -84,7 +84,7 @@ OPEN = 0.05
 #: Columns or models in lock step: registers of four, and at most as many as there is room for.
 REGISTER, ROOM = 4, 16
 #: A watch that sees nothing.
-NOTHING = _nothing()
+NOTHING = _no_state()
 
 
 def reset(watch: ObserverState, wanted: Array) -> ObserverState:
@@ -194,12 +194,12 @@ def filter_columns(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains:
     padded = e if whole == columns else np.pad(e, ((0, 0), (0, whole - columns)))
     out, states, known = np.empty((np.count_nonzero(keep), whole)), aligned_zeros(2 * size, whole), np.empty((size, size))
     fine = np.ascontiguousarray
-    _filtered(fine(padded), keep, fine(f), fine(h), gains, deviations, shares, states.ravel(), known.ravel(), out)
+    _filter_states(fine(padded), keep, fine(f), fine(h), gains, deviations, shares, states.ravel(), known.ravel(), out)
     return out[:, :columns]
 
 
 @in_lanes
-def _filtered(
+def _filter_states(
     e: Array,
     keep: NDArray[np.bool_],
     f: Array,

@@ -81,14 +81,14 @@ def observers(watches: Sequence[ObserverState]) -> Observers:
     for lane, watch in enumerate(watches):
         key = id(watch.F), id(watch.P)
         if key not in known:
-            known[key] = _laid_out(watch, own)
+            known[key] = _lay_out(watch, own)
         memory[: rows.states, lane] = known[key]
     used = (memory != 0.0).any(axis=1)
     passes, reaches = (used[first:end].reshape(2, size, -1).any(axis=0) for first, end in ((rows.F, rows.G), (rows.G, rows.D)))
     return Observers(rows, memory.ravel(), passes, reaches)
 
 
-def _laid_out(watch: ObserverState, own: int) -> Array:
+def _lay_out(watch: ObserverState, own: int) -> Array:
     """What stands in the rows ``H`` to ``P``."""
     pairs = ((pair[0], pair[1] - pair[0]) for pair in (watch.H, watch.F[:, :, :own], watch.G, watch.D))
     return np.concatenate([*(part.ravel() for pair in pairs for part in pair), watch.variances, watch.P.ravel()])
@@ -225,7 +225,7 @@ def advance_sample(
             if flag_at(where[5, c], n) or flag_at(where[6, c], n):
                 o[LANES * (rows.P + carriage[0] * (rows.size + 1)) + c] += s[WANDER + c]
                 o[LANES * (rows.P + carriage[1] * (rows.size + 1)) + c] += s[HURRY + c]
-    elif _alike(where[7], active):
+    elif _have_same_array(where[7], active):
         for a in range(rows.size):
             put(o, gains + LANES * a, eight(number_at(where[7, 0], n * rows.size + a)))
     else:
@@ -246,7 +246,7 @@ def advance_sample(
 
 
 @within_lanes
-def _alike(addresses: NDArray[np.int64], active: int) -> bool:
+def _have_same_array(addresses: NDArray[np.int64], active: int) -> bool:
     """Whether all lanes have the same array."""
     same = True
     for c in range(1, active):
@@ -258,7 +258,7 @@ def _alike(addresses: NDArray[np.int64], active: int) -> bool:
 def brought(i: int, active: int, where: NDArray[np.int64], lengths: NDArray[np.int64], course: Array) -> None:
     """The next steps of each lane's motion, a lane beside the other.   course : (2, steps, lanes), angle and speed."""
     for kind in range(2):
-        if _alike(where[kind], active):
+        if _have_same_array(where[kind], active):
             for e in range(min(course.shape[1], lengths[0] - i)):
                 put(course, LANES * (kind * course.shape[1] + e), eight(number_at(where[kind, 0], i + e)))
             continue

@@ -47,7 +47,7 @@ class Switchboard:
     plain: bool
     rubs: tuple[int, ...]
 
-    def spread(self, vector: Array) -> Array:
+    def masked_vector(self, vector: Array) -> Array:
         """The vector of the masked kernel."""
         p = np.zeros(_CATALOGUE_SIZE)
         p[self.places] = vector
@@ -72,12 +72,12 @@ def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switc
         tuple(laws.get("torque_reading", ())),
         any(e.slot == "torque_path" for e in chosen),
         tuple(own.index(name) for e in chosen if e.slot == "sensor" for name in e.full_names()),
-        base_bodies == ("motor", "cart") and _beyond(chosen) <= set(PLAIN),
-        base_bodies == ("motor", "cart") and knows(_beyond(chosen)),
+        base_bodies == ("motor", "cart") and _effects_beyond_motor(chosen) <= set(PLAIN),
+        base_bodies == ("motor", "cart") and knows(_effects_beyond_motor(chosen)),
         tuple(own.index(name) for e in chosen if acts_on_motor(e) for name in (*e.full_names(), *e.uses) if name in own),
     )
 
 
-def _beyond(chosen: Sequence[Effect]) -> set[str]:
+def _effects_beyond_motor(chosen: Sequence[Effect]) -> set[str]:
     """Names of the effects beyond the motor."""
     return {e.name for e in chosen if not acts_on_motor(e) and e.slot not in BEFORE_THE_LOAD}

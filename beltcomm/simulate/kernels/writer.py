@@ -127,7 +127,7 @@ class Writer:
         test = " or ".join(f"s{self.switch[e.name]}" for e in owners) if owners else "belt"
         return [f"if {test}:", *("    " + line for line in lines)]
 
-    def chosen(self, slot: str) -> list[Effect]:
+    def effects_of_slot(self, slot: str) -> list[Effect]:
         """Effects of a slot that have a law."""
         return [e for e in self.effects if e.slot == slot and e.law is not None]
 
@@ -186,7 +186,7 @@ class Writer:
             ]  # fmt: skip
             angle, rate = "qd", "vd"
         lines += ["gain = 1.0", "ahead = 0.0"]
-        for effect in self.chosen("kinematics"):
+        for effect in self.effects_of_slot("kinematics"):
             assert effect.slope is not None
             assert effect.law is not None
             lines += self.when(
@@ -233,7 +233,7 @@ class Writer:
     def belt_laws(self) -> list[str]:
         """Gap and slack act on the stretch of everything between driving end and carriage; then the stiffness others ask for."""
         lines = ["closed = 1.0"] if self.masked else []
-        for effect in self.chosen("belt_law"):
+        for effect in self.effects_of_slot("belt_law"):
             assert effect.slope is not None
             assert effect.law is not None
             share = [f"share = {self.law(effect.slope)}(stretch{self.arguments(effect)})", "rate *= share"]
@@ -306,7 +306,7 @@ class Writer:
 
     def onsets(self) -> dict[int, Effect]:
         """By body: the law by which its friction turns round, where there is one besides the jump.  Its state is ``z`` and the number."""
-        return {self.number[e.body]: e for e in self.chosen("friction_onset") if e.body in self.number}
+        return {self.number[e.body]: e for e in self.effects_of_slot("friction_onset") if e.body in self.number}
 
     def turn(self, i: int, step: str) -> str:
         """Line that turns the friction of body i round over a step, m at the belt."""

@@ -98,8 +98,8 @@ def edges_of(
     channel = np.where(line % 2 == 1, 0, 1)
     start = int(counts[0]) % 4
     if flaws.bounces > 0 and flaws.bounce_s > 0.0:
-        tick, channel = _bounced(tick, channel, flaws, tick_s)
-    return _seen(tick, channel, int(LEVEL_A[start]), int(LEVEL_B[start]), increment_m, tick_s)
+        tick, channel = _with_bounces(tick, channel, flaws, tick_s)
+    return _visible_edges(tick, channel, int(LEVEL_A[start]), int(LEVEL_B[start]), increment_m, tick_s)
 
 
 class _Scale:
@@ -160,7 +160,7 @@ def _first_ticks(motion: Motion, tick_s: float, place: Array, upward: NDArray[np
     return high
 
 
-def _bounced(tick: IntArray, channel: IntArray, flaws: Flaws, tick_s: float) -> tuple[IntArray, IntArray]:
+def _with_bounces(tick: IntArray, channel: IntArray, flaws: Flaws, tick_s: float) -> tuple[IntArray, IntArray]:
     """The edges with extra pairs after each: the channel falls back and returns."""
     rng = np.random.default_rng([flaws.seed, 2])
     room = np.append(np.diff(tick) // 2, np.iinfo(np.int64).max)
@@ -172,7 +172,7 @@ def _bounced(tick: IntArray, channel: IntArray, flaws: Flaws, tick_s: float) -> 
     return np.concatenate([tick, extra]), np.concatenate([channel, channel[source]])
 
 
-def _seen(tick: IntArray, channel: IntArray, level_a: int, level_b: int, increment_m: float, tick_s: float) -> Edges:
+def _visible_edges(tick: IntArray, channel: IntArray, level_a: int, level_b: int, increment_m: float, tick_s: float) -> Edges:
     """Changes in order; what happens twice to one channel within a tick is not seen."""
     key, times = np.unique(2 * tick + channel, return_counts=True)
     key = key[times % 2 == 1]

@@ -38,7 +38,7 @@ def new_decoder(level_a: int = 0, level_b: int = 0, *, debounce: bool = True) ->
     """
     registers = np.zeros(2 * _SIZE, dtype=np.int64)
     state = _forward_state(level_a, level_b)
-    registers[[STATE, PREVIOUS, LEVEL_A, LEVEL_B, DEBOUNCE]] = state, _before(state), level_a, level_b, debounce
+    registers[[STATE, PREVIOUS, LEVEL_A, LEVEL_B, DEBOUNCE]] = state, _previous_state(state), level_a, level_b, debounce
     registers[_EDGE_TICK] = _NEVER
     registers[_SIZE:] = registers[:_SIZE]
     return registers
@@ -65,7 +65,7 @@ def _next(state: int) -> int:
 
 
 @compiled
-def _before(state: int) -> int:
+def _previous_state(state: int) -> int:
     """The state before this one in its cycle."""
     return (state + 2) % 4 + 1 if state <= 4 else (state - 2) % 4 + 5
 
@@ -101,10 +101,10 @@ def _move(registers: IntArray, tick: int, forward: int) -> int:
     state, previous = registers[STATE], registers[PREVIOUS]
     sense = 1 if state <= 4 else -1
     here = forward if sense == 1 else 9 - forward
-    returned = 9 - _before(state)  # the levels of the state before, in the other cycle
+    returned = 9 - _previous_state(state)  # the levels of the state before, in the other cycle
     if previous == returned:  # it stands there already: back, or on in the other direction
         if here == state:
-            registers[PREVIOUS] = _before(state)
+            registers[PREVIOUS] = _previous_state(state)
             return 0
         registers[PREVIOUS], registers[STATE] = returned, 9 - here
         return _count(registers, tick, -sense)
@@ -138,7 +138,7 @@ def _resynchronise(registers: IntArray, level_a: int, level_b: int) -> None:
     forward = _forward_state(level_a, level_b)
     state = forward if registers[STATE] <= 4 else 9 - forward
     registers[LEVEL_A], registers[LEVEL_B] = level_a, level_b
-    registers[STATE], registers[PREVIOUS] = state, _before(state)
+    registers[STATE], registers[PREVIOUS] = state, _previous_state(state)
     registers[INVALID] += 1
     registers[LAST_TICK] = registers[LAST_STEP] = registers[GAP] = 0
     registers[INCREMENTS] = registers[FIRST_TICK] = registers[STEPS] = 0

@@ -11,7 +11,7 @@ from beltcomm.fit.estimate import Fitted, fit_of, problem_of
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
 from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, is_negligible, most_within
-from beltcomm.laboratory.forms import additions, without
+from beltcomm.laboratory.law_shape import additions, without
 from beltcomm.model import Model
 
 #: Iterations of a refit, and where another kind of observer is needed.
@@ -58,6 +58,6 @@ def rise_without(fitted: Fitted) -> dict[str, float]:
         linear[effect.name] = [problem.free.index(name) for name in effect.full_names() if name in problem.free]
     if not linear:
         return {}
-    jacobian = problem.jacobian(fitted.x).scaled(problem.weights(fitted.residual))
+    jacobian = problem.jacobian(fitted.x).weighted_rows(problem.weights(fitted.residual))
     inverse = np.linalg.pinv(jacobian.information())
     return {name: float(fitted.x[at] @ np.linalg.pinv(inverse[np.ix_(at, at)]) @ fitted.x[at]) for name, at in linear.items()}

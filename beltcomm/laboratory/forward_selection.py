@@ -63,9 +63,9 @@ class Candidate:
     evidence, explained : see the module.   promised : drop by the score test.   fitted : with the effect, None where it was not
     refitted.   held_gain : drop of O on the held-out records.   hollow : it explains much, but only as no axis can be.
     accepted : by the rule of this module.   grows : it makes the error as a whole larger, from one bad model to the next.
-    unneeded : a carriage that strays as freely without it explains as much, see ``freedom``.   idle : the plain error does not fall, of
-    the fitted records or of those held out.   beside : effect that hides it and with
-    which it was judged, see ``masked``; "" where it explains that alone.
+    unneeded : a carriage that strays as freely without it explains as much, see ``gap_evidence``.   idle : the plain error does not fall,
+    of the fitted records or of those held out.   beside : effect that hides it and with which it was judged,
+    see ``gap_behind_delay``; "" where it explains that alone.
     """
 
     effect: Effect

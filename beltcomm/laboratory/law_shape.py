@@ -126,7 +126,7 @@ def promise_at_carriage(fitted: Fitted, effect: Effect, one: str) -> float:
     behind = at_carriage(fitted.model, effect, one)
     if behind is None:
         return 0.0
-    nearby, part = fitted.nearby, effect_named(one).full_names()[0]
+    nearby, part = fitted.local_quadratic, effect_named(one).full_names()[0]
     found = [nearby.best(residual_change(fitted, behind)).objective]
     for share in PARTS:
         beside = fitted.model.with_effect(one, {part: share * behind[part]})
