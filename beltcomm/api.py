@@ -14,7 +14,8 @@ from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.design.compensation import compensated_effects
 from beltcomm.design.specification import Specification
-from beltcomm.drive import Drive, able, open_drive
+from beltcomm.drive import Drive, open_drive
+from beltcomm.drive.access import able
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.experiments import commission as sequence
 from beltcomm.experiments import referencing
@@ -124,13 +125,13 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
             agreed(plan, machine)
             with early_end.kept(machine, findings):
                 sequence.commission(machine, settings, findings)
-    text = outcome.commission_text(folder, findings, drive)
+    text = outcome.commission_text(folder, findings, options.reached(drive))
     outcome.keep_text(folder, text.whole())
     page = None
     if options.report:
         ended = at_the_end(run)
         page = ended.page
-        text = outcome.commission_text(folder, findings, drive, page=ended.line, error=ended.error, doubts=ended.doubts)
+        text = outcome.commission_text(folder, findings, options.reached(drive), page=ended.line, error=ended.error, doubts=ended.doubts)
         outcome.keep_text(folder, text.whole())
     found = {**outcome.data(folder, findings), "visible": plan.visible, "page": page}
     return Result(found, text.short(), 0 if findings.meets_targets else 1)
@@ -192,7 +193,7 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
             sequence.identify_here(machine, findings)
         known = machine.place_known
     split = analyse.nonlinearities(folder.recordings())
-    text = outcome.identify_text(folder, findings, drive, known)
+    text = outcome.identify_text(folder, findings, options.reached(drive), known)
     text[-1:] = [*words.nonlinearity_lines(split), text[-1]]
     if whole:
         text = ["Only the record at this place was made: the rest of the job needs to know where the carriage stands.", "", *text]
@@ -269,7 +270,7 @@ def friction(
             Agreement(options, talk, friction)(plan, machine)
             check_sign(machine)
             machine.titles = (sequence.TITLES[4], sequence.TITLES[5])
-            sequence.close_first_loop(machine, findings, model, ask=not options.yes)
+            sequence.closed_for(machine, findings, model, ask=not options.yes)
             made = friction_job.record(machine, model, asked)
     return friction_job.result(folder, model, findings.thesis, made, drawn=pictures, command=command)
 

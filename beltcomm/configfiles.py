@@ -29,13 +29,13 @@ LONGEST_INT = 20
 MOST_NODES, MOST_DEPTH = 200_000, 60
 #: Key of the checksum in files that the tool writes for itself.
 CHECKSUM = "checksum"
-_WORD_FOR = {"axes": "axis", "plants": "plant", "drives": "drive profile", "studies": "study"}
+_WORD_FOR = {"axes": "axis", "plants": "plant", "drives": "drive profile", "studies": "study", "slaves": "drive that can be played"}
 
 
 def find_config(kind: str, name: str) -> Path:
     """The file that ``name`` means.
 
-    kind : "axes", "plants", "drives" or "studies".
+    kind : "axes", "plants", "drives", "studies" or "slaves".
     name : the name of a shipped file, or a path (anything with a slash or ending in ``.yaml``).
     Raises UsageError when there is no such file, with the names that exist.
     """

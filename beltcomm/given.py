@@ -76,10 +76,17 @@ def choice(value: object, what: str, known: Sequence[str]) -> None:
         raise UsageError(f"{what} is {value!r}{f', did you mean {near[0]!r}?' if near else ''}; choose one of {', '.join(known)}")
 
 
+class Reached(str):
+    """The name of a drive for the next command.   options : those that it is reached by, as the command line takes them."""
+
+    options = ""
+
+
 def pasted(value: object) -> str:
     """A path or a drive as a terminal takes it: in quotes where it has blanks and the like, and never like an option."""
     text = str(value)
-    return shlex.quote(f"./{text}" if text.startswith("-") else text)
+    quoted = shlex.quote(f"./{text}" if text.startswith("-") else text)
+    return f"{quoted} {value.options}" if isinstance(value, Reached) and value.options else quoted
 
 
 def may_write(file: Path, yes: bool, talk: Talk) -> None:

@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 from beltcomm import atomic
-from beltcomm.errors import UsageError
+from beltcomm.errors import DataError, UsageError
+from beltcomm.outside import read_text
 from beltcomm.talk import Silence, Talk
 
 if TYPE_CHECKING:
@@ -170,6 +171,6 @@ def _folder_lock(folder: Path, talk: Talk, refusal: Callable[[str], str] | None,
 def _holder(path: Path) -> str:
     """In words, as the holder has written them."""
     try:
-        return path.read_text(encoding="utf-8").strip()[:100] or "another process"
-    except (OSError, UnicodeDecodeError):
+        return read_text(path, failure=DataError).strip()[:100] or "another process"
+    except (OSError, DataError):
         return "another process"

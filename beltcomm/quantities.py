@@ -28,7 +28,7 @@ _TORQUE = {"nm": 1.0, "ncm": 1e-2, "mnm": 1e-3, "knm": 1e3}
 
 #: Suffix of a name -> its unit.
 UNITS: Mapping[str, Unit] = {
-    "s": Unit("s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}),
+    "s": Unit("s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}),
     "m": Unit("m", _LENGTH),
     "m_s": Unit("m/s", {f"{name}/s": factor for name, factor in _LENGTH.items()} | {"m/min": 1.0 / 60.0}),
     "m_s2": Unit("m/s²", {f"{name}/s2": factor for name, factor in _LENGTH.items()}),

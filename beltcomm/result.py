@@ -7,9 +7,13 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
+from itertools import groupby
 from typing import Any
 
 import numpy as np
+
+from beltcomm.borders import for_html
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,12 @@ class Result:
         """The result for people."""
         return self.text
 
+    def __repr__(self) -> str:
+        return "\n".join(map(str, self.text))
+
+    def _repr_html_(self) -> str:
+        return html_of(self.text)
+
 
 class Row(str):
     """A line of a table: as text what stands in files and pipes, and the cells of it, which a terminal may draw as it likes.
@@ -61,6 +71,24 @@ class Row(str):
         row = super().__new__(cls, text)
         row.cells, row.right, row.head = tuple(cells), tuple(right), head
         return row
+
+
+def html_of(lines: Iterable[str]) -> str:
+    """Lines as a notebook shows them: rows as tables, text as it stands."""
+    parts = []
+    for is_row, some in groupby(lines, key=lambda line: isinstance(line, Row) and bool(line.cells)):
+        if not is_row:
+            parts.append(f"<pre>{escape(chr(10).join(map(str, some)))}</pre>")
+            continue
+        rows = []
+        for row in some:
+            assert isinstance(row, Row)
+            kind = "th" if row.head else "td"
+            sides = ["right" if right else "left" for right in row.right]
+            cells = [f"<{kind} style='text-align:{side}'>{escape(cell)}</{kind}>" for cell, side in zip(row.cells, sides, strict=True)]
+            rows.append(f"<tr>{''.join(cells)}</tr>")
+        parts.append(f"<table>{''.join(rows)}</table>")
+    return for_html("".join(parts))
 
 
 def with_unit(number: str, unit: str) -> str:

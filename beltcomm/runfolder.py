@@ -25,7 +25,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from beltcomm import __version__, journal
+from beltcomm import journal
 from beltcomm.atomic import is_draft
 from beltcomm.axis import Axis, load_axis, save_axis
 from beltcomm.configfiles import did_you_mean, read_yaml, sealed, to_yaml, unsealed, write_text
@@ -38,6 +38,7 @@ from beltcomm.recording import Recording, RecordingWriter, Sidecar, common_side,
 from beltcomm.recording.columns import MOTOR_COLUMNS
 from beltcomm.recording.sidecar import load_sidecar
 from beltcomm.talk import Talk
+from beltcomm.version import __version__
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 #: Letters of a name: file systems take 255 bytes, and ends such as .csv.part stand behind it.

@@ -17,6 +17,7 @@ from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.simulate.loop import LoopDrive, close_loop
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
+from beltcomm.simulate.setpoints import SetpointGrid
 from beltcomm.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -26,6 +27,8 @@ DYNAMIC_TARGET_M = 1e-3
 STATIC_TARGET_M = 100e-6
 #: Machines in the range of a prediction, and share of them that must be machines.
 RANGE_DRAWS, LEAST_DRAWN = 16, 0.5
+#: A drive does as predicted when its error is within this factor of the predicted one, and this many m.
+AS_PREDICTED, SLACK_M = 1.5, 2e-4
 #: s after the end of the reference motion between which the static error is read.
 STATIC_FROM_S, STATIC_TO_S = 0.5, 1.5
 #: m and s of the verification move: the thesis's 0 to 0.5 m, and the rest in which the static error is read.
@@ -83,17 +86,23 @@ class Loop:
 
 @dataclass(frozen=True)
 class PredictedMove:
-    """Simulated closed loop: motor position over i_t and carriage, m; torque N m; largest belt force, N.
+    """Simulated closed loop at the samples of its reference: motor position over i_t and carriage, m; torque N m; largest belt force, N.
 
-    saturated : in words, which bounds of the drive were reached.
+    reference_m : that the loop had at these samples.   saturated : in words, which bounds of the drive were reached.
     """
 
     t_s: Array
+    reference_m: Array
     motor_m: Array
     cart_m: Array
     torque_nm: Array
     belt_force_n: float
     saturated: tuple[str, ...] = ()
+
+    @property
+    def error(self) -> TrackingError:
+        """At the motor."""
+        return tracking_error(self.t_s, self.reference_m, self.motor_m)
 
 
 def demand(trajectory: Trajectory, model: Model) -> Demand:
@@ -124,14 +133,14 @@ def predict_move(
     time_s: float = 0.0,
     plant: SimulatedPlant | None = None,
 ) -> PredictedMove:
-    """Simulate the drive's own cascade on the model along a reference motion that is sampled once per loop period.
+    """Simulate the drive's own cascade on the model along a reference motion, which the drive interpolates for its loop.
 
-    belt_stretch_m : at the start.   plant : that the loop is closed on in place of the model's.
-    extra_torque_nm : ndarray (n,), sent along with the reference and added to the drive's torque.   time_s : session's clock.
+    trajectory : at whatever period it is sent.   belt_stretch_m : at the start.   plant : that the loop is closed on, not the model's.
+    extra_torque_nm : ndarray (n,), sent along with the reference and added to the drive's torque, held until the next comes.
+    time_s : session's clock.
     The encoder counts as the drive sees them; the measurement noise of the torque signal does not enter the loop.
     """
     ratio, structure = model["transmission.ratio"], drive.structure
-    reference, n = trajectory.position_m / ratio, len(trajectory.position_m)
     start_m = float(trajectory.position_m[0])
     plant = plant or SimulatedPlant(model, start_m, substeps_needed(model, start_m), belt_stretch_m=belt_stretch_m)
     plant.time_s = time_s
@@ -143,8 +152,10 @@ def predict_move(
         structure.dead_zone_rad,
         structure.output_limit_rad_s,
     )
-    added = np.zeros(n) if extra_torque_nm is None else extra_torque_nm
-    run = close_loop(plant, cascade, loop, "position", reference, trajectory.velocity_m_s / ratio, added)
+    sent = SetpointGrid(trajectory.sample_period_s, structure.period_s, len(trajectory.t_s))
+    reference, speed = sent.on_loop(trajectory.position_m / ratio), sent.on_loop(trajectory.velocity_m_s / ratio)
+    added = np.zeros(len(reference)) if extra_torque_nm is None else sent.held(extra_torque_nm)
+    run = close_loop(plant, cascade, loop, "position", reference, speed, added)
     step = 2.0 * math.pi / drive.counts_per_rev
     error = reference - (reference[0] + np.floor(run.position_rad / step + 0.5) * step)
     fastest = cascade.kpp_1_s * max(float(np.abs(error).max()) - structure.dead_zone_rad, 0.0)
@@ -153,9 +164,10 @@ def predict_move(
         saturated.append(f"the torque limit of {drive.torque_limit_nm:.3g} N m")
     if fastest >= structure.output_limit_rad_s * (1.0 - 1e-9):
         saturated.append(f"the bound of the position controller's output, {ratio * structure.output_limit_rad_s:.3g} m/s")
-    t_s = structure.period_s * np.arange(n, dtype=np.float64)
-    motor, cart = start_m + ratio * run.position_rad, start_m + run.cart_m
-    return PredictedMove(t_s, motor, cart, run.asked_nm, float(run.belt_force_n.max()), tuple(saturated))
+    t_s = trajectory.sample_period_s * np.arange(len(trajectory.t_s), dtype=np.float64)
+    motor, cart = start_m + ratio * sent.at_samples(run.position_rad), start_m + sent.at_samples(run.cart_m)
+    known = sent.in_loop(trajectory.position_m)
+    return PredictedMove(t_s, known, motor, cart, sent.latest(run.asked_nm), float(run.belt_force_n.max()), tuple(saturated))
 
 
 def predict_range(model: Model, predict: Callable[[Model, float], TrackingError]) -> tuple[TrackingError, TrackingError] | None:
@@ -238,7 +250,6 @@ def judge(
     recording: Recording,
     ratio: float,
     predicted: PredictedMove,
-    reference_m: Array,
     *,
     carriage_m: Array | None = None,
     predicted_range: tuple[TrackingError, TrackingError] | None = None,
@@ -247,20 +258,20 @@ def judge(
 ) -> Verdict:
     """Measured tracking against the prediction and the targets.
 
-    ratio : i_t, m/rad.   reference_m : ndarray (n,), reference of the prediction, m.   carriage_m : ndarray (n,), where the carriage should
-    be, m, when that is not the motor's reference.
+    ratio : i_t, m/rad.   carriage_m : ndarray (n,), where the carriage should be at the samples of the prediction, m, when that is not the
+    motor's reference.
     Raises DataError when the recording has no reference position.
     """
     if recording.reference_position is None:
         raise DataError(f"recording {recording.name!r} has no reference_position_rad; tracking cannot be judged")
     reference = ratio * recording.reference_position
     measured = tracking_error(recording.t_s, reference, ratio * recording.position)
-    expected = tracking_error(predicted.t_s, reference_m, predicted.motor_m)
-    wanted = reference_m if carriage_m is None else carriage_m
+    expected = predicted.error
+    wanted = predicted.reference_m if carriage_m is None else carriage_m
     expected_cart = tracking_error(predicted.t_s, wanted, predicted.cart_m)
     measured_cart = None
     if recording.cart_position_m is not None:
-        followed = reference + np.interp(recording.t_s - recording.t_s[0], predicted.t_s, wanted - reference_m)
+        followed = reference + np.interp(recording.t_s - recording.t_s[0], predicted.t_s, wanted - predicted.reference_m)
         offset = followed[0] - recording.cart_position_m[0]
         measured_cart = tracking_error(recording.t_s, followed, recording.cart_position_m + offset)
     reasons = []

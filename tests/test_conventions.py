@@ -17,6 +17,7 @@ from beltcomm import __version__
 from beltcomm.axis import load_axis
 from beltcomm.model import load_plant
 from beltcomm.study.file import load_study
+from beltcomm.virtual.foreign import profile_named
 from beltcomm_adapters.profiles import load_profile
 
 CHECKOUT = Path(__file__).parent.parent
@@ -27,7 +28,10 @@ TEXTS = [path for path in CHECKOUT.glob("*.*") if path.suffix in (".md", ".toml"
     for path in (CHECKOUT / folder).rglob("*")
     if path.is_file() and path.suffix in ("", ".py", ".md", ".yaml", ".yml", ".csv", ".json", ".toml", ".ipynb")
 ]
-LOADERS: dict[str, Callable[[str], Any]] = {"axes": load_axis, "plants": load_plant, "drives": load_profile, "studies": load_study}
+LOADERS: dict[str, Callable[[str], Any]] = {
+    **{"axes": load_axis, "plants": load_plant, "drives": load_profile, "studies": load_study},
+    "slaves": profile_named,
+}
 CONFIGS = sorted((CHECKOUT / "configs").rglob("*.*"))
 
 #: Files of more than 400 lines beside their docstrings, and why each is one thing.

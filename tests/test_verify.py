@@ -325,9 +325,9 @@ def recorded(reference_m: Array, motor_m: Array, cart_m: Array | None = None) ->
     )
 
 
-def predicted(motor_m: Array, cart_m: Array) -> PredictedMove:
+def predicted(reference_m: Array, motor_m: Array, cart_m: Array) -> PredictedMove:
     n = len(motor_m)
-    return PredictedMove(PERIOD_S * np.arange(n, dtype=np.float64), motor_m, cart_m, np.zeros(n), 0.0)
+    return PredictedMove(PERIOD_S * np.arange(n, dtype=np.float64), reference_m, motor_m, cart_m, np.zeros(n), 0.0)
 
 
 def behind(reference: Array, dynamic_m: float, static_m: float) -> Array:
@@ -337,8 +337,11 @@ def behind(reference: Array, dynamic_m: float, static_m: float) -> Array:
 
 def test_a_move_within_its_targets_passes_and_says_so() -> None:
     _, reference = ramp()
-    measured, expected = behind(reference, 0.5e-3, 40e-6), predicted(behind(reference, 0.4e-3, 10e-6), behind(reference, 0.6e-3, 20e-6))
-    verdict = judge(recorded(reference, measured), RATIO, expected, reference)
+    measured, expected = (
+        behind(reference, 0.5e-3, 40e-6),
+        predicted(reference, behind(reference, 0.4e-3, 10e-6), behind(reference, 0.6e-3, 20e-6)),
+    )
+    verdict = judge(recorded(reference, measured), RATIO, expected)
     assert verdict.passed
     assert verdict.measured.dynamic_m == pytest.approx(0.5e-3, rel=1e-6)
     assert verdict.measured.static_m == pytest.approx(40e-6, rel=1e-6)
@@ -350,7 +353,7 @@ def test_a_move_within_its_targets_passes_and_says_so() -> None:
     assert second == "static error at the motor: 40 µm, meets the target of 100 µm"
     assert "0.4 mm" in third
     assert "reaches" not in "".join(verdict.reasons)
-    at_the_limit = judge(recorded(reference, measured), RATIO, replace(expected, saturated=("the torque limit of 1 N m",)), reference)
+    at_the_limit = judge(recorded(reference, measured), RATIO, replace(expected, saturated=("the torque limit of 1 N m",)))
     assert "the controller reaches the torque limit of 1 N m" in at_the_limit.reasons
     assert "25 % more" in third
 
@@ -359,18 +362,18 @@ def test_a_move_within_its_targets_passes_and_says_so() -> None:
 def test_a_missed_target_fails_and_is_named(dynamic: float, static: float, missed: int) -> None:
     _, reference = ramp()
     same = behind(reference, dynamic, static)
-    record, expected = recorded(reference, same), predicted(same, same)
-    verdict = judge(record, RATIO, expected, reference)
+    record, expected = recorded(reference, same), predicted(reference, same, same)
+    verdict = judge(record, RATIO, expected)
     assert not verdict.passed
     assert ["misses" in reason for reason in verdict.reasons[:2]] == [missed == 0, missed == 1]
-    assert judge(record, RATIO, expected, reference, dynamic_target_m=2e-3, static_target_m=2e-4).passed
+    assert judge(record, RATIO, expected, dynamic_target_m=2e-3, static_target_m=2e-4).passed
 
 
 def test_a_second_sensor_is_judged_from_where_it_started() -> None:
     """Its zero is its own: the first sample is taken to be on the reference."""
     _, reference = ramp()
     motor, cart = behind(reference, 0.1e-3, 10e-6), 0.137 + behind(reference, 0.7e-3, 60e-6)
-    verdict = judge(recorded(reference, motor, cart), RATIO, predicted(motor, motor), reference)
+    verdict = judge(recorded(reference, motor, cart), RATIO, predicted(reference, motor, motor))
     assert verdict.measured_cart is not None
     assert verdict.measured_cart.dynamic_m == pytest.approx(0.7e-3, rel=1e-6)
     assert verdict.measured_cart.static_m == pytest.approx(60e-6, rel=1e-6)
@@ -381,4 +384,4 @@ def test_a_record_without_reference_cannot_be_judged() -> None:
     motor = behind(reference, 0.1e-3, 10e-6)
     bare = Recording("bare", PERIOD_S * np.arange(len(motor), dtype=np.float64), np.linspace(0.0, 1.0, len(motor)), motor / RATIO)
     with pytest.raises(DataError, match="'bare' has no reference_position_rad"):
-        judge(bare, RATIO, predicted(motor, motor), reference)
+        judge(bare, RATIO, predicted(reference, motor, motor))

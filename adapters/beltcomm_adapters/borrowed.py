@@ -23,6 +23,8 @@ LENT_TO_RECORDS: Final = (
     (0x60C1, 2, "uint8"),
     (0x60C2, 2, "int8"),
     (0x60C2, 1, "uint8"),
+    (0x6007, 0, "int16"),
+    (0x1029, 1, "uint8"),
     (0x1016, 1, "uint32"),
     (0x100D, 0, "uint8"),
     (0x100C, 0, "uint16"),

@@ -14,14 +14,15 @@ import numpy as np
 from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Guarding, Limits, Motion, Sink
 from beltcomm.drive.finding import Finding
 from beltcomm.errors import BusError, DriveError, Refused, UsageError
+from beltcomm_adapters import host_reaction
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_can_bus, open_bus
 from beltcomm_adapters.cia402 import State
 from beltcomm_adapters.examination.can import examine_can
 from beltcomm_adapters.examination.surroundings import surroundings
 from beltcomm_adapters.exchange import Exchange
-from beltcomm_adapters.identification import HOMING_MODE, read_capabilities, read_identity, sync_period_s
+from beltcomm_adapters.identification import HOMING_MODE, read_capabilities, read_identity, supported_modes, sync_period_s
 from beltcomm_adapters.interrupts import deferred_interrupt
-from beltcomm_adapters.link import Link, find_nodes
+from beltcomm_adapters.link import NMT_PRE_OPERATIONAL, Link, find_nodes
 from beltcomm_adapters.logged import LoggedBus
 from beltcomm_adapters.motion import Run
 from beltcomm_adapters.object_drive import ObjectDrive
@@ -30,6 +31,7 @@ from beltcomm_adapters.profiles import choose_profile, load_profile
 from beltcomm_adapters.sdo import SdoObjects
 from beltcomm_adapters.setpoints import Layout, Setpoints, layout_of
 from beltcomm_adapters.synctime import SyncTimeBus, keeps_time_by_sync
+from beltcomm_adapters.trial import tried
 from beltcomm_adapters.watch import Watch
 
 _PROFILE_VELOCITY: Final = 3
@@ -65,6 +67,7 @@ class CanopenDrive(ObjectDrive):
         sample_period_s: float | None = None,
     ) -> None:
         self._guarding: Guarding | None = None
+        self._arrangement = 0  # of the drive's answers: what it has refused once is not asked for again
         self._link = Link(bus, clock, node)
         super().__init__(clock, SdoObjects(self._link), release)
         where = f"{bus.channel_info}, node {node}" + (f", {bitrate // 1000} kbit/s" if bitrate else "")
@@ -98,6 +101,11 @@ class CanopenDrive(ObjectDrive):
         with self._enabled(layout, motion.kind, motion.period_s, limits, motion) as run:
             return run.follow(Setpoints.of(motion, self._scaling), self._profile.torque_sampling, sink)
 
+    def trial(self) -> list[Finding]:
+        """See :func:`beltcomm.drive.access.able`: a record's PDOs and limits, tried with the stage off and put back."""
+        modes = supported_modes(self._objects, self._profile)
+        return list(tried(self._objects, self._profile, self._scaling, modes, self.capabilities.sample_period_s))
+
     def prove_guarding(self, limits: Limits, rest_nm: float = 0.0) -> Guarding:
         """See :meth:`beltcomm.drive.Drive.prove_guarding`.
 
@@ -114,13 +122,13 @@ class CanopenDrive(ObjectDrive):
         with self._enabled(layout, "torque", motion.period_s, dataclasses.replace(limits, brake_s=0.0), motion) as run:
             self._link.guard(None)
             since_s = self._link.last_life_s
-            seen = run.outlive(now, since_s, since_s + limit_s)
+            seen = run.outlive(now, since_s, since_s + limit_s, self._asked_word, lambda: self._link.emergency_s)
             code = self._link.emergency.code if self._link.emergency else 0
             if seen is None:
                 raise DriveError(
                     f"the drive did not react within {1e3 * limit_s:.0f} ms when the computer fell silent (guard time "
                     f"{1e3 * limits.guard_s:.0f} ms): it would go on holding its torque if the computer died, so it gets none; "
-                    "set its reaction to a lost master (node guarding, heartbeat) to a stop with the maker's tool"
+                    f"set its reaction to a lost master to a stop with the maker's tool{self._settings_words()}"
                 )
             if code and code >> 8 != _COMMUNICATION_ERRORS:
                 raise self._machine.fault("its guarding was tried")
@@ -128,6 +136,28 @@ class CanopenDrive(ObjectDrive):
         self._machine.reset_fault()
         self._guarding = Guarding(limits.guard_s, *seen)
         return self._guarding
+
+    def _asked_word(self) -> int:
+        """6041h by SDO, of a node that exchanges no PDOs any more; one that is Stopped is first called to pre-operational, without which
+        it answers none."""
+        try:
+            return self._machine.statusword()
+        except BusError:
+            self._link.send_nmt(NMT_PRE_OPERATIONAL)
+            return self._machine.statusword()
+
+    def _stopped_by_sdo(self) -> bool:
+        """Stop and disable a node that exchanges no PDOs any more; whether it did."""
+        with contextlib.suppress(BusError, DriveError):
+            self._asked_word()
+            self._machine.disable()
+            return True
+        return False
+
+    def _settings_words(self) -> str:
+        """What it is set to, as a sentence's end."""
+        said = host_reaction.words(self._objects)
+        return f"; now {said}" if said else ""
 
     def _check(self, motion: Motion, limits: Limits) -> None:
         drive_torque_nm = self._objects.read_int(0x6072, 0, "uint16") * self._scaling.torque_nm
@@ -166,7 +196,9 @@ class CanopenDrive(ObjectDrive):
             with objects.lend() as lending:
                 speeds = motion.velocity_rad_s if motion is not None else None
                 prepare(objects, lending, self._machine, self._profile, scaling, layout, period_s, limits, speeds)
-                exchange = Exchange(link, objects, lending, period_s, layout.received)
+                unit_s = scaling.speed_rad_s / scaling.position_rad
+                exchange = Exchange(link, objects, lending, period_s, layout.received, self._arrangement, unit_s)
+                self._arrangement = exchange.arrangement
                 run = Run(
                     exchange,
                     layout,
@@ -178,6 +210,7 @@ class CanopenDrive(ObjectDrive):
                     lambda: link.restarted or link.emergency is not None,
                     objects.read_int(0x6064, 0, "int32"),
                     round(motion.rest_nm / scaling.torque_nm) if motion is not None else 0,
+                    self.capabilities.structure.period_s,
                 )
                 link.guard(guard(objects, lending, self._profile, limits.guard_s), limits.guard_s)
                 exchange.start()
@@ -204,10 +237,13 @@ class CanopenDrive(ObjectDrive):
                     with contextlib.suppress(DriveError):  # the quick stop comes all the same
                         self._objects.write(0x6060, 0, "int8", _PROFILE_VELOCITY)
                         run.stand_by_speed()
-                run.halt(release)
+                if not (run.left_alone() and self._stopped_by_sdo()):
+                    run.halt(release)
                 exchange.end()
         except BusError as failure:
             self._link.guard(None)  # the drive's guarding is what stops the axis now
+            if self._stopped_by_sdo():
+                failure.add_note("the drive answered without PDOs and was stopped that way; its stage is off")
             if error is None:
                 raise (self._machine.fault("being stopped") if self._link.restarted else failure) from None
             error.add_note(str(failure))
@@ -304,9 +340,12 @@ def number(options: Mapping[str, object], name: str, default: float | None) -> f
 
 
 def profile_name(options: Mapping[str, object]) -> str | None:
-    """The option ``profile``, None to choose by identity.  Raises UsageError when there is none of this name."""
+    """The option ``profile``, a name or the path of a file, None to choose by identity.  Raises UsageError when there is none such."""
     value = options.get("profile")
-    return None if value is None else load_profile(str(value)).name
+    if value is None:
+        return None
+    load_profile(str(value))
+    return str(value)
 
 
 ADAPTER = Adapter(

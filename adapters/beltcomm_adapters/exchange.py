@@ -11,9 +11,10 @@ from typing import Final, Literal, NamedTuple
 
 import can
 
+from beltcomm.drive.objects import name_of
 from beltcomm.errors import BusError, DriveError, ObjectRefused
 from beltcomm_adapters.link import INTERFACE_ERRORS, NMT_PRE_OPERATIONAL, NMT_START, Link
-from beltcomm_adapters.sdo import Lending, Objects
+from beltcomm_adapters.sdo import Lending, Objects, abort_text
 
 _INVALID: Final = 1 << 31
 _NO_REMOTE: Final = 1 << 30
@@ -29,14 +30,25 @@ _CLOCK_SET_S: Final = 0.5
 #: A SYNC later than this share of a period moves the grid instead of being followed by a burst.
 _LATE_SHARE: Final = 0.25
 
-#: What the drive sends: position, torque, statusword · velocity, torque demand.
-TRANSMITTED: Final = (
-    ((0x6064, 0, 32), (0x6077, 0, 16), (0x6041, 0, 16)),
-    ((0x606C, 0, 32), (0x6074, 0, 16)),
+MappedObject = tuple[int, int, int]  # index, subindex, length in bits
+
+_POSITION, _TORQUE, _WORD = (0x6064, 0, 32), (0x6077, 0, 16), (0x6041, 0, 16)
+_SPEED, _DEMAND = (0x606C, 0, 32), (0x6074, 0, 16)
+#: What the drive sends, the fullest first: a drive that cannot map all of it, or only few bytes, is asked for less.  Without 606Ch the
+#: speed is the difference of positions.
+ARRANGEMENTS: Final[tuple[tuple[tuple[MappedObject, ...], ...], ...]] = (
+    ((_POSITION, _TORQUE, _WORD), (_SPEED, _DEMAND)),
+    ((_POSITION, _TORQUE, _WORD), (_SPEED,)),
+    ((_POSITION, _TORQUE, _WORD), (_DEMAND,)),
+    ((_POSITION, _TORQUE, _WORD),),
+    ((_POSITION, _WORD), (_TORQUE, _DEMAND), (_SPEED,)),
+    ((_POSITION, _WORD), (_TORQUE,), (_SPEED,)),
+    ((_POSITION, _WORD), (_TORQUE,)),
+    ((_POSITION,), (_TORQUE, _WORD)),
+    ((_POSITION,), (_TORQUE,), (_WORD,)),
 )
-_FIRST: Final = struct.Struct("<ihH")
-_SECOND: Final = struct.Struct("<ih")
-_SECOND_WITHOUT_DEMAND: Final = struct.Struct("<i")
+TRANSMITTED: Final = ARRANGEMENTS[0]
+_CODES: Final = {_POSITION: "i", _TORQUE: "h", _WORD: "H", _SPEED: "i", _DEMAND: "h"}
 
 
 class Sample(NamedTuple):
@@ -52,8 +64,6 @@ class Sample(NamedTuple):
 
 #: A named tuple's own constructor is a Python function.
 _sample: Final = tuple.__new__
-
-MappedObject = tuple[int, int, int]  # index, subindex, length in bits
 
 
 def map_pdo(
@@ -73,11 +83,41 @@ def map_pdo(
     lending.set(communication, 1, "uint32", _INVALID | kept | cob_id)
     lending.set(communication, 2, "uint8", 1)
     lending.set(mapping, 0, "uint8", 0)
-    for subindex, (index, part, bits) in enumerate(entries, start=1):
-        lending.set(mapping, subindex, "uint32", index << 16 | part << 8 | bits)
-    lending.set(mapping, 0, "uint8", len(entries))
+    try:
+        for subindex, (index, part, bits) in enumerate(entries, start=1):
+            lending.set(mapping, subindex, "uint32", index << 16 | part << 8 | bits)
+        lending.set(mapping, 0, "uint8", len(entries))
+    except ObjectRefused as error:
+        raise not_mapped(error, direction, mapping, entries) from error
     lending.set(communication, 1, "uint32", kept | cob_id)
     return cob_id
+
+
+def not_mapped(error: ObjectRefused, direction: str, mapping: int, entries: Sequence[MappedObject]) -> ObjectRefused:
+    """The refusal of a mapping, with the objects that were to be mapped."""
+    wanted = entries[error.subindex - 1 : error.subindex] if error.subindex else entries
+    named = ", ".join(name_of(index, part) for index, part, _ in wanted)
+    return ObjectRefused(
+        f"the drive does not let {named} be mapped into its {direction} PDO {name_of(mapping)}: {abort_text(error.abort_code)}",
+        error.abort_code,
+        error.index,
+        error.subindex,
+    )
+
+
+def map_answers(objects: Objects, lending: Lending, first: int = 0) -> tuple[int, list[int]]:
+    """The fullest of ``ARRANGEMENTS`` that the drive takes, from number ``first`` on, and the identifiers of its PDOs.
+
+    Raises ObjectRefused, of what cannot be done without, when it takes none.
+    """
+    refusal: ObjectRefused | None = None
+    for number in range(first, len(ARRANGEMENTS)):
+        try:
+            return number, [map_pdo(objects, lending, "transmit", pdo, entries) for pdo, entries in enumerate(ARRANGEMENTS[number])]
+        except ObjectRefused as error:
+            refusal = error
+    assert refusal is not None
+    raise refusal
 
 
 def silence(objects: Objects, lending: Lending, direction: Literal["receive", "transmit"], first: int) -> None:
@@ -92,29 +132,40 @@ def silence(objects: Objects, lending: Lending, direction: Literal["receive", "t
 class Exchange:
     """SYNC-driven exchange at a fixed period; started by :meth:`start`, one :meth:`cycle` per period.
 
-    lost : cycles without a complete answer.     lost_in_a_row : the latest such cycles.
+    lost : cycles without a complete answer.     lost_in_a_row : the latest such cycles.     arrangement : of the answers, its number.
+    speed_unit_s : units of position per second in one unit of speed, for a drive that sends no speed.
     """
 
-    def __init__(self, link: Link, objects: Objects, lending: Lending, period_s: float, received: Sequence[Sequence[MappedObject]]):
+    def __init__(
+        self,
+        link: Link,
+        objects: Objects,
+        lending: Lending,
+        period_s: float,
+        received: Sequence[Sequence[MappedObject]],
+        arrangement: int = 0,
+        speed_unit_s: float = 1.0,
+    ):
         self._link = link
         self._period_s = period_s
         self.lost = 0
         self.lost_in_a_row = 0
         rpdos = [map_pdo(objects, lending, "receive", number, entries) for number, entries in enumerate(received)]
-        self._first = map_pdo(objects, lending, "transmit", 0, TRANSMITTED[0])
-        try:
-            self._second = map_pdo(objects, lending, "transmit", 1, TRANSMITTED[1])
-            self._has_demand = True
-        except ObjectRefused:  # 6074h is optional in CiA 402
-            self._second = map_pdo(objects, lending, "transmit", 1, TRANSMITTED[1][:1])
-            self._has_demand = False
+        self.arrangement, ids = map_answers(objects, lending, arrangement)
+        sent = [entry for entries in ARRANGEMENTS[self.arrangement] for entry in entries]
+        self._ids = {cob_id: slot for slot, cob_id in enumerate(ids)}
+        self._answers = struct.Struct("<" + "".join(_CODES[entry] for entry in sent))
+        self._order = [sent.index(entry) for entry in (_POSITION, _TORQUE, _WORD)]
+        self._speed, self._demand = (sent.index(entry) if entry in sent else None for entry in (_SPEED, _DEMAND))
+        self._speed_unit_s = speed_unit_s
         silence(objects, lending, "receive", len(rpdos))
-        silence(objects, lending, "transmit", len(TRANSMITTED))
+        silence(objects, lending, "transmit", len(ids))
         self._out = [can.Message(arbitration_id=cob_id, is_extended_id=False) for cob_id in rpdos]
         for message, entries in zip(self._out, received, strict=True):
             message.dlc = sum(bits for *_, bits in entries) // 8
         self._sync = can.Message(arbitration_id=0x80, is_extended_id=False)
         self._next_s = 0.0
+        self._last: tuple[float, int] | None = None
         self._before: tuple[float, float] | None = None  # stamp of the last sample, and when it had been asked for
 
     def start(self) -> None:
@@ -160,20 +211,19 @@ class Exchange:
         return sample
 
     def _answer(self, end_s: float) -> Sample | None:
-        link, first_id, second_id = self._link, self._first, self._second
+        link, ids = self._link, self._ids
         receive = link.bus.recv
         wait_s = _WAIT_SHARE * self._period_s
-        first: can.Message | None = None
-        second: can.Message | None = None
-        while first is None or second is None:
+        found: list[can.Message | None] = [None] * len(ids)
+        missing = len(found)
+        while missing:
             message = receive(wait_s)
             if message is None:
                 return None
-            cob_id = message.arbitration_id
-            if cob_id == first_id and not message.is_error_frame:
-                first = message
-            elif cob_id == second_id and not message.is_error_frame:
-                second = message
+            slot = ids.get(message.arbitration_id)
+            if slot is not None and not message.is_error_frame:
+                missing -= found[slot] is None
+                found[slot] = message
             else:
                 link.dispatch(message)
                 wait_s = end_s - link.clock.now()
@@ -181,18 +231,27 @@ class Exchange:
                     return None
         if link.clock.now() > end_s:  # it could be that of a late drive, and the next one come right behind it
             return None
+        answers = [message for message in found if message is not None]
         try:
-            position, torque, statusword = _FIRST.unpack(first.data)
-            if self._has_demand:
-                velocity, demand = _SECOND.unpack(second.data)
-            else:
-                (velocity,), demand = _SECOND_WITHOUT_DEMAND.unpack(second.data), None
+            values = self._answers.unpack(b"".join([message.data for message in answers]))
         except struct.error as error:
+            lengths = " and ".join(str(len(message.data)) for message in answers)
             raise DriveError(
-                f"the drive's synchronous answers have {len(first.data)} and {len(second.data)} bytes, mapped were 8 and 6; "
-                "another master is changing its PDOs"
+                f"the drive's synchronous answers have {lengths} bytes, mapped were {self._answers.size} in all; another master is "
+                "changing its PDOs"
             ) from error
-        return _sample(Sample, (first.timestamp, position, torque, statusword, velocity, demand))
+        stamp_s = answers[0].timestamp
+        position, torque, statusword = (values[place] for place in self._order)
+        demand = None if self._demand is None else values[self._demand]
+        velocity = self._difference(stamp_s, position) if self._speed is None else values[self._speed]
+        return _sample(Sample, (stamp_s, position, torque, statusword, velocity, demand))
+
+    def _difference(self, stamp_s: float, position: int) -> int:
+        """Speed by the change of position since the last sample, in units of speed, where the drive sends none."""
+        last, self._last = self._last, (stamp_s, position)
+        if last is None or not stamp_s > last[0]:
+            return 0
+        return round((position - last[1]) / max(stamp_s - last[0], self._period_s) / self._speed_unit_s)
 
     def _in_order(self, sample: Sample, asked_s: float) -> Sample | None:
         """The sample, None when it is no younger than the one before.   Raises BusError when the clock of its stamp was set."""

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from beltcomm.drive import Capabilities
 from beltcomm.drive.objects import ParameterObject
+from beltcomm.drive.parameters import gain_access
 from beltcomm.errors import BusError, ObjectRefused
 from beltcomm_adapters.busload import fullest, plan_exchange
 from beltcomm_adapters.gains import structure_of
@@ -17,6 +18,9 @@ from beltcomm_adapters.setpoints import OFFSET_MODES
 
 HOMING_MODE = 6
 _MODE_BITS = {1: 0, 2: 1, 3: 2, 4: 3, 6: 5, 7: 6, 8: 7, 9: 8, 10: 9}  # 6502h
+#: s: periods are whole numbers of this.   s: no drive's velocity loop is slower, where it does not tell.
+_GRID_S = 1e-6
+LONGEST_LOOP_S = 1e-3
 _RPM = 2.0 * math.pi / 60.0
 #: s and periods: a host that is no real-time system falls silent for some ms without being dead, and speaks once a period at most.
 SHORTEST_GUARD_S, GUARD_PERIODS = 0.02, 5
@@ -56,9 +60,9 @@ def supported_modes(objects: Objects, profile: Profile) -> frozenset[int]:
 
 
 def sync_period_s(objects: Objects) -> float | None:
-    """60C2h in s, None when the drive has no such object."""
+    """60C2h in s, None when the drive has no such object or does not use it (0)."""
     value = objects.read_if_there(0x60C2, 1, "uint8")
-    return None if value is None else value * 10.0 ** objects.read_int(0x60C2, 2, "int8")
+    return value * 10.0 ** objects.read_int(0x60C2, 2, "int8") if value else None
 
 
 def read_capabilities(
@@ -79,6 +83,10 @@ def read_capabilities(
     """
     modes = supported_modes(objects, profile)
     shortest_s, step_s = profile.shortest_sync_ms * 1e-3, profile.sync_step_ms * 1e-3
+    loop_s = _loop_period_s(objects, profile)
+    if loop_s is not None:  # a setpoint becomes active at a run of the loop
+        step_s = math.lcm(max(round(step_s / _GRID_S), 1), max(round(loop_s / _GRID_S), 1)) * _GRID_S
+        shortest_s = math.ceil(shortest_s / step_s - 1e-6) * step_s
     if profile.sync_change == "after_reset" and (stored_s := sync_period_s(objects)):
         shortest_s = step_s = max(stored_s, shortest_s)  # the whole cascade is locked to it
     exchange = plan_exchange(bitrate, fullest(profile, modes), shortest_s, step_s, wanted_s)
@@ -94,7 +102,7 @@ def read_capabilities(
         torque_sampling=profile.torque_sampling,
         torque_along=frozenset(kind for kind, mode in profile.modes.items() if profile.offsets and mode in modes and mode in OFFSET_MODES),
         structure=structure_of(
-            profile, _loop_period_s(objects, profile, period_s), *_position_bounds(objects, profile, scaling), parameters=parameters
+            profile, loop_s or min(period_s, LONGEST_LOOP_S), *_position_bounds(objects, profile, scaling), parameters=parameters
         ),
         rated_torque_nm=scaling.rated_torque_nm,
         peak_torque_nm=peak_permille * 1e-3 * scaling.rated_torque_nm,
@@ -106,6 +114,8 @@ def read_capabilities(
         identity=dict(identity),
         parameters=dict(parameters),
         uncalibrated=uncalibrated,
+        gains=gain_access(parameters, uncalibrated),
+        gain_terms=profile.known_gains,
         exchange=exchange.words,
         torque_scale=""
         if profile.torque_scale.confidence in ("read", "simulated") and profile.torque_scale.of == "rated_torque"
@@ -132,10 +142,10 @@ def _position_bounds(objects: Objects, profile: Profile, scaling: Scaling) -> tu
     return math.inf if output is None else output * abs(scaling.speed_rad_s), (dead or 0) * abs(scaling.position_rad)
 
 
-def _loop_period_s(objects: Objects, profile: Profile, otherwise_s: float) -> float:
-    """Period of the velocity loop, told by the drive in us; the exchange's period where it does not tell."""
+def _loop_period_s(objects: Objects, profile: Profile) -> float | None:
+    """Period of the velocity loop, told by the drive in us; None where it does not tell."""
     if profile.loop_period is None:
-        return otherwise_s
+        return None
     return int.from_bytes(objects.read_bytes(*profile.loop_period), "little") * 1e-6
 
 

@@ -41,7 +41,8 @@ class Emergency:
 class Link:
     """The host's end of the wire to node ``node``.
 
-    emergency : the last EMCY with an error in it, None since :meth:`forget_emergency` or since the node took it back.
+    emergency : the last EMCY with an error in it, None since :meth:`forget_emergency` or since the node took it back; emergency_s : when
+    it came.
     last_life_s : when the last sign of life went out.   life_due_s : when the next one must, never (inf) without guarding.
     restarted : a boot-up message has come: what was written to the node and not saved is gone, for the rest of the connection.
     """
@@ -51,6 +52,7 @@ class Link:
         self.clock = clock
         self.node = node
         self.emergency: Emergency | None = None
+        self.emergency_s = math.inf
         self.restarted = False
         self._handlers: dict[int, Callable[[can.Message], None]] = {0x80 + node: self._on_emergency, 0x700 + node: self._on_life}
         self._life: can.Message | None = None
@@ -148,6 +150,7 @@ class Link:
             return
         code, register = struct.unpack_from("<HB", message.data)
         self.emergency = Emergency(code, register, bytes(message.data[3:])) if code else None
+        self.emergency_s = self.clock.now()
 
     def _on_life(self, message: can.Message) -> None:
         """Boot-up is a heartbeat of state 0 (CiA 301, 7.2.8.3.3)."""

@@ -28,7 +28,7 @@ from beltcomm_adapters.cia402 import (
 )
 from beltcomm_adapters.exchange import Exchange, Sample
 from beltcomm_adapters.scaling import Scaling
-from beltcomm_adapters.setpoints import POSITION_MODES, TORQUE_MODES, Frames, Layout, Setpoints
+from beltcomm_adapters.setpoints import INTERPOLATED_MODES, POSITION_MODES, TORQUE_MODES, Frames, Layout, Setpoints, as_interpolated
 from beltcomm_adapters.watch import STOP_TIME_S, Watch
 
 #: Cycles without an answer that a recording survives; each leaves a gap in ``t_s``.
@@ -110,6 +110,7 @@ class Run:
 
     fault : makes the exception for a drive in fault, from what it was doing.     emergency : whether an EMCY has come.
     position : where the axis is now, counts.   rest : torque that holds it in torque mode, in the drive's unit.
+    loop_s : period of the drive's loop, which interpolates the setpoints where they come more seldom.
     """
 
     def __init__(
@@ -124,6 +125,7 @@ class Run:
         emergency: Callable[[], bool],
         position: int,
         rest: int = 0,
+        loop_s: float = math.inf,
     ) -> None:
         self._exchange = exchange
         self._layout = layout
@@ -135,6 +137,8 @@ class Run:
         self._emergency = emergency
         self._position = position
         self._brake_s = 0.0
+        self._loop_share = min(loop_s / period_s, 1.0) if layout.mode in INTERPOLATED_MODES else 1.0
+        self._silenced = False
 
     @property
     def torque_mode(self) -> bool:
@@ -190,26 +194,30 @@ class Run:
             )
         raise DriveError(f"the drive stays in {state.words} instead of Operation Enabled; check STO, the enable inputs and the DC link")
 
-    def outlive(self, now: Callable[[], float], silent_since_s: float, until_s: float) -> tuple[float, bool] | None:
+    def outlive(
+        self, now: Callable[[], float], silent_since_s: float, until_s: float, ask: Callable[[], int], noticed_s: Callable[[], float]
+    ) -> tuple[float, bool] | None:
         """Go on without signs of life until the drive leaves Operation Enabled; its reaction time, s, and whether it was seen to brake.
 
+        ask : 6041h without PDOs, for a node that leaves Operational with its host's silence (1029h = 0).   noticed_s : when its EMCY came.
         None when it has not by ``until_s``.   A drive that shows another state between Operation Enabled and Fault brakes; one that
         is in Fault at once, or whose fault cannot be told from its reaction (0Fh for both), counts as one that lets the axis coast.
         """
         reacted_s: float | None = None
-        braking = False
+        braking, self._silenced = False, True
         while reacted_s is not None or now() < until_s:
             sample = self._exchange.cycle(self._frames.at_rest(self._layout.running, self._position))
-            if sample is None:
-                if self._exchange.lost_in_a_row > TOLERATED_LOSSES:
-                    raise BusError("the drive did not answer while its guarding was tried; check the cabling and the bus load")
+            if sample is not None:
+                self._position = sample.position
+                self._watch.check(sample)
+                state = state_of(sample.statusword)
+            elif self._emergency() or self._exchange.lost_in_a_row > TOLERATED_LOSSES:
+                state = state_of(ask())
+            else:
                 continue
-            self._position = sample.position
-            self._watch.check(sample)
-            state = state_of(sample.statusword)
             if state is State.OPERATION_ENABLED:
                 continue
-            reacted_s = now() if reacted_s is None else reacted_s
+            reacted_s = min(now(), max(noticed_s(), silent_since_s)) if reacted_s is None else reacted_s
             if state not in (State.FAULT_REACTION_ACTIVE, State.QUICK_STOP_ACTIVE):
                 return reacted_s - silent_since_s, braking
             braking = True
@@ -233,6 +241,7 @@ class Run:
         count, lost_before = len(frames), self._exchange.lost
         frames += [rest, rest]
         make_row = self._row_maker(setpoints, torque_is_of)
+        asked = as_interpolated(setpoints.position, self._loop_share)
         required = _STATE_MASK | (FOLLOWS if self._layout.follows else 0)
         moving = _ENABLED_PATTERN | (required & FOLLOWS)
         tally = Tally(self._period_s, setpoints, self._layout.mode)
@@ -250,7 +259,7 @@ class Run:
                     start_s = sample.stamp_s
                 if before is not None:
                     if setpoints.kind == "position":
-                        self._watch.follow(before, setpoints.position[k - 1])
+                        self._watch.follow(before, asked[k - 1])
                     off_s = abs(sample.stamp_s - before.stamp_s - self._period_s)
                     tally.irregular += off_s > IRREGULAR_SHARE * self._period_s
                     if off_s > jitter_s:
@@ -297,8 +306,9 @@ class Run:
         rad, rad_s, nm = self._scaling.position_rad, self._scaling.speed_rad_s, self._scaling.torque_nm
         after, torque_mode = torque_is_of == "after", setpoints.kind == "torque"
         nan = math.nan
-        positions = [value * rad for value in setpoints.position] if setpoints.kind == "position" else None
-        velocities = None if torque_mode else [value * rad_s for value in setpoints.velocity]
+        share = self._loop_share
+        positions = [value * rad for value in as_interpolated(setpoints.position, share)] if setpoints.kind == "position" else None
+        velocities = None if torque_mode else [value * rad_s for value in as_interpolated(setpoints.velocity, share)]
         torques = [value * nm for value in setpoints.torque] if torque_mode else None
         added = [value * nm for value in setpoints.torque] if not torque_mode and any(setpoints.torque) else None
 
@@ -358,6 +368,10 @@ class Run:
             if sample is not None and state_of(sample.statusword) not in (*live, State.SWITCHED_ON):
                 return
         raise DriveError("the drive does not confirm that its stage is off; switch its power off before touching the axis")
+
+    def left_alone(self) -> bool:
+        """Whether the node ended its PDOs with its host's silence, which was tried: a quick stop in them is not answered."""
+        return self._silenced and self._halting(QUICK_STOP) is None
 
     def stand_by_speed(self) -> None:
         """After a change to profile velocity: wait until the axis stands.  The stop that follows tells what is wrong."""

@@ -10,6 +10,7 @@ from typing import Self
 
 from beltcomm.drive import Capabilities, Clock
 from beltcomm.drive.objects import ObjectValue
+from beltcomm.drive.parameters import gain_access
 from beltcomm.errors import BeltcommError, BusError, DriveError, UsageError
 from beltcomm_adapters.cia402 import StateMachine, Wire
 from beltcomm_adapters.gains import Parameters, structure_of
@@ -103,6 +104,7 @@ class ObjectDrive:
             ),
             parameters=dict(self._parameters.table),
             uncalibrated=self._parameters.uncalibrated,
+            gains=gain_access(self._parameters.table, self._parameters.uncalibrated),
         )
 
     def save(self) -> None:

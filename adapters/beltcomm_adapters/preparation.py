@@ -10,11 +10,12 @@ import numpy as np
 from beltcomm.drive import Array, Capabilities, Limits, Motion
 from beltcomm.errors import DriveError, ObjectRefused, UsageError
 from beltcomm_adapters.cia402 import StateMachine
+from beltcomm_adapters.host_reaction import heed
 from beltcomm_adapters.identification import sync_period_s
 from beltcomm_adapters.link import HOST_NODE
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
-from beltcomm_adapters.sdo import Lending, Objects
+from beltcomm_adapters.sdo import ABSENT, Lending, Objects
 from beltcomm_adapters.setpoints import OFFSET_MODES, POSITION_MODES, TORQUE_MODES, Layout
 
 #: The drive's own speed limit stands this far above the host's: the host brakes, the drive switches off and lets the axis
@@ -26,6 +27,7 @@ _LONGEST_SYNC_MS: Final = 20
 _QUICK_STOP_AND_DISABLE: Final = 2  # 605Ah
 _LINEAR_INTERPOLATION: Final = -2  # 60C0h
 _INT32: Final = 2**31 - 1
+_BYTE: Final = 255
 _UINT32: Final = 2**32 - 1
 _RPM: Final = 2.0 * math.pi / 60.0
 #: Rounding of a float period, far below any timer's resolution.
@@ -134,18 +136,33 @@ def prepare(
     else:  # "no mode" is where a drive starts and cannot be gone back to
         objects.write(0x6060, 0, "int8", mode)
     machine.confirm_mode(mode)
-    lending.set_if_there(0x605A, 0, "int16", _QUICK_STOP_AND_DISABLE)
-    if math.isfinite(limits.deceleration_rad_s2):
-        lending.set_if_there(0x6085, 0, "uint32", _steps(limits.deceleration_rad_s2, scaling))
-    if profile.sync_change == "at_once" and sync_period_s(objects) is not None:
-        lending.set(0x60C2, 2, "int8", -3)
-        lending.set(0x60C2, 1, "uint8", round(period_s * 1e3))
     if mode in TORQUE_MODES:
         objects.write(0x6071, 0, "int16", 0)
         if profile.torque_exit == "velocity":
             objects.write(0x60FF, 0, "int32", 0)
-            if math.isfinite(limits.deceleration_rad_s2):
-                lending.set(0x6084, 0, "uint32", _steps(limits.deceleration_rad_s2, scaling))
+    lend_settings(objects, lending, profile, scaling, mode, period_s, limits, speeds_rad_s)
+
+
+def lend_settings(
+    objects: Objects,
+    lending: Lending,
+    profile: Profile,
+    scaling: Scaling,
+    mode: int,
+    period_s: float,
+    limits: Limits,
+    speeds_rad_s: Array | None = None,
+) -> None:
+    """Of :func:`prepare` what is a setting, no mode and no setpoint; limits that the drive does not take are in ``lending.refused``."""
+    lending.set_if_there(0x605A, 0, "int16", _QUICK_STOP_AND_DISABLE)
+    if math.isfinite(limits.deceleration_rad_s2):
+        lending.set_if_there(0x6085, 0, "uint32", _steps(limits.deceleration_rad_s2, scaling))
+    if profile.sync_change == "at_once" and sync_period_s(objects) is not None:
+        value, power = interpolation_time(period_s)
+        lending.set(0x60C2, 2, "int8", power)
+        lending.set(0x60C2, 1, "uint8", value)
+    if mode in TORQUE_MODES and profile.torque_exit == "velocity" and math.isfinite(limits.deceleration_rad_s2):
+        lending.set(0x6084, 0, "uint32", _steps(limits.deceleration_rad_s2, scaling))
     if mode == 4 and profile.torque_slope_permille_s is not None:
         lending.set(0x6087, 0, "uint32", profile.torque_slope_permille_s)
     if mode == 7:
@@ -163,20 +180,36 @@ def prepare(
             lending.set_if_there(0x6065, 0, "uint32", min(math.ceil(limits.lag_rad / scaling.position_rad), _INT32))
 
 
+def interpolation_time(period_s: float) -> tuple[int, int]:
+    """60C2h, number and power of ten, in ms where these are whole.   Raises UsageError for a period that no byte holds."""
+    for power in (-3, -4, -5, -6):
+        value = round(period_s * 10.0**-power)
+        if 1 <= value <= _BYTE and abs(value * 10.0**power - period_s) <= _SAME_S:
+            return value, power
+    raise UsageError(
+        f"a period of {1e3 * period_s:g} ms cannot be told to the drive (60C2h, a byte times a power of ten); choose another one"
+    )
+
+
 def _steps(acceleration_rad_s2: float, scaling: Scaling) -> int:
     """An acceleration in the drive's unit, rather too little."""
     return min(max(math.floor(acceleration_rad_s2 / scaling.acceleration_rad_s2), 1), _UINT32)
 
 
 def tighten_torque_and_speed(objects: Objects, lending: Lending, profile: Profile, scaling: Scaling, limits: Limits) -> None:
-    """6072h and 6080h, never above what they are."""
+    """6072h and 6080h, never above what they are; a drive without them is watched by the host alone."""
     torque = max(math.ceil(limits.torque_nm / scaling.torque_nm), profile.torque_limit_lowest_permille)
-    if torque < objects.read_int(0x6072, 0, "uint16"):
-        lending.set(0x6072, 0, "uint16", torque)
-    stored = objects.read_bytes(0x6080)
+    if torque < (objects.read_if_there(0x6072, 0, "uint16") or 0):
+        lending.set_if_there(0x6072, 0, "uint16", torque)
+    try:
+        stored = objects.read_bytes(0x6080)
+    except ObjectRefused as error:
+        if error.abort_code in ABSENT:
+            return
+        raise
     speed = math.ceil(_DRIVE_SPEED_SHARE * limits.speed_rad_s / _RPM)  # 6080h is in min⁻¹
     if speed < int.from_bytes(stored, "little"):
-        lending.set(0x6080, 0, "uint32" if len(stored) == 4 else "uint16", speed)
+        lending.set_if_there(0x6080, 0, "uint32" if len(stored) == 4 else "uint16", speed)
 
 
 def tighten_window(objects: Objects, lending: Lending, scaling: Scaling, limits: Limits, period_s: float) -> None:
@@ -195,7 +228,7 @@ def tighten_window(objects: Objects, lending: Lending, scaling: Scaling, limits:
         low, high = max(low, stored_low), min(high, stored_high)
     steps = [(1, low), (2, high)]
     for part, value in reversed(steps) if low > stored_high else steps:  # never a minimum above its maximum
-        lending.set(0x607D, part, "int32", value)
+        lending.set_if_there(0x607D, part, "int32", value)
 
 
 def guard(objects: Objects, lending: Lending, profile: Profile, guard_s: float) -> Literal["heartbeat", "node_guarding"]:
@@ -209,10 +242,12 @@ def guard(objects: Objects, lending: Lending, profile: Profile, guard_s: float) 
         try:
             if kind == "heartbeat":
                 lending.set(0x1016, 1, "uint32", HOST_NODE << 16 | time_ms)
+                heed(objects, lending)
                 return "heartbeat"
             lending.set(0x1017, 0, "uint16", 0)  # a heartbeat of the drive would switch node guarding off
             lending.set(0x100D, 0, "uint8", 1)
             lending.set(0x100C, 0, "uint16", time_ms)
+            heed(objects, lending)
             return "node_guarding"
         except ObjectRefused as refused:
             refusals.append(str(refused))

@@ -12,12 +12,13 @@ from typing import Any, Final, Literal
 
 from beltcomm.configfiles import config_names, find_config, named_file, read_yaml
 from beltcomm.drive.objects import ParameterObject, name_of
-from beltcomm.drive.parameters import GAIN_NAMES, PREFILTER_KINDS
+from beltcomm.drive.parameters import GAIN_NAMES, PREFILTER_KINDS, GainTerm
 from beltcomm.errors import UsageError
 from beltcomm_adapters.locks import ALWAYS, Lock
 
 CONFIDENCES: Final = ("read", "inferred", "unconfirmed", "simulated")
 #: Keys of a file that state no fact about the drive; every other one has its source.
+SOURCE_KEYS: Final = ("source", "confidence")
 UNSOURCED: Final = frozenset({"name", "title", "known_gains", "never_write"})
 
 
@@ -49,15 +50,6 @@ class TorqueScale:
     of: Literal["rated_torque", "rated_current", "drive_peak", "unknown"]
     confidence: str
     check: str
-
-
-@dataclass(frozen=True)
-class KnownGain:
-    """An object said to hold a gain, without what would be needed to write it.   what, missing : in words."""
-
-    place: str
-    what: str
-    missing: str
 
 
 @dataclass(frozen=True)
@@ -105,7 +97,7 @@ class Profile:
     gain_meaning: Literal["documented", "unconfirmed", "none"]
     sources: Mapping[str, Mapping[str, str]]
     bus: str = "canopen"
-    known_gains: tuple[KnownGain, ...] = ()
+    known_gains: tuple[GainTerm, ...] = ()
     never_write: tuple[Lock, ...] = ()
     enable_logic: tuple[int, int, str, int] | None = None
     torque_slope_permille_s: int | None = None
@@ -185,7 +177,7 @@ def _profile(raw: dict[str, Any]) -> Profile:
         parameters=parameters,
         torque_scale=TorqueScale(**raw.pop("torque_scale"), confidence=sources["torque_scale"]["confidence"]),
         never_write=tuple(_lock(entry) for entry in locks),
-        known_gains=tuple(KnownGain(entry["place"], entry["what"], entry["missing"]) for entry in gains),
+        known_gains=tuple(GainTerm(**{key: value for key, value in entry.items() if key not in SOURCE_KEYS}) for entry in gains),
         sources=sources,
         supported_modes=tuple(raw.pop("supported_modes")),
         enable_logic=(logic["index"], logic["subindex"], logic["type"], logic["value"]) if logic else None,

@@ -17,7 +17,7 @@ from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from beltcomm.drive import Clock
-from beltcomm.drive.objects import TYPES, name_of, packed
+from beltcomm.drive.objects import COMMUNICATION, TYPES, name_of, packed
 from beltcomm.errors import BusError, DriveError, ObjectRefused
 from beltcomm_adapters.interrupts import deferred_interrupt
 from beltcomm_adapters.link import Link
@@ -38,7 +38,8 @@ _ATTEMPTS: Final = 3
 _OUT_OF_STEP: Final = (0x05030000, 0x05040001)
 _STEPS: Final = 10
 _SAVE: Final = 0x65766173  # "save", CiA 301, 7.5.2.13
-_NO_OBJECT, _NO_SUBINDEX = 0x06020000, 0x06090011
+#: Abort codes of a drive that has no such object, or no such part of it.
+ABSENT: Final = (0x06020000, 0x06090011)
 
 _Result = TypeVar("_Result")
 
@@ -130,7 +131,7 @@ class Objects(ABC):
         try:
             return self.read_int(index, subindex, kind)
         except ObjectRefused as error:
-            if error.abort_code in (_NO_OBJECT, _NO_SUBINDEX):
+            if error.abort_code in ABSENT:
                 return None
             raise
 
@@ -147,7 +148,8 @@ class Objects(ABC):
             data = packed(kind, value)
         except ValueError as error:
             raise DriveError(f"the value {value:g} does not fit into object {name_of(index, subindex)} ({kind})") from error
-        self.write_bytes(index, subindex, data, f"write {value:.10g}")
+        shown = f"{int(value):X}h" if index in COMMUNICATION and kind != "real32" else f"{value:.10g}"  # identifiers, not amounts
+        self.write_bytes(index, subindex, data, f"write {shown}")
 
     def lend(self) -> Lending:
         """A context in which objects are changed for a while."""
@@ -197,12 +199,16 @@ class SdoObjects(Objects):
                     ) from error
 
 
+def abort_text(code: int) -> str:
+    """What an abort code says (CiA 301, table 22)."""
+    return f"{SdoAbortedError.CODES.get(code, 'no standard text')} (abort code {code:08X}h)"
+
+
 def refusal(index: int, subindex: int, verb: str, code: int) -> ObjectRefused:
-    """The exception for an abort code (CiA 301, table 22)."""
-    text = SdoAbortedError.CODES.get(code, "no standard text")
+    """The exception for an abort code."""
     what = f"{verb} to" if verb.startswith("write") else verb
     return ObjectRefused(
-        f"the drive refused to {what} object {name_of(index, subindex)}: {text} (abort code {code:08X}h); "
+        f"the drive refused to {what} object {name_of(index, subindex)}: {abort_text(code)}; "
         "check that the profile is the drive's (--profile) and that no other master is at work",
         code,
         index,
@@ -215,10 +221,13 @@ class Lending:
 
     As a context manager it gives everything back on the way out; what cannot be given back is a DriveError, or a note on
     the exception that is already under way.
+
+    refused : what the drive has and did not let be written, of what it could do without.
     """
 
     def __init__(self, objects: Objects) -> None:
         self._objects = objects
+        self.refused: list[ObjectRefused] = []
         self._lent: list[tuple[int, int, str, float]] = []
         self._unchanged: set[tuple[int, int]] = set()  # lent, but what stands there is what is to be given back
 
@@ -247,10 +256,12 @@ class Lending:
         self._lent.append((index, subindex, kind, self._objects.read(index, subindex, kind)))
 
     def set_if_there(self, index: int, subindex: int, kind: str, value: float) -> bool:
-        """As :meth:`set`; False when the drive has no such object or does not let it be written."""
+        """As :meth:`set`; False when the drive has no such object, or does not let it be written: then :attr:`refused` tells."""
         try:
             self.set(index, subindex, kind, value)
-        except ObjectRefused:
+        except ObjectRefused as error:
+            if error.abort_code not in ABSENT:
+                self.refused.append(error)
             return False
         return True
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from struct import Struct
 from typing import Final
@@ -20,6 +21,8 @@ _WORD, _TORQUE, _WORD_TORQUE, _WORD_LONG, _LONG_TORQUE = (Struct(code).pack for 
 TORQUE_MODES: Final = (4, 10)
 #: Modes in which a position controller runs.
 POSITION_MODES: Final = (7, 8)
+#: Modes in which the drive goes from one setpoint to the next on a straight line.
+INTERPOLATED_MODES: Final = (7, 8, 9)
 #: Modes in which 60B2h is added to the controller's torque.
 OFFSET_MODES: Final = (8, 9)
 
@@ -78,6 +81,16 @@ class Setpoints:
             raw(motion.velocity_rad_s, scaling.speed_rad_s),
             raw(motion.torque_nm, scaling.torque_nm),
         )
+
+
+def as_interpolated(values: Sequence[int], loop_share: float) -> list[float]:
+    """Setpoints as the drive's loop has them at the SYNC that makes each of them active: on its way from the one before.
+
+    loop_share : the loop's period over that of the setpoints; each is reached in the last loop before the next one (60C2h).
+    """
+    if loop_share >= 1.0:
+        return list(values)
+    return [before + loop_share * (now - before) for before, now in zip((values[0], *values[:-1]), values, strict=True)]
 
 
 class Frames:

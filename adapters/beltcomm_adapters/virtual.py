@@ -12,13 +12,14 @@ from beltcomm.virtual.bus import LockstepBus
 from beltcomm_adapters.buses import MonotonicClock
 from beltcomm_adapters.canopen import EXAMINATION_OPTIONS, connect, number, whole_number
 from beltcomm_adapters.examination.can import examine_bus
-from beltcomm_adapters.virtual_node import NODE, attached
+from beltcomm_adapters.virtual_node import NODE, attached, played, ticks_per_second
 
 
 def _playing(address: str, options: Mapping[str, object]) -> tuple[LockstepBus, str]:
     """The bus with the drive on it, and the machine's name.   ``address``: a plant's name or path, "" for g_a.  Options:
 
-    seed : whole number, of the torque noise (0).     profile : "reference" or "cmmp-as".     realtime : run at the wall clock.
+    seed : whole number, of the torque noise (0).     profile : "reference" or "cmmp-as".     as : another drive to be
+    played, by name or file; ``profile`` is then the one that it is spoken to with.     realtime : run at the wall clock.
     start_position : m, where the carriage stands (0.25).     referenced : the encoder knows the carriage's zero (yes).
     bitrate : that its exchange is planned for, None for a bus that carries any load.     sample_period : s, asked for.
     gain_units : (velocity, position, integral time): what one unit of the drive's gains means, in those of docs/reference-drive.md.
@@ -27,7 +28,7 @@ def _playing(address: str, options: Mapping[str, object]) -> tuple[LockstepBus, 
     faults, bus_faults : ``Faults`` and ``BusFaults`` of :mod:`beltcomm.virtual.faults`.     log : called with every frame.
     """
     given: Mapping[str, Any] = options  # objects are handed over by programs only, of the types named above
-    bus = LockstepBus(MonotonicClock() if options.get("realtime") else None, given.get("bus_faults"))
+    bus = LockstepBus(MonotonicClock() if options.get("realtime") else None, given.get("bus_faults"), ticks_per_second(options))
     bus.on_frame = given.get("log")
     try:
         _, machine = attached(bus, address, options)
@@ -40,7 +41,7 @@ def _playing(address: str, options: Mapping[str, object]) -> tuple[LockstepBus, 
 def _open(address: str, options: Mapping[str, object]) -> Drive:
     bus, machine = _playing(address, options)
     bitrate = whole_number(options, "bitrate", None, 10_000, 1_000_000)
-    drive = connect(bus, bus.clock, NODE, None, bitrate, bus.shutdown, number(options, "sample_period", None))
+    drive = connect(bus, bus.clock, NODE, played(options)[1], bitrate, bus.shutdown, number(options, "sample_period", None))
     identity = {**drive.capabilities.identity, "plant": machine}  # the machine behind it is part of what a run was made on
     drive.capabilities = replace(drive.capabilities, identity=identity)
     return drive
@@ -50,7 +51,7 @@ def _examine(address: str, options: Mapping[str, object]) -> Iterator[Finding]:
     own = {name: value for name, value in options.items() if name not in EXAMINATION_OPTIONS}
     bus, _ = _playing(address, own)
     try:
-        yield from examine_bus(bus, bus.clock, NODE, None, None, options)
+        yield from examine_bus(bus, bus.clock, NODE, None, played(own)[1], options)
     finally:
         bus.shutdown()
 

@@ -12,16 +12,23 @@ from beltcomm.plant.drive_section import DRIVE_KEYS
 from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.device import VirtualDrive
+from beltcomm.virtual.foreign import profile_named
 from beltcomm.virtual.motor import EMMS_AS_70
+from beltcomm.virtual.profiles import PROFILES
 from beltcomm_adapters.canopen import number, profile_name, whole_number
 
 DEFAULT_PLANT: Final = "g_a"
 #: m; the middle of the rig's 0 to 0.5 m.
 DEFAULT_START_M: Final = 0.25
+DEFAULT_PROFILE: Final = "reference"
 NODE: Final = 1
+#: s: no bus has a shorter period; and cycles of a drive in one, at most.
+SHORTEST_S: Final = 2e-4
+LONGEST_COUNT: Final = 200
 OPTIONS: Final = (
     "seed",
     "profile",
+    "as",
     "realtime",
     "bitrate",
     "sample_period",
@@ -34,6 +41,29 @@ OPTIONS: Final = (
     "log",
     *DRIVE_KEYS,
 )
+
+
+def played(options: Mapping[str, object]) -> tuple[str, str | None]:
+    """Which virtual drive the options ``as`` and ``profile`` play, and the profile that the host reads it by, None to choose by identity.
+
+    A profile that is not played is the host's: of the reference drive, which is an ordinary CiA 402 drive to whoever knows no more of it.
+    """
+    named, slave = profile_name(options), options.get("as")
+    if slave is not None:
+        return str(slave), named
+    return (named or DEFAULT_PROFILE, None) if named is None or named in PROFILES else (DEFAULT_PROFILE, named)
+
+
+def ticks_per_second(options: Mapping[str, object]) -> int:
+    """Of a bus for this drive: one per cycle of its loops, which fit a whole number of times into the sample period asked for."""
+    cycle_s, asked_s = profile_named(played(options)[0]).cycle_s, number(options, "sample_period", None)
+    if not asked_s or asked_s < SHORTEST_S:
+        return round(1.0 / cycle_s)
+    for count in range(max(1, round(asked_s / cycle_s)), LONGEST_COUNT):
+        per_second = count / asked_s
+        if abs(per_second - round(per_second)) < 1e-6:
+            return round(per_second)
+    return round(1.0 / cycle_s)
 
 
 def attached(
@@ -55,7 +85,7 @@ def attached(
     drive = VirtualDrive(
         bus,
         given.get("plant") or SimulatedPlant(file.model, position_m=start_m),
-        profile_name(options) or "reference",
+        played(options)[0],
         node_id=node,
         seed=whole_number(options, "seed", 0, 0, 2**63 - 1) or 0,
         counts_per_rev=file.counts_per_rev,

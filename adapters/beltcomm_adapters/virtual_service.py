@@ -11,10 +11,10 @@ from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.serving import Pump
 from beltcomm.virtual.slcan import LocalSocket, SlcanAdapter, SlcanTerminal
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_can_bus, open_bus
-from beltcomm_adapters.canopen import profile_name, whole_number
+from beltcomm_adapters.canopen import whole_number
 from beltcomm_adapters.link import INTERFACE_ERRORS
 from beltcomm_adapters.synctime import TIME_BY_SYNC
-from beltcomm_adapters.virtual_node import NODE, OPTIONS, attached
+from beltcomm_adapters.virtual_node import NODE, OPTIONS, attached, played, ticks_per_second
 
 
 class ServedDrive:
@@ -31,7 +31,7 @@ class ServedDrive:
         self._realtime = bool(options.get("realtime"))
         node = whole_number(options, "node", NODE, 1, 126) or NODE
         given: Mapping[str, Any] = options
-        self._bus = LockstepBus()
+        self._bus = LockstepBus(ticks_per_second=ticks_per_second(options))
         self._bus.on_frame = given.get("log")
         self._wire: Any = None
         try:
@@ -42,7 +42,7 @@ class ServedDrive:
             self._bus.shutdown()
             raise
         time = "at the wall clock" if self._realtime else "each SYNC is one of its periods"
-        profile = profile_name(options) or "reference"
+        profile, _ = played(options)
         self.title = f"virtual:{plant}, profile {profile}, node {node}, {time}"
         self._pump = Pump(self._wire, self._bus, drive, MonotonicClock())
 

@@ -71,7 +71,7 @@ class Watch:
         ratio = self._limits.ratio_m_rad
         return f"{1e3 * ratio * angle_rad:.0f} mm" if ratio else f"{angle_rad:.4g} rad"
 
-    def follow(self, sample: Sample, reference: int) -> None:
+    def follow(self, sample: Sample, reference: float) -> None:
         """Raises SafetyStop when ``sample`` is too far off its reference position."""
         if abs(reference - sample.position) > self._farthest:
             off = (reference - sample.position) * self._scaling.position_rad

@@ -35,6 +35,13 @@ def profiles(_ctx: Context, _param: Parameter, incomplete: str) -> list[str]:
     return _beginning(config_names("drives"), incomplete)
 
 
+def slaves(_ctx: Context, _param: Parameter, incomplete: str) -> list[str]:
+    """Drives that the virtual one can play."""
+    from beltcomm.configfiles import config_names
+
+    return _beginning(config_names("slaves"), incomplete)
+
+
 def axes(_ctx: Context, _param: Parameter, incomplete: str) -> list[CompletionItem]:
     """Shipped axes, and files."""
     return _names_and_files("axes", incomplete)

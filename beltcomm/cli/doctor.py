@@ -21,8 +21,9 @@ from beltcomm.cli.frame import VIRTUAL_AXIS, Invocation, api, options_of
 def command(frame: Invocation, /, drive: str | None, axis: str | None, try_bitrates: bool, sync_test: bool, **given: Any) -> int:
     """Find what stands in the way of commissioning; without --drive, what this machine has to reach one.
 
-    Nothing moves. Nothing is written to the drive but with --sync-test, which puts everything back. With --axis the drive's data are
-    compared with axis.yaml. Exit codes: 0 nothing is wrong, 1 something is, 5 the drive cannot be reached.
+    Nothing moves. With its stage off the drive's PDO mapping and the limits of a record are tried and put back; no command, no setpoint
+    and no gain is written. With --axis the drive's data are compared with axis.yaml. Exit codes: 0 nothing is wrong, 1 something is, 5 the
+    drive cannot be reached.
     """
     if axis is None and drive is not None and drive.partition(":")[0] == "virtual":
         axis = VIRTUAL_AXIS

@@ -25,7 +25,7 @@ def command(frame: Invocation, /, eds: Path | None) -> int:
     from beltcomm.result import table
 
     found = find_adapters()
-    profiles = config_names("drives")
+    profiles, slaves = config_names("drives"), config_names("slaves")
     data = {
         "drives": [
             {
@@ -39,6 +39,7 @@ def command(frame: Invocation, /, eds: Path | None) -> int:
             for item in found
         ],
         "profiles": profiles,
+        "slaves": slaves,
     }
     rows = [
         (item.adapter.name, ", ".join(item.adapter.schemes), item.adapter.summary)
@@ -49,7 +50,15 @@ def command(frame: Invocation, /, eds: Path | None) -> int:
     lines: list[str] = [*table(["adapter", "--drive", "what it reaches"], rows)]
     if not found:
         lines = ["no adapters installed; run `pip install -e .` in the beltcomm folder"]
-    frame.print(data, [*lines, "", f"drive profiles (--profile): {', '.join(profiles)}; virtual drives have reference and cmmp-as"])
+    frame.print(
+        data,
+        [
+            *lines,
+            "",
+            f"drive profiles (--profile): {', '.join(profiles)}; virtual drives have reference and cmmp-as",
+            f"a virtual drive plays (--as): {', '.join(slaves)}",
+        ],
+    )
     return 0
 
 

@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import click
 
-from beltcomm import __version__
 from beltcomm.borders import for_file_name, for_json, for_terminal
 from beltcomm.cli.aftermath import aftermath, again_command
 from beltcomm.cli.terminal import echo, failure
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.given import pasted, place
 from beltcomm.journal import events_of
+from beltcomm.version import __version__
 
 if TYPE_CHECKING:
     from beltcomm.axis import Axis

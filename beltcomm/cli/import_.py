@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ from beltcomm.borders import for_terminal
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api, run_folder
 from beltcomm.cli.init import axis_with
-from beltcomm.errors import Refused, UsageError
+from beltcomm.errors import BeltcommError, Refused, UsageError
 from beltcomm.outside import read_text
 from beltcomm.quantities import parse_quantity
 
@@ -173,11 +174,18 @@ def _write_template(run: Path, text: str) -> Path:
     from beltcomm.configfiles import write_text
 
     path, number = run.with_name(f"{run.name}.map"), 2
-    while path.exists() and path.read_text(encoding="utf-8", errors="replace") != text:
+    while os.path.lexists(path) and not _holds(path, text):
         path, number = run.with_name(f"{run.name}-{number}.map"), number + 1
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text(path, text)
     return path
+
+
+def _holds(path: Path, text: str) -> bool:
+    try:
+        return read_text(path) == text
+    except (OSError, BeltcommError):
+        return False
 
 
 def _mappings(written: tuple[str, ...]) -> tuple[str, ...]:

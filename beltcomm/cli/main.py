@@ -13,9 +13,9 @@ from typing import Any
 
 import click
 
-from beltcomm import __version__
 from beltcomm.cli.endings import like_ctrl_c, twice_leaves
 from beltcomm.cli.frame import Invocation
+from beltcomm.version import __version__
 
 # The matrices here are tall and narrow: more threads cost more than they bring, and results must not depend on the number of cores.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

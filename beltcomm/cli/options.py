@@ -108,6 +108,11 @@ def _note_bus_log(ctx: click.Context, _param: click.Parameter, value: bool) -> N
     ctx.obj.bus_log = value
 
 
+def as_option(text: str) -> Callable[[Function], Function]:
+    """``--as``, which drive a virtual one plays."""
+    return click.option("--as", "slave", metavar="NAME", shell_complete=completion.slaves, help=text)
+
+
 def drive_options(function: Function, *, needed: bool = True) -> Function:
     """``--drive`` and what an adapter needs to open it.   needed : False where a verb can do without a drive."""
     for decorate in reversed(
@@ -134,6 +139,7 @@ def drive_options(function: Function, *, needed: bool = True) -> Function:
                 type=QuantityType("sample_period_s"),
                 help="Between two samples; the shortest that drive and bit rate allow when left out.",
             ),
+            as_option("Virtual drive: play another maker's drive, epos4, akd, ... (`beltcomm drives`), or the facts in a .yaml file."),
             click.option("--realtime", is_flag=True, help="Virtual drive: run at 1 kHz of real time, not as fast as possible."),
             click.option(
                 "--bus-log",
@@ -155,6 +161,7 @@ def serving_options(function: Function) -> Function:
         (
             click.option("--drive", default="virtual", metavar="DRIVE", help="virtual (when left out) or virtual:PLANT."),
             click.option("--profile", metavar="NAME", help="reference (when left out) or cmmp-as."),
+            as_option("Play another maker's drive instead."),
             click.option("--node", type=click.IntRange(1, 126), help="Its CANopen node number; 1 when left out."),
             click.option("--seed", type=click.IntRange(0), help="Seed of its torque noise."),
             click.option("--realtime", is_flag=True, help="Run at 1 kHz of the wall clock; else each SYNC is one period."),

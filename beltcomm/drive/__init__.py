@@ -20,7 +20,8 @@ from beltcomm.configfiles import did_you_mean
 from beltcomm.control import CascadeStructure
 from beltcomm.drive.finding import Finding
 from beltcomm.drive.objects import ObjectValue, ParameterObject
-from beltcomm.errors import Refused, UsageError
+from beltcomm.drive.parameters import GainAccess, GainTerm
+from beltcomm.errors import UsageError
 from beltcomm.given import word
 from beltcomm.recording.columns import MOTOR_COLUMNS
 
@@ -44,7 +45,6 @@ class Clock(Protocol):
 
     def now(self) -> float:
         """Seconds on a clock that never goes back."""
-        ...
 
     def sleep_until(self, t_s: float) -> None:
         """Wait until ``now() >= t_s``; virtual time moves on, real time waits.
@@ -217,6 +217,12 @@ class Capabilities:
         The objects that hold the names of :meth:`Drive.backup`.
     uncalibrated : frozenset of str
         Those of them whose meaning nobody knows yet: :meth:`Drive.write` refuses to change them until :meth:`Drive.calibrate` has told.
+    cautions : tuple of str
+        What of the limits that a record sets it does not take, and what stops the axis instead, in sentences.
+    gains
+        What can be done with the gains of its loops.
+    gain_terms
+        What is known of those that only a person sets.
     exchange, torque_scale : str
         In words, the period of the exchange and what it costs the bus; why the unit of torque is in doubt, "" when it is not.
     shortest_guard_s : float or None, s
@@ -243,6 +249,9 @@ class Capabilities:
     refused: Mapping[str, str] = field(default_factory=dict)
     parameters: Mapping[str, ParameterObject] = field(default_factory=dict)
     uncalibrated: frozenset[str] = frozenset()
+    gains: GainAccess = "writable"
+    gain_terms: tuple[GainTerm, ...] = ()
+    cautions: tuple[str, ...] = ()
     exchange: str = ""
     torque_scale: str = ""
     shortest_guard_s: float | None = None
@@ -643,60 +652,3 @@ def adapter_for(name: str, found: Sequence[FoundAdapter]) -> tuple[Adapter, str]
     broken = "".join(f" ({item.entry_point} is broken: {item.reason})" for item in found if not item.adapter)
     near = did_you_mean(scheme, [*schemes, "can0"])
     raise UsageError(f"no adapter understands the drive {name!r}{near}; known are {', '.join(schemes)} and CAN interfaces (can0){broken}")
-
-
-def able(drive: Drive, kind: MotionKind) -> Drive:
-    """The same drive, if it offers this kind of motion.
-
-    Parameters
-    ----------
-    drive : Drive
-        An opened drive.
-    kind : MotionKind
-        Of motion.
-
-    Returns
-    -------
-    Drive
-        The same drive.
-
-    Raises
-    ------
-    Refused
-        With the drive's reason, and closes it; nothing has moved then.
-    """
-    has = drive.capabilities
-    if kind in has.kinds:
-        return drive
-    drive.close()
-    why = has.refused.get(kind) or f"it offers motions of kind {', '.join(sorted(has.kinds)) or 'none'}, not {kind}"
-    raise Refused(f"{has.name} cannot do this: {why}; nothing was moved")
-
-
-def serve_drive(name: str, on: str, options: Mapping[str, object] | None = None) -> Service:
-    """The simulated drive called ``name`` (``virtual:g_a``) on the interface ``on``.
-
-    Parameters
-    ----------
-    name : str
-        Of a simulated drive.
-    on : str
-        Interface on which others find it.
-    options : dict of str to object or None
-        For the adapter, by name.
-
-    Returns
-    -------
-    Service
-        Its ``run`` serves until it is interrupted.
-
-    Raises
-    ------
-    UsageError
-        When no adapter serves a drive of this name, and what the adapter raises.
-    """
-    scheme, _, address = word(name, "drive").partition(":")
-    for item in find_adapters():
-        if item.adapter and item.adapter.serve and scheme in item.adapter.schemes:
-            return item.adapter.serve(address, on, options or {})
-    raise UsageError(f"{name!r} is no simulated drive, so it cannot be served; give virtual or virtual:PLANT")

@@ -6,8 +6,9 @@ A drive offers the names its structure has; a name it does not offer has, inside
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Final
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Final, Literal
 
 from beltcomm.control import Cascade, Feedforward, Prefilter, PrefilterKind
 from beltcomm.errors import UsageError
@@ -34,8 +35,39 @@ GAIN_NAMES: Final = (
     "prefilter_roll_off_rad_s",
 )
 
+#: Without these there is no cascade that could be set; a drive without an object for the filter of the speed has none.
+LOOP_GAINS: Final = GAIN_NAMES[:3]
+#: What can be done with the gains of a drive: they are written, or once small steps have told what they mean, or only a person sets them.
+GainAccess = Literal["writable", "to_calibrate", "unknown"]
+
+
+@dataclass(frozen=True)
+class GainTerm:
+    """What is known of a gain that beltcomm does not write: how a person calls it in the maker's tool.
+
+    place : object, parameter number or name there.   what : it does, in words.   missing : what is not known of it; "" for nothing.
+    parameter : which of :data:`GAIN_NAMES` it holds, or ``integral_time_s``; "" where that is not known.   unit : as the tool shows it.
+    scale : SI at the motor shaft of one such unit, 0 where not known.   current : it counts in A rms of the motor in place of N m.
+    """
+
+    place: str
+    what: str
+    missing: str = ""
+    parameter: str = ""
+    unit: str = ""
+    scale: float = 0.0
+    current: bool = False
+
+
 #: Limits inside the drive: largest torque, N m, and largest speed, rad/s, motor shaft.
 LIMIT_NAMES: Final = ("torque_limit_nm", "speed_limit_rad_s")
+
+
+def gain_access(names: Collection[str], uncalibrated: Collection[str]) -> GainAccess:
+    """From the names that a drive offers, and those of them whose meaning nobody knows yet."""
+    if not set(LOOP_GAINS) <= set(names):
+        return "unknown"
+    return "to_calibrate" if uncalibrated else "writable"
 
 
 def cascade_to_parameters(cascade: Cascade) -> dict[str, float]:

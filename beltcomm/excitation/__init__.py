@@ -3,7 +3,7 @@
 from beltcomm.excitation.binary import MAXIMAL_TAPS, SHORT_ORDER, PrbsChoice, choose_prbs, prbs, prbs_band, prbs_bits
 from beltcomm.excitation.choice import KINDS, Choice, ExcitationKind, choose
 from beltcomm.excitation.random_binary import GprbsChoice, gprbs
-from beltcomm.excitation.record import Excitation
+from beltcomm.excitation.record import Excitation, visible_band
 from beltcomm.excitation.sines import MultisineChoice, detection_lines, multisine
 from beltcomm.excitation.sweep import ChirpChoice, chirp
 
@@ -27,4 +27,5 @@ __all__ = [
     "prbs",
     "prbs_band",
     "prbs_bits",
+    "visible_band",
 ]

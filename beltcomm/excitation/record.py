@@ -23,6 +23,22 @@ WIDEST_LINE_SPACING_HZ = 1.0
 FEWEST_REPEATS = 3
 #: Half the sampling frequency over highest frequency to be seen: the upper flank of a resonance belongs to it.
 NYQUIST_OVER_HIGHEST = 1.1
+_ROUNDING = 1e-9
+#: s: samples that come more seldom than this show a motion only while it goes on in one direction; Hz, up to which it is then
+#: excited, and share of that from which on the lines must be near enough.
+SELDOM_S, SLOW_TOP_HZ, SLOW_LOW_SHARE = 2e-3, 15.0, 0.6
+
+
+def visible_band(sample_period_s: float, lowest_hz: float, highest_hz: float) -> tuple[float, float]:
+    """What of a band is to be excited where samples come with this period, Hz.
+
+    Rows that come seldom say what a motion took only while it goes on in one direction for several of them: then the excitation must be
+    slow, whatever is to be seen.  Of a resonance beyond its band a response says nothing; below, the axis is as heavy all the same.
+    """
+    top = (1.0 - _ROUNDING) * 0.5 / (sample_period_s * NYQUIST_OVER_HIGHEST)
+    if sample_period_s > SELDOM_S:
+        top = min(top, SLOW_TOP_HZ)
+    return (lowest_hz, highest_hz) if highest_hz <= top else (min(lowest_hz, SLOW_LOW_SHARE * top), top)
 
 
 def check_band(sample_period_s: float, lowest_hz: float, highest_hz: float, duration_s: float) -> None:

@@ -19,6 +19,7 @@ from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.machine import creep, gravity
 from beltcomm.machine.heat import path_rms_nm
 from beltcomm.model import Model
+from beltcomm.schedule.sequences import excitation_travel_m
 from beltcomm.schedule.steps import Step
 from beltcomm.simulate.stopping import total_friction
 
@@ -140,7 +141,7 @@ def bounds_of(axis: Axis, capabilities: Capabilities, step: Step, model: Model |
             heating = max(heating, own)
     fastest = max([float(np.max(np.abs(p.velocity_m_s))) for p in paths], default=phases.EXCITATION_SPEED_M_S)
     speed = min(max(fastest, phases.POSITIONING_SPEED_M_S), top)
-    travel = max([float(np.ptp(p.position_m)) for p in paths], default=phases.EXCITATION_TRAVEL_M)
+    travel = max([float(np.ptp(p.position_m)) for p in paths], default=excitation_travel_m(capabilities.sample_period_s))
     seconds = max(seconds_of(step, course) for course in (light, heavy)) + BRING_REST_S
     return Experiment(step.title(heavy.place_m(step)), travel, whole, speed, torque, share * force, seconds, heating)
 

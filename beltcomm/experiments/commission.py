@@ -1,4 +1,7 @@
-"""The whole sequence: connect, check, excite, close a cautious loop, measure, fit, design, verify, keep or restore."""
+"""The whole sequence: connect, check, excite, close a cautious loop, measure, fit, design, verify, keep or restore.
+
+Where nobody can write the drive's gains, the loop that a person has set in it carries the records and the last move.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,7 @@ from beltcomm.experiments import (
     friction_feedforward,
     gain_steps,
     holding,
+    own_loop,
     own_strokes,
     payload_mode_in_first_fit,
     phases,
@@ -188,6 +192,17 @@ def close_first_loop(machine: Machine, findings: Findings, model: Model, *, ask:
     return close_loop(machine, findings, model, *first_cascade(machine, findings, model, machine.position_m), ask=ask)
 
 
+def closed_for(machine: Machine, findings: Findings, model: Model, *, ask: bool = False) -> None:
+    """A loop for strokes: a first one, or where nobody can write the gains the one that stands in the drive.   Raises Refused."""
+    if machine.drive.capabilities.gains != "unknown":
+        close_first_loop(machine, findings, model, ask=ask)
+        return
+    machine.begin(TITLES[4])
+    assume_delay(findings, machine.drive.capabilities.structure)
+    if not own_loop.try_out(machine, findings, model):
+        raise Refused(findings.remarks.pop())
+
+
 def first_cascade(machine: Machine, findings: Findings, model: Model, at_m: float) -> tuple[Cascade, float]:
     """The cautious loop for a place, m, and its smallest phase margin, deg; nothing is written."""
     structure = machine.drive.capabilities.structure
@@ -213,8 +228,8 @@ def close_loop(machine: Machine, findings: Findings, model: Model, cascade: Casc
     return cascade
 
 
-def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Cascade, extent: Extent) -> None:
-    """Phase 5: the records of the programme, as many as the time allows."""
+def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Cascade | None, extent: Extent) -> None:
+    """Phase 5: the records of the programme, as many as the time allows.   cascade : that is in the drive, None where nobody knows it."""
     machine.begin(TITLES[5])
     loop = execute_step.Closed(model, cascade, delay(findings))
     course = execute_step.course_of(machine, model)
@@ -350,8 +365,15 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
     machine.titles, brief = TITLES, settings.extent == "quick"
     machine.begin(TITLES[0])
     model = identify_here(machine, findings, brief=brief)
-    cascade = close_first_loop(machine, findings, model, ask=settings.ask)
-    if brief:
+    own = findings.own_loop = machine.drive.capabilities.gains == "unknown"
+    if own:
+        machine.begin(TITLES[4])
+        assume_delay(findings, machine.drive.capabilities.structure)
+    cascade = None if own else close_first_loop(machine, findings, model, ask=settings.ask)
+    travels = not own or own_loop.try_out(machine, findings, model)
+    if not travels:
+        pass
+    elif brief:
         speeds = record_schedule.quick_speeds_m_s(phases.gentle_limits(machine, model, np.inf).acceleration_m_s2)
         measure_friction(machine, model, speeds_m_s=speeds, longest_s=record_schedule.QUICK_PLATEAU_S)
     else:
@@ -359,6 +381,11 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
     cascade = fit_and_design(machine, findings, settings)
     machine.begin(TITLES[7])
     model = known_model(findings)
+    if own:
+        if travels and (driven := own_loop.verify_own(machine, findings, model, cascade, settings.move)):
+            findings.verdict, findings.demand = driven
+            findings.move_name = own_loop.MOVE
+        return findings
     stops.count_on_loop(machine, [model], cascade, delay(findings))
     if settings.move is not None:
         trajectory = settings.move

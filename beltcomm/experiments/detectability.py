@@ -22,7 +22,7 @@ from beltcomm import caches
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.errors import BeltcommError
-from beltcomm.excitation import choose_prbs, prbs
+from beltcomm.excitation import choose_prbs, prbs, visible_band
 from beltcomm.experiments import phases
 from beltcomm.experiments.bounds import course_before, seconds_of
 from beltcomm.experiments.execute_step import EXPERIMENT, RESPONSE_S, quieter
@@ -42,7 +42,7 @@ from beltcomm.result import plain, with_unit
 from beltcomm.rundata import analyse
 from beltcomm.schedule import record_schedule
 from beltcomm.schedule.record_schedule import Extent
-from beltcomm.schedule.sequences import held_choice
+from beltcomm.schedule.sequences import excitation_travel_m, held_choice
 from beltcomm.schedule.steps import LOUD, Step
 from beltcomm.simulate.exact import is_exact
 from beltcomm.simulate.forward import integrate_torque, simulate_torque
@@ -225,7 +225,8 @@ class _Simulated:
     def response(self, step: Step) -> _Motion:
         """An excitation as loud as the belt allows, or quieter."""
         at = self.course.place_m(step)
-        choice = choose_prbs(self.period_s, *analyse.characteristic_hz(self.model, at), max(step.seconds, RESPONSE_S))
+        band = visible_band(self.period_s, *analyse.characteristic_hz(self.model, at))
+        choice = choose_prbs(self.period_s, *band, max(step.seconds, RESPONSE_S))
         if step.held_out:
             choice = held_choice(choice)
         shape = prbs(choice.order, choice.clock, 2.0, self.period_s, choice.repeats)
@@ -243,7 +244,7 @@ class _Simulated:
     def loudest(self, unit: Array, at_m: float) -> float:
         """Largest amplitude of a shape within travel, speed and belt force, N m; the way of a stop is left out."""
         limits = MotionLimits(
-            phases.EXCITATION_TRAVEL_M,
+            excitation_travel_m(self.period_s),
             phases.EXCITATION_SPEED_M_S,
             self.capabilities.peak_torque_nm,
             phases.BELT_SHARE * self.axis.belt_force_limit_n,

@@ -22,7 +22,12 @@ from beltcomm.rundata.findings import Findings
 
 def with_measured_friction(machine: Machine, findings: Findings, loop: execute_step.Closed) -> execute_step.Closed:
     """The loop, in the drive too, with the friction of the sweep sent ahead, where the first fit leaves its records unexplained."""
-    if findings.final is None or not findings.final.fit.suspect or machine.folder.finished(execute_step.SWEEP) is None:
+    if (
+        loop.cascade is None
+        or findings.final is None
+        or not findings.final.fit.suspect
+        or machine.folder.finished(execute_step.SWEEP) is None
+    ):
         return loop
     cascade = with_sliding_friction(loop.cascade, loop.model, machine.folder.recording(execute_step.SWEEP))
     if cascade == loop.cascade:

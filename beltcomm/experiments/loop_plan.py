@@ -10,9 +10,9 @@ import numpy as np
 
 from beltcomm.control import Cascade
 from beltcomm.drive import Capabilities
-from beltcomm.drive.parameters import GAIN_NAMES
+from beltcomm.drive.parameters import LOOP_GAINS
 from beltcomm.errors import Refused
-from beltcomm.excitation import Choice, choose
+from beltcomm.excitation import Choice, choose, visible_band
 from beltcomm.excitation.moving import TAIL_S, MovingExcitation, moving_excitation, ramp_s, stroke_m
 from beltcomm.experiments import commission as sequence
 from beltcomm.experiments import phases
@@ -36,6 +36,7 @@ from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.rundata import analyse, delays
 from beltcomm.rundata.findings import Findings
+from beltcomm.schedule.sequences import excitation_travel_m
 from beltcomm.simulate.loop import LoopDrive, LoopKind
 
 #: m/s: the thesis's own base speed (3.4); less where the travel is short.
@@ -98,7 +99,7 @@ def require_offered(capabilities: Capabilities, way: Way, parameters: frozenset[
 
     Raises Refused with what this drive lacks.
     """
-    missing = [name for name in GAIN_NAMES[:4] if name not in parameters]
+    missing = [name for name in LOOP_GAINS if name not in parameters]
     if missing:
         raise Refused(
             f"{capabilities.name} does not tell its gains {', '.join(missing)} over the bus, so no loop can be set or taken off again: "
@@ -131,8 +132,8 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
     structure = capabilities.structure
     drive = LoopDrive(structure.period_s, delays.delay(findings), room.torque_nm, capabilities.counts_per_rev)
     loop = ClosedLoop(excited, drive, kind, into, capabilities.sample_period_s)
-    antiresonance, resonance = analyse.characteristic_hz(model, sum(machine.full_room().window_m) / 2.0)
-    choice: Choice = choose(machine.excitation, capabilities.sample_period_s, antiresonance, resonance, RESPONSE_S)
+    band = visible_band(capabilities.sample_period_s, *analyse.characteristic_hz(model, sum(machine.full_room().window_m) / 2.0))
+    choice: Choice = choose(machine.excitation, capabilities.sample_period_s, *band, RESPONSE_S)
     period_s = choice.excitation(1.0, capabilities.sample_period_s).period_samples * capabilities.sample_period_s
     near, far = phases.stroke_ends(machine)
     gentle = phases.gentle_limits(machine, model, math.inf)
@@ -147,7 +148,7 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
     if into == "velocity":
         most = MOST_SHARE * (speed or phases.EXCITATION_SPEED_M_S) / machine.ratio
     limits = MotionLimits(
-        phases.EXCITATION_TRAVEL_M,
+        excitation_travel_m(capabilities.sample_period_s),
         min(room.speed_m_s, max(speed, 0.0) + phases.EXCITATION_SPEED_M_S),
         room.torque_nm,
         phases.BELT_SHARE * machine.axis.belt_force_limit_n,

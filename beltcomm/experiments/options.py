@@ -13,7 +13,7 @@ from beltcomm.design.feedforward import SentFeedforward
 from beltcomm.drive import Capabilities, Drive
 from beltcomm.errors import Declined, Refused, UsageError
 from beltcomm.excitation import ExcitationKind
-from beltcomm.given import Place, choice, number, place, whole, word
+from beltcomm.given import Place, Reached, choice, number, pasted, place, whole, word
 from beltcomm.identify.loop_response import CLOSED_WAYS, Way
 from beltcomm.machine.hardware import Hardware
 from beltcomm.rundata.calibration import RESULT
@@ -45,7 +45,7 @@ NUMBERS = {
 #: Ratings of a drive that a session lowers while it works.
 RATINGS = ("peak_torque_nm", "max_speed_rad_s")
 COUNTS = ("seed", "repeat", "node", "bitrate")
-NAMES = ("profile", "first_motion")
+NAMES = ("profile", "slave", "first_motion")
 #: s: longest plan that ``yes`` answers for; a person beside the machine looks at it once in a quarter of an hour.
 LONGEST_S = 900.0
 
@@ -90,6 +90,8 @@ class Options:
         None is the best one; "compliant" is for ``verify``.
     profile, node, bitrate, realtime
         Of the drive.
+    slave : str or None
+        Which drive a virtual one plays.
     order, repeat, mounted_kg
         Of friction sweeps (thesis 3.6), how often, and the payload that is mounted while they are driven.
     loop : Way
@@ -142,6 +144,7 @@ class Options:
     repeat: int | None = None
     mounted_kg: float | None = None
     profile: str | None = None
+    slave: str | None = None
     node: int | None = None
     bitrate: int | None = None
     realtime: bool = False
@@ -215,11 +218,19 @@ class Options:
             raise UsageError(f"the base speed is {self.base_speed_m_s:g} m/s; give a positive one, or 0 to stand")
         return True
 
+    def reached(self, drive: str) -> Reached:
+        """The drive's name for the next command, with the options that it is reached by."""
+        given = {"profile": self.profile, "node": self.node, "bitrate": self.bitrate}
+        found = Reached(drive)
+        found.options = " ".join(f"--{name} {pasted(value)}" for name, value in given.items() if value is not None)
+        return found
+
     def for_drive(self) -> dict[str, object]:
         """The adapter's options: those that were given."""
         given = {
             "seed": self.seed,
             "profile": self.profile,
+            "as": self.slave,
             "node": self.node,
             "bitrate": self.bitrate,
             "sample_period": self.sample_period_s,

@@ -18,7 +18,8 @@ from beltcomm.axis import Axis
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.drive import Capabilities
 from beltcomm.errors import NoMotion, Refused, SafetyStop, UsageError
-from beltcomm.excitation import Choice, Excitation, PrbsChoice, choose, choose_prbs
+from beltcomm.excitation import Choice, Excitation, PrbsChoice, choose, choose_prbs, visible_band
+from beltcomm.excitation.record import SELDOM_S
 from beltcomm.experiments import own_strokes
 from beltcomm.identify.amplitude import (
     AmplitudeStep,
@@ -34,7 +35,7 @@ from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.rundata import analyse
 from beltcomm.rundata.first_motions import Breakaway
-from beltcomm.schedule.sequences import HARDLY, calmer_choice, held_choice
+from beltcomm.schedule.sequences import HARDLY, calmer_choice, excitation_travel_m, held_choice
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.trajectory import Strokes, Trajectory, held, plan_trajectory
 
@@ -63,8 +64,6 @@ LOUDER = 1.05
 #: drive allow which a reference may use: what overshoots it must not be stopped.
 LOST_M = 5e-2
 SPEED_SHARE = 0.95
-#: m, largest travel of an excitation around its place: the stiffness is taken as constant there.
-EXCITATION_TRAVEL_M = 0.03
 #: m/s: the carriage gets no faster under an excitation, and is brought from place to place no faster.
 EXCITATION_SPEED_M_S = 0.5
 POSITIONING_SPEED_M_S = 0.5
@@ -121,12 +120,13 @@ def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
             f"at {machine.where(position_m)} only {1e3 * space:.1f} mm of {machine.room_word} are left beside the "
             f"{1e3 * END_MARGIN_M:.0f} mm kept to the end; {machine.more_room}"
         )
+    travel = min(space, excitation_travel_m(machine.drive.capabilities.sample_period_s))
     return MotionLimits(
-        min(space, EXCITATION_TRAVEL_M),
+        travel,
         min(full.speed_m_s, EXCITATION_SPEED_M_S),
         min(full.torque_nm - abs(machine.holding_nm), excitation_torque_nm(machine.axis, machine.drive.capabilities, machine.holding_nm)),
         BELT_SHARE * machine.axis.belt_force_limit_n - machine.weight_n,
-        min(space, EXCITATION_TRAVEL_M) + END_MARGIN_M,
+        travel + END_MARGIN_M,
         min(position_m - low, high - position_m),
     )
 
@@ -208,12 +208,15 @@ def response_to_come(
     at, period = machine.position_m, machine.drive.capabilities.sample_period_s
     limits = motion_limits(machine, at)
     antiresonance, resonance = analyse.characteristic_hz(model, at)
-    resonance = max(resonance, up_to_hz)
+    antiresonance, resonance = visible_band(period, antiresonance, max(resonance, up_to_hz))
     choice: Choice
     if held_out:
         choice = held_choice(choose_prbs(period, antiresonance, resonance, seconds))
     else:
-        choice = choose(machine.excitation, period, antiresonance, resonance, seconds)
+        kind = (
+            machine.excitation if machine.excitation != "prbs" or period <= SELDOM_S else "chirp"
+        )  # what jumps makes the motor swing unseen
+        choice = choose(kind, period, antiresonance, resonance, seconds)
     step = _loudest(machine, model, choice, amplitude_nm, at, limits)
     if loud and isinstance(choice, PrbsChoice) and step.amplitude_nm < HARDLY * total_friction(model):
         calm = calmer_choice(choice, resonance, period)
@@ -238,7 +241,7 @@ def without_offset(model: Model) -> Model:
 
 def excitation_room(machine: Machine, at: float) -> Room:
     """Where an excitation at a place may go at most."""
-    return room_around(machine, at, EXCITATION_TRAVEL_M + END_MARGIN_M)
+    return room_around(machine, at, excitation_travel_m(machine.drive.capabilities.sample_period_s) + END_MARGIN_M)
 
 
 def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = POSITIONING_SPEED_M_S) -> None:

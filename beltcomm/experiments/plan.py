@@ -34,6 +34,7 @@ from beltcomm.model import Model
 from beltcomm.result import Row, plain, table
 from beltcomm.schedule import record_schedule
 from beltcomm.schedule.record_schedule import Extent
+from beltcomm.schedule.sequences import excitation_travel_m, short_seconds
 from beltcomm.schedule.strokes import fastest_stroke_m_s
 from beltcomm.simulate.stopping import Braking, total_friction
 from beltcomm.trajectory import Trajectory, plan_trajectory
@@ -286,9 +287,8 @@ def _move_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
     return min(top, float(np.max(np.abs(path.velocity_m_s))))
 
 
-#: s, upper bounds of the parts, from the sequence's own constants: rising steps of 2.8 s; rest, run-in and measured periods; strokes at
-#: seven speeds, three of them twice.
-STEP_SECONDS = 3.0
+#: s, upper bounds of the parts, from the sequence's own constants: rest, run-in and measured periods; strokes at seven speeds, three of
+#: them twice.
 RESPONSE_SECONDS = 7.5
 MOVE_SECONDS = 2.0
 SWEEP_SECONDS = 28.0
@@ -309,8 +309,8 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
     rising = (creep.HELD_SHARE if tilted else creep.BREAKAWAY_SHARE) * torque
     top = top_speed_m_s(axis, capabilities)
     shaken = min(phases.EXCITATION_SPEED_M_S, top)
-    travel = min(phases.EXCITATION_TRAVEL_M, widest)
-    reach = min(phases.EXCITATION_TRAVEL_M + phases.END_MARGIN_M, widest)
+    shaken_m = excitation_travel_m(capabilities.sample_period_s)
+    travel, reach = min(shaken_m, widest), min(shaken_m + phases.END_MARGIN_M, widest)
     held, slow = held_before_nm(axis), stroking_nm(axis, 0.0)
     binary = math.hypot(phases.excitation_torque_nm(axis, capabilities, held), held)
     return (
@@ -325,7 +325,9 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
             rising / math.sqrt(3.0) + held,  # rms of a ramp
         ),
         *gain_steps.line(axis, capabilities),
-        Experiment("excitation, rising in steps", travel, reach, shaken, torque, shaking, 3 * STEP_SECONDS, binary),
+        Experiment(
+            "excitation, rising in steps", travel, reach, shaken, torque, shaking, 3 * short_seconds(capabilities.sample_period_s), binary
+        ),
         *([Experiment("holding torque, in slow creep", 5e-3, reach, 0.02, torque, force, HOLDING_STROKES_SECONDS, slow)] if tilted else []),
         Experiment("frequency response here", travel, reach, shaken, torque, shaking, RESPONSE_SECONDS, binary),
     )

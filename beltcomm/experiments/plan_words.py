@@ -49,7 +49,7 @@ def commission_points(axis: Axis, capabilities: Capabilities, lightest_kg: float
             f"{heaviest[0]:g} kg its strokes and fast moves reach {heaviest[1]:.2g} m/s",
         ),
         *_stops(axis, capabilities),
-        ("what is written", "gains, while it works; at the end the drive is left as it was found, unless you keep the new gains"),
+        *gain_points(capabilities),
     )
 
 
@@ -71,6 +71,26 @@ def identify_points(axis: Axis, capabilities: Capabilities, window_m: tuple[floa
         *_stops(axis, capabilities),
         ("what is written", "nothing that stays: at the end the drive is left as it was found"),
     )
+
+
+def gain_points(capabilities: Capabilities) -> tuple[Point, ...]:
+    """What is written in the whole job, by what can be done with the gains of this drive."""
+    if capabilities.gains == "unknown":
+        return (
+            (
+                "its own loop",
+                "this drive's gains cannot be written (nobody knows where they are, or what they mean): strokes and moves are made with "
+                "those "
+                "that stand in it, slow ones first; look in the maker's tool that they are cautious. At the end stand model, gains and "
+                "what "
+                "to type in",
+            ),
+            ("what is written", "limits and modes, while it works; no gain. At the end the drive is left as it was found"),
+        )
+    written = "gains, while it works; at the end the drive is left as it was found, unless you keep the new gains"
+    if capabilities.gains == "to_calibrate":
+        written += ". What its gains mean is measured first, by small steps at standstill"
+    return (("what is written", written),)
 
 
 def _stops(axis: Axis, capabilities: Capabilities) -> tuple[Point, ...]:
@@ -101,8 +121,14 @@ def _stops(axis: Axis, capabilities: Capabilities) -> tuple[Point, ...]:
         (
             "how it brakes",
             f"until the carriage is weighed, friction and the velocity loop found in the drive brake it, with {first.value_m_s2:.2g} m/s² "
-            f"at most ({first.binds}, the belt's swing counted twice); then a loop designed for it, as hard as its feed force allows",
+            f"at most ({first.binds}, the belt's swing counted twice); then "
+            + (
+                "that loop alone, counted with the lag it shows"
+                if capabilities.gains == "unknown"
+                else "a loop designed for it, as hard as its feed force allows"
+            ),
         ),
+        *(("limits", caution) for caution in capabilities.cautions),
         (
             "computer dies",
             "the drive notices by itself; that is tried once at standstill, before any torque. A light carriage that just breaks away "

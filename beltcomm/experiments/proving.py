@@ -20,6 +20,7 @@ from beltcomm.machine.prediction_watch import BELT_BEYOND
 from beltcomm.model import Model
 from beltcomm.recording.sidecar import Sidecar
 from beltcomm.rundata.proof import proof
+from beltcomm.simulate.setpoints import SetpointGrid
 from beltcomm.trajectory import Trajectory, held
 from beltcomm.verify import (
     REST_S,
@@ -95,13 +96,15 @@ def verify_move(
     refuse_broken(machine, model, trajectory)
     running = machine.write_cascade(cascade)
     clock_s = machine.session_time_s
-    sent = reference_for(model, running.feedforward, held(trajectory, REST_S), sending, clock_s)
-    drive = in_drive(machine, delay_s)
+    sent, drive = reference_for(model, running.feedforward, held(trajectory, REST_S), sending, clock_s), in_drive(machine, delay_s)
+    grid = SetpointGrid(trajectory.sample_period_s, drive.structure.period_s, len(sent.motor.t_s))
+    if sent.torque_nm is not None:
+        sent = replace(sent, torque_nm=grid.along(sent.torque_nm))
     path = predict_move(model, running, sent.motor, drive, extra_torque_nm=sent.torque_nm, time_s=clock_s)
     _check_path(machine, path)
     _check_along(machine, sent)
     _check_belt(machine, model, path, trajectory)
-    lag = SURPRISE * float(np.max(np.abs(sent.motor.position_m - path.motor_m))) + LAG_SLACK_M
+    lag = SURPRISE * float(np.max(np.abs(path.reference_m - path.motor_m))) + LAG_SLACK_M
     start = float(trajectory.position_m[0])
     if machine.folder.finished(name) is None and abs(machine.position_m - start) > 1e-4:
         top = float(np.max(np.abs(trajectory.velocity_m_s)))  # these gains are about to be driven at that speed, with more force
@@ -121,27 +124,26 @@ def verify_move(
 
     def error(other: Model, stretch_m: float) -> TrackingError:
         path = predict_move(other, running, sent.motor, drive, belt_stretch_m=stretch_m, extra_torque_nm=sent.torque_nm, time_s=clock_s)
-        return tracking_error(path.t_s, sent.motor.position_m, path.motor_m)
+        return path.error
 
     spread = predict_range(model, error) if sent.motor.duration_s <= LONGEST_RANGED_S else None
-    verdict = judge(recording, machine.ratio, path, sent.motor.position_m, carriage_m=sent.carriage.position_m, predicted_range=spread)
+    verdict = judge(recording, machine.ratio, path, carriage_m=grid.in_loop(sent.carriage.position_m), predicted_range=spread)
     if sent.torque_nm is not None:
-        plain = held(trajectory, REST_S)
-        alone = predict_move(model, running, plain, drive, time_s=clock_s)
-        verdict = replace(verdict, reasons=(*verdict.reasons, *_brought(sent, alone, plain)))
+        alone = predict_move(model, running, held(trajectory, REST_S), drive, time_s=clock_s)
+        verdict = replace(verdict, reasons=(*verdict.reasons, *_brought(sent, alone)))
     return verdict, demand(trajectory, model)
 
 
-def _brought(sent: Sent, alone: PredictedMove, plain: Trajectory) -> list[str]:
+def _brought(sent: Sent, alone: PredictedMove) -> list[str]:
     """In words, what was sent along, and what the same gains are predicted to reach without it."""
     most = 1e3 * float(np.max(np.abs(sent.torque_nm))) if sent.torque_nm is not None else 0.0
     if sent.led is None:
-        without = tracking_error(alone.t_s, plain.position_m, alone.motor_m)
+        without = alone.error
         return [
             f"up to {most:.3g} mN m were sent along with the reference; a controller that sends none is predicted to have "
             f"{1e3 * without.dynamic_m:.3g} mm and {1e6 * without.static_m:.3g} µm with these gains"
         ]
-    without = tracking_error(alone.t_s, plain.position_m, alone.cart_m)
+    without = tracking_error(alone.t_s, alone.reference_m, alone.cart_m)
     return [
         f"the motor led the carriage by up to {1e3 * sent.led.lead_m:.3g} mm, the stretch of the belt, and up to {most:.3g} mN m were sent "
         f"along; without, the carriage is predicted to be off by {1e3 * without.dynamic_m:.3g} mm and {1e6 * without.static_m:.3g} µm",

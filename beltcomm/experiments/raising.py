@@ -9,19 +9,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import NoMotion, Refused, SafetyStop
-from beltcomm.excitation import prbs
 from beltcomm.experiments.phases import BELT_SHARE, excitation_room, motion_limits, without_offset
 from beltcomm.experiments.recentre import stands_after
 from beltcomm.fit.acting import acting_recording
 from beltcomm.fit.first_estimate import data_sheet_model, moves_enough, stiffness_range
 from beltcomm.fit.first_path import first_path
-from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG, AmplitudeStep, MotionLimits, family_around, largest_amplitude, unknown_payload
+from beltcomm.identify.amplitude import (
+    UNKNOWN_MASSES_KG,
+    AmplitudeStep,
+    MotionLimits,
+    family_around,
+    largest_amplitude,
+    not_ruled_out,
+    unknown_payload,
+)
 from beltcomm.machine import exciting, gravity, host_loss, scale, stops
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.rundata.first_motions import Breakaway, Excited
-from beltcomm.schedule.sequences import SHAPES
+from beltcomm.schedule.sequences import shapes_at, short_sequence
 from beltcomm.simulate.stopping import HostLoss
 
 #: An excitation must reach this share of the breakaway torque; the ramp finds the latter some 20 % too high.
@@ -74,7 +81,7 @@ def raise_amplitude(
     sheet, family = unknown_axis(machine, breakaway, masses_kg)
     known = sheet.with_effect("constant_offset", {"torque": machine.holding_nm}) if machine.holding_nm else sheet
     at_most = 2.0 * breakaway.coulomb_nm
-    shapes: Sequence[tuple[int, int]] = SHAPES
+    shapes: Sequence[tuple[int, int]] = shapes_at(machine.drive.capabilities.sample_period_s)
     recordings: list[Recording] = []
     found: Excited | None = None
     while True:
@@ -103,6 +110,7 @@ def raise_amplitude(
             continue
         step = as_made(following.step, recordings[-1]) if kept else following.step
         if len(recordings) < MOST_STEPS and not moves_enough(recordings[-1], sheet, counts):
+            family = not_ruled_out(family, recordings[-1], machine.ratio, following.at_m)
             if step.binds == "step":  # an axis without Coulomb friction breaks away long before it moves visibly
                 at_most = GROWTH * step.amplitude_nm
                 continue
@@ -135,7 +143,7 @@ def _next(machine: Machine, breakaway: Breakaway, family: Sequence[Model], shape
     limits = motion_limits(machine, at)
     braking, losses = stops.braking_of(machine, breakaway.least_friction_nm), host_loss.losses_of(machine, breakaway.least_friction_nm)
     for order, clock in shapes:
-        shape = prbs(order, clock, 2.0, period, 1)
+        shape = short_sequence(order, clock, 1.0, period)
         unit = shape.torque / shape.amplitude_nm
         step = largest_amplitude(family, unit, period, at, limits, min(at_most_nm, limits.torque_nm), braking, losses)
         if step.amplitude_nm >= OVER_BREAKAWAY * breakaway.coulomb_nm:
@@ -155,7 +163,7 @@ def _record_of_step(machine: Machine, name: str, wanted: _Next, kept: bool) -> R
             f"{step.prediction.belt_force_n:.0f} N in the belt (bound by {step.binds}); a stop takes up to "
             f"{1e3 * step.prediction.stop_m:.1f} mm; {exciting.run_on_words(machine, step.prediction, wanted.limits.ends_m)}"
         )
-    excitation = prbs(wanted.order, wanted.clock, 2.0 * step.amplitude_nm, own.sample_period_s, 1, torque_step_nm=own.torque_step_nm)
+    excitation = short_sequence(wanted.order, wanted.clock, step.amplitude_nm, own.sample_period_s, own.torque_step_nm)
     exposed = exciting.Exposed(step.prediction, wanted.family, wanted.losses)
     return exciting.excite(machine, name, excitation, wanted.at_m, excitation_room(machine, wanted.at_m), exposed)
 

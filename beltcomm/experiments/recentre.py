@@ -31,16 +31,21 @@ def stands_after(machine: Machine, problem: BeltcommError) -> bool:
     """
     if not isinstance(problem, SafetyStop) or problem.reason != "position":
         return False
+    if not stands(machine):
+        return False
+    machine.wanderings += 1
+    machine.folder.journal(f"safety stop (position): {problem}; the carriage stands at {machine.position_m:.4f} m")
+    machine.talk.say(f"The carriage went too far: stop {machine.wanderings} of {MOST_STOPS}, after which it is excited no more.")
+    return True
+
+
+def stands(machine: Machine) -> bool:
+    """Whether the carriage stands still inside the travel."""
     low, high = machine.full_room().window_m
     before = machine.position_m
     machine.drive.clock.sleep_until(machine.drive.clock.now() + LOOK_S)
     at = machine.position_m
-    if abs(at - before) > STANDS_M or not low < at < high:
-        return False
-    machine.wanderings += 1
-    machine.folder.journal(f"safety stop (position): {problem}; the carriage stands at {at:.4f} m")
-    machine.talk.say(f"The carriage went too far: stop {machine.wanderings} of {MOST_STOPS}, after which it is excited no more.")
-    return True
+    return abs(at - before) <= STANDS_M and low < at < high
 
 
 def bring_back(machine: Machine, model: Model, step: Step, problem: SafetyStop) -> bool:

@@ -14,6 +14,7 @@ from beltcomm.machine.creep import small_move
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.rundata.findings import Settings
+from beltcomm.schedule.sequences import excitation_travel_m
 
 #: m: nearer than this the drive and the operator mean the same place.
 SAME_POSITION_M = 5e-3
@@ -62,7 +63,7 @@ def home(machine: Machine) -> None:
     machine.drive.home(machine.drive_limits(machine.full_room()))
     machine.origin_rad = 0.0
     low, high = machine.full_room().window_m
-    room = phases.EXCITATION_TRAVEL_M + 2.0 * phases.END_MARGIN_M
+    room = excitation_travel_m(machine.drive.capabilities.sample_period_s) + 2.0 * phases.END_MARGIN_M
     at = machine.position_m
     inside = min(max(at, low + room), high - room)
     if abs(inside - at) > phases.ARRIVED_M:
@@ -77,7 +78,8 @@ def _stand_anywhere(machine: Machine, settings: Settings, needed: bool) -> tuple
     how = "give --position METRES, or --home to let the drive find its zero"
     if needed:
         raise Refused(f"{unknown}; {how}; without either, --window LOW..HIGH (of `beltcomm identify` too) records at this place alone")
-    window, half = settings.window_m, phases.EXCITATION_TRAVEL_M + phases.END_MARGIN_M
+    half = excitation_travel_m(machine.drive.capabilities.sample_period_s) + phases.END_MARGIN_M
+    window = settings.window_m
     if window is None:
         question = f"{unknown[0].upper()}{unknown[1:]}. Is it free to move by {1e3 * half:.0f} mm to either side from here?"
         if not settings.ask or not machine.talk.confirm(question):

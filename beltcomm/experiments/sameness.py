@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from beltcomm.drive import Row
 from beltcomm.errors import Refused, SafetyStop
-from beltcomm.excitation import Excitation, prbs
+from beltcomm.excitation import Excitation
 from beltcomm.experiments import phases
 from beltcomm.experiments.raising import unknown_axis
 from beltcomm.identify.amplitude import largest_amplitude
@@ -17,7 +17,7 @@ from beltcomm.machine import exciting, host_loss, stops
 from beltcomm.machine.machine import Machine
 from beltcomm.recording import Recording
 from beltcomm.rundata.first_motions import Breakaway
-from beltcomm.schedule.sequences import SHAPES
+from beltcomm.schedule.sequences import shapes_at, short_sequence
 
 #: Breakaway torque and motion may differ by this factor from the earlier session's: temperature, place and grease do less.
 GROSSLY = 1.5
@@ -50,7 +50,7 @@ def repeat_first_excitation(machine: Machine, breakaway: Breakaway, masses_kg: S
     note = earlier.sidecar.excitation
     if note is None or not note.amplitude_nm:
         return
-    same = [(order, clock) for order, clock in SHAPES if (2**order - 1) * clock == note.period_samples]
+    same = [(order, clock) for order, clock in shapes_at(earlier.sample_period_s) if (2**order - 1) * clock == note.period_samples]
     if not same:
         return
     excitation, exposed = _as_then(machine, breakaway, masses_kg, same[0], note.amplitude_nm, earlier.sidecar.start_position_m)
@@ -85,7 +85,7 @@ def _as_then(
     own, at = machine.drive.capabilities, machine.position_m
     _, family = unknown_axis(machine, breakaway, masses_kg)
     braking, losses = stops.braking_of(machine, breakaway.least_friction_nm), host_loss.losses_of(machine, breakaway.least_friction_nm)
-    one = prbs(*shape, 2.0, own.sample_period_s, 1)
+    one = short_sequence(*shape, 1.0, own.sample_period_s)
     unit = one.torque / one.amplitude_nm
     step = largest_amplitude(family, unit, own.sample_period_s, at, phases.motion_limits(machine, at), amplitude_nm, braking, losses)
     if step.amplitude_nm < AS_LOUD * amplitude_nm:
@@ -95,7 +95,7 @@ def _as_then(
             f"at {machine.where(at)} the limit on {step.binds} allows ±{step.amplitude_nm:.3f} N m; bring the carriage to {began}; if it "
             "stands there, its friction is another one: begin a new run"
         )
-    excitation = prbs(*shape, 2.0 * step.amplitude_nm, own.sample_period_s, 1, torque_step_nm=own.torque_step_nm)
+    excitation = short_sequence(*shape, step.amplitude_nm, own.sample_period_s, own.torque_step_nm)
     return excitation, exciting.Exposed(step.prediction, family, losses)
 
 

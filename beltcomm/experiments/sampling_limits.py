@@ -7,16 +7,22 @@ import math
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.errors import BeltcommError
+from beltcomm.excitation.record import SELDOM_S
 from beltcomm.fit.first_estimate import data_sheet_model
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.model import Model
 from beltcomm.rundata import analyse
+from beltcomm.schedule.sequences import excitation_travel_m
+from beltcomm.simulate.stopping import REACTION_PERIODS
 
 #: Share of the sampling rate up to which a resonance can be seen: beyond it the hold between samples and the alias beside it take over.
 CLAIMED_SHARE = 0.35
 #: A motor-side inertia that differs from the data sheets by more than this factor is not theirs, or the unit of torque is not.
 WRONG_SCALE = 1.25
+#: Share of a stiffness within which it is known well.
+WELL_KNOWN = 0.1
 #: How the remarks begin.
+_ELSE = "it comes from rows below it and from the data sheets, with wider intervals"
 _RESONANCE, _INERTIA = "the resonance at", "the motor side shows"
 
 
@@ -49,22 +55,32 @@ def notes_before(axis: Axis, capabilities: Capabilities) -> tuple[str, ...]:
     if expected is not None and expected[1] > top:
         low, high = expected
         if low > top:
-            notes.append(f"By the data sheets the resonance is at {low:.0f} Hz at least: it will not be seen. {_remedy(capabilities)}")
+            notes.append(f"By the data sheets the resonance is at {low:.0f} Hz at least: no response shows it. {_remedy(capabilities)}")
         else:
             notes.append(
-                f"By the data sheets the resonance is between {low:.0f} and {high:.0f} Hz, by payload and place: a light carriage's will "
-                f"not be seen. {_remedy(capabilities)}"
+                f"By the data sheets the resonance is between {low:.0f} and {high:.0f} Hz, by payload and place: no response shows a light "
+                f"carriage's. {_remedy(capabilities)}"
             )
+    if capabilities.sample_period_s > SELDOM_S:
+        notes.append(
+            f"So seldom, the carriage is shaken slowly, by up to {1e3 * excitation_travel_m(capabilities.sample_period_s):.0f} mm "
+            f"either way, and a stop begins {1e3 * REACTION_PERIODS * capabilities.sample_period_s:.0f} ms after its reason."
+        )
     if capabilities.torque_scale:
         notes.append(f"{capabilities.torque_scale}.")
     return tuple(notes)
 
 
-def remark_after(resonance_hz: float, capabilities: Capabilities) -> str | None:
-    """In words, that the resonance found is beyond what the records can claim; None when it is not."""
+def remark_after(resonance_hz: float, capabilities: Capabilities, *, told: bool = False) -> str | None:
+    """In words, that the resonance found is beyond what the records can claim; None when it is not.   told : it is known well."""
     top = claimed_hz(capabilities.sample_period_s)
     if not (math.isfinite(resonance_hz) and resonance_hz > top):
         return None
+    if told:
+        return (
+            f"{_RESONANCE} {resonance_hz:.0f} Hz is above {top:.0f} Hz, the most that a response at this rate shows: it is told by how "
+            "the axis goes from row to row under the torque asked for, and a lag in the drive's torque would pass for it"
+        )
     return (
         f"{_RESONANCE} {resonance_hz:.0f} Hz is above {top:.0f} Hz, the most that this rate of sampling can measure: its frequency and "
         f"damping, and every margin near it, are guesses. {_remedy(capabilities)}"
@@ -73,8 +89,8 @@ def remark_after(resonance_hz: float, capabilities: Capabilities) -> str | None:
 
 def _remedy(capabilities: Capabilities) -> str:
     if "% of the bus" in capabilities.exchange:
-        return "Sample faster with a higher bit rate, or on a drive with a shorter SYNC; else count on the low part only"
-    return "Sample faster with --sample-period, or on a drive with a shorter SYNC; else count on the low part only"
+        return f"Sample faster with a higher bit rate, or on a drive with a shorter SYNC; else {_ELSE}"
+    return f"Sample faster with --sample-period, or on a drive with a shorter SYNC; else {_ELSE}"
 
 
 def torque_remark(model: Model, axis: Axis, capabilities: Capabilities) -> str | None:
@@ -102,5 +118,7 @@ def torque_remark(model: Model, axis: Axis, capabilities: Capabilities) -> str |
 def note_after(remarks: list[str], model: Model, axis: Axis, capabilities: Capabilities, at_m: float) -> None:
     """Put both remarks on a fitted model into ``remarks``, in place of those on an earlier one.   at_m : where the carriage is."""
     remarks[:] = [one for one in remarks if not one.startswith((_RESONANCE, _INERTIA))]
-    resonance = remark_after(analyse.characteristic_hz(model, at_m)[1], capabilities)
+    stiffness = model.parameters.get("belt_stiffness.stiffness")
+    told = stiffness is not None and stiffness.interval is not None and stiffness.interval < WELL_KNOWN * stiffness.value
+    resonance = remark_after(analyse.characteristic_hz(model, at_m)[1], capabilities, told=told)
     remarks += [one for one in (resonance, torque_remark(model, axis, capabilities)) if one is not None]

@@ -16,7 +16,7 @@ from beltcomm.experiments import phases
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.trajectory import Trajectory, held, load_move, plan_trajectory
-from beltcomm.verify import DYNAMIC_TARGET_M, MOVE_M, REST_S, Loop, demand, predict_move, tracking_error
+from beltcomm.verify import DYNAMIC_TARGET_M, MOVE_M, REST_S, Loop, demand, predict_move
 
 Array = NDArray[np.float64]
 
@@ -134,9 +134,7 @@ def in_drive(machine: Machine, delay_s: float) -> Loop:
 
 def _error_m(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> float:
     """Predicted dynamic error of a move at the motor, m."""
-    rested = held(trajectory, REST_S)
-    path = predict_move(model, cascade, rested, in_drive(machine, delay_s))
-    return tracking_error(path.t_s, rested.position_m, path.motor_m).dynamic_m
+    return predict_move(model, cascade, held(trajectory, REST_S), in_drive(machine, delay_s)).error.dynamic_m
 
 
 def fastest(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> Trajectory | None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from beltcomm.compiled import in_one_thread
 from beltcomm.fit.decimation import smallest_step
 from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, resume_fit
+from beltcomm.fit.far_off import least_plain_error
 from beltcomm.fit.intervals import UNEXPLAINED, with_intervals
 from beltcomm.fit.likelihood import OFFSET_M
 from beltcomm.fit.nuisance import hold, next_to_hold, with_nuisance
@@ -131,6 +132,8 @@ def _fit_base(
     data, fitted = refit_with_rebuilt_motion(data, fitted, LAST_ITERATIONS, PUBLISHED_SUBSTEPS if publish else SUBSTEPS, fixed=fixed)
     progress(0.9)
     data, fitted = refit_with_reversals(data, fitted, fixed=fixed)
+    if publish:
+        fitted = least_plain_error(data, fitted, FIRST_ITERATIONS, fixed)
     progress(1.0)
     return data, with_nuisance(data, fitted)
 

@@ -188,6 +188,14 @@ def escape_local_minimum(data: Data, fitted: Fitted, iterations: int) -> Fitted:
     return fit(data, wide.model_at(at.x, "laboratory"), iterations, offsets=wide.offsets(at.x))
 
 
+def evaluate_at(data: Data, model: Model, offsets: Array | None = None, fixed: Sequence[str] = ()) -> Fitted:
+    """A model as it is on the records, whatever minimum it may be near."""
+    problem = problem_of(data, model, fixed)
+    x = problem.start(offsets)
+    residual = problem.residual(x)
+    return _fit_result(problem, Minimum(x, residual, problem.objective(residual, x)), data)
+
+
 def problem_of(data: Data, model: Model, fixed: Sequence[str] = (), block_s: float = BLOCK_S) -> Problem:
     """The free parameters of a model as unknowns.   block_s : s, segments of time with one weight."""
     pieces = with_observers(data.fitted, [model] * len(data.fitted))

@@ -19,6 +19,7 @@ from beltcomm.fit.jumps import CERTAIN, Jump, largest_step, refuse
 from beltcomm.fit.low_pass import fine, legible, smooth
 from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.segment import Segment, evaluate, segments
+from beltcomm.fit.seldom import clearly_moves, comes_seldom
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
@@ -225,6 +226,8 @@ def _lowest(rests: Array, number: int) -> list[tuple[int, int]]:
 
 def moves_enough(recording: Recording, model: Model, counts_per_rev: int) -> bool:
     """Whether a record has enough moving samples for a first estimate."""
+    if comes_seldom(recording):
+        return clearly_moves(recording, counts_per_rev)
     noise = torque_noise([recording])
     return _moving(legible_stretches(recording, model, 2.0 * np.pi / counts_per_rev, noise)) >= FEWEST_SAMPLES
 

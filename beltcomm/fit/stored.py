@@ -19,6 +19,9 @@ from beltcomm.model import Model, model_from_dict
 from beltcomm.programs import source_hash
 from beltcomm.recording import Recording
 
+#: Fine steps of a sample, at most: a file may ask for a day of computing.
+_MOST_SUBSTEPS = 1000
+
 
 def key_of(records: Mapping[str, str], axis: Axis, start: Model | None) -> str:
     """Equal only where the same programs would fit the same model to the same records.   records : name -> SHA-256, sidecars too.
@@ -50,11 +53,13 @@ def store_fit(data: Data, fitted: Fitted) -> dict[str, Any] | None:
 
 
 def restore_fit(recordings: Sequence[Recording], found: Mapping[str, Any]) -> tuple[Data, Fitted]:
-    """The fit at its minimum: one evaluation, no search.   Raises KeyError, TypeError, ValueError or BeltcommError for damaged contents."""
+    """The fit at its minimum: one evaluation, no search.   Raises BeltcommError, or what Python says of damaged values."""
     model = model_from_dict(found["made_by"])
     shares = {str(name): (float(white), float(slow)) for name, (white, slow) in found["shares"].items()}
     timed = [r for r in recordings if not r.is_static_map]
     path, substeps = path_from_dict(found["path"]), int(found["substeps"])
+    if not 1 <= substeps <= _MOST_SUBSTEPS:
+        raise ValueError(f"{substeps} fine steps a sample")
     data = prepare_records(
         timed,
         model,

@@ -1,5 +1,5 @@
-"""MATLAB, HDF5, MDF, NumPy and BLF files are read in a process of their own: on a damaged one their readers crash, turn in circles for
-ever, or ask for all memory there is.
+"""MATLAB, HDF5, MDF, NumPy, BLF, TRC and DBC files are read in a process of their own: on a damaged one their readers crash, turn in
+circles for ever, or ask for all memory there is.
 
 ``beltcomm.foreign.apart_reader`` writes to its standard output: the length of a JSON text (8 bytes, little endian), that
 text (names and numbers of rows, units, clocks, notes, or the fault in words), then the columns as float64 one after the other.
@@ -20,9 +20,9 @@ import numpy as np
 from beltcomm import isolation
 from beltcomm.errors import DataError
 from beltcomm.foreign.table import Table
-from beltcomm.outside import check_columns, check_count, opened
+from beltcomm.outside import MEASURED_BYTES, check_columns, check_count, opened
 
-Kind = Literal["matlab", "hdf5", "mdf", "numpy", "blf"]
+Kind = Literal["matlab", "hdf5", "mdf", "numpy", "tdms", "mcap", "json", "blf", "trc", "sqlite", "dbc"]
 
 #: s of processor time that a reader may take, and how much more for each byte of the file: ten times what whole files take; and how many
 #: times as long by the clock, on a machine that is busy otherwise.
@@ -31,12 +31,27 @@ _LIMIT_S, _PER_BYTE_S, _PATIENCE = 30.0, 1e-6, 4.0
 _MEMORY, _PER_BYTE, _MOST_MEMORY = 1 << 30, 32, 6 << 30
 #: Bytes of the text before the columns, at most.
 _MOST_TEXT: Final = 1 << 26
-_NAMES: Final = {"matlab": "a MATLAB file", "hdf5": "an HDF5 file", "mdf": "an MDF file", "numpy": "a NumPy file", "blf": "a BLF file"}
+_NAMES: Final[dict[Kind, str]] = {
+    "matlab": "a MATLAB file",
+    "hdf5": "an HDF5 file",
+    "mdf": "an MDF file",
+    "numpy": "a NumPy file",
+    "tdms": "a TDMS file",
+    "mcap": "an MCAP file",
+    "json": "JSON",
+    "blf": "a BLF file",
+    "trc": "a TRC file",
+    "sqlite": "a database of CAN frames",
+    "dbc": "a DBC file",
+}
 
 
-def read_apart(kind: Kind, path: Path) -> Table:
-    """The table in a file.   Raises DataError for a file that is damaged, refused, or whose reader breaks down or does not end."""
-    with opened(path) as file:
+def read_apart(kind: Kind, path: Path, most: int = MEASURED_BYTES) -> Table:
+    """The table in a file of at most ``most`` bytes.
+
+    Raises DataError for a file that is damaged, refused, or whose reader breaks down or does not end.
+    """
+    with opened(path, most) as file:
         size = os.fstat(file.fileno()).st_size
     limit_s, memory = _LIMIT_S + _PER_BYTE_S * size, min(_MEMORY + _PER_BYTE * size, _MOST_MEMORY)
     too_late = threading.Event()
@@ -58,11 +73,16 @@ def read_apart(kind: Kind, path: Path) -> Table:
                 how = f"its reader did not end within {limit_s:.0f} s"
             else:
                 how = f"its reader broke down{f', {signal.Signals(-code).name}' if code < 0 and code != -signal.SIGKILL else ''}"
-            raise DataError(f"{path} cannot be read as {_NAMES[kind]} ({how}); is it cut off or damaged? Export it as CSV") from error
+            raise DataError(f"{path} cannot be read as {_NAMES[kind]} ({how}); is it cut off or damaged? {instead_of(kind)}") from error
         finally:
             guard.cancel()
             child.kill()
     return table
+
+
+def instead_of(kind: Kind) -> str:
+    """What to do with a file whose reader fails."""
+    return "Name the signals by --signal instead" if kind == "dbc" else "Export it as CSV"
 
 
 def _started(kind: Kind, path: Path, memory: int, limit_s: float) -> subprocess.Popen[bytes]:
@@ -91,7 +111,8 @@ def _received(path: Path, stream: IO[bytes]) -> Table:
             _whole(stream, column.data.cast("B"))
         columns[str(name)] = column
     texts: list[dict[str, str]] = [{str(key): str(value) for key, value in about[part].items()} for part in ("units", "clocks")]
-    return Table(str(path), columns, texts[0], tuple(str(note) for note in about["notes"]), texts[1])
+    scalars = {str(key): float(value) for key, value in about["scalars"].items()}
+    return Table(str(path), columns, texts[0], tuple(str(note) for note in about["notes"]), texts[1], scalars)
 
 
 def _whole(stream: IO[bytes], place: bytearray | memoryview) -> bytes | bytearray | memoryview:

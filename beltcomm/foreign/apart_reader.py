@@ -6,13 +6,14 @@ import json
 import os
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from beltcomm.errors import DataError
-from beltcomm.foreign.apart import Kind
+from beltcomm.foreign.apart import Kind, instead_of
 from beltcomm.foreign.table import Table, words_of
 from beltcomm.outside import check_columns, check_count, in_words, opened
 
@@ -56,13 +57,49 @@ def _numpy(path: Path) -> Table:
     return table_of(path, arrays)
 
 
-def _blf(path: Path) -> Table:
-    from beltcomm.foreign.framelog import read_blf
+def _tdms(path: Path) -> Table:
+    from beltcomm.foreign.tdms import read_tdms
 
-    return read_blf(path)
+    return read_tdms(path)
 
 
-_READERS: Final[dict[str, Callable[[Path], Table]]] = {"matlab": _matlab, "hdf5": _hdf5, "mdf": _mdf, "numpy": _numpy, "blf": _blf}
+def _mcap(path: Path) -> Table:
+    from beltcomm.foreign.mcapfile import read_mcap
+
+    return read_mcap(path)
+
+
+def _json(path: Path) -> Table:
+    from beltcomm.foreign.jsonfile import read_json
+
+    return read_json(path)
+
+
+def _frames(kind: Kind, path: Path) -> Table:
+    from beltcomm.foreign.framelog import frames_apart
+
+    return frames_apart(kind, path)
+
+
+def _dbc(path: Path) -> Table:
+    from beltcomm.foreign.signals import dbc_apart
+
+    return dbc_apart(path)
+
+
+_READERS: Final[dict[Kind, Callable[[Path], Table]]] = {
+    "matlab": _matlab,
+    "hdf5": _hdf5,
+    "mdf": _mdf,
+    "numpy": _numpy,
+    "tdms": _tdms,
+    "mcap": _mcap,
+    "json": _json,
+    "blf": partial(_frames, "blf"),
+    "trc": partial(_frames, "trc"),
+    "sqlite": partial(_frames, "sqlite"),
+    "dbc": _dbc,
+}
 
 
 def _bounded(kind: str, memory: int, limit_s: int) -> None:
@@ -94,7 +131,7 @@ def _answer(kind: Kind, path: Path, given: str, memory: int, limit_s: int) -> No
         fault = str(error).replace(str(path), given)
     except MemoryError:
         fault = (
-            f"{given} asks for more than {in_words(memory)} of memory, a file of its size needs far less; is it damaged? Export it as CSV"
+            f"{given} asks for more than {in_words(memory)} of memory, a file of its size needs far less; is it damaged? {instead_of(kind)}"
         )
     columns = {} if fault else table.columns
     about = {
@@ -102,6 +139,7 @@ def _answer(kind: Kind, path: Path, given: str, memory: int, limit_s: int) -> No
         "columns": [(name, len(column)) for name, column in columns.items()],
         "units": dict(table.units),
         "clocks": dict(table.clocks),
+        "scalars": dict(table.scalars),
         "notes": [note.replace(str(path), given) for note in table.notes],
     }
     text = json.dumps(about).encode("utf-8", "replace")

@@ -40,7 +40,7 @@ def table_of(path: Path, arrays: Mapping[str, Any], extra_notes: tuple[str, ...]
     if not found.columns:
         raise DataError(f"{path} holds no vectors of numbers; give a file with one vector per signal{found.objects_hint()}")
     notes = (f"not read, because they are no vectors of numbers: {', '.join(found.left_out)}",) if found.left_out else ()
-    return Table(str(path), found.columns, found.units, (*extra_notes, *notes), found.clocks)
+    return Table(str(path), found.columns, found.units, (*extra_notes, *notes), found.clocks, found.scalars)
 
 
 class _Found:
@@ -52,6 +52,7 @@ class _Found:
         self.units: dict[str, str] = {}
         self.clocks: dict[str, str] = {}
         self.left_out: list[str] = []
+        self.scalars: dict[str, float] = {}
 
     def structure(self, value: Mapping[str, Any], prefix: str, depth: int) -> None:
         """Everything inside one structure."""
@@ -94,6 +95,8 @@ class _Found:
             values = np.asarray(value)
         except ValueError:  # a list of lists of unequal lengths
             values = np.asarray(None)
+        if values.dtype.kind in "iuf" and values.size == 1 and not name.startswith("_") and np.isfinite(values.ravel()[0]):
+            self.scalars[name] = float(values.ravel()[0])
         if values.dtype.kind not in "buif" or values.size < 2 or values.ndim > 2:
             if not name.startswith("_") and name.rpartition(".")[2].lower() not in _UNIT:
                 self.left_out.append(name)

@@ -13,7 +13,7 @@ from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.mapping import Source, kept_columns, sources_for
 from beltcomm.foreign.rasters import on_one_raster
 from beltcomm.foreign.table import Decimal, Separator, Table
-from beltcomm.foreign.timestamps import checked_time, seconds_of
+from beltcomm.foreign.timestamps import checked_time, rough_stamps, seconds_of
 from beltcomm.quantities import in_other_unit, parse_quantity, unit_of
 from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS
 
@@ -175,10 +175,11 @@ def convert(table: Table, reading: Reading, *, timed: bool = True) -> Converted:
         table, sources, merged = on_one_raster(table, sources, kept)
     if reading.period_s is not None or not timed:
         sources.pop("t_s", None)
-    columns = {name: _scaled(table, source) for name, source in sources.items()}
+    notes: list[str] = []
+    columns = {name: _scaled(table, source, notes) for name, source in sources.items()}
     columns |= {name: table.columns[theirs] for name, theirs in kept.items()}
     _check_lengths(table, columns, sources)
-    notes: list[str] = [*table.notes, *merged]
+    notes[:0] = [*table.notes, *merged]
     first = (reading.first_row or 1) - 1
     rows = np.arange(first, min(len(next(iter(columns.values()), ())), reading.last_row or 2**62))
     if not len(rows):
@@ -192,6 +193,8 @@ def convert(table: Table, reading: Reading, *, timed: bool = True) -> Converted:
         _check_there_is_time(table, columns)
         columns, rows = _without_doubles(columns, rows, notes)
         checked_time(table.file, columns["t_s"], rows)
+        if not reading.period_s and (rough := rough_stamps(_as_written(table, sources, len(columns["t_s"])))):
+            notes.append(rough)
         columns = _cut(table.file, columns, reading)
     for name in _POSITIONS:
         if name in columns and reading.unwrap is not None:
@@ -210,16 +213,25 @@ def convert(table: Table, reading: Reading, *, timed: bool = True) -> Converted:
     return Converted(ordered, sources, tuple(name for name in table.columns if name not in taken), tuple(notes))
 
 
-def _scaled(table: Table, source: Source) -> Column:
+def _scaled(table: Table, source: Source, notes: list[str]) -> Column:
     values = table.columns[source.theirs]
     if source.column == "t_s" and values.dtype.kind not in "fiu":
-        return seconds_of(table.file, source.theirs, values)
+        seconds, said = seconds_of(table.file, source.theirs, values)
+        notes += said
+        return seconds
     if values.dtype.kind not in "fiu":
         raise DataError(f"{table.file}: {source.theirs} holds text such as {str(values[0])[:30]!r}; map a column of numbers")
     if source.scale == 1.0 and source.offset == 0.0:
         return values
     with np.errstate(all="ignore"):  # what is no number is found with the missing values
         return source.scale * values + source.offset
+
+
+def _as_written(table: Table, sources: Mapping[str, Source], rows: int) -> Column:
+    """The stamps as the file holds them."""
+    source = sources.get("t_s")
+    values = table.columns[source.theirs] if source is not None else np.zeros(0)
+    return values[:rows] if values.dtype.kind == "f" else np.zeros(0)
 
 
 def _check_lengths(table: Table, columns: Mapping[str, Column], sources: Mapping[str, Source]) -> None:

@@ -2,33 +2,28 @@
 
 from __future__ import annotations
 
+import importlib.util
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError, UsageError
-from beltcomm.foreign.apart import Kind, read_apart
+from beltcomm.foreign.apart import read_apart
 from beltcomm.foreign.convert import Reading
-from beltcomm.foreign.framelog import is_frame_log, read_frames
-from beltcomm.foreign.mdf import check_mdf, is_mdf
+from beltcomm.foreign.framelines import kind_of_log
+from beltcomm.foreign.framelog import read_frames
+from beltcomm.foreign.kinds import kind_of_table
 from beltcomm.foreign.table import Decimal, Separator, Table
 from beltcomm.foreign.textfile import read_text_table
 from beltcomm.outside import opened, sha256_of
 from beltcomm.recording.sidecar import ExcitationNote
 
-#: What cannot be read, by ending, and what to do instead.
-_REFUSED = {
-    ".xlsx": "a spreadsheet; save its sheet as CSV",
-    ".xls": "a spreadsheet; save its sheet as CSV",
-    ".ods": "a spreadsheet; save its sheet as CSV",
-    ".parquet": "a Parquet file; write it as CSV",
-    ".tdms": "a TDMS file; export it as CSV",
-    ".zip": "an archive; unpack it first",
-}
-#: Readers that are kept apart, by ending.
-_APART: dict[str, Kind] = {".mat": "matlab", ".h5": "hdf5", ".hdf5": "hdf5", ".npz": "numpy", ".npy": "numpy"}
+#: Packages of readers that are optional: module, and the extra that brings it.
+_EXTRAS: Final[Mapping[str, tuple[str, str]]] = {"mdf": ("asammdf", "mdf"), "tdms": ("nptdms", "tdms"), "mcap": ("mcap", "mcap")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +48,7 @@ def parts_of(path: Path, reading: Reading, axis: Axis) -> list[Part]:
     """All recordings that a file holds.   axis : gives units that a log of frames does not show.   Raises UsageError, DataError."""
     _check_there(path)
     sha256 = sha256_of(path)
-    if not is_frame_log(path):
+    if kind_of_log(path) is None:
         for option in ("signals", "dbc", "channel", "record", "node"):
             if getattr(reading, option):
                 name = option.removesuffix("s")
@@ -86,8 +81,6 @@ def _check_there(path: Path) -> None:
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "is no file" if path.exists() else "does not exist"
         raise UsageError(f"{path} {what}; give the file with the measurements")
-    if path.suffix.lower() in _REFUSED:
-        raise UsageError(f"{path} is {_REFUSED[path.suffix.lower()]}")
     try:
         opened(path).close()
     except OSError as error:
@@ -97,17 +90,19 @@ def _check_there(path: Path) -> None:
 def read_table(
     path: Path, *, separator: Separator | None = None, decimal: Decimal | None = None, skip_lines: int = 0, torn_rows: bool = False
 ) -> Table:
-    """All columns of a CSV or text file (also .gz), a MATLAB, HDF5, MDF, .npz or .npy file.
+    """All columns of a file, whose kind is told by its content: text (also .gz), MATLAB, HDF5, MDF, TDMS, MCAP, JSON, NumPy.
 
     separator, decimal : of a text file; recognised when None.   skip_lines : leave out so many at its beginning.
     torn_rows : leave out rows in the middle of a text file that have another number of values.
     Raises UsageError for a file that does not exist or is of no such kind, DataError for one that cannot be read.
     """
     _check_there(path)
-    ending = path.suffix.lower()
-    if ending in {".mf4", ".mdf"} or (ending == ".dat" and is_mdf(path)):
-        check_mdf(path)
-        return read_apart("mdf", path)
-    if ending in _APART:
-        return read_apart(_APART[ending], path)
-    return read_text_table(path, separator, decimal, skip_lines, torn_rows)
+    kind = kind_of_table(path)
+    if kind == "text":
+        return read_text_table(path, separator, decimal, skip_lines, torn_rows)
+    if kind in _EXTRAS and importlib.util.find_spec(_EXTRAS[kind][0]) is None:
+        extra = _EXTRAS[kind][1]
+        raise UsageError(
+            f"{path} is a {extra.upper()} file, which needs a further package: pip install 'beltcomm[{extra}]', or export it as CSV"
+        )
+    return read_apart(kind, path)

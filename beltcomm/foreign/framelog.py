@@ -1,63 +1,41 @@
-"""Logs of CAN frames as arrays: candump (``-L`` and plain), Vector ``.asc``, and by python-can's readers ``.blf`` and PEAK ``.trc``."""
+"""Logs of CAN frames as arrays, whatever wrote them: lines of text, tables, and by python-can's readers ``.blf`` and PEAK ``.trc``."""
 
 from __future__ import annotations
 
-import gzip
-import io
 import json
-import re
-import zlib
-from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from array import array
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import DataError, UsageError
-from beltcomm.foreign.apart import read_apart
+from beltcomm.foreign.apart import Kind, read_apart
+from beltcomm.foreign.framelines import LONGEST, LoggedFrame, Others, asc_frames, candump_frames, kind_of_log, lines_of, opened_text
+from beltcomm.foreign.frametables import csv_frames, sqlite_frames
 from beltcomm.foreign.table import Table, words_of
-from beltcomm.outside import MEASURED_BYTES, MOST_VALUES, in_words, opened
+from beltcomm.outside import opened
 
-_READ_BY_PYTHON_CAN = {".blf": "BLFReader", ".trc": "TRCReader"}
-#: ``candump -L``: (1436509052.249713) can0 181#0011223344556677
-_COMPACT = re.compile(r"\((-?\d+\.\d+)\)\s+(\S+)\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(R\d?|#?[0-9A-Fa-f.]*)(?:\s+[TR])?\s*$")
-#: ``candump``:  (1436509052.249713)  can0  181   [8]  00 11 22 33 44 55 66 77; the stamp only with -t
-_SPACED = re.compile(
-    r"(?:\((-?\d+\.\d+)\)\s+)?(\S+)\s+(?:(?:RX|TX)\s+\S+\s+)?([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+\[(\d{1,2})\]\s*"
-    r"((?:[0-9A-Fa-f]{2}\s?)*|remote request)\s*(?:'.*')?$"
-)
+#: Read apart: on damaged bytes these readers turn in circles and take all memory.
+_READ_APART: Final = ("blf", "trc", "sqlite")
+_READERS: Final[dict[str, Callable[[Path, Others], Iterator[LoggedFrame]]]] = {
+    "candump": candump_frames,
+    "asc": asc_frames,
+    "csv": csv_frames,
+}
 #: Spans after which counters of loggers begin anew, ns: 16 and 32 bits of ns to ms, a day of the time of day.
 _TURNS_NS = tuple(sorted({(1 << bits) * unit for bits in (16, 31, 32) for unit in (1, 100, 1000, 10_000, 1_000_000)} | {86_400 * 10**9}))
 _SHORTEST_TURN_NS = 1_000_000_000
 #: ns within which both sides of a turn lie to it.
 _AT_TURN_NS = 1_000_000_000
-#: Damaged stamps end here, that differences of two fit.
+#: Damaged stamps end here, that differences of two fit; and what stands for none.
 _LAST_NS = 1 << 61
-#: Lines from which a text file is recognised as a log.
-_LOOKED_AT = 20
-#: Letters of a line that are read at once: no frame takes more.
-_LONGEST_LINE = 4096
-_LONGEST = 8
-#: .asc:   0.001000 1  181             Rx   d 8 00 11 22 33 44 55 66 77; stamps may lie before the trigger, below zero
-_ASC = re.compile(
-    r"\s*(-?\d+\.\d+)\s+(\d+)\s+([0-9A-Fa-f]+)(x?)\s+(?:Rx|Tx)\s+([dr])(?:\s+([0-9A-Fa-f]+)((?:\s+[0-9A-Fa-f]+)*))?(?:\s|$)", re.I
-)
-_ASC_EVENT = re.compile(r"\s*(?:-?\d+\.\d+)\s+(?:CANFD\s+)?\d+\s+\S")
-_ASC_STAMP = re.compile(r"\s*(-?\d+\.\d+)\s")
-_ASC_BASE = re.compile(r"\s*base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.I)
-
-
-class LoggedFrame(NamedTuple):
-    """One classic frame; time_ns is None without a stamp, identifier has bit 31 set when it is an extended one."""
-
-    time_ns: int | None
-    channel: str
-    identifier: int
-    remote: bool
-    data: bytes
+_NO_STAMP = -(1 << 62)
+#: Interfaces that are told apart.
+_MOST_CHANNELS = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,187 +67,128 @@ class FrameLog:
         return ", ".join(lines)
 
 
-def is_frame_log(path: Path) -> bool:
-    """Whether a file is a log of CAN frames: by its ending, or text whose first lines are candump's."""
-    if path.suffix.lower() in {".asc", *_READ_BY_PYTHON_CAN}:
-        return True
-    try:
-        with _opened(path) as file:
-            lines = [
-                line.strip()
-                for _, line in zip(range(_LOOKED_AT), iter(lambda: file.readline(_LONGEST_LINE), ""), strict=False)
-                if line.strip()
-            ]
-    except (OSError, EOFError, ValueError, zlib.error):
-        return False
-    fitting = sum(_matched(line) is not None for line in lines)
-    return fitting > 0 and fitting >= 0.7 * len(lines)
-
-
 def read_frames(path: Path, channel: str | None = None) -> FrameLog:
     """All classic data and remote frames of one interface, in the order of the file.
 
     channel : the interface, such as can0; None takes the one with the most frames and says so.
     Raises DataError for a file that cannot be read or holds no frame, UsageError for an interface that is not in it.
     """
-    others = _Others()
-    ending = path.suffix.lower()
-    reader = _READ_BY_PYTHON_CAN.get(ending)
-    if ending == ".blf":
-        frames = _of_table(read_apart("blf", path), others)
+    others = Others()
+    kind = kind_of_log(path)
+    if kind in _READ_APART:
+        frames = _Frames.of_table(read_apart(kind, path), others)
     else:
-        frames = list(_by_python_can(path, reader, others) if reader else (_asc if ending == ".asc" else _candump)(path, others))
+        frames = _Frames.of(path, _READERS[kind or "candump"](path, others))
     notes = others.notes
     if others.count:
         notes.append(f"{others.count} {others.what} left out{f', the first is line {others.first}' if others.first else ''}")
     in_file = len(frames) + others.count
-    if not frames:
+    if not len(frames) and others.fd:
+        raise DataError(
+            f"{path} holds {others.fd} CAN FD frames and no classic one, and what FD frames carry is not read: log the drive's classic "
+            "CANopen, or decode the log with the tool that made it and export the signals as CSV"
+        )
+    if not len(frames):
         raise DataError(f"{path} holds no CAN frames that can be read{'; ' + notes[0] if notes else ''}; is it cut off?")
-    names = [name for name, _ in Counter(frame.channel for frame in frames).most_common()]
+    names = frames.channels_by_count()
     if channel is not None and channel not in names:
         raise UsageError(f"{path} has no frames of the interface {channel!r}; it has {', '.join(names)}")
     chosen = channel or names[0]
     if len(names) > 1:
-        frames = [frame for frame in frames if frame.channel == chosen]
         notes.append(f"only the frames of {chosen} are taken, not those of {', '.join(n for n in names if n != chosen)}: see --channel")
-    data = np.zeros((len(frames), _LONGEST), dtype=np.uint8)
-    flat = np.frombuffer(b"".join(frame.data.ljust(_LONGEST, b"\0") for frame in frames), dtype=np.uint8)
-    data[:] = flat.reshape(len(frames), _LONGEST)
+    taken = frames.of_channel(chosen)
     return FrameLog(
         str(path),
-        _risen([frame.time_ns for frame in frames], notes),
-        np.array([frame.identifier for frame in frames], dtype=np.int64),
-        np.array([frame.remote for frame in frames], dtype=np.bool_),
-        np.array([len(frame.data) for frame in frames], dtype=np.int64),
-        data,
+        _risen(taken["time_ns"], notes),
+        taken["identifier"],
+        taken["remote"].astype(np.bool_),
+        taken["length"].astype(np.int64),
+        taken["data"].copy(),
         tuple(notes),
         in_file,
     )
 
 
-@dataclass
-class _Others:
-    """Lines of a file that are no frames to be read.   count : of them.   what : they are.   first : line, 0 when not known."""
+class _Frames:
+    """Frames gathered in columns, 28 bytes each, for a log may hold many millions."""
 
-    count: int = 0
-    what: str = "lines that are no classic CAN frames"
-    first: int = 0
-    notes: list[str] = field(default_factory=list)
+    def __init__(self) -> None:
+        self._channels: dict[str, int] = {}
+        self._columns = {"time_ns": array("q"), "channel": array("H"), "identifier": array("q"), "remote": array("B"), "length": array("B")}
+        self._data = bytearray()
 
-    def line(self, number: int) -> None:
-        self.count, self.first = self.count + 1, self.first or number
+    def __len__(self) -> int:
+        return len(self._columns["length"])
 
+    @classmethod
+    def of(cls, path: Path, frames: Iterable[LoggedFrame]) -> _Frames:
+        """What a reader finds.   Raises DataError for more interfaces than any computer has."""
+        made = cls()
+        channels, columns, data = made._channels, made._columns, made._data
+        adds = [column.append for column in columns.values()]
+        for time_ns, channel, identifier, remote, content in frames:
+            number = channels.setdefault(channel, len(channels))
+            if number == _MOST_CHANNELS:
+                raise DataError(f"{path} names more than {_MOST_CHANNELS} interfaces; is it a log of CAN frames? Export one interface")
+            stamp = _NO_STAMP if time_ns is None else min(max(time_ns, -_LAST_NS), _LAST_NS)
+            for add, value in zip(adds, (stamp, number, identifier, remote, len(content)), strict=True):
+                add(value)
+            data += content.ljust(LONGEST, b"\0")
+        return made
 
-def _opened(path: Path) -> Any:
-    file = opened(path)
-    if path.suffix.lower() == ".gz":
-        return io.TextIOWrapper(gzip.GzipFile(fileobj=file), encoding="utf-8", errors="replace")
-    return io.TextIOWrapper(file, encoding="utf-8", errors="replace")
+    def table(self, path: Path, others: Others) -> Table:
+        """As columns of numbers with what else is known in a note, for another process."""
+        columns = self._arrays()
+        seconds, ns = np.divmod(columns["time_ns"], 10**9)
+        numbers = [seconds, ns, *(columns[name] for name in ("channel", "identifier", "remote", "length")), *columns["data"].T]
+        about = {"count": others.count, "what": others.what, "fd": others.fd, "notes": others.notes, "channels": list(self._channels)}
+        return Table(str(path), {str(k): column.astype(np.float64) for k, column in enumerate(numbers)}, notes=(json.dumps(about),))
 
+    @classmethod
+    def of_table(cls, table: Table, others: Others) -> _Frames:
+        """The frames of :meth:`table`."""
+        about = json.loads(table.notes[0])
+        others.count, others.what, others.notes = int(about["count"]), str(about["what"]), list(map(str, about["notes"]))
+        others.fd = int(about["fd"])
+        made = cls()
+        made._channels = {str(name): number for number, name in enumerate(about["channels"])}
+        seconds, ns, *numbers = (table.columns[str(k)] for k in range(6 + LONGEST))
+        columns = dict(zip(("channel", "identifier", "remote", "length"), numbers, strict=False))
+        columns["time_ns"] = seconds.astype(np.int64) * 10**9 + ns.astype(np.int64)
+        for name, column in made._columns.items():
+            column.frombytes(columns[name].astype(column.typecode).tobytes())
+        made._data = bytearray(np.column_stack(numbers[4:]).astype(np.uint8).tobytes())
+        return made
 
-def _matched(line: str) -> LoggedFrame | None:
-    match = _COMPACT.match(line)
-    if match:
-        stamp, channel, identifier, payload = match.groups()
-        remote = payload.startswith("R")
-        text = "" if remote else payload.replace(".", "")
-        if text.startswith("#") or len(text) % 2 or len(text) > 2 * _LONGEST:  # ## is CAN FD
-            return None
-        return LoggedFrame(_stamp(stamp), channel, _identifier(identifier), remote, bytes.fromhex(text))
-    match = _SPACED.match(line)
-    if match is None:
-        return None
-    stamp, channel, identifier, length, payload = match.groups()
-    remote = payload.startswith("remote")
-    data = b"" if remote else bytes.fromhex(payload)
-    if not remote and (len(data) != int(length) or len(data) > _LONGEST):
-        return None
-    return LoggedFrame(_stamp(stamp) if stamp else None, channel, _identifier(identifier), remote, data)
+    def channels_by_count(self) -> list[str]:
+        """The interfaces, that with the most frames first."""
+        counts = np.bincount(np.array(self._columns["channel"]), minlength=len(self._channels))
+        return [name for name, number in sorted(self._channels.items(), key=lambda item: -int(counts[item[1]]))]
 
+    def of_channel(self, channel: str) -> dict[str, NDArray[Any]]:
+        """Columns of the frames of one interface: time_ns, identifier, remote, length (n,), data (n, 8)."""
+        columns = self._arrays()
+        taken = columns["channel"] == self._channels[channel]
+        return {name: column[taken] for name, column in columns.items()}
 
-def _stamp(text: str) -> int:
-    """Nanoseconds: of the seconds since 1970 a float holds no microseconds."""
-    seconds, _, fraction = text.lstrip("-").partition(".")
-    whole = int(seconds) * 1_000_000_000 + int(fraction[:9].ljust(9, "0"))
-    return -whole if text.startswith("-") else whole
-
-
-def _identifier(text: str) -> int:
-    return int(text, 16) | (1 << 31 if len(text) == 8 else 0)
-
-
-def _lines(path: Path, others: _Others) -> Iterator[tuple[int, str]]:
-    try:
-        with _opened(path) as file:
-            total = 0
-            for number, line in enumerate(iter(lambda: file.readline(_LONGEST_LINE), ""), start=1):
-                total += len(line)
-                if total > MEASURED_BYTES or number > MOST_VALUES:
-                    raise ValueError(f"more than {in_words(MEASURED_BYTES)} of text, or {MOST_VALUES} lines")
-                yield number, line
-    except (OSError, EOFError, ValueError, zlib.error) as error:
-        others.notes.append(f"the file breaks off ({words_of(error)}): what came before is taken")
-
-
-def _candump(path: Path, others: _Others) -> Iterator[LoggedFrame]:
-    for number, line in _lines(path, others):
-        frame = _matched(line.strip())
-        if frame is not None:
-            yield frame
-        elif line.strip():
-            others.line(number)
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        columns = {name: np.frombuffer(column, dtype=column.typecode) for name, column in self._columns.items()}
+        return {**columns, "data": np.frombuffer(self._data, dtype=np.uint8).reshape(-1, LONGEST)}
 
 
-def _asc(path: Path, others: _Others) -> Iterator[LoggedFrame]:
-    """Frames of a log by Vector's tools.   Stamps may be the times since the event before ("timestamps relative")."""
-    base, relative, now = 16, False, 0
-    for number, line in _lines(path, others):
-        head = _ASC_BASE.match(line)
-        if head:
-            base, relative = (16 if head[1].lower() == "hex" else 10), (head[2] or "").lower() == "relative"
-            continue
-        stamp = _ASC_STAMP.match(line)
-        now = _stamp(stamp[1]) + now * relative if stamp else now
-        if not _ASC_EVENT.match(line):
-            continue
-        try:
-            frame = _asc_frame(line, base, now)
-        except ValueError:  # hexadecimal digits under "base dec", a byte above 255
-            frame = None
-        if frame is not None:
-            yield frame
-        else:
-            others.line(number)
-
-
-def _asc_frame(line: str, base: int, now: int) -> LoggedFrame | None:
-    match = _ASC.match(line)
-    if match is None:
-        return None
-    _, channel, identifier, extended, kind, length, rest = match.groups()
-    remote = kind.lower() == "r"
-    size = 0 if remote else min(int(length or "0", base), _LONGEST)
-    words = (rest or "").split()[:size]
-    if len(words) < size or (not remote and length is None):
-        return None
-    if int(identifier, base) >= 1 << 29:
-        return None
-    return LoggedFrame(now, channel, int(identifier, base) | (1 << 31 if extended else 0), remote, bytes(int(word, base) for word in words))
-
-
-def _by_python_can(path: Path, reader: str, others: _Others) -> Iterator[LoggedFrame]:
+def _by_python_can(path: Path, reader: str, others: Others) -> Iterator[LoggedFrame]:
     import can
 
     number, taken, there = 0, 0, 0
     others.what = "error, CAN FD and other entries that are no classic CAN frames"
     try:
         # opened here, for a reader that fails in its first line leaves the file open
-        with opened(path) if reader == "BLFReader" else _opened(path) as file:
+        with opened(path) if reader == "BLFReader" else opened_text(path) as file:
             messages = getattr(can, reader)(file)
             there = int(getattr(messages, "object_count", 0))
             for message in messages:
                 number += 1
-                if message.is_error_frame or message.is_fd or len(message.data) > _LONGEST or not 0 <= message.arbitration_id < 1 << 29:
+                if message.is_error_frame or message.is_fd or len(message.data) > LONGEST or not 0 <= message.arbitration_id < 1 << 29:
                     continue
                 extended = 1 << 31 if message.is_extended_id else 0
                 remote = bool(message.is_remote_frame)
@@ -281,42 +200,24 @@ def _by_python_can(path: Path, reader: str, others: _Others) -> Iterator[LoggedF
             f"the file breaks off behind frame {number} ({type(error).__name__}: {words_of(error)}): what came before is taken"
         )
     if reader == "TRCReader":  # it passes over what it does not understand, remote frames too, and does not say so
-        there = sum(bool(line.strip()) and not line.lstrip().startswith(";") for _, line in _lines(path, others))
+        there = sum(bool(line.strip()) and not line.lstrip().startswith(";") for _, line in lines_of(path, others))
     others.count = max(there, number) - taken
 
 
-def read_blf(path: Path) -> Table:
-    """All frames of a BLF file as columns of numbers, with what else is known in a note: python-can turns in circles on damaged ones, so it
-    is read apart."""
-    others = _Others()
-    frames = list(_by_python_can(path, "BLFReader", others))
-    channels = list(dict.fromkeys(frame.channel for frame in frames))
-    numbers = {name: k for k, name in enumerate(channels)}
-    rows = [
-        (*divmod(f.time_ns or 0, 10**9), numbers[f.channel], f.identifier, f.remote, len(f.data), *f.data.ljust(_LONGEST, b"\0"))
-        for f in frames
-    ]
-    about = {"count": others.count, "what": others.what, "notes": others.notes, "channels": channels}
-    columns = np.array(rows, dtype=np.float64).reshape(len(rows), 6 + _LONGEST)
-    return Table(str(path), {str(k): column for k, column in enumerate(columns.T.copy())}, notes=(json.dumps(about),))
+def frames_apart(kind: Kind, path: Path) -> Table:
+    """All frames of a file that python-can reads, in the process for such readers; :func:`read_frames` makes frames of them again."""
+    others = Others()
+    readers = {"blf": "BLFReader", "trc": "TRCReader"}
+    frames = _Frames.of(path, _by_python_can(path, readers[kind], others) if kind in readers else sqlite_frames(path, others))
+    return frames.table(path, others)
 
 
-def _of_table(table: Table, others: _Others) -> list[LoggedFrame]:
-    """The frames of :func:`read_blf`."""
-    about = json.loads(table.notes[0])
-    others.count, others.what, others.notes = int(about["count"]), str(about["what"]), list(map(str, about["notes"]))
-    whole = np.column_stack(list(table.columns.values())).astype(np.int64)
-    return [
-        LoggedFrame(s * 10**9 + ns, str(about["channels"][channel]), identifier, bool(remote), bytes(data[:length]))
-        for s, ns, channel, identifier, remote, length, *data in whole.tolist()
-    ]
-
-
-def _risen(stamps: Sequence[int | None], notes: list[str]) -> NDArray[np.float64]:
+def _risen(stamps: NDArray[np.int64], notes: list[str]) -> NDArray[np.float64]:
     """Stamps since the first; those of ``candump -t d``, each since the one before, are added up; a counter's turns are taken out."""
-    if any(stamp is None for stamp in stamps):
-        return np.array([np.nan if stamp is None else stamp * 1e-9 for stamp in stamps])
-    exact = np.array([min(max(stamp, -_LAST_NS), _LAST_NS) for stamp in stamps if stamp is not None], dtype=np.int64)
+    without = stamps == _NO_STAMP
+    if without.any():
+        return np.where(without, np.nan, stamps * 1e-9)
+    exact = stamps
     if len(exact) > 2 and np.mean(np.diff(exact) < 0) > 0.1:
         notes.append("the stamps are the times between frames (candump -t d); they were added up")
         exact = np.cumsum(exact)

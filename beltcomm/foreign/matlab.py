@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,9 @@ from beltcomm.foreign.matsizes import check_sizes
 from beltcomm.foreign.table import words_of
 from beltcomm.outside import check_count, opened
 
+#: Stands among the variables for objects that were not opened; and what a file of version 7.3 keeps them in.
+OBJECTS_LEFT = "objects of MATLAB (pip install 'beltcomm[matlab]' reads them; or save a structure of vectors)"
+_OBJECTS = "#subsystem#"
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: Structures nest no deeper in any measurement; a file that refers to itself would go on for ever.
 _DEEPEST = 12
@@ -29,17 +34,32 @@ def read_matlab(path: Path) -> dict[str, Any]:
     try:
         with opened(path) as file:
             if _is_hdf5(file.read(4096)):
-                return read_hdf5(path)
+                return _with_objects(path, read_hdf5(path))
             file.seek(0)
             check_sizes(file.read())
             file.seek(0)
-            return dict(loadmat(path, simplify_cells=True))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of objects, which come next
+                return _with_objects(path, dict(loadmat(path, simplify_cells=True)))
     except (DataError, MemoryError):
         raise
     except NotImplementedError:  # what SciPy says of version 7.3
         return read_hdf5(path)
     except Exception as error:  # on damaged bytes these readers raise whatever they stumble over
         raise DataError(f"{path} cannot be read as a MATLAB file ({words_of(error)}); is it cut off?") from error
+
+
+def _with_objects(path: Path, found: dict[str, Any]) -> dict[str, Any]:
+    """The variables with the objects among them opened, where mat-io is there to do it; else objects stay what nobody reads."""
+    if not any(name in found for name in (_OBJECTS, "None", "__function_workspace__")):
+        return found
+    found.pop("None", None)
+    there = found.pop(_OBJECTS, True)
+    if there and importlib.util.find_spec("matio") is not None:
+        from beltcomm.foreign.matobjects import read_objects
+
+        return {**found, **read_objects(path)}
+    return {**found, OBJECTS_LEFT: "objects"}
 
 
 def _is_hdf5(head: bytes) -> bool:
@@ -52,7 +72,8 @@ def read_hdf5(path: Path) -> dict[str, Any]:
 
     try:
         with h5py.File(path, "r") as file:
-            return _Reader(file, str(path)).group(file, 0)
+            found = _Reader(file, str(path)).group(file, 0)
+            return found | ({_OBJECTS: True} if _OBJECTS in file else {})
     except (DataError, MemoryError):
         raise
     except Exception as error:  # as above

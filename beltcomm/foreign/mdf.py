@@ -2,30 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.errors import DataError, UsageError
+from beltcomm.errors import DataError
 from beltcomm.foreign.table import Table, words_of
-from beltcomm.outside import check_columns, opened
-
-
-def is_mdf(path: Path) -> bool:
-    """Whether the file begins as MDF files do, finished or not."""
-    with opened(path) as file:
-        return file.read(8) in (b"MDF     ", b"UnFinMF ")
-
-
-def check_mdf(path: Path) -> None:
-    """Raise UsageError when asammdf is not installed, DataError for a file that is no MDF file."""
-    if importlib.util.find_spec("asammdf") is None:
-        raise UsageError(f"{path} is an MDF file, which needs a further package: pip install 'beltcomm[mdf]', or export it as CSV")
-    if not is_mdf(path):
-        raise DataError(f"{path} does not begin as an MDF file does; is it one?")
+from beltcomm.outside import check_columns
 
 
 def read_mdf(path: Path) -> Table:

@@ -46,6 +46,8 @@ def on_one_raster(table: Table, sources: Mapping[str, Source], kept: Mapping[str
         given["t_s"] = replace(Source("t_s", master, written=master), scale=_seconds(table, master))
     elif given["t_s"].theirs != master and len(table.columns[given["t_s"].theirs]) == len(table.columns[master]):
         return table, given, ()  # another column of that raster is the time: the user's word
+    elif given["t_s"].theirs != master and given["t_s"].theirs in clocks.values():
+        given["t_s"] = replace(given["t_s"], theirs=master)  # his word on the unit holds for the slower rows, too
     others = {column: clock for column, clock in clocks.items() if clock != master and not _equal(table, clock, master)}
     if not others:
         return table, given, ()
@@ -56,7 +58,9 @@ def on_one_raster(table: Table, sources: Mapping[str, Source], kept: Mapping[str
     outside = np.zeros(len(stamps), dtype=bool)
     for column, clock in others.items():
         own, values = _stamps(table, clock), table.columns[names[column]]
-        outside |= (stamps < own[0] - _SAME * step) | (stamps > own[-1] + _SAME * step)
+        # what is neither torque nor position holds its last value until the next would have come
+        after = _SAME * step if column in _TORQUES | _POSITIONS else max(_SAME * step, float(np.median(np.diff(own))))
+        outside |= (stamps < own[0] - _SAME * step) | (stamps > own[-1] + after)
         if outside.all():
             raise DataError(f"{table.file}: {names[column]} was not recorded while the others were; map signals of one measurement")
         placed, words = _placed(column, own, values, stamps, step)

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import importlib.util
+import json
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import DataError, UsageError
+from beltcomm.foreign.apart import read_apart
 from beltcomm.foreign.canopen import bits_of
 from beltcomm.foreign.framelog import FrameLog
 from beltcomm.foreign.table import Table, words_of
+from beltcomm.outside import read_bytes
 
 _TYPES = {f"{sign}{bits}": (bits, sign) for sign in "iu" for bits in (8, 16, 24, 32, 64)} | {"f32": (32, "f"), "f64": (64, "f")}
+#: Bytes of a DBC file, at most; those of whole vehicles have ten millions.
+_DBC_BYTES: Final = 64 << 20
 _BY_HAND = re.compile(r"(?P<name>[^=]+)=(?P<id>[0-9A-Fa-f]{1,8})h?:(?P<byte>[0-7]):(?P<type>[iuf]\d+)(?P<big>be)?")
 
 
@@ -78,26 +85,42 @@ def of_dbc(path: Path) -> list[Signal]:
     """
     if not path.is_file():
         raise UsageError(f"{path} does not exist; give the DBC file of the bus")
+    if importlib.util.find_spec("cantools") is None:
+        raise UsageError("a DBC file needs a further package: pip install 'beltcomm[dbc]', or use --signal")
+    (about,) = read_apart("dbc", path, _DBC_BYTES).notes
+    return [Signal(**signal) for signal in json.loads(about)]
+
+
+def dbc_apart(path: Path) -> Table:
+    """The signals of :func:`of_dbc` as a note: on damaged text cantools reads for hours, so it does so in a process of its own.
+
+    Raises DataError.
+    """
+    import cantools
+
     try:
-        import cantools
-    except ImportError as error:
-        raise UsageError("a DBC file needs a further package: pip install 'beltcomm[dbc]', or use --signal") from error
-    try:
-        database: Any = cantools.database.load_file(str(path), database_format="dbc", strict=False)
-        found = []
+        # as Vector's tools write it; other bytes there are in names of units at most
+        text = read_bytes(path, _DBC_BYTES).decode("cp1252", "replace")
+        database: Any = cantools.database.load_string(text, database_format="dbc", strict=False)
+        found: list[dict[str, Any]] = []
         for message in database.messages:
             identifier = message.frame_id | (1 << 31 if message.is_extended_frame else 0)
             for signal in message.signals:
                 big = signal.byte_order == "big_endian"
                 first = 8 * (signal.start // 8) + 7 - signal.start % 8 if big else signal.start
-                if signal.multiplexer_ids or first + signal.length > 64 or (signal.is_float and signal.length not in (32, 64)):
+                bits, scale, offset = int(signal.length), float(signal.scale), float(signal.offset)
+                fits = first >= 0 and bits > 0 and first + bits <= 64 and (not signal.is_float or bits in (32, 64))
+                if signal.multiplexer_ids or not fits or not math.isfinite(scale) or not math.isfinite(offset):
                     continue
                 kind = "f" if signal.is_float else "i" if signal.is_signed else "u"
-                numbers = float(signal.scale), float(signal.offset)
-                found.append(Signal(signal.name, identifier, first, signal.length, kind, big, *numbers, signal.unit or "", message.name))
-        return found
+                names = {"name": str(signal.name), "unit": str(signal.unit or ""), "message": str(message.name)}
+                found.append({**names, "identifier": identifier, "first": first, "bits": bits, "kind": kind, "big": big})
+                found[-1] |= {"scale": scale, "offset": offset}
+    except (DataError, MemoryError):
+        raise
     except Exception as error:  # on damaged text this reader raises whatever it stumbles over
         raise DataError(f"{path} cannot be read as a DBC file ({words_of(error)})") from error
+    return Table(str(path), {}, notes=(json.dumps(found),))
 
 
 def table_of_signals(log: FrameLog, signals: Sequence[Signal]) -> Table:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm import __version__, atomic
+from beltcomm import atomic
 from beltcomm.axis import Axis
 from beltcomm.borders import for_file_name
 from beltcomm.errors import DataError, UsageError
@@ -32,6 +32,7 @@ from beltcomm.locks import link_refused
 from beltcomm.outside import opened, sha256_of
 from beltcomm.recording import Recording, Sidecar, common_side, load_recording, recording_from_columns
 from beltcomm.runfolder import RunFolder, checked_name, is_new
+from beltcomm.version import __version__
 
 ORIGINALS = "originals"
 

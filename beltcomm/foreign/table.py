@@ -25,6 +25,7 @@ class Table:
 
     units : name -> unit as the file writes it, where it does.     notes : sentences on how it was read and what was left out.
     clocks : name -> the column that holds its time stamps, where the file says so; columns of different clocks differ in length.
+    scalars : name -> a single number that stands beside the columns.
     """
 
     file: str
@@ -32,6 +33,7 @@ class Table:
     units: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     clocks: Mapping[str, str] = field(default_factory=dict)
+    scalars: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for column in self.columns.values():

@@ -1,8 +1,7 @@
 """A foreign text table: separator, decimal mark, header, unit row, preamble and comments are recognised.
 
 The rows decide: the separator and decimal mark are those under which the lines of the file's body split into the most regular
-rows of numbers.  The header is the line above the first row, as a comment too; where that line holds nothing but units, the header
-is the line above it.
+rows of numbers.  What stands above the first row is :mod:`beltcomm.foreign.heading`'s.
 """
 
 from __future__ import annotations
@@ -13,15 +12,18 @@ import re
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from beltcomm.errors import DataError
+from beltcomm.foreign.heading import Heading, Line, OtherLength, Shape, heading_of
+from beltcomm.foreign.longtable import unstacked
+from beltcomm.foreign.ownclocks import with_own_clocks
 from beltcomm.foreign.table import Column, Decimal, Separator, Table
 from beltcomm.outside import blocks, check_columns, check_count, text_blocks, unreadable
-from beltcomm.quantities import UNITS
 
 _SEPARATORS: dict[Separator, str] = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " "}
 _COMMENT = ("#", "%", "//")
@@ -31,29 +33,36 @@ _SAMPLED_LINES = 60
 #: Lines at the beginning among which the first row is looked for; of up to twice as many, from everywhere, the format is recognised.
 _HEAD_LINES = 4096
 _REGULAR_SHARE = 0.8
-_UNIT_WORDS = {other for unit in UNITS.values() for other in unit.others} | {"v", "%", "-", "1", "counts", "inc", "bool", "w", "k"}
-
-
-class _Line(NamedTuple):
-    number: int
-    text: str
+#: Shorter rows at the end that are signals that had ended, and no footer.
+_FEWEST_SHORT = 3
+#: Thousands in groups of three under a decimal comma, and under a decimal point.
+_GROUPED = {
+    True: re.compile(r"[-+]?\d{1,3}(\.\d{3})+(,\d*)?([eE][-+]?\d+)?"),
+    False: re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d*([eE][-+]?\d+)?"),
+}
 
 
 class _Format(NamedTuple):
+    """numeric, blank : of each column, whether it holds numbers, or nothing at all.   grouped : thousands are parted."""
+
     separator: str
     decimal_comma: bool
     width: int
     numeric: tuple[bool, ...]
+    blank: tuple[bool, ...] = ()
+    grouped: bool = False
 
     def fields(self, line: str) -> list[str]:
         return _split(line, self.separator)
 
     def number(self, text: str) -> float | None:
-        return _number(text, self.decimal_comma)
+        return _number(text, self.decimal_comma, self.grouped)
 
     def is_row(self, fields: Sequence[str]) -> bool:
         """Whether the numeric columns hold numbers or nothing, and one of them a number."""
         if len(fields) != self.width:
+            return False
+        if any(cell and empty for cell, empty in zip(fields, self.blank, strict=True)):
             return False
         cells = [cell for cell, numeric in zip(fields, self.numeric, strict=True) if numeric]
         values = [self.number(cell) for cell in cells]
@@ -63,7 +72,7 @@ class _Format(NamedTuple):
 
     def words(self) -> str:
         name = next(name for name, mark in _SEPARATORS.items() if mark == self.separator)
-        return f"columns separated by {name}, decimal {'comma' if self.decimal_comma else 'point'}"
+        return f"columns separated by {name}, decimal {'comma' if self.decimal_comma else 'point'}{', thousands parted' * self.grouped}"
 
 
 def read_text_table(path: Path, separator: Separator | None, decimal: Decimal | None, skip_lines: int, torn_rows: bool) -> Table:
@@ -78,13 +87,13 @@ def read_text_table(path: Path, separator: Separator | None, decimal: Decimal | 
     if begin is None:
         where = f" in its first {_HEAD_LINES} lines" if len(look.head) == _HEAD_LINES else ""
         raise DataError(f"{path} holds no row of numbers{where} ({form.words()}); give --separator, --decimal or --skip-lines")
-    names, units, header_line = _header(path, [line for line in lines if line.number < begin.number], form)
-    header = f"header in line {header_line}, " if names else ""
+    heading = _heading(path, lines, begin, form)
+    header = f"header in line {heading.line}, " if heading.line else ""
     notes = [f"{form.words()}, {header}first row in line {begin.number}"]
     if look.encoding != "utf-8-sig":
         notes.append(f"read as {look.encoding} text")
-    if not names:
-        names = [f"c{j}" for j in range(1, form.width + 1)]
+    names = _unique(heading.names) or [f"c{j}" for j in range(1, form.width + 1)]
+    if not heading.names:
         notes.append(f"it has no header: its columns are called c1 to c{form.width}")
     rows = TextRows(path, form, names, torn_rows)
     number, without_end = 0, False
@@ -102,16 +111,35 @@ def read_text_table(path: Path, separator: Separator | None, decimal: Decimal | 
     if without_end:
         notes.append("its last line has no end and was left out: it may be torn")
     columns, remarks = rows.columns()
-    stated = {name: unit for name, unit in zip(names, units, strict=True) if unit} if units else {}
-    return Table(str(path), columns, stated, (*notes, *remarks))
+    stated = {name: unit for name, unit in zip(names, heading.units, strict=False) if unit}
+    table = Table(str(path), columns, stated, (*notes, *remarks))
+    return with_own_clocks(unstacked(table), heading)
+
+
+def _heading(path: Path, lines: Sequence[Line], begin: Line, form: _Format) -> Heading:
+    firsts = [form.number(form.fields(line.text)[0].strip('"')) for line in lines if line.number >= begin.number][:4]
+    counted = (
+        len(firsts) > 2 and firsts[0] in (0.0, 1.0) and all(b is not None and a is not None and b - a == 1.0 for a, b in pairwise(firsts))
+    )
+    shape = Shape(form.width, form.fields, form.number, form.blank, form.separator == " ", counted)
+    try:
+        return heading_of([line for line in lines if line.number < begin.number], shape, _COMMENT)
+    except OtherLength as error:
+        more = form.width in {2 * error.names, 2 * error.names - 1}
+        remedy = "a decimal comma between commas cannot be read; export with semicolons" if more else (
+            "leave out what stands above the header with --skip-lines, or give --separator"
+        )  # fmt: skip
+        raise DataError(
+            f"{path}: line {error.line.number} above the first row has {error.names} names, the rows have {form.width} values; {remedy}"
+        ) from error
 
 
 class _Look(NamedTuple):
     """encoding : of the file.   head : its first lines, blank ones too.   sample : lines with content, from everywhere in it."""
 
     encoding: str
-    head: list[_Line]
-    sample: list[_Line]
+    head: list[Line]
+    sample: list[Line]
 
 
 def _looked_at(path: Path, skip_lines: int) -> _Look:
@@ -131,16 +159,16 @@ def _looked_at(path: Path, skip_lines: int) -> _Look:
 
 
 def _sampled(path: Path, encoding: str, skip_lines: int) -> _Look:
-    head: list[_Line] = []
-    sample: list[_Line] = []
+    head: list[Line] = []
+    sample: list[Line] = []
     number, every, blank = 0, 1, True
     for piece in _pieces(path, encoding):
         lines = piece.splitlines()
         blank = blank and not piece.strip()
         if len(head) < _HEAD_LINES:
-            head += [_Line(number + k, text) for k, text in enumerate(lines, start=1) if number + k > skip_lines][: _HEAD_LINES - len(head)]
+            head += [Line(number + k, text) for k, text in enumerate(lines, start=1) if number + k > skip_lines][: _HEAD_LINES - len(head)]
         sample += [
-            _Line(number + k + 1, lines[k])
+            Line(number + k + 1, lines[k])
             for k in range(-number % every, len(lines), every)
             if number + k >= skip_lines and lines[k].strip()
         ]
@@ -164,8 +192,10 @@ def _split(line: str, separator: str) -> list[str]:
     return [cell.strip() for cell in line.split(separator)]
 
 
-def _number(text: str, decimal_comma: bool) -> float | None:
-    """The number in a cell, None for text; under a decimal comma a point is text, for it would separate thousands."""
+def _number(text: str, decimal_comma: bool, grouped: bool = False) -> float | None:
+    """The number in a cell, None for text.   grouped : the file parts thousands; else a mark that could part them is text."""
+    if grouped and _GROUPED[decimal_comma].fullmatch(text):
+        text = text.replace("." if decimal_comma else ",", "")
     if decimal_comma:
         if "." in text:
             return None
@@ -176,7 +206,7 @@ def _number(text: str, decimal_comma: bool) -> float | None:
         return None
 
 
-def _recognised(path: Path, content: Sequence[_Line], separator: Separator | None, decimal: Decimal | None) -> _Format:
+def _recognised(path: Path, content: Sequence[Line], separator: Separator | None, decimal: Decimal | None) -> _Format:
     """The format under which the most of the file's cells are numbers, in rows of one length."""
     body = content[len(content) // 4 :]  # a preamble stands at the beginning
     sample = [body[i].text for i in np.unique(np.linspace(0, len(body) - 1, _SAMPLED_LINES).astype(int))]
@@ -186,21 +216,43 @@ def _recognised(path: Path, content: Sequence[_Line], separator: Separator | Non
         for comma in [False, True] if decimal is None else [decimal == "comma"]:
             if mark == "," and comma:
                 continue
-            found = _tried(str(path), sample, mark, comma)
+            found = _tried(str(path), sample, mark, comma, _parts_thousands(body, mark, comma))
             if found is not None and (best is None or found[0] > best[0] + 1e-9):
                 best = found
     if best is None and (len(content) < 3 or all(_number(line.replace(",", "."), False) is not None for line in sample)):
         what = "holds no rows" if len(content) < 3 else "has one column only"
         raise DataError(f"{path} {what}; torque and position are needed, one row per sample")
+    if best is None and (separator or decimal):
+        given = " ".join(f"--{name} {word}" for name, word in (("separator", separator), ("decimal", decimal)) if word)
+        raise DataError(f"{path} has no rows of one length under {given}; leave it out, and the format is recognised")
     if best is None:
         raise DataError(
-            f"{path} is no table of numbers: no separator (comma, semicolon, tab, space) gives rows of one length; "
-            "give --separator, --decimal or --skip-lines"
+            f"{path} is no table of numbers: no separator (comma, semicolon, tab, space) gives rows of one length. It begins with "
+            f"{content[0].text.strip()[:60]!r}. Export the signals as CSV: a row of names, then one row for each sample"
         )
-    return best[1]
+    return _looked_through(best[1], content)
 
 
-def _tried(file: str, sample: Sequence[str], mark: str, comma: bool) -> tuple[float, _Format] | None:
+def _looked_through(form: _Format, content: Sequence[Line]) -> _Format:
+    """The format with what only many lines show: columns that seldom hold a value, and those that never do."""
+    body = content[len(content) // 4 :]
+    rows = [row for row in (form.fields(line.text) for line in body) if len(row) == form.width]
+    numeric, blank = list(form.numeric), [False] * form.width
+    for j, column in enumerate(zip(*rows, strict=True)):
+        filled = [cell for cell in column if cell.lower() not in _MISSING]
+        blank[j] = not any(column)
+        numeric[j] = numeric[j] or (bool(filled) and sum(form.number(cell) is not None for cell in filled) > 0.5 * len(filled))
+    return form._replace(numeric=tuple(numeric), blank=tuple(blank))
+
+
+def _parts_thousands(body: Sequence[Line], mark: str, comma: bool) -> bool:
+    """Whether some cell has both marks, which only a number with parted thousands has."""
+    both = _GROUPED[comma]
+    lines = (line.text for line in body if "." in line.text and "," in line.text)
+    return any("." in cell and "," in cell and both.fullmatch(cell) for line in lines for cell in _split(line, mark))
+
+
+def _tried(file: str, sample: Sequence[str], mark: str, comma: bool, grouped: bool) -> tuple[float, _Format] | None:
     """Share of numbers among the cells under one format, None when the lines make no rows."""
     rows = [_split(line, mark) for line in sample]
     width, count = Counter(len(row) for row in rows).most_common(1)[0]
@@ -209,54 +261,13 @@ def _tried(file: str, sample: Sequence[str], mark: str, comma: bool) -> tuple[fl
     check_columns(file, width)
     rows = [row for row in rows if len(row) == width]
     filled = [[cell for cell in column if cell.lower() not in _MISSING] for column in zip(*rows, strict=True)]
-    numbers = [[_number(cell, comma) is not None for cell in column] for column in filled]
+    numbers = [[_number(cell, comma, grouped) is not None for cell in column] for column in filled]
     # some cells may be damaged; a column of states or dates holds hardly any number
     numeric = tuple(sum(column) > 0.5 * len(column) for column in numbers)
     cells = sum(map(len, filled))
     if not any(numeric):
         return None
-    return sum(map(sum, numbers)) / cells, _Format(mark, comma, width, numeric)
-
-
-def _header(path: Path, above: Sequence[_Line], form: _Format) -> tuple[list[str], list[str], int]:
-    """Names and units of the columns from the lines above the first row, empty lists where there are none; the line of the names."""
-    candidates: list[list[str]] = []
-    numbers: list[int] = []
-    for line in reversed(above):
-        commented = line.text.lstrip().startswith(_COMMENT)
-        text = line.text.lstrip().lstrip("#%/").strip() if commented else line.text
-        fields = form.fields(text)
-        if form.separator == " " and len(fields) != form.width:  # names with a blank inside, more blanks between them
-            fields = re.split(r"\s{2,}|\t", text.strip())
-        if len(fields) == form.width - 1 and not commented:  # rows that end in a separator
-            fields = [*fields, ""]
-        if len(fields) != form.width or all(form.number(cell) is not None for cell in fields if cell):
-            if commented and not candidates:
-                continue
-            if not candidates and len(fields) > 1:
-                raise _other_length(path, line, len(fields), form)
-            break
-        candidates.append(fields)
-        numbers.append(line.number)
-        if len(candidates) == 2:
-            break
-    if not candidates:
-        return [], [], 0
-    if len(candidates) == 2 and all(_is_unit(cell) for cell in candidates[0]):
-        return _unique(candidates[1]), [cell.strip("[]() ") for cell in candidates[0]], numbers[1]
-    return _unique(candidates[0]), [], numbers[0]
-
-
-def _other_length(path: Path, line: _Line, names: int, form: _Format) -> DataError:
-    remedy = "a decimal comma between commas cannot be read; export with semicolons" if form.width in {2 * names, 2 * names - 1} else (
-        "leave out what stands above the header with --skip-lines, or give --separator"
-    )  # fmt: skip
-    return DataError(f"{path}: line {line.number} above the first row has {names} names, the rows have {form.width} values; {remedy}")
-
-
-def _is_unit(cell: str) -> bool:
-    plain = cell.strip("[]() ").replace(" ", "").replace("·", "").replace("²", "2").replace("µ", "u").lower()
-    return not plain or plain in _UNIT_WORDS or (cell.startswith("[") and cell.endswith("]"))
+    return sum(map(sum, numbers)) / cells, _Format(mark, comma, width, numeric, (False,) * width, grouped)
 
 
 def _unique(names: Sequence[str]) -> list[str]:
@@ -278,8 +289,10 @@ class TextRows:
         self._path, self._form, self._names, self._torn_rows = path, form, names, torn_rows
         self._parts: list[list[Column]] = [[] for _ in names]
         #: Lines that are no rows: a footer, unless a row comes after them.
-        self._waiting: list[tuple[_Line, list[str]]] = []
+        self._waiting: list[tuple[Line, list[str]]] = []
         self._torn: list[int] = []
+        #: Remarks beside or between the rows: line and words.
+        self._said: list[tuple[int, str]] = []
         self._odd: dict[int, tuple[int, str, int]] = {}
         self._count = 0
 
@@ -289,7 +302,7 @@ class TextRows:
             return
         table = self._numbers(text)
         if table is None:
-            self._slowly([_Line(first + k, line) for k, line in enumerate(text.splitlines())])
+            self._slowly([Line(first + k, line) for k, line in enumerate(text.splitlines())])
             return
         if self._waiting:
             self._keep(self._waiting)
@@ -300,10 +313,22 @@ class TextRows:
     def columns(self) -> tuple[dict[str, Column], list[str]]:
         """All columns by name, and sentences on what was left out; only once."""
         remarks = []
+        ended = {len(fields) for _, fields in self._waiting}
+        if len(self._waiting) >= _FEWEST_SHORT and len(ended) == 1 and 1 < (length := ended.pop()) < self._form.width:
+            remarks.append(f"from line {self._waiting[0][0].number} on the rows have {length} values: the other signals had ended")
+            padded = [(line, [*fields, *[""] * (self._form.width - length)]) for line, fields in self._waiting]
+            if all(self._form.is_row(fields) for _, fields in padded):
+                self._keep(padded)
+                self._waiting = []
+            else:
+                remarks.pop()
         if self._waiting:
             remarks.append(f"left out from line {self._waiting[0][0].number} on: {len(self._waiting)} lines that are no rows")
         if self._torn:
             remarks.append(f"{len(self._torn)} torn lines left out, the first is line {self._torn[0]}")
+        if self._said:
+            words = f"{self._said[0][1][:60]!r} in line {self._said[0][0]}"
+            remarks.append(f"{len(self._said)} remarks in the rows are passed over, the first is {words}")
         for j, (count, cell, line) in sorted(self._odd.items()):
             remarks.append(f"{self._names[j]} is no number in {count} rows, first {cell!r} in line {line}: taken as missing")
         found: dict[str, Column] = {}
@@ -325,10 +350,14 @@ class TextRows:
             return None
         return table if table.shape[1] == form.width else None
 
-    def _slowly(self, lines: Sequence[_Line]) -> None:
+    def _slowly(self, lines: Sequence[Line]) -> None:
         """Cell by cell: with text columns, missing values, a footer or a torn last line."""
         form = self._form
-        rows = [(line, form.fields(line.text)) for line in lines if line.text.strip() and not line.text.lstrip().startswith(_COMMENT)]
+        rows = [
+            (line, self._without_remark(line, form.fields(line.text)))
+            for line in lines
+            if line.text.strip() and not line.text.lstrip().startswith(_COMMENT)
+        ]
         end = len(rows)
         while end and not form.is_row(rows[end - 1][1]):
             end -= 1
@@ -337,21 +366,40 @@ class TextRows:
             self._waiting = []
         self._waiting += rows[end:]
 
-    def _keep(self, rows: Sequence[tuple[_Line, list[str]]]) -> None:
+    def _without_remark(self, line: Line, fields: list[str]) -> list[str]:
+        """The cells of a line without words behind them that are no value."""
+        form = self._form
+        if len(fields) > form.width:
+            more = [cell for cell in fields[form.width :] if cell]
+            if all(form.number(cell) is None for cell in more) and form.is_row(fields[: form.width]):
+                self._said += [(line.number, " ".join(more))] * bool(more)
+                return fields[: form.width]
+        return fields
+
+    def _keep(self, rows: Sequence[tuple[Line, list[str]]]) -> None:
         form, path = self._form, self._path
-        whole = [row for row in rows if len(row[1]) == form.width]
-        if len(whole) < len(rows):
-            bad, fields = next(row for row in rows if len(row[1]) != form.width)
+        whole = [row for row in rows if len(row[1]) == form.width and not self._is_remark(*row)]
+        torn = [row for row in rows if len(row[1]) != form.width and not self._is_remark(*row)]
+        self._said += [(line.number, line.text.strip()) for line, fields in rows if self._is_remark(line, fields)]
+        if torn:
+            bad, fields = torn[0]
             if not self._torn_rows:
                 raise DataError(
                     f"{path}: line {bad.number} has {len(fields)} values, the rows have {form.width}; it is torn or begins another "
                     "record: --rows takes a part of the file, --drop-incomplete leaves such lines out"
                 )
-            self._torn += [line.number for line, fields in rows if len(fields) != form.width]
+            self._torn += [line.number for line, _ in torn]
         cells = list(zip(*(fields for _, fields in whole), strict=True)) or [()] * form.width
         self._append([self._column(j, cells[j], whole) for j in range(form.width)])
 
-    def _column(self, j: int, cells: Sequence[str], rows: Sequence[tuple[_Line, list[str]]]) -> Column:
+    def _is_remark(self, line: Line, fields: Sequence[str]) -> bool:
+        """Whether a line between rows is words alone; the header again is none, for another record begins there."""
+        words = [cell for cell in fields if cell]
+        if not words or (len(words) > 1 and self._form.separator != " ") or any(word.strip('"') in self._names for word in words):
+            return False
+        return not any(character.isdigit() for character in line.text) or all(self._form.number(word) is None for word in words)
+
+    def _column(self, j: int, cells: Sequence[str], rows: Sequence[tuple[Line, list[str]]]) -> Column:
         if not self._form.numeric[j]:
             return np.array(cells, dtype=np.str_)
         values = [self._form.number(cell) for cell in cells]

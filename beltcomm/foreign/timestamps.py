@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -12,28 +14,99 @@ from beltcomm.errors import DataError
 from beltcomm.recording import LONGEST_STEP_S
 
 Column = NDArray[Any]
-_ZONE = re.compile(r"(?<=\d)\s*(Z|[+-]\d\d:?\d\d)$")
-_STAMP = re.compile(r"\d{4}-\d\d-\d\d[ T]\d\d:\d\d:\d\d(\.\d*)?$")
+#: A date in any order, a time of day; either alone.
+_STAMP = re.compile(
+    r"(?:(\d{1,4})[-./](\d{1,2})[-./](\d{1,4})\.?)?[T ,]*"
+    r"(?:(\d{1,2}):(\d{1,2})(?::(\d{1,2})(?:[.,:](\d{1,12})\d*)?)?)?\s*([AaPp]\.?[Mm]\.?)?\s*(?:Z|UTC|GMT|[+-]\d\d:?\d\d)?"
+)
+_DAY_NS = 86_400 * 10**9
+#: Orders of day, month and year, the usual ones first.
+_ORDERS = {"year-month-day": (0, 1, 2), "day.month.year": (2, 1, 0), "month/day/year": (2, 0, 1)}
+#: Share of a step by which the rounding of single-precision stamps disturbs it before it is told.
+_ROUGH = 1e-3
 
 
-def seconds_of(file: str, name: str, stamps: Column) -> Column:
-    """Seconds since the first row of stamps such as ``2024-05-03 14:02:11.204`` or ``14:02:11.204``.
-
-    Raises DataError for text that is neither.
+def seconds_of(file: str, name: str, stamps: Column) -> tuple[Column, tuple[str, ...]]:
+    """Seconds since the first row of stamps such as ``2024-05-03 14:02:11.204``, ``03.05.2024 14:02:11,204``, ``5/3/2024 2:02:11.204 PM``
+    or ``14:02:11.204``, and sentences on what was taken for granted.   Raises DataError for text that is none.
     """
-    texts = [_ZONE.sub("", str(stamp).strip().replace(",", ".").replace("/", "-")) for stamp in stamps]
-    if not any("-" in text for text in texts):
-        texts = [f"1970-01-01T{text:0>8}" for text in texts]
-    try:
-        if not all(_STAMP.match(text) for text in texts):
-            raise ValueError
-        times = np.array(texts, dtype="datetime64[ns]")
-    except ValueError as error:
+    found = [_STAMP.fullmatch(str(stamp).strip().strip("'\"()")) for stamp in stamps]
+    bad = next((k for k, match in enumerate(found) if match is None or match[4] is None), None)
+    if bad is not None:
         raise DataError(
-            f"{file}: {name} holds text such as {str(stamps[0])[:30]!r}, no time that is understood; give --rate instead"
-        ) from error
-    seconds: Column = (times - times[0]).astype(np.int64) * 1e-9
-    return seconds
+            f"{file}: {name} holds text such as {str(stamps[bad])[:30]!r}, no time that is understood (row {bad + 1}); give --rate instead"
+        )
+    parts = [match.groups() for match in found if match is not None]
+    try:
+        days, notes = _days(parts)
+        day_ns = np.array([_of_day(part) for part in parts], dtype=np.int64)
+    except ValueError as error:
+        raise DataError(f"{file}: {name} holds {str(stamps[0])[:30]!r}, {error}; give --rate instead") from error
+    if days is None:
+        midnights = np.cumsum(np.concatenate(([0], np.diff(day_ns) < -_DAY_NS // 2)))
+        if midnights[-1]:
+            notes = (*notes, f"{name} passes midnight {midnights[-1]} times: a day was added there")
+        days = midnights
+    since = (np.asarray(days, dtype=np.int64) - int(days[0])) * _DAY_NS + (day_ns - day_ns[0])
+    seconds: Column = since * 1e-9
+    return seconds, notes
+
+
+def _of_day(part: Sequence[str | None]) -> int:
+    """ns since midnight."""
+    hour, minute, second, fraction, half = int(part[3] or 0), int(part[4] or 0), int(part[5] or 0), part[6] or "", part[7]
+    if half:
+        if not 1 <= hour <= 12:
+            raise ValueError(f"which has the hour {hour} with AM or PM")
+        hour = hour % 12 + (12 if half[0] in "pP" else 0)
+    if hour > 24 or minute > 59 or second > 60:
+        raise ValueError("which is no time of day")
+    return (hour * 3600 + minute * 60 + second) * 10**9 + int(fraction[:9].ljust(9, "0"))
+
+
+def _days(parts: Sequence[Sequence[str | None]]) -> tuple[NDArray[np.int64] | None, tuple[str, ...]]:
+    """Numbers of the days, None for times of day alone, and a sentence where the order of day and month had to be chosen."""
+    texts = [part[:3] for part in parts]
+    if any(text[0] is None for text in texts):
+        if any(text[0] is not None for text in texts):
+            raise ValueError("with a date in some rows and none in others")
+        return None, ()
+    possible: dict[str, list[int]] = {}
+    for order, places in _ORDERS.items():
+        try:
+            possible[order] = [_day(text, places) for text in texts]
+        except ValueError:
+            continue
+    if not possible:
+        raise ValueError("which is no date")
+    spans = {order: days[-1] - days[0] for order, days in possible.items()}
+    forward = [order for order in possible if spans[order] >= 0] or list(possible)
+    chosen = min(forward, key=lambda order: abs(spans[order]))
+    differing = [order for order in forward if spans[order] != spans[chosen]]
+    notes = (f"the dates are read as {chosen}; read as {differing[0]} they span {spans[differing[0]]} days",) if differing else ()
+    return np.array(possible[chosen], dtype=np.int64), notes
+
+
+@lru_cache(maxsize=64)
+def _day(text: tuple[str, str, str], places: tuple[int, int, int]) -> int:
+    year, month, day = (text[place] for place in places)
+    if len(year) not in (2, 4):
+        raise ValueError("which is no date")
+    return int(np.datetime64(f"{int(year) + (2000 if len(year) == 2 else 0):04}-{int(month):02}-{int(day):02}", "D").astype(np.int64))
+
+
+def rough_stamps(t_s: Column) -> str:
+    """A sentence on stamps that were kept as single-precision numbers, when that is coarse beside their steps; "" else."""
+    if len(t_s) < 3 or not np.array_equal(t_s, t_s.astype(np.float32).astype(np.float64)):
+        return ""
+    resolution, step = float(np.spacing(np.float32(np.abs(t_s).max()))), float(np.median(np.diff(t_s)))
+    if not step > 0.0 or resolution < _ROUGH * step or np.array_equal(t_s, np.round(t_s)):
+        return ""
+    rate, share = (len(t_s) - 1) / float(t_s[-1] - t_s[0]), 100.0 * resolution / step
+    return (
+        f"the stamps are single-precision numbers, at {np.abs(t_s).max():.6g} s exact to {1e3 * resolution:.3g} ms ({share:.2g} % of "
+        f"a step): if the sampling was even, import with --rate {rate:.6g}Hz instead of the stamps"
+    )
 
 
 def checked_time(file: str, t_s: Column, rows: NDArray[np.intp]) -> None:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from beltcomm.errors import Refused
 from beltcomm.model import Model
 from beltcomm.model.linear import fastest_rate, operating_point
+from beltcomm.recording import Recording
 from beltcomm.simulate.forward import integrate_torque
 from beltcomm.simulate.stopping import HEAVIEST_KG, Braking, HostLoss, run_on_distance, total_friction, total_inertia
 
@@ -38,6 +39,8 @@ DRIFT_RESERVE = 1.25
 DIED_RESERVE = 1.2
 #: The limit that a carriage reaches when its host dies, in words.
 DIES = "travel if the computer dies"
+#: A carriage that went less far than this share of what one of the family would have gone is not that one.
+RULED_OUT = 2.0
 #: Steps of the search: the amplitude is found to 1 part in 2^12.
 _BISECTIONS = 12
 
@@ -151,6 +154,24 @@ def family_around(model: Model, spread: float = FIRST_ESTIMATE_SPREAD) -> list[M
     ]
 
 
+def not_ruled_out(family: Sequence[Model], recording: Recording, ratio: float, position_m: float) -> Sequence[Model]:
+    """The members of a family of light and heavy carriages that a record may be of, or the heaviest ones.
+
+    Ruled out is one that the recorded torque would have moved ``RULED_OUT`` times as far as the motor went, even if friction were all that
+    the carriage broke away at (the family counts with half of that).   ratio : i_t, m/rad.
+    """
+    sample_s, torque = recording.sample_period_s, recording.torque if recording.torque_setpoint is None else recording.torque_setpoint
+    went_m = ratio * float(np.ptp(recording.position))
+
+    def way_m(model: Model) -> float:
+        held = model.with_values(_scale_values(model, _friction_names(model), 2.0))
+        gone = integrate_torque(held, torque, sample_s, position_m, substeps=_substeps(held, sample_s, position_m))
+        return float(np.ptp(gone.cart_position_m))
+
+    heaviest = max(model["cart.mass"] for model in family)
+    return [model for model in family if model["cart.mass"] == heaviest or way_m(model) <= RULED_OUT * went_m]
+
+
 def predict(
     family: Sequence[Model],
     torque: Array,
@@ -169,9 +190,7 @@ def predict(
     places: list[tuple[float, ...]] = []
     travel = speed = force = stop = motor = 0.0
     for model in family:
-        # eigenvalue times sub-step below 0.3: phase error of the fastest mode below 0.4 %
-        substeps = max(5, int(np.ceil(sample_s * fastest_rate(model, operating_point(model, position_m)) / 0.3)))
-        result = integrate_torque(model, torque, sample_s, position_m, substeps=substeps)
+        result = integrate_torque(model, torque, sample_s, position_m, substeps=_substeps(model, sample_s, position_m))
         travel = max(travel, float(np.max(np.abs(result.cart_position_m - result.cart_position_m[0]))))
         speeds = np.diff(result.cart_position_m) / sample_s
         fastest = float(np.max(np.abs(speeds)))
@@ -249,5 +268,13 @@ def _scale_values(model: Model, names: Sequence[str], factor: float) -> dict[str
 
 
 def _half_friction(model: Model) -> Model:
-    friction = [n for n in model.parameters if n.endswith(".level") or n.startswith("viscous")]
-    return model.with_values(_scale_values(model, friction, 0.5))
+    return model.with_values(_scale_values(model, _friction_names(model), 0.5))
+
+
+def _friction_names(model: Model) -> list[str]:
+    return [n for n in model.parameters if n.endswith(".level") or n.startswith("viscous")]
+
+
+def _substeps(model: Model, sample_s: float, position_m: float) -> int:
+    """Of a period: eigenvalue times sub-step below 0.3, so that the fastest mode has a phase error below 0.4 %."""
+    return max(5, int(np.ceil(sample_s * fastest_rate(model, operating_point(model, position_m)) / 0.3)))

@@ -17,6 +17,7 @@ from beltcomm.fit.acting import acting_recording
 from beltcomm.fit.jumps import proven_jumps, refuse
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
 from beltcomm.fit.segment import OUTLIER, Segment, segments, whitened_residual
+from beltcomm.fit.seldom_fit import fit_seldom
 from beltcomm.fit.start import belt_start, data_sheet
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.model import Model
@@ -72,10 +73,15 @@ def final_model(
         found = final_model(told, axis, counts_per_rev, start=start, progress=progress)
         return replace(found, reason=f"{found.reason}; left out, because nobody knows where it was made: {', '.join(nowhere)}")
     start = as_constant(start, float(np.median(at)) if at else 0.0)
+    if (seldom := fit_seldom(recordings, start, counts_per_rev=counts_per_rev)) is not None and not seldom.suspect:
+        progress(1.0)
+        return FinalModel(seldom, None, "rows come too seldom to compare places: stiffness taken as constant")
     share = 0.5 if apart else 1.0
     sheet = data_sheet(axis, recordings)
     constant = fit_model(recordings, start, counts_per_rev=counts_per_rev, sheet=sheet, progress=lambda f: progress(share * f))
     refuse_jumps(recordings, constant, counts_per_rev)
+    if seldom is not None and seldom.misfit < constant.misfit:
+        return FinalModel(seldom, constant, "rows come too seldom to compare places: stiffness taken as constant")
     places = stiffness_by_record(recordings, constant.model, counts_per_rev, constant.noise_nm, constant.path)
     spread = clear_spread(places)
     if spread < STIFFNESS_SPREAD or not apart:

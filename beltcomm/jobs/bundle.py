@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import re
+import shutil
 import zipfile
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
@@ -12,6 +13,7 @@ from pathlib import Path
 from beltcomm import atomic
 from beltcomm.errors import UsageError
 from beltcomm.given import Place, place
+from beltcomm.outside import MEASURED_BYTES, opened, read_text
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
 
@@ -75,9 +77,10 @@ def write_bundle(run: Path, path: Path, *, recordings: bool = False, private: Se
             for file in chosen:
                 inside = file.relative_to(run).as_posix()
                 if file.suffix in LOGS:
-                    archive.writestr(inside, file.read_bytes())
+                    with opened(file) as log, archive.open(inside, "w") as packed:
+                        shutil.copyfileobj(log, packed)
                 else:
-                    archive.writestr(inside, scrubbed(file.read_text(encoding="utf-8", errors="replace"), private))
+                    archive.writestr(inside, scrubbed(read_text(file, MEASURED_BYTES, errors="replace"), private))
             return archive.namelist()
     except OSError as error:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}; make room or choose another place with --out") from error

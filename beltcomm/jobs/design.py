@@ -24,7 +24,7 @@ from beltcomm.rundata.fitted_run import records_of
 from beltcomm.rundata.kept_path import kept_path
 from beltcomm.rundata.proof import SUSPECT, doubts, error_of, suspect, thin_margins
 from beltcomm.runfolder import RunFolder
-from beltcomm.sentences import outcome, words
+from beltcomm.sentences import outcome, typed_gains, words
 from beltcomm.sentences.cross_checks import sheet_lines
 from beltcomm.sentences.design_proof import proof_lines
 
@@ -102,6 +102,7 @@ def delivered(
     sheets = sheet_doubts(basis.model, error_of(folder, basis.revision), folder.axis, basis.recordings)
     text = [
         *words.design_lines(findings.design, findings.cascade),
+        *typed_gains.of_run(folder, findings.cascade),
         *words.knowledge_lines(basis.model, along, basis.which),
         *lines,
         *sheet_lines(sheets),

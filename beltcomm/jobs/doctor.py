@@ -1,4 +1,4 @@
-"""``beltcomm doctor``: what stands in the way of commissioning, in words; nothing moves and nothing is written."""
+"""``beltcomm doctor``: what stands in the way of commissioning, in words; nothing moves, and what is tried is put back."""
 
 from __future__ import annotations
 
@@ -72,14 +72,14 @@ def doctor(
     adapter, address = adapter_for(drive, found)
     if adapter.examine is None:
         raise UsageError(f"the adapter {adapter.name} examines no drive; `beltcomm doctor` alone shows what this machine has")
-    talk.say(f"Examining {drive}: nothing moves" + (", two PDOs are borrowed for a second" if sync_test else ", only reads") + " ...")
+    talk.say(f"Examining {drive}: nothing moves, what is tried is put back" + (", SYNC is sent for a second" if sync_test else "") + " ...")
     asked = {name: True for name, wanted in (("try_bitrates", try_bitrates), ("sync_test", sync_test)) if wanted}
     findings = list(_examined(adapter, address, {**options.for_drive(), **asked}))
-    findings = [replace(finding, remedy=_here(finding.remedy, drive)) for finding in findings]
+    findings = [replace(finding, remedy=_here(finding.remedy, options.reached(drive))) for finding in findings]
     file = axis if isinstance(axis, str) else axis.source if axis else ""
     if axis is not None:
         findings += compared(findings, load_axis(axis) if isinstance(axis, str) else axis)
-    return _result(drive, findings, _next_drive(drive, file, findings))
+    return _result(drive, findings, _next_drive(options.reached(drive), file, findings))
 
 
 def _examined(adapter: Adapter, address: str, options: dict[str, object]) -> Iterator[Finding]:

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from beltcomm import __version__
 from beltcomm.configfiles import write_text
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.drive.objects import object_values
@@ -24,6 +23,7 @@ from beltcomm.rundata.proof import doubts
 from beltcomm.rundata.store import cascade_from_dict, parameters_from_dict, saved_design, structure_from_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Silence, Talk
+from beltcomm.version import __version__
 
 
 def export(
@@ -111,6 +111,12 @@ def _dcf(folder: RunFolder, saved: Mapping[str, Any], out: Path | None, when: st
     Refused
     """
     known = folder.load_result("drive") or {}
+    if known.get("gains") == "unknown":
+        raise Refused(
+            "nobody knows in which objects this drive has its gains, so there is no DCF of them; `beltcomm design` shows what to type "
+            "into the "
+            "maker's tool, and --format yaml, c or st hold the design"
+        )
     places = parameters_from_dict(known)
     if unknown := known.get("uncalibrated"):
         raise Refused(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.in_band import band_of
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.records import Data
 from beltcomm.laboratory.acceptance import is_confirmed
 from beltcomm.laboratory.diagnosis import Diagnosis
 from beltcomm.laboratory.figures import PlainError
-from beltcomm.laboratory.plain_error import band_of, of_run
+from beltcomm.laboratory.plain_error import of_run
 from beltcomm.rundata.revisions import Revision, current_revision, new_revision, not_contradicted, revisions
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.diagnosis_data import Plain

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltcomm.drive import serve_drive
+from beltcomm.drive.access import serve_drive
 from beltcomm.experiments.options import Options
 from beltcomm.result import Result
 from beltcomm.talk import Silence, Talk

@@ -27,7 +27,7 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import words
 from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory
-from beltcomm.verify import Demand, Verdict
+from beltcomm.verify import AS_PREDICTED, SLACK_M, Demand, Verdict
 
 
 @dataclass(frozen=True)
@@ -112,6 +112,8 @@ def verify_with(
         plan = verification_plan(machine.axis, model, path, braking, len(RUNGS) if rungs else 1)
         if planned is not None:
             return planned(plan, folder.axis)
+        if drive.capabilities.gains == "unknown":
+            talk.say("This drive's gains can neither be written nor read: the move is planned for those of the design, typed in by hand.")
         agree(plan, machine)
         check_sign(machine)
         ways = [(rung.change(cascade), rung.sending) for rung in RUNGS] if rungs else [(cascade, sending)]
@@ -119,6 +121,8 @@ def verify_with(
             record = f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
             verdict, asked = verify_move(machine, model, gains, delay_s, path, record, sending=how)
             shown = {"proof": proof(gains, path, (), how if how in ("stretch", "compliant") else "")}
+            if drive.capabilities.gains == "unknown" and not as_predicted(verdict):
+                shown = {}  # what was driven are other gains
             folder.save_result(f"verify_{record}", {**verdict_to_dict(verdict), **shown})
             driven.append((record, verdict, asked))
     if over_belt and asked.feed_force_n > folder.axis.belt_force_limit_n:
@@ -126,19 +130,45 @@ def verify_with(
             f"the belt carried up to {asked.feed_force_n:.0f} N, beyond its {folder.axis.belt_force_limit_n:.0f} N: for a virtual belt only"
         )
         remark = f"{remark}; {beyond}" if remark else beyond
-    return _rungs_result(folder, path, driven) if rungs else _result(folder, name, driven[0], feedforward, remark)
+    if rungs:
+        return _rungs_result(folder, path, driven)
+    return _result(folder, options.reached(name), driven[0], feedforward, remark, typed=drive.capabilities.gains == "unknown")
 
 
-def _result(folder: RunFolder, drive: str, one: tuple[str, Verdict, Demand], feedforward: str | None, remark: str) -> Result:
-    """One move."""
+def _result(
+    folder: RunFolder, drive: str, one: tuple[str, Verdict, Demand], feedforward: str | None, remark: str, *, typed: bool = False
+) -> Result:
+    """One move.   typed : a person has set the gains in the drive, so that only the move tells whether they are those of the design."""
     record, verdict, asked = one
     text = words.verdict_lines(verdict, asked, feedforward) + words.remarks_lines([remark] if remark else [])
     if feedforward == "compliant":
         text.append(
             "`beltcomm apply` writes the gains that this move was driven with, and the drive's own feedforward; the host led the motor."
         )
-    text.append(f"Next: {next_step(folder, drive, verdict.passed)}")
+    if typed:
+        text.append(typed_words(verdict))
+    following = next_step(folder, drive, verdict.passed)
+    if typed and following.startswith("beltcomm apply"):
+        following = f"nothing more: save the gains with the maker's tool, and keep {folder.path}"
+    text.append(f"Next: {following}")
     return Result({"run": str(folder.path), "recording": record, **verdict_to_dict(verdict)}, text, 0 if verdict.passed else 1)
+
+
+def as_predicted(verdict: Verdict) -> bool:
+    """Whether a drive behaved, no worse and no better, as it would with the gains of the prediction."""
+    off, said = verdict.measured.dynamic_m, verdict.predicted.dynamic_m
+    return off <= AS_PREDICTED * said + SLACK_M and said <= AS_PREDICTED * off + SLACK_M
+
+
+def typed_words(verdict: Verdict) -> str:
+    """The same in words, of gains that a person has typed in."""
+    off, said = verdict.measured.dynamic_m, verdict.predicted.dynamic_m
+    if as_predicted(verdict):
+        return "The drive did as predicted with the gains of the design: they are in it, as far as this move can tell."
+    return (
+        f"The drive was off by {1e3 * off:.3g} mm where {1e3 * said:.3g} mm are predicted with the gains of the design: they are not what "
+        "stands in it. Look at each in the maker's tool, at its unit first."
+    )
 
 
 def _rungs_result(folder: RunFolder, path: Trajectory, driven: list[tuple[str, Verdict, Demand]]) -> Result:

@@ -29,15 +29,13 @@ from beltcomm.rundata.calibration import recall
 from beltcomm.rundata.proof import admit
 from beltcomm.rundata.store import cascade_from_dict, saved_design
 from beltcomm.runfolder import RunFolder
-from beltcomm.sentences import words
+from beltcomm.sentences import typed_gains, words
 from beltcomm.talk import Talk
 from beltcomm.trajectory import plan_trajectory
-from beltcomm.verify import Verdict
+from beltcomm.verify import AS_PREDICTED, SLACK_M, Verdict
 
 #: m and m/s of the move that shows whether the gains do in the drive what they were designed for.
 SMALL_M, SMALL_M_S = 0.05, 0.2
-#: The move shows it when its error is within this factor of the predicted one, and this many m.
-AS_PREDICTED, SLACK_M = 1.5, 2e-4
 
 
 def apply_to(
@@ -58,6 +56,13 @@ def apply_to(
     claim(folder, drive.capabilities, options, talk)
     recall(drive, folder)
     remarks: list[str] = []
+    if dcf is None and drive.capabilities.gains == "unknown":
+        typed = "; ".join(line.strip() for line in typed_gains.of_run(folder, cascade_from_dict(saved_design(folder)))[1:])
+        raise Refused(
+            f"nothing was written: nobody knows where {drive.capabilities.name} has its gains, or what they mean. To be typed into the "
+            f"maker's "
+            f"tool: {typed}; then `beltcomm verify` drives a move with them"
+        )
     if dcf is None:
         found = gains.named_differences(drive, folder, cascade_to_parameters(cascade_from_dict(saved_design(folder))))
     else:

@@ -22,11 +22,11 @@ import numpy as np
 
 from beltcomm.effects import Effect
 from beltcomm.fit.estimate import BLOCK_S, Fitted
+from beltcomm.fit.in_band import changes
 from beltcomm.fit.likelihood import Problem
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, group_of, with_whitener
 from beltcomm.fit.segment import Segment
-from beltcomm.laboratory.plain_error import changes
 from beltcomm.model import Model
 from beltcomm.simulate.inverse import acting_torque, true_motion
 

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from beltcomm.errors import Refused, UsageError
 from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.in_band import band_limited_errors, band_of
 from beltcomm.fit.likelihood import OFFSET_M
 from beltcomm.fit.records import Data
 from beltcomm.fit.segment import Segment, evaluate
 from beltcomm.identify.landmarks import shape_of
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.places import ErrorRegion, worst_places
-from beltcomm.laboratory.plain_error import band_limited_errors, band_of, plain_error
+from beltcomm.laboratory.plain_error import plain_error
 from beltcomm.laboratory.samples import Judged, units_of
 from beltcomm.model import Model
 

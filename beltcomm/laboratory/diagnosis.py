@@ -12,6 +12,7 @@ from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.fit.base import FIRST_ITERATIONS, NEXT_ITERATIONS, fit_base, refit_with_rebuilt_motion
 from beltcomm.fit.estimate import Fitted, escape_local_minimum, fit
+from beltcomm.fit.far_off import FAR_ABOVE, least_plain_error
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, prepare
@@ -119,8 +120,10 @@ def fit_base_of(recordings: Sequence[Recording], axis: Axis, start: Model) -> tu
 
 
 def as_searched(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
-    """The fit of a base with the steps of time of a search."""
-    return (data, fitted) if needs_observer(fitted.model) else refit_with_rebuilt_motion(data, fitted, SETTLED_ITERATIONS)
+    """The fit of a base with the steps of time, and the weights, of a search."""
+    if needs_observer(fitted.model):
+        return data, fitted
+    return refit_with_rebuilt_motion(data, fitted, SETTLED_ITERATIONS if fitted.ratio <= FAR_ABOVE else FIRST_ITERATIONS)
 
 
 def final_refit(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
@@ -220,6 +223,9 @@ def diagnose(
         if not lowers(before, against, current, data):
             data, current, twins, steps, against = at_first, base, (), [withdrawn(steps, base)], base
     verdict = verdict_of(against, steps, twins, remaining_structure(data, current))
+    if current is not base:
+        told = least_plain_error(data, current, FIRST_ITERATIONS)
+        steps = [replace(step, after=told) if step.after is current else step for step in steps]
     return Diagnosis(base, data, tuple(steps), verdict, twins, at_base, at_first, begun)
 
 

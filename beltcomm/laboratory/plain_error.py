@@ -1,105 +1,18 @@
-"""The error of a model in plain units: N m (N, A) and per cent of the torque, with the size of its noise beside it.
-
-    error² = mean (g * e)²,   torque² = mean (g * τ)²,   percent = 100 error/torque        over the samples that count
-
-e : residual torque of :func:`beltcomm.fit.segment.evaluate`, N m at the motor shaft.   τ : the torque that was reported.
-g : Gaussian low-pass without phase, 3 dB at the band's edge, one for both; samples that do not count take no part in it.
-
-Without a band e of a coarse encoder is little but rounding, J times its second difference.  So the band is the widest of
-:data:`BANDS_HZ`, at most a quarter of the sample rate, in which torque noise and rounding are predicted to stay below
-:data:`QUIET_SHARE` of the torque.  It is the figure that least squares on filtered signals leaves, and that papers quote.
-"""
+"""The error of a model in plain units: N m (N, A) and per cent of the torque, with the size of its noise beside it; see ``fit.in_band``."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import correlate1d
 
-from beltcomm.fit.estimate import BLOCK_S, Fitted
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.in_band import Banded, band_limited_errors, band_of
 from beltcomm.fit.records import Data
-from beltcomm.fit.segment import Segment, evaluate, evaluate_each, noise_paths_of, with_observers
-from beltcomm.fit.whitening import noises
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.samples import units_of
 from beltcomm.model import Model
-
-Array = NDArray[np.float64]
-
-#: Hz, from wide to narrow.
-BANDS_HZ = (240.0, 120.0, 60.0, 30.0, 15.0, 8.0, 4.0)
-#: Largest share of the torque that noise may have in a band, and of the sample rate that a band may have.
-QUIET_SHARE, RATE_SHARE = 0.1, 0.25
-#: Stretch of the belt at the start that shows how it rings, m.
-STRETCH_M = 1e-5
-#: Share of the filter's weights that must stand on samples that count.
-WEIGHT = 0.98
-#: Standard errors that a change which is none exceeds once in 20 times, to one side.
-CHANCE = 1.645
-#: Deviations at which the Gaussian ends, and frequencies at which the noise is worked out.
-REACH, LINES = 4.0, 400
-
-
-@dataclass(frozen=True)
-class Banded:
-    """A stretch in the band.   error, torque : (n,), N m.   keep : (n,) bool, samples that count.   noise : predicted rms, N m.
-    sample_s : s."""
-
-    record: str
-    held_out: bool
-    error: Array
-    torque: Array
-    keep: NDArray[np.bool_]
-    noise: float
-    sample_s: float
-
-
-def band_of(data: Data, model: Model) -> float:
-    """Edge of the band for the records of a run, Hz.   model : as a fit has it, for inertia and belt."""
-    pieces = data.fitted
-    rate = min(1.0 / piece.motion.sample_s for piece in pieces)
-    bands = [band for band in BANDS_HZ if band <= RATE_SHARE * rate] or [RATE_SHARE * rate]
-    spectra = [noise_spectrum(piece, model) for piece in pieces]
-    for band in bands:
-        noise = torque = 0.0
-        for piece, spectrum in zip(pieces, spectra, strict=True):
-            passed, counts = low_passed(piece.torque, piece.keep, band, piece.motion.sample_s)
-            torque += float(np.sum(passed[counts] ** 2))
-            noise += np.count_nonzero(counts) * noise_in(piece, spectrum, band) ** 2
-        if noise <= QUIET_SHARE**2 * torque and torque > 0.0:
-            return band
-    return bands[-1]
-
-
-def band_limited_errors(data: Data, fitted: Fitted, band_hz: float) -> list[Banded]:
-    """All stretches of the records, those held out last, as a model leaves them in the band."""
-    pieces = (*data.fitted, *data.held_out)
-    vector = fitted.model.vector()
-    return [in_band(piece, fitted.model, vector, band_hz) for piece in with_observers(pieces, [fitted.model] * len(pieces))]
-
-
-def in_band(piece: Segment, model: Model, vector: Array, band_hz: float) -> Banded:
-    """One stretch.
-
-    What a carriage that was stretched or swung at the start adds to e is no error of the model, and how it was nobody knows: the part of e
-    along the answer to a stretch at the start, and along its derivative, is taken off.
-    """
-    sample = piece.motion.sample_s
-    reported, counts = low_passed(piece.torque, piece.keep, band_hz, sample)
-    if piece.observer is not None or piece.offset_m == 0.0:
-        error, _ = low_passed(evaluate(piece, model, vector), piece.keep, band_hz, sample)
-    else:
-        left, stretched = evaluate_each(piece, model, [vector, vector], [0.0, STRETCH_M])
-        error, _ = low_passed(left, piece.keep, band_hz, sample)
-        answer, _ = low_passed(stretched - left, piece.keep, band_hz, sample)
-        ways = np.column_stack((answer, np.gradient(answer)))
-        error = error - ways @ np.linalg.lstsq(ways[counts], error[counts], rcond=None)[0]
-    noise = noise_in(piece, noise_spectrum(piece, model), band_hz)
-    return Banded(piece.record, piece.held_out, error, reported, counts, noise, sample)
 
 
 def plain_error(parts: Sequence[Banded], model: Model, band_hz: float) -> PlainError | None:
@@ -119,73 +32,3 @@ def of_run(data: Data, fitted: Fitted, band_hz: float | None = None) -> tuple[Pl
     parts = band_limited_errors(data, fitted, band)
     fitted_parts, held = ([part for part in parts if part.held_out is out] for out in (False, True))
     return plain_error(fitted_parts, fitted.model, band), plain_error(held, fitted.model, band)
-
-
-def changes(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None) -> tuple[tuple[float, float], tuple[float, float]]:
-    """:func:`change` on the fitted records and on those held out, in the band of the model before.
-
-    data : records as that model sees them.   ahead : as the model after does; the same without it.
-    """
-    band = band_of(data, before.model)
-    pairs = list(zip(band_limited_errors(data, before, band), band_limited_errors(ahead or data, after, band), strict=True))
-    fitted, held = ([pair for pair in pairs if pair[0].held_out is out] for out in (False, True))
-    return change(fitted), change(held)
-
-
-def change(pairs: Sequence[tuple[Banded, Banded]]) -> tuple[float, float]:
-    """Sum of the squared errors after less before, and how far it may rise by chance, N² m²; of samples that count in both.
-
-    Chance is :data:`CHANCE` standard errors of a sum over blocks of 0.2 s, which takes neighbouring samples for what they are: one.
-    Where both errors are smaller than the noise that is predicted of them, their difference is none of the models': 0.
-    """
-    blocks: list[Array] = [np.zeros(0)]
-    above = np.zeros(2)
-    for old, new in pairs:
-        both = np.flatnonzero(old.keep & new.keep)
-        above += [float(np.sum(one.error[both] ** 2)) - len(both) * one.noise**2 for one in (old, new)]
-        differences = new.error[both] ** 2 - old.error[both] ** 2
-        blocks.append(np.asarray(np.bincount(both // max(int(BLOCK_S / new.sample_s), 1), differences)))
-    sums = np.concatenate(blocks)
-    sums = sums[sums != 0.0]
-    rise = float(np.sum(sums)) if above.max() > 0.0 else 0.0
-    return rise, CHANCE * math.sqrt(len(sums)) * float(np.std(sums)) if len(sums) else 0.0
-
-
-def low_passed(signal: Array, keep: NDArray[np.bool_], band_hz: float, sample_s: float) -> tuple[Array, NDArray[np.bool_]]:
-    """The signal by a Gaussian low-pass over the samples that count, and where :data:`WEIGHT` of its weights stand on such; (n,) each.
-
-    Beside a standstill, where e says nothing, what is left of the weights no longer takes the differences out of the rounding.
-    """
-    weights = gaussian(band_hz, sample_s)
-    total = correlate1d(np.where(keep, signal, 0.0), weights, mode="constant")
-    share = correlate1d(keep.astype(np.float64), weights, mode="constant")
-    return np.asarray(total / np.where(share > 0.0, share, 1.0)), keep & (share >= WEIGHT)
-
-
-def gaussian(band_hz: float, sample_s: float) -> Array:
-    """Weights of the low-pass, their sum 1, (2 k + 1,)."""
-    deviation = math.sqrt(math.log(2.0)) / (math.tau * band_hz * sample_s)
-    reach = math.ceil(REACH * deviation)
-    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
-    return np.asarray(weights / weights.sum())
-
-
-def noise_spectrum(piece: Segment, model: Model) -> tuple[Array, Array]:
-    """Frequencies from 0 to half the sample rate, Hz, (k,), and the predicted power of e's noise there, N² m² a sample, (k,)."""
-    found = noise_paths_of(piece, model)
-    usual = int(np.bincount(found.level).argmax())
-    path, variances, _ = noises(found.paths[usual], piece.step_rad, piece.noise_nm, piece.rounding)
-    freq = (np.arange(LINES) + 0.5) * 0.5 / LINES / path.sample_s
-    z = np.exp(1j * math.tau * freq * path.sample_s)
-    answers = np.linalg.solve(z[:, None, None] * np.eye(len(path.H)) - path.F, np.broadcast_to(path.G + 0j, (LINES, *path.G.shape)))
-    passed = np.einsum("i,kij->kj", path.H, answers) + path.D
-    return freq, np.asarray(np.abs(passed) ** 2 @ variances)
-
-
-def noise_in(piece: Segment, spectrum: tuple[Array, Array], band_hz: float) -> float:
-    """rms of the noise behind the low-pass, N m."""
-    freq, power = spectrum
-    weights = gaussian(band_hz, piece.motion.sample_s)
-    places = np.arange(len(weights)) - len(weights) // 2
-    passed = np.cos(math.tau * piece.motion.sample_s * np.outer(freq, places)) @ weights
-    return math.sqrt(float(np.mean(power * passed**2)))

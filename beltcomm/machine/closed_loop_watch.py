@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
@@ -16,11 +17,11 @@ from beltcomm.machine.envelope import Room
 from beltcomm.machine.prediction_watch import BeltWatch
 from beltcomm.machine.resonance import ResonanceWatch, allowed, band_of, predicted_torque
 from beltcomm.model import Model
-from beltcomm.simulate.stopping import total_friction, total_inertia
+from beltcomm.simulate.stopping import total_friction, total_inertia, total_viscous
 from beltcomm.verify import Loop
 
-#: The drive may use so many times the planned torque.
-OVER_PLAN = 1.5
+#: The drive may use so many times the planned torque, and that of a rigid axis where nobody knows the loop that is in it.
+OVER_PLAN, OVER_RIGID = 1.5, 3.0
 
 
 class Watched(Protocol):
@@ -39,6 +40,15 @@ class Watched(Protocol):
     def full_room(self) -> Room:
         """The travel and all that axis and drive allow."""
         ...
+
+
+def rigid_torque(model: Model, motion: Motion, holding_nm: float) -> NDArray[np.float64]:
+    """What a rigid axis takes along a motion:  J φ̈ + τ_C sign φ̇ + d φ̇ + τ_g, N m, (n,)."""
+    speed = motion.velocity_rad_s
+    acceleration = np.gradient(speed, motion.period_s)
+    return np.asarray(
+        total_inertia(model) * acceleration + total_friction(model) * np.sign(speed) + total_viscous(model) * speed + holding_nm
+    )
 
 
 def unwatched(_row: Row) -> None:
@@ -61,17 +71,21 @@ def within(room: Room, found: Foreseen) -> Room:
 def foreseen(machine: Watched, motion: Motion) -> Foreseen:
     """The watch of a motion in the drive's own loops; what an excitation may do is watched by its own prediction.
 
-    As soon as there is a model to predict the motion with, swings around the resonance are watched, and the drive gets a torque limit
-    of ``OVER_PLAN`` times what the motion or a stop out of it takes: a loop that swings does so during its quick stop as well.
+    As soon as there is a model to predict the motion with (a rigid axis where the loop is unknown), swings around the resonance are
+    watched, and the drive gets a torque limit of ``OVER_PLAN`` times what the motion or a stop out of it takes: a loop that swings does
+    so during its quick stop as well.
     """
     if motion.kind == "torque":
         return Foreseen(unwatched)
     belt = BeltWatch(machine.ratio, machine.axis.motor_side_inertia_kg_m2, machine.axis.belt_force_limit_n, machine.friction)
-    if machine.closed is None or machine.cascade is None or len(motion.torque_nm) < 2:
+    if machine.closed is None or len(motion.torque_nm) < 2:
         return Foreseen(belt)
     (model, delay_s), capabilities = machine.closed, machine.drive.capabilities
-    drive = Loop(capabilities.structure, delay_s, capabilities.peak_torque_nm, capabilities.counts_per_rev)
-    torque = predicted_torque(model, machine.cascade, motion, drive, machine.ratio, machine.origin_rad)
+    if machine.cascade is None:
+        torque, over = rigid_torque(model, motion, machine.holding_nm), OVER_RIGID
+    else:
+        drive = Loop(capabilities.structure, delay_s, capabilities.peak_torque_nm, capabilities.counts_per_rev)
+        torque, over = predicted_torque(model, machine.cascade, motion, drive, machine.ratio, machine.origin_rad), OVER_PLAN
     swing = allowed(torque, motion.period_s, band_of(model, machine.full_room().window_m, motion.period_s), capabilities.rated_torque_nm)
     resonance = ResonanceWatch(swing, motion.period_s)
     stop_nm = total_inertia(model) * machine.deceleration_m_s2 / machine.ratio + total_friction(model)
@@ -81,4 +95,4 @@ def foreseen(machine: Watched, motion: Motion) -> Foreseen:
         resonance(row)
         belt(row)
 
-    return Foreseen(watch, OVER_PLAN * planned_nm)
+    return Foreseen(watch, over * planned_nm)

@@ -62,9 +62,8 @@ class Machine:
     over_belt : the user lets the belt carry more than its feed force; virtual drives only.
     deceleration_m_s2 : of a quick stop, lent to the drive with every motion.   braking : what brakes the axis with the loop that is in
     the drive; None as long as only friction can be counted with.   guarding : how the drive took the silence of its host, once seen.
-    cascade : what was written last.   closed : model and delay, s, that loops are counted with.
+    cascade : what was written last.   closed : model and delay, s, that loops are counted with.   planned_s : the agreed plan's, s.
     wanderings : stops of a carriage that went too far, after which the session went on, see :mod:`beltcomm.experiments.recentre`.
-    planned_s : what the agreed plan takes on the machine at most, s; None before.
     """
 
     def __init__(self, drive: Drive, axis: Axis, folder: RunFolder, talk: Talk) -> None:
@@ -233,18 +232,8 @@ class Machine:
         speed = min(room.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
         lag = None if room.lag_m is None else room.lag_m / self.ratio
         deceleration = self.deceleration_m_s2 / self.ratio
-        return Limits(
-            low,
-            high,
-            speed,
-            room.torque_nm,
-            deceleration,
-            lag,
-            self.ratio,
-            self.origin_rad,
-            brake_s=self.brake_s,
-            guard_s=room.guard_s,
-        )
+        place = self.ratio, self.origin_rad
+        return Limits(low, high, speed, room.torque_nm, deceleration, lag, *place, brake_s=self.brake_s, guard_s=room.guard_s)
 
     @property
     def brake_s(self) -> float:
@@ -391,10 +380,13 @@ class Machine:
         return stroking(self.drive.capabilities)
 
     def write_cascade(self, cascade: Cascade) -> Cascade:
-        """Put a controller into the drive, as far as it has the parts; returns the controller it now runs (quantised)."""
+        """Put a controller into the drive, as far as it has the parts; returns the one it now runs (quantised).   Where nobody knows its
+        gains nothing is written: what stands in it is what a person has set."""
+        if self.drive.capabilities.gains == "unknown":
+            return cascade
         offered = self.drive.backup()
         values = {n: v for n, v in cascade_to_parameters(cascade).items() if n in offered}
         stored = self.drive.write(values)
         self.folder.journal("wrote " + ", ".join(f"{n}={v:.6g}" for n, v in stored.items()))
-        self.cascade = parameters_to_cascade({**offered, **stored})
+        self.cascade = parameters_to_cascade({"velocity_filter_s": 0.0, **offered, **stored})
         return self.cascade

@@ -65,21 +65,14 @@ def amplitude_nm(torque_nm: Array, period_s: float, band_hz: tuple[float, float]
 
 def predicted_torque(model: Model, cascade: Cascade, motion: Motion, drive: Loop, ratio: float, origin_rad: float) -> Array:
     """Torque setpoint of the drive's loop along a motion, N m, one entry per row of it.   drive : what the drive adds."""
-    period_s, loop_s = motion.period_s, drive.structure.period_s
-    rows = np.arange(len(motion.torque_nm))
     if motion.kind == "velocity":  # the same cascade without its position loop
         cascade = replace(cascade, kpp_1_s=0.0, feedforward=replace(cascade.feedforward, velocity=1.0))
         drive = replace(drive, structure=replace(drive.structure, output_limit_rad_s=math.inf, dead_zone_rad=0.0))
-    times: Array = loop_s * np.arange(math.ceil(len(rows) * period_s / loop_s), dtype=np.float64)
-
-    def held(values: Array) -> Array:
-        return np.asarray(np.interp(times, rows * period_s, values))
-
-    position, speed = held(ratio * (motion.position_rad - origin_rad)), held(ratio * motion.velocity_rad_s)
+    times: Array = motion.period_s * np.arange(len(motion.torque_nm), dtype=np.float64)
+    position, speed = ratio * (motion.position_rad - origin_rad), ratio * motion.velocity_rad_s
     path = Trajectory(times, position, speed, np.zeros(len(times)))
-    along = held(motion.torque_nm) if motion.torque_nm.any() else None
-    found = predict_move(model, cascade, path, drive, extra_torque_nm=along).torque_nm
-    return np.asarray(found[np.minimum(np.round(rows * period_s / loop_s).astype(int), len(found) - 1)])
+    along = motion.torque_nm if motion.torque_nm.any() else None
+    return predict_move(model, cascade, path, drive, extra_torque_nm=along).torque_nm
 
 
 def allowed(torque_nm: Array, period_s: float, band_hz: tuple[float, float], rated_nm: float) -> Swing:
@@ -127,8 +120,8 @@ class ResonanceWatch:
         hertz = float(np.argmax(lines)) / (FINE * len(band) * self.period_s)
         raise SafetyStop(
             f"the motor torque swings with {math.sqrt(2.0 * self._power / self._rows):.3g} N m at about {hertz:.0f} Hz, in the band of the "
-            f"belt's resonance; predicted were {swing.predicted_nm:.2g} N m, {swing.allowed_nm:.2g} N m are allowed; the axis was stopped "
-            "and gets its old gains back: the loop does not fit this axis (another load, a later torque, a gain that is not what it "
+            f"belt's resonance; predicted were {swing.predicted_nm:.2g} N m, {swing.allowed_nm:.2g} N m are allowed; the axis was stopped: "
+            "the loop in the drive does not fit this axis (another load, a later torque, a gain that is not what it "
             "says), so identify it again, or frames to the drive got lost, so check the cabling",
             "resonance",
         )

@@ -11,6 +11,7 @@ from beltcomm.control import CascadeStructure
 from beltcomm.errors import DataError, Refused
 from beltcomm.fit.acting import acting_recordings
 from beltcomm.fit.reading_fit import WHOLE
+from beltcomm.fit.seldom_fit import SeldomFit
 from beltcomm.identify.dead_time import DeadTime
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.model import Model
@@ -40,6 +41,12 @@ def measure_delay_and_damping(findings: Findings, recordings: Sequence[Recording
         except (DataError, Refused) as problem:
             findings.remarks.append(f"{name}: no log-magnitude fit ({problem})")
     if not recordings:
+        return
+    if findings.final is not None and isinstance(findings.final.fit, SeldomFit):  # a reading of the last millisecond of a row shows none
+        found = findings.final.fit.simulated
+        findings.dead_time = DeadTime(
+            found.late_s, found.late_half_s, found.late_s / recordings[0].sample_period_s, np.empty(0), np.empty(0)
+        )
         return
     _, resonance = analyse.characteristic_hz(model, recordings[0].sidecar.start_position_m or 0.0)
     try:

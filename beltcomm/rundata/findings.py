@@ -58,6 +58,7 @@ class Findings:
 
     swing : the model of the first response with a payload that swings, where only that explains it.   kept_path : of the torque, as a fit
     before has left it in the run folder.
+    own_loop : the records and the move were driven with gains that a person has set in the drive, those of the design are to be typed in.
     reservations : in words, why it is no success although the move that was driven met its targets.
     """
 
@@ -85,6 +86,7 @@ class Findings:
     applied: Apply = "restore"
     machine_seconds: float = 0.0
     calibrating_s: float = 0.0
+    own_loop: bool = False
 
     @property
     def path(self) -> TorquePath | None:

@@ -30,7 +30,7 @@ def fit_base(folder: RunFolder, recordings: Sequence[Recording], model: Model | 
         try:
             start = model_from_dict(found["start"]) if model is None else model
             return start, *restore_fit(recordings, found["fit"])
-        except (ValueError, KeyError, TypeError, BeltcommError):
+        except (BeltcommError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError):
             caches.damaged(path)
     from beltcomm.laboratory.diagnosis import fit_base_of  # the report mostly finds its fit, and imports no search
 

@@ -2,19 +2,58 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
-from beltcomm.excitation import SHORT_ORDER, PrbsChoice
+from beltcomm.excitation import SHORT_ORDER, Excitation, PrbsChoice, prbs
 
-#: The short excitation: orders and clocks that are tried until the limits allow more than the breakaway torque; a slower clock leaves
+#: The short excitation: orders and s of a bit that are tried until the limits allow more than the breakaway torque; a slower clock leaves
 #: out the frequencies of a stiff belt, a shorter sequence goes less far.
-SHAPES = ((SHORT_ORDER, 2), (SHORT_ORDER, 3), (SHORT_ORDER, 4), (7, 6))
+SHAPES = ((SHORT_ORDER, 2e-3), (SHORT_ORDER, 3e-3), (SHORT_ORDER, 4e-3), (7, 6e-3))
+#: The same where samples come so seldom that the first of these bits is one sample: what to take from the order that then takes as long as
+#: the first sequence, and clocks; at last shorter ones, which go less far.  No shorter one than of order 5.
+SLOW_SHAPES = ((0, 1), (1, 2), (1, 3), (1, 1), (2, 1))
+LEAST_ORDER = 5
+#: Rows without which a short excitation says too little, and by what a whole number of its periods may exceed them.
+FEWEST_ROWS, MOST_OVER_FEWEST = 400, 1.3
+#: s: of the short excitation, and of the rest before and after it.
+SHORT_S, EXCITATION_REST_S = 3.0, 1.0
 #: An excitation that cannot be louder than this times the friction hardly moves the carriage.
 HARDLY = 1.3
 #: Resonance over the first zero of a sequence that spares it.
 CALM_ZERO = 0.7
+
+#: m, largest travel of an excitation around its place: the stiffness is taken as constant there.
+EXCITATION_TRAVEL_M = 0.03
+#: s: where samples come more seldom, that travel is longer in proportion: neither the sequence nor a stop turns the carriage round sooner.
+WIDER_FROM_S = 2e-3
+
+
+def excitation_travel_m(period_s: float) -> float:
+    """Largest travel of an excitation around its place where samples come every ``period_s``, m."""
+    return EXCITATION_TRAVEL_M * max(period_s / WIDER_FROM_S, 1.0)
+
+
+def shapes_at(period_s: float) -> tuple[tuple[int, int], ...]:
+    """Orders and clocks of the short excitation where samples come every ``period_s``, in the order in which they are tried."""
+    wanted = tuple((order, round(bit_s / period_s)) for order, bit_s in SHAPES)
+    if wanted[0][1] > 1:
+        return wanted
+    order = round(math.log2(2**SHORT_ORDER * SHAPES[0][1] / period_s))
+    return tuple(dict.fromkeys((max(order - less, LEAST_ORDER), clock) for less, clock in SLOW_SHAPES))
+
+
+def short_sequence(order: int, clock: int, amplitude_nm: float, period_s: float, torque_step_nm: float = 0.0) -> Excitation:
+    """The short excitation with this amplitude, N m: a run-in, and as many periods as make ``FEWEST_ROWS``."""
+    repeats = max(1, math.ceil(FEWEST_ROWS / ((2**order - 1) * clock)) - 1)
+    return prbs(order, clock, 2.0 * amplitude_nm, period_s, repeats, torque_step_nm=torque_step_nm)
+
+
+def short_seconds(period_s: float) -> float:
+    """How long a short excitation takes at most, as a rule, s."""
+    return max(SHORT_S, MOST_OVER_FEWEST * FEWEST_ROWS * period_s + EXCITATION_REST_S)
 
 
 def held_choice(choice: PrbsChoice) -> PrbsChoice:

@@ -19,7 +19,7 @@ from beltcomm.rundata.kept_fit import keep_fit
 from beltcomm.rundata.kept_path import KEY
 from beltcomm.rundata.store import design_to_dict, fit_to_dict, verdict_to_dict
 from beltcomm.runfolder import RunFolder
-from beltcomm.sentences import friction, words
+from beltcomm.sentences import friction, typed_gains, words
 from beltcomm.sentences.torque_path import path_data, path_lines, period_of
 
 
@@ -168,6 +168,7 @@ def commission_text(
     """
     passed = findings.verdict is not None and findings.verdict.passed
     suspect = findings.final is None or findings.final.fit.suspect
+    typed = typed_gains.of_run(folder, findings.cascade) if findings.own_loop and findings.cascade else []
     state = {
         "restore": "The drive has its old gains again",
         "keep": "The new gains are in the drive until power-off",
@@ -179,7 +180,9 @@ def commission_text(
         (True, True): "The move met its targets, but the model does not explain what was measured: do not trust its numbers yet.",
         (False, True): "The axis misses its targets, and the model does not explain what was measured.",
     }[passed, suspect]
-    if passed and not suspect and findings.reservations:
+    if findings.own_loop and not suspect:
+        headline = _own_headline(findings)
+    elif passed and not suspect and findings.reservations:
         headline = f"The move that was driven met its targets, but the axis does not: {'; '.join(findings.reservations)}."
     following = _following(folder, findings, drive)
     top = [
@@ -191,6 +194,7 @@ def commission_text(
         *(f"  {doubt}" for doubt in doubts),
         *gravity_text(folder, findings),
         *(words.design_lines(findings.design, findings.cascade) if findings.design and findings.cascade else []),
+        *typed,
     ]
     details = [
         *(words.friction_lines(findings.friction) if findings.friction else []),
@@ -202,9 +206,18 @@ def commission_text(
         "",
         f"{findings.machine_seconds:.0f} s on the machine. Everything is in {folder.path}, this and the details in verdict.txt.",
         *([page] if page else []),
-        f"{state}. Next: {following}",
+        f"{'The drive has the gains that a person has set in it' if findings.own_loop else state}. Next: {following}",
     ]
     return Ending(top, details, bottom)
+
+
+def _own_headline(findings: Findings) -> str:
+    """Of a drive whose gains only a person sets."""
+    known = "The axis is identified and gains are designed; this drive's gains can only be typed in."
+    if findings.verdict is None:
+        return f"{known} No move was driven."
+    met = "meets" if findings.verdict.passed else "misses"
+    return f"{known} With those that stand in it now, the axis {met} its targets."
 
 
 def _following(folder: RunFolder, findings: Findings, drive: str) -> str:
@@ -212,6 +225,10 @@ def _following(folder: RunFolder, findings: Findings, drive: str) -> str:
     run = pasted(folder.path)
     if findings.final is None or findings.final.fit.suspect:
         return f"beltcomm diagnose {run}"
+    if findings.own_loop and findings.meets_targets:
+        return f"nothing has to be typed in: the loop in the drive does; gains for another one: beltcomm design {run}"
+    if findings.own_loop:
+        return f"type these gains in with the maker's tool, then beltcomm verify --drive {pasted(drive)} --run {run}"
     if findings.meets_targets and simulated(drive) and findings.applied == "restore":
         return f"beltcomm tune {run}   (other gains on a page; a virtual drive keeps none)"
     if not findings.meets_targets:

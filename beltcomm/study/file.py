@@ -15,9 +15,10 @@ from beltcomm.configfiles import did_you_mean, find_config, read_yaml
 from beltcomm.control import Cascade
 from beltcomm.design.compensation import compensation
 from beltcomm.drive.parameters import cascade_to_parameters, parameters_to_cascade
-from beltcomm.errors import UsageError
+from beltcomm.errors import DataError, UsageError
 from beltcomm.jobs.tune import move_of
 from beltcomm.model import PlantFile, load_plant
+from beltcomm.outside import read_text
 from beltcomm.quantities import parse_quantity
 from beltcomm.result import jsonable, plain
 from beltcomm.rundata import analyse, offline
@@ -247,9 +248,9 @@ def _gains(told: Any) -> Cascade:
 def run_fingerprint(run: Path) -> str:
     """Of what a run holds that a diagnosis rests on: its axis, models, and which records of which size."""
     try:
-        texts = [(p.name, p.read_text(encoding="utf-8")) for p in [run / "axis.yaml", *sorted(run.glob("models/*.yaml"))] if p.is_file()]
+        texts = [(p.name, read_text(p)) for p in [run / "axis.yaml", *sorted(run.glob("models/*.yaml"))] if p.is_file()]
         sizes = [(p.name, p.stat().st_size) for p in sorted(run.glob("recordings/*"))]
-    except (OSError, UnicodeDecodeError):
+    except (OSError, DataError):
         return ""  # the member itself says what is wrong with it
     return _digest([texts, sizes])
 

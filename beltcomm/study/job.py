@@ -15,7 +15,7 @@ from beltcomm.configfiles import find_config, to_yaml, write_text
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.given import pasted
 from beltcomm.locks import occupied
-from beltcomm.outside import MEASURED_BYTES, from_json, read_bytes
+from beltcomm.outside import MEASURED_BYTES, from_json, read_bytes, read_text
 from beltcomm.programs import source_hash
 from beltcomm.result import Result, jsonable, plain
 from beltcomm.study import words as words
@@ -260,7 +260,7 @@ def read_members(path: Path) -> list[Line]:
 
 def _cut(path: Path) -> None:
     """Take away what a killed study left half written."""
-    data = path.read_bytes() if path.is_file() else b""
+    data = read_bytes(path, MEASURED_BYTES) if path.is_file() else b""
     if data and not data.endswith(b"\n"):
         os.truncate(path, data.rfind(b"\n") + 1)
 
@@ -272,4 +272,4 @@ def _text(line: Line) -> str:
 def _copy(file: str | Path, out: Path) -> None:
     source = find_config("studies", str(file))
     if source.resolve() != (out / COPY).resolve():
-        write_text(out / COPY, source.read_text(encoding="utf-8-sig"))
+        write_text(out / COPY, read_text(source))

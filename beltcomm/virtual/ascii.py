@@ -50,7 +50,7 @@ class AsciiInterpreter:
         return VERSION if line == "VERSION?" else ERROR
 
     def _read(self, index: int, subindex: int) -> str:
-        answer = self._sdo.answer(struct.pack("<BHB4x", _UPLOAD, index, subindex)) or b""
+        (answer,) = self._sdo.answer(struct.pack("<BHB4x", _UPLOAD, index, subindex))
         if answer[0] == _ABORTED:
             return _abort(answer)
         if not answer[0] & 2:  # a text, which would need segments
@@ -62,7 +62,7 @@ class AsciiInterpreter:
     def _write(self, index: int, subindex: int, data: bytes) -> str:
         """Empty when it was written, else the abort."""
         command = _DOWNLOAD | (4 - len(data)) << 2
-        answer = self._sdo.answer(struct.pack("<BHB4s", command, index, subindex, data)) or b""
+        (answer,) = self._sdo.answer(struct.pack("<BHB4s", command, index, subindex, data))
         return _abort(answer) if answer[0] == _ABORTED else ""
 
 

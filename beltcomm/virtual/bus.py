@@ -1,6 +1,6 @@
 """A CAN bus in lock-step: virtual time, no threads, the same frames in every run.
 
-Order inside the tick that begins at t_k = k · 1 ms:
+Order inside the tick that begins at t_k = k · T (1 ms, or the cycle of the drive that is played):
 
 1. every node's ``begin_tick``: it latches its samples, supervises itself and sends what its own clock makes due;
 2. the host's frames of this instant, each answered before ``send`` returns;
@@ -21,8 +21,8 @@ import can
 from beltcomm.virtual.faults import BusFaults
 from beltcomm.virtual.line import TimedLine
 
+#: Ticks of virtual time per second where nothing else is asked for.
 TICKS_PER_SECOND = 1000
-TICK_S = 1.0 / TICKS_PER_SECOND
 
 # A time that was computed as 0.1 + 0.003 lies a few ulp beside the tick it means.
 _ROUNDING_TICKS = 1e-6
@@ -64,6 +64,7 @@ class VirtualClock:
 
     def __init__(self, bus: LockstepBus) -> None:
         self._bus = bus
+        self._per_second = bus.ticks_per_second
         self._asked_for_s = self._plain_s = 0.0
         self._asked_tick = 0
 
@@ -71,8 +72,8 @@ class VirtualClock:
         """Virtual time in s, a whole number of ticks (up to the rounding of the time last slept to), as the host's clock shows it."""
         tick, line = self._bus.tick, self._bus.line
         if line is None:
-            return self._plain_s if tick == self._asked_tick else tick / TICKS_PER_SECOND
-        now_s = tick / TICKS_PER_SECOND + line.ahead_s(tick)
+            return self._plain_s if tick == self._asked_tick else tick / self._per_second
+        now_s = tick / self._per_second + line.ahead_s(tick)
         return self._asked_for_s if tick == self._asked_tick and self._asked_for_s > now_s else now_s
 
     def sleep_until(self, t_s: float) -> None:
@@ -85,16 +86,15 @@ class VirtualClock:
                 line.alive(bus.tick)
             last = self._last_tick(t_s - line.ahead_s(bus.tick))
         else:
-            last = math.ceil(t_s * TICKS_PER_SECOND - _ROUNDING_TICKS)
+            last = self._last_tick(t_s)
             while bus.tick < last:
                 bus.advance()
         if bus.tick == last:  # so that ``now() >= t_s`` holds when t_s is an ulp above its tick
             self._asked_for_s, self._asked_tick = t_s, last
-            self._plain_s = max(t_s, last / TICKS_PER_SECOND)
+            self._plain_s = max(t_s, last / self._per_second)
 
-    @staticmethod
-    def _last_tick(t_s: float) -> int:
-        return math.ceil(t_s * TICKS_PER_SECOND - _ROUNDING_TICKS)
+    def _last_tick(self, t_s: float) -> int:
+        return math.ceil(t_s * self._per_second - _ROUNDING_TICKS)
 
 
 class DataFrame(can.Message):
@@ -114,22 +114,26 @@ class LockstepBus(can.BusABC):
     """The host's end of a virtual CAN bus with any number of nodes.
 
     ``send`` reaches every node before it returns; what nodes send is queued for ``recv``, stamped with virtual time.
-    Virtual time moves only inside ``clock.sleep_until`` and inside ``recv`` on an empty queue, in whole ticks of 1 ms.
+    Virtual time moves only inside ``clock.sleep_until`` and inside ``recv`` on an empty queue, in whole ticks.
 
     wall_clock : paces the ticks in real time; None runs as fast as it can.  missed_cycles : ticks that the wall clock had
         already left when they were due; they are dropped from the schedule, not caught up in a burst.
     on_frame : called with every :data:`Frame` on the bus, e.g. ``list.append``.
     faults : what is wrong with the wire or the host; None is a good one.   line : the wire that carries them out.
+    ticks_per_second : one over the cycle of the drive's loops.   tick_s : that cycle.
     """
 
-    def __init__(self, wall_clock: WallClock | None = None, faults: BusFaults | None = None) -> None:
+    def __init__(
+        self, wall_clock: WallClock | None = None, faults: BusFaults | None = None, ticks_per_second: int = TICKS_PER_SECOND
+    ) -> None:
         super().__init__(channel="virtual")
+        self.ticks_per_second, self.tick_s = ticks_per_second, 1.0 / ticks_per_second
         self.channel_info = "beltcomm virtual bus"
         self.clock = VirtualClock(self)
         self.tick = 0
         self.missed_cycles = 0
         self.on_frame: Callable[[Frame], object] | None = None
-        self.line: TimedLine[tuple[int, bytes, bool]] | None = None if faults is None else TimedLine(faults, TICKS_PER_SECOND)
+        self.line: TimedLine[tuple[int, bytes, bool]] | None = None if faults is None else TimedLine(faults, ticks_per_second)
         self._nodes: list[Node] = []
         self._queue: deque[tuple[float, int, bytes]] = deque()
         self._wall_clock = wall_clock
@@ -155,7 +159,7 @@ class LockstepBus(can.BusABC):
 
     def transmit(self, sender: Node, identifier: int, data: bytes) -> None:
         """Put a node's frame on the bus: to the other nodes at once, to the host through its queue."""
-        now_s = self.tick / TICKS_PER_SECOND
+        now_s = self.tick / self.ticks_per_second
         if self.on_frame is not None:
             self.on_frame((now_s, identifier, data, "node"))
         if self.line is None:
@@ -180,7 +184,7 @@ class LockstepBus(can.BusABC):
         remote = msg.is_remote_frame
         if self.on_frame is not None:
             source = "host rtr" if remote else "host"
-            self.on_frame((self.tick / TICKS_PER_SECOND, msg.arbitration_id, data, source))
+            self.on_frame((self.tick / self.ticks_per_second, msg.arbitration_id, data, source))
         if msg.is_extended_id or msg.is_error_frame or msg.is_fd:
             return  # CANopen nodes listen to classic base frames only
         if self.line is None:
@@ -207,7 +211,7 @@ class LockstepBus(can.BusABC):
             if timeout == 0.0:
                 return None
             if last is None:
-                last = math.inf if timeout is None else self.tick + math.ceil(timeout * TICKS_PER_SECOND - _ROUNDING_TICKS)
+                last = math.inf if timeout is None else self.tick + math.ceil(timeout * self.ticks_per_second - _ROUNDING_TICKS)
             if self.tick >= last:
                 return None
             self.advance()
@@ -218,13 +222,13 @@ class LockstepBus(can.BusABC):
 
     def _to_host(self, identifier: int, data: bytes, _remote: bool) -> None:
         ahead_s = 0.0 if self.line is None else self.line.ahead_s(self.tick, stamps=True)
-        self._queue.append((self.tick / TICKS_PER_SECOND + ahead_s, identifier, data))
+        self._queue.append((self.tick / self.ticks_per_second + ahead_s, identifier, data))
 
     def _pace(self, wall: WallClock) -> None:
-        due_s = self._wall_start_s + self.tick / TICKS_PER_SECOND
-        late_ticks = int((wall.now() - due_s) * TICKS_PER_SECOND)
+        due_s = self._wall_start_s + self.tick / self.ticks_per_second
+        late_ticks = int((wall.now() - due_s) * self.ticks_per_second)
         if late_ticks >= 1:
             self.missed_cycles += late_ticks
-            self._wall_start_s += late_ticks / TICKS_PER_SECOND
+            self._wall_start_s += late_ticks / self.ticks_per_second
         else:
             wall.sleep_until(due_s)

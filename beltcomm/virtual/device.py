@@ -2,33 +2,38 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 
 from beltcomm.errors import UsageError
 from beltcomm.plant import Plant
 from beltcomm.plant.drive_section import IDEAL, Instruments
-from beltcomm.virtual.bus import TICKS_PER_SECOND, LockstepBus
+from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.cia402 import DriveState
-from beltcomm.virtual.dictionary import NonVolatile, ObjectDictionary, SdoAbort
+from beltcomm.virtual.dictionary import NonVolatile, ObjectDictionary, SdoAbort, Value
 from beltcomm.virtual.emcy import Code, ErrorRegister
 from beltcomm.virtual.faults import Faults
+from beltcomm.virtual.foreign import profile_named
 from beltcomm.virtual.loops import Loops
 from beltcomm.virtual.motor import EMMS_AS_70, Nameplate
 from beltcomm.virtual.nmt import OPERATIONAL, PRE_OPERATIONAL, RESET_NODE, STOPPED, Nmt
 from beltcomm.virtual.pdo import PdoSet
-from beltcomm.virtual.profiles import PROFILES, with_gain_units
+from beltcomm.virtual.profiles import with_gain_units
 from beltcomm.virtual.sdo import SdoServer, abort_of, begun_transfer
 from beltcomm.virtual.servo import Servo
 from beltcomm.virtual.stage import Encoder, PowerStage
 
 _SYNC, _EMCY, _SDO_ANSWER, _SDO_REQUEST, _NODE_CONTROL = 0x80, 0x80, 0x580, 0x600, 0x700
+#: Objects that tell the cycle of the loops, us.
+_CYCLE_TIMES = ((0x2101, 1), *((0x6510, sub) for sub in range(0xB0, 0xB4)))
 _SAVE, _LOAD = int.from_bytes(b"save", "little"), int.from_bytes(b"load", "little")
 
 
 class VirtualDrive:
     """A servo drive on a :class:`LockstepBus`.  It is told nothing but CAN frames and the motion of its machine.
 
-    plant : the machine; stepped by this drive alone.   profile : "reference" or "cmmp-as" (docs/reference-drive.md).
+    plant : the machine; stepped by this drive alone.   profile : "reference" or "cmmp-as" (docs/reference-drive.md), or another
+    maker's drive (:mod:`beltcomm.virtual.foreign`).
     node_id : 1 to 127.   seed : of the torque noise.   counts_per_rev : encoder.
     setpoint_delay_s : s, >= 0, from the tick in which a torque setpoint is decided to the torque.
     torque_noise_nm : N m, standard deviation of 6077h.   motor : its nameplate.
@@ -65,8 +70,6 @@ class VirtualDrive:
         hardware: str = "virtual",
         instruments: Instruments = IDEAL,
     ) -> None:
-        if profile not in PROFILES:
-            raise UsageError(f"there is no virtual drive with the profile {profile!r}; there are {', '.join(PROFILES)}")
         if not 1 <= node_id <= 127:
             raise UsageError(f"the node ID {node_id} is not a CANopen one; choose 1 to 127")
         if setpoint_delay_s < 0.0:
@@ -75,13 +78,18 @@ class VirtualDrive:
         self._bus = bus
         self._node_id = node_id
         self._stored: NonVolatile = {} if nonvolatile is None else nonvolatile
-        kind = with_gain_units(PROFILES[profile], *gain_units)
+        kind = with_gain_units(profile_named(profile), *gain_units)
         rows = kind.rows(node_id, motor, counts_per_rev)
-        self._dictionary = ObjectDictionary(replace(row, default=hardware) if row.index == 0x1009 else row for row in rows)
+        told: dict[tuple[int, int], Value] = {(0x1009, 0): hardware, **dict.fromkeys(_CYCLE_TIMES, round(1e6 * bus.tick_s))}
+        here = (replace(row, default=told.get((row.index, row.subindex), row.default)) for row in rows)
+        self._dictionary = ObjectDictionary(here)
+        for second, first in kind.aliases:
+            self._dictionary.alias(*second, self._dictionary.entry(*first))
         self._dictionary.load(self._stored)
         self._errors = ErrorRegister(self._dictionary, self._send_emcy)
-        loops = self._loops = Loops(self._dictionary, kind, motor, counts_per_rev, self.faults)
-        stage = PowerStage(plant, motor, setpoint_delay_s, torque_noise_nm, seed, self.faults, brake, instruments)
+        loops = self._loops = Loops(self._dictionary, kind, motor, counts_per_rev, self.faults, bus.tick_s)
+        instruments = kind.instruments if instruments == IDEAL else instruments
+        stage = PowerStage(plant, motor, setpoint_delay_s, torque_noise_nm, seed, self.faults, brake, instruments, bus.tick_s)
         encoder = Encoder(plant, counts_per_rev, zero_rad, self.faults, instruments)
         self._servo = Servo(
             self._dictionary,
@@ -97,7 +105,7 @@ class VirtualDrive:
             fault_bits,
         )
         self._sdo = SdoServer(self._dictionary)
-        self._pdos = PdoSet(self._dictionary, self._send_pdo, self._errors.report, kind.type_254_is_cyclic)
+        self._pdos = PdoSet(self._dictionary, self._send_pdo, self._errors.report, replace(kind.pdos, ticks_per_ms=loops.ticks_per_ms))
         self._nmt = Nmt(
             self._dictionary,
             node_id,
@@ -105,13 +113,19 @@ class VirtualDrive:
             self._nmt_changed,
             self._reset,
             lambda: self._servo.communication_lost(Code.LIFE_GUARD),
+            loops.ticks_per_ms,
         )
+        entry, has = self._dictionary.entry, self._dictionary.has
         self._silent = False
+        self._answer_ticks = round(kind.sdo_delay_ms * loops.ticks_per_ms)
+        self._answers: deque[tuple[int, bytes]] = deque()
+        self._counter_overflow = entry(0x1019) if has(0x1019) else None
+        if self._counter_overflow is not None:
+            self._counter_overflow.check = self._check_overflow
         self._syncs = 0
         self._sync_owed = False
         self._sent_pdos = 0
         self._transfers = 0
-        entry = self._dictionary.entry
         entry(0x1005).check = self._check_sync_id
         entry(0x1010, 1).check = self._save
         entry(0x1011, 1).check = self._restore_defaults
@@ -150,19 +164,25 @@ class VirtualDrive:
         if self._silent:
             return
         if remote:
-            if identifier == _NODE_CONTROL + self._node_id and not self.faults.remote_frames_blocked:
+            if self.faults.remote_frames_blocked:
+                return
+            if identifier == _NODE_CONTROL + self._node_id:
                 self._nmt.guard_request()
+            elif identifier in self._pdos.asked:
+                self._pdos.asked[identifier]()
             return
         receiver = self._pdos.receivers.get(identifier)
         if receiver is not None:
             receiver(data)
         elif identifier == _SYNC:
-            self._on_sync()
+            self._on_sync(len(data))
         elif identifier == _SDO_REQUEST + self._node_id:
             if self._nmt.state in (PRE_OPERATIONAL, OPERATIONAL):
-                answer = self._sdo_answer(data)
-                if answer is not None:
-                    self._send(_SDO_ANSWER + self._node_id, answer)
+                for answer in self._sdo_answer(data):
+                    if self._answer_ticks:
+                        self._answers.append((self._bus.tick + self._answer_ticks, answer))
+                    else:
+                        self._send(_SDO_ANSWER + self._node_id, answer)
         elif identifier == 0:
             self._nmt.command(data)
         elif _NODE_CONTROL < identifier <= _NODE_CONTROL + 127 and len(data) == 1:
@@ -171,13 +191,15 @@ class VirtualDrive:
     def begin_tick(self, tick: int) -> None:
         """t_k: latch, supervise, then what is due by time."""
         silent_from_s = self.faults.silent_from_s
-        self._silent = silent_from_s is not None and tick / TICKS_PER_SECOND >= silent_from_s
+        self._silent = silent_from_s is not None and tick / self._bus.ticks_per_second >= silent_from_s
         reset_at_s = self.faults.reset_at_s
-        if reset_at_s is not None and tick / TICKS_PER_SECOND >= reset_at_s:
+        if reset_at_s is not None and tick / self._bus.ticks_per_second >= reset_at_s:
             self.faults.reset_at_s = None
             self.reset_node()
         self._servo.latch(tick)
         self._nmt.tick(tick)
+        while self._answers and self._answers[0][0] <= tick:
+            self._send(_SDO_ANSWER + self._node_id, self._answers.popleft()[1])
         if self._sync_owed:
             self._sync_owed = False
             self._pdos.on_sync()
@@ -187,7 +209,7 @@ class VirtualDrive:
         """Loops of tick k with what is in force now, then the machine moves to t_k+1."""
         self._servo.run()
 
-    def _sdo_answer(self, data: bytes) -> bytes | None:
+    def _sdo_answer(self, data: bytes) -> list[bytes]:
         """The SDO server's answer, or what its faults make of it."""
         faults = self.faults
         if not (faults.sdo_abort or faults.sdo_silent or faults.misread):
@@ -197,16 +219,18 @@ class VirtualDrive:
             return self._sdo.answer(data)
         self._transfers += 1
         if self._transfers in faults.sdo_silent:
-            return None
+            return []
         if self._transfers in faults.sdo_abort:
-            return abort_of(*begins[:2], faults.sdo_abort[self._transfers])
-        answer = self._sdo.answer(data)
+            return [abort_of(*begins[:2], faults.sdo_abort[self._transfers])]
+        answers = self._sdo.answer(data)
         index, subindex, reads = begins
-        if not reads or answer is None or (index, subindex) not in faults.misread:
-            return answer
-        return answer[:4] + faults.misread[index, subindex].to_bytes(4, "little")
+        if not reads or not answers or (index, subindex) not in faults.misread:
+            return answers
+        return [answers[0][:4] + faults.misread[index, subindex].to_bytes(4, "little")]
 
-    def _on_sync(self) -> None:
+    def _on_sync(self, length: int) -> None:
+        if self._counter_overflow is not None and length != (self._counter_overflow.value > 0):
+            self._errors.report(Code.SYNC_LENGTH)
         self._syncs += 1
         if self._syncs in self.faults.ignore_sync:
             return
@@ -240,6 +264,7 @@ class VirtualDrive:
     def _reset(self, node: bool) -> None:
         """Reset of the node, or of its communication only: then a motor under power is braked into fault."""
         self._sdo.reset()
+        self._answers.clear()
         self._sync_owed = False
         if node:
             self._dictionary.load(self._stored)
@@ -255,6 +280,13 @@ class VirtualDrive:
     def _check_sync_id(value: int) -> int:
         if value & 0x7FFFFFFF != _SYNC:
             raise SdoAbort(SdoAbort.BAD_VALUE)
+        return value
+
+    def _check_overflow(self, value: int) -> int:
+        if value == 1:
+            raise SdoAbort(SdoAbort.BAD_VALUE)
+        if self._dictionary.has(0x1006) and self._dictionary.entry(0x1006).value:
+            raise SdoAbort(SdoAbort.WRONG_STATE)
         return value
 
     def _save(self, signature: int) -> int:

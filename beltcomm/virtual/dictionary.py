@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable, Iterable, MutableMapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 Value = int | float | str
@@ -24,6 +24,9 @@ class SdoAbort(Exception):
 
     TOGGLE = 0x05030000
     UNKNOWN_COMMAND = 0x05040001
+    BAD_BLOCK_SIZE = 0x05040002
+    BAD_SEQUENCE = 0x05040003
+    BAD_CRC = 0x05040004
     UNSUPPORTED_ACCESS = 0x06010000
     WRITE_ONLY = 0x06010001
     READ_ONLY = 0x06010002
@@ -48,7 +51,8 @@ class SdoAbort(Exception):
 class ObjectRow:
     """One object.
 
-    kind : data type.   access : as in CiA 301.   default : value after 1011h.   low, high : range; None is the type's own.
+    kind : data type.   access : as in CiA 301; "none": a quantity inside the drive that no master sees.
+    default : value after 1011h.   low, high : range; None is the type's own.
     pdo : "r" mappable into receive PDOs, "t" into transmit PDOs.   when : writable "any" time, with the axis at "still"
     (stage off or standstill), or only with the stage "off".   stored : saved by 1010h.
     unit : the factor group scales it.
@@ -57,7 +61,7 @@ class ObjectRow:
     index: int
     subindex: int
     kind: Literal["u8", "i8", "u16", "i16", "u32", "i32", "f32", "str"]
-    access: Literal["const", "ro", "wo", "rw"]
+    access: Literal["const", "ro", "wo", "rw", "none"]
     default: Value
     meaning: str
     low: float | None = None
@@ -106,6 +110,25 @@ class ObjectEntry:
         return self.check is not None or row.low is not None or row.high is not None or row.when != "any"
 
 
+class _Alias(ObjectEntry):
+    """Another entry's value under a number of its own, to be read."""
+
+    __slots__ = ("_other",)
+
+    def __init__(self, index: int, subindex: int, other: ObjectEntry) -> None:
+        self._other = other
+        super().__init__(replace(other.row, index=index, subindex=subindex, access="ro", stored=False, pdo="t"))
+
+    @property
+    def value(self) -> Any:
+        """The other's."""
+        return self._other.value
+
+    @value.setter
+    def value(self, value: Any) -> None:
+        """Loading defaults is the other's."""
+
+
 class ObjectDictionary:
     """All objects of one drive.
 
@@ -116,22 +139,31 @@ class ObjectDictionary:
         self.stage_on = False
         self.moving = False
         self._entries = {(row.index, row.subindex): ObjectEntry(row) for row in _with_counts(list(rows))}
-        self._indices = {index for index, _ in self._entries}
+        self._indices = {index for (index, _), entry in self._entries.items() if entry.row.access != "none"}
 
     def entry(self, index: int, subindex: int = 0) -> ObjectEntry:
-        """One entry; raises SdoAbort when there is none."""
+        """One entry, seen or not, for the drive itself."""
+        return self._entries[index, subindex]
+
+    def has(self, index: int, subindex: int = 0) -> bool:
+        """Whether the drive has this object, or the quantity without one."""
+        return (index, subindex) in self._entries
+
+    def seen(self, index: int, subindex: int = 0) -> ObjectEntry:
+        """One entry as a master sees it; raises SdoAbort when there is none."""
         found = self._entries.get((index, subindex))
-        if found is None:
+        if found is None or found.row.access == "none":
             raise SdoAbort(SdoAbort.NO_SUBINDEX if index in self._indices else SdoAbort.NO_OBJECT)
         return found
 
-    def has(self, index: int, subindex: int = 0) -> bool:
-        """Whether the drive has this object."""
-        return (index, subindex) in self._entries
+    def alias(self, index: int, subindex: int, other: ObjectEntry) -> None:
+        """The same quantity under a second number."""
+        self._entries[index, subindex] = _Alias(index, subindex, other)
+        self._indices.add(index)
 
     def read(self, index: int, subindex: int) -> bytes:
         """Value as the bytes of an upload; raises SdoAbort."""
-        entry = self.entry(index, subindex)
+        entry = self.seen(index, subindex)
         row = entry.row
         if row.access == "wo":
             raise SdoAbort(SdoAbort.WRITE_ONLY)
@@ -141,7 +173,7 @@ class ObjectDictionary:
 
     def write(self, index: int, subindex: int, data: bytes, sized: bool = True) -> None:
         """Store the bytes of a download; raises SdoAbort.  ``sized`` False: the client has not told the length."""
-        entry = self.entry(index, subindex)
+        entry = self.seen(index, subindex)
         row = entry.row
         if row.access in ("ro", "const"):
             raise SdoAbort(SdoAbort.READ_ONLY)
@@ -198,7 +230,8 @@ def _with_counts(rows: list[ObjectRow]) -> list[ObjectRow]:
     """The rows, and for each record without a row for subindex 0 the constant highest subindex."""
     highest: dict[int, int] = {}
     for row in rows:
-        highest[row.index] = max(row.subindex, highest.get(row.index, 0))
+        if row.access != "none":
+            highest[row.index] = max(row.subindex, highest.get(row.index, 0))
     given = {row.index for row in rows if row.subindex == 0}
     counts = [ObjectRow(i, 0, "u8", "const", top, "highest subindex") for i, top in highest.items() if i not in given]
     return rows + counts

@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from enum import Enum, auto
 
-from beltcomm.virtual.bus import TICKS_PER_SECOND
 from beltcomm.virtual.loops import STANDSTILL_RAD_S, Loops
 from beltcomm.virtual.modes import BIT_12, BIT_13, NEW_SETPOINT, TARGET_REACHED, OperationMode
 from beltcomm.virtual.motion import Ramp
 
 _HERE = (35, 37)
-_LOWER_SWITCH, _UPPER_SWITCH = 17, 18
-METHODS = frozenset({*_HERE, _LOWER_SWITCH, _UPPER_SWITCH})
+#: Method -> direction of the end switch that is looked for; 0: none is.
+_SWITCH = {1: -1, 2: 1, 17: -1, 18: 1, 33: 0, 34: 0}
+#: Method -> direction in which the index pulse behind it is looked for.
+_INDEX = {1: 1, 2: -1, 33: -1, 34: 1}
 
 # A search that has not found its switch by then never will: 600 mm at 10 mm/s.
-_PATIENCE_TICKS = 60 * TICKS_PER_SECOND
+_PATIENCE_MS = 60_000
 
 
 class _Phase(Enum):
     IDLE = auto()
     TOWARDS = auto()
     OFF = auto()
+    INDEX = auto()
     STOPPING = auto()
     ATTAINED = auto()
     FAILED = auto()
@@ -31,7 +34,8 @@ class Homing(OperationMode):
     """Mode 6, started by bit 4 of the controlword; taking the bit back stops the axis.
 
     Methods 35 and 37: the present position is the home position.  17 (18): towards the lower (upper) end switch at 6099h:1
-    until it closes, away from it at 6099h:2 until it opens; there is the home position.  At the home position 6064h reads
+    until it closes, away from it at 6099h:2 until it opens; there is the home position.  1 (2): on from there to the next index
+    pulse of the encoder, once a turn.  33 (34): the next index pulse below (above).  At the home position 6064h reads
     -607Ch: "the zero position is offset from the home position by adding the home offset to the home position".
 
     switches : present state of (lower, upper), None when none are wired.   found(angle_rad) : home lies there.
@@ -54,18 +58,19 @@ class Homing(OperationMode):
         self._acceleration = self.object(0x609A)
         self._phase = _Phase.IDLE
         self._direction = 0
+        self._index_rad = 0.0
         self._ticks = 0
-        self._ramp = Ramp(0.0)
+        self._ramp = Ramp(0.0, loops.tick_s)
 
     @property
     def under_way(self) -> bool:
         """Whether an end switch is being looked for or left."""
-        return self._phase in (_Phase.TOWARDS, _Phase.OFF, _Phase.STOPPING)
+        return self._phase in (_Phase.TOWARDS, _Phase.OFF, _Phase.INDEX, _Phase.STOPPING)
 
     def start(self) -> None:
         """Ramp to rest from the present speed; nothing is looked for until bit 4 rises."""
         self._phase = _Phase.IDLE
-        self._ramp = Ramp(self.loops.speed_rad_s)
+        self._ramp = Ramp(self.loops.speed_rad_s, self.loops.tick_s)
 
     def control(self, controlword: int) -> None:
         """Bit 4 rising begins the search, falling breaks it off."""
@@ -82,7 +87,9 @@ class Homing(OperationMode):
         target = 0.0
         if self._phase in (_Phase.TOWARDS, _Phase.OFF):
             target = self._search()
-        acceleration = self._acceleration.value / self.loops.scaling.acceleration
+        elif self._phase == _Phase.INDEX:
+            target = self._to_index()
+        acceleration = self.loops.acceleration(self._acceleration)
         self._ramp.step(target, acceleration, acceleration)
         if self._phase == _Phase.STOPPING and abs(self.loops.speed_rad_s) < STANDSTILL_RAD_S and self._ramp.value == 0.0:
             self._phase = _Phase.ATTAINED
@@ -102,17 +109,19 @@ class Homing(OperationMode):
         if method in _HERE:
             self._found(self.loops.angle_rad)
             self._phase = _Phase.ATTAINED
+        elif _SWITCH[method] == 0:
+            self._look_for_index()
         elif self._switches() is None:
             self._fail()
         else:
-            self._direction = -1 if method == _LOWER_SWITCH else 1
+            self._direction = _SWITCH[method]
             self._phase = _Phase.TOWARDS
 
     def _search(self) -> float:
         """Speed reference of this tick while a switch is looked for."""
         switches = self._switches()
         self._ticks += 1
-        if switches is None or self._ticks > _PATIENCE_TICKS:
+        if switches is None or self._ticks > _PATIENCE_MS * self.loops.ticks_per_ms:
             self._fail()
             return 0.0
         closed = switches[0] if self._direction < 0 else switches[1]
@@ -123,7 +132,24 @@ class Homing(OperationMode):
             self._phase = _Phase.OFF
         if closed:
             return float(-self._direction * self._slow.value / per_rad_s)
+        if self._method.value in _INDEX:
+            self._look_for_index()
+            return self._to_index()
         self._found(self.loops.angle_rad)
+        self._phase = _Phase.STOPPING
+        return 0.0
+
+    def _look_for_index(self) -> None:
+        self._phase = _Phase.INDEX
+        self._direction = _INDEX[self._method.value]
+        turns = self.loops.angle_rad / math.tau
+        self._index_rad = math.tau * (math.floor(turns) + 1 if self._direction > 0 else math.ceil(turns) - 1)
+
+    def _to_index(self) -> float:
+        """Speed reference of this tick until the index pulse is passed."""
+        if self._direction * (self.loops.angle_rad - self._index_rad) < 0.0:
+            return float(self._direction * self._slow.value / abs(self.loops.scaling.velocity))
+        self._found(self._index_rad)
         self._phase = _Phase.STOPPING
         return 0.0
 

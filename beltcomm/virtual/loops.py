@@ -10,8 +10,7 @@ import math
 from dataclasses import replace
 
 from beltcomm.control import cascade_step, discrete_coefficients, new_state, reset_state, velocity_step
-from beltcomm.virtual.bus import TICK_S
-from beltcomm.virtual.dictionary import ObjectDictionary
+from beltcomm.virtual.dictionary import ObjectDictionary, ObjectEntry
 from beltcomm.virtual.faults import Faults
 from beltcomm.virtual.motor import Nameplate
 from beltcomm.virtual.profiles import VirtualProfile
@@ -29,13 +28,20 @@ class Loops:
     angle_rad, speed_rad_s : the present sample.   limit_nm : bound of the torque setpoint.
     demand_rad, following_error_rad, output_rad_s, demand_nm : position reference, error and output of the position
     controller, and torque setpoint of the last loop.   limited : a setpoint was cut to a limit.
-    asked_rad_s : speed that the velocity controller was asked for last; None while it does not run.
+    tick_s, ticks_per_ms : the cycle.   asked_rad_s : speed that the velocity controller was asked for last; None while it does not run.
     """
 
     def __init__(
-        self, dictionary: ObjectDictionary, profile: VirtualProfile, motor: Nameplate, counts_per_rev: int, faults: Faults
+        self,
+        dictionary: ObjectDictionary,
+        profile: VirtualProfile,
+        motor: Nameplate,
+        counts_per_rev: int,
+        faults: Faults,
+        tick_s: float,
     ) -> None:
         self.dictionary = dictionary
+        self.tick_s, self.ticks_per_ms = tick_s, 1e-3 / tick_s
         self._faults = faults
         self.profile = profile
         self._motor = motor
@@ -45,15 +51,15 @@ class Loops:
         self.speed_rad_s = 0.0
         self._state = new_state()
         self._limits = dictionary.entry(0x607D, 1), dictionary.entry(0x607D, 2)
-        self._period_ms = dictionary.entry(0x60C2, 1)
+        self._period = dictionary.entry(0x60C2, 1), dictionary.entry(0x60C2, 2)
         self.restart()
         for index in profile.gain_objects:
-            for subindex in range(1, 256):
+            for subindex in range(256):
                 if dictionary.has(index, subindex):
                     dictionary.entry(index, subindex).changed = self._mark_gains
         for index in (0x6072, 0x6073, 0x6075):
             dictionary.entry(index).changed = self.reload_limit
-        for index, subindex in ((0x607E, 0), (0x6093, 1), (0x6093, 2), (0x6094, 1), (0x6094, 2), (0x6097, 1), (0x6097, 2)):
+        for index, subindex in ((0x607E, 0), (0x60A9, 0), (0x6093, 1), (0x6093, 2), (0x6094, 1), (0x6094, 2), (0x6097, 1), (0x6097, 2)):
             if dictionary.has(index, subindex):
                 dictionary.entry(index, subindex).changed = self._on_factor
 
@@ -62,7 +68,7 @@ class Loops:
         self.i2t_limited = False
         self.reload_scaling()
         self.reload_gains()
-        self._period_at_reset: int = self._period_ms.value
+        self._period_at_reset_s = self._period_s()
         self.begin()
 
     def reload_scaling(self) -> None:
@@ -75,30 +81,36 @@ class Loops:
     def reload_gains(self) -> None:
         """Gains, filters and feedforward; the controller starts from rest with them."""
         self._gains_stale = False
-        told = self.profile.cascade(self.dictionary)
+        told = self.profile.cascade(self.dictionary, self._motor)
         factor = self._faults.gain_factor
         self._cascade = replace(told, kp_nm_s_rad=factor * told.kp_nm_s_rad, ki_nm_rad=factor * told.ki_nm_rad)
         self._output_limit, self._dead_zone = self.profile.output_limit(self.dictionary, self.scaling)
         self._plain_position_error = math.isinf(self._output_limit) and self._dead_zone == 0.0
-        self.filter_pole = self._cascade.velocity_filter_s / (self._cascade.velocity_filter_s + TICK_S)
+        self.filter_pole = self._cascade.velocity_filter_s / (self._cascade.velocity_filter_s + self.tick_s)
         self.reload_limit()
         self.open()
 
     def reload_limit(self) -> None:
         """6072h, 6073h, the motor's peak and I²t make one bound of the torque."""
         entry = self.dictionary.entry
-        self.nm_per_unit = self._motor.torque_constant_nm_a * entry(0x6075).value * 1e-6  # 0.1 % of rated in mA
-        limit = min(self.nm_per_unit * min(entry(0x6072).value, entry(0x6073).value), self._motor.peak_torque_nm)
+        current_unit_nm = self._motor.torque_constant_nm_a * entry(0x6075).value * 1e-6  # 0.1 % of rated in mA
+        of_peak = self.profile.peak_torque_units
+        self.nm_per_unit = self._motor.peak_torque_nm / of_peak if of_peak else current_unit_nm
+        limit = min(self.nm_per_unit * entry(0x6072).value, current_unit_nm * entry(0x6073).value, self._motor.peak_torque_nm)
         if self.i2t_limited:
             limit = min(limit, self._motor.rated_torque_nm)
         self.limit_nm = max(limit, _NO_TORQUE_NM)
-        self._coefficients = discrete_coefficients(self._cascade, TICK_S, self.limit_nm)
+        self._coefficients = discrete_coefficients(self._cascade, self.tick_s, self.limit_nm)
 
     @property
     def interpolation_ticks(self) -> int:
-        """60C2h in force."""
-        period: int = self._period_at_reset if self.profile.period_at_reset else self._period_ms.value
-        return period
+        """60C2h in force; 1 while it is 0, unused."""
+        period_s = self._period_at_reset_s if self.profile.period_at_reset else self._period_s()
+        return max(1, round(period_s / self.tick_s))
+
+    def _period_s(self) -> float:
+        value, power = self._period
+        return float(value.value * 10.0**power.value)
 
     def set_zero(self, shift_counts: int) -> None:
         """The user's position is the encoder's count plus this, times units per count."""
@@ -112,6 +124,16 @@ class Loops:
     def position_of(self, angle_rad: float) -> float:
         """User position of an encoder angle."""
         return (angle_rad + self._shift_rad) * self.scaling.position
+
+    def acceleration(self, entry: ObjectEntry) -> float:
+        """An acceleration object in rad/s²."""
+        return self.scaling.acceleration_of(entry.value)
+
+    def halt_deceleration(self) -> float:
+        """605Dh: along 6084h or along 6085h."""
+        entry = self.dictionary.entry
+        quick = self.dictionary.has(0x605D) and entry(0x605D).value == 2
+        return self.acceleration(entry(0x6085 if quick else 0x6084))
 
     def within_limits(self, position: float) -> float:
         """A user position, cut to the software limits 607Dh while they are on."""
@@ -181,7 +203,7 @@ class Loops:
 
     def _close(self) -> None:
         if not self._closed:  # a drive measures its speed all the time, not only since the loop is closed
-            reset_state(self._state, self.angle_rad - self.speed_rad_s * TICK_S, self.speed_rad_s)
+            reset_state(self._state, self.angle_rad - self.speed_rad_s * self.tick_s, self.speed_rad_s)
             self._closed = True
 
     def _decide(self, torque_nm: float) -> float:

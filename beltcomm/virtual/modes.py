@@ -6,8 +6,8 @@ A mode starts when the operation is enabled in it or when 6060h changes, and is 
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 
-from beltcomm.virtual.bus import TICK_S
 from beltcomm.virtual.dictionary import ObjectEntry
 from beltcomm.virtual.loops import STANDSTILL_RAD_S, Loops
 from beltcomm.virtual.motion import Interpolator, Ramp, ReferenceProfile, stop_segments, trapezoid
@@ -17,6 +17,8 @@ TARGET_REACHED, BIT_12, BIT_13 = 1 << 10, 1 << 12, 1 << 13
 
 # Profile velocity: within 10 min⁻¹ of the target it is reached (606Fh's default on the CMMP-AS).
 _SPEED_WINDOW_RAD_S = 10.0 * math.pi / 30.0
+#: A ramp that takes no time.
+_AT_ONCE_RAD_S2 = 1e9
 
 
 class OperationMode:
@@ -62,7 +64,7 @@ class _PositionWindow:
         """To be asked once per tick."""
         error = abs(target_rad - self._loops.angle_rad) * abs(self._loops.scaling.position)
         self._inside_ticks = self._inside_ticks + 1 if resting and error <= self._window.value else 0
-        return bool(self._inside_ticks > self._time_ms.value)
+        return bool(self._inside_ticks > self._time_ms.value * self._loops.ticks_per_ms)
 
 
 class ProfilePosition(OperationMode):
@@ -78,7 +80,7 @@ class ProfilePosition(OperationMode):
     def start(self) -> None:
         """Brake to rest along 6084h; setpoints of an earlier start are forgotten."""
         loops = self.loops
-        self._trajectory = ReferenceProfile(loops.angle_rad, loops.speed_rad_s)
+        self._trajectory = ReferenceProfile(loops.angle_rad, loops.speed_rad_s, loops.tick_s)
         self._target = loops.position_of(loops.angle_rad)
         self._waiting: float | None = None
         self._acknowledged = False
@@ -139,7 +141,7 @@ class ProfilePosition(OperationMode):
         return (TARGET_REACHED if self._reached else 0) | (BIT_12 if self._acknowledged else 0)
 
     def _brake(self) -> None:
-        deceleration = self._deceleration.value / self.loops.scaling.acceleration
+        deceleration = self.loops.halt_deceleration() if self._halted else self.loops.acceleration(self._deceleration)
         self._trajectory.run(stop_segments(self._trajectory.speed, deceleration))
 
     def _go(self, target: float) -> None:
@@ -153,8 +155,8 @@ class ProfilePosition(OperationMode):
             end - trajectory.position,
             trajectory.speed,
             max(self._speed.value, 1.0) / abs(scaling.velocity),
-            self._acceleration.value / scaling.acceleration,
-            self._deceleration.value / scaling.acceleration,
+            self.loops.acceleration(self._acceleration),
+            self.loops.acceleration(self._deceleration),
         )
         trajectory.run(segments, end)
 
@@ -171,7 +173,7 @@ class ProfileVelocity(OperationMode):
 
     def start(self) -> None:
         """Ramp from the present speed."""
-        self._ramp = Ramp(self.loops.speed_rad_s)
+        self._ramp = Ramp(self.loops.speed_rad_s, self.loops.tick_s)
         self._target = 0.0
 
     def step(self) -> float:
@@ -182,8 +184,8 @@ class ProfileVelocity(OperationMode):
         self._target = min(max(asked, -top), top)
         if self._target != asked:
             loops.limited = True
-        per_s2 = loops.scaling.acceleration
-        self._ramp.step(self._target, self._acceleration.value / per_s2, self._deceleration.value / per_s2)
+        falling = loops.halt_deceleration() if self.controlword & HALT else loops.acceleration(self._deceleration)
+        self._ramp.step(self._target, loops.acceleration(self._acceleration), falling)
         return loops.velocity(self._ramp.value, self._ramp.slope)
 
     def status(self) -> int:
@@ -203,7 +205,7 @@ class ProfileTorque(OperationMode):
 
     def start(self) -> None:
         """Ramp from zero torque."""
-        self._ramp = Ramp(0.0)  # 0.1 % of rated torque
+        self._ramp = Ramp(0.0, self.loops.tick_s)  # 0.1 % of rated torque
         self._target = 0.0
 
     def step(self) -> float:
@@ -243,7 +245,7 @@ class InterpolatedPosition(OperationMode):
         interpolator.step(target, 0.0, loops.interpolation_ticks)
         self._reached = self._window.reached(target, interpolator.position == target)
         # The speed for the feedforward is the reference's own; a setpoint in whole counts has no usable second difference.
-        return loops.position(interpolator.position, (interpolator.position - before) / TICK_S, 0.0)
+        return loops.position(interpolator.position, (interpolator.position - before) / loops.tick_s, 0.0)
 
     def status(self) -> int:
         """Bit 10: in the window 6067h; bit 12: interpolation is active."""
@@ -289,7 +291,7 @@ class CyclicPosition(_Cyclic):
             target = loops.angle_of(loops.within_limits(self._target_position.value + self._position_offset.value))
             speed = self._velocity_offset.value / loops.scaling.velocity
         interpolator.step(target, speed, loops.interpolation_ticks)
-        acceleration = (interpolator.speed - speed_before) / TICK_S
+        acceleration = (interpolator.speed - speed_before) / loops.tick_s
         return loops.position(interpolator.position, interpolator.speed, acceleration, self.extra_nm())
 
 
@@ -311,7 +313,7 @@ class CyclicVelocity(_Cyclic):
         speed_before = interpolator.speed
         asked = 0.0 if self.controlword & HALT else self._target_velocity.value + self._velocity_offset.value
         interpolator.step(0.0, asked / loops.scaling.velocity, loops.interpolation_ticks)
-        acceleration = (interpolator.speed - speed_before) / TICK_S
+        acceleration = (interpolator.speed - speed_before) / loops.tick_s
         return loops.velocity(interpolator.speed, acceleration, self.extra_nm())
 
 
@@ -330,8 +332,25 @@ class CyclicTorque(_Cyclic):
         return self.loops.torque(self._target_torque.value * nm_per_unit + self._torque_offset.value * nm_per_unit)
 
 
+class NoMode(OperationMode):
+    """Mode 0: none is assigned yet; the stage is on and asks for no torque."""
+
+    def step(self) -> float:
+        """Nothing."""
+        return self.loops.torque(0.0)
+
+
+class StopKind(IntEnum):
+    """How a stop brakes: not at all, along 6084h, along 6085h, at the limit of the current.  Values of 605Eh."""
+
+    COAST = 0
+    PROFILE = 1
+    QUICK = 2
+    LIMIT = 3
+
+
 class StopMode(OperationMode):
-    """Quick stop and fault reaction: the drive's own velocity loop along 6085h to rest.
+    """Quick stop, fault reaction and ordered end: the drive's own velocity loop along 6085h, or as :class:`StopKind` says, to rest.
 
     The ramp brings no acceleration feedforward: it begins and ends with a step of the acceleration, which a feedforward would hand
     on to the belt as a step of torque; the speed controller alone rounds it off.
@@ -340,30 +359,37 @@ class StopMode(OperationMode):
     was asked before, whatever the encoder says (Synapticon's published firmware, sc_sncn_ethercat_drive: "we update the velocity command
     only if decreasing"; Beckhoff AX2000, DECSTOP: the internal setpoint goes to 0 along the ramp).   With all loops open the measured speed
     is all that a drive has.
-    done : at standstill for 10 ms after the ramp, or 1 s after it whatever the axis does.   coasts : no loop brakes, the torque is gone.
+    done : at standstill for 10 ms after the ramp, or 1 s after it whatever the axis does; at once where no loop brakes.
     """
 
-    _STILL_TICKS, _PATIENCE_TICKS = 10, 1000
+    _STILL_MS, _PATIENCE_MS = 10, 1000
 
     def __init__(self, loops: Loops) -> None:
         super().__init__(loops)
-        self._deceleration = self.object(0x6085)
-        self.done = self.coasts = False
+        self._decelerations = {StopKind.PROFILE: self.object(0x6084), StopKind.QUICK: self.object(0x6085)}
+        self._kind = StopKind.QUICK
+        self.done = False
 
-    def start(self) -> None:
+    def start(self, kind: StopKind = StopKind.QUICK) -> None:
         """Ramp from the present speed."""
+        self._kind = kind
         speed, asked = self.loops.speed_rad_s, self.loops.asked_rad_s
-        self._ramp = Ramp(speed if asked is None else min(max(speed, min(asked, 0.0)), max(asked, 0.0)))
+        self._ramp = Ramp(speed if asked is None else min(max(speed, min(asked, 0.0)), max(asked, 0.0)), self.loops.tick_s)
         self._still_ticks = 0
         self._ended_ticks = 0
         self.done = False
 
     def step(self) -> float:
         """Torque setpoint of this tick, N m; sets ``done``."""
-        deceleration = self._deceleration.value / self.loops.scaling.acceleration
+        if self._kind == StopKind.COAST:
+            self.done = True
+            return self.loops.torque(0.0)
+        found = self._decelerations.get(self._kind)
+        deceleration = _AT_ONCE_RAD_S2 if found is None else self.loops.acceleration(found)
         self._ramp.step(0.0, deceleration, deceleration)
         if self._ramp.value == 0.0:
+            per_ms = self.loops.ticks_per_ms
             self._ended_ticks += 1
             self._still_ticks = self._still_ticks + 1 if abs(self.loops.speed_rad_s) < STANDSTILL_RAD_S else 0
-            self.done = self._still_ticks >= self._STILL_TICKS or self._ended_ticks >= self._PATIENCE_TICKS
-        return self.loops.torque(0.0) if self.coasts else self.loops.velocity(self._ramp.value, 0.0)
+            self.done = self._still_ticks >= self._STILL_MS * per_ms or self._ended_ticks >= self._PATIENCE_MS * per_ms
+        return self.loops.velocity(self._ramp.value, 0.0)

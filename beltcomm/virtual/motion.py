@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.virtual.bus import TICK_S
-
 Segment = tuple[float, float]
 """Duration, s; constant acceleration, rad/s²."""
 
@@ -51,8 +49,9 @@ class ReferenceProfile:
     position, speed, acceleration : the present reference.   done : it is at rest.
     """
 
-    def __init__(self, position: float, speed: float) -> None:
+    def __init__(self, position: float, speed: float, tick_s: float) -> None:
         self.position, self.speed, self.acceleration = position, speed, 0.0
+        self._tick_s = tick_s
         self.done = True
         self.run([])
 
@@ -71,7 +70,7 @@ class ReferenceProfile:
             return
         self._elapsed_ticks += 1
         position, speed = self._start
-        left = self._elapsed_ticks * TICK_S
+        left = self._elapsed_ticks * self._tick_s
         for duration, acceleration in self._segments:
             part = min(left, duration)
             position += (speed + 0.5 * acceleration * part) * part
@@ -88,14 +87,15 @@ class ReferenceProfile:
 class Ramp:
     """A value that follows its target with bounded slope.  slope : the step of the last tick per second."""
 
-    def __init__(self, value: float) -> None:
+    def __init__(self, value: float, tick_s: float) -> None:
         self.value = value
+        self._tick_s = tick_s
         self.slope = 0.0
 
     def step(self, target: float, rising: float, falling: float) -> None:
         """One tick; ``rising`` is the slope away from zero, ``falling`` towards it, per second.  Zero takes no time."""
         before = value = self.value
-        left = TICK_S
+        left = self._tick_s
         if value * target < 0.0 or abs(target) < abs(value):
             goal = 0.0 if value * target < 0.0 else target
             need = abs(goal - value) / falling
@@ -105,7 +105,7 @@ class Ramp:
             need = abs(target - value) / rising
             value = target if need <= left else value + math.copysign(rising * left, target - value)
         self.value = value
-        self.slope = (value - before) / TICK_S
+        self.slope = (value - before) / self._tick_s
 
 
 class Interpolator:

@@ -10,12 +10,14 @@ BOOTING, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0x00, 0x04, 0x05, 0x7F
 _START, _STOP, _ENTER_PRE_OPERATIONAL, RESET_NODE, _RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x81, 0x82
 _STATE_AFTER = {_START: OPERATIONAL, _STOP: STOPPED, _ENTER_PRE_OPERATIONAL: PRE_OPERATIONAL}
 
-#: Ticks from a reset to the boot-up message.
-BOOT_TICKS = 50
+#: From a reset to the boot-up message.
+BOOT_MS = 50
+#: 1029h:1, what a node becomes that was operational when it lost its master.
+_AFTER_LOSS = {0: PRE_OPERATIONAL, 2: STOPPED}
 
 
 class Nmt:
-    """NMT slave of one node; it boots in its first tick.  Times in ticks of 1 ms.
+    """NMT slave of one node; it boots in its first tick.  Times in ticks, ``ticks_per_ms`` each millisecond.
 
     send : puts data under 700h + node ID on the bus.   state_changed(old, new) : called on every change of state.
     reset(node) : the master resets the node (True) or its communication.   master_lost : guarding or heartbeat ran out.
@@ -29,8 +31,10 @@ class Nmt:
         state_changed: Callable[[int, int], None],
         reset: Callable[[bool], None],
         master_lost: Callable[[], None],
+        ticks_per_ms: float = 1.0,
     ) -> None:
         self.state = BOOTING
+        self._per_ms = ticks_per_ms
         self._node_id = node_id
         self._send = send
         self._state_changed = state_changed
@@ -38,6 +42,7 @@ class Nmt:
         self._master_lost = master_lost
         self._producer_ms = dictionary.entry(0x1017)
         self._consumer = dictionary.entry(0x1016, 1)
+        self._behaviour = dictionary.entry(0x1029, 1) if dictionary.has(0x1029, 1) else None
         self._guard_time_ms = dictionary.entry(0x100C)
         self._life_time_factor = dictionary.entry(0x100D)
         self._producer_ms.changed = self._restart_producer
@@ -46,9 +51,9 @@ class Nmt:
         self._tick = 0
         self._boot_left = 0
         self._toggle = 0
-        self._next_heartbeat = 0
-        self._guard_deadline: int | None = None
-        self._heartbeat_deadline: int | None = None
+        self._next_heartbeat = 0.0
+        self._guard_deadline: float | None = None
+        self._heartbeat_deadline: float | None = None
 
     def command(self, data: bytes) -> None:
         """A frame with identifier 0: command specifier, node (0 is all)."""
@@ -60,7 +65,7 @@ class Nmt:
                 self._state_changed(old, self.state)
         elif data[0] in (RESET_NODE, _RESET_COMMUNICATION):
             old, self.state = self.state, BOOTING
-            self._boot_left = BOOT_TICKS
+            self._boot_left = round(BOOT_MS * self._per_ms)
             self._toggle = 0
             self._guard_deadline = self._heartbeat_deadline = None
             self._state_changed(old, BOOTING)
@@ -79,13 +84,13 @@ class Nmt:
             self._state_changed(BOOTING, PRE_OPERATIONAL)
         if self._producer_ms.value and tick >= self._next_heartbeat:
             self._send(bytes((self.state,)))
-            self._next_heartbeat = tick + self._producer_ms.value
+            self._next_heartbeat = tick + self._producer_ms.value * self._per_ms
         if self._guard_deadline is not None and tick >= self._guard_deadline:
             self._guard_deadline = None
-            self._master_lost()
+            self._lost()
         if self._heartbeat_deadline is not None and tick >= self._heartbeat_deadline:
             self._heartbeat_deadline = None
-            self._master_lost()
+            self._lost()
 
     def guard_request(self) -> None:
         """A remote frame under 700h + node ID: answer with state and toggle bit; life guarding starts with the first.
@@ -96,17 +101,25 @@ class Nmt:
             return
         self._send(bytes((self.state | self._toggle,)))
         self._toggle ^= 0x80
-        life_time = self._guard_time_ms.value * self._life_time_factor.value
+        life_time = self._guard_time_ms.value * self._life_time_factor.value * self._per_ms
         self._guard_deadline = self._tick + life_time if life_time else None
 
     def heard(self, node_id: int) -> None:
         """A heartbeat of another node; the one named in 1016h is watched from its first on."""
         watched = self._consumer.value
         if watched >> 16 & 0x7F == node_id and watched & 0xFFFF and self.state != BOOTING:
-            self._heartbeat_deadline = self._tick + (watched & 0xFFFF)
+            self._heartbeat_deadline = self._tick + (watched & 0xFFFF) * self._per_ms
+
+    def _lost(self) -> None:
+        """The application hears of it first: in the state Stopped no emergency goes out any more."""
+        self._master_lost()
+        after = None if self._behaviour is None else _AFTER_LOSS.get(self._behaviour.value)
+        if after is not None and self.state == OPERATIONAL:
+            self.state = after
+            self._state_changed(OPERATIONAL, after)
 
     def _restart_producer(self) -> None:
-        self._next_heartbeat = self._tick + self._producer_ms.value
+        self._next_heartbeat = self._tick + self._producer_ms.value * self._per_ms
         if self._producer_ms.value:
             self._guard_deadline = None
 

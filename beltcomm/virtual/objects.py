@@ -16,6 +16,8 @@ PDO_NO_RTR = 1 << 30  # reads as 1 always: these drives answer no remote request
 
 _I32_MIN, _I32_MAX = -(1 << 31), (1 << 31) - 1
 
+_QUICK_STOP = "quick stop: 0 off; 1, 2 ramp 6084h, 6085h, 3 at the limit, then off; 5, 6, 7 likewise, then hold"
+
 # Mapping after power-on (index, subindex, bits), PDO 1 to 4: those of the CMMP-AS (drive-protocols.md, 1).
 _RECEIVE_MAPS = ((0x60400010,), (0x60400010, 0x60600008), (0x60400010, 0x607A0020), (0x60400010, 0x60FF0020))
 _TRANSMIT_MAPS = ((0x60410010,), (0x60410010, 0x60610008), (0x60410010, 0x60640020), (0x60410010, 0x606C0020))
@@ -57,8 +59,26 @@ def communication_rows(node_id: int, name: str, vendor: int, product: int) -> li
         ObjectRow(0x1018, 2, "u32", "ro", product, "product code"),
         ObjectRow(0x1018, 3, "u32", "ro", 1, "revision"),
         ObjectRow(0x1018, 4, "u32", "ro", 1, "serial number"),
+        ObjectRow(0x1200, 1, "u32", "ro", 0x600 + node_id, "COB-ID, client to server"),
+        ObjectRow(0x1200, 2, "u32", "ro", 0x580 + node_id, "COB-ID, server to client"),
     ]
     return rows + [ObjectRow(0x1003, sub, "u32", "ro", 0, "error, youngest first") for sub in range(1, 5)]
+
+
+def standard_rows() -> list[ObjectRow]:
+    """What CiA 301 and CiA 402 have beside, and not every drive: SYNC, error behaviour, reactions."""
+    return [
+        parameter(0x1006, 0, "u32", 0, "communication cycle period, us", pdo=""),
+        parameter(0x1007, 0, "u32", 0, "synchronous window length, us", pdo=""),
+        ObjectRow(0x1016, 1, "u32", "rw", 0, "heartbeat consumer: node ID << 16 | time, ms", stored=True),
+        parameter(0x1019, 0, "u8", 0, "SYNC counter overflow", high=240, pdo=""),
+        parameter(0x1029, 1, "u8", 1, "NMT state after a loss: 0 pre-operational, 1 as it is, 2 stopped", high=2, pdo=""),
+        parameter(0x6007, 0, "i16", 1, "loss of the master: 0 nothing, 1 fault, 2 off, 3 quick stop", 0, 3, pdo=""),
+        parameter(0x605B, 0, "i16", 0, "shutdown: 0 off, 1 ramp first", 0, 1, pdo=""),
+        parameter(0x605C, 0, "i16", 0, "disable operation: 0 off, 1 ramp first", 0, 1, pdo=""),
+        parameter(0x605D, 0, "i16", 1, "halt: 1 along 6084h, 2 along 6085h", 1, 2, pdo=""),
+        parameter(0x605E, 0, "i16", 2, "fault: 0 off, 1 along 6084h, 2 along 6085h, 3 at the current limit", 0, 3, pdo=""),
+    ]
 
 
 def pdo_rows(node_id: int, longest_map: int, event_timer: bool) -> list[ObjectRow]:
@@ -86,14 +106,14 @@ def pdo_rows(node_id: int, longest_map: int, event_timer: bool) -> list[ObjectRo
     return rows
 
 
-def drive_rows(motor: Nameplate, supported_modes: int, quick_stop_codes: tuple[int, int]) -> list[ObjectRow]:
+def drive_rows(motor: Nameplate, supported_modes: int, quick_stop_codes: frozenset[int]) -> list[ObjectRow]:
     """CiA 402 objects, except those whose unit or range is the profile's own."""
     peak = motor.peak_permille
     return [
         ObjectRow(0x603F, 0, "u16", "ro", 0, "error code", pdo="t"),
         ObjectRow(0x6040, 0, "u16", "rw", 0, "controlword", pdo="r"),
         ObjectRow(0x6041, 0, "u16", "ro", 0, "statusword", pdo="t"),
-        parameter(0x605A, 0, "i16", 2, "quick stop: 2 ramp, then off; 6 ramp, then hold", *quick_stop_codes, pdo=""),
+        parameter(0x605A, 0, "i16", 2, _QUICK_STOP, min(quick_stop_codes), max(quick_stop_codes), pdo=""),
         ObjectRow(0x6060, 0, "i8", "rw", 1, "mode of operation", pdo="r", stored=True),
         ObjectRow(0x6061, 0, "i8", "ro", 1, "mode of operation display", pdo="t"),
         ObjectRow(0x6062, 0, "i32", "ro", 0, "position demand", pdo="t"),
@@ -118,7 +138,7 @@ def drive_rows(motor: Nameplate, supported_modes: int, quick_stop_codes: tuple[i
         parameter(0x6086, 0, "i16", 0, "motion profile: trapezoid", 0, 0),
         parameter(0x6087, 0, "u32", 0x0E310F94, "torque slope, 0.1 %/s", low=1),
         parameter(0x6088, 0, "i16", 0, "torque profile: linear", 0, 0),
-        parameter(0x6098, 0, "i8", 37, "homing method: 17, 18 end switch; 35, 37 present position"),
+        parameter(0x6098, 0, "i8", 37, "homing method"),
         ObjectRow(0x60C1, 1, "i32", "rw", 0, "interpolation position", pdo="rt", unit="position"),
         ObjectRow(0x60F4, 0, "i32", "ro", 0, "following error", pdo="t"),
         ObjectRow(0x60FD, 0, "u32", "ro", 0, "digital inputs: bit 0 lower, bit 1 upper end switch", pdo="t"),

@@ -1,4 +1,4 @@
-"""The two drives that can be played: rows of their own, scaling, and what they do differently."""
+"""The two drives that beltcomm knows best: rows of their own, scaling, and what they do differently.  Others are data: ``foreign``."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from beltcomm.control import Cascade, Feedforward, Prefilter, PrefilterKind
+from beltcomm.plant.drive_section import IDEAL, Instruments
 from beltcomm.virtual.dictionary import ObjectDictionary, ObjectRow
 from beltcomm.virtual.motor import Nameplate
-from beltcomm.virtual.objects import communication_rows, drive_rows, motion_rows, parameter, pdo_rows
+from beltcomm.virtual.objects import communication_rows, drive_rows, motion_rows, parameter, pdo_rows, standard_rows
+from beltcomm.virtual.pdo import EVERY_TYPE, PdoRules
 
 _RPM_PER_RAD_S = 30.0 / math.pi
 _NYQUIST_RAD_S = 3141.0  # just below π/T of the 1 ms loops
+_ALL_PDO_RULES = PdoRules(EVERY_TYPE, dummies=True, remote=True)
 _PREFILTERS: tuple[PrefilterKind, ...] = ("none", "notch", "butterworth")
 
 
@@ -21,11 +24,19 @@ class UserUnits:
     """User units per SI unit at the motor shaft; negative where 607Eh turns the sign.
 
     position : per rad.   velocity : per rad/s.   acceleration : per rad/s², always positive.
+    ramp_to_rad_s : where it is not 0, accelerations are told as the time to this speed, ms.
     """
 
     position: float
     velocity: float
     acceleration: float
+    ramp_to_rad_s: float = 0.0
+
+    def acceleration_of(self, value: float) -> float:
+        """An acceleration object's value in rad/s²."""
+        if self.ramp_to_rad_s:
+            return 1e3 * self.ramp_to_rad_s / max(value, 1.0)
+        return value / self.acceleration
 
 
 @dataclass(frozen=True)
@@ -34,32 +45,46 @@ class VirtualProfile:
 
     rows : objects by (node ID, motor, encoder counts per revolution).   scaling, cascade, output_limit : from the
     dictionary; output_limit gives bound and dead zone of the position controller, rad/s and rad.
-    type_254_is_cyclic : a transmit PDO of type 254 is sent every inhibit time.
+    pdos : what can be done with its PDOs.   homing : methods of 6098h.   quick_stops : values of 605Ah.
     following_error_faults : 6065h leads to a fault; else only to bit 13, and 6510h:22h switches the stage off.
     i2t_faults : the motor's I²t leads to a fault; else the current falls to the rated one.
     period_at_reset : 60C2h becomes active at the next reset; else at once.   enable_inputs : their bits in 60FDh, stage and controller.
+    peak_torque_units : torques are told so that the motor's peak torque is this many; 0: in 0.1 % of the rated one.
+    cycle_s : of its loops; the bus ticks with it.
+    sdo_delay_ms : before an answer.   enable_ms : until the stage is on.   instruments : of its torque path, where the plant file
+    has none.   tells_zero : in bit 15 of the statusword, which CiA 402 leaves to the maker.   aliases : a quantity's second number.
     """
 
     name: str
     rows: Callable[[int, Nameplate, int], list[ObjectRow]]
     scaling: Callable[[ObjectDictionary, int], UserUnits]
-    cascade: Callable[[ObjectDictionary], Cascade]
+    cascade: Callable[[ObjectDictionary, Nameplate], Cascade]
     output_limit: Callable[[ObjectDictionary, UserUnits], tuple[float, float]]
     gain_objects: tuple[int, ...]
     modes: frozenset[int]
-    type_254_is_cyclic: bool = False
+    pdos: PdoRules = _ALL_PDO_RULES
+    homing: frozenset[int] = frozenset({1, 2, 17, 18, 33, 34, 35, 37})
+    quick_stops: frozenset[int] = frozenset({0, 1, 2, 3, 5, 6, 7})
     following_error_faults: bool = True
     i2t_faults: bool = True
     period_at_reset: bool = False
     vendor_bits: bool = False
+    tells_zero: bool = True
     enable_inputs: int = 0
+    peak_torque_units: float = 0.0
+    cycle_s: float = 1e-3
+    sdo_delay_ms: float = 0.0
+    enable_ms: float = 0.0
+    instruments: Instruments = IDEAL
+    aliases: tuple[tuple[tuple[int, int], tuple[int, int]], ...] = ()
 
 
 def _mode_bits(modes: frozenset[int]) -> int:
     return sum(1 << (mode - 1) for mode in modes)
 
 
-def _signs(dictionary: ObjectDictionary) -> tuple[int, int]:
+def signs(dictionary: ObjectDictionary) -> tuple[int, int]:
+    """Of position and velocity, by 607Eh."""
     polarity = dictionary.entry(0x607E).value
     return (-1 if polarity & 0x80 else 1), (-1 if polarity & 0x40 else 1)
 
@@ -67,16 +92,26 @@ def _signs(dictionary: ObjectDictionary) -> tuple[int, int]:
 _REFERENCE_MODES = frozenset({1, 3, 4, 6, 7, 8, 9, 10})
 
 
-def _reference_rows(node_id: int, motor: Nameplate, counts: int) -> list[ObjectRow]:
-    def gain(subindex: int, default: float, meaning: str, high: float, low: float = 0.0) -> ObjectRow:
-        return parameter(0x2100, subindex, "f32", default, meaning, low, high, pdo="", when="still")
-
+def generic_rows(
+    node_id: int,
+    motor: Nameplate,
+    counts: int,
+    name: str,
+    vendor: int,
+    product: int,
+    modes: frozenset[int],
+    quick_stops: frozenset[int],
+    rev_per_s: float,
+    rev_per_s2: float,
+    longest_map: int = 8,
+) -> list[ObjectRow]:
+    """All that CiA 301 and CiA 402 say of a servo drive.   rev_per_s, rev_per_s2 : its units in one."""
     return [
-        *communication_rows(node_id, "beltcomm reference drive", vendor=0, product=1),
-        ObjectRow(0x1016, 1, "u32", "rw", 0, "heartbeat consumer: node ID << 16 | time, ms", stored=True),
-        *pdo_rows(node_id, longest_map=8, event_timer=True),
-        *drive_rows(motor, _mode_bits(_REFERENCE_MODES), quick_stop_codes=(2, 6)),
-        *motion_rows(counts, counts),
+        *communication_rows(node_id, name, vendor, product),
+        *standard_rows(),
+        *pdo_rows(node_id, longest_map, event_timer=True),
+        *drive_rows(motor, _mode_bits(modes), quick_stops),
+        *motion_rows(rev_per_s, rev_per_s2),
         ObjectRow(0x6075, 0, "u32", "ro", round(1000 * motor.rated_current_a), "rated current, mA", pdo="t"),
         ObjectRow(0x6076, 0, "u32", "ro", round(1000 * motor.rated_torque_nm), "rated torque, mN m", pdo="t"),
         parameter(0x6072, 0, "u16", motor.peak_permille, "max torque, 0.1 % of rated"),
@@ -90,8 +125,25 @@ def _reference_rows(node_id: int, motor: Nameplate, counts: int) -> list[ObjectR
         ObjectRow(0x60B0, 0, "i32", "rw", 0, "position offset", pdo="rt"),
         ObjectRow(0x60B1, 0, "i32", "rw", 0, "velocity offset", pdo="rt"),
         ObjectRow(0x60B2, 0, "i16", "rw", 0, "torque offset, 0.1 % of rated", pdo="rt"),
-        parameter(0x60C2, 1, "u8", 1, "interpolation period, ms", 1, 20, pdo=""),
-        parameter(0x60C2, 2, "i8", -3, "power of ten of the period", -3, -3, pdo=""),
+        parameter(0x60C2, 1, "u8", 1, "interpolation period", 1, 255, pdo=""),
+        parameter(0x60C2, 2, "i8", -3, "power of ten of the period", -5, -2, pdo=""),
+    ]
+
+
+def _reference_rows(node_id: int, motor: Nameplate, counts: int) -> list[ObjectRow]:
+    def gain(subindex: int, default: float, meaning: str, high: float, low: float = 0.0) -> ObjectRow:
+        return parameter(0x2100, subindex, "f32", default, meaning, low, high, pdo="", when="still")
+
+    return [
+        *generic_rows(
+            *(node_id, motor, counts, "beltcomm reference drive"),
+            vendor=0,
+            product=1,
+            modes=_REFERENCE_MODES,
+            quick_stops=frozenset({0, 7}),
+            rev_per_s=counts,
+            rev_per_s2=counts,
+        ),
         gain(1, 0.002, "K_P, N m s/rad", high=100.0),
         gain(2, 0.02, "K_I, N m/rad", high=10000.0),
         gain(3, 1.0, "K_PP, 1/s", high=10000.0),
@@ -113,12 +165,12 @@ def _reference_rows(node_id: int, motor: Nameplate, counts: int) -> list[ObjectR
 
 
 def _reference_scaling(dictionary: ObjectDictionary, counts: int) -> UserUnits:
-    position, velocity = _signs(dictionary)
+    position, velocity = signs(dictionary)
     per_rad = counts / math.tau
     return UserUnits(position * per_rad, velocity * per_rad, per_rad)
 
 
-def _reference_cascade(dictionary: ObjectDictionary) -> Cascade:
+def _reference_cascade(dictionary: ObjectDictionary, _motor: Nameplate) -> Cascade:
     value = [dictionary.entry(0x2100, subindex).value for subindex in range(16)]
     kind, centre, width, low_pass = _PREFILTERS[value[5]], value[6], value[7], value[15]
     # The parts of a prefilter arrive one by one; until it is complete there is none.
@@ -173,7 +225,7 @@ def _cmmp_rows(node_id: int, motor: Nameplate, counts: int) -> list[ObjectRow]:
         *communication_rows(node_id, "CMMP-AS", vendor=0x1D, product=0),
         ObjectRow(0x1016, 1, "u32", "ro", 0, "no heartbeat consumer"),
         *pdo_rows(node_id, longest_map=4, event_timer=False),
-        *drive_rows(motor, _mode_bits(_CMMP_MODES), quick_stop_codes=(2, 2)),
+        *drive_rows(motor, _mode_bits(_CMMP_MODES), frozenset({2})),
         *motion_rows(rev_per_s=60.0, rev_per_s2=60.0),
         *never_write,
         *cycle_times,
@@ -213,7 +265,7 @@ def _cmmp_scaling(dictionary: ObjectDictionary, counts: int) -> UserUnits:
     def factor(index: int) -> float:
         return float(dictionary.entry(index, 2).value / dictionary.entry(index, 1).value)
 
-    position, velocity = _signs(dictionary)
+    position, velocity = signs(dictionary)
     return UserUnits(
         position * 65536.0 / math.tau * factor(0x6093),
         velocity * 4096.0 * _RPM_PER_RAD_S * factor(0x6094),
@@ -221,7 +273,7 @@ def _cmmp_scaling(dictionary: ObjectDictionary, counts: int) -> UserUnits:
     )
 
 
-def _cmmp_cascade(dictionary: ObjectDictionary) -> Cascade:
+def _cmmp_cascade(dictionary: ObjectDictionary, _motor: Nameplate) -> Cascade:
     kp = 0.02 * dictionary.entry(0x60F9, 1).value / 256.0
     return Cascade(
         kp_nm_s_rad=kp,
@@ -247,7 +299,9 @@ CMMP_AS = VirtualProfile(
     output_limit=_cmmp_output_limit,
     gain_objects=(0x60F9, 0x60FB),
     modes=_CMMP_MODES,
-    type_254_is_cyclic=True,
+    pdos=PdoRules(type_254_is_cyclic=True),
+    homing=frozenset({17, 18, 35, 37}),
+    quick_stops=frozenset({2}),
     following_error_faults=False,
     i2t_faults=False,
     period_at_reset=True,
@@ -259,8 +313,8 @@ CMMP_AS = VirtualProfile(
 def with_gain_units(profile: VirtualProfile, velocity: float, position: float, integral_time: float = 1.0) -> VirtualProfile:
     """The same drive, whose gains of 1.0 mean so many times what docs/reference-drive.md says of them."""
 
-    def cascade(dictionary: ObjectDictionary) -> Cascade:
-        said = profile.cascade(dictionary)
+    def cascade(dictionary: ObjectDictionary, motor: Nameplate) -> Cascade:
+        said = profile.cascade(dictionary, motor)
         ki = said.ki_nm_rad * velocity / integral_time
         return replace(said, kp_nm_s_rad=said.kp_nm_s_rad * velocity, ki_nm_rad=ki, kpp_1_s=said.kpp_1_s * position)
 

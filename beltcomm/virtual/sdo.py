@@ -1,13 +1,14 @@
-"""SDO server: expedited and segmented transfers (CiA 301, 7.2.4), one at a time."""
+"""SDO server: expedited, segmented and block transfers (CiA 301, 7.2.4), one at a time."""
 
 from __future__ import annotations
 
 import struct
 
 from beltcomm.virtual.dictionary import ObjectDictionary, SdoAbort
+from beltcomm.virtual.sdo_block import BlockDownload, BlockUpload
 
 # Command specifiers, bits 7 to 5 of the first byte; client and server.
-_CCS_DOWNLOAD_SEGMENT, _CCS_DOWNLOAD, _CCS_UPLOAD, _CCS_UPLOAD_SEGMENT, _CCS_ABORT = range(5)
+_CCS_DOWNLOAD_SEGMENT, _CCS_DOWNLOAD, _CCS_UPLOAD, _CCS_UPLOAD_SEGMENT, _CCS_ABORT, _CCS_BLOCK_UPLOAD, _CCS_BLOCK_DOWNLOAD = range(7)
 _SCS_UPLOAD_SEGMENT, _SCS_DOWNLOAD_SEGMENT, _SCS_UPLOAD, _SCS_DOWNLOAD = range(4)
 _ABORT = 0x80
 _SEGMENT = 7
@@ -29,7 +30,7 @@ def abort_of(index: int, subindex: int, code: int) -> bytes:
 
 
 class SdoServer:
-    """Answers one client frame with one server frame."""
+    """Answers one client frame with the server's frames."""
 
     def __init__(self, dictionary: ObjectDictionary) -> None:
         self._dictionary = dictionary
@@ -40,34 +41,56 @@ class SdoServer:
         self._index, self._subindex = 0, 0
         self._upload: bytes | None = None
         self._download: bytearray | None = None
+        self._block: BlockDownload | BlockUpload | None = None
         self._announced: int | None = None
         self._toggle = 0
 
-    def answer(self, request: bytes) -> bytes | None:
-        """The answer to a request of 8 bytes; None to what needs no answer (an abort, a frame of another length)."""
+    def answer(self, request: bytes) -> list[bytes]:
+        """The answer to a request of 8 bytes; nothing to what needs none (an abort, a frame of another length)."""
         if len(request) != 8:
-            return None
+            return []
         command = request[0] >> 5
-        if command in (_CCS_DOWNLOAD, _CCS_UPLOAD):
+        try:
+            if request[0] == _ABORT:
+                self.reset()
+                return []
+            if self._block is not None:
+                answers = self._block.take(request)
+                if self._block.done:
+                    self.reset()
+                return answers
+            if command == _CCS_DOWNLOAD_SEGMENT and self._download is not None:
+                return [self._download_segment(request, self._download)]
+            if command == _CCS_UPLOAD_SEGMENT and self._upload is not None:
+                return [self._upload_segment(request, self._upload)]
+            if command in (_CCS_DOWNLOAD_SEGMENT, _CCS_UPLOAD_SEGMENT):
+                raise SdoAbort(SdoAbort.UNKNOWN_COMMAND)  # of no transfer
             self.reset()
             self._index, self._subindex = struct.unpack_from("<HB", request, 1)
-        try:
             if command == _CCS_DOWNLOAD:
-                return self._begin_download(request)
+                return [self._begin_download(request)]
             if command == _CCS_UPLOAD:
-                return self._begin_upload()
-            if command == _CCS_DOWNLOAD_SEGMENT and self._download is not None:
-                return self._download_segment(request, self._download)
-            if command == _CCS_UPLOAD_SEGMENT and self._upload is not None:
-                return self._upload_segment(request, self._upload)
-            if command == _CCS_ABORT:
-                self.reset()
-                return None
-            raise SdoAbort(SdoAbort.UNKNOWN_COMMAND)  # block transfers, and segments of no transfer
+                return [self._begin_upload()]
+            return [self._begin_block(request)]
         except SdoAbort as abort:
             answer = abort_of(self._index, self._subindex, abort.code)
             self.reset()
-            return answer
+            return [answer]
+
+    def _begin_block(self, request: bytes) -> bytes:
+        command, index, subindex = request[0] >> 5, self._index, self._subindex
+        if command == _CCS_BLOCK_DOWNLOAD and not request[0] & 1:
+            if self._dictionary.seen(index, subindex).row.access in ("ro", "const"):
+                raise SdoAbort(SdoAbort.READ_ONLY)
+            self._block = BlockDownload(request, _LONGEST_DOWNLOAD, lambda data: self._dictionary.write(index, subindex, data))
+            return self._block.begin
+        if command == _CCS_BLOCK_UPLOAD and not request[0] & 3:
+            data = self._dictionary.read(index, subindex)
+            if len(data) <= request[5]:  # so short that the client would rather have it at once
+                return self._begin_upload()
+            self._block = BlockUpload(request, data)
+            return self._block.begin
+        raise SdoAbort(SdoAbort.UNKNOWN_COMMAND)
 
     def _begin_download(self, request: bytes) -> bytes:
         expedited, sized = bool(request[0] & 2), bool(request[0] & 1)
@@ -75,7 +98,7 @@ class SdoServer:
             length = 4 - (request[0] >> 2 & 3) if sized else 4
             self._dictionary.write(self._index, self._subindex, request[4 : 4 + length], sized)
         else:
-            row = self._dictionary.entry(self._index, self._subindex).row
+            row = self._dictionary.seen(self._index, self._subindex).row
             if row.access in ("ro", "const"):
                 raise SdoAbort(SdoAbort.READ_ONLY)
             self._announced = struct.unpack_from("<I", request, 4)[0] if sized else None

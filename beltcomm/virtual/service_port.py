@@ -7,7 +7,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from beltcomm.virtual.ascii import BITRATES, AsciiInterpreter
-from beltcomm.virtual.bus import TICK_S, LockstepBus
+from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.device import VirtualDrive
 
 BITS_PER_CHARACTER = 10
@@ -88,7 +88,7 @@ class ServicePort:
 
     def begin_tick(self, tick: int) -> None:
         """Whatever has arrived by now; the drive's own samples of this tick are taken already."""
-        faults, now_s = self.faults, tick * TICK_S
+        faults, now_s = self.faults, tick * self._bus.tick_s
         if faults.restart_at_s is not None and now_s >= faults.restart_at_s:
             faults.restart_at_s = None
             self._restart()
@@ -110,7 +110,7 @@ class ServicePort:
 
     @property
     def _now_s(self) -> float:
-        return self._bus.tick * TICK_S
+        return self._bus.tick * self._bus.tick_s
 
     @property
     def _pulled(self) -> bool:

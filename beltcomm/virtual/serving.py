@@ -10,7 +10,7 @@ from typing import Final, Protocol
 
 import can
 
-from beltcomm.virtual.bus import TICK_S, LockstepBus, WallClock
+from beltcomm.virtual.bus import LockstepBus, WallClock
 from beltcomm.virtual.device import VirtualDrive
 
 _SYNC: Final = 0x80
@@ -55,7 +55,7 @@ class Pump:
                     self._run(self._drive.sync_ticks)
                 self._take(message)
             elif self._drive.powered and self._clock.now() - heard_s >= SILENCE_S:
-                self._run(round(_LOOK_S / TICK_S))
+                self._run(round(_LOOK_S / self._bus.tick_s))
 
     def by_wall_clock(self) -> None:
         """Serve at 1 kHz; see the module.   Raises what the wire raises."""
@@ -63,11 +63,11 @@ class Pump:
         due_s = self._clock.now()
         while True:
             self._run(1)
-            due_s += TICK_S
-            late = int((self._clock.now() - due_s) / TICK_S)
+            due_s += self._bus.tick_s
+            late = int((self._clock.now() - due_s) / self._bus.tick_s)
             if late >= 1:
                 self.missed_ticks += late
-                due_s += late * TICK_S
+                due_s += late * self._bus.tick_s
             while True:
                 message = self._wire.recv(max(due_s - self._clock.now(), 0.0))
                 if message is not None:

@@ -11,12 +11,12 @@ from collections.abc import Callable
 from math import floor
 
 from beltcomm.plant import Plant
-from beltcomm.virtual.bus import TICK_S, TICKS_PER_SECOND
 from beltcomm.virtual.cia402 import DriveState, DriveStateMachine
 from beltcomm.virtual.dictionary import ObjectDictionary, SdoAbort
 from beltcomm.virtual.emcy import Code, ErrorRegister
 from beltcomm.virtual.faults import Faults
-from beltcomm.virtual.homing import METHODS, Homing
+from beltcomm.virtual.guidance import Guidance
+from beltcomm.virtual.homing import Homing
 from beltcomm.virtual.loops import STANDSTILL_RAD_S, Loops
 from beltcomm.virtual.modes import (
     BIT_13,
@@ -24,10 +24,12 @@ from beltcomm.virtual.modes import (
     CyclicTorque,
     CyclicVelocity,
     InterpolatedPosition,
+    NoMode,
     OperationMode,
     ProfilePosition,
     ProfileTorque,
     ProfileVelocity,
+    StopKind,
     StopMode,
 )
 from beltcomm.virtual.profiles import VirtualProfile
@@ -49,6 +51,11 @@ _MODES: dict[int, type[OperationMode]] = {
     10: CyclicTorque,
 }
 _BUS_CONTROL = 2
+_NOTHING, _FAULT, _OFF, _QUICK_STOP = range(4)  # 6007h
+_QUICK_STOP_WORD = 0x0002
+#: 605Ah: how the axis stops; from 5 on it is held then.
+_QUICK_STOP_KINDS = {0: 0, 1: 1, 2: 2, 3: 3, 5: 1, 6: 2, 7: 3}
+_FIRST_THAT_HOLDS = 5
 _DISABLE_VOLTAGE = 0x0000
 _CONTROLLER_ENABLE = 1 << 21  # DIN5 in 60FDh of the cmmp-as
 
@@ -96,16 +103,19 @@ class Servo:
         self._supervision = Supervision(loops, self.fault)
         self._homing = Homing(loops, self._wired_switches, self._set_home, lambda: errors.report(Code.HOMING))
         self._modes: dict[int, OperationMode] = {n: make(loops) for n, make in _MODES.items() if n in profile.modes}
+        self._modes[0] = NoMode(loops)
         self._modes[6] = self._homing
-        self._mode_number = 1
-        self._mode = self._modes[1]
+        self._mode_number = 0
+        self._mode = self._modes[0]
         self._stop = StopMode(loops)
+        self._guidance = Guidance(self.machine, self._stop, dictionary, 1e-3 * profile.enable_ms, self._resume)
         self._switches = (False, False)
         self._warm = False
         self._now_s = 0.0
         self._last_controlword = 0
         self._unsettled = True
         self._current_factor_written = False
+        self._ticks_per_second = round(1.0 / loops.tick_s)
         self._bind_objects()
 
     def _bind_objects(self) -> None:
@@ -114,9 +124,11 @@ class Servo:
         self._controlword.changed = self._on_controlword
         self._asked_mode, self._shown_mode = entry(0x6060), entry(0x6061)
         self._asked_mode.check, self._asked_mode.changed = self._check_mode, self._on_mode
-        entry(0x605A).check = self._one_of(frozenset({2, 6}))
-        entry(0x6098).check = self._one_of(METHODS)
+        entry(0x605A).check = self._one_of(self._profile.quick_stops)
+        entry(0x6098).check = self._one_of(self._profile.homing)
         self._quick_stop_code = entry(0x605A)
+        has = self._dictionary.has
+        self._loss, self._reaction = (entry(index) if has(index) else None for index in (0x6007, 0x605E))
         self._position_demand, self._position = entry(0x6062), entry(0x6064)
         self._velocity, self._following_error = entry(0x606C), entry(0x60F4)
         self._torque_demand, self._torque, self._current = entry(0x6074), entry(0x6077), entry(0x6078)
@@ -150,16 +162,18 @@ class Servo:
         self._loops.angle_rad, self._loops.speed_rad_s = self._encoder.angle_rad, 0.0
         self._loops.restart()
         self.machine.power_on()
+        self._mode_number, self._mode = 0, self._modes[0]
+        self._shown_mode.value = 0
         self._on_mode()
 
     def latch(self, tick: int) -> None:
         """t_k: sample, supervise, publish."""
-        now_s = self._now_s = tick / TICKS_PER_SECOND
+        now_s = self._now_s = tick / self._ticks_per_second
         loops, stage, encoder, dictionary = self._loops, self._stage, self._encoder, self._dictionary
         before = encoder.angle_rad
         angle = loops.angle_rad = encoder.latch(now_s)
         pole = loops.filter_pole
-        speed = loops.speed_rad_s = pole * loops.speed_rad_s + (1.0 - pole) * (angle - before) / TICK_S
+        speed = loops.speed_rad_s = pole * loops.speed_rad_s + (1.0 - pole) * (angle - before) / loops.tick_s
         scaling = loops.scaling
         position = _int32((encoder.counts + loops.shift_counts) * loops.units_per_count)
         self._position.value = position
@@ -181,6 +195,7 @@ class Servo:
             self.machine.control(_DISABLE_VOLTAGE)
         if faults.emergency_at_s is not None or faults.warm_from_s is not None:
             self._suffer(now_s)
+        self._guidance.pass_tick(self._controlword.value, now_s)
         if dictionary.stage_on:
             follows_position = self._mode_number in _WITH_POSITION_REFERENCE
             self._publish_demand(position, follows_position)
@@ -209,12 +224,10 @@ class Servo:
 
     def run(self) -> None:
         """The loop of the tick, then the tick itself."""
-        loops = self._loops
-        operates = self.machine.operates
-        loops.begin()
+        self._loops.begin()
         torque_nm = 0.0
-        if operates:
-            torque_nm = self._mode.step()
+        if self.machine.operates:
+            torque_nm = self._guidance.brake(self._controlword.value) if self._guidance.ramping else self._mode.step()
         elif self._dictionary.stage_on:
             torque_nm = self._stop.step()
             if self._stop.done:
@@ -231,10 +244,16 @@ class Servo:
         """The master is gone or has stopped the node: a fault while the motor carries torque, else only a message."""
         if self._faults.guarding_ignored and code == Code.LIFE_GUARD:
             return
-        if self.machine.powered:
+        option = _FAULT if self._loss is None else self._loss.value
+        if not self.machine.powered or option == _NOTHING:
+            self._errors.report(code)
+        elif option == _FAULT:
             self.fault(code, self._faults.guarding_coasts)
         else:
             self._errors.report(code)
+            self._controlword.value = _DISABLE_VOLTAGE if option == _OFF else _QUICK_STOP_WORD
+            self._lead(self._controlword.value)
+            self._publish_status()
 
     @property
     def _remote(self) -> bool:
@@ -242,7 +261,10 @@ class Servo:
 
     def _lead(self, controlword: int) -> None:
         """The state machine along the controlword, as far as the inputs let it."""
-        self.machine.control(_DISABLE_VOLTAGE if self._faults.stage_blocked else controlword)
+        self._guidance.follow(_DISABLE_VOLTAGE if self._faults.stage_blocked else controlword, self._now_s)
+
+    def _resume(self) -> None:
+        self._mode.start()
 
     def _settle_anew(self) -> None:
         self._unsettled = True
@@ -265,6 +287,8 @@ class Servo:
 
     def _on_mode(self) -> None:
         number = self._asked_mode.value
+        if number == 0 and self._mode_number:
+            return  # no change
         if number not in self._modes or number in self._faults.refused_modes:
             return
         self._shown_mode.value = self._mode_number = number
@@ -275,6 +299,7 @@ class Servo:
 
     def _entered(self, number: int, state: DriveState) -> None:
         """After a transition of the state machine."""
+        self._guidance.forget()
         self._unsettled = True  # the controlword may lead further: its level counts, not only its writing
         self._dictionary.stage_on = self.machine.powered
         if state == DriveState.OPERATION_ENABLED:
@@ -284,11 +309,13 @@ class Servo:
             self._loops.open()
             self._mode.start()
         elif state in (DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION_ACTIVE):
-            self.machine.quick_stop_holds = self._quick_stop_code.value == 6
-            self._stop.start()
-            self._stop.coasts = (
-                self._faults.torque_stop_coasts and state == DriveState.QUICK_STOP_ACTIVE and self._mode_number in _TORQUE_MODES
-            )
+            self.machine.quick_stop_holds = self._quick_stop_code.value >= _FIRST_THAT_HOLDS
+            if state == DriveState.QUICK_STOP_ACTIVE:
+                kind = StopKind(_QUICK_STOP_KINDS[self._quick_stop_code.value])
+                kind = StopKind.COAST if self._faults.torque_stop_coasts and self._mode_number in _TORQUE_MODES else kind
+            else:
+                kind = StopKind.QUICK if self._reaction is None else StopKind(self._reaction.value)
+            self._stop.start(kind)
         else:
             self._stage.switch_off(held=self._stop.done)
             self._loops.open()
@@ -330,7 +357,7 @@ class Servo:
             word |= _WARNING | _INTERNAL_LIMIT
         if self._warm:
             word |= _WARNING
-        if self.referenced:
+        if self.referenced and profile.tells_zero:
             word |= _REFERENCED
         if profile.vendor_bits and self._dictionary.moving:
             word |= _MOVING

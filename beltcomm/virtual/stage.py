@@ -10,7 +10,6 @@ import numpy as np
 from beltcomm.errors import UsageError
 from beltcomm.plant import BrakedPlant, Plant
 from beltcomm.plant.drive_section import IDEAL, Instruments
-from beltcomm.virtual.bus import TICK_S
 from beltcomm.virtual.faults import Faults
 from beltcomm.virtual.motor import Nameplate
 from beltcomm.virtual.torque_path import Noise, TorqueDelivery, TorqueReading, mean_torque
@@ -29,12 +28,12 @@ class Brake:
     a fault, leaves the axis free as long.   Without ``torque_nm`` there is none.   Raises UsageError for a plant that has none.
     """
 
-    def __init__(self, plant: Plant, torque_nm: float, time_s: float) -> None:
+    def __init__(self, plant: Plant, torque_nm: float, time_s: float, tick_s: float) -> None:
         if torque_nm and not isinstance(plant, BrakedPlant):
             raise UsageError("this machine has no brake that the drive could close; leave brake_torque_nm out")
         self._plant = plant
         self._torque_nm = torque_nm
-        self._ticks = round(time_s / TICK_S)
+        self._ticks = round(time_s / tick_s)
         self._left, self._next_nm = 0, torque_nm
         self._press(torque_nm)
 
@@ -76,25 +75,27 @@ class PowerStage:
         torque_noise_nm: float,
         seed: int,
         faults: Faults,
-        brake: tuple[float, float] = (0.0, 0.0),
-        instruments: Instruments = IDEAL,
+        brake: tuple[float, float],
+        instruments: Instruments,
+        tick_s: float,
     ) -> None:
         self._plant = plant
-        self._brake = Brake(plant, *brake)
+        self._tick_s = tick_s
+        self._brake = Brake(plant, *brake, tick_s)
         self._motor = motor
         self._faults = faults
-        delay = setpoint_delay_s / TICK_S
+        delay = setpoint_delay_s / tick_s
         self._delay_ticks = math.floor(delay + _SWITCH_ROUNDING)
         share = delay - self._delay_ticks
         self._old_share = share if share > _SWITCH_ROUNDING else 0.0
-        self._delivery = TorqueDelivery(instruments)
-        self._command = TorqueDelivery(instruments, current_loop=False) if instruments.reading_is_command else None
+        self._delivery = TorqueDelivery(instruments, tick_s)
+        self._command = TorqueDelivery(instruments, tick_s, current_loop=False) if instruments.reading_is_command else None
         process, time_s = instruments.process_torque_nm, instruments.process_torque_time_s
         # A source of its own: what acts by itself does not change what the sensor adds.
-        self._process = Noise(process, time_s, np.random.default_rng((seed, 1))) if process > 0.0 else None
+        self._process = Noise(process, time_s, np.random.default_rng((seed, 1)), tick_s) if process > 0.0 else None
         quiet = torque_noise_nm <= 0.0 or instruments.reading_is_command
-        noise = None if quiet else Noise(torque_noise_nm, instruments.torque_noise_time_s, np.random.default_rng(seed))
-        self._reading = TorqueReading(instruments, noise)
+        noise = None if quiet else Noise(torque_noise_nm, instruments.torque_noise_time_s, np.random.default_rng(seed), tick_s)
+        self._reading = TorqueReading(instruments, noise, tick_s)
         self._i2t_reserve = ((motor.peak_torque_nm / motor.rated_torque_nm) ** 2 - 1.0) * I2T_TIME_S
         self._i2t = 0.0
         self.i2t_exceeded = False
@@ -133,10 +134,10 @@ class PowerStage:
         acts = faults.weak_share if faults.weak_from_s is not None and now_s >= faults.weak_from_s else 1.0
         if not blocked:
             for torque, part in acting:
-                self._plant.step(acts * torque, part * TICK_S)
+                self._plant.step(acts * torque, part * self._tick_s)
         self.torque_sample_nm = self._reading.sample(acting if self._command is None else self._command.shape(setpoints))
         load = mean_torque(acting) / self._motor.rated_torque_nm
-        used = self._i2t + (load * load - 1.0) * TICK_S
+        used = self._i2t + (load * load - 1.0) * self._tick_s
         self._i2t = used if used > 0.0 else 0.0
         if used >= self._i2t_reserve:
             self.i2t_exceeded = True

@@ -75,7 +75,7 @@ class Supervision:
     def _follow(self, error: float) -> None:
         outside = error > self._window.value != _WINDOW_OFF
         self._late_ticks = self._late_ticks + 1 if outside else 0
-        self.following_error = outside and self._late_ticks > self._time_ms.value
+        self.following_error = outside and self._late_ticks > self._time_ms.value * self._loops.ticks_per_ms
         if self.following_error and self._loops.profile.following_error_faults:
             self._fault(Code.FOLLOWING_ERROR, False)
         if self._switch_off is not None and 0 < self._switch_off.value < error:

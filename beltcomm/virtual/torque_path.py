@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from beltcomm.plant.drive_section import Instruments
-from beltcomm.virtual.bus import TICK_S
 
 Pieces = list[tuple[float, float]]
 
@@ -38,10 +37,10 @@ class Noise:
         Source of w.
     """
 
-    def __init__(self, rms_nm: float, time_s: float, generator: np.random.Generator) -> None:
+    def __init__(self, rms_nm: float, time_s: float, generator: np.random.Generator, tick_s: float) -> None:
         self._rms_nm, self._generator = rms_nm, generator
         self._white: list[float] = []
-        self._pole = math.exp(-TICK_S / time_s) if time_s > 0.0 else 0.0
+        self._pole = math.exp(-tick_s / time_s) if time_s > 0.0 else 0.0
         self._share = math.sqrt(1.0 - self._pole**2)
         self._last: float | None = None
 
@@ -70,9 +69,9 @@ class TorqueDelivery:
         False ends the path in front of the current loop: the torque that is asked of it.
     """
 
-    def __init__(self, instruments: Instruments, current_loop: bool = True) -> None:
-        self._slew_nm_tick = instruments.torque_slew_nm_s * TICK_S
-        self._rates = _rate_matrix(instruments, current_loop)
+    def __init__(self, instruments: Instruments, tick_s: float, current_loop: bool = True) -> None:
+        self._slew_nm_tick = instruments.torque_slew_nm_s * tick_s
+        self._rates = _rate_matrix(instruments, tick_s, current_loop)
         self._order = len(self._rates) - 3
         self._response = lru_cache(maxsize=64)(self._solve)
         self.reset()
@@ -143,15 +142,15 @@ class TorqueDelivery:
         return np.vstack([*rows, advance[:-1]])
 
 
-def _rate_matrix(instruments: Instruments, current_loop: bool) -> NDArray[np.float64]:
+def _rate_matrix(instruments: Instruments, tick_s: float, current_loop: bool) -> NDArray[np.float64]:
     """d/dt of (x, u, slope of u, integral of y), time in ticks."""
     stages: list[tuple[float, ...]] = []
     if instruments.setpoint_filter_s > 0.0:
-        stages.append((TICK_S / instruments.setpoint_filter_s,))
+        stages.append((tick_s / instruments.setpoint_filter_s,))
     if current_loop and instruments.current_loop_s > 0.0:
-        stages.append((TICK_S / instruments.current_loop_s,))
+        stages.append((tick_s / instruments.current_loop_s,))
     if current_loop and instruments.current_loop_hz > 0.0:
-        stages.append((math.tau * instruments.current_loop_hz * TICK_S, instruments.current_loop_damping))
+        stages.append((math.tau * instruments.current_loop_hz * tick_s, instruments.current_loop_damping))
     order = sum(map(len, stages))
     matrix = np.zeros((order + 3, order + 3))
     matrix[order, order + 1] = 1.0
@@ -187,13 +186,14 @@ class TorqueReading:
         Of the sensor.
     """
 
-    def __init__(self, instruments: Instruments, noise: Noise | None) -> None:
+    def __init__(self, instruments: Instruments, noise: Noise | None, tick_s: float) -> None:
         self._noise = noise
-        self._pole = math.exp(-TICK_S / instruments.reading_filter_s) if instruments.reading_filter_s > 0.0 else 0.0
+        self._pole = math.exp(-tick_s / instruments.reading_filter_s) if instruments.reading_filter_s > 0.0 else 0.0
         self._inside = instruments.reading_filters_noise
         self._step_nm = instruments.reading_step_nm
-        whole = math.floor(instruments.reading_late_ticks + _ROUNDING)
-        late = instruments.reading_late_ticks - whole
+        late_ticks = instruments.reading_late_ticks * (1e-3 / tick_s)
+        whole = math.floor(late_ticks + _ROUNDING)
+        late = late_ticks - whole
         self._late = late if late > _ROUNDING else 0.0
         self._parts = deque([(0.0, 0.0)] * (whole + 2), maxlen=whole + 2)
         self._is_late = instruments.reading_late_ticks > 0.0

@@ -75,7 +75,8 @@ class StubNode:
     ignores_target : bit 12 stays 0.     jammed : target positions are taken, and nothing moves.
     fault_at, emergency_at : SYNC at which bit 3 is set, or an EMCY 8611h is sent.
     silent_from : SYNC from which nothing is heard any more.     stuck_objects : writes are confirmed and forgotten.
-    unguarded : it does not mind that its host falls silent.
+    unguarded : it does not mind that its host falls silent.     leaves : it leaves Operational then, as CiA 301's default 1029h = 0 has it;
+    keeps_torque : and nothing more happens while 6007h is 0.     stops : it goes to Stopped instead and answers no SDO (1029h = 2).
     What it noted of its host, and its count of SYNCs, begin anew when the first fault, that of the proof of its guarding, is acknowledged.
     """
 
@@ -90,13 +91,16 @@ class StubNode:
     silent_from: int | None = None
     stuck_objects: set[tuple[int, int]] = field(default_factory=set)
     unguarded: bool = False
+    leaves: bool = False
+    stops: bool = False
+    keeps_torque: bool = False
 
     def __post_init__(self) -> None:
         self.out: deque[tuple[int, bytes]] = deque()
         self.written: list[tuple[int, int, float]] = []
         self.states: list[int] = []
         self.life_s: list[float] = []
-        self.operational = self.proven = False
+        self.operational = self.proven = self.dumb = False
         self.state = 0x40
         self.syncs = 0
         self.position_rad = self.speed_rad_s = self.acting_nm = 0.0
@@ -114,9 +118,10 @@ class StubNode:
             return
         cob, data = frame.arbitration_id, bytes(frame.data)
         if cob == 0x601:
-            self._sdo(data)
+            if not self.dumb:
+                self._sdo(data)
         elif cob == 0 and data[1] in (0, 1):
-            self.operational = data[0] == 1
+            self.operational, self.dumb = data[0] == 1, False
             self._pending = [None, None]
         elif cob in (0x77F, 0x701):
             self.life_s.append(now_s)
@@ -157,7 +162,7 @@ class StubNode:
         if self.state == self.fault_pattern:
             if word & 0x80:
                 self.state = 0x40
-                if self.life_s and not self.proven:
+                if (self.life_s or self.leaves or self.stops) and not self.proven:
                     self.proven, self.syncs = True, 0
                     for noted in (self.written, self.states, self.life_s):
                         noted.clear()
@@ -210,9 +215,13 @@ class StubNode:
         if self.unguarded or self.state != _ENABLED or not consumer & 0xFFFF or not self.life_s:
             return
         if now_s - self.life_s[-1] > 1e-3 * (consumer & 0xFFFF):
-            self.state, self.speed_rad_s = self.fault_pattern, 0.0
-            self.put(0x6041, 0, self.state)
+            if not (self.keeps_torque and self.get(0x6007) == 0):
+                self.state, self.speed_rad_s = self.fault_pattern, 0.0
+            self.put(0x6041, 0, self._status())
             self.out.append((0x81, struct.pack("<HB5x", 0x8130, 0x10)))
+            if self.leaves or self.stops:
+                self.operational, self.dumb = False, self.stops and self.get(0x1029, 1) == 2
+                self.life_s.clear()  # the consumer waits for the next heartbeat
 
     def _activate(self, number: int, data: bytes, mode: int) -> None:
         if number == 1:

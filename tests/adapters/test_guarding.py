@@ -58,6 +58,39 @@ def test_a_drive_that_does_not_mind_gets_no_torque(opened):
         drive.record(torque([0.1] * 100), replace(LIMITS, guard_s=0.02), lambda row: None)
 
 
+@pytest.mark.parametrize(("kind", "refuse"), [("leaves", {}), ("stops", {}), ("stops", {(0x1029, 1): 0x06010002})])
+def test_a_node_that_leaves_operational_is_asked_by_sdo(opened, kind, refuse):
+    """1029h = 0 is CiA 301's default: the TPDOs end with the host's signs of life, and the fault is told by EMCY and by SDO.   With 2 the
+    node answers no SDO either, until it is called back."""
+    node = StubNode(**{kind: True}, refuse=refuse)
+    node.objects[0x1029, 1] = ("<B", 2 if kind == "stops" else 0)
+    drive = opened(node)
+    found = drive.prove_guarding(LIMITS)
+    assert 0.05 < found.reaction_s <= 0.05 + 3 * T
+    assert node.state == DISABLED
+    assert node.get(0x1029, 1) == (2 if kind == "stops" else 0)
+    drive.record(torque([0.1] * 5), LIMITS, lambda row: None)
+
+
+def test_what_happens_to_the_axis_is_lent_where_nothing_would(opened):
+    node = StubNode(leaves=True, keeps_torque=True)
+    node.objects[0x6007, 0] = ("<h", 0)
+    put, options = node.put, []
+    node.put = lambda index, sub, value: (put(index, sub, value), index == 0x6007 and options.append(value))[0]  # type: ignore[method-assign]
+    opened(node).prove_guarding(LIMITS)
+    assert options == [3, 0]  # lent, and given back
+
+
+def test_a_drive_that_leaves_operational_under_torque_is_told_from_one_that_stops(opened):
+    node = StubNode(leaves=True, keeps_torque=True, refuse={(0x6007, 0): 0x06090030})
+    node.objects[0x6007, 0] = ("<h", 0)
+    drive = opened(node)
+    with pytest.raises(DriveError, match=r"did not react .* nothing happens to the axis \(6007h = 0\)"):
+        drive.record(torque([0.1] * 100), LIMITS, lambda row: None)
+    assert node.position_rad == 0.0
+    assert node.state == DISABLED
+
+
 def test_another_fault_is_no_proof(opened):
     node = StubNode()
     guard = node._guard

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory.cross_checks import map_checks, resonances
-from beltcomm.laboratory.diagnosis import diagnose
+from beltcomm.laboratory.diagnosis import diagnose, fit_base_of
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
@@ -44,8 +44,9 @@ def main(names: list[str]) -> None:
                 + ", ".join(f"{r.name}{' (held out)' * r.sidecar.held_out}" for r in timed)
             )
             rungs = [
-                ("base", found.base),
+                ("base", fit_base_of(recordings, folder.axis, start_model(folder.axis, recordings))[1]),
                 *((f"+{step.added}" + "".join(f" -{r}" for r in step.removed), step.after) for step in found.steps),
+                ("in the end", found.final_fit),
             ]
             for change, fitted in rungs:
                 if change != "+":

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beltcomm.drive import Drive, Limits, Motion, Row, able, open_drive, serve_drive
+from beltcomm.drive import Drive, Limits, Motion, Row, open_drive
+from beltcomm.drive.access import able, serve_drive
 from beltcomm.errors import BeltcommError, BusError, DriveError, DriveFault, Refused, SafetyStop, UsageError
 from beltcomm.identify.friction import find_plateaus, fit_friction
 from beltcomm.virtual.faults import Faults

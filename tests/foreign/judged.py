@@ -16,8 +16,9 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from beltcomm.cli.main import cli
+from beltcomm.fit.in_band import Banded, in_band, low_passed
 from beltcomm.fit.segment import Segment, segments
-from beltcomm.laboratory.plain_error import Banded, in_band, low_passed, plain_error
+from beltcomm.laboratory.plain_error import plain_error
 from beltcomm.model import Model
 from beltcomm.model.linear import operating_point, state_space
 from beltcomm.recording import Recording

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from beltcomm.errors import DataError, UsageError
-from beltcomm.foreign.framelog import FrameLog, is_frame_log, read_frames
+from beltcomm.foreign.framelines import kind_of_log
+from beltcomm.foreign.framelog import FrameLog, read_frames
 from foreign.samples import write
 
 EPOCH = 1_700_000_000.0
@@ -45,7 +46,7 @@ def test_what_python_can_writes(tmp_path: Path, ending: str, writer: type) -> No
     with writer(str(path)) as file:
         for message in FRAMES:
             file.on_message_received(message)
-    assert is_frame_log(path)
+    assert kind_of_log(path)
     same(read_frames(path), remote=ending != "trc")
 
 
@@ -95,5 +96,5 @@ def test_stamps_do_not_lose_their_microseconds_nor_turn(tmp_path: Path) -> None:
 
 
 def test_a_table_is_no_log(tmp_path: Path) -> None:
-    assert not is_frame_log(write(tmp_path / "a.csv", "t,x\n1,2\n3,4\n"))
-    assert not is_frame_log(write(tmp_path / "b.csv", ""))
+    assert not kind_of_log(write(tmp_path / "a.csv", "t,x\n1,2\n3,4\n"))
+    assert not kind_of_log(write(tmp_path / "b.csv", ""))

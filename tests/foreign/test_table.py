@@ -108,7 +108,7 @@ def test_what_was_said_of_the_format_holds(tmp_path: Path) -> None:
     path = write(tmp_path / "a.csv", "a;b\n1,5;2\n2,5;3\n4,5;4\n5,5;6\n")
     assert read_table(path, separator="semicolon", decimal="comma").columns["a"].tolist() == [1.5, 2.5, 4.5, 5.5]
     assert list(read_table(path, skip_lines=1).columns) == ["c1", "c2"]
-    with pytest.raises(DataError, match="give --separator, --decimal or --skip-lines"):
+    with pytest.raises(DataError, match="under --separator tab; leave it out"):
         read_table(path, separator="tab")
 
 

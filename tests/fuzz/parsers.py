@@ -24,7 +24,8 @@ from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.eds import load_object_file
 from beltcomm.foreign.files import parts_of
 from beltcomm.foreign.guess import mappings_in
-from beltcomm.foreign.signals import of_dbc
+from beltcomm.foreign.signals import by_hand, of_dbc
+from beltcomm.journal import events_of, lines_of
 from beltcomm.model import load_model, load_plant
 from beltcomm.outside import read_json, read_text
 from beltcomm.recording import load_recording
@@ -38,6 +39,7 @@ from beltcomm.rundata.store import cascade_from_dict, delay_from_dict, structure
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.next_plan import load_plan
 from beltcomm.study.file import load_study
+from beltcomm.study.job import read_members
 from beltcomm.trajectory import load_move
 from beltcomm_adapters.profiles import load_profile
 from foreign.matfiles import write_v5, write_v73
@@ -93,6 +95,7 @@ rated_torque_nm: 1.43
 rated_current_a: 2.0
 units: {kp_nm_s_rad: {unit: 0.01, interval: 0.001, assumed: 0.01, object: 60F9h}}
 """
+MEMBERS = '{"member": 0, "key": "k", "values": {"a": 1.5}, "exit_code": 0, "found": {"error_mm": 0.2}}\n' * 3
 REVISIONS = """revisions:
 - {name: r1, parent: '', change: base, effects: [viscous], ratio: 1.5, held_out: null, confirmed: null, command: c, when: w, data: {a: x}}
 """
@@ -204,11 +207,18 @@ def parsers(folder: Path) -> dict[str, Parser]:
         "calibration": Parser("fuzzed.yaml", CALIBRATION.encode(), lambda p: calibration_from_dict(read_yaml(p, DataError), str(p))),
         "revisions": Parser("revisions.yaml", REVISIONS.encode(), in_run("results/ladder.yaml", revisions), within=True),
         "object file": Parser("fuzzed.eds", EDS.encode(), load_object_file),
-        "dbc": Parser("fuzzed.dbc", DBC.encode(), of_dbc),
+        "dbc": Parser("fuzzed.dbc", DBC.encode(), of_dbc, apart=True),
         "mapping": Parser("fuzzed.map", b"# t_s\ntorque_nm=Iq*0.65\nposition_rad=enc*rev/65536+0.3\n", lambda p: mappings_in(read_text(p))),
         "foreign text": Parser("fuzzed.csv", foreign.encode(), foreign_file),
         "foreign text, packed": Parser("fuzzed.csv.gz", gzip.compress(foreign.encode()), foreign_file),
-        **{f"frames {ending}": Parser(f"fuzzed.{ending}", frames[ending], foreign_file, apart=ending == "blf") for ending in frames},
+        "members": Parser("members.jsonl", MEMBERS.encode(), read_members),
+        "journal": Parser("journal.txt", b"2026-01-01 00:00:00  identify: begun\n", lambda p: lines_of(p.parent)),
+        "events": Parser("events.jsonl", b'{"at": "", "event": "note"}\n' * 3, lambda p: events_of(p.parent)),
+        "signal by hand": Parser("signal.txt", b"6064h=181:0:i32", lambda p: by_hand(p.read_text("utf-8", "replace")), within=True),
+        **{
+            f"frames {ending}": Parser(f"fuzzed.{ending}", frames[ending], foreign_file, apart=ending in {"blf", "trc"})
+            for ending in frames
+        },
         "matlab 5": Parser("fuzzed.mat", write_v5(folder / "5.mat", value).read_bytes(), foreign_file, apart=True),
         "matlab 7.3": Parser("fuzzed.mat", write_v73(folder / "7.mat", value).read_bytes(), foreign_file, apart=True),
         "hdf5": Parser("fuzzed.h5", (folder / "a.h5").read_bytes(), foreign_file, apart=True),
@@ -234,6 +244,8 @@ def parsers(folder: Path) -> dict[str, Parser]:
         "npz": "numpy",
         "npy": "numpy",
         "frames blf": "blf",
+        "frames trc": "trc",
+        "dbc": "dbc",
     }
     for word, kind in kinds.items():
         found[f"reader of {word}"] = Parser(found[word].name, found[word].good, inside(kind))

@@ -18,7 +18,7 @@ from beltcomm.laboratory.forward_selection import search
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.model import Model
 from beltcomm.runfolder import RunFolder
-from foreign.judged import COGGING, DATA, EMPS, imported, record_error, response_error
+from foreign.judged import COGGING, DATA, EMPS, banded_of, imported, least_squares, record_error, response_error
 
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the real measurements are not beside the checkout")
 
@@ -55,6 +55,18 @@ def test_emps_falls_below_three_per_cent_on_the_record_that_was_not_fitted(emps:
     assert 2.0 < model["friction_dip.amount"] < 0.9 * (model["coulomb.level"] + model["friction_dip.amount"])
     assert 1e-4 < model["current_lag.time"] < 1e-3
     assert model["motor.inertia"] == pytest.approx(95.1, rel=0.02)
+
+
+@pytest.mark.parametrize(("name", "band"), [("emps", EMPS), ("cogging", COGGING)])
+def test_the_base_leaves_no_more_than_least_squares_with_the_same_terms(name: str, band: tuple[float, float], tmp_path: Path) -> None:
+    """Bands differ a little: the product's own is as wide as the noise allows, here all is judged in that of the data's authors."""
+    folder = RunFolder.open(imported(name, tmp_path))
+    records = [r for r in folder.recordings() if not r.is_static_map]
+    _, base = fit_base_of(records, folder.axis, start_model(folder.axis, records))
+    parts = {r.name: banded_of(base.model, r, *band) for r in records}
+    fitted = [parts[r.name] for r in records if not r.sidecar.held_out]
+    for record, plain in zip(records, least_squares(fitted, [parts[r.name] for r in records], band[1]), strict=True):
+        assert record_error(base.model, record, *band) < 1.05 * plain, record.name
 
 
 def test_a_ripple_with_another_phase_in_the_held_out_record_is_refused(emps: tuple[RunFolder, Data, Fitted]) -> None:

@@ -110,6 +110,7 @@ class Bench:
         self.name = name or f"virtual:{rig}"
         self.start_m = start_m
         self.options: dict[str, Any] = {"plant": self.plant, "start_position": start_m, "log": self._on_frame, **options}
+        self.profile = options.get("profile") if options.get("profile") not in ("reference", "cmmp-as") else None  # the host's
         self.log: Any = None
         self.opened = 0
         self._bus: Any = None
@@ -126,7 +127,7 @@ class Bench:
             self.initial = drive.backup()
             self._identity = drive.capabilities.identity
         else:
-            drive = connect(self._bus, self._bus.clock, 1, None, None, lambda: None)
+            drive = connect(self._bus, self._bus.clock, 1, self.profile, None, lambda: None)
             drive.capabilities = replace(drive.capabilities, identity=self._identity)
         drive._release = lambda: None  # type: ignore[attr-defined]  # the drive stays on when the command has left
         return drive

@@ -21,6 +21,7 @@ from beltcomm.machine.prediction_watch import BELT_BEYOND, BeltWatch
 from beltcomm.rundata.findings import Findings, Settings
 from beltcomm.rundata.proof import doubts
 from beltcomm.runfolder import RunFolder
+from beltcomm.schedule.sequences import EXCITATION_TRAVEL_M
 from beltcomm.simulate.stopping import Braking
 from beltcomm.talk import Silence
 from identify.records import true_model
@@ -101,7 +102,7 @@ def test_homing_ends_where_an_excitation_has_room(make_bench: MakeBench, tmp_pat
     talk = Listener()
     with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, talk) as machine:
         referencing.home(machine)
-        assert phases.motion_limits(machine, machine.position_m).travel_m == pytest.approx(phases.EXCITATION_TRAVEL_M, abs=2e-3)
+        assert phases.motion_limits(machine, machine.position_m).travel_m == pytest.approx(EXCITATION_TRAVEL_M, abs=2e-3)
         assert machine.machine_seconds > 0.0
     assert "The drive found its zero; the carriage at 0 mm creeps" in "".join(talk.said)
 

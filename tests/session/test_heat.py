@@ -16,6 +16,7 @@ from beltcomm.experiments.agreement import agree, plan_result
 from beltcomm.experiments.options import Options
 from beltcomm.experiments.plan import Plan, commission_plan, identify_plan, move_plan
 from beltcomm.machine.heat import HeatStore, Thermal, heat_plan, path_rms_nm
+from beltcomm.plant.drive_section import IDEAL
 from beltcomm.talk import Silence
 from beltcomm.trajectory import Trajectory
 from beltcomm.virtual.faults import Faults
@@ -61,7 +62,7 @@ class Still:
 @pytest.mark.parametrize("torque_nm", [2.0, 3.10])
 def test_the_store_is_full_when_the_virtual_drive_says_so(torque_nm: float) -> None:
     """Its power stage has its own I²t, in ticks of 1 ms."""
-    stage = PowerStage(Still(), EMMS_AS_70, 0.0, 0.0, 0, Faults(), (0.0, 0.0))
+    stage = PowerStage(Still(), EMMS_AS_70, 0.0, 0.0, 0, Faults(), (0.0, 0.0), IDEAL, 1e-3)
     heat, ticks = HeatStore(1.43, 0.0), 0
     stage.switch_on()
     while not stage.i2t_exceeded:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from beltcomm.model import load_plant
@@ -30,6 +31,11 @@ def test_the_examples_run_from_top_to_bottom(copy_of_complete: Callable[..., Pat
         exec(compile(block, str(PAGE), "exec"), names)
     assert names["found"].exit_code == 0
     assert names["diagnosed"].data["named"] == []
+    assert list(names["frame"].columns[:1]) == ["torque_nm"]
+    assert names["frame"].index[-1] == names["record"].t_s[-1]
+    assert names["picture"]._repr_png_().startswith(b"\x89PNG")
+    assert names["system"].poles() == pytest.approx(np.linalg.eigvals(names["run"].model.linear(0.25).A))
+    assert names["designed"].exit_code == 0
     assert Path(names["page"]).is_file()
     assert abs(names["h"][0]) > abs(names["h"][-1])
     assert names["motion"].belt_force_n.max() > 1.0

@@ -95,7 +95,7 @@ def test_without_switches_the_search_is_an_error(host: MakeHost) -> None:
 
 def test_methods_not_offered(host: MakeHost) -> None:
     with pytest.raises(Abort, match=str(0x06090030)):
-        host().write(0x6098, 0, 1, "b")
+        host().write(0x6098, 0, 7, "b")
 
 
 def test_absolute_encoder_knows_its_zero(host: MakeHost) -> None:

@@ -49,7 +49,7 @@ def test_every_start_ends_at_rest_on_the_target_within_the_limits(distance: floa
 
 
 def test_trajectory_is_the_segments_at_the_ticks() -> None:
-    trajectory = ReferenceProfile(1.0, 0.0)
+    trajectory = ReferenceProfile(1.0, 0.0, 1e-3)
     trajectory.run(trapezoid(2.0, 0.0, 4.0, 20.0, 40.0), 3.0)
     samples = run(trajectory)
     assert len(samples) in (650, 651)  # 0.65 s, by rounding found at its end or one tick later
@@ -59,7 +59,7 @@ def test_trajectory_is_the_segments_at_the_ticks() -> None:
 
 
 def test_ramp_rises_and_falls_with_its_own_slopes() -> None:
-    ramp = Ramp(0.0)
+    ramp = Ramp(0.0, 1e-3)
     values = []
     for target in [1.0] * 30 + [-1.0] * 40:
         ramp.step(target, 62.5, 125.0)  # 1/16 and 1/8 per tick
@@ -73,7 +73,7 @@ def test_ramp_rises_and_falls_with_its_own_slopes() -> None:
 
 
 def test_a_steep_ramp_reverses_within_one_tick() -> None:
-    ramp = Ramp(0.3)
+    ramp = Ramp(0.3, 1e-3)
     ramp.step(-0.3, 1e9, 1e9)
     assert ramp.value == -0.3
     ramp.step(0.3, 500.0, 1e9)  # what the way to zero leaves of the tick is spent on the slope away from it

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
 
-from virtual.host import Abort, Host
+from virtual.host import COUNTS, Abort, Host
 
 MakeHost = Callable[..., Host]
 
@@ -62,7 +63,7 @@ def test_a_pdo_is_written_only_while_it_is_invalid(host: MakeHost, direction: bo
     one.write(communication, 1, 0x800002A5, "I")
     one.write(communication, 2, 5, "B")
     one.write(communication, 1, 0x2A5, "I")
-    assert one.read(communication, 1) == 0x400002A5  # bit 30 reads as 1
+    assert one.read(communication, 1) == (0x400002A5 if direction else 0x2A5)  # bit 30: no remote frames
 
 
 def test_mapping_rules(host: MakeHost) -> None:
@@ -85,9 +86,50 @@ def test_mapping_rules(host: MakeHost) -> None:
     one.write(0x1A00, 0, 2, "B")
 
 
-@pytest.mark.parametrize("sync_type", [0, 241, 252, 253])
-def test_transmission_types_not_offered(host: MakeHost, sync_type: int) -> None:
-    assert refused(host(), 0x1800, 2, sync_type, "B") == 0x06090030
+@pytest.mark.parametrize(("communication", "sync_type"), [(0x1800, 241), (0x1800, 251), (0x1400, 252), (0x1400, 253)])
+def test_transmission_types_not_offered(host: MakeHost, communication: int, sync_type: int) -> None:
+    assert refused(host(), communication, 2, sync_type, "B") == 0x06090030
+
+
+def test_type_0_is_sent_with_a_sync_after_a_change(host: MakeHost) -> None:
+    one = host()
+    identifier = one.map(1, False, [POSITION], sync_type=0)
+    one.operational()
+    sent = []
+    for place in (0.0, 0.0, 1.0, 1.0):
+        one.plant.position_rad = place
+        one.run(0.002)
+        assert one.of(identifier) == []
+        one.send(SYNC)
+        sent.append(len(one.of(identifier)))
+    assert sent == [1, 0, 1, 0]
+
+
+@pytest.mark.parametrize(("sync_type", "place_rad"), [(252, 1.0), (253, 2.0)])
+def test_remote_frames_are_answered_with_the_sample_of_the_sync_or_with_what_is_there(
+    host: MakeHost, sync_type: int, place_rad: float
+) -> None:
+    one = host()
+    identifier = one.map(1, False, [POSITION], sync_type=sync_type)
+    one.operational()
+    for place in (1.0, 2.0):
+        one.plant.position_rad = place
+        one.run(0.002)
+        if place == 1.0:
+            one.send(SYNC)
+    assert one.of(identifier) == []
+    one.send(identifier, rtr=True)
+    assert one.of(identifier) == [struct.pack("<i", int(place_rad * COUNTS / math.tau + 0.5))]
+
+
+def test_a_gap_in_a_receive_pdo(host: MakeHost) -> None:
+    one = host()
+    identifier = one.map(1, True, [0x00050008, CONTROL, 0x00070020], sync_type=255)
+    one.operational()
+    one.send(identifier, b"\xaa\x06\x00" + bytes(4))
+    assert one.read(0x6040) == 6
+    one.write(0x1A00, 0, 0, "B")
+    assert refused(one, 0x1A00, 1, 0x00050008, "I") == 0x06020000  # nothing to send
 
 
 @pytest.mark.parametrize("cob_id", [0x000, 0x080, 0x101, 0x581, 0x601, 0x701, 0x20000181])

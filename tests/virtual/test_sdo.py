@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from binascii import crc_hqx
 from collections.abc import Callable
 
 import pytest
@@ -89,9 +90,39 @@ def test_frames_that_are_not_eight_bytes_are_ignored(host: MakeHost) -> None:
     assert one.of(0x581) == []
 
 
-@pytest.mark.parametrize("first", [0xA0, 0xC0, 0xE0])
-def test_block_transfer_is_not_offered(host: MakeHost, first: int) -> None:
-    assert host().ask(bytes((first, 0x08, 0x10, *(0,) * 5)))[4:] == bytes.fromhex("01000405")
+def test_an_unknown_command_is_refused_for_the_object_it_names(host: MakeHost) -> None:
+    assert host().ask(bytes((0xE0, 0x08, 0x10, *(0,) * 5))) == bytes.fromhex("8008100001000405")
+
+
+def test_block_upload(host: MakeHost) -> None:
+    one = host()
+    text = b"beltcomm reference drive"
+    assert one.ask(bytes.fromhex("A408100005000000")) == bytes.fromhex("C6081000") + struct.pack("<I", len(text))
+    one.send(0x601, bytes.fromhex("A300000000000000"))
+    segments = one.of(0x581)
+    assert [segment[0] for segment in segments] == [1, 2, 3, 0x84]
+    assert b"".join(segment[1:] for segment in segments).rstrip(b"\0") == text
+    one.send(0x601, bytes.fromhex("A202050000000000"))  # the third was lost
+    again = one.of(0x581)
+    assert [segment[0] for segment in again] == [1, 0x82]
+    assert again[0] == bytes((1, *text[14:21]))
+    end = one.ask(bytes.fromhex("A202050000000000"))
+    assert end[0] == 0xC1 | 4 << 2
+    assert struct.unpack_from("<H", end, 1)[0] == crc_hqx(text, 0)
+    one.send(0x601, bytes.fromhex("A100000000000000"))
+    assert one.of(0x581) == []
+
+
+@pytest.mark.parametrize("spoilt", [False, True])
+def test_block_download(host: MakeHost, spoilt: bool) -> None:
+    one = host()
+    value = struct.pack("<I", 4711)
+    assert one.ask(bytes.fromhex("C681600004000000"))[:5] == bytes.fromhex("A48160007F")
+    assert one.ask(b"\x81" + value + bytes(3)) == bytes.fromhex("A2017F0000000000")
+    crc = crc_hqx(value, 0) ^ spoilt
+    answer = one.ask(struct.pack("<BH5x", 0xC1 | 3 << 2, crc))
+    assert answer == bytes.fromhex("8081600004000405" if spoilt else "A100000000000000")
+    assert (one.read(0x6081) == 4711) is not spoilt
 
 
 def test_abort_codes_of_addressing_and_access(host: MakeHost) -> None:
@@ -105,8 +136,8 @@ def test_abort_codes_of_addressing_and_access(host: MakeHost) -> None:
 
 def test_reading_a_write_only_object() -> None:
     server = SdoServer(ObjectDictionary([ObjectRow(0x2000, 0, "u8", "wo", 0, "key")]))
-    assert server.answer(bytes.fromhex("2F00200005000000")) == bytes.fromhex("6000200000000000")
-    assert server.answer(bytes.fromhex("4000200000000000")) == bytes.fromhex("8000200001000106")
+    assert server.answer(bytes.fromhex("2F00200005000000")) == [bytes.fromhex("6000200000000000")]
+    assert server.answer(bytes.fromhex("4000200000000000")) == [bytes.fromhex("8000200001000106")]
 
 
 def test_abort_codes_of_length(host: MakeHost) -> None:
@@ -122,12 +153,12 @@ def test_abort_codes_of_length(host: MakeHost) -> None:
 
 def test_abort_codes_of_values(host: MakeHost) -> None:
     one = host()
-    assert code_of(lambda: one.write(0x60C2, 1, 21, "B")) == 0x06090031
+    assert code_of(lambda: one.write(0x605D, 0, 3, "h")) == 0x06090031
     assert code_of(lambda: one.write(0x60C2, 1, 0, "B")) == 0x06090032
     assert code_of(lambda: one.write(0x2100, 1, -0.1, "f")) == 0x06090032
     assert code_of(lambda: one.write(0x2100, 1, float("nan"), "f")) == 0x06090030
     assert code_of(lambda: one.write(0x6060, 0, 2, "b")) == 0x06090030  # velocity mode is not offered
-    assert code_of(lambda: one.write(0x605A, 0, 5, "h")) == 0x06090030
+    assert code_of(lambda: one.write(0x605A, 0, 4, "h")) == 0x06090030
     assert code_of(lambda: one.write(0x1010, 1, 0x12345678, "I")) == 0x08000020
     assert code_of(lambda: one.write(0x1003, 0, 1, "B")) == 0x06090030
     assert one.read(0x60C2, 1) == 1  # what was refused has changed nothing

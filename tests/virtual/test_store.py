@@ -31,7 +31,7 @@ def test_what_is_saved_survives_a_power_cycle_and_the_rest_does_not(host: MakeHo
     assert again.read(0x2100, 1, "f") == 0.5
     assert again.read(0x2100, 3, "f") == 1.0
     assert again.read(0x6071) == 0  # a setpoint is no parameter
-    assert again.read(0x1800, 1) == 0xC0000199
+    assert again.read(0x1800, 1) == 0x80000199
 
 
 def test_saved_gains_are_in_force_after_a_reset(host: MakeHost) -> None:

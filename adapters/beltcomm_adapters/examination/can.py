@@ -13,7 +13,7 @@ from beltcomm.drive import Clock
 from beltcomm.drive.finding import Finding
 from beltcomm.errors import BusError, DriveError, UsageError
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, open_bus
-from beltcomm_adapters.examination import condition, enabling, node, place, timing, units, watching, wire
+from beltcomm_adapters.examination import condition, enabling, node, opening, place, timing, units, watching, wire
 from beltcomm_adapters.examination.errors import WORDS
 from beltcomm_adapters.examination.host import Host, group_of
 from beltcomm_adapters.examination.line import not_opened
@@ -25,7 +25,11 @@ from beltcomm_adapters.sdo import SdoObjects
 
 #: Interfaces that turn a remote frame into something else: python-can's socketcand has none.
 _NO_RTR: Final = frozenset({"socketcand"})
-CHECKS: Final = tuple(chain(node.CHECKS, condition.CHECKS, enabling.CHECKS, units.CHECKS, place.CHECKS, watching.CHECKS, timing.CHECKS))
+CHECKS: Final = tuple(
+    chain(
+        *(part.CHECKS for part in (node, condition, enabling, units, place, watching, opening, timing)),
+    )
+)
 
 
 def examine_can(
@@ -119,6 +123,7 @@ def examine_bus(
         objects = SdoObjects(link)
         identity = read_identity(objects, f"{bus.channel_info}, node {number}")
         chosen = choose_profile(identity, profile)
+        objects.locks.add(chosen.never_write)
     except BusError as error:
         problem, _, remedy = str(error).partition("; ")
         yield wire.unreachable("interface", problem, remedy)

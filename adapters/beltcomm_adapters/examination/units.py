@@ -73,11 +73,12 @@ def period(patient: Patient) -> Iterator[Finding]:
     shortest_s = shortest_period_s(patient.profile, supported_modes(patient.objects, patient.profile), patient.bitrate)
     on_bus = f"; the bus carries {1e3 * shortest_s:g} ms and longer" if patient.bitrate else ""
     if stored_s is None:
-        yield Finding(AREA, "sync period", "ok", f"the drive has no 60C2h{on_bus}", "", {"shortest_s": shortest_s})
+        unused = "uses no 60C2h (it is 0)" if patient.objects.read_if_there(0x60C2, 1, "uint8") == 0 else "has no 60C2h"
+        yield Finding(AREA, "sync period", "ok", f"the drive {unused}{on_bus}", "", {"shortest_s": shortest_s})
         return
     values = {"stored_s": stored_s, "shortest_s": shortest_s}
     text = f"sync period 60C2h = {1e3 * stored_s:g} ms{on_bus}"
-    if stored_s <= 0.0 or (after_reset and stored_s < shortest_s * (1.0 - 1e-9)):
+    if after_reset and stored_s < shortest_s * (1.0 - 1e-9):
         remedy = f"set 60C2h to {1e3 * shortest_s:g} ms with the maker's tool, save and restart the drive, or raise the bit rate"
         yield Finding(AREA, "sync period", "wrong", f"{text}: the bus would be more than 60 % full", remedy, values)
     else:

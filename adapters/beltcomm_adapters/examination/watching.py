@@ -8,8 +8,10 @@ from typing import Final
 from beltcomm.drive import GUARD_S
 from beltcomm.drive.finding import Finding
 from beltcomm.drive.objects import name_of
+from beltcomm_adapters import host_reaction
 from beltcomm_adapters.examination.patient import Check, Patient
 from beltcomm_adapters.link import HOST_NODE
+from beltcomm_adapters.sdo import Objects
 
 #: ms, of a host that is gone, as beltcomm sets it.
 _GUARD_MS: Final = round(1e3 * GUARD_S)
@@ -24,7 +26,7 @@ def host(patient: Patient) -> Iterator[Finding]:
     consumer = patient.profile.guarding == "heartbeat" and objects.read_if_there(0x1016, 1, "uint32") is not None
     guarding = objects.read_if_there(0x100C, 0, "uint16") is not None
     if consumer:
-        yield Finding(AREA, "host", "ok", "the drive can watch this computer's heartbeat (1016h): it stops when that ends")
+        yield Finding(AREA, "host", "ok", f"the drive can watch this computer's heartbeat (1016h): it stops when that ends{_then(objects)}")
     elif not guarding:
         yield Finding(
             AREA, "host", "wrong", "the drive watches neither heartbeat (1016h) nor node guarding (100Ch): it would outlive this computer",
@@ -51,7 +53,14 @@ def host(patient: Patient) -> Iterator[Finding]:
             AREA, "host", "unknown", f"node guarding was not tried: {why}", "beltcomm sets both for each record and proves it then"
         )
     else:
-        yield Finding(AREA, "host", "ok", "the drive answers node guarding (100Ch): it can notice that this computer dies")
+        yield Finding(AREA, "host", "ok", f"the drive answers node guarding (100Ch): it can notice that this computer dies{_then(objects)}")
+
+
+def _then(objects: Objects) -> str:
+    """What it is set to do then, as a sentence's end."""
+    said = host_reaction.words(objects)
+    lent = ", which a record changes while it lasts" if host_reaction.needs_lending(objects) else ""
+    return f"; {said}{lent}" if said else ""
 
 
 def following(patient: Patient) -> Iterator[Finding]:

@@ -1,0 +1,83 @@
+"""What every command asks of a drive before anything moves, asked here by the same functions: capabilities, gains, records."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from beltcomm.drive import Capabilities
+from beltcomm.drive.finding import Finding
+from beltcomm.drive.objects import name_of
+from beltcomm.drive.parameters import GAIN_NAMES
+from beltcomm.errors import BusError, DriveError
+from beltcomm_adapters.cia402 import State
+from beltcomm_adapters.examination.patient import Check, Patient
+from beltcomm_adapters.gains import Parameters
+from beltcomm_adapters.identification import read_capabilities, supported_modes
+from beltcomm_adapters.trial import AREA, tried
+
+GAINS: Final = "gains"
+_OPERATIONAL: Final = 0x05
+_OFF: Final = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.FAULT)
+
+
+def opened(patient: Patient) -> Iterator[Finding]:
+    """Capabilities as a command reads them; what can be done with the gains."""
+    if patient.scaling is None:
+        return  # told under units
+    objects, profile = patient.objects, patient.profile
+    try:
+        table = Parameters(objects, profile, patient.scaling)
+        found = read_capabilities(
+            objects, profile, patient.scaling, patient.identity, patient.bitrate, False, table.table, table.uncalibrated
+        )
+    except BusError:
+        raise
+    except DriveError as error:
+        text, _, remedy = str(error).partition("; ")
+        yield Finding(GAINS, "opening", "wrong", f"no command could open this drive: {text}", remedy)
+        return
+    yield gains_finding(found)
+
+
+def gains_finding(found: Capabilities) -> Finding:
+    """Written, calibrated first, or typed in."""
+    held = [one for name, one in found.parameters.items() if name in GAIN_NAMES]
+    places = ", ".join(dict.fromkeys(name_of(one.index) for one in held))
+    if found.gains == "writable":
+        return Finding(GAINS, "gains", "ok", f"the gains can be written: {places}", "", {"gains": found.gains})
+    if found.gains == "to_calibrate":
+        return Finding(
+            GAINS, "gains", "ok", f"the gains can be written ({places}), once commissioning has measured what one unit of them means, by "
+            "small steps at standstill", "", {"gains": found.gains},
+        )  # fmt: skip
+    known = "; ".join(f"{term.place}, {term.what} ({term.missing or 'read'})" for term in found.gain_terms)
+    return Finding(
+        GAINS, "gains", "warning", "the gains cannot be written: nobody knows where they are, or what they mean"
+        + (f"; what is said of them: {known}" if known else ""),
+        "commissioning moves it with the loop that stands in the drive, and ends with model, gains and what to type into the maker's "
+        "tool; a profile of your own makes them writable (`beltcomm drives --new`)", {"gains": found.gains},
+    )  # fmt: skip
+
+
+def records(patient: Patient) -> Iterator[Finding]:
+    """PDOs and limits of a record, tried and put back."""
+    if patient.scaling is None:
+        return
+    if reason := _why_not(patient):
+        yield Finding(AREA, "mapping", "unknown", f"mapping and limits of a record were not tried: {reason}")
+        return
+    modes = supported_modes(patient.objects, patient.profile)
+    period_s = 1e-3 * patient.profile.shortest_sync_ms
+    yield from tried(patient.objects, patient.profile, patient.scaling, modes, period_s)
+
+
+def _why_not(patient: Patient) -> str:
+    if patient.state not in _OFF:
+        return "the power stage is not off"
+    if patient.nmt == _OPERATIONAL:
+        return "the node is Operational, so another master may use its PDOs"
+    return ""
+
+
+CHECKS: Final = (Check(GAINS, "opening", opened), Check(AREA, "mapping", records))

@@ -1,0 +1,46 @@
+"""A drive before it is used: whether it can do what is asked, and a simulated one for other processes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from beltcomm.drive import Drive, MotionKind, Service, find_adapters
+from beltcomm.drive.finding import Finding
+from beltcomm.errors import DriveError, Refused, UsageError
+from beltcomm.given import word
+
+
+def able(drive: Drive, kind: MotionKind) -> Drive:
+    """The same drive, if it offers this kind of motion and takes what a record sets; nothing has moved yet.
+
+    An adapter may offer ``trial() -> list[Finding]``, which tries that and puts it back: what is wrong closes the drive, what it refuses
+    goes into ``Capabilities.cautions``.   Raises Refused with the reason, DriveError with what the drive does not take.
+    """
+    has = drive.capabilities
+    if kind in has.kinds:
+        try:
+            found: list[Finding] = getattr(drive, "trial", list)()
+        except BaseException:
+            drive.close()
+            raise
+        if wrong := [f"{one.text}; {one.remedy}" for one in found if one.state == "wrong"]:
+            drive.close()
+            raise DriveError(f"{has.name} cannot be recorded: {wrong[0]}; nothing was moved")
+        drive.capabilities = replace(has, cautions=tuple(one.text for one in found if one.state == "warning"))
+        return drive
+    drive.close()
+    why = has.refused.get(kind) or f"it offers motions of kind {', '.join(sorted(has.kinds)) or 'none'}, not {kind}"
+    raise Refused(f"{has.name} cannot do this: {why}; nothing was moved")
+
+
+def serve_drive(name: str, on: str, options: Mapping[str, object] | None = None) -> Service:
+    """The simulated drive called ``name`` (``virtual:g_a``) on the interface ``on``.
+
+    Raises UsageError when no adapter serves a drive of this name, and what the adapter raises.
+    """
+    scheme, _, address = word(name, "drive").partition(":")
+    for item in find_adapters():
+        if item.adapter and item.adapter.serve and scheme in item.adapter.schemes:
+            return item.adapter.serve(address, on, options or {})
+    raise UsageError(f"{name!r} is no simulated drive, so it cannot be served; give virtual or virtual:PLANT")

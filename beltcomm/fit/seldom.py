@@ -1,0 +1,196 @@
+"""Models from rows that come more seldom than the motor swings: the torque is known between them, the motion is not.
+
+The axis is simulated under the torque that was asked for, which is held from row to row whatever lies between; its parameters p are those
+with which the simulated motor goes from row to row as the recorded one did:
+
+    r[n] = (theta[n+1] - theta[n]) - (theta_m[n+1] - theta_m[n]),     min  |r|²/s² + Σ ((ln p - ln p_0)/σ)²
+
+Differences, for what friction does once is not to be carried to the end of the record.  s is the scatter that is left, so that the data
+sheets p_0 count where rows say little.  Intervals: sandwich form over blocks of time, for what is left is not white.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from beltcomm.errors import DataError
+from beltcomm.model import Model
+from beltcomm.model.linear import fastest_rate, operating_point
+from beltcomm.recording import Recording
+from beltcomm.simulate.forward import integrate_torque
+
+Array = NDArray[np.float64]
+
+#: How far each parameter may be from what is known before, standard deviation of its logarithm; others stay as they are.
+BEFORE: Mapping[str, float] = {
+    "motor.inertia": 0.05,
+    "cart.mass": 10.0,
+    "belt_stiffness.stiffness": 0.7,
+    "belt_damping.damping": 1.0,
+    "viscous.damping": 1.5,
+    "coulomb.level": 1.5,
+    "cart_friction.level": 1.5,
+}
+#: The same for what has a sign, in its unit.
+SIGNED: Mapping[str, float] = {"constant_offset.torque": 0.1}
+#: Friction where nothing is known of it before.
+USUAL: Mapping[str, float] = {"coulomb.level": 0.05, "cart_friction.level": 2.0, "viscous.damping": 2e-3, "belt_damping.damping": 15.0}
+#: Of them those that a first estimate looks for, from these carriages on, kg.
+FIRST = ("cart.mass", "belt_stiffness.stiffness", "viscous.damping", "coulomb.level")
+MASSES_KG = (1.0, 6.0, 30.0)
+#: Eigenvalue times step of the simulation; steps a cell of held torque, longest cell, s; difference quotients, simulations at most.
+STEP, SUBSTEPS, CELL_S, DIFFERENCE, MOST = 0.3, 2, 2.5e-4, 1e-3, 60
+#: What no parameter differs from its first value by, as a factor; s, blocks of time that are taken as independent.
+FARTHEST, BLOCK_S = math.log(1e3), 0.5
+#: Dampings of the belt that are tried, over the one thought of before.
+DAMPINGS = (1.0, 0.2, 3.0)
+#: s: rows that come more seldom do not show how a motor swings on its belt.
+SELDOM_S = 1.5e-3
+#: Rows that must show a motion, and the steps of the encoder that are one.
+FEWEST_ROWS, CLEAR_STEPS = 40, 20.0
+#: What counts as nothing; rad a row, of a model that flies off; s, how far the torque's delay may be from what is thought of before.
+LEAST, ABSURD_RAD, LATE_S = 1e-9, 1e3, 1e-3
+#: How well the laws can mean a machine, relative to each parameter: added to its interval.
+LAW = 0.003
+
+
+def comes_seldom(recording: Recording) -> bool:
+    """Whether the rows of a record do not show how the motor swings between them, and it tells the torque that was asked for."""
+    return recording.sample_period_s > SELDOM_S and recording.torque_setpoint is not None and not recording.sidecar.closed_loop
+
+
+def clearly_moves(recording: Recording, counts_per_rev: int) -> bool:
+    """Whether enough rows of a record show a motion."""
+    step = 2.0 * math.pi / counts_per_rev
+    return int(np.sum(np.abs(np.diff(recording.position)) > CLEAR_STEPS * step)) >= FEWEST_ROWS
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """A model whose simulated rows are most like the recorded ones.   names : of what was fitted.   covariance : of that, (k, k).
+
+    late_s, late_half_s : torque setpoint to acting torque, s, and half its 95 % interval.
+    left_nm : torque, N m rms, that would make what is left from row to row.
+    samples : how many rows.
+    """
+
+    model: Model
+    names: tuple[str, ...]
+    covariance: Array
+    late_s: float
+    late_half_s: float
+    left_nm: float
+    samples: int
+
+
+class _Rows:
+    """One record in open loop."""
+
+    def __init__(self, recording: Recording) -> None:
+        assert recording.torque_setpoint is not None
+        self._asked = recording.torque_setpoint
+        self.sample_s = recording.sample_period_s
+        self.measured = np.diff(recording.position)
+        self._place_m = recording.sidecar.start_position_m or 0.0
+        self._time_s = recording.sidecar.session_time_s or 0.0
+
+    def left(self, model: Model, late_s: float) -> Array:
+        """From row to row, measured motion less simulated, rad, (n - 1,).   late_s : torque setpoint to acting torque, s."""
+        rate = fastest_rate(model, operating_point(model, self._place_m))
+        cells = math.ceil(self.sample_s * max(rate / (STEP * SUBSTEPS), 1.0 / CELL_S))
+        held = np.repeat(self._asked, cells)
+        whole, share = divmod(max(late_s, 0.0) * cells / self.sample_s, 1.0)
+        before = np.concatenate((np.full(int(whole) + 1, self._asked[0]), held))
+        acting = (1.0 - share) * before[1 : len(held) + 1] + share * before[: len(held)]  # the mean over each cell
+        moved = integrate_torque(model, acting, self.sample_s / cells, self._place_m, SUBSTEPS, self._time_s)
+        rows = np.diff(moved.position_rad[::cells])
+        return np.nan_to_num(self.measured - rows, nan=ABSURD_RAD, posinf=ABSURD_RAD, neginf=-ABSURD_RAD)
+
+
+def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names: Sequence[str] = tuple(BEFORE)) -> Simulated:
+    """The parameters ``names`` of a model that begins at ``start`` from records in open loop.
+
+    late_s : torque setpoint to acting torque, s, as thought of before.   Raises DataError when no row moves.
+    """
+    start = start.with_values({n: usual for n, usual in USUAL.items() if n in start.parameters and start[n] < LEAST})
+    names = tuple(n for n in (*names, *SIGNED) if n in start.parameters)
+    logarithms = [n for n in names if n not in SIGNED]
+    k = len(logarithms)
+    names = (*logarithms, *names[k:])
+    before = np.array([*(math.log(start[n]) for n in logarithms), *(start[n] / SIGNED[n] for n in names[k:]), late_s / LATE_S])
+    width = np.array([*(BEFORE[n] for n in logarithms), *(1.0 for _ in names[k:]), 1.0])
+    rows = [_Rows(recording) for recording in recordings]
+    scatter = float(np.std(np.concatenate([one.measured for one in rows])))
+    if scatter == 0.0:
+        raise DataError("the motor does not move in these records; raise the excitation or look for a brake")
+
+    def values_of(x: Array) -> Array:
+        return np.append(np.exp(x[:k]), [SIGNED[n] * v for n, v in zip(names[k:], x[k:-1], strict=True)])
+
+    def model_of(x: Array) -> Model:
+        return start.with_values(dict(zip(names, map(float, values_of(x)), strict=True)), "final fit")
+
+    def left(x: Array) -> Array:
+        model = model_of(x)
+        return np.concatenate([one.left(model, LATE_S * float(x[-1])) for one in rows])
+
+    def cost(x: Array, scatter: float) -> Array:
+        return np.append(left(x) / scatter, (x - before) / width)
+
+    bounds, found = (before - FARTHEST, before + FARTHEST), []
+    for factor in DAMPINGS if "belt_damping.damping" in names else (1.0,):  # a swing that the rows hide may be damped as it likes
+        at, by = before.copy(), scatter
+        if factor != 1.0:
+            at[names.index("belt_damping.damping")] += math.log(factor)
+        for _ in range(2):  # the first pass says how much scatter the second one is to count with
+            at = least_squares(cost, at, bounds=bounds, diff_step=[DIFFERENCE], max_nfev=MOST, args=(by,)).x
+            by = max(float(np.sqrt(np.mean(left(at) ** 2))), LEAST)
+        found.append((by, at))
+    scatter, at = min(found, key=lambda one: one[0])
+    rest = left(at)
+    slopes = np.stack([(left(at + DIFFERENCE * axis) - rest) / DIFFERENCE for axis in np.eye(len(at))], axis=1)
+    spread = _sandwich(rest, slopes, width, scatter, [(len(one.measured), one.sample_s) for one in rows])
+    late_half_s, spread = 1.96 * LATE_S * math.sqrt(spread[-1, -1]), spread[:-1, :-1]
+    model = model_of(at)
+    scale = np.append(values_of(at)[:k], [SIGNED[n] for n in names[k:]])
+    covariance = spread * np.outer(scale, scale) + np.diag((LAW / 1.96 * values_of(at)) ** 2)
+    half = 1.96 * np.sqrt(np.diag(covariance))
+    told = {n: replace(model.parameters[n], interval=float(h)) for n, h in zip(names, half, strict=True)}
+    inertia = model["motor.inertia"] + model["transmission.ratio"] ** 2 * model["cart.mass"]
+    parts = np.split(rest, np.cumsum([len(one.measured) for one in rows])[:-1])
+    torque = np.concatenate([np.diff(part) * inertia / one.sample_s**2 for part, one in zip(parts, rows, strict=True)])
+    return Simulated(
+        replace(model, parameters={**model.parameters, **told}),
+        names,
+        np.asarray(covariance),
+        LATE_S * float(at[-1]),
+        late_half_s,
+        float(np.sqrt(np.mean(torque**2))),
+        len(rest),
+    )
+
+
+def _sandwich(rest: Array, slopes: Array, width: Array, scatter: float, records: Sequence[tuple[int, float]]) -> Array:
+    """Covariance of the logarithms, (k, k):  A⁻¹ (Σ_b g_b g_bᵀ + 1/σ²) A⁻¹,  A = JᵀJ/s² + 1/σ²,  g_b the gradient of a block."""
+    before = np.diag(1.0 / width**2)
+    inverse = np.linalg.inv(slopes.T @ slopes / scatter**2 + before)
+    gradients, first = [], 0
+    for count, sample_s in records:
+        for block in np.array_split(np.arange(first, first + count), max(1, round(count * sample_s / BLOCK_S))):
+            gradients.append(slopes[block].T @ rest[block] / scatter**2)
+        first += count
+    scattered = np.array(gradients)
+    return np.asarray(inverse @ (scattered.T @ scattered + before) @ inverse)
+
+
+def first_of_seldom(recordings: Sequence[Recording], start: Model) -> Model:
+    """A first estimate of mass, stiffness and friction from short records, whatever carriage it is."""
+    tries = [estimate(recordings, start.with_values({"cart.mass": mass}), LATE_S, FIRST) for mass in MASSES_KG]
+    best = min(tries, key=lambda one: one.left_nm).model
+    return start.with_values({name: best[name] for name in FIRST}, "first estimate")

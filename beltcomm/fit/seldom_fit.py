@@ -1,0 +1,90 @@
+"""A fit of records whose rows come seldom: its numbers by simulation of those in open loop, see :mod:`beltcomm.fit.seldom`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.fit.model_fit import ModelFit, fit_model
+from beltcomm.fit.seldom import LATE_S, Simulated, comes_seldom, estimate
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+
+Array = NDArray[np.float64]
+
+#: Rounding of the encoder in a second difference of its angle, in its steps.
+SECOND_DIFFERENCE = math.sqrt(0.5)
+#: What the records in closed loop are left to tell of a model that the others have told.
+LEFT = "coulomb.level"
+#: m: records nearer to each other are of one place.
+ONE_PLACE_M = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class SeldomFit(ModelFit):
+    """A fit whose numbers are those of the simulated rows; ``fitted`` has what the records in closed loop add.
+
+    count_rad : of the encoder.
+    """
+
+    simulated: Simulated
+    count_rad: float
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of what was fitted."""
+        return self.simulated.names
+
+    @property
+    def misfit(self) -> float:
+        """Mean square of the torque that is left, and of the noise of a reading that is not used here, over noise and rounding."""
+        inertia = self.model["motor.inertia"] + self.model["transmission.ratio"] ** 2 * self.model["cart.mass"]
+        sample_s = max(r.sample_period_s for r in self.data.recordings)
+        rounding = SECOND_DIFFERENCE * self.count_rad * inertia / sample_s**2
+        return (self.simulated.left_nm**2 + self.noise_nm**2) / (self.noise_nm**2 + rounding**2)
+
+    @property
+    def samples(self) -> int:
+        """Number of rows that counted."""
+        return self.simulated.samples
+
+    @property
+    def quantile(self) -> float:
+        """Half width of a 95 % interval in standard deviations."""
+        return 1.96
+
+    @cached_property
+    def correlation(self) -> Array:
+        """Of what was fitted, (k, k)."""
+        deviation = np.sqrt(np.maximum(np.diag(self.simulated.covariance), 1e-300))
+        return np.asarray(self.simulated.covariance / np.outer(deviation, deviation))
+
+    @cached_property
+    def remarks(self) -> tuple[str, ...]:
+        """How these numbers were found."""
+        period_ms = 1e3 * max(r.sample_period_s for r in self.data.recordings)
+        return (
+            f"rows every {period_ms:g} ms do not show how the motor swings between them: these numbers are those with which a simulation "
+            "under the torque asked for goes from row to row as the axis did, near the data sheets where the rows say little",
+        )
+
+
+def fit_seldom(recordings: Sequence[Recording], start: Model, *, counts_per_rev: int) -> SeldomFit | None:
+    """The model by the open-loop records of the place where most was measured first; None where there is none whose rows come seldom.
+
+    Raises DataError when nothing moves.
+    """
+    told = [r for r in recordings if comes_seldom(r) and not r.sidecar.held_out and not len(r.gaps())]
+    if not told:
+        return None
+    here = told[0].sidecar.start_position_m or 0.0
+    told = [r for r in told if abs((r.sidecar.start_position_m or 0.0) - here) < ONE_PLACE_M]
+    found = estimate(told, start, LATE_S)
+    fixed = [name for name in found.model.parameters if name not in (LEFT, "transmission.ratio")]
+    rest = fit_model(recordings, found.model, counts_per_rev=counts_per_rev, fixed=fixed)
+    return SeldomFit(rest.data, rest.fitted, found.model, found, 2.0 * math.pi / counts_per_rev)

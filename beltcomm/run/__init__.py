@@ -1,0 +1,160 @@
+"""A run folder as an object, for notebooks and programs; whatever it does is done by the functions of :mod:`beltcomm.api`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from beltcomm.axis import Axis
+from beltcomm.control import Cascade
+from beltcomm.errors import UsageError
+from beltcomm.given import Place, number, place
+from beltcomm.result import Result, html_of, table
+from beltcomm.run.model import RunModel
+from beltcomm.run.record import RunRecord, RunRecords
+from beltcomm.rundata.revisions import current_model
+from beltcomm.rundata.store import cascade_from_dict, saved_design
+from beltcomm.runfolder import RunFolder
+from beltcomm.talk import Talk
+
+if TYPE_CHECKING:
+    from beltcomm.api import Options
+
+
+class OpenedRun:
+    """One run folder; :func:`beltcomm.open` makes it.
+
+    Nothing is kept here that the folder holds: a run that another program changes is seen as it is now.
+
+    Parameters
+    ----------
+    path : str or path
+        The run folder.
+    talk : Talk, optional
+        Hears of the progress of what takes long.
+    """
+
+    def __init__(self, path: Place, talk: Talk | None = None) -> None:
+        self._folder = RunFolder.open(place(path))
+        self._talk = talk
+
+    @property
+    def path(self) -> Path:
+        """Where it stands."""
+        return self._folder.path
+
+    @property
+    def axis(self) -> Axis:
+        """What is known beforehand."""
+        return self._folder.axis
+
+    @property
+    def records(self) -> RunRecords:
+        """The recordings by name."""
+        return RunRecords(self._folder)
+
+    def __getitem__(self, name: str) -> RunRecord:
+        """One recording."""
+        return self.records[name]
+
+    @property
+    def model(self) -> RunModel:
+        """The present model.   Raises DataError where nothing was fitted yet."""
+        model = current_model(self._folder)
+        if model is None:
+            self._folder.file("models", "final")  # says what makes one
+        assert model is not None
+        return RunModel(model)
+
+    @property
+    def gains(self) -> Cascade:
+        """The controller of the present design.   Raises DataError where there is none."""
+        return cascade_from_dict(saved_design(self._folder))
+
+    def fit(self) -> Result:
+        """Model of motor, belt and carriage from all records, see :func:`beltcomm.api.fit`."""
+        result: Result = _api().fit(self.path, talk=self._talk)
+        return result
+
+    def compare(self, *, pictures: bool = False) -> Result:
+        """Model against measurement, see :func:`beltcomm.api.compare`."""
+        result: Result = _api().compare(self.path, pictures=pictures, talk=self._talk)
+        return result
+
+    def diagnose(self, *, cost: bool = False, following: bool = False) -> Result:
+        """Which effect is missing, see :func:`beltcomm.api.diagnose`; the model stays as it is."""
+        result: Result = _api().diagnose(self.path, cost=cost, following=following, talk=self._talk)
+        return result
+
+    def add(self, effect: str, *, cost: bool = False, pictures: bool = False) -> Result:
+        """Everything fitted again with one more effect, as a new revision, see :func:`beltcomm.api.add`."""
+        result: Result = _api().add(effect, self.path, cost=cost, pictures=pictures, talk=self._talk)
+        return result
+
+    def remove(self, effect: str, *, pictures: bool = False) -> Result:
+        """Everything fitted again without an effect, as a new revision, see :func:`beltcomm.api.remove`."""
+        result: Result = _api().remove(effect, self.path, pictures=pictures, talk=self._talk)
+        return result
+
+    def ladder(self, *, pictures: bool = False) -> Result:
+        """All revisions of the model, see :func:`beltcomm.api.ladder`."""
+        result: Result = _api().ladder(self.path, pictures=pictures)
+        return result
+
+    def design(self, *, payload_kg: float | None = None, **options: Any) -> Result:
+        """Gains from the present model, see :func:`beltcomm.api.design`; nothing is written to a drive.
+
+        Parameters
+        ----------
+        payload_kg : float, optional
+            Heaviest load beyond what is mounted.
+        **options
+            Of :class:`beltcomm.api.Options`.
+        """
+        given = {"payload_kg": None if payload_kg is None else number(payload_kg, "payload_kg", "kg"), **options}
+        result: Result = _api().design(self.path, options=options_of(given), talk=self._talk)
+        return result
+
+    def verify(self, drive: str, **options: Any) -> Result:
+        """Drive a move with the run's design, see :func:`beltcomm.api.verify`; it moves the axis, and only with ``yes=True``."""
+        result: Result = _api().verify(drive, self.path, options=options_of(options), talk=self._talk)
+        return result
+
+    def report(self, out: Place | None = None) -> Result:
+        """The page on the run, see :func:`beltcomm.api.report`."""
+        result: Result = _api().report(self.path, out=out)
+        return result
+
+    def __repr__(self) -> str:
+        return "\n".join(self._lines())
+
+    def _repr_html_(self) -> str:
+        return html_of(self._lines())
+
+    def _lines(self) -> list[str]:
+        """What is in it, for people."""
+        folder = self._folder
+        axis = folder.axis.name if folder.has_axis else "no axis.yaml"
+        parts = {"records": folder.finished_names(), "models": folder.names("models"), "designs": folder.names("designs")}
+        lines: list[str] = [f"Run {folder.path}, axis {axis}"]
+        lines += table(["has", "names"], [[kind, ", ".join(names) or "none"] for kind, names in parts.items()])
+        return lines
+
+
+def _api() -> Any:
+    """The functions of the commands; they take two seconds to import, which nobody waits for who only looks."""
+    from beltcomm import api
+
+    return api
+
+
+def options_of(given: dict[str, Any]) -> Options:
+    """The options by name.   Raises UsageError for one that there is not."""
+    from beltcomm.api import Options
+
+    try:
+        return Options(**given)
+    except TypeError:
+        known = Options.__dataclass_fields__
+        unknown = [name for name in given if name not in known]
+        raise UsageError(f"there is no option {', '.join(unknown)}; there are {', '.join(known)}") from None

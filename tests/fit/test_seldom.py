@@ -1,0 +1,89 @@
+"""Rows that come more seldom than the motor swings: by simulation the model is found all the same, and it is said how well."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from beltcomm.excitation import prbs
+from beltcomm.fit.seldom import BEFORE, LATE_S, clearly_moves, comes_seldom, estimate, first_of_seldom
+from beltcomm.model import Model, build_model
+from beltcomm.recording import Recording
+from beltcomm.recording.sidecar import Sidecar
+from beltcomm.simulate.forward import simulate_torque
+
+COUNTS = 65536
+RATIO = 0.0125
+EFFECTS = ("belt_stiffness", "belt_damping", "viscous", "coulomb", "cart_friction")
+
+
+def machine(random: np.random.Generator) -> Model:
+    """An axis that nobody has seen: everything but the transmission is drawn."""
+    return build_model(
+        "drawn",
+        EFFECTS,
+        {
+            "motor.inertia": 7e-5 * random.uniform(0.95, 1.05),
+            "cart.mass": float(np.exp(random.uniform(math.log(3.0), math.log(25.0)))),
+            "transmission.ratio": RATIO,
+            "belt_stiffness.stiffness": 2e5 * random.uniform(0.7, 1.3),
+            "belt_damping.damping": random.uniform(8.0, 40.0),
+            "viscous.damping": random.uniform(1e-3, 4e-3),
+            "coulomb.level": random.uniform(0.04, 0.12),
+            "cart_friction.level": random.uniform(1.0, 4.0),
+        },
+    )
+
+
+def sheets(model: Model) -> Model:
+    """What is known before of any of them."""
+    before = {"motor.inertia": 7e-5, "cart.mass": 2.0, "belt_stiffness.stiffness": 2.2e5, "belt_damping.damping": 15.0}
+    return model.with_values({**before, "viscous.damping": 2e-3, "coulomb.level": 0.1, "cart_friction.level": 3.0})
+
+
+def record(model: Model, period_s: float, late_s: float, random: np.random.Generator) -> Recording:
+    """Its rows every ``period_s`` under a slow sequence whose torque acts late; the reading has noise."""
+    total = model["motor.inertia"] + RATIO**2 * model["cart.mass"]
+    amplitude = (model["coulomb.level"] + RATIO * model["cart_friction.level"]) * (2.0 + 2e3 * (total - 7e-5) * 0.2)
+    asked = prbs(6, max(1, round(0.02 / period_s)), 2.0 * amplitude, period_s, 3).torque
+    fine = max(1, round(period_s / 1e-4))
+    held = np.repeat(asked, fine)
+    late = round(late_s / (period_s / fine))
+    acting = np.concatenate([np.full(late, asked[0]), held])[: len(held)]
+    moved = simulate_torque(model, acting, period_s / fine, 0.3)
+    count = 2.0 * math.pi / COUNTS
+    shown = np.floor(moved.position_rad[::fine][: len(asked)] / count + 0.5) * count
+    reading = asked + random.normal(0.0, 6e-3, len(asked))
+    return Recording(
+        "frf_1", period_s * np.arange(len(asked)), reading, shown, torque_setpoint=asked, sidecar=Sidecar("frf", start_position_m=0.3)
+    )
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_drawn_axis_is_found_from_rows_that_hide_its_resonance(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    period_s, late_s = float(random.choice([3.2e-3, 4e-3, 6.4e-3, 10e-3])), float(random.choice([3e-4, 8e-4, 1.4e-3]))
+    truth = machine(random)
+    rows = record(truth, period_s, late_s, random)
+    assert comes_seldom(rows)
+    assert clearly_moves(rows, COUNTS)
+    found = estimate([rows], first_of_seldom([rows], sheets(truth)), LATE_S)
+    for name in ("cart.mass", "belt_stiffness.stiffness"):
+        told = found.model.parameters[name]
+        assert told.interval is not None
+        assert abs(told.value - truth[name]) < 2.0 * told.interval, name
+        assert told.interval < 0.05 * truth[name], name
+    friction = found.model["coulomb.level"] + RATIO * found.model["cart_friction.level"]
+    assert friction == pytest.approx(truth["coulomb.level"] + RATIO * truth["cart_friction.level"], rel=0.03)
+    assert found.late_s == pytest.approx(late_s, abs=3e-4)
+    assert set(found.names) == set(BEFORE)
+
+
+def test_rows_that_come_often_or_do_not_tell_what_was_asked_are_not_its_business() -> None:
+    random = np.random.default_rng(4)
+    rows = record(machine(random), 1e-3, 1e-3, random)
+    assert not comes_seldom(rows)
+    without = Recording("frf_1", 4.0 * rows.t_s, rows.torque, rows.position, sidecar=Sidecar("frf", start_position_m=0.3))
+    assert not comes_seldom(without)

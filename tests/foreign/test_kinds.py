@@ -1,0 +1,46 @@
+"""Every kind of file that :mod:`foreign.makers` makes: read right without a question, or refused with what it is and what to do.
+
+``pytest tests/foreign/test_kinds.py -s`` prints the table.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from beltcomm.cli.main import cli
+from beltcomm.recording import load_recording
+from foreign.makers import ANGLE, KINDS, TORQUE, Kind, T
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_a_kind_of_file_is_read_right_or_called_what_it_is(kind: Kind, tmp_path: Path) -> None:
+    file = kind.make(tmp_path)
+    run = tmp_path / "run"
+    outcome = CliRunner().invoke(cli, ["import", str(file), "--run", str(run), *kind.words])
+    said = outcome.output
+    print(f"{kind.name:50s} {'read' if outcome.exit_code == 0 else said.strip().splitlines()[-1].replace(str(tmp_path), '')}")
+    assert "Traceback" not in said and "--separator" not in said, said
+    if kind.says:
+        assert outcome.exit_code in (2, 3), said
+        assert kind.says in said, said
+        assert not run.exists()
+        return
+    assert outcome.exit_code == 0, said
+    assert kind.shown in said, said
+    (path,) = (run / "recordings").glob("*.csv")
+    record = load_recording(path)
+    rows = slice(None, len(record.torque))  # a last row may be at the end of a file that was cut off
+    for found, expected in ((record.t_s - record.t_s[0], T - T[0]), (record.torque, TORQUE), (record.position, ANGLE)):
+        wanted = expected[kind.rows][rows]
+        assert len(found) >= len(expected[kind.rows]) - 1
+        if expected is TORQUE and kind.rows.step:  # the mean over the slower step
+            step = kind.rows.step
+            wanted = TORQUE[: len(found) * step].reshape(-1, step).mean(axis=1)[: len(found)]
+            found = found[: len(wanted)]
+        np.testing.assert_allclose(
+            found, wanted[: len(found)], atol=max(kind.tolerance, 2e-6) if expected is not T else max(kind.tolerance, 1e-6)
+        )
