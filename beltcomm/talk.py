@@ -47,7 +47,7 @@ class Talk(Protocol):
         ...
 
     def attended(self) -> bool:
-        """Whether a person sits at the other end who sees the machine: a terminal, not a pipe."""
+        """True if a person sits at the other end who sees the machine: a terminal, not a pipe."""
         ...
 
 
@@ -59,7 +59,7 @@ class Hold(Protocol):
         ...
 
     def held(self) -> bool:
-        """Whether it is held now; asked every few rows of a motion, so it must answer at once."""
+        """True if it is held now; asked every few rows of a motion, so it must answer at once."""
         ...
 
     def end(self) -> None:

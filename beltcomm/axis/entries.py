@@ -152,7 +152,7 @@ class Mounting:
 
     @property
     def tilted(self) -> bool:
-        """Whether gravity must be held: it is steeper than friction can be hoped to hold."""
+        """True if gravity must be held: it is steeper than friction can be hoped to hold."""
         return abs(self.tilt_deg) > LEVEL_DEG
 
 

@@ -1,4 +1,4 @@
-"""Which gains K let every loop K L1 keep its margins: each condition at each frequency forbids one interval of K."""
+"""Gains K with which every loop K L1 keeps its margins: each condition at each frequency forbids one interval of K."""
 
 from __future__ import annotations
 

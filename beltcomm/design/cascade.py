@@ -105,7 +105,7 @@ def _best_design(
 
 
 def meets(achieved: Sequence[Margins], specification: Specification) -> bool:
-    """Whether the margins of every plant meet the specification and both loops are stable."""
+    """True if the margins of every plant meet the specification and both loops are stable."""
     return all(
         one.stable
         and one.velocity_stable
@@ -286,7 +286,7 @@ def _remarks(
     structure: CascadeStructure,
     specification: Specification,
 ) -> tuple[str, ...]:
-    """What the parts of the thesis's cascade that this drive lacks would have brought."""
+    """Remarks on what the parts of the thesis's cascade that this drive lacks would have brought."""
     remarks = []
     lacking = tuple(k for k in _LACKABLE if k not in structure.prefilters)
     for kind in lacking:
@@ -311,7 +311,7 @@ def _remarks(
 
 
 def _infeasible(search: SampledPlants, proof: SampledPlants, structure: CascadeStructure, specification: Specification) -> Infeasible:
-    """Which group of conditions alone stands in the way, and the nearest request that is feasible."""
+    """Refusal naming the group of conditions that alone stands in the way, and the nearest feasible request."""
     if not candidate_prefilters(search.plants, structure, specification):
         offered = ", ".join(structure.prefilters)
         return Infeasible(
@@ -377,7 +377,7 @@ def _nearest(
 
 
 def _within_reach(search: SampledPlants, structure: CascadeStructure, specification: Specification) -> bool:
-    """Whether the search finds gains with any prefilter and T_R, steps and proof aside."""
+    """True if the search finds gains with any prefilter and T_R, steps and proof aside."""
     inside = with_reserve(specification, 1.0)
     return any(
         best_gains(loop_shape(search, prefilter, lag), structure.period_s, structure, inside, zooms=0) is not None

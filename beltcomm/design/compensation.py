@@ -58,7 +58,7 @@ def compensation(model: Model, feedforward: Feedforward, trajectory: Trajectory,
 
 
 def demand_of_effects(model: Model, place: float, speed: float, time_s: float) -> tuple[float, float]:
-    """What effects beyond (4.16) need at an instant: torque at the motor shaft, N m, and force at the carriage, N."""
+    """Demand of effects beyond (4.16) at an instant: torque at the motor shaft, N m, and force at the carriage, N."""
     ratio = model["transmission.ratio"]
     torque = force = 0.0
     for effect in model.effect_list():

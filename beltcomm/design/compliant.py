@@ -41,7 +41,7 @@ PLACES = 25
 
 @dataclass(frozen=True)
 class Leading:
-    """What the motor has to do.   trajectory : u of the module, m along the belt.   carriage : y on the same grid, with a rest before it.
+    """Motion of the motor.   trajectory : u of the module, m along the belt.   carriage : y on the same grid, with a rest before it.
 
     torque_nm : τ, N m at the motor shaft, (n,).   held_m : stretch by which friction holds the carriage at the end.
     """
@@ -94,7 +94,7 @@ def lead_motion(model: Model, carriage: Trajectory, advance_s: float = 0.0, *, f
 
 
 def torque_along(led: Leading, feedforward: Feedforward, ratio: float) -> Array:
-    """What the host sends along with the motor's reference, N m at the motor shaft, (n,): τ less the drive's own feedforward (4.16).
+    """Torque that the host sends along with the motor's reference, N m at the motor shaft, (n,): τ less the drive's own feedforward (4.16).
 
     Both ``feedforward.advance_s`` ahead of the reference.   ratio : i_t, m/rad.
     """
@@ -104,7 +104,7 @@ def torque_along(led: Leading, feedforward: Feedforward, ratio: float) -> Array:
 
 
 def compliance(model: Model, places_m: Array) -> Array:
-    """How far the carriage gives way with the motor held, 1/c, m/N, by place, (n,); gaps and slack strands are taken as closed."""
+    """Compliance of the carriage with the motor locked, 1/c, m/N, by place, (n,); gaps and slack strands are taken as closed."""
     low, high = float(np.min(places_m)), float(np.max(places_m))
     grid = np.linspace(low, high, PLACES) if high > low else np.array([low])
     soft = []

@@ -172,7 +172,7 @@ def with_friction_fractions(plant: DesignPlant, fractions: Sequence[float]) -> l
 
 @lru_cache(maxsize=512)
 def _sample_cached(plant: DesignPlant, period_s: float) -> tuple[Array, Array, Array, int]:
-    """See :meth:`DesignPlant.sampled`; kept, because search, proof and poles ask for the same plants."""
+    """Exact sampling as :meth:`DesignPlant.sampled`; kept, because search, proof and poles ask for the same plants."""
     advance, new, old, whole = sample_plants([plant], period_s)
     result = advance[0], new[0], old[0]
     for array in result:

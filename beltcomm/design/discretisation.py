@@ -1,4 +1,4 @@
-"""How far the discrete parts of the cascade lie from the continuous ones they stand for, with bounds in closed form.
+"""Deviation of the discrete parts of the cascade from the continuous ones they stand for, with bounds in closed form.
 
 With θ = ωT and s = jω, for 0 < θ < π:
 

@@ -82,7 +82,7 @@ def gains_of_knobs(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: 
 
 
 def suppression_range(shape: LoopShape, structure: CascadeStructure, specification: Specification, values_db: Array) -> NDArray[np.bool_]:
-    """Which suppressions the velocity loop can have with the phase margin of ``specification``, at any T_N; shape of ``values_db``."""
+    """Suppressions that the velocity loop can have with the phase margin of ``specification``, at any T_N; shape of ``values_db``."""
     possible = np.zeros(len(values_db), dtype=bool)
     for time in _times(shape, structure):
         unit = unit_loop(shape, time)

@@ -33,7 +33,7 @@ class Knobs:
 
 @dataclass(frozen=True)
 class KnobSetting:
-    """Where the knobs must stand for given gains.
+    """Positions of the knobs for given gains.
 
     again : the design from these knobs, None when the equations refuse them (``refusal`` says why).
     same : it has the given gains; otherwise they are another solution of the same equations.

@@ -197,6 +197,6 @@ def frequencies(plants: Sequence[DesignPlant], period_s: float, points: int) -> 
 
 
 def _folded_frequency(omega_rad_s: Array, period_s: float) -> Array:
-    """Where frequencies appear after sampling, rad/s."""
+    """Alias frequencies after sampling, rad/s."""
     rate = 2.0 * math.pi / period_s
     return np.asarray(np.abs((omega_rad_s + 0.5 * rate) % rate - 0.5 * rate))

@@ -1,4 +1,4 @@
-"""What a given cascade achieves on given plants: the proof of a design, and the judgement of foreign gains."""
+"""Margins of a given cascade on given plants: the proof of a design, and the judgement of foreign gains."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def margins_on(cascade: Cascade, sampled: SampledPlants) -> tuple[Margins, ...]:
 
 
 def resonance_or_peak(loop: ComplexArray, omega_rad_s: Array, resonance_rad_s: Array) -> NDArray[np.bool_]:
-    """Where the suppression is asked: at and above the resonance, and at every local peak of the gain; shape of ``loop``."""
+    """Frequencies at which the suppression is asked: at and above the resonance, and at every local peak of the gain; shape of ``loop``."""
     level = np.abs(loop)
     peak = np.zeros(loop.shape, dtype=bool)
     peak[..., 1:-1] = (level[..., 1:-1] > level[..., :-2]) & (level[..., 1:-1] >= level[..., 2:])

@@ -185,7 +185,7 @@ def _between(loop: MeasuredLoop) -> tuple[Array, ComplexArray, Array]:
 
 
 def _margin(freq_hz: Array, loop: ComplexArray, tube: Array, hidden_gain: float) -> LoopMargin:
-    """What a curve and the tube around it have of margins.   hidden_gain : |L| is at most this where it is hidden."""
+    """Margins of a curve and of the tube around it.   hidden_gain : |L| is at most this where it is hidden."""
     margin, crossover = phase_margin(2.0 * np.pi * freq_hz, loop)
     distance = np.abs(1.0 + loop)
     nearest = int(np.argmin(distance))

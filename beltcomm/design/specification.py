@@ -1,4 +1,4 @@
-"""What is asked of a cascade, and the refusal when no cascade has it."""
+"""Requirements on a cascade, and the refusal when no cascade meets them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far margins move with what is not known exactly: every closed loop of every draw of the parameters, all at once."""
+"""Spread of the margins by what is not known exactly: every closed loop of every draw of the parameters, all at once."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class MarginSpread:
 
     @property
     def draws(self) -> int:
-        """How many sets of parameters."""
+        """Number of sets of parameters."""
         return len(self.sensitivity_db)
 
 

@@ -1,4 +1,4 @@
-"""What of a model the loop sees: bodies and springs for the margins, late torque as dead time; and what it does not see."""
+"""The part of a model that the loop sees: bodies and springs for the margins, late torque as dead time; and what it does not see."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Bodies:
         return np.array(self.mass), np.array(self.damping), np.array(self.stiffness)
 
     def with_carriage(self, mass_kg: float) -> Bodies:
-        """The same with another carriage mass, kg."""
+        """Bodies with another carriage mass, kg."""
         at = self.names.index("cart")
         return Bodies(self.names, (*self.mass[:at], mass_kg, *self.mass[at + 1 :]), self.damping, self.stiffness)
 
@@ -57,7 +57,7 @@ class Bodies:
 
 @dataclass(frozen=True)
 class LoopModel:
-    """What the plants of a design are made of, at one place.
+    """Parameters of the plants of a design, at one place.
 
     inertia kg m², motor side; transmission m/rad; mass kg; stiffness N/m between motor and carriage, other bodies following without
     inertia; belt_damping N s/m.   bodies : None for motor and carriage alone.

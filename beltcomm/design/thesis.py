@@ -35,7 +35,7 @@ class ThesisDesign:
 
 @dataclass(frozen=True)
 class ThesisMargins:
-    """What given gains achieve on the continuous plant.
+    """Margins of given gains on the continuous plant.
 
     phase_margin_deg at crossover_rad_s of the velocity loop;   suppression_db : |G_PI G_ω| at ω_r (4.7);
     position_phase_margin_deg at position_crossover_rad_s.

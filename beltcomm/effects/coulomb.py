@@ -64,7 +64,7 @@ def cart_trials(ground: AxisSummary) -> list[Trial]:
 
 
 def load_trials(ground: AxisSummary) -> list[Trial]:
-    """The same for a load that turns."""
+    """Trials of Coulomb friction for a load that turns."""
     return [Trial({"level": 0.5 * ground.coulomb})]
 
 

@@ -24,7 +24,7 @@ def friction_share(step: float, z: float, length: float) -> float:
 
 
 def friction_share_at_carriage(step: float, z: float, length: float, level: float) -> float:
-    """The same at the carriage; ``level`` : N, the friction that turns round, is not needed for it."""
+    """Share of the friction level at the carriage; ``level`` : N, the friction that turns round, is not needed for it."""
     return friction_share(step, z, length)
 
 

@@ -22,7 +22,7 @@ def slope(theta: float, sine: float, cosine: float) -> float:
 
 
 def oval_travel(theta: float, sine: float, cosine: float) -> float:
-    """The same twice per turn:  sine sin 2θ + cosine cos 2θ, rad."""
+    """Travel error twice per turn:  sine sin 2θ + cosine cos 2θ, rad."""
     return sine * math.sin(2.0 * theta) + cosine * math.cos(2.0 * theta)
 
 

@@ -49,7 +49,7 @@ def force(
     stiffness: float,
     damping: float,
 ) -> float:
-    """What the belt pulls more than at ``middle``:  change(x) (stiffness stretch + damping rate), N.
+    """Force that the belt pulls more than at ``middle``:  change(x) (stiffness stretch + damping rate), N.
 
     A strand half as long is twice as stiff and damps twice as much.   stiffness, damping : N/m, N s/m at ``middle``.
     """
@@ -65,7 +65,7 @@ def slope(
 
 
 def trials(ground: AxisSummary) -> list[Trial]:
-    """What the stiffness at each place says; with the geometry of the data sheet where there is one, else three free lengths."""
+    """Trials from the stiffness at each place; with the geometry of the data sheet where there is one, else three free lengths."""
     middle = 0.5 * (ground.low_m + ground.high_m)
     distance = ground.pulley_distance_m or 1.2 * (ground.high_m - min(ground.low_m, 0.0)) + 0.1
     offsets = [ground.offset_m] if ground.offset_m > 0.0 else []
@@ -106,7 +106,7 @@ def _of_strands(lengths: Array, length: float, distance: float, compliance: Arra
 
 
 def _of_parabola(places: Array, distance: float, compliance: Array, weights: Array) -> tuple[float, float, float] | None:
-    """The same of the parabola through places, m from ``middle``; where no two strands bend like it, of the nearest that rise alike."""
+    """Geometry of the parabola through places, m from ``middle``; where no two strands bend like it, of the nearest that rise alike."""
     curve, rise, whole = np.polyfit(places, compliance, 2, w=weights)
     if not whole > 0.0:
         return None

@@ -27,7 +27,7 @@ KEPT = "Finished records are kept; what stands below is the most that is driven 
 
 @dataclass(frozen=True)
 class Agreement:
-    """How a command asks before anything moves: call it with the plan and the machine.
+    """Question of a command before anything moves: call it with the plan and the machine.
 
     job : the command once more on another drive, for ``--simulate-first``.   goes_on : it needs what is in its run folder.
     """

@@ -62,7 +62,7 @@ def friction_before_nm(axis: Axis) -> float:
 
 
 def held_before_nm(axis: Axis) -> float:
-    """What a tilted axis holds all the time, N m, as axis.yaml has it."""
+    """Holding torque of a tilted axis by axis.yaml, N m."""
     return abs(gravity.expected(axis).torque_nm) if axis.mounting.tilted else 0.0
 
 
@@ -75,7 +75,7 @@ def stroking_nm(axis: Axis, share: float = 1.0 / 3.0) -> float:
 
 
 def course_before(axis: Axis, capabilities: Capabilities, mass_kg: float) -> Course:
-    """What motions may use with a carriage of this mass, from the data sheets alone."""
+    """Limits of motions with a carriage of this mass, from the data sheets alone."""
     low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
     margin = phases.stroke_share(capabilities) * (high - low)
     top = phases.SPEED_SHARE * top_speed_m_s(axis, capabilities)
@@ -104,7 +104,7 @@ def masses_kg(axis: Axis, model: Model | None = None) -> tuple[float, float]:
 
 
 def seconds_of(step: Step, course: Course) -> float:
-    """How long a step takes with these limits, bringing the carriage there from the step before included, s."""
+    """Duration of a step with these limits, bringing the carriage there from the step before included, s."""
     low, high = course.window_m
     speed = min(phases.POSITIONING_SPEED_M_S, course.gentle.speed_m_s)
     bring = BETWEEN_SHARE * (high - low) / speed + speed / course.gentle.acceleration_m_s2 + BRING_REST_S
@@ -114,7 +114,7 @@ def seconds_of(step: Step, course: Course) -> float:
 
 
 def has_room(step: Step, course: Course) -> bool:
-    """Whether a step can be made within a travel at all."""
+    """True if a step can be made within a travel at all."""
     try:
         seconds_of(step, course)
     except Refused:

@@ -137,7 +137,7 @@ def _remedy(entry: Mapping[str, Any], extent: Extent) -> str:
 
 
 def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight:
-    """What the records of an extent could show.   Raises BeltcommError where no record can be simulated."""
+    """Detection limits of the records of an extent.   Raises BeltcommError where no record can be simulated."""
     model = sheet_model(axis)
     noise = NOISE_SHARE * (axis.motor.rated_torque_nm or capabilities.rated_torque_nm)
     recordings = list(records(axis, capabilities, model, extent, noise))
@@ -219,7 +219,7 @@ class _Simulated:
         self.cascade = analyse.with_feedforward(design.cascade, model, capabilities.structure, self.period_s)
 
     def encoder_angle(self, position_rad: Array) -> Array:
-        """What the encoder shows."""
+        """Angle that the encoder shows."""
         return np.floor(position_rad / self.step_rad + 0.5) * self.step_rad
 
     def response(self, step: Step) -> _Motion:

@@ -123,7 +123,7 @@ def short_if_possible(respond_for: Callable[[float], Answer], wanted_s: float) -
 
 
 def holding_at(sweep: Recording, ratio: float, position_m: float) -> float | None:
-    """What holds the carriage at a place beside friction, N m, 0 within the scatter of friction; None when the strokes do not tell.
+    """Torque that holds the carriage at a place beside friction, N m, 0 within the scatter of friction; None when the strokes do not tell.
 
     τ = a + b x + τ_c sign v + d v  over the strokes of a sweep: a tilt is a, a cable chain b.
     """
@@ -155,7 +155,7 @@ def quieter(loud_nm: float, friction_nm: float, share: float) -> float:
 
 
 def course_of(machine: Machine, model: Model) -> Course:
-    """What motions of this axis may use."""
+    """Limits of motions of this axis."""
     gentle = phases.gentle_limits(machine, model, np.inf)
     room, ends, period = machine.full_room(), phases.stroke_ends(machine), machine.drive.capabilities.sample_period_s
     if machine.stroking() != "position":  # a velocity loop lags, nobody predicts what the belt would carry
@@ -190,7 +190,7 @@ def stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, a
 
 
 def within_belt(machine: Machine, loop: Closed, step: Step, path: Trajectory) -> bool:
-    """Whether a motion with more than gentle acceleration is predicted to load the belt no more than it may."""
+    """True if a motion with more than gentle acceleration is predicted to load the belt no more than it may."""
     if step.kind != "moves" or machine.stroking() != "position":
         return True
     if loop.cascade is None:
@@ -201,7 +201,7 @@ def within_belt(machine: Machine, loop: Closed, step: Step, path: Trajectory) ->
 
 
 def is_measured(machine: Machine, step: Step) -> bool:
-    """Whether the first response stands for that of a step."""
+    """True if the first response stands for that of a step."""
     here = machine.folder.recording("frf_1").sidecar.start_position_m
     loud = step.kind == "response" and step.share >= LOUD and not step.held_out
     return loud and here is not None and abs(step.at_m(machine.full_room().window_m) - here) < SAME_PLACE_M

@@ -43,7 +43,7 @@ SAME_PLAN = 0.05
 
 @dataclass(frozen=True)
 class Extent:
-    """How much motion: of one plan on one axis, or of all that were confirmed.
+    """Upper bounds of motion: of one plan on one axis, or of all that were confirmed.
 
     machine : what tells the machine.   most : the upper bounds, by entry of axis.yaml or quantity of a plan; inf where there is none.
     """
@@ -73,7 +73,7 @@ class Extent:
         return {"machine": dict(self.machine), "most": dict(self.most)}
 
     def unconfirmed_entries(self, confirmed: Extent) -> list[str]:
-        """What of this was not confirmed, in words."""
+        """Entries that were not confirmed, in words."""
         found = []
         for name, here in self.machine.items():
             if (before := confirmed.machine.get(name)) != here:

@@ -287,7 +287,7 @@ def _unit(entry: ParameterObject, value: float, interval: float) -> GainUnit:
 
 
 def _velocity_units(parameters: Mapping[str, ParameterObject], law: VelocityLaw, raw: Mapping[str, float]) -> dict[str, GainUnit]:
-    """What one unit of velocity gain and integral part means."""
+    """Units of velocity gain and integral part."""
     kp, ki = parameters[GAIN], parameters[_TOLD]
     gain, time = law.gain, law.integral_time_s
     if ki.law == "integral_time":

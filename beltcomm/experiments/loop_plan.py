@@ -1,4 +1,4 @@
-"""What an identification in closed loop will do: loop, base speed, strokes and amplitude, worked out on the model before anything moves."""
+"""Plan of an identification in closed loop: loop, base speed, strokes and amplitude, worked out on the model before anything moves."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ TITLES = ("first loop", "excitation, rising", "frequency response in closed loop
 
 @dataclass(frozen=True, eq=False)
 class LoopJob:
-    """What will be recorded.   way : by which the response is wanted.   cascade : as it travels; with ``loop.cascade`` it is excited.
+    """The record to be made.   way : by which the response is wanted.   cascade : as it travels; with ``loop.cascade`` it is excited.
 
     margin_deg : smallest phase margin.   choice : signal but for amplitude and length.   speed_m_s : base speed, 0 at rest.   why : of it.
     ramp, settle : s.   periods, strokes : measured periods of each stroke, and strokes.   step : largest amplitude.   prediction : of the
@@ -95,7 +95,7 @@ class LoopJob:
 
 
 def require_offered(capabilities: Capabilities, way: Way, parameters: frozenset[str]) -> tuple[LoopKind, Into]:
-    """Which loop is closed and where the excitation goes in.   parameters : names that the drive offers.
+    """The loop that is closed and the place where the excitation goes in.   parameters : names that the drive offers.
 
     Raises Refused with what this drive lacks.
     """
@@ -170,7 +170,7 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
 
 
 def plan_of(machine: Machine, job: LoopJob) -> Plan:
-    """What the user is shown."""
+    """The plan that the user is shown."""
     axis, told, period = machine.axis, job.prediction, job.loop.sample_period_s
     low, high = machine.full_room().window_m
     signal = f"±{job.step.amplitude:.3g} {job.unit} of {'torque' if job.loop.into == 'torque' else 'speed setpoint'}"
@@ -205,7 +205,7 @@ def plan_of(machine: Machine, job: LoopJob) -> Plan:
 
 
 def is_moved(job: LoopJob, amplitude: float, at_m: float) -> bool:
-    """Whether the model of a standing axis is moved by an excitation."""
+    """True if the model of a standing axis is moved by an excitation."""
     run = simulate_record(job.model, job.loop, job.motion(amplitude, rising=True), at_m)
     return float(np.ptp(run.position_rad)) > MOVED_COUNTS * 2.0 * math.pi / job.loop.drive.counts_per_rev
 

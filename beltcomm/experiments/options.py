@@ -1,4 +1,4 @@
-"""What a command line gives beside its main arguments."""
+"""Options of a command line beside its main arguments."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ LONGEST_S = 900.0
 
 @dataclass(frozen=True)
 class Options:
-    """What a command line gives beside its main arguments; every default is the safe choice.
+    """Options beside the main arguments of a command; every default is the safe choice.
 
     Attributes
     ----------
@@ -186,7 +186,7 @@ class Options:
 
     @property
     def extent(self) -> Extent:
-        """How much a commissioning records.
+        """Extent of a commissioning's records.
 
         Raises
         ------
@@ -199,7 +199,7 @@ class Options:
 
     @property
     def in_loop(self) -> bool:
-        """Whether the identification closes a loop.
+        """True if the identification closes a loop.
 
         Raises
         ------
@@ -242,7 +242,7 @@ class Options:
 
 
 def settings_of(options: Options) -> Settings:
-    """What of them the sequence on the machine needs.
+    """Settings that the sequence on the machine needs.
 
     Raises
     ------

@@ -29,7 +29,7 @@ SLOWEST_M_S, LONGEST_MOVE_S, SHORTEST_SHARE = 0.01, 2.0, 0.3
 
 @dataclass(frozen=True)
 class Course:
-    """What motions may use.   window_m : travel.   ends_m : between which strokes turn.
+    """Limits of motions.   window_m : travel.   ends_m : between which strokes turn.
 
     gentle, hard : limits of strokes, and of moves with all of the belt's force; hard is slowed down by a step's share.
     """
@@ -41,12 +41,12 @@ class Course:
     period_s: float
 
     def place_m(self, step: Step) -> float:
-        """Where a step happens, m."""
+        """Position of a step, m."""
         return step.at_m(self.window_m)
 
 
 def start_of(step: Step, course: Course) -> float:
-    """Where the carriage is brought before a closed-loop step, m.   Raises Refused where there is no room."""
+    """Start position of a closed-loop step, m.   Raises Refused where there is no room."""
     low, high = course.ends_m
     if step.kind == "strokes":
         start, end = _around(step, course)

@@ -65,12 +65,12 @@ def _starts(model: Model) -> Iterator[Model]:
 
 
 def as_one(model: Model) -> Model:
-    """The same with the payload fixed to the carriage."""
+    """Model with the payload fixed to the carriage."""
     return model.without_effect(SWING).with_values({"cart.mass": model["cart.mass"] + model["payload.mass"]})
 
 
 def swing_words(model: Model) -> str:
-    """What is counted with, in words."""
+    """The payload mode that is counted with, in words."""
     freq_hz = math.sqrt(model["payload_mode.stiffness"] / model["payload.mass"]) / (2.0 * math.pi)
     return (
         f"a payload of {model['payload.mass']:.2g} kg seems to swing on the carriage at {freq_hz:.3g} Hz; the first loop counts with it as "

@@ -77,7 +77,7 @@ def room_around(machine: Machine, position_m: float, travel_m: float) -> Room:
 
 
 def room_to_creep(machine: Machine) -> float:
-    """Where the carriage stands, m.   Raises UsageError when that is too near to an end to creep both ways."""
+    """Position of the carriage, m.   Raises UsageError when that is too near to an end to creep both ways."""
     at = machine.position_m
     low, high = machine.full_room().window_m
     if min(at - low, high - at) < 2.0 * SIGN_TRAVEL_M:
@@ -111,7 +111,7 @@ def sign_and_scale(machine: Machine) -> Breakaway:
 
 
 def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
-    """What an excitation at a place may use."""
+    """Limits of an excitation at a place."""
     full = machine.full_room()
     low, high = full.window_m
     space = min(position_m - low, high - position_m) - END_MARGIN_M
@@ -179,7 +179,7 @@ def louder(machine: Machine, step: AmplitudeStep, above_nm: float) -> None:
 def planned_response(
     machine: Machine, name: str, model: Model, choice: Choice, step: AmplitudeStep, *, held_out: bool = False
 ) -> tuple[Recording, Excitation, AmplitudeStep]:
-    """The same with what :func:`response_to_come` has chosen."""
+    """Long frequency response with the excitation that :func:`response_to_come` has chosen."""
     at, period = machine.position_m, machine.drive.capabilities.sample_period_s
     excitation = choice.excitation(step.amplitude_nm, period, torque_step_nm=machine.drive.capabilities.torque_step_nm)
     run_on = exciting.run_on_words(machine, step.prediction, motion_limits(machine, at).ends_m)
@@ -240,7 +240,7 @@ def without_offset(model: Model) -> Model:
 
 
 def excitation_room(machine: Machine, at: float) -> Room:
-    """Where an excitation at a place may go at most."""
+    """Envelope of an excitation at a place."""
     return room_around(machine, at, excitation_travel_m(machine.drive.capabilities.sample_period_s) + END_MARGIN_M)
 
 
@@ -298,7 +298,7 @@ def slower(limits: TrajectoryLimits, share: float) -> TrajectoryLimits:
 
 
 def stroke_ends(machine: Machine) -> tuple[float, float]:
-    """Where strokes may turn: near the ends of the travel in a position loop, well inside in a velocity loop, which drifts."""
+    """Turning points of strokes: near the ends of the travel in a position loop, well inside in a velocity loop, which drifts."""
     low, high = machine.full_room().window_m
     margin = stroke_share(machine.drive.capabilities) * (high - low)
     return low + margin, high - margin

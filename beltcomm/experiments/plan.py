@@ -1,4 +1,4 @@
-"""What will happen to the machine, before it happens: experiments with travel, speed, torque, belt force and seconds."""
+"""Plan shown before anything moves: experiments with travel, speed, torque, belt force and seconds."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Plan:
         return heat_plan(self.thermal, ((e.heating_nm, e.seconds) for e in self.experiments)) if self.thermal else None
 
     def heat_fault(self, axis: Axis | None = None) -> str:
-        """Why the motor would not bear the plan, in words; "" when it does.   axis : whose file the remedy is looked for in."""
+        """Reason in words why the motor would not bear the plan; "" when it does.   axis : whose file the remedy is looked for in."""
         if self.heat is None or self.thermal is None or self.heat.fullest <= 1.0:
             return ""
         hottest = max(self.experiments, key=lambda e: e.heating_nm**2 * e.seconds)
@@ -218,7 +218,7 @@ def _sweep(axis: Axis, capabilities: Capabilities, seconds: float) -> Experiment
 
 
 def gentle_force_n(axis: Axis) -> float:
-    """What strokes load the belt with, N: a third of its limit, and on a tilted axis the weight it carries all the time."""
+    """Belt force of strokes, N: a third of its limit, and on a tilted axis the weight it carries all the time."""
     held = abs(gravity.expected(axis).torque_nm) / axis.transmission_m_rad if axis.mounting.tilted else 0.0
     return axis.belt_force_limit_n / 3.0 + held
 
@@ -269,7 +269,7 @@ def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
 
 
 def _move_seconds(axis: Axis, capabilities: Capabilities) -> float:
-    """How long the standard move takes at least, s: a longer one takes less torque by more than it takes longer."""
+    """Shortest duration of the standard move, s: a longer one takes less torque by more than it takes longer."""
     limits = axis.trajectories.get("T_A")
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     if limits is None or whole <= 0.0:

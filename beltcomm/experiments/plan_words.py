@@ -1,4 +1,4 @@
-"""What a technician reads before agreeing: labelled lines on what moves, how far, how fast, how hard, how long, what stops it."""
+"""Plan in words for a technician who is to agree: labelled lines on what moves, how far, how fast, how hard, how long, what stops it."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def identify_points(axis: Axis, capabilities: Capabilities, window_m: tuple[floa
 
 
 def gain_points(capabilities: Capabilities) -> tuple[Point, ...]:
-    """What is written in the whole job, by what can be done with the gains of this drive."""
+    """Parameters written in the whole job, by what can be done with the gains of this drive."""
     if capabilities.gains == "unknown":
         return (
             (
@@ -94,7 +94,7 @@ def gain_points(capabilities: Capabilities) -> tuple[Point, ...]:
 
 
 def _stops(axis: Axis, capabilities: Capabilities) -> tuple[Point, ...]:
-    """What stops it, and within which way."""
+    """Means that stop it, and the stopping distance."""
     first = first_deceleration(axis, capabilities.peak_torque_nm)
     top = (creep.HELD_SHARE if axis.mounting.tilted else creep.BREAKAWAY_SHARE) * min(axis.torque_limit_nm, capabilities.peak_torque_nm)
     crept_m = creep.run_on_m(axis, top, guard_times_s(capabilities)[0] + capabilities.sample_period_s)

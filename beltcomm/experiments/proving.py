@@ -51,7 +51,7 @@ Sending = Literal["nothing", "rigid", "stretch", "compliant"]
 
 @dataclass(frozen=True)
 class Sent:
-    """What goes to the drive.   motor, carriage : what each is to follow, m.   torque_nm : along with it, (n,), or None.
+    """Reference and torque sent to the drive.   motor, carriage : what each is to follow, m.   torque_nm : along with it, (n,), or None.
 
     demanded_nm : largest torque at the motor that this will take.   led : how the motor leads, where it does.
     """

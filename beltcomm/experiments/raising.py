@@ -176,7 +176,7 @@ def _louder(machine: Machine, family: Sequence[Model], made: _Next, at_most_nm: 
 
 
 def _bound(response: Callable[[Model, float], AmplitudeStep], model: Model, at_most_nm: float) -> bool:
-    """Whether a limit binds a response already, so that another step before it would not make it louder."""
+    """True if a limit binds a response already, so that another step before it would not make it louder."""
     try:
         return response(model, at_most_nm).binds != "step"
     except Refused:  # by a model of which the next step may think better
@@ -204,7 +204,7 @@ def believable(model: Model, sheet: Model) -> Model:
 
 
 def _remedy(machine: Machine, step: AmplitudeStep, breakaway: Breakaway) -> str:
-    """What to do about a limit that lets no excitation move the axis, in words."""
+    """Remedy for a limit that lets no excitation move the axis, in words."""
     by_travel = "travel" in step.binds
     if (by_travel or step.binds == "speed") and not machine.axis.payload.mass_kg:
         room = f"{machine.more_room}, or " if by_travel else ""

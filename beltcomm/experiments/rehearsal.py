@@ -62,7 +62,7 @@ class Played:
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a record may use: as :class:`Played`."""
+    """Limits of a record: as :class:`Played`."""
 
     low_m: float
     high_m: float
@@ -86,7 +86,7 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """What the twin did.   twin : in words.   whole : of everything, moves between the records included, by the twin's own state."""
+    """Motion of the twin.   twin : in words.   whole : of everything, moves between the records included, by the twin's own state."""
 
     twin: str
     records: tuple[Played, ...]
@@ -183,7 +183,7 @@ def twin_of(axis: Axis, folder: RunFolder) -> tuple[Model, str]:
 
 
 def play_record(recording: Recording, axis: Axis, otherwise_m: float) -> Played:
-    """What a record of the twin shows; the belt's force as the motor shows it,  F = (τ - Θ_e φ̈)/i_t,  mean of ``BELT_ROWS`` rows."""
+    """Largest values of a record of the twin; the belt's force as the motor shows it,  F = (τ - Θ_e φ̈)/i_t,  mean of ``BELT_ROWS`` rows."""
     ratio, inertia = axis.transmission_m_rad, axis.motor_side_inertia_kg_m2
     begun = otherwise_m if recording.sidecar.start_position_m is None else recording.sidecar.start_position_m
     places = begun + ratio * (recording.position - recording.position[0])
@@ -203,7 +203,7 @@ def play_record(recording: Recording, axis: Axis, otherwise_m: float) -> Played:
 
 
 def bounds_of(machine: Machine, model: Model) -> Bounds:
-    """What the real axis is stopped at."""
+    """Limits at which the real axis is stopped."""
     room, axis = machine.full_room(), machine.axis
     low, high = room.window_m if machine.place_known else (-math.inf, math.inf)
     belt = math.inf if machine.over_belt else BELT_BEYOND * axis.belt_force_limit_n + total_friction(model) / axis.transmission_m_rad
@@ -239,7 +239,7 @@ def _linked_folders(at: str, names: list[str]) -> list[str]:
 
 
 def _options_for(options: Options, machine: Machine, twin: _Twin, place_m: float) -> Options:
-    """The same job on the twin, with nobody to ask."""
+    """Options of the job on the twin, with nobody to ask."""
     with_feedforward = machine.drive.capabilities.structure.torque_feedforward
     return replace(
         options,

@@ -1,4 +1,4 @@
-"""What records at a drive's sampling period can show, and whether its unit of torque is right: before and after the identification."""
+"""Limits of records at a drive's sampling period, and whether its unit of torque is right: before and after the identification."""
 
 from __future__ import annotations
 

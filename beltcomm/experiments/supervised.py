@@ -125,7 +125,7 @@ class Supervised:
         self._drive.close()
 
     def __getattr__(self, name: str) -> Any:
-        """What only this adapter has."""
+        """Attributes that only this adapter has."""
         return getattr(self._drive, name)
 
     # -- motion -----------------------------------------------------------------------------------------------------------
@@ -214,7 +214,7 @@ class Supervised:
             self._noted = True
 
     def _as_found(self) -> bool:
-        """Whether the drive has the settings that it had at the beginning.
+        """True if the drive has the settings that it had at the beginning.
 
         What is told since then only, as the mode of a drive that began in none, had no value that a rollback could write back.
         """

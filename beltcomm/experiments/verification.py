@@ -60,7 +60,7 @@ def standard_move(machine: Machine, model: Model) -> StandardMove:
 
 
 def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: float) -> float:
-    """What the belt may carry in a move, N: the feed force of the data sheet, which lists friction of the guide apart, and its swing.
+    """Belt force limit of a move, N: the feed force of the data sheet, which lists friction of the guide apart, and its swing.
 
     F_max = s (F_feed + F_c + d_c v)
     """
@@ -127,7 +127,7 @@ def admissible(machine: Machine, model: Model, start: float, end: float, limits:
 
 
 def in_drive(machine: Machine, delay_s: float) -> Loop:
-    """What this drive adds to a controller that runs in it."""
+    """Loop of a controller in this drive."""
     capabilities = machine.drive.capabilities
     return Loop(capabilities.structure, delay_s, capabilities.peak_torque_nm, capabilities.counts_per_rev)
 
@@ -223,7 +223,7 @@ def refuse_broken(machine: Machine, model: Model, trajectory: Trajectory) -> Non
 
 
 def _fastest(machine: Machine, model: Model, trajectory: Trajectory) -> str:
-    """Which uniformly slower version of a refused move would be admissible, in words."""
+    """Uniformly slower version of a refused move that would be admissible, in words."""
     low, high = 0.0, 1.0
     for _ in range(20):
         middle = 0.5 * (low + high)

@@ -64,7 +64,7 @@ class Fitted:
 
     @property
     def held_ratio(self) -> float | None:
-        """The same on the held-out records; None without any."""
+        """Ratio of residual to noise on the held-out records; None without any."""
         joined = np.concatenate(self.held_residual) if self.held_residual else np.zeros(0)
         return float(np.sqrt(np.mean(joined**2))) if len(joined) else None
 
@@ -113,7 +113,7 @@ def fit_of(
     enough: float = ENOUGH,
     goal: float = math.inf,
 ) -> Fitted:
-    """The same of a problem made already by :func:`problem_of`."""
+    """Fit of a problem made by :func:`problem_of`."""
     if needs_observer(problem.model):  # then an observer knows itself how the carriage may stand at first
         return _fit_with_observers(problem, data, iterations, fixed, enough, goal)
     return _fit_result(problem, problem.minimise(problem.start(offsets), iterations, enough=enough, goal=goal), data)
@@ -173,7 +173,7 @@ def _fit_result(problem: Problem, at: Minimum, data: Data, onward: Model | None 
 
 
 def escape_local_minimum(data: Data, fitted: Fitted, iterations: int) -> Fitted:
-    """The same model fitted from the best end of a fit in which each segment has one weight, also begun with a lighter motor.
+    """Fit of the same model from the best end of a fit in which each segment has one weight, also begun with a lighter motor.
 
     Far from the truth nearly every block is bad, and a bad one costs its logarithm: each has valleys of its own, and the fit stays where
     some blocks are suited well, however long it goes on.  A machine with an end pulley ended so at 8 times the noise.

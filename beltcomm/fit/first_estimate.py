@@ -206,7 +206,7 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
 
 
 def _no_motion_words(recordings: Sequence[Recording], pieces: Sequence[Segment], step_rad: float) -> str:
-    """Why too few samples count, in words: the axis hardly moved, or its encoder is too coarse to show how."""
+    """Reason in words why too few samples count: the axis hardly moved, or its encoder is too coarse to show how."""
     total, way = sum(len(p.keep) for p in pieces), max(float(np.ptp(r.position)) for r in recordings)
     counted = f"{_moving(pieces)} of {total} samples"
     if way < CLEARLY_MOVED_RAD:
@@ -225,7 +225,7 @@ def _lowest(rests: Array, number: int) -> list[tuple[int, int]]:
 
 
 def moves_enough(recording: Recording, model: Model, counts_per_rev: int) -> bool:
-    """Whether a record has enough moving samples for a first estimate."""
+    """True if a record has enough moving samples for a first estimate."""
     if comes_seldom(recording):
         return clearly_moves(recording, counts_per_rev)
     noise = torque_noise([recording])

@@ -68,7 +68,7 @@ def _least(recording: Recording, inertia_kg_m2: float, step_rad: float) -> float
 
 
 def _is_clearly_better(first: FirstEstimate, other: FirstEstimate) -> bool:
-    """Whether another path leaves so much less than the reading that it is no chance, and no small part of what is left."""
+    """True if another path leaves so much less than the reading that it is no chance, and no small part of what is left."""
     if not 0.0 < other.rest < (1.0 - EXPLAINED) * first.rest:
         return False
     return first.samples * math.log(first.rest / other.rest) > math.log(first.samples) + CLEAR

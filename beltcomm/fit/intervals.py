@@ -55,7 +55,7 @@ SCALED = ("motor.inertia", "cart.mass", *(f"{effect}." for effect in EXACT))
 
 @dataclass(frozen=True)
 class ParameterSpread:
-    """How sure the parameters of a fit are, in their units.
+    """Covariance of the parameters of a fit, in their units.
 
     names : of those that the data see.   bound : of those of them at a bound.   covariance, freedom : over time, (n, n).
     moved : by leaving out each record, (records, n).
@@ -199,7 +199,7 @@ def parameter_spread(fitted: Fitted) -> ParameterSpread:
 
 
 def unbounded_estimates(fitted: Fitted) -> dict[str, tuple[float, float]]:
-    """Where the data alone, without bounds, would have each parameter at a bound, and one standard deviation of it, in its unit.
+    """Unbounded estimate of each parameter at a bound, by the data alone, and its standard deviation, in its unit.
 
     One of which the residual does not depend is missing.
     """

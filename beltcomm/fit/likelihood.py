@@ -66,7 +66,7 @@ class Parts:
 
     @property
     def residual(self) -> Array:
-        """What is left over, N m, (n,)."""
+        """Residual, N m, (n,)."""
         return as_read(self.inertia + self.motor + self.belt, float(self.acting[1]), self.motion.sample_s, self.lags) - self.acting
 
 
@@ -82,7 +82,7 @@ class Nuisance:
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where a search ended.   x : scaled unknowns.   residual : whitened, (n,).   objective : O."""
+    """End of a search.   x : scaled unknowns.   residual : whitened, (n,).   objective : O."""
 
     x: Array
     residual: Array
@@ -376,7 +376,7 @@ class Problem:
 
 
 def hopeless(above: float, gain: float, left: int) -> bool:
-    """Whether a search that must come down to a goal to matter does not get there.
+    """True if a search that must come down to a goal to matter does not get there.
 
     above : how far O is above it, nats.   gain : by how much O fell in the last iteration, nats; later ones rarely gain more.
     left : iterations.

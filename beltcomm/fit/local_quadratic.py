@@ -95,7 +95,7 @@ class LocalQuadratic:
         return whole[np.ix_(order, order)], np.concatenate((ahead, borders))[order]
 
     def _by_block(self, place: Array) -> Array:
-        """What of the unknowns, (p + k,), acts in each block: (blocks, c)."""
+        """Unknowns that act in each block, of (p + k,): (blocks, c)."""
         k, p = self.jacobian.own, len(self.moving)
         of_stretch = np.zeros(max(len(self.jacobian.ends) - 1, 1))
         of_stretch[self.used[k:] - k] = place[k:p]

@@ -86,7 +86,7 @@ class ModelFit:
 
     @property
     def suspect(self) -> bool:
-        """Whether so much is left unexplained that the numbers should not be trusted."""
+        """True if so much is left unexplained that the numbers should not be trusted."""
         return self.misfit > SUSPECT_MISFIT
 
     @cached_property

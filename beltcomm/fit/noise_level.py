@@ -1,4 +1,4 @@
-"""How noisy a torque signal is: from its setpoint, from an excitation that repeats, or from what is rough between its jumps."""
+"""Noise of a torque signal: from its setpoint, from an excitation that repeats, or from what is rough between its jumps."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def robust_rms(rest: Array, step_nm: float = 0.0) -> float:
 
 
 def noise_untold(recordings: Sequence[Recording]) -> str:
-    """Why the torque's noise cannot be told from records over time, with what to do; "" where it can."""
+    """Reason in words why records over time do not tell the torque's noise, with what to do; "" where they do."""
     to_fit = [r for r in recordings if not (r.sidecar.held_out or r.is_static_map)]
     if not to_fit or _level(to_fit).told:
         return ""
@@ -110,7 +110,7 @@ def noise_untold(recordings: Sequence[Recording]) -> str:
 
 
 def error_floor_words(ratio: float) -> str:
-    """Why an error over the noise is none; "" for one that noise can leave."""
+    """Reason in words why a ratio to the noise means nothing; "" for one that noise can leave."""
     if ratio >= TOO_LITTLE:
         return ""
     return (
@@ -120,7 +120,7 @@ def error_floor_words(ratio: float) -> str:
 
 
 def noise_doubt(ratio: float, recordings: Sequence[Recording]) -> str:
-    """Why an error over the noise says nothing of a model; "" where it does."""
+    """Reason in words why the ratio to the noise says nothing of a model; "" where it does."""
     return noise_untold(recordings) or error_floor_words(ratio)
 
 
@@ -171,7 +171,7 @@ def _without_setpoint(recording: Recording) -> Level:
 
 
 def _period_difference(recording: Recording) -> Array | None:
-    """What samples one period apart differ by, over √2; None where too few are."""
+    """Difference of samples one period apart, over √2; None where there are too few."""
     torque, note = recording.torque, recording.sidecar.excitation
     if note is None or note.period_samples is None:
         return None
@@ -189,7 +189,7 @@ def _period_difference(recording: Recording) -> Array | None:
 
 
 def _across_gaps(recording: Recording, length: int, first: int) -> Array | None:
-    """The same of a record that lost samples: two belong together by their time, not by their row."""
+    """Difference of samples one period apart in a record that lost samples: pairs by their time, not by their row."""
     number = np.round((recording.t_s - recording.t_s[0]) / recording.sample_period_s).astype(np.int64)
     later = np.minimum(np.searchsorted(number, number + length), len(number) - 1)
     whole = (int(number[-1]) + 1 - first) // length

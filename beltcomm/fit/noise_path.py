@@ -1,4 +1,4 @@
-"""How the noises of a record reach the residual of a model: the encoder's rounding through inertia and belt, the torque's own.
+"""Path of a record's noises to the residual of a model: the encoder's rounding through inertia and belt, the torque's own.
 
 With x the displacements and speeds of the bodies behind the motor, q the rounding and w the torque's noise,
 
@@ -56,7 +56,7 @@ KEPT = 512
 
 @dataclass(frozen=True)
 class NoisePath:
-    """How the noises reach the residual:  s[n+1] = F s[n] + G (ε[n], w[n]),   e[n] = H s[n] + D (ε[n], w[n]).
+    """Path of the noises to the residual:  s[n+1] = F s[n] + G (ε[n], w[n]),   e[n] = H s[n] + D (ε[n], w[n]).
 
     s = (x[n], c[n-1], c[n], c[n+1], what x and c of the period before leave of e[n], w[n-1]).   F : (k, k), zero in its last two columns.
     G : (k, 2).   H : (k,).   D : (2,).   begins : (k, k, 4), covariance of s at the first sample: by motion that the record does not show,
@@ -140,7 +140,7 @@ def noise_path(model: Model, position_m: float, sample_s: float, closed: float =
 
 
 def path_of(model: Model, linear: Matrices, sample_s: float) -> NoisePath:
-    """The same of a model linearised already."""
+    """Noise path of a model linearised already."""
     lags = [(e, model[f"{e.name}.time"]) for e in model.effect_list() if e.slot in ("torque_reading", "torque_delay")]
     reading = sum(time for e, time in lags if e.slot == "torque_reading")
     dead, lag = (sum(time for e, time in lags if e.name == name) for name in ("dead_time", "current_lag"))

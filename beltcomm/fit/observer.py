@@ -46,20 +46,20 @@ class Observer:
     torque: Array
 
     def white(self, torque: Array, keep: NDArray[np.bool_]) -> Array:
-        """What changes of the residual, N m, (n,) or (n, k), change of the innovations to first order, over their deviation."""
+        """First-order change of the innovations, over their deviation, by changes of the residual, N m, (n,) or (n, k)."""
         w = self.watch
         columns = np.ascontiguousarray(torque if torque.ndim == 2 else torque[:, None])
         out = filter_columns(columns, keep, w.F, w.H, w.gains, w.deviations, w.shares)
         return out if torque.ndim == 2 else out[:, 0]
 
     def knows(self, seen: Observation, model: Model, vector: Array) -> bool:
-        """Whether this is what it was worked out with."""
+        """True if this is what it was worked out with."""
         same = seen.motion is self.motion and seen.torque is self.torque and model.effects == self.model.effects
         return same and np.allclose(vector, self.model.vector(), rtol=1e-12, atol=0.0)
 
 
 class Observation(NamedTuple):
-    """What is looked at behind an observer.   torque : ndarray (n,), N m, as reported."""
+    """A motion and a torque judged behind an observer.   torque : ndarray (n,), N m, as reported."""
 
     observer: Observer
     motion: FineMotion
@@ -95,7 +95,7 @@ def slopes(seen: Sequence[Observation], model: Model, vector: Array, steps: Sequ
 
 
 def needs_observer(model: Model) -> bool:
-    """Whether the model's bodies are to be followed: a carriage, a gap, and no lag between what the motor needs and what is read."""
+    """True if the model's bodies are to be followed: a carriage, a gap, and no lag between what the motor needs and what is read."""
     effects = model.effect_list()
     loose = "cart" in model.base_bodies and any(e.rattles for e in effects)
     return loose and not any(e.slot == "torque_reading" for e in effects)
@@ -117,7 +117,7 @@ def settling_samples(keep: NDArray[np.bool_], sample_s: float) -> NDArray[np.boo
 
 
 def stiffest(model: Model, low_m: float, high_m: float, places_m: Array) -> tuple[float, Array]:
-    """Where between two places the carriage is held stiffest, m, and the stiffness at places over the one there, (n,).
+    """Place between two others where the carriage is held stiffest, m, and the stiffness at places over the one there, (n,).
 
     A filter whose gains are worked out for a belt less than half as stiff as it is overshoots and flies off.
     """

@@ -1,4 +1,4 @@
-"""Which of setpoint and reading says what torque acts: told by the motion, before any effect is looked for.
+"""Choice between setpoint and reading as the torque that acts: by the motion, before any effect is looked for.
 
 Setpoint and reading tell the chain of drive and reading together (``reading_fit``); each filter, and what of the delay is no whole
 sample, may lie before the acting torque or behind it.  Each such split is fitted to the liveliest records, and the one that explains the
@@ -74,7 +74,7 @@ class PathChoice:
 
 
 def commands(chain: ReadingFit | None, recordings: Sequence[Recording]) -> bool:
-    """Whether the readings are the setpoint that comes back, without noise."""
+    """True if the readings are the setpoint that comes back, without noise."""
     if chain is None:
         return repeats_itself(recordings)
     scale = max(float(np.sqrt(np.mean(r.torque**2))) for r in recordings)
@@ -171,7 +171,7 @@ def _best_shape(data: Data, recordings: Sequence[Recording], choice: PathChoice)
 
 
 def _values(law: DriveLaw) -> int:
-    """How many numbers a law has."""
+    """Number of parameters of a law."""
     return sum(len(lag.values) for lag in law.lags) + (abs(law.delay - round(law.delay)) > WHOLE)
 
 
@@ -245,7 +245,7 @@ def _best(
 
 
 def _differ(one: TorquePath, other: TorquePath, sample_s: float) -> bool:
-    """Whether by two paths the torque acts at different times."""
+    """True if by two paths the torque acts at different times."""
     if one.drive is None or other.drive is None:
         return one.reading != other.reading
     return abs(one.drive.delay_s(sample_s) - other.drive.delay_s(sample_s)) > WHOLE * sample_s

@@ -121,7 +121,7 @@ def by_path(data: Data, model: Model, path: TorquePath) -> Data:
 
 
 def _free_delays(path: TorquePath) -> tuple[int, ...]:
-    """Which of both delays are values: one that is not whole, and both where the reading's is not, for it hides a part of the drive's."""
+    """Delays that are fitted: one that is not whole, and both where the reading's is not, for it hides a part of the drive's."""
     delays = _delays(path)
     late = [abs(delay - round(delay)) > WHOLE for delay in delays]
     return tuple(place for place in (0, 1) if late[place] or (place == 0 and late[1] and delays[0] > WHOLE))

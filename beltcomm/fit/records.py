@@ -112,7 +112,7 @@ def prepare_records(
     colour: float = 0.0,
     single: bool = False,
 ) -> Data:
-    """The same with known noise and step.
+    """Segments of the records, with known noise and encoder step.
 
     shares : by record, :func:`rounding_shares`; all of it white where it is missing.   usual : fine steps a sample.   path : of the torque;
     None takes the reading.
@@ -180,7 +180,7 @@ def with_whitener(piece: Segment, model: Model) -> Segment:
 
 
 def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS, *, reversals: bool = False) -> Data:
-    """The same records with the motion between the samples rebuilt, and the noise calibrated, by a better model.
+    """Records with the motion between the samples rebuilt, and the noise calibrated, by a better model.
 
     offsets_m : start offsets of the fitted segments, m.   substeps : fine steps a sample, where nothing rattles and nothing creeps.
     """
@@ -342,7 +342,7 @@ def white_step(position: Array) -> float:
 
 
 def repeat_noise(recordings: Sequence[Recording], step_rad: float) -> float:
-    """What no model of the motion can explain, N m rms: torque at the same place in records of the same slow motion, 0 without any."""
+    """Torque that no model can explain, N m rms: torque at the same place in records of the same slow motion, 0 without any."""
     found = []
     creeps = [(r, creeping_samples(r.position, r.sample_period_s, step_rad)[0]) for r in recordings]
     for (one, first), (two, second) in itertools.combinations(creeps, 2):

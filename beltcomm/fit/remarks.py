@@ -1,4 +1,4 @@
-"""How sure a fit is in words: limits of parameters at a bound, what is known badly; and draws of parameters as uncertain as that."""
+"""Uncertainty of a fit in words: limits of parameters at a bound, what is known badly; and draws of parameters as uncertain as that."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BEYOND = 3.0
 
 
 def upper_limit(estimate: float, deviation: float) -> float:
-    """What a quantity that cannot be negative stays below with 95 %, seen as estimate ± deviation (normal, cut off at 0).
+    """Upper 95 % limit of a quantity that cannot be negative, seen as estimate ± deviation (normal, cut off at 0).
 
     Φ((estimate - limit)/deviation) = 0.05 Φ(estimate/deviation)
     """
@@ -30,7 +30,7 @@ def upper_limit(estimate: float, deviation: float) -> float:
 
 
 def remark_on(name: str, item: Value, wanted: float, deviation: float) -> str:
-    """What is to be said of one parameter; "" when it is known well.
+    """Remark on one parameter; "" when it is known well.
 
     item : the result, without interval at a bound.   wanted : where the data alone, without bounds, would have it.
     deviation : one standard deviation, 0 where the data do not see the parameter at all.

@@ -43,7 +43,7 @@ TURNED = 4
 
 
 def turns_at_once(model: Model) -> bool:
-    """Whether the motor's friction, as the model has it, has one level and turns round where the speed does."""
+    """True if the motor's friction, as the model has it, has one level and turns round where the speed does."""
     rubbing = {e.name for e in model.effect_list() if e.body == "motor" and e.slot in ("friction_level", "friction_onset")}
     return "cart" in model.base_bodies and rubbing <= {"coulomb"}
 
@@ -131,7 +131,7 @@ def samples_at(doubtful: NDArray[np.bool_], substeps: int) -> NDArray[np.bool_]:
 
 
 def reversal_correction(motion: FineMotion, instants: Array, ratio: float) -> tuple[Array, Array]:
-    """What the kernel's friction of level 1 N m lacks around these instants: mean over each fine step, (fine - 1,), and over each
+    """Friction that the kernel, at level 1 N m, lacks around these instants: mean over each fine step, (fine - 1,), and over each
     sample with its triangular weight, (n,), ends 0.   ratio : m/rad.
     """
     points = _directions(motion.theta, ratio / motion.bristle_m)

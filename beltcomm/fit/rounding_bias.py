@@ -1,4 +1,4 @@
-"""What rounding alone adds to the mean square of a whitened residual: taken off, so that it pulls at no parameter.
+"""Bias by rounding of the mean square of a whitened residual: taken off, so that it pulls at no parameter.
 
 The whitening filter W of a segment is worked out once, for a model near the right one.  With the noises' path T(x) of the model at x,
 
@@ -84,7 +84,7 @@ class RoundingBias:
         return self._last[1]
 
     def _paths(self, model: Model) -> dict[tuple[float, float], NoisePath]:
-        """How the noises reach the residual, by place and sampling period."""
+        """Noise paths by place and sampling period."""
         return {where: noise_path(model, *where) for where in {kind.where for kind in self.kinds}}
 
     def _values(self, model: Model) -> Array:

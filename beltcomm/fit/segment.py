@@ -146,7 +146,7 @@ class Segment:
 
     @property
     def observations(self) -> list[Observation]:
-        """What is looked at behind its observer; nothing without one."""
+        """The segment behind its observer; nothing without one."""
         return [] if self.observer is None else [Observation(self.observer, self.motion, self.torque)]
 
     def middle_m(self, model: Model) -> float:
@@ -462,7 +462,7 @@ def _sum_groups(single: Array, firsts: NDArray[np.intp], size: int, out: Array) 
 
 
 def noise_paths_of(segment: Segment, model: Model) -> NoiseSchedule:
-    """How torque noise and rounding reach the residual of a segment."""
+    """Paths of torque noise and rounding to the residual of a segment."""
     motion = segment.motion
     places = motion.theta[:: motion.substeps] * model["transmission.ratio"]
     return way(model, places, motion.sample_s, stiffness_left(model, motion))

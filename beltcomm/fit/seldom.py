@@ -61,12 +61,12 @@ LAW = 0.003
 
 
 def comes_seldom(recording: Recording) -> bool:
-    """Whether the rows of a record do not show how the motor swings between them, and it tells the torque that was asked for."""
+    """True if the rows of a record do not show how the motor swings between them, and it tells the torque that was asked for."""
     return recording.sample_period_s > SELDOM_S and recording.torque_setpoint is not None and not recording.sidecar.closed_loop
 
 
 def clearly_moves(recording: Recording, counts_per_rev: int) -> bool:
-    """Whether enough rows of a record show a motion."""
+    """True if enough rows of a record show a motion."""
     step = 2.0 * math.pi / counts_per_rev
     return int(np.sum(np.abs(np.diff(recording.position)) > CLEAR_STEPS * step)) >= FEWEST_ROWS
 

@@ -66,7 +66,7 @@ class SeldomFit(ModelFit):
 
     @cached_property
     def remarks(self) -> tuple[str, ...]:
-        """How these numbers were found."""
+        """Remarks on how these numbers were found."""
         period_ms = 1e3 * max(r.sample_period_s for r in self.data.recordings)
         return (
             f"rows every {period_ms:g} ms do not show how the motor swings between them: these numbers are those with which a simulation "

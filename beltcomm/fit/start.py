@@ -115,7 +115,7 @@ def correct_by_slow_motion(found: Model, sheet: Model, recordings: Sequence[Reco
 
 
 def is_belt_axis(axis: Axis, recordings: Sequence[Recording]) -> bool:
-    """Whether the records are taken at a motor that drives a belt."""
+    """True if the records are taken at a motor that drives a belt."""
     return axis.get("pulley.effective_radius_m") is not None and all(r.side == "motor" for r in recordings)
 
 

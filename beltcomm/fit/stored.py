@@ -34,7 +34,7 @@ def key_of(records: Mapping[str, str], axis: Axis, start: Model | None) -> str:
 
 
 def store_fit(data: Data, fitted: Fitted) -> dict[str, Any] | None:
-    """What :func:`restore_fit` needs; None for a model with an observer, whose gains go with the way of the search."""
+    """Mapping for :func:`restore_fit`; None for a model with an observer, whose gains go with the way of the search."""
     if needs_observer(fitted.model):
         return None
     return {

@@ -171,7 +171,7 @@ class DriveLaw:
 
 @dataclass(frozen=True)
 class ReadingLaw:
-    """How the reading follows the acting torque.
+    """Law from acting torque to reading.
 
     Attributes
     ----------
@@ -189,7 +189,7 @@ class ReadingLaw:
 
     @property
     def faithful(self) -> bool:
-        """Whether the reading is the mean of the torque that acted from its sample to the next."""
+        """True if the reading is the mean of the torque that acted from its sample to the next."""
         return self.late == 0.0 and not self.lags and not self.at_end
 
     def read(self, cells: Array, sample_s: float) -> Array:
@@ -259,7 +259,7 @@ class TorquePath:
 
     @property
     def read_as_acts(self) -> bool:
-        """Whether the reading is the torque that acts."""
+        """True if the reading is the torque that acts."""
         return self.reading.faithful and not self.commanded
 
     def likeliest(self, acting: Array, setpoint: Array | None, sample_s: float) -> Array:
@@ -430,7 +430,7 @@ def path_from_dict(data: Mapping[str, Any]) -> TorquePath:
 
 
 def _behind_loop(means: Array, time_s: float, sample_s: float) -> Array:
-    """What a torque is above its mean in each cell of every period, (n, CELLS), N m, behind a loop of first order whose input is held.
+    """Torque above its mean in each cell of every period, (n, CELLS), N m, behind a loop of first order whose input is held.
 
     y' = (u[n] - y)/τ;  from the means over the periods, (n,):  u[n] = (m[n] - μ y[n])/(1 - μ),  y[n+1] = (1 - e) u[n] + e y[n],
     e = exp(-T/τ),  μ = τ (1 - e)/T.

@@ -1,4 +1,4 @@
-"""How large an excitation may be: predicted before every step from what is known of the axis so far.
+"""Largest excitation that the limits allow: predicted before every step from what is known of the axis so far.
 
 The amplitude rises step by step (thesis 3.4).  Before each step the record is simulated for a family of models that
 stands for what is not known yet; travel, speed, motor torque and belt force, the resonance included, must stay inside
@@ -47,7 +47,7 @@ _BISECTIONS = 12
 
 @dataclass(frozen=True)
 class MotionLimits:
-    """What a record may use.  travel_m : m either way from the start.   speed_m_s, torque_nm (motor shaft), belt_force_n.
+    """Limits of a record.  travel_m : m either way from the start.   speed_m_s, torque_nm (motor shaft), belt_force_n.
 
     window_m : m either way from the start, which a stop must not leave.   ends_m : m to the nearest end, beyond which nothing may go even
     when the host dies.

@@ -39,7 +39,7 @@ class LinearTrend:
 
     @property
     def drifts(self) -> bool:
-        """Whether the slope differs from none, however many others were looked at."""
+        """True if the slope differs from none, however many others were looked at."""
         return abs(self.slope) > self.sure_interval
 
     def at(self, t_s: Array) -> tuple[Array, Array]:

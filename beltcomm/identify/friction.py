@@ -42,7 +42,7 @@ class Plateau:
 
     @property
     def reached_speed(self) -> bool:
-        """Whether the motor turned about as fast as it was asked to."""
+        """True if the motor turned about as fast as it was asked to."""
         return abs(self.speed_rad_s - self.reference_rad_s) <= LARGEST_SPEED_ERROR * abs(self.reference_rad_s)
 
 
@@ -252,7 +252,7 @@ def _coulomb(value: float, half: float) -> Value:
 
 
 def _remarks(fit: FrictionFit, left_out_rad_s: Sequence[float], speed: Array, torque: Array, variance: Array) -> tuple[str, ...]:
-    """What was left out, what the sweep does not determine, and where the law does not hold, in words."""
+    """Remarks: plateaus left out, parameters that the sweep does not determine, and where the law does not hold."""
     remarks = []
     if left_out_rad_s:
         named = ", ".join(f"{v:.3g}" for v in left_out_rad_s)

@@ -82,7 +82,7 @@ class Shape:
 
 
 def shape_of(model: Model, position_m: float) -> Shape | None:
-    """How a model's sliding axis swings with the carriage at a place, m; None where nothing does, as on a belt that is too soft.
+    """Swinging of a model's sliding axis with the carriage at a place, m; None where nothing does, as on a belt that is too soft.
 
     K v = λ M v of all bodies, and with the motor held:  λ_1 <= μ_1 <= λ_2 <= μ_2 ... <= λ_n  (Cauchy).  λ_1 is the axis as a whole, free
     or on what depends on its place (cogging, a cable).  To the belt belong the μ_a and the λ_b above it with the largest

@@ -1,4 +1,4 @@
-"""How large an excitation of a moving axis in closed loop may be: predicted on a family of models before every record.
+"""Largest excitation of a moving axis in closed loop: predicted on a family of models before every record.
 
 Beside the limits of open loop there is one more: neither motor nor carriage may turn round, or friction changes its sign and is no constant
 any more (thesis 3.3.2).  While it does not, everything grows in proportion with the excitation, so few predictions find the largest one.
@@ -35,7 +35,7 @@ FIRST_SHARE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoop:
-    """What runs the excitation.   cascade : in the drive.   kind : of its loop.   into : the controller's torque or the speed setpoint."""
+    """The excited loop.   cascade : in the drive.   kind : of its loop.   into : the controller's torque or the speed setpoint."""
 
     cascade: Cascade
     drive: LoopDrive

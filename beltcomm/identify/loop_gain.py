@@ -1,4 +1,4 @@
-"""What the gains of a drive's cascade mean, from small steps of its setpoints: no model of the axis is needed.
+"""Meaning of the gains of a drive's cascade, from small steps of its setpoints: no model of the axis is needed.
 
 The law of the controller itself is fitted to what it was given and what it answered, all at the motor shaft:
 

@@ -36,7 +36,7 @@ RIGID_SHARE = 0.4
 
 @dataclass(frozen=True)
 class KnownController:
-    """What stands in the sidecar's ``controller``.   loop : which is closed.   period_s : of the drive's loops.
+    """The controller as the sidecar's ``controller`` states it.   loop : which is closed.   period_s : of the drive's loops.
 
     delay_s : torque setpoint to acting torque.
     """
@@ -71,7 +71,7 @@ def controller_of(entry: Mapping[str, Any], record: str) -> KnownController:
 
 @dataclass(frozen=True)
 class Biased:
-    """What a gain that is wrong by ``DOUBT`` does to an indirect result.   lowest_hz, shift_db : at the lowest line.
+    """Bias of an indirect result by a gain that is wrong by ``DOUBT``.   lowest_hz, shift_db : at the lowest line.
 
     crossover_hz : where |G C| falls below 1, 0 where it never reaches it.   harmless_hz : from there on less than ``NO_BIAS_DB``, below the
     antiresonance, at which the loop gain is smallest.

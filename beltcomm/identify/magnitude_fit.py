@@ -102,7 +102,7 @@ def product_form(freq_hz: Array, theta: Mapping[str, Array | float], transmissio
 def sampled_product_form(
     freq_hz: Array, theta: Mapping[str, float], transmission_m_rad: float, sample_period_s: float
 ) -> NDArray[np.complex128]:
-    """What (2.42) answers at the sampling instants to a torque held from each to the next, exactly; rad/(N m).
+    """Exact sampled response of (2.42) to a torque held from each instant to the next, rad/(N m).
 
     G(z) = C (zI - e^(A T_s))^-1 ∫ e^(Aτ) dτ B,   z = exp(Iω T_s)
 

@@ -1,4 +1,4 @@
-"""Why a frequency response around standstill shows much more damping than a sweep at constant speed has viscous friction.
+"""Apparent damping at standstill: why a frequency response shows much more than a sweep at constant speed has viscous friction.
 
 Coulomb friction M sign(ω) answers a motion that reverses with a force in phase with the speed.  Of all gains the one that is nearest to
 it in the mean square is
@@ -67,7 +67,7 @@ class Standstill:
 
     @property
     def contradiction(self) -> bool:
-        """Whether the response shows more damping than the sweep, beyond both intervals."""
+        """True if the response shows more damping than the sweep, beyond both intervals."""
         return self.seen.value - (self.seen.interval or 0.0) > self.sweep.value + (self.sweep.interval or 0.0)
 
 

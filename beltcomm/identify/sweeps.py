@@ -40,7 +40,7 @@ NORMAL = 1.96
 
 @dataclass(frozen=True)
 class SweepNote:
-    """What a sidecar says of its sweep.   measurement : counts the calls that recorded, 0 where none is noted: a clock of its own."""
+    """A sidecar's note on its sweep.   measurement : counts the calls that recorded, 0 where none is noted: a clock of its own."""
 
     measurement: int
     order: str
@@ -76,7 +76,7 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Drift:
-    """What friction did per minute of the session's clock; every interval is a half width at 95 %.
+    """Drift of friction per minute of the session's clock; every interval is a half width at 95 %.
 
     viscous : N m s/rad per minute.   coulomb : N m per minute.   minutes : between the first pass and the last.
     rms_nm : what is left of passes at one speed, N m.   speeds : driven at least twice, either way counted alone.   passes : at them.
@@ -116,7 +116,7 @@ class LoadDependence:
 
 
 def note_of(sidecar: Sidecar, name: str) -> SweepNote:
-    """Which sweep a record is part of.   name : of the record.   Raises DataError for a sidecar that says it wrongly."""
+    """The sweep that a record is part of.   name : of the record.   Raises DataError for a sidecar that says it wrongly."""
     found = sidecar.extra.get(KEY)
     if found is None:
         return SweepNote(0, "", 1)
@@ -188,7 +188,7 @@ def measurements(sweeps: Sequence[Sweep]) -> Mapping[int, tuple[Sweep, ...]]:
 
 
 def drift_of(plateaus: Sequence[Plateau]) -> Drift:
-    """How friction changes with time, from speeds that were driven more than once; no law of friction over speed is assumed.
+    """Drift of friction over time, from speeds that were driven more than once; no law of friction over speed is assumed.
 
     τ = f(ω_k) + (ċ sign ω + ḋ ω + ȯ) (t - t̄),   f : one free number for each speed and direction
 
@@ -291,5 +291,5 @@ def load_dependence(groups: Mapping[str, tuple[float, Sequence[FrictionFit]]]) -
 
 
 def clear(value: Value) -> bool:
-    """Whether a value is above its scatter: its 95 % interval leaves out zero."""
+    """True if a value is above its scatter: its 95 % interval leaves out zero."""
     return value.interval is not None and abs(value.value) > value.interval

@@ -49,7 +49,7 @@ USUAL_DAMPING_N_S = 8.0
 
 @dataclass(frozen=True)
 class ResponseBand:
-    """What one excited record shows.   place_m : carriage, None where nobody knows.   highest_hz : last frequency with a response
+    """Response and band of one excited record.   place_m : carriage, None where nobody knows.   highest_hz : last frequency with a response
     above the noise.   nyquist_hz : half the sampling frequency.   mode_hz, noise_ratio : of the end pulley's mode there, Hz, and response
     over noise around it; 0 beyond the lines."""
 
@@ -62,7 +62,7 @@ class ResponseBand:
 
     @property
     def shows(self) -> bool:
-        """Whether the mode lies among what it shows."""
+        """True if the mode lies among what it shows."""
         return self.mode_hz < self.highest_hz and self.noise_ratio >= SHOWN
 
 
@@ -81,7 +81,7 @@ class ThreeMass:
 
     @property
     def identified(self) -> bool:
-        """Whether the records hold a third mass."""
+        """True if the records hold a third mass."""
         return not self.against
 
     @property
@@ -228,7 +228,7 @@ def _ranked(starts: Sequence[Model], excited: Sequence[Recording], counts_per_re
 
 
 def _bounds(axis: Axis, recordings: Sequence[Recording]) -> dict[str, tuple[float, float]]:
-    """What the belt and the end pulley can be: EA by the data sheet, no section shorter than ``SHORTEST_SPAN`` of l3 in the records, or
+    """Bounds of belt and end pulley: EA by the data sheet, no section shorter than ``SHORTEST_SPAN`` of l3 in the records, or
     half of what the data sheet says, where that is less, and no end pulley whose mode lies above the sampling frequency, which would
     show as compliance alone:
 
@@ -322,7 +322,7 @@ def _middle_m(recordings: Sequence[Recording]) -> float:
 
 
 def _badly_known(three: ModelFit) -> str:
-    """What the records say of a mass that they do not tell."""
+    """Remark on a mass that the records do not determine."""
     item = three.model.parameters[MASS]
     if item.interval is None:
         return (
@@ -335,7 +335,7 @@ def _badly_known(three: ModelFit) -> str:
 
 
 def _out_of_reach(mass_kg: float, reach: Sequence[ResponseBand], mode_hz: float, recordings: Sequence[Recording]) -> tuple[str, float]:
-    """Why no record shows the mode, what would, and the end pulley whose mode they would show, kg."""
+    """Reason why no record shows the mode, with what would, and the end pulley whose mode they would show, kg."""
     nearest = min(reach, key=lambda one: one.mode_hz / max(one.highest_hz, 1e-3), default=None)
     if nearest is None:
         nyquist = 0.5 / min(r.sample_period_s for r in recordings)

@@ -78,7 +78,7 @@ def linear_model(model: Model, axis: Axis) -> Model:
 
 
 def with_coupling(model: Model, axis: Axis) -> Model:
-    """The same with the data sheet's coupling as a spring at the motor shaft: half of it turns with the motor, half with the pulley."""
+    """The model with the data sheet's coupling as a spring at the motor shaft: half of it turns with the motor, half with the pulley."""
     behind = ((axis.get("pulley.inertia_kg_m2") or 0.0) + axis.gearbox.inertia_kg_m2) / axis.gearbox.ratio**2
     behind += 0.5 * axis.coupling.inertia_kg_m2
     values = {"stiffness": float(axis.coupling.stiffness_nm_rad or 0.0), "damping": COUPLING_DAMPING, "driving_pulley.inertia": behind}

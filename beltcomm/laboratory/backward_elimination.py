@@ -1,4 +1,4 @@
-"""Which earlier additions a newer one made superfluous: the model refitted without each of them is as good."""
+"""Removes earlier additions that a newer one made superfluous: the model refitted without each of them is as good."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ class Comparison:
 
 
 def compare(data: Data, fitted: Fitted) -> Comparison:
-    """How far the fitted model is from every record, and where."""
+    """Ratio of the model's error to the noise in every record, and where it is largest."""
     judged: list[Judged] = []
     model, band = fitted.model, band_of(data, fitted.model)
     vector = fitted.problem.full(fitted.x)

@@ -1,4 +1,4 @@
-"""Which effects are missing: stage after stage until nothing is left above the noise, or nothing known explains it."""
+"""Search for missing effects: stage after stage until nothing is left above the noise, or nothing known explains it."""
 
 from __future__ import annotations
 
@@ -232,7 +232,7 @@ def diagnose(
 def find_candidates(
     data: Data, current: Fitted, scorer: Scorer, start: Model, axis: Axis, above: float, progress: Callable[[float], None]
 ) -> list[Candidate]:
-    """What may be missing, best first.
+    """Candidates for what is missing, best first.
 
     Where the fit strayed from its start values, looked for from there as well, and where nothing explains most even so, for what hides
     each other (``gap_behind_delay``).   above : O per sample from which on a fit explains little.
@@ -328,7 +328,7 @@ def in_stage(progress: Callable[[int, float], None], number: int) -> Callable[[f
 
 
 def is_later_member(name: str) -> bool:
-    """Whether an effect is the second, third, ... of a numbered family."""
+    """True if an effect is the second, third, ... of a numbered family."""
     return name.rpartition("_")[2].isdigit()
 
 
@@ -368,12 +368,12 @@ def twins_of(candidates: Sequence[Candidate]) -> tuple[str, ...]:
 
 
 def remaining_structure(data: Data, fitted: Fitted) -> float:
-    """How far the rest is from noise: see ``beltcomm.laboratory.residual_structure``."""
+    """Distance of the residual from noise: see ``beltcomm.laboratory.residual_structure``."""
     return max(structures(data, fitted).values(), default=0.0)
 
 
 def structures(data: Data, fitted: Fitted) -> dict[str, float]:
-    """The same by what it goes with."""
+    """Distance of the residual from noise, by the quantity it goes with."""
     return structure(compare(data, fitted).judged)
 
 

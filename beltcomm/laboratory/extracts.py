@@ -59,12 +59,12 @@ class Extract:
 
     @property
     def rows(self) -> int:
-        """How many."""
+        """Number of rows."""
         return self.last - self.first
 
 
 def extract_long(records: Sequence[Recording], axis: Axis, remarks: list[str]) -> dict[str, list[Recording]]:
-    """What stands for each long record, by its name: stretches of it, each a record of its own, called ``NAME@SECONDSs``.
+    """Extracts that stand for each long record, by its name: stretches of it, each a record of its own, called ``NAME@SECONDSs``.
 
     Records to fit and those held out are chosen among themselves.
     """
@@ -192,7 +192,7 @@ class _Signals:
 def _window_information(
     one: _Signals, first: int, last: int, scale: Array, speeds: Array, places: tuple[float, float], begin: float, share: float
 ) -> tuple[Array, Array, float, int] | None:
-    """What a window tells, see :class:`Extract`; None where it is too short."""
+    """Information of a window, see :class:`Extract`; None where it is too short."""
     part = slice(max(first - one.width, 0) // one.step + 1, max((last - one.width) // one.step, 0))
     speed, torque = one.speed[part], one.torque[part]
     if len(speed) < 8:
@@ -246,7 +246,7 @@ def _regression_residual(windows: Sequence[Extract]) -> Array:
 
 
 def certainty(windows: Sequence[Extract], taken: Sequence[Extract]) -> float:
-    """How many times as exactly all windows tell the factor of the acceleration as those that were taken."""
+    """Ratio of the deviations of the inertia by the windows taken and by all windows."""
     whole, chosen = (np.linalg.pinv(np.sum([w.told for w in some], axis=0), rcond=1e-10, hermitian=True) for some in (windows, taken))
     return math.sqrt(max(float(chosen[0, 0] / whole[0, 0]), 1.0))
 

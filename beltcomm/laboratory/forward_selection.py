@@ -83,14 +83,14 @@ class Candidate:
 
     @property
     def stands(self) -> bool:
-        """Whether nothing speaks against it: records held out, error as a whole or in plain units, own values, a carriage that strays."""
+        """True if nothing speaks against it: records held out, error as a whole or in plain units, own values, a carriage that strays."""
         return self.fitted is None or not (
             self.hollow or self.grows or self.unneeded or self.idle or is_refuted(self.evidence, self.held_gain)
         )
 
     @property
     def against(self) -> str:
-        """Why it may not be named, in words; "" where it may, or was not fitted."""
+        """Reason in words why it may not be named; "" where it may, or was not fitted."""
         if self.accepted or self.fitted is None:
             return ""
         if self.hollow:
@@ -175,7 +175,7 @@ def rank_candidates(candidates: Sequence[Candidate]) -> list[Candidate]:
 
 
 def rubs_behind(effect: Effect) -> bool:
-    """Whether it is friction of the carriage, which holds it in its gap: far from the truth the score test hardly sees that."""
+    """True if it is friction of the carriage, which holds it in its gap: far from the truth the score test hardly sees that."""
     return effect.slot == "friction_level" and effect.body == "cart"
 
 
@@ -196,7 +196,7 @@ def candidates_absorbed_by_base(
 
 
 def may_add(base: Fitted, effect: Effect) -> bool:
-    """Whether the model can take the effect, one of a numbered family at a time."""
+    """True if the model can take the effect, one of a numbered family at a time."""
     present = base.model.effects
     if effect.name in present or (effect.behind_gap and not needs_observer(base.model)):
         return False
@@ -215,7 +215,7 @@ def may_add(base: Fitted, effect: Effect) -> bool:
 
 
 def expected_gain(way: Scored, base: Fitted, starts: int) -> float:
-    """What a way of an effect promises, its price taken off."""
+    """Expected gain of one start of an effect, its BIC penalty taken off."""
     return way.drop - bic_penalty(way.effect, base, starts)
 
 
@@ -242,7 +242,7 @@ def best_standing(data: Data, base: Fitted, ways: Sequence[Scored], against: Fit
 
 
 def left_start_values(base: Fitted, start: Model, above: float = MISSING) -> bool:
-    """Whether a fit that explains little left what the start values say of the masses and of the belt, to make up for what is missing.
+    """True if a fit that explains little left what the start values say of the masses and of the belt, to make up for what is missing.
 
     above : O per sample from which on it explains little.
     """
@@ -270,12 +270,12 @@ def merge_candidates(candidates: Sequence[Candidate], more: Sequence[Candidate])
 
 
 def rank(item: Candidate) -> tuple[bool, bool, float]:
-    """What makes one candidate for an effect better than another."""
+    """Sort key: one candidate for an effect is better than another."""
     return item.accepted, item.fitted is not None and item.stands, -item.fitted.objective if item.fitted is not None else item.evidence
 
 
 def candidate(data: Data, base: Fitted, effect: Effect, promised: float, best: Fitted, starts: int) -> Candidate:
-    """What a model fitted with the effect says for it; as one that was not refitted where a body flies off in it."""
+    """Candidate from a model fitted with the effect; as one that was not refitted where a body flies off in it."""
     if not math.isfinite(best.objective + best.held_objective):
         return Candidate(effect, promised, promised, 0.0, 0.0, None, False)
     drop = drop_by(base, best)

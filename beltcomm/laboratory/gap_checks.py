@@ -1,4 +1,4 @@
-"""What is missing in a record: its end, or rows between others that the time stamps show."""
+"""Missing parts of a record: its end, or rows between others that the time stamps show."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _lost_rows(record: Recording) -> int:
 
 
 def gap_remarks(timed: Sequence[Recording]) -> list[str]:
-    """What is said of lost samples where each piece counts."""
+    """Remarks on lost samples where each piece counts."""
     with_gaps = [r for r in timed if len(r.gaps())]
     return [f"{_gap_words(with_gaps, timed)}: the pieces between them are judged on their own"] if with_gaps else []
 

@@ -43,7 +43,7 @@ def gain_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Arr
 
 
 def line_columns(piece: Segment, inertia: float, lines: float) -> Array:
-    """What errors of the angle shown, 1 rad once and twice per line, ask of the inertia alone, N m; (n, 4), ends 0.
+    """Inertia torque by errors of the angle shown, 1 rad once and twice per line, N m; (n, 4), ends 0.
 
         J (θ[n+1] - 2 θ[n] + θ[n-1])/T²  of  -sin Nθ, -cos Nθ, -sin 2Nθ, -cos 2Nθ
 
@@ -77,7 +77,7 @@ def load_kernel(sine: Array, cosine: Array, power_sine: Array, power_cosine: Arr
 
 @compiled
 def gain_kernel(sine: Array, cosine: Array, power_sine: Array, power_cosine: Array, torque: Array, m: int, means: Array) -> None:
-    """The same for cells of held torque; the middle of a cell weighs it."""
+    """Means of the gain harmonics for cells of held torque; the middle of a cell weighs it."""
     for k in range(sine.shape[0]):
         s, c = power_sine[k], power_cosine[k]
         power_sine[k] = s * cosine[k] + c * sine[k]

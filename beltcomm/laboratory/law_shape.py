@@ -156,12 +156,12 @@ def smaller(data: Data, both: Fitted, effect: Effect, one: str) -> Fitted:
 
 
 def rubs_like(effect: Effect, one: str) -> bool:
-    """Whether what completes an effect is the same law at the carriage."""
+    """True if what completes an effect is the same law at the carriage."""
     return effect_named(one).slot == effect.slot
 
 
 def acts_at_carriage_only(model: Model, effect: Effect) -> bool:
-    """Whether all of a law acts at the carriage."""
+    """True if all of a law acts at the carriage."""
     size = model.parameters[effect.full_names()[0]]
     return size.low == size.high == 0.0
 
@@ -224,13 +224,13 @@ def variant(model: Model, effect: Effect, one: str) -> tuple[list[str], Model] |
 
 
 def is_worth_its_parameters(before: Fitted, after: Fitted, evidence: float = EVIDENCE) -> bool:
-    """Whether a form explains so much more than what it costs, and as an axis can be."""
+    """True if a form explains so much more than what it costs, and as an axis can be."""
     price = (len(after.problem.free) - len(before.problem.free)) * math.log(before.problem.samples)
     return drop_by(before, after) - price > evidence and not is_contradicted(before, after)
 
 
 def is_contradicted(before: Fitted, after: Fitted) -> bool:
-    """Whether the held-out records or its own values speak against a form."""
+    """True if the held-out records or its own values speak against a form."""
     against = is_refuted(drop_by(before, after), before.held_objective - after.held_objective)
     new = [e for e in after.model.effect_list() if e.name not in before.model.effects]
     return against or bool(impossible(after.model)) or any(exceeds_bounds(after.model, e) for e in new)

@@ -1,4 +1,4 @@
-"""Where along the travel records were made: start positions against the motor's angle, and the carriage's own sensor.  Before any fit."""
+"""Positions of records along the travel: start positions against the motor's angle, and the carriage's own sensor.  Before any fit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a model fails: the whitened residual by frequency, speed, direction, position, amplitude, time and angle of the motor.
+"""Regions in which a model fails: the whitened residual by frequency, speed, direction, position, amplitude, time and angle of the motor.
 
 A *place* is the worst bin of a dimension with its neighbours that are nearly as bad, compared with the rest of the same dimension: it
 stands out by ratio / elsewhere, not by ratio alone, or an error that is everywhere would be blamed on all dimensions at once.
@@ -75,12 +75,12 @@ class ErrorRegion:
 
     @property
     def contrast(self) -> float:
-        """How far it stands out."""
+        """Contrast to the rest."""
         return self.ratio / max(self.elsewhere, 0.5)
 
     @property
     def rank(self) -> float:
-        """What places are sorted by: contrast, or by how much the error falls without what is seen there.
+        """Sort key of places: contrast, or by how much the error falls without what is seen there.
 
         Everything slow lies in the lowest band: that it does says little.
         """

@@ -1,4 +1,4 @@
-"""What the values of added effects say against them: a bound that was met, numbers that nothing is known of, values that no machine has."""
+"""Values of added effects that speak against them: a bound that was met, numbers that nothing is known of, values that no machine has."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ FEWEST = 150
 
 @dataclass(frozen=True)
 class Units:
-    """What an axis is measured in.   force : "N m", "N" or "A".   length : "m" of the carriage or "rad" of the motor."""
+    """Units in which an axis is measured.   force : "N m", "N" or "A".   length : "m" of the carriage or "rad" of the motor."""
 
     force: str = "N m"
     length: str = "m"

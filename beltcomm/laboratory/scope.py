@@ -1,4 +1,4 @@
-"""What a set of records can decide at all: which kinds it holds, and which effects it must not name.
+"""Scope of a set of records: which kinds it holds, and which effects it must not name.
 
 Belt, delays and lags act at frequencies near the antiresonance and above.  Strokes and moves hardly contain them: there a few per cent of
 wrong noise look like a delay, a lag or a second pulley.  Without an excited record such effects stay hints.
@@ -129,7 +129,7 @@ def not_named(model: Model, recordings: Sequence[Recording]) -> set[str]:
 
 
 def is_excited(recordings: Sequence[Recording]) -> bool:
-    """Whether a record to fit is excited."""
+    """True if a record to fit is excited."""
     return any(r.sidecar.experiment == "frf" and not r.sidecar.held_out for r in recordings)
 
 

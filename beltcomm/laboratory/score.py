@@ -138,7 +138,7 @@ class Scorer:
             yield some, self.columns(effect, [self.model_with(effect, v, t) for t in some for v in amplitude_columns(effect, t)])
 
     def harmonics(self, effect: Effect, trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], Array]]:
-        """The same for all orders of an effect that repeats with the motor angle."""
+        """Score columns for all orders of an effect that repeats with the motor angle."""
         key = effect.parameters[0].name
         wanted = {round(trial.values[key]): trial for trial in trials}
         highest = max(wanted)
@@ -264,7 +264,7 @@ class Scorer:
 
     @cached_property
     def innovations_here(self) -> Array:
-        """The same of the model as it is."""
+        """Innovations of the model as it is."""
         return np.concatenate(observed_residuals(self.rough, self.model, [self.vector] * len(self.rough)))
 
     def change(self, effect: Effect, extended: Model, vector: Array, i: int, motion: FineMotion) -> Array:
@@ -295,7 +295,7 @@ def amplitude_columns(effect: Effect, trial: Trial) -> Iterator[dict[str, float]
 
 
 def ground_of(fitted: Fitted, pieces: Sequence[Segment], axis: Axis) -> AxisSummary:
-    """What the trials need to know of an axis."""
+    """Summary of the axis for the trials."""
     model = fitted.model
     ratio = model["transmission.ratio"]
     places = np.concatenate([piece.motion.theta * ratio for piece in pieces])

@@ -1,4 +1,4 @@
-"""What these data could show: the weakest strength of every effect that would still be named.
+"""Detection limits of these data: the weakest strength of every effect that would still be named.
 
 At the fitted model, an effect of strength s (1: the size that its trials call typical) changes the weighted residual by s c.  What the
 free parameters would do as well is taken out, c⊥ = c - A (AᵀA)⁻¹ Aᵀ c, so it would lower the objective by s² c⊥ᵀc⊥.  Named it can be where
@@ -31,7 +31,7 @@ TYPICAL = 1.0
 
 @dataclass(frozen=True)
 class DetectionLimit:
-    """How well one effect could be seen.
+    """Detection limit of one effect.
 
     weakest, hardest : strength that can just be named, in the way that shows best (the best place, speed or order) and in the median way;
     inf where nothing can.   parameter, size, unit : what strength 1 is, by the parameter that scales it.
@@ -46,7 +46,7 @@ class DetectionLimit:
 
     @property
     def is_detectable(self) -> bool:
-        """Whether a typical one would be named."""
+        """True if a typical one would be named."""
         return self.hardest <= TYPICAL
 
 

@@ -242,7 +242,7 @@ def fastest_rate(model: Model, point: Point) -> float:
 
 
 def describes(model: Model, position_m: float) -> bool:
-    """Whether the model means anything with the carriage there: beyond the pulleys a belt section has negative length."""
+    """True if the model means anything with the carriage there: beyond the pulleys a belt section has negative length."""
     if not math.isfinite(position_m):
         return False
     total: dict[tuple[str, str], float] = {}

@@ -101,7 +101,7 @@ def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None
 
 
 def _by_chance(at_end: NDArray[np.bool_], noise_steps: float) -> bool:
-    """Whether noise alone may put that many neighbours at one value.   noise_steps : median deviation, steps of the reading."""
+    """True if noise alone may put that many neighbours at one value.   noise_steps : median deviation, steps of the reading."""
     equal = MEDIAN_DEVIATION / (noise_steps * math.sqrt(2.0 * math.pi))  # most probable value of normal noise, for one neighbour
     return float(equal ** np.count_nonzero(at_end[1:] & at_end[:-1])) > CHANCE
 
@@ -121,7 +121,7 @@ def reference_unit_fault(signal: Array, reference: Array) -> str:
 
 
 def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
-    """Whether positive torque drives to negative positions: then one of the two columns has the wrong sign.
+    """True if positive torque drives to negative positions: then one of the two columns has the wrong sign.
 
     Regresses torque on acceleration, direction of motion, place and a constant, all as means under triangles of 0.16 to 0.64 s:
     above the first antiresonance of a drive train torque and acceleration oppose each other by nature.  True when, under some

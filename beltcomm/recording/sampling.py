@@ -131,12 +131,12 @@ class Jitter:
 
     @property
     def real(self) -> bool:
-        """Whether the samples were taken unevenly: proven."""
+        """True if the samples were taken unevenly: proven."""
         return self.slope > SIGMAS * self.error and abs(self.slope - 1.0) < abs(self.slope)
 
     @property
     def only_stamps(self) -> bool:
-        """Whether the samples were even and the stamps alone jitter: proven."""
+        """True if the samples were even and the stamps alone jitter: proven."""
         return 1.0 - self.slope > SIGMAS * self.error and abs(self.slope) < abs(1.0 - self.slope)
 
 

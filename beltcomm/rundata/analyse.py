@@ -69,7 +69,7 @@ def responses(recordings: Sequence[Recording], *, setpoint: bool = False) -> dic
 
 @dataclass(frozen=True)
 class Nonlinearity:
-    """What a multisine shows on its silent lines in a band, Hz: rms of odd and even answers and noise, over the linear one."""
+    """Answers of a multisine on its silent lines in a band, Hz: rms of odd and even answers and noise, over the linear one."""
 
     odd: float
     even: float
@@ -295,7 +295,7 @@ def with_feedforward(
 
 
 def holding_nm(model: Model) -> float:
-    """What holds the axis at standstill beside friction:  i_t m_c g sin(α) + constant torque, N m at the motor shaft."""
+    """Torque that holds the axis at standstill beside friction:  i_t m_c g sin(α) + constant torque, N m at the motor shaft."""
     gravity = model["transmission.ratio"] * model["cart.mass"] * GRAVITY_M_S2 * math.sin(model.get("tilt.angle"))
     return model.get("constant_offset.torque") + gravity
 

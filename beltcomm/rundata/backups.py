@@ -44,7 +44,7 @@ class Backup:
 
 
 def backup_of(drive: Drive, before: str) -> dict[str, Any]:
-    """What a backup holds."""
+    """Contents of a backup."""
     return {
         "drive": dict(drive.capabilities.identity),
         "before": before,
@@ -126,7 +126,7 @@ def same_drive(backup: Backup, drive: Drive) -> None:
 
 
 def values_to_restore(backup: Backup, drive: Drive) -> list[ObjectValue]:
-    """What is to stand in the drive again.   Raises UsageError for a value that the drive cannot take.
+    """Values that are to stand in the drive again.   Raises UsageError for a value that the drive cannot take.
 
     The mode of operation, which older backups hold, does not go back: whoever uses the drive next chooses it.
     An old run's backup has no raw values, and none of the parameters that are younger than it: these are as a plain cascade has them.

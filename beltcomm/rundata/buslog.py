@@ -1,4 +1,4 @@
-"""What went over a CAN bus, kept in memory while a command runs and written at its end in the format of ``candump -L``."""
+"""Log of a CAN bus, kept in memory while a command runs and written at its end in the format of ``candump -L``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a drive's gains mean, once it was measured: kept in the run, told to the drive, and held against what is known of its kind.
+"""Measured units of a drive's gains: kept in the run, told to the drive, and held against what is known of its kind.
 
 ``results/calibration.yaml`` of a run holds the measurement; every command that connects to that run's drive tells it to the drive.  Of real
 drives the constants are kept per kind of drive too, in the user's data folder (``beltcomm/calibration/KIND.yaml``): they stand for nobody's
@@ -28,7 +28,7 @@ RESULT = "calibration"
 
 @dataclass(frozen=True)
 class GainUnit:
-    """What one raw unit of a gain means, SI at the motor shaft.   interval : 95 %, 0 where it was not measured but is documented.
+    """Value of one raw unit of a gain, SI at the motor shaft.   interval : 95 %, 0 where it was not measured but is documented.
 
     assumed : by the profile.   place : the object, in words.
     """
@@ -104,12 +104,12 @@ def recall(drive: Drive, folder: RunFolder) -> None:
 
 
 def store_of(kind: str) -> Path:
-    """Where the constants of a kind of drive are kept for this user."""
+    """File in which the constants of a kind of drive are kept for this user."""
     return user_data_path("beltcomm") / "calibration" / f"{kind}.yaml"
 
 
 def calibration_of(kind: str) -> Calibration | None:
-    """What was measured of a kind of drive before; None when nothing was.   Raises DataError for a damaged file."""
+    """Calibration of a kind of drive by earlier runs; None without one.   Raises DataError for a damaged file."""
     path = store_of(kind)
     return calibration_from_dict(read_yaml(path, DataError), str(path)) if path.is_file() else None
 

@@ -1,4 +1,4 @@
-"""What a missing effect costs: predicted tracking error of the verification move with a controller that does not know it, and with one
+"""Cost of a missing effect: predicted tracking error of the verification move with a controller that does not know it, and with one
 that does, both on a machine that has it.
 
 No machine is needed: the cascade is that of the run's drive, else the thesis's; gains are designed for either model.
@@ -63,7 +63,7 @@ class Cost:
 
     @property
     def is_negligible(self) -> bool:
-        """Whether knowing the effect changes no error by more than ``MATTERS_M`` and ``MATTERS_SHARE``."""
+        """True if knowing the effect changes no error by more than ``MATTERS_M`` and ``MATTERS_SHARE``."""
         pairs = [(self.unaware, self.aware), (self.unaware_cart, self.aware_cart)]
         values = [(getattr(a, n), getattr(b, n)) for a, b in pairs for n in ("dynamic_m", "static_m")]
         return all(abs(a - b) < max(MATTERS_M, MATTERS_SHARE * a) for a, b in values)
@@ -90,7 +90,7 @@ def cost_of(folder: RunFolder, before: Model, after: Model) -> Cost:
 
 
 def _missing_words(axis: Axis, designed: DesignResult, machine: Model, findings: Findings) -> str:
-    """What a controller lacks on another machine than it was made for, in words; "" for nothing."""
+    """Missing parts, in words, of a controller on another machine than it was made for; "" for none."""
     damping = analyse.apparent_damping(findings.thesis)
     plants = analyse.design_plants(machine, _ends(axis), [machine["cart.mass"]], delay(findings), damping)
     found = margins(designed.cascade, plants, designed.structure.period_s)
@@ -118,7 +118,7 @@ def cost_or_reason(folder: RunFolder, before: Model, after: Model) -> tuple[Cost
 
 
 def cost_lines(cost: Cost | None, reason: str, name: str) -> list[str]:
-    """What a command says of it."""
+    """Lines on the cost for a command."""
     if cost is None:
         return [f"What {name} costs in tracking cannot be said: {reason}"]
     if cost.is_negligible:
@@ -203,7 +203,7 @@ def _um(value_m: float) -> str:
 
 
 def cost_and_words(folder: RunFolder, before: Model, after: Model, name: str) -> tuple[dict[str, Any] | None, list[str]]:
-    """What an effect costs, for programs and for people."""
+    """Cost of an effect, for programs and for people."""
     price, reason = cost_or_reason(folder, before, after)
     return (None if price is None else dict(plain(price))), cost_lines(price, reason, name)
 

@@ -101,7 +101,7 @@ class DesignProof:
 
     @property
     def has_failed(self) -> bool:
-        """Whether some loop is unstable, or a load that was recorded is not borne: the gains are not to be used as they are."""
+        """True if some loop is unstable, or a load that was recorded is not borne: the gains are not to be used as they are."""
         unstable = self.spread.unstable > 0 or any(one.stable is False for one in self.measured)
         return unstable or any(_not_borne(one) for one in self.contradictions)
 
@@ -144,7 +144,7 @@ class DesignProof:
 
 @dataclass(frozen=True)
 class Grounds:
-    """What a design rests on.
+    """Grounds that a design rests on.
 
     model; positions_m and extra_kg (payloads beyond what is mounted, 0 first) : of its plants.   delay_s : from setpoint to torque, with
     ``dead_time`` where it was measured.   apparent_nm_s_rad : largest damping it counts.   fit : ``results/fit.yaml``, None where the model
@@ -163,7 +163,7 @@ class Grounds:
 
 
 def grounds_of(folder: RunFolder, model: Model, revision: str, findings: Findings, payloads_kg: Sequence[float]) -> Grounds:
-    """What the design of a run rests on.   revision : of the model, "" where it is the last fit's own."""
+    """Grounds that the design of a run rests on.   revision : of the model, "" where it is the last fit's own."""
     travel, fit = folder.axis.travel, folder.load_result("fit") if not revision else None
     try:
         counts: int | None = counts_of(folder)
@@ -183,7 +183,7 @@ def grounds_of(folder: RunFolder, model: Model, revision: str, findings: Finding
 
 
 def _same_fit(fit: Mapping[str, Any], model: Model) -> bool:
-    """Whether a saved fit is that of a model: the same parameters, and the intervals that its covariance gives."""
+    """True if a saved fit is that of a model: the same parameters, and the intervals that its covariance gives."""
     if not set(fit.get("free", ())) <= set(model.parameters):
         return False
     known = [(i, float(model.parameters[n].interval or 0.0)) for i, n in enumerate(fit["free"]) if model.parameters[n].interval]
@@ -312,7 +312,7 @@ def contradicting(
 
 
 def sound(reached: Sequence[Margins], sensitivity_db: float) -> bool:
-    """Whether a loop that was not designed for these plants still has what a sound one needs; the design's own margins may be passed."""
+    """True if a loop that was not designed for these plants still has what a sound one needs; the design's own margins may be passed."""
     return all(
         one.stable
         and one.velocity_stable
@@ -323,7 +323,7 @@ def sound(reached: Sequence[Margins], sensitivity_db: float) -> bool:
 
 
 def _to_fit(recording: Recording) -> Recording:
-    """The same, not held out."""
+    """Recording that is not held out."""
     return replace(recording, sidecar=replace(recording.sidecar, held_out=False)) if recording.sidecar.held_out else recording
 
 
@@ -369,7 +369,7 @@ def _of_plant(grounds: Grounds, kind: str, share: float, plant: DesignPlant, sen
 def _doubts(
     measured: Sequence[MeasuredMargins], spread: MarginSpread, contradictions: Sequence[Contradiction], asked_db: float
 ) -> tuple[str, ...]:
-    """What speaks against writing these gains to a drive."""
+    """Doubts against writing these gains to a drive."""
     found = [f"on the response measured in {one.record} the loop is unstable" for one in measured if one.stable is False]
     if spread.unstable:
         loops = spread.draws * spread.plants

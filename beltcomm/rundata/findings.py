@@ -1,4 +1,4 @@
-"""What the user decides of a session, and what it has found out so far."""
+"""Settings by the user of a session, and its findings so far."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Apply = Literal["keep", "restore", "save"]
 
 @dataclass(frozen=True)
 class Settings:
-    """What the user decides.  payloads_kg : further carriage loads the loop must hold for, added to what is mounted now.
+    """Decisions of the user.  payloads_kg : further carriage loads the loop must hold for, added to what is mounted now.
 
     position_m : where the carriage stands, when the drive does not know.   home : run the drive's homing first.
     window_m : how far the carriage may move from where it stands, (low < 0, high > 0).   ask : somebody can be asked.
@@ -54,7 +54,7 @@ class Settings:
 
 @dataclass
 class Findings:
-    """What is known so far; every phase adds to it, and an interrupted run keeps what it has.
+    """Findings so far; every phase adds to it, and an interrupted run keeps what it has.
 
     swing : the model of the first response with a payload that swings, where only that explains it.   kept_path : of the torque, as a fit
     before has left it in the run folder.
@@ -97,6 +97,6 @@ class Findings:
 
     @property
     def meets_targets(self) -> bool:
-        """Whether the axis meets its targets, by a model that explains it and with nothing that speaks against it."""
+        """True if the axis meets its targets, by a model that explains it and with nothing that speaks against it."""
         trusted = self.final is not None and not self.final.fit.suspect
         return trusted and self.verdict is not None and self.verdict.passed and not self.reservations

@@ -1,4 +1,4 @@
-"""What the first motions of a session found, as values: breakaway, the torque that holds a tilted axis, the amplitude search."""
+"""Values found by the first motions of a session: breakaway, the torque that holds a tilted axis, the amplitude search."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Breakaway:
         return 0.5 * (self.forward_nm + self.backward_nm)
 
     def least_friction_nm(self, inertia_kg_m2: float, ratio: float) -> float:
-        """What is sure of the friction in motion, N m, on an axis with this inertia at the motor; 0 when nothing is.
+        """Lower bound of the friction in motion, N m, on an axis with this inertia at the motor; 0 when nothing is.
 
         The torque went on rising until the carriage had moved by ``MOVED_M``:  x = i_t Ṁ t³/6J  gives by how much.
         """
@@ -60,7 +60,7 @@ class HoldingTorque:
 
 @dataclass(frozen=True)
 class Settled:
-    """Where the integrating controller settled, N m.   began_nm : its first torque.   slipped_m : on the way.   stood : at the end."""
+    """The settled integrating controller, N m.   began_nm : its first torque.   slipped_m : on the way.   stood : at the end."""
 
     torque_nm: float
     began_nm: float
@@ -90,7 +90,7 @@ class Holding:
 
     @property
     def best(self) -> HoldingTorque:
-        """What the records hold the axis with: slow creep where there is one."""
+        """Holding torque for the records: slow creep where there is one."""
         return self.creep or self.breakaway
 
     @property

@@ -33,7 +33,7 @@ class Opened:
 
     @cached_property
     def sheets(self) -> tuple[SheetDoubt, ...]:
-        """What of the data sheets the model contradicts."""
+        """Data-sheet values that the model contradicts."""
         return doubts_of(self.fitted, self.folder.axis, self.records.recordings)
 
 

@@ -1,4 +1,4 @@
-"""What a command found, kept in ``RUN/kept`` for as long as nothing that it rests on has changed: the same question costs no search."""
+"""Result of a command, kept in ``RUN/kept`` for as long as nothing that it rests on has changed: the same question costs no search."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ ONE_PLACE = (
 
 
 def place_known(recordings: Sequence[Recording]) -> bool:
-    """Whether some excited recording says where along the travel it was made."""
+    """True if some excited recording says where along the travel it was made."""
     return any(r.sidecar.start_position_m is not None for r in recordings if r.sidecar.experiment == "frf")
 
 

@@ -40,7 +40,7 @@ PLAN = "plan"
 
 
 def drive_to_dict(capabilities: Capabilities) -> dict[str, Any]:
-    """What the later steps need of a drive: ``results/drive.yaml``."""
+    """Data of a drive for the later steps: ``results/drive.yaml``."""
     return {**plain(capabilities), "kinds": sorted(capabilities.kinds), "torque_along": sorted(capabilities.torque_along)}
 
 

@@ -1,4 +1,4 @@
-"""What to record next: the experiments that show what these data could not, or that tell twins apart; a file that a drive can run."""
+"""Next records: the experiments that show what these data could not, or that tell twins apart; a file that a drive can run."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ SETS = ("sweep", "places", "quiet", "slow", "reversals", "fast", "sweep again")
 
 @dataclass(frozen=True)
 class NextPlan:
-    """What to record.   reasons : by effect, why.   by_hand : what a person must change on the machine first, or besides.
+    """Plan of records.   reasons : by effect, why.   by_hand : what a person must change on the machine first, or besides.
     left_out : steps that would show nothing new, and the record that shows it.   edited : its file is not as beltcomm wrote it.
     """
 
@@ -77,11 +77,11 @@ class NextPlan:
         return [*lines, f"The plan is {self.file(run)}; a drive runs it with: {self.command(run)}"]
 
     def file(self, run: Path) -> Path:
-        """Where the plan stands in a run folder."""
+        """Path of the plan in a run folder."""
         return run / "results" / f"{NAME}.yaml"
 
     def command(self, run: Path) -> str:
-        """What makes its records; nothing for a plan without a step."""
+        """Command that makes its records; nothing for a plan without a step."""
         return f"beltcomm identify --drive DRIVE --run {pasted(run)} --plan {pasted(self.file(run))}" if self.steps else ""
 
 
@@ -138,7 +138,7 @@ def new_ones(steps: Sequence[Step], already: Callable[[Step], str]) -> tuple[lis
 
 
 def discriminating_experiment(first: str, other: str) -> DiscriminatingExperiment:
-    """What tells two effects apart, whichever of them says so."""
+    """Experiment that tells two effects apart, whichever of them says so."""
     for one, two in ((first, other), (other, first)):
         said = effect_named(one).apart
         family = two.rpartition("_")  # what is said of a numbered family counts for each of it
@@ -154,12 +154,12 @@ def families(effect: Effect) -> Mapping[str, DiscriminatingExperiment]:
 
 
 def hands_of(apart: Mapping[str, DiscriminatingExperiment]) -> list[str]:
-    """What is done by hand, in sentences that begin with the cause."""
+    """Checks by hand, in sentences that begin with the cause."""
     return [f"{name}: {hand.words()}" for name, one in apart.items() for hand in one.hands]
 
 
 def by_hand_of(name: str) -> list[dict[str, Any]]:
-    """What tells the causes apart that an effect stands for, where no motion does."""
+    """Checks by hand that tell the causes of an effect apart, where no motion does."""
     causes = families(effect_named(name))
     return [{"effect": name, "cause": cause, **plain(hand)} for cause, apart in causes.items() for hand in apart.hands]
 

@@ -38,7 +38,7 @@ MOST_REPEATS = 100
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a call measures.   sweeps : order and repetition of each, in the order in which they are driven.   often : of each speed in IV.
+    """Sweeps of a call.   sweeps : order and repetition of each, in the order in which they are driven.   often : of each speed in IV.
 
     mounted_kg : payload that the records state, None when nobody said.
     """
@@ -55,7 +55,7 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Stroke:
-    """What is driven at a speed.   way : in words.   plateau_s : behind the run-in.   length_m : from turn to turn."""
+    """Stroke driven at a speed.   way : in words.   plateau_s : behind the run-in.   length_m : from turn to turn."""
 
     speed_m_s: float
     way: str
@@ -64,7 +64,7 @@ class Stroke:
 
 
 def sweep_orders(order: str | None, repeat: int | None, mounted_kg: float | None) -> Wanted:
-    """What options ask for.   Raises UsageError for an order that is none, no repetition, or VI without a payload."""
+    """Sweeps that options ask for.   Raises UsageError for an order that is none, no repetition, or VI without a payload."""
     if order is not None and order not in ORDERS:
         raise UsageError(f"there is no order {order!r}; the orders are {', '.join(ORDERS)} (thesis 3.6)")
     if repeat is not None and not 1 <= repeat <= MOST_REPEATS:
@@ -139,7 +139,7 @@ def path_of(strokes: Sequence[Stroke], at_m: float, far_m: float, limits: Trajec
 
 
 def seconds_of(stroke: Stroke, limits: TrajectoryLimits) -> float:
-    """How long a stroke forth and back takes, s, to a few per cent on the long side."""
+    """Duration of a stroke forth and back, s, to a few per cent on the long side."""
     v, a, j = stroke.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3
     ramp = 2.0 * math.sqrt(v / j) if a * a >= v * j else v / a + a / j
     return 2.0 * (2.0 * ramp + SWEEP_RUN_IN_S + stroke.plateau_s + REST_S) + REST_S

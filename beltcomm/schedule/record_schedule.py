@@ -1,4 +1,4 @@
-"""What a commissioning records beside the first response: the steps, what fits into the time, and the names of the records."""
+"""Records of a commissioning beside the first response: the steps, what fits into the time, and the names of the records."""
 
 from __future__ import annotations
 

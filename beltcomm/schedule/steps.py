@@ -61,11 +61,11 @@ class Step:
 
     @property
     def here(self) -> bool:
-        """Whether it happens around one place."""
+        """True if it happens around one place."""
         return "place" in KEYS[self.kind]
 
     def at_m(self, window_m: tuple[float, float]) -> float:
-        """Where it happens, m.   window_m : of the travel."""
+        """Position of the step, m.   window_m : of the travel."""
         low, high = window_m
         return low + self.place * (high - low)
 

@@ -1,4 +1,4 @@
-"""Which models are simulated without an integrator, and their matrices; see ``exact_kernel`` for how."""
+"""Models that are simulated without an integrator, and their matrices; see ``exact_kernel`` for how."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _OUTSIDE = ("torque_delay", "torque_reading", "sensor")
 
 
 def is_exact(model: Model) -> bool:
-    """Whether the motion of a model is solved exactly: all its laws linear but for friction of constant level.  Decided here only."""
+    """True if the motion of a model is solved exactly: all its laws linear but for friction of constant level.  Decided here only."""
     return all(effect.linear or effect.slot in _OUTSIDE for effect in model.effect_list())
 
 
@@ -44,7 +44,7 @@ def exact_record(model: Model, start: Array, torque: Array, period_s: float) -> 
 
 @dataclass(frozen=True)
 class _Case:
-    """What the tables of a model depend on, and the model."""
+    """Key of the tables of a model, and the model."""
 
     base_bodies: tuple[str, ...]
     effects: tuple[str, ...]

@@ -89,7 +89,7 @@ def integrate_torque(
     time_s: float = 0.0,
     state: BodyStates | None = None,
 ) -> Simulated:
-    """The same by integration steps, whatever the model."""
+    """Motion of a model under held torque by integration steps, whatever its laws; see :func:`simulate_torque`."""
     return _simulate(model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _integrate)
 
 

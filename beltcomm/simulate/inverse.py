@@ -85,7 +85,7 @@ class FineMotion:
         self.rubbed.clear()
 
     def coarser(self, substeps: int) -> FineMotion:
-        """The same motion with fewer fine steps per sample, of which today's are a multiple; itself where it has no more."""
+        """Motion with fewer fine steps per sample, of which today's are a multiple; itself where it has no more."""
         skip = self.substeps // substeps
         if skip <= 1:
             return self
@@ -143,7 +143,7 @@ def _cells(torque: Array, per_sample: int, within: Intersample | None) -> Array:
 
 
 def begins_in_motion(motion: FineMotion) -> bool:
-    """Whether the kernel lets all bodies begin at the motor's speed; else they begin at rest."""
+    """True if the kernel lets all bodies begin at the motor's speed; else they begin at rest."""
     return first_speed(motion) != 0.0
 
 
@@ -218,7 +218,7 @@ def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, off
 
 
 def motor_load(model: Model, motion: FineMotion, vector: Array, effect: str | None = None) -> Array:
-    """What the effects that act on the motor alone, or one of them, add to the load; triangular mean, (n,), N m, ends 0; read only."""
+    """Load by the effects that act on the motor alone, or one of them; triangular mean, (n,), N m, ends 0; read only."""
     board = switchboard(model.base_bodies, model.effects)
     on = board.motor
     if effect is not None:
@@ -241,12 +241,12 @@ def motor_load(model: Model, motion: FineMotion, vector: Array, effect: str | No
 
 
 def belt_load(model: Model, motion: FineMotion, vector: Array, offset_m: float) -> Array:
-    """What everything beyond the motor adds to the load; triangular mean, (n,), N m, ends 0."""
+    """Load by everything beyond the motor; triangular mean, (n,), N m, ends 0."""
     return belt_loads(model, motion, [vector], [offset_m])[:, 0]
 
 
 def belt_loads(model: Model, motion: FineMotion, vectors: Sequence[Array], offsets_m: Sequence[float]) -> Array:
-    """The same for several vectors of parameters, all with one transmission, and offsets; (n, k)."""
+    """Load by everything beyond the motor for several vectors of parameters, all with one transmission, and offsets; (n, k)."""
     board = switchboard(model.base_bodies, model.effects)
     if not board.belt.any():
         return np.zeros((motion.samples, len(vectors)))
@@ -330,7 +330,7 @@ def acting_torque(model: Model, motion: FineMotion, torque: Array, vector: Array
 
 
 def acting_cells(model: Model, motion: FineMotion, torque: Array, vector: Array | None = None) -> Array:
-    """The same, mean over each cell of time; a whole number of cells per fine step, N m, ((n - 1)*cells per sample,)."""
+    """Acting torque, mean over each cell of time; a whole number of cells per fine step, N m, ((n - 1)*cells per sample,)."""
     board = switchboard(model.base_bodies, model.effects)
     values = model.vector() if vector is None else vector
     finer = max(1, DELAY_CELLS // motion.substeps) if board.delays else 1

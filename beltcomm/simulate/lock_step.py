@@ -44,7 +44,7 @@ AHEAD = 64
 
 
 class Lane(NamedTuple):
-    """What runs in one lane.
+    """The model of one lane.
 
     theta, omega : (fine,), true motion.   first : rad/s, speed at which all begins.   time_s : s, session clock there.   bristle_m : m, in
     which motor friction turns round.   p : of the masked kernel, see ``switchboard``.   watch : the results stand in it.

@@ -23,7 +23,7 @@ _NO_TIME_S = 1e-9
 
 @dataclass(frozen=True)
 class LoopDrive:
-    """What a drive adds to its controller.   period_s : of its loops.   delay_s : torque setpoint to acting torque.
+    """A drive around its controller.   period_s : of its loops.   delay_s : torque setpoint to acting torque.
 
     torque_limit_nm : motor shaft.   counts_per_rev : of the encoder.   dead_zone_rad : position error that does not count.
     output_limit_rad_s : of the position controller.
@@ -39,7 +39,7 @@ class LoopDrive:
 
 @dataclass(frozen=True)
 class LoopRun:
-    """What the plant did, (n,), at the start of each loop period.   position_rad, velocity_rad_s : motor shaft, from where it began.
+    """Motion of the plant, (n,), at the start of each loop period.   position_rad, velocity_rad_s : motor shaft, from where it began.
 
     cart_m : carriage, from where it began.   asked_nm, torque_nm : torque setpoint and acting torque, motor shaft.
     belt_force_n : largest within the period.

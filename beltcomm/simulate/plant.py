@@ -121,14 +121,14 @@ class SimulatedPlant:
             self._look()
 
     def _far_from_stops(self, duration_s: float) -> bool:
-        """Whether neither can be reached within one step, in which the speed can hardly double."""
+        """True if neither can be reached within one step, in which the speed can hardly double."""
         x = self._q.item(self._carriage) * self._lever
         reach = 2.0 * abs(self._v.item(self._carriage)) * self._lever * duration_s + 1e-3
         return self._low < x - reach and x + reach < self._high
 
     @property
     def plain(self) -> bool:
-        """Whether :meth:`follow` can run it: no buffers stand at its ends."""
+        """True if :meth:`follow` can run it: no buffers stand at its ends."""
         return self._endless
 
     def follow(
@@ -181,7 +181,7 @@ class SimulatedPlant:
             raise Refused(f"the carriage ran to {reached:g} m, where model {self._model.name!r} has no belt; give it end stops")
 
     def _step_late(self, torque_nm: float) -> None:
-        """The same step with the torque that comes out of the torque path, which remembers what went in."""
+        """A step with the torque that comes out of the torque path, which remembers what went in."""
         keep = math.ceil(self._memory_s / self._h)
         self._reported = np.concatenate([self._reported[-keep:], np.full(self._count, torque_nm)])
         acting = late_torque(self._model, self._reported, self._h)[-self._count :]
@@ -194,7 +194,7 @@ class SimulatedPlant:
         self._count, self.time_s, self.belt_force_n = count, start_s, strand
 
     def _step_near_stop(self, torque_nm: float) -> None:
-        """The same step with the buffers' force added to the carriage after each sub-step (operator splitting).
+        """A step with the buffers' force added to the carriage after each sub-step (operator splitting).
 
         F = -k s - d s' while the buffer is pressed by s > 0; it never pulls.
         """

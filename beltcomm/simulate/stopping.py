@@ -1,4 +1,4 @@
-"""How an axis comes to rest when it is stopped: along which deceleration, on which way, with how much force in the belt.
+"""Stops of an axis: along which deceleration, on which way, with how much force in the belt.
 
 A drive's quick stop ramps its speed down with a constant deceleration (6085h).  Such a ramp begins with a step, and a belt that is
 pulled by a step of acceleration swings to twice the force of a rigid one; a speed controller that is slower than the belt rounds
@@ -46,7 +46,7 @@ class Deceleration(NamedTuple):
 
 @dataclass(frozen=True)
 class Braking:
-    """What a stop can be counted with:  way = v lag + v²/2a.
+    """Braking that a stop can count on:  way = v lag + v²/2a.
 
     deceleration_m_s2 : a.   lag_s : s, until the stop is asked for, and until the axis follows its ramp.   reaction_s : the first part of
     it.   An acceleration goes on for the lag; a drive that is slowing down begins its ramp at the higher speed of a reaction ago.
@@ -77,7 +77,7 @@ class Braking:
 
     @property
     def by_the_drive(self) -> Braking:
-        """The same when the drive itself begins the stop: nothing is lost for the host's reaction."""
+        """Braking when the drive itself begins the stop: nothing is lost for the host's reaction."""
         besides = self.besides.by_the_drive if self.besides else None
         return Braking(self.deceleration_m_s2, max(self.lag_s - self.reaction_s, 0.0), 0.0, besides)
 
@@ -91,7 +91,7 @@ class Braking:
 
 @dataclass(frozen=True)
 class HostLoss:
-    """What becomes of an axis in torque mode when its host dies.
+    """The end of an axis in torque mode when its host dies.
 
     held_s : s, the last torque is held so long at worst.   braking : what brakes the axis then.   least_nm : what pulls at least, N m:
     the weight of an axis that nothing holds.
@@ -103,7 +103,7 @@ class HostLoss:
 
 
 def run_on_distance(speed_m_s: Array, torque_nm: float, friction_nm: float, inertia_kg_m2: float, ratio: float, loss: HostLoss) -> Array:
-    """How far a rigid axis runs on in one direction when its host dies under the worst torque in that direction, m, (n,):
+    """Run-on of a rigid axis in one direction when its host dies under the worst torque in that direction, m, (n,):
 
         a = i_t (τ - τ_C)/J,    s = v T + a T²/2 + way(v + a T)
 
@@ -139,7 +139,7 @@ def rigid_deceleration(axis: Axis, mass_kg: float, torque_nm: float, swing: floa
 
 
 def first_deceleration(axis: Axis, torque_nm: float) -> Deceleration:
-    """What a quick stop may use before the carriage is weighed: the heaviest one thought of, and a step that makes the belt swing."""
+    """Deceleration of a quick stop before the carriage is weighed: the heaviest one thought of, and a step that makes the belt swing."""
     peak = min(torque_nm, axis.motor.peak_torque_nm or math.inf)
     return rigid_deceleration(axis, max(HEAVIEST_KG, axis.payload.mass_kg or 0.0), peak, SWING)
 
@@ -160,12 +160,12 @@ def total_viscous(model: Model) -> float:
 
 
 def braked_by_friction(model: Model, friction_nm: float, reaction_s: float) -> Braking:
-    """What Coulomb friction alone does to a rigid axis without torque:  a = i_t τ_C/J."""
+    """Braking by Coulomb friction alone, of a rigid axis without torque:  a = i_t τ_C/J."""
     return Braking(model["transmission.ratio"] * friction_nm / total_inertia(model), reaction_s, reaction_s)
 
 
 def braked_by_unknown_gains(model: Model, kp_nm_s_rad: float, ki_nm_rad: float, deceleration_m_s2: float, reaction_s: float) -> Braking:
-    """What a velocity loop does that was never designed for this axis, taken as rigid, along the ramp of a quick stop.
+    """Braking by a velocity loop that was never designed for this axis, taken as rigid, along the ramp of a quick stop.
 
     J ω' + K_P ω + K_I φ = 0  swings out by less than  ω J/K_P  and  ω √(J/K_I).
     """

@@ -41,7 +41,7 @@ MEMBERS = 1000
 
 @dataclass(frozen=True)
 class Study:
-    """What a study file asks for.
+    """Request of a study file.
 
     count : of members.   work : what finds a member's result from its values.   population, nominal : where the values come from; None
     for a fleet, whose ``runs`` are the members.   targets : by result, what it is to stay below.   base : in words.   gains : on trial.
@@ -62,7 +62,7 @@ class Study:
     units: Mapping[str, str]
 
     def values(self, number: int) -> Values:
-        """What member ``number``, from 0, has."""
+        """Values of member ``number``, from 0."""
         return {"run": self.runs[number]} if self.population is None else self.population.member(number, self.nominal)
 
     def key(self, number: int) -> str:
@@ -168,7 +168,7 @@ def _fleet(path: Path, data: Mapping[str, Any], title: str, each: str) -> Study:
 
 
 def _noise(each: str) -> dict[str, float]:
-    """What a comparison is held against: an error as large as the noise."""
+    """Reference of a comparison: an error as large as the noise."""
     return {"ratio": 1.0} if each == "compare" else {}
 
 

@@ -125,7 +125,7 @@ def _append(file: RawIOBase, text: str, path: Path) -> None:
 
 
 def _is_gone(line: Line, asked: Study) -> bool:
-    """Whether a line is that of a run which the fleet has no more."""
+    """True if a line is that of a run which the fleet has no more."""
     return line["values"]["run"] not in asked.runs
 
 
@@ -174,7 +174,7 @@ def _make(out: Path) -> None:
 
 @dataclass(frozen=True)
 class Kept:
-    """What a folder holds of a study.   keys : of all members, by number.   lines : results that count, by member.
+    """Results of a study in a folder.   keys : of all members, by number.   lines : results that count, by member.
 
     aside : lines of runs that had gone away from a fleet, then or now, which count when they come back.   told : what changed, in words.
     """

@@ -1,4 +1,4 @@
-"""What is done with one member of a study, wherever that is: values that can be sent to another process, and their results.
+"""Work on one member of a study, wherever that is done: values that can be sent to another process, and their results.
 
 The laboratory is imported when a member needs it: a worker that predicts moves starts in half the time without.
 """
@@ -24,7 +24,7 @@ from beltcomm.study.tracking import SharedInput, track
 
 
 class Work(Protocol):
-    """What finds the result of a member."""
+    """Work that finds the result of a member."""
 
     def found(self, number: int, values: Values, folder: Path | None = None) -> dict[str, Any]:
         """Plain values.   folder : where what it makes stays; None keeps nothing.   Raises BeltcommError."""
@@ -74,7 +74,7 @@ class Commissioned:
     doing: Doing
 
     def found(self, number: int, values: Values, folder: Path | None = None) -> dict[str, Any]:
-        """What the commands say, beside the truth."""
+        """Results of the commands, beside the truth."""
         if folder is not None:
             return self._in(folder, number, values)
         with tempfile.TemporaryDirectory(prefix="beltcomm-study-") as kept:
@@ -117,7 +117,7 @@ class Fleet:
     each: str
 
     def found(self, number: int, values: Values, folder: Path | None = None) -> dict[str, Any]:
-        """What ``diagnose`` or ``compare`` says of it."""
+        """Result of ``diagnose`` or ``compare``."""
         from beltcomm.jobs.laboratory import compare_run, diagnose_run
 
         run = Path(str(values["run"]))
@@ -172,7 +172,7 @@ def lines_of(work: Work, members: Sequence[tuple[int, str, Values]]) -> list[dic
 
 
 def of_the_member(error: OSError | MemoryError, values: Values) -> bool:
-    """Whether a file of the run that is the member is in the way, and not this computer."""
+    """True if a file of the run that is the member is in the way, and not this computer."""
     run, file = values.get("run"), getattr(error, "filename", None)
     full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
     return run is not None and file is not None and not full and Path(os.fsdecode(file)).is_relative_to(str(run))

@@ -51,7 +51,7 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Population:
-    """What differs.   drawn : by parameter of the model or name of :data:`BESIDE`.   seed : of all draws.
+    """Quantities that differ.   drawn : by parameter of the model or name of :data:`BESIDE`.   seed : of all draws.
 
     age : of one number per axis, 0 new to 1 old, None where nobody ages; old : by parameter, the share by which it is larger at age 1, in
     between in proportion.   hidden : by effect, "none" for a healthy axis, distributions of its parameters; members take them in turn.
@@ -64,7 +64,7 @@ class Population:
     hidden: Mapping[str, Mapping[str, Distribution]] = field(default_factory=dict)
 
     def member(self, number: int, nominal: Mapping[str, float]) -> dict[str, float | str]:
-        """What member ``number`` (from 0) has of everything that differs, SI.   nominal : what the base has, by the same names.
+        """Values of member ``number`` (from 0), of everything that differs, SI.   nominal : what the base has, by the same names.
 
         Each name has a stream of its own, so another name in the study or more members change no value.
         """
@@ -92,7 +92,7 @@ class DrawnAxis:
 
 
 def nominal_of(model: Model, delay_s: float, start_m: float) -> dict[str, float]:
-    """What the base has of all that a population can draw."""
+    """Nominal values of all that a population can draw."""
     return {**{name: one.value for name, one in model.parameters.items()}, "payload": 0.0, "drive.delay": delay_s, "move.from": start_m}
 
 

@@ -1,4 +1,4 @@
-"""What the results of all members say: shares with intervals, quantiles, what drives the failures, the worst members."""
+"""Summary of the results of all members: shares with intervals, quantiles, what drives the failures, the worst members."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class QuantitySpread:
 
 @dataclass(frozen=True)
 class Driver:
-    """How a drawn parameter goes with a result: Spearman's rank correlation with its 95 % interval (Bonett and Wright 2000)."""
+    """Correlation of a drawn parameter with a result: Spearman's rank correlation with its 95 % interval (Bonett and Wright 2000)."""
 
     parameter: str
     key: str
@@ -65,13 +65,13 @@ class Driver:
 
     @property
     def excludes_zero(self) -> bool:
-        """Whether the interval leaves zero out."""
+        """True if the interval leaves zero out."""
         return self.low > 0.0 or self.high < 0.0
 
 
 @dataclass(frozen=True)
 class Answers:
-    """What a diagnosis named of ``of`` members with the same hidden effect ("" where nobody knows), and of how many, most often first.
+    """Effects named for ``of`` members with the same hidden effect ("" where nobody knows), and of how many, most often first.
 
     The name is that of an effect, of several with " + " between them in the order of their names, :data:`NOTHING_NAMED` or
     :data:`NO_RESULT`.
@@ -105,7 +105,7 @@ class Summary:
 
 
 def summary_of(lines: Sequence[Line], planned: int, targets: Mapping[str, float], nominal: Mapping[str, float]) -> Summary:
-    """What the lines of ``members.jsonl`` say.
+    """Summary of the lines of ``members.jsonl``.
 
     targets : by result, the value it is to stay below; what is worst is told by them.   nominal : of what was drawn, where there is one.
     """

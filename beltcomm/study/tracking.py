@@ -27,7 +27,7 @@ POINTS = 500
 
 @dataclass(frozen=True)
 class Targets:
-    """What the move must keep at the motor, m."""
+    """Targets of the move at the motor, m."""
 
     dynamic_m: float
     static_m: float
@@ -35,7 +35,7 @@ class Targets:
 
 @dataclass(frozen=True)
 class SharedInput:
-    """What all members share.
+    """Input that all members share.
 
     model : of the base.   cascade : the design on trial.   loop : what the drive adds, with the base's delay.   move : with its rest.
     along_nm : torque sent along with the move, (n,), or None.   plants : of model, places, carriage masses, delay and the apparent
@@ -54,7 +54,7 @@ class SharedInput:
 
     @property
     def start_m(self) -> float:
-        """Where the base's move begins."""
+        """Start of the base's move, m."""
         return float(self.move.position_m[0])
 
 
@@ -108,6 +108,6 @@ def track(ground: SharedInput, axis: DrawnAxis) -> dict[str, Any]:
 
 
 def replace_start(move: Trajectory, start_m: float) -> Trajectory:
-    """The same motion from another place."""
+    """Motion shifted to another place."""
     shift = start_m - float(move.position_m[0])
     return replace(move, position_m=move.position_m + shift) if shift else move

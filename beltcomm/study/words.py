@@ -82,7 +82,7 @@ def headline(asked: Study, summary: Summary) -> str:
 
 
 def answer_row(one: Answers) -> tuple[str, str]:
-    """What is hidden in how many members; what was named of them."""
+    """Hidden effect with its number of members, and the effects named of them."""
     hidden = {"": "all", NOTHING: "healthy"}.get(one.hidden, f"hidden {one.hidden}")
     return f"{hidden}, {one.of} member{'s' if one.of > 1 else ''}", ", ".join(f"{named} {count}" for named, count in one.named.items())
 
@@ -101,7 +101,7 @@ def strongest(drivers: Sequence[Driver]) -> list[Driver]:
 
 
 def driver_text(one: Driver) -> str:
-    """Which way a parameter moves a result."""
+    """Direction in which a parameter moves a result."""
     result = "meeting the targets" if one.key == "passed" else title_of(one.key)[0]
     way = "with" if one.rank_correlation > 0.0 else "against"
     numbers = f"{one.rank_correlation:+.2f} (95 %: {one.low:+.2f} to {one.high:+.2f})"
@@ -109,7 +109,7 @@ def driver_text(one: Driver) -> str:
 
 
 def why(line: Mapping[str, Any], targets: Mapping[str, float]) -> str:
-    """What is bad about a member; of an error the first sentence."""
+    """Fault of a member; of an error the first sentence."""
     if "error" in line:
         return f"no result: {str(line['error']).split('. ')[0]}"
     found = line["found"]
@@ -123,7 +123,7 @@ def why(line: Mapping[str, Any], targets: Mapping[str, float]) -> str:
 
 
 def values_text(asked: Study, values: Mapping[str, Any]) -> str:
-    """What a member has, short."""
+    """Values of a member, short."""
     return ", ".join(f"{name} {_value_words(value, 4)} {_unit(asked, name)}".rstrip() for name, value in values.items())
 
 

@@ -35,7 +35,7 @@ def answers(
     talk: Talk,
     alone_s: float = ALONE_S,
 ) -> Iterator[Found]:
-    """What ``function`` finds, as it comes, in any order; whatever a dead worker had in hand is computed again.
+    """Results of ``function`` as they come, in any order; whatever a dead worker had in hand is computed again.
 
     workers : processes of this machine, 1 for this one alone, None for one per processor.   scheduler : address of a Dask scheduler in
     their place.   alone_s : so long a cluster may be without any worker.   Raises UsageError for a scheduler that cannot be used, Refused
@@ -177,7 +177,7 @@ def _connect(address: str) -> Client:
 
 
 def unfit(programs: Mapping[str, str], threads: Mapping[str, int], address: str) -> str:
-    """Why workers cannot compute members, empty where they can.   programs, threads : by worker, hash of its beltcomm and their number."""
+    """Reason why workers cannot compute, empty where they can.   programs, threads : by worker, hash of its beltcomm and their number."""
     others = [worker for worker, program in programs.items() if program != source_hash()]
     if others:
         return f"the worker {others[0]} has another beltcomm than this computer; install the same one there"

@@ -194,12 +194,12 @@ def with_rests(path: Trajectory) -> Trajectory:
 
 
 def motion(path: Trajectory, ratio: float) -> Motion:
-    """The same for the drive's position loop."""
+    """Motion for the drive's position loop."""
     return Motion("position", PERIOD_S, path.position_m / ratio, path.velocity_m_s / ratio, np.zeros(len(path.t_s)))
 
 
 def limits(ratio: float) -> Limits:
-    """What the virtual axis may do."""
+    """Limits of the virtual axis."""
     return Limits(-0.05 / ratio, 0.75 / ratio, 3.0 / ratio, PEAK_NM, lag_rad=LOST_M / ratio, ratio_m_rad=ratio)
 
 
@@ -258,7 +258,7 @@ def lines(study: ClosedLoopStudy) -> list[str]:
 
 
 def findings(study: ClosedLoopStudy) -> list[str]:
-    """What of the source comes out, and what does not."""
+    """Findings of the source that come out, and those that do not."""
     by = {(run.figure, run.rig, run.name): run for run in study.runs}
     none, filtered = by["5.1", "g_a", "prefilter none"], by["5.1", "g_a", "prefilter butterworth"]
     plain, linear = by["5.2", "g_a", "feedforward of the velocity alone"], by["5.2", "g_a", "feedforward linear"]

@@ -66,7 +66,7 @@ class Solved:
 
 @dataclass(frozen=True)
 class Achieved:
-    """What given gains have on a plant.   stable : the sampled loop at 1 kHz, all its poles.   why : in one line."""
+    """Margins of given gains on a plant.   stable : the sampled loop at 1 kHz, all its poles.   why : in one line."""
 
     gains: str
     plant: str

@@ -258,7 +258,7 @@ def switching_errors(settings: EstimatorSettings, ratios: Sequence[float]) -> Ma
 
 @dataclass(frozen=True)
 class Delay:
-    """How late a method reads under constant acceleration, s: mean, least, largest, and what the formula says."""
+    """Delay of a method under constant acceleration, s: mean, least, largest, and what the formula says."""
 
     mean_s: float
     least_s: float

@@ -190,7 +190,7 @@ def half_power_hz(freq_hz: Array, lines: Array) -> float:
 
 
 def _verdict(plant: str, rows: Sequence[ExcitationRow]) -> str:
-    """Which excitation has the smallest errors, and which of the others the seeds cannot tell from it."""
+    """Excitation with the smallest errors, and those that the seeds cannot tell from it."""
     best = min(rows, key=score)
     others = {r.kind: factor(r, best) for r in rows if r is not best}
     worse = [f"{kind} {q:.2f} times (1/{open_:.2f} to {open_:.2f} times that)" for kind, (q, open_) in others.items() if q > open_]

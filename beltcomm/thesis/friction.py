@@ -133,7 +133,7 @@ def loop(model: Model) -> Cascade:
 
 
 def difference_words(base: str, base_worn: bool, rig: str, worn: bool) -> str:
-    """What is built into one axis against another, in words."""
+    """Difference in construction between two axes, in words."""
     before, after = axis(base, base_worn), axis(rig, worn)
     coulomb = total_coulomb(after) / total_coulomb(before) - 1.0
     return f"{100 * coulomb:+.1f} and {100 * (after['viscous.damping'] / before['viscous.damping'] - 1.0):+.1f} %"

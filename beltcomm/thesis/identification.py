@@ -85,7 +85,7 @@ class IdentificationStudy:
 
 @dataclass(frozen=True)
 class Record:
-    """What a drive would show.   torque : acting, with noise.   setpoint : asked for.   excitation : N m or rad/s.   reversed : motor."""
+    """A drive's record.   torque : acting, with noise.   setpoint : asked for.   excitation : N m or rad/s.   reversed : motor."""
 
     torque: Array
     setpoint: Array
@@ -190,7 +190,7 @@ def closed_loop(model: Model, signal: Excitation, inject: Inject, share: float, 
 def record_run(
     model: Model, excitation: Array, control: Callable[[int, float], float], signal: Excitation, at_m: float, speed_m_s: float, seed: int
 ) -> Record:
-    """What a drive shows of a run: counted angle, acting torque with noise; a setpoint acts one period after it was worked out."""
+    """Record of a run as a drive shows it: counted angle, acting torque with noise; a setpoint acts one period after it was worked out."""
     plant = SimulatedPlant(model, at_m, speed_m_s=speed_m_s)
     n = len(excitation)
     step = 2.0 * math.pi / COUNTS

@@ -178,7 +178,7 @@ def lines(study: ModelStudy) -> list[str]:
 
 
 def attenuation(study: ModelStudy) -> float:
-    """How far the carriage's response lies above the motor's at the antiresonance of S_A, dB."""
+    """Level of the carriage's response above the motor's at the antiresonance of S_A, dB."""
     at = int(np.argmin(np.abs(FREQ_HZ - study.recomputed["S_A"][1])))
     motor, cart = study.cart["torque to motor, times i_t"], study.cart["torque to cart (2.48)"]
     return float(20.0 * np.log10(np.abs(cart[at] / motor[at])))

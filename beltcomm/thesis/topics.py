@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # matplotlib takes longer to import than a command without pi
 
 @dataclass(frozen=True)
 class Topic:
-    """What a topic shows, and where in the source.   The module of its name computes it, that in ``figures`` draws."""
+    """Contents of a topic, and its place in the source.   The module of its name computes it, that in ``figures`` draws."""
 
     title: str
     source: str

@@ -323,7 +323,7 @@ def _with_top(durations: Array, begin: Array, task: Task) -> Array:
 
 
 def _keeps_bounds(passed: Array, durations: Array, task: Task) -> bool:
-    """Whether speed and acceleration keep their bounds; the speed is largest or smallest where the acceleration passes zero."""
+    """True if speed and acceleration keep their bounds; the speed is largest or smallest where the acceleration passes zero."""
     speeds, accelerations = passed[:, 1], passed[:, 2]
     if accelerations.max() > task.a_high + BEYOND or accelerations.min() < task.a_low - BEYOND:
         return False

@@ -1,4 +1,4 @@
-"""What stands in the user's cache of kernels, and what of it belongs to a program that is no more.
+"""The user's cache of kernels, and its entries of programs that are no more.
 
 Nothing is taken away but regular files whose whole name is one that this package or numba, for it, has given; and of those, nothing that a
 running program has to find again: a note or machine code that is missing is made again.
@@ -34,7 +34,7 @@ def folder() -> Path:
 
 
 def package() -> Path:
-    """Where this program stands."""
+    """Folder of this program."""
     return Path(__file__).resolve().parents[2]
 
 
@@ -64,7 +64,7 @@ def _owner() -> dict[str, str]:
 
 
 def _is_superseded(note: Path) -> bool:
-    """Whether nobody will look for a note any more; False for one that this package has not written."""
+    """True if nobody will look for a note any more; False for one that this package has not written."""
     try:
         if not note.stat().st_size:
             return True  # from before notes told whose they are

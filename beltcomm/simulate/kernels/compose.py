@@ -241,7 +241,7 @@ def load_source() -> str:
 
 
 def plain_source() -> str:
-    """The same of the commonest belt alone."""
+    """Source of the inverse kernel of the commonest belt alone."""
     writer = Writer.masked_kernel(e for e in EFFECTS if e.name in PLAIN)
     return writer.assemble([_load(writer, "offset, load, cart", [], [], "-f0", [])])
 

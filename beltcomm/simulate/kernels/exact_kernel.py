@@ -72,7 +72,7 @@ class Tables(NamedTuple):
 
 @in_lanes
 def copy(source: Array, target: Array) -> None:
-    """What an assignment of slices does, at once."""
+    """Copy an array, as an assignment of slices does, at once."""
     for c in range(target.shape[0]):
         target[c] = source[c]
 
@@ -118,13 +118,13 @@ def strand_of(a: LinearAxis, n: int, x: Array) -> float:
 
 @in_lanes
 def direction_from_rest(push: float, level: float) -> float:
-    """How a body at rest goes on: 0 held, else the direction in which it is pushed away."""
+    """Direction in which a body at rest is pushed away; 0 where it is held."""
     return 0.0 if abs(push) <= level else math.copysign(1.0, push)
 
 
 @in_lanes
 def polynomial(series: Array, stuck: int, row: int, w: Array, share: float, start: float, p: Array) -> None:
-    """What is watched, along the motion over a share of a piece, as a polynomial over 0..1, into ``p``."""
+    """Polynomial over 0..1 of a watched quantity along a share of a piece, into ``p``."""
     for k in range(DEGREE + 1):
         p[k] = 0.0
     for c in range(w.shape[0]):

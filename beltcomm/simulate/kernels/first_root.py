@@ -1,4 +1,4 @@
-"""Where a polynomial first falls below zero, with none of its roots overlooked."""
+"""First root at which a polynomial falls below zero, with none overlooked."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def first_root(p: Array, moved: Array) -> float:
 
 @in_lanes
 def _search_root(p: Array, low: int, moved: Array) -> float:
-    """The same of p/s^low, which is positive at 0.
+    """First root of p/s^low, which is positive at 0.
 
     Descartes' rule on the Bernstein form: no change of sign, no root; one, one root; more, half the interval.
     """

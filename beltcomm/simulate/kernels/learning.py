@@ -1,4 +1,4 @@
-"""What an observer learns at a sample: its gain, and the covariance ahead; the state's numbers side by side in registers.
+"""Update of an observer at a sample: its gain, and the covariance ahead; the state's numbers side by side in registers.
 
     k = F P h + G V d,    S = h P h + d V d,    P ← F P F' + G V G' - k k'/S
 
@@ -46,7 +46,7 @@ def with_memory(watch: ObserverState) -> ObserverState:
 
 @inlined
 def results(size: int, noises: int, wide: int) -> tuple[int, int]:
-    """Where P and k begin."""
+    """Offsets of P and k."""
     P = (2 + 2 * (size - 2) + 2 * noises) * wide
     return P, P + (size + 1 + size - 2 + noises + size + 1) * wide
 

@@ -1,4 +1,4 @@
-"""What a drive does between two of its periods, compiled: counts, compares, computes a torque.  Generated kernels close a loop with it."""
+"""A drive's period, compiled: it counts, compares, computes a torque.  Generated kernels close a loop with it."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 class ObserverState(NamedTuple):
-    """What the kernel needs to follow the bodies; without samples in ``wanted`` it does not.
+    """State with which the kernel follows the bodies; without samples in ``wanted`` it does not.
 
     wanted : (n,), N m, load that the measured torque leaves for everything beyond the motor.   keep : (n,), samples that count.
     places : place of each body's position in s, -1 for none; its speed stands ``behind`` places further.   substeps : fine steps per
@@ -156,7 +156,7 @@ def observe(
 
 
 def take_correction(at: int, behind: int, s: Array) -> tuple[float, float]:
-    """What s says of a body's position and speed, 0 in it from now on; 0, 0 for one it does not know.   at : its place, or -1."""
+    """A body's position and speed in s, 0 in it from now on; 0, 0 for one it does not know.   at : its place, or -1."""
     if at < 0:
         return 0.0, 0.0
     place, speed = s[at], s[at + behind]
@@ -188,7 +188,7 @@ def contact(
 
 
 def filter_columns(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, shares: Array) -> Array:
-    """What changes e of the residual change of the innovations to first order, over their deviations; (n, k) -> (kept, k)."""
+    """First-order change of the innovations, over their deviations, by changes e of the residual; (n, k) -> (kept, k)."""
     size, columns = h.shape[1], e.shape[1]
     whole = -(-columns // LANES) * LANES
     padded = e if whole == columns else np.pad(e, ((0, 0), (0, whole - columns)))

@@ -25,7 +25,7 @@ OWN = 13
 
 
 class LaneRows(NamedTuple):
-    """Where everything of the observers begins in their memory, in rows of ``LANES`` lanes; arrays row by row.
+    """Layout of the observers' memory, in rows of ``LANES`` lanes; arrays row by row.
 
     size, own, noises : numbers of the state, of those that last, of the noises.   H, F, G, D : each first open, then what it changes by
     when it closes.   powers, P : ``variances`` and ``P`` of ``ObserverState``.   states, become : s and what it
@@ -64,7 +64,7 @@ class Observers(NamedTuple):
 
 
 def observed_rows(watch: ObserverState) -> tuple[float, ...]:
-    """What stands in the rows ``HALF`` to ``HURRY``."""
+    """Values of the rows ``HALF`` to ``HURRY``."""
     return (watch.half_gap_m, watch.stiffness, *watch.spread)
 
 
@@ -89,7 +89,7 @@ def observers(watches: Sequence[ObserverState]) -> Observers:
 
 
 def _lay_out(watch: ObserverState, own: int) -> Array:
-    """What stands in the rows ``H`` to ``P``."""
+    """Values of the rows ``H`` to ``P``."""
     pairs = ((pair[0], pair[1] - pair[0]) for pair in (watch.H, watch.F[:, :, :own], watch.G, watch.D))
     return np.concatenate([*(part.ravel() for pair in pairs for part in pair), watch.variances, watch.P.ravel()])
 
@@ -247,7 +247,7 @@ def advance_sample(
 
 @within_lanes
 def _have_same_array(addresses: NDArray[np.int64], active: int) -> bool:
-    """Whether all lanes have the same array."""
+    """True if all lanes have the same array."""
     same = True
     for c in range(1, active):
         same &= addresses[c] == addresses[0]

@@ -33,12 +33,12 @@ _ROWS, _MORE = 23, (7, 15, 16)
 
 
 def knows(effects: set[str]) -> bool:
-    """Whether models with these effects beyond the motor, and no others, can be taken side by side."""
+    """True if models with these effects beyond the motor, and no others, can be taken side by side."""
     return "belt_stiffness" in effects and effects <= {*PLAIN, *BESIDE} and not effects >= set(BODIES)
 
 
 def values_of(models: int, get: Callable[[str], Array | float], offsets_m: Array) -> Array:
-    """What the kernel asks of every model, (_ROWS, models).   get : values of a parameter by its full name, 0 where there is none.
+    """Values that the kernel needs of every model, (_ROWS, models).   get : values of a parameter by its full name, 0 where there is none.
 
     0 to 6: stiffness N/m, damping N s/m, carriage's mass kg, its viscous N s/m and Coulomb friction N, offset m at the start, share of
     the belt in the direct span;  7 to 11: stretch at which either strand goes slack, m, share of the belt lost then, rounding;  12 to 15:

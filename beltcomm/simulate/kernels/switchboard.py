@@ -1,4 +1,4 @@
-"""Where the parameters of a model stand in what the kernels ask for, and which of those is asked: one switchboard for each combination."""
+"""Places of a model's parameters in the vectors of the kernels, and the effects that are on: one switchboard for each combination."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _CATALOGUE_SIZE = len(catalogue_parameters())
 
 @dataclass(frozen=True)
 class Switchboard:
-    """Where the parameters of a model stand in the vector of the masked kernel, and which effects are on.
+    """Places of a model's parameters in the vector of the masked kernel, and the effects that are on.
 
     places : (k,), place of each entry of ``Model.vector()``.    on : (effects of the catalogue,) bool.   motor, belt : the same for
     those that act on the motor alone, and for the others: the load is the sum of both.

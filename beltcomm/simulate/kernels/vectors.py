@@ -88,7 +88,7 @@ def _place(context: Any, builder: Any, kind: Any, array: Any, place: Any) -> Any
 
 
 def _eight(_context: Any, value: Any) -> Any:
-    """The same value eight times."""
+    """One value in all eight lanes."""
 
     def written(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         return _broadcast_value(builder, arguments[0])
@@ -116,7 +116,7 @@ def _put(_context: Any, array: Any, place: Any, vector: Any) -> Any:
 
 
 def _either(_context: Any, mask: Any, one: Any, other: Any) -> Any:
-    """What of two where a mask says yes, and where it says no."""
+    """Select of two vectors by a mask."""
 
     def written(_context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         sides = (_as_vector(builder, kind, value) for kind, value in zip(signature.args[1:], arguments[1:], strict=True))

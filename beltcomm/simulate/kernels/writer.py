@@ -69,7 +69,7 @@ def catalogue_bodies(effects: Sequence[Effect] = EFFECTS) -> tuple[tuple[str, Bo
 
 
 def acts_on_motor(effect: Effect) -> bool:
-    """Whether an effect adds to the load of the motor whatever the carriage does."""
+    """True if an effect adds to the load of the motor whatever the carriage does."""
     return effect.slot in ("force", "friction_level", "friction_onset") and effect.body == "motor"
 
 
@@ -297,7 +297,7 @@ class Writer:
         return lines
 
     def has_level(self, i: int) -> bool:
-        """Whether body i has set-valued friction."""
+        """True if body i has set-valued friction."""
         return bool(self.with_level(i))
 
     def with_level(self, i: int) -> list[Effect]:
@@ -380,7 +380,7 @@ class Writer:
     # -- how a stretch begins ---------------------------------------------------------------------------------------------------
 
     def start(self, i: int) -> str:
-        """Where body i stands when the belt is not stretched and the motor is at ``q0``."""
+        """Position of body i when the belt is not stretched and the motor is at ``q0``."""
         rotary = self.bodies[i][1].rotary
         return "q0" if rotary == self.bodies[0][1].rotary else "u"
 

@@ -30,7 +30,7 @@ LEVEL_A, LEVEL_B = np.array([0, 1, 1, 0]), np.array([0, 0, 1, 1])
 
 @dataclass(frozen=True)
 class Flaws:
-    """What a real encoder does beside its steps.
+    """Flaws of a real encoder beside its steps.
 
     line_rms : standard deviation of where the lines lie, in increments, below 0.15; the same at every passage, repeats after
     LINES_PER_TURN lines.   bounces : at most so many times a channel falls back after an edge and returns.   bounce_s : within this time,
@@ -103,7 +103,7 @@ def edges_of(
 
 
 class _Scale:
-    """Where the lines lie: line j between counts j−1 and j."""
+    """Positions of the lines: line j between counts j−1 and j."""
 
     def __init__(self, increment_m: float, flaws: Flaws) -> None:
         self.increment_m = increment_m

@@ -34,7 +34,7 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Increments:
-    """What a state machine made of a record.   tick, step : of each increment, (n,), step 1 or −1, count their running sum.
+    """Increments that a state machine made of a record.   tick, step : of each increment, (n,), step 1 or −1, count their running sum.
 
     invalid : edges that no motion makes, above 0 the position may be wrong by several increments.   edges : edges taken.
     """
