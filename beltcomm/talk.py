@@ -10,8 +10,14 @@ from typing import Protocol
 class CarriagePosition:
     """Where the carriage is while a record is made.
 
-    record : its name.   position_m, window_m : on the axis, m; from where it stood when it is not ``known``.   left_s : s on the machine
-    that the whole job takes from now on at most; None when not known.
+    Attributes
+    ----------
+    record : str
+        Its name.
+    position_m, window_m
+        On the axis, m; from where it stood when it is not ``known``.
+    left_s : float or None
+        s on the machine that the whole job takes from now on at most; None when not known.
     """
 
     record: str
@@ -29,7 +35,13 @@ class Talk(Protocol):
         ...
 
     def progress(self, fraction: float, seconds_left: float | None) -> None:
-        """The present phase is done to ``fraction``, 0 to 1.   seconds_left : s on the machine, None when not known."""
+        """The present phase is done to ``fraction``, 0 to 1.
+
+        Parameters
+        ----------
+        seconds_left : float or None
+            s on the machine, None when not known.
+        """
         ...
 
     def moving(self, place: CarriagePosition) -> None:
@@ -43,7 +55,11 @@ class Talk(Protocol):
     def confirm(self, text: str) -> bool:
         """Ask a question that states what will happen; True only for an explicit yes.
 
-        Raises UsageError when nobody can answer."""
+        Raises
+        ------
+        UsageError
+            When nobody can answer.
+        """
         ...
 
     def attended(self) -> bool:

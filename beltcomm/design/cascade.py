@@ -34,9 +34,16 @@ _LACKABLE: tuple[PrefilterKind, ...] = ("notch", "butterworth")
 class DesignResult:
     """A cascade with its proof.
 
-    margins : one per plant, in the order of ``plants``.   binding : the conditions that stopped the gains from growing.
-    remarks : what a drive with more of the thesis's cascade would have reached, in words.
-    relaxed : it has less than the margins that were asked for at first.
+    Attributes
+    ----------
+    margins : tuple of Margins
+        One per plant, in the order of ``plants``.
+    binding : tuple of str
+        The conditions that stopped the gains from growing.
+    remarks : tuple of str
+        What a drive with more of the thesis's cascade would have reached, in words.
+    relaxed : bool
+        It has less than the margins that were asked for at first.
     """
 
     cascade: Cascade
@@ -61,10 +68,16 @@ class DesignResult:
 def design_cascade(plants: Sequence[DesignPlant], structure: CascadeStructure, specification: Specification | None = None) -> DesignResult:
     """The cascade with the largest K_I K_PP that meets the specification on every plant, in the drive's own form.
 
-    plants : positions, payloads and damping values the loop must hold for (``with_friction_fractions`` for the last).
-    structure : what the drive offers; its period, prefilters, bounds and steps are those of the result.
     Prefilters are laid out on the plant with the lowest resonance (4.2.1); gains are quantised, then proven.
+
     Raises Infeasible (a Refused) with what binds and the nearest feasible request; UsageError without plants.
+
+    Parameters
+    ----------
+    plants : sequence of DesignPlant
+        Positions, payloads and damping values the loop must hold for (``with_friction_fractions`` for the last).
+    structure : CascadeStructure
+        What the drive offers; its period, prefilters, bounds and steps are those of the result.
     """
     specification = specification or Specification()
     search, proof = _sample_plants(plants, structure)
@@ -206,7 +219,13 @@ def with_reserve(specification: Specification, factor: float) -> Specification:
 
 
 def quantised_pi(kp: float, tn: float, structure: CascadeStructure) -> list[tuple[float, float]]:
-    """K_P and K_I on the drive's steps, rounded each way, within its bounds.   tn : K_P/K_I, s."""
+    """K_P and K_I on the drive's steps, rounded each way, within its bounds.
+
+    Parameters
+    ----------
+    tn : float
+        K_P/K_I, s.
+    """
     kps = {on_step(kp, structure.steps.get("kp_nm_s_rad", 0.0), way) for way in (math.floor, math.ceil)}
     pairs = []
     for kp, way in itertools.product(sorted(kps), (math.floor, math.ceil)):

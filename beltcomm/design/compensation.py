@@ -35,7 +35,10 @@ def compensated_effects(model: Model) -> tuple[str, ...]:
 def compensation(model: Model, feedforward: Feedforward, trajectory: Trajectory, period_s: float, time_s: float = 0.0) -> Array:
     """The torque, N m at the motor shaft, (n,), computed ``feedforward.advance_s`` ahead, as the drive computes its own.
 
-    time_s : session's clock at the start, for friction that warms up.
+    Parameters
+    ----------
+    time_s : float
+        Session's clock at the start, for friction that warms up.
     """
     ratio = model["transmission.ratio"]
     ahead = np.arange(len(trajectory.t_s)) * period_s + feedforward.advance_s

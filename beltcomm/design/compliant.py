@@ -41,9 +41,18 @@ PLACES = 25
 
 @dataclass(frozen=True)
 class Leading:
-    """Motion of the motor.   trajectory : u of the module, m along the belt.   carriage : y on the same grid, with a rest before it.
+    """Motion of the motor.
 
-    torque_nm : τ, N m at the motor shaft, (n,).   held_m : stretch by which friction holds the carriage at the end.
+    Attributes
+    ----------
+    trajectory : Trajectory
+        u of the module, m along the belt.
+    carriage : Trajectory
+        y on the same grid, with a rest before it.
+    torque_nm : ndarray
+        τ, N m at the motor shaft, (n,).
+    held_m : float
+        Stretch by which friction holds the carriage at the end.
     """
 
     trajectory: Trajectory
@@ -60,9 +69,19 @@ class Leading:
 def lead_motion(model: Model, carriage: Trajectory, advance_s: float = 0.0, *, friction: bool = True, time_s: float = 0.0) -> Leading:
     """The motor's reference and torque for a motion of the carriage that begins and ends at rest.
 
-    advance_s : by which the torque will be sent ahead; there is as much more rest before the motion.   friction : the carriage's Coulomb
-    friction stretches the belt; False: it acts on the motor, as (4.16) has it.   time_s : session's clock at the start.
-    Raises UsageError for a model without a belt.
+    Parameters
+    ----------
+    advance_s : float
+        By which the torque will be sent ahead; there is as much more rest before the motion.
+    friction : bool
+        The carriage's Coulomb friction stretches the belt; False: it acts on the motor, as (4.16) has it.
+    time_s : float
+        Session's clock at the start.
+
+    Raises
+    ------
+    UsageError
+        For a model without a belt.
     """
     if "cart" not in model.base_bodies:
         raise UsageError("the model has no belt that could stretch, so a compliant feedforward says nothing; use nonlinear")
@@ -96,7 +115,12 @@ def lead_motion(model: Model, carriage: Trajectory, advance_s: float = 0.0, *, f
 def torque_along(led: Leading, feedforward: Feedforward, ratio: float) -> Array:
     """Torque that the host sends along with the motor's reference, N m at the motor shaft, (n,): τ less the drive's own feedforward (4.16).
 
-    Both ``feedforward.advance_s`` ahead of the reference.   ratio : i_t, m/rad.
+    Both ``feedforward.advance_s`` ahead of the reference.
+
+    Parameters
+    ----------
+    ratio : float
+        i_t, m/rad.
     """
     path = led.trajectory
     needed = np.interp(path.t_s + feedforward.advance_s, path.t_s, led.torque_nm)

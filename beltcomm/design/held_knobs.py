@@ -32,7 +32,13 @@ Limit = Literal["velocity", "position", "drive"]
 
 
 class OutOfReach(Refused):
-    """No gains stand for these knobs.   limit : the loop whose margins stand in the way, or the drive's own bounds."""
+    """No gains stand for these knobs.
+
+    Parameters
+    ----------
+    limit : Limit
+        The loop whose margins stand in the way, or the drive's own bounds.
+    """
 
     def __init__(self, message: str, limit: Limit) -> None:
         super().__init__(message)
@@ -62,7 +68,12 @@ def specification_of(knobs: Knobs, prefilter: Prefilter, velocity_filter_s: floa
 def gains_of_knobs(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: float, knobs: Knobs) -> DesignResult:
     """The gains that the knobs stand for on all plants, on the drive's steps, with their proof.
 
-    velocity_filter_s : T_R, s.   Raises OutOfReach where there are none, with the limit in words.
+    Raises OutOfReach where there are none, with the limit in words.
+
+    Parameters
+    ----------
+    velocity_filter_s : float
+        T_R, s.
     """
     asked = specification_of(knobs, prefilter, velocity_filter_s)
     shape = loop_shape(plants.search, prefilter, velocity_filter_s)

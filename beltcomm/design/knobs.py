@@ -35,8 +35,12 @@ class Knobs:
 class KnobSetting:
     """Positions of the knobs for given gains.
 
-    again : the design from these knobs, None when the equations refuse them (``refusal`` says why).
-    same : it has the given gains; otherwise they are another solution of the same equations.
+    Attributes
+    ----------
+    again : ThesisDesign or None
+        The design from these knobs, None when the equations refuse them (``refusal`` says why).
+    same : bool
+        It has the given gains; otherwise they are another solution of the same equations.
     """
 
     knobs: Knobs
@@ -57,7 +61,12 @@ class Turn:
 def knobs_of(plant: DesignPlant, cascade: Cascade) -> KnobSetting:
     """The knobs that give these gains on this plant, exactly, and whether turning them there gives the gains back.
 
-    The prefilter and T_R of ``cascade`` count as given.   Raises Refused when a loop of these gains has no crossover.
+    The prefilter and T_R of ``cascade`` count as given.
+
+    Raises
+    ------
+    Refused
+        When a loop of these gains has no crossover.
     """
     achieved = thesis_margins(plant, cascade)
     knobs = Knobs(achieved.phase_margin_deg, achieved.position_phase_margin_deg, achieved.suppression_db)
@@ -74,7 +83,18 @@ def knobs_of(plant: DesignPlant, cascade: Cascade) -> KnobSetting:
 
 
 def gains_for(plant: DesignPlant, prefilter: PrefilterKind | Prefilter, knobs: Knobs, velocity_filter_s: float = 0.002) -> ThesisDesign:
-    """The gains that the knobs stand for.   velocity_filter_s : T_R, s.   Raises Refused as ``thesis.thesis_design``."""
+    """The gains that the knobs stand for.
+
+    Parameters
+    ----------
+    velocity_filter_s : float
+        T_R, s.
+
+    Raises
+    ------
+    Refused
+        As ``thesis.thesis_design``.
+    """
     return thesis_design(plant, prefilter, velocity_filter_s, knobs.phase_margin_deg, knobs.suppression_db, knobs.position_phase_margin_deg)
 
 

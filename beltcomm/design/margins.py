@@ -31,12 +31,22 @@ PROOF_POINTS = 1600
 class Margins:
     """Margins of one plant with one cascade, sampled, delayed and filtered as it runs.
 
-    stable, velocity_stable : all poles of the cascade, and of the velocity loop alone, inside the unit circle.
-    phase_margin_deg : smallest over all crossovers of the velocity loop; inf without any.   crossover_rad_s : highest; nan.
-    gain_margin_db : smallest gain factor above 1 to a crossing of the negative axis.
-    suppression_db : largest open-loop gain at and above the resonance and at any local peak.
-    sensitivity_db : max |1/(1 + L)|.    position_* : the same of the position loop.
-    damping : smallest damping ratio of the poles of the cascade (a resonance that the loop leaves alone counts too).
+    Attributes
+    ----------
+    stable, velocity_stable : bool
+        All poles of the cascade, and of the velocity loop alone, inside the unit circle.
+    phase_margin_deg : float
+        Smallest over all crossovers of the velocity loop; inf without any.
+    crossover_rad_s : float
+        Highest; nan.
+    gain_margin_db : float
+        Smallest gain factor above 1 to a crossing of the negative axis.
+    suppression_db : float
+        Largest open-loop gain at and above the resonance and at any local peak.
+    sensitivity_db : float
+        Max |1/(1 + L)|. position_* : the same of the position loop.
+    damping : float
+        Smallest damping ratio of the poles of the cascade (a resonance that the loop leaves alone counts too).
     """
 
     plant: str
@@ -57,7 +67,15 @@ class Margins:
 def margins(cascade: Cascade, plants: Sequence[DesignPlant], period_s: float) -> tuple[Margins, ...]:
     """Margins of ``cascade`` on every plant.
 
-    period_s : s, sampling period of the drive's loops.   Raises UsageError for a prefilter above π/T.
+    Parameters
+    ----------
+    period_s : float, s
+        Sampling period of the drive's loops.
+
+    Raises
+    ------
+    UsageError
+        For a prefilter above π/T.
     """
     return margins_on(cascade, sample_plants(plants, period_s, PROOF_POINTS))
 

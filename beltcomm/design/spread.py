@@ -28,10 +28,18 @@ WORST_SHARE = 0.025
 class MarginSpread:
     """Of every draw the smallest margin over its plants, (draws,): velocity loop, position loop, both.
 
-    phase_margin_deg, position_phase_margin_deg, gain_margin_db, sensitivity_db (the largest).   plants : per draw.
-    unstable : closed loops with a pole on or outside the unit circle, of draws × plants.
-    worst_values : what 97.5 % of the draws exceed, and the sensitivity that they stay below, on the grid of a proof.
-    worst : plant of that sensitivity; ``worst_at`` its number in its draw.
+    phase_margin_deg, position_phase_margin_deg, gain_margin_db, sensitivity_db (the largest).
+
+    Attributes
+    ----------
+    plants : int
+        Per draw.
+    unstable : int
+        Closed loops with a pole on or outside the unit circle, of draws × plants.
+    worst_values : dict of str to float
+        What 97.5 % of the draws exceed, and the sensitivity that they stay below, on the grid of a proof.
+    worst : DesignPlant
+        Plant of that sensitivity; ``worst_at`` its number in its draw.
     """
 
     phase_margin_deg: Array
@@ -53,7 +61,17 @@ class MarginSpread:
 def margin_spread(draws: Sequence[Sequence[DesignPlant]], cascade: Cascade, period_s: float) -> MarginSpread:
     """Margins and stability of a cascade on every plant of every draw.
 
-    draws : equally many plants each, equally many bodies.   period_s : of the drive's loops.   Raises UsageError without plants.
+    Parameters
+    ----------
+    draws : sequence of sequence of DesignPlant
+        Equally many plants each, equally many bodies.
+    period_s : float
+        Of the drive's loops.
+
+    Raises
+    ------
+    UsageError
+        Without plants.
     """
     plants = [plant for draw in draws for plant in draw]
     if not plants or len({len(draw) for draw in draws}) != 1:

@@ -18,7 +18,12 @@ Array = NDArray[np.float64]
 def delay_torque(cells: Array, h: float, time: float) -> Array:
     """Torque averaged over cells of ``h`` seconds, ``time`` seconds later (earlier when negative).
 
-    cells : ndarray (n,), N m, mean over each cell.   Before the first cell the torque is taken as that of the first.
+    Before the first cell the torque is taken as that of the first.
+
+    Parameters
+    ----------
+    cells : ndarray (n,), N m
+        Mean over each cell.
     """
     whole = math.floor(time / h)
     part, last = time / h - whole, cells.shape[0] - 1

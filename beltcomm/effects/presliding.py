@@ -15,7 +15,13 @@ def friction_share(step: float, z: float, length: float) -> float:
 
     z' = s + (z - s) exp(-|step|/length),   s = sign(step)
 
-    step, length : m at the belt.   Source: effects-and-diagnosis sheet, section 2; Dahl 1968.
+    Parameters
+    ----------
+    step, length : float, m at the belt
+
+    References
+    ----------
+    Effects-and-diagnosis sheet, section 2; Dahl 1968.
     """
     side = 1.0 if step > 0.0 else -1.0
     if step == 0.0 or z == side:  # all of it has turned: the same to the last digit, and no exponential

@@ -11,7 +11,12 @@ from beltcomm.effects._records import belt_off, moves, sweep
 def travel(theta: float, sine: float, cosine: float) -> float:
     """Angle by which the belt runs ahead:  sine sin θ + cosine cos θ, rad, so that u = i_t (θ + this).   θ : rad, absolute.
 
-    sine, cosine : run-out over radius.   With a gearbox the pulley turns slower than the motor: only ratio 1 is described.
+    With a gearbox the pulley turns slower than the motor: only ratio 1 is described.
+
+    Parameters
+    ----------
+    sine, cosine : float
+        Run-out over radius.
     """
     return sine * math.sin(theta) + cosine * math.cos(theta)
 

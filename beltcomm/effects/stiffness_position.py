@@ -30,8 +30,16 @@ def change(x: float, share: float, offset: float, pulley_distance: float, middle
 
     h is the compliance of the two strands side by side, l1 = offset + x; clamps and teeth are as soft everywhere, in series.  Together
     every parabola that bends down:  with them, offset is no length to be measured any more.
-    x, middle, offset, pulley_distance : m.   share : of the compliance at ``middle`` that follows the carriage; 1 when nothing but the
-    belt gives way.   Source: (2.10), (2.26).
+
+    Parameters
+    ----------
+    x, middle, offset, pulley_distance : float, m
+    share : float
+        Of the compliance at ``middle`` that follows the carriage; 1 when nothing but the belt gives way.
+
+    References
+    ----------
+    (2.10), (2.26).
     """
     here, there = offset + x, offset + middle
     soft = here * (2.0 * pulley_distance - here) / (there * (2.0 * pulley_distance - there))
@@ -51,7 +59,12 @@ def force(
 ) -> float:
     """Force that the belt pulls more than at ``middle``:  change(x) (stiffness stretch + damping rate), N.
 
-    A strand half as long is twice as stiff and damps twice as much.   stiffness, damping : N/m, N s/m at ``middle``.
+    A strand half as long is twice as stiff and damps twice as much.
+
+    Parameters
+    ----------
+    stiffness, damping : float, N/m
+        N s/m at ``middle``.
     """
     return change(x, share, offset, pulley_distance, middle) * (stiffness * stretch + damping * rate)
 

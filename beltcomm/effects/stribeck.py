@@ -28,7 +28,14 @@ def slope(speed: float, position: float, t: float, amount: float, speed_scale: f
 
 
 def level_at_carriage(speed: float, position: float, t: float, amount: float, speed_scale: float, exponent: float, ratio: float) -> float:
-    """Additional level of friction at the carriage, N.   speed : m/s.   speed_scale : rad/s of the motor.   ratio : m/rad."""
+    """Additional level of friction at the carriage, N.
+
+    Parameters
+    ----------
+    speed : float, m/s
+    speed_scale : float, rad/s of the motor
+    ratio : float, m/rad
+    """
     return amount * math.exp(-math.pow(abs(speed / (ratio * speed_scale)), exponent))
 
 

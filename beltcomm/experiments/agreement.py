@@ -29,7 +29,12 @@ KEPT = "Finished records are kept; what stands below is the most that is driven 
 class Agreement:
     """Question of a command before anything moves: call it with the plan and the machine.
 
-    job : the command once more on another drive, for ``--simulate-first``.   goes_on : it needs what is in its run folder.
+    Attributes
+    ----------
+    job : Job
+        The command once more on another drive, for ``--simulate-first``.
+    goes_on : bool
+        It needs what is in its run folder.
     """
 
     options: Options
@@ -51,11 +56,20 @@ def agree(
     machine: Machine | None = None,
     agreement: Agreement | None = None,
 ) -> None:
-    """Say what will happen and ask, unless told not to; then let the drive home if it shall.   Raises Refused for a no.
+    """Say what will happen and ask, unless told not to; then let the drive home if it shall.
 
-    machine, agreement : of a command with records, which can be played on a twin first.
     The first motion of a drive that this computer has not moved so far yet is a question of its own, which ``yes`` does not answer, as
     it does not for a plan longer than ``longest_s``.
+
+    Parameters
+    ----------
+    machine, agreement
+        Of a command with records, which can be played on a twin first.
+
+    Raises
+    ------
+    Refused
+        For a no.
     """
     if machine is not None and options.home:
         plan = with_homing(plan, axis, drive.capabilities)

@@ -36,9 +36,17 @@ SLOWEST_HZ = 10.0
 
 @dataclass(frozen=True)
 class Experiment:
-    """One line of the plan; every number is an upper bound.   travel_m : either way.   torque_nm : motor shaft.
+    """One line of the plan; every number is an upper bound.
 
-    reach_m : travel either way with the way of a stop at any moment.   rms_nm : torque that heats, None for ``torque_nm`` all the time.
+    Attributes
+    ----------
+    travel_m : float
+        Either way.
+    torque_nm : float, motor shaft
+    reach_m : float
+        Travel either way with the way of a stop at any moment.
+    rms_nm : float or None
+        Torque that heats, None for ``torque_nm`` all the time.
     """
 
     title: str
@@ -123,7 +131,13 @@ def has_room(step: Step, course: Course) -> bool:
 
 
 def bounds_of(axis: Axis, capabilities: Capabilities, step: Step, model: Model | None = None) -> Experiment:
-    """One line of the plan.   model : of the axis; without one the slowest and the fastest carriage that is thought of count."""
+    """One line of the plan.
+
+    Parameters
+    ----------
+    model : Model or None
+        Of the axis; without one the slowest and the fastest carriage that is thought of count.
+    """
     light, heavy = (course_before(axis, capabilities, mass) for mass in masses_kg(axis, model))
     whole = heavy.window_m[1] - heavy.window_m[0]
     torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
@@ -154,7 +168,13 @@ def fastest_m_s(axis: Axis, capabilities: Capabilities, steps: Sequence[Step], m
 
 
 def lines_of(axis: Axis, capabilities: Capabilities, steps: Sequence[Step], model: Model | None = None) -> list[Experiment]:
-    """The plan's lines of several steps.   Raises BeltcommError naming the step that cannot be."""
+    """The plan's lines of several steps.
+
+    Raises
+    ------
+    BeltcommError
+        Naming the step that cannot be.
+    """
     lines = []
     for number, step in enumerate(steps, start=1):
         try:

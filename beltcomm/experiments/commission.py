@@ -80,7 +80,10 @@ TITLES = (
 def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) -> Model:
     """Phases 1 to 3: sign, rising excitation, one open-loop frequency response at the present place; returns a first model.
 
-    brief : fewer steps and a shorter response.
+    Parameters
+    ----------
+    brief : bool
+        Fewer steps and a shorter response.
     """
     machine.begin(TITLES[1])
     masses = unknown_masses_kg(machine.axis.payload.mass_kg)
@@ -112,8 +115,12 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
 def first_response(machine: Machine, findings: Findings, excited: Excited, seconds: float) -> None:
     """The frequency response at the present place; where the carriage wanders too far again where it then stands, with less torque.
 
-    Then no response after it is louder, either.   One that does not move the axis is made louder.   Raises SafetyStop when stops have
-    used up what the session goes on after, NoMotion when no torque allowed moves the axis.
+    Then no response after it is louder, either.   One that does not move the axis is made louder.
+
+    Raises
+    ------
+    SafetyStop
+        When stops have used up what the session goes on after, NoMotion when no torque allowed moves the axis.
     """
     above_nm = 0.0
     while True:
@@ -186,14 +193,27 @@ def from_records_alone(found: FinalModel, recordings: Sequence[Recording], axis:
 def close_first_loop(machine: Machine, findings: Findings, model: Model, *, ask: bool = False) -> Cascade:
     """Phase 4: a cautious loop for the uncertain first model, written into the drive.
 
-    ask : before a loop with thin margins is closed.   Raises Refused for a no.
+    Parameters
+    ----------
+    ask : bool
+        Before a loop with thin margins is closed.
+
+    Raises
+    ------
+    Refused
+        For a no.
     """
     machine.begin(TITLES[4])
     return close_loop(machine, findings, model, *first_cascade(machine, findings, model, machine.position_m), ask=ask)
 
 
 def closed_for(machine: Machine, findings: Findings, model: Model, *, ask: bool = False) -> None:
-    """A loop for strokes: a first one, or where nobody can write the gains the one that stands in the drive.   Raises Refused."""
+    """A loop for strokes: a first one, or where nobody can write the gains the one that stands in the drive.
+
+    Raises
+    ------
+    Refused
+    """
     if machine.drive.capabilities.gains != "unknown":
         close_first_loop(machine, findings, model, ask=ask)
         return
@@ -229,7 +249,13 @@ def close_loop(machine: Machine, findings: Findings, model: Model, cascade: Casc
 
 
 def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Cascade | None, extent: Extent) -> None:
-    """Phase 5: the records of the programme, as many as the time allows.   cascade : that is in the drive, None where nobody knows it."""
+    """Phase 5: the records of the programme, as many as the time allows.
+
+    Parameters
+    ----------
+    cascade : Cascade or None
+        That is in the drive, None where nobody knows it.
+    """
     machine.begin(TITLES[5])
     loop = execute_step.Closed(model, cascade, delay(findings))
     course = execute_step.course_of(machine, model)
@@ -291,9 +317,16 @@ def measure_friction(
     longest_s: float = SWEEP_LONGEST_S,
     held_out: bool = False,
 ) -> Recording:
-    """The constant-speed sweep alone, three of its speeds twice.   speeds_m_s : instead of the usual seven, each once.
+    """The constant-speed sweep alone, three of its speeds twice.
 
-    longest_s : s, that a plateau counts at most.   held_out : it judges, nothing is fitted to it.
+    Parameters
+    ----------
+    speeds_m_s : sequence of float
+        Instead of the usual seven, each once.
+    longest_s : float, s
+        That a plateau counts at most.
+    held_out : bool
+        It judges, nothing is fitted to it.
     """
     machine.begin(TITLES[5])
     if machine.folder.finished(name) is None and not sweeping.room_to_sweep(machine, model, speeds_m_s):
@@ -354,7 +387,13 @@ def design_for(
 
 
 def known_model(findings: Findings) -> Model:
-    """The model so far.   Raises Refused when nothing was fitted yet."""
+    """The model so far.
+
+    Raises
+    ------
+    Refused
+        When nothing was fitted yet.
+    """
     if findings.final is None:
         raise Refused("there is no model yet; run `beltcomm fit` first")
     return findings.final.fit.model

@@ -70,7 +70,19 @@ SUBSTEPS = 20
 
 @dataclass(frozen=True)
 class Foresight:
-    """sights : of every effect.   assumed : in words.   records : how many were simulated.   extent : of the session."""
+    """Detection limits that the records of a plan will have.
+
+    Attributes
+    ----------
+    sights : tuple of DetectionLimit
+        Of every effect.
+    assumed : str
+        In words.
+    records : int
+        How many were simulated.
+    extent : Extent
+        Of the session.
+    """
 
     sights: tuple[DetectionLimit, ...]
     assumed: str
@@ -85,7 +97,12 @@ class Foresight:
 def lines_of(found: Mapping[str, Any], whole: bool) -> list[str]:
     """For people: the weakest strength of every effect that could be named, then those that could not.
 
-    found : :meth:`Foresight.to_dict`.   whole : a line for each, with its parameter and how much of a typical one that is.
+    Parameters
+    ----------
+    found : dict of str to Any
+        :meth:`Foresight.to_dict`.
+    whole : bool
+        A line for each, with its parameter and how much of a typical one that is.
     """
     seen = sorted((e for e in found["effects"] if e["seen"]), key=lambda e: str(e["effect"]))
     blind = [e for e in found["effects"] if not e["seen"]]
@@ -137,7 +154,13 @@ def _remedy(entry: Mapping[str, Any], extent: Extent) -> str:
 
 
 def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight:
-    """Detection limits of the records of an extent.   Raises BeltcommError where no record can be simulated."""
+    """Detection limits of the records of an extent.
+
+    Raises
+    ------
+    BeltcommError
+        Where no record can be simulated.
+    """
     model = sheet_model(axis)
     noise = NOISE_SHARE * (axis.motor.rated_torque_nm or capabilities.rated_torque_nm)
     recordings = list(records(axis, capabilities, model, extent, noise))

@@ -47,7 +47,13 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True)
 class Closed:
-    """The loop that is in the drive, None where nobody knows it, and the axis' model.   delay_s : torque setpoint to acting torque."""
+    """The loop that is in the drive, None where nobody knows it, and the axis' model.
+
+    Attributes
+    ----------
+    delay_s : float
+        Torque setpoint to acting torque.
+    """
 
     model: Model
     cascade: Cascade | None
@@ -57,7 +63,14 @@ class Closed:
 def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: float, share: float = 1.0) -> None:
     """Record one step; a record that a resumed run has already is left alone.
 
-    loudest_nm : N m, largest excitation to try.   share : of the torque that an excitation would have.   Raises what the machine raises.
+    Raises what the machine raises.
+
+    Parameters
+    ----------
+    loudest_nm : float, N m
+        Largest excitation to try.
+    share : float
+        Of the torque that an excitation would have.
     """
     if machine.folder.finished(name) is not None:
         machine.talk.say(f"{name}: kept from the earlier run")
@@ -81,7 +94,13 @@ def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: floa
 
 
 def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: float, share: float) -> None:
-    """A frequency response at a place of its own.   share : of its torque; below 1 after a carriage that went too far."""
+    """A frequency response at a place of its own.
+
+    Parameters
+    ----------
+    share : float
+        Of its torque; below 1 after a carriage that went too far.
+    """
     phases.move_to(machine, step.at_m(machine.full_room().window_m), model)
     if machine.folder.finished(SWEEP) is not None and machine.stroking() == "position":
         held = holding_at(machine.folder.recording(SWEEP), machine.ratio, machine.position_m)
@@ -177,7 +196,10 @@ def hard_acceleration_m_s2(machine: Machine, model: Model) -> float:
 def stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, at_m: float) -> Trajectory:
     """The path of a step, slowed down until every stop ends inside the travel and moves keep the belt's force.
 
-    Raises Refused when even the slowest one does not.
+    Raises
+    ------
+    Refused
+        When even the slowest one does not.
     """
     shares: Sequence[float] = phases.STOPPABLE_SHARES
     path = path_of(step, course, at_m)

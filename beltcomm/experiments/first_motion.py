@@ -45,7 +45,12 @@ SAME_PLAN = 0.05
 class Extent:
     """Upper bounds of motion: of one plan on one axis, or of all that were confirmed.
 
-    machine : what tells the machine.   most : the upper bounds, by entry of axis.yaml or quantity of a plan; inf where there is none.
+    Attributes
+    ----------
+    machine : dict of str to str
+        What tells the machine.
+    most : dict of str to float
+        The upper bounds, by entry of axis.yaml or quantity of a plan; inf where there is none.
     """
 
     machine: Mapping[str, str]
@@ -53,7 +58,13 @@ class Extent:
 
     @classmethod
     def of(cls, axis: Axis, plan: Plan, profile: str | None) -> Extent:
-        """Of a plan.   profile : as given: one that is not shipped is part of the machine."""
+        """Of a plan.
+
+        Parameters
+        ----------
+        profile : str or None
+            As given: one that is not shipped is part of the machine.
+        """
         machine = {entry: _word(axis.get(entry)) for entry in MACHINE} | {"profile": _profile(profile)}
         low = axis.travel.min_m
         most = {f"{LOWER}travel.min_m": math.inf if low is None else -low}
@@ -97,7 +108,11 @@ def confirm_first_motion(hardware: Hardware, axis: Axis, plan: Plan, options: Op
     """Ask a person, or take ``options.first_motion``, where this computer has not moved this drive on this axis as far as ``plan`` does.
 
     A virtual drive moves nothing.  A drive without a serial number is never known: another one of its kind may hang there today.
-    Raises Refused for a no, for another drive than the one confirmed, and where there is nobody to ask.
+
+    Raises
+    ------
+    Refused
+        For a no, for another drive than the one confirmed, and where there is nobody to ask.
     """
     if hardware.virtual:
         return

@@ -39,7 +39,12 @@ def with_measured_friction(machine: Machine, findings: Findings, loop: execute_s
 def with_sliding_friction(cascade: Cascade, model: Model, sweep: Recording) -> Cascade:
     """The cascade with the friction of ``sweep`` in its feedforward, where that tells it; else as it is.
 
-    Gains and inertia stay: no pole moves.   model : that the cascade was designed for.
+    Gains and inertia stay: no pole moves.
+
+    Parameters
+    ----------
+    model : Model
+        That the cascade was designed for.
     """
     sent = cascade.feedforward
     if not (sent.viscous_nm_s_rad or sent.coulomb_nm):

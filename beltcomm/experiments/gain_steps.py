@@ -67,9 +67,18 @@ def experiment(axis: Axis, capabilities: Capabilities) -> Experiment:
 
 
 def ensure(machine: Machine, breakaway_nm: float) -> float:
-    """Before a gain is written for the first time: find out what they mean, unless it is known.  Returns the s that it took.
+    """Before a gain is written for the first time: find out what they mean, unless it is known.
 
-    Raises Refused, DataError, SafetyStop.
+    Returns
+    -------
+    float
+        The s that it took.
+
+    Raises
+    ------
+    Refused
+    DataError
+    SafetyStop
     """
     if not machine.drive.capabilities.uncalibrated:
         return 0.0
@@ -81,7 +90,18 @@ def ensure(machine: Machine, breakaway_nm: float) -> float:
 
 
 def adopt(machine: Machine, found: Calibration) -> list[str]:
-    """Believe a measurement: tell the drive, keep it in the run.  Returns remarks.   Raises Refused when it contradicts what is known."""
+    """Believe a measurement: tell the drive, keep it in the run.
+
+    Returns
+    -------
+    list of str
+        Remarks.
+
+    Raises
+    ------
+    Refused
+        When it contradicts what is known.
+    """
     drive = machine.drive
     remarks = check(found, not drive.capabilities.uncalibrated, calibration_of(found.kind))
     drive.calibrate({name: one.value for name, one in found.units.items() if name in drive.capabilities.uncalibrated})
@@ -97,7 +117,17 @@ def adopt(machine: Machine, found: Calibration) -> list[str]:
 def measure(machine: Machine, breakaway_nm: float) -> Calibration:
     """Velocity and position gain of the drive by steps; the gains that stood there are back afterwards.
 
-    breakaway_nm : friction at standstill.   Raises Refused (no such gains, a tilted axis, nothing to be seen), DataError, SafetyStop.
+    Parameters
+    ----------
+    breakaway_nm : float
+        Friction at standstill.
+
+    Raises
+    ------
+    Refused
+        No such gains, a tilted axis, nothing to be seen.
+    DataError
+    SafetyStop
     """
     capabilities, axis = machine.drive.capabilities, machine.axis
     if not {GAIN, _TOLD} <= set(capabilities.parameters) or "velocity" not in capabilities.kinds:
@@ -158,7 +188,13 @@ class _Probe:
         return velocity_law(self._steps("velocity", amplitude, REPEATS)), raw
 
     def position(self, units: Mapping[str, GainUnit]) -> tuple[Gain, float]:
-        """The position gain, 1/s, and the raw value that it stood for.   units : of the velocity loop, just found."""
+        """The position gain, 1/s, and the raw value that it stood for.
+
+        Parameters
+        ----------
+        units : dict of str to GainUnit
+            Of the velocity loop, just found.
+        """
         inertia, entry = self.machine.axis.motor_side_inertia_kg_m2, self.parameters["kpp_1_s"]
         raw = self._gains(POSITION_BANDWIDTH * inertia / units[GAIN].value)
         kp = units[GAIN].value * raw[GAIN]

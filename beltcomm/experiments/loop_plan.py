@@ -58,11 +58,29 @@ TITLES = ("first loop", "excitation, rising", "frequency response in closed loop
 
 @dataclass(frozen=True, eq=False)
 class LoopJob:
-    """The record to be made.   way : by which the response is wanted.   cascade : as it travels; with ``loop.cascade`` it is excited.
+    """The record to be made.
 
-    margin_deg : smallest phase margin.   choice : signal but for amplitude and length.   speed_m_s : base speed, 0 at rest.   why : of it.
-    ramp, settle : s.   periods, strokes : measured periods of each stroke, and strokes.   step : largest amplitude.   prediction : of the
-    record with it.
+    Attributes
+    ----------
+    way : Way
+        By which the response is wanted.
+    cascade : Cascade
+        As it travels; with ``loop.cascade`` it is excited.
+    margin_deg : float
+        Smallest phase margin.
+    choice : Any
+        Signal but for amplitude and length.
+    speed_m_s : float
+        Base speed, 0 at rest.
+    why : str
+        Of it.
+    ramp, settle : float, s
+    periods, strokes : int
+        Measured periods of each stroke, and strokes.
+    step : LoopStep
+        Largest amplitude.
+    prediction : MovingPrediction
+        Of the record with it.
     """
 
     way: Way
@@ -95,9 +113,17 @@ class LoopJob:
 
 
 def require_offered(capabilities: Capabilities, way: Way, parameters: frozenset[str]) -> tuple[LoopKind, Into]:
-    """The loop that is closed and the place where the excitation goes in.   parameters : names that the drive offers.
+    """The loop that is closed and the place where the excitation goes in.
 
-    Raises Refused with what this drive lacks.
+    Parameters
+    ----------
+    parameters : frozenset of str
+        Names that the drive offers.
+
+    Raises
+    ------
+    Refused
+        With what this drive lacks.
     """
     missing = [name for name in LOOP_GAINS if name not in parameters]
     if missing:
@@ -119,7 +145,15 @@ def require_offered(capabilities: Capabilities, way: Way, parameters: frozenset[
 def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_speed_m_s: float | None) -> LoopJob:
     """Loop, base speed, strokes and the largest amplitude, worked out on the model; nothing moves and nothing is written.
 
-    base_speed_m_s : None is chosen here, 0 stands.   Raises Refused with what binds.
+    Parameters
+    ----------
+    base_speed_m_s : float or None
+        None is chosen here, 0 stands.
+
+    Raises
+    ------
+    Refused
+        With what binds.
     """
     capabilities = machine.drive.capabilities
     kind, into = require_offered(capabilities, way, frozenset(machine.drive.backup()))

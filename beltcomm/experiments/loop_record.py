@@ -115,7 +115,12 @@ def _record(machine: Machine, job: LoopJob, name: str, amplitude: float, *, risi
 
 
 class MovingWatch:
-    """Call it with every row of a record: the motor stays near the base motion and below the predicted speed.   Raises SafetyStop."""
+    """Call it with every row of a record: the motor stays near the base motion and below the predicted speed.
+
+    Raises
+    ------
+    SafetyStop
+    """
 
     def __init__(self, base_m: np.ndarray, ratio: float, zero_rad: float, period_s: float, predicted: MovingPrediction) -> None:
         self.base_m, self.ratio, self.zero_rad, self.period_s = base_m.tolist(), ratio, zero_rad, period_s
@@ -123,7 +128,12 @@ class MovingWatch:
         self.fastest_m_s = SURPRISE * predicted.speed_m_s
 
     def __call__(self, row: Row) -> None:
-        """One row as the drive gives it.   Raises SafetyStop."""
+        """One row as the drive gives it.
+
+        Raises
+        ------
+        SafetyStop
+        """
         place = min(round(row[0] / self.period_s), len(self.base_m) - 1)
         off = abs(self.ratio * (row[3] - self.zero_rad) - self.base_m[place])
         speed = abs(self.ratio * row[4])

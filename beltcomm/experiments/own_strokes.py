@@ -48,7 +48,13 @@ def kpp_1_s(machine: Machine) -> float:
 
 
 def settle_s(machine: Machine) -> float:
-    """Time after which a stroke is as fast as its reference, s.   Raises Refused for a loop that is too slow."""
+    """Time after which a stroke is as fast as its reference, s.
+
+    Raises
+    ------
+    Refused
+        For a loop that is too slow.
+    """
     kpp = kpp_1_s(machine)
     if kpp * LONGEST_S < CONSTANTS:
         raise Refused(

@@ -29,9 +29,16 @@ SLOWEST_M_S, LONGEST_MOVE_S, SHORTEST_SHARE = 0.01, 2.0, 0.3
 
 @dataclass(frozen=True)
 class Course:
-    """Limits of motions.   window_m : travel.   ends_m : between which strokes turn.
+    """Limits of motions.
 
-    gentle, hard : limits of strokes, and of moves with all of the belt's force; hard is slowed down by a step's share.
+    Attributes
+    ----------
+    window_m : tuple of float
+        Travel.
+    ends_m : tuple of float
+        Between which strokes turn.
+    gentle, hard : TrajectoryLimits
+        Limits of strokes, and of moves with all of the belt's force; hard is slowed down by a step's share.
     """
 
     window_m: tuple[float, float]
@@ -46,7 +53,13 @@ class Course:
 
 
 def start_of(step: Step, course: Course) -> float:
-    """Start position of a closed-loop step, m.   Raises Refused where there is no room."""
+    """Start position of a closed-loop step, m.
+
+    Raises
+    ------
+    Refused
+        Where there is no room.
+    """
     low, high = course.ends_m
     if step.kind == "strokes":
         start, end = _around(step, course)
@@ -65,7 +78,13 @@ def start_of(step: Step, course: Course) -> float:
 
 
 def path_of(step: Step, course: Course, at_m: float) -> Trajectory:
-    """The reference of a closed-loop step from where the carriage stands.   Raises UsageError, Refused."""
+    """The reference of a closed-loop step from where the carriage stands.
+
+    Raises
+    ------
+    UsageError
+    Refused
+    """
     if step.kind == "sweep":
         which: Which = "again" if step.again else "once"
         return sweep_strokes(at_m, course.ends_m[1], course.gentle, course.period_s, which, step.speeds_m_s).trajectory

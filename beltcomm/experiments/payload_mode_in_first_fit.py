@@ -81,7 +81,13 @@ def swing_words(model: Model) -> str:
 def proven_margin_deg(
     swing: Model, cascade: Cascade, structure: CascadeStructure, at_m: float, dead_time_s: float, apparent_damping_nm_s_rad: float
 ) -> float:
-    """Smallest phase margin of a loop on the axis whose payload swings, deg.   Raises Refused where that is not stable with some margin."""
+    """Smallest phase margin of a loop on the axis whose payload swings, deg.
+
+    Raises
+    ------
+    Refused
+        Where that is not stable with some margin.
+    """
     plants = analyse.design_plants(swing, [at_m], [swing["cart.mass"]], dead_time_s, apparent_damping_nm_s_rad)
     found = margins(cascade, plants, structure.period_s)
     least = min(m.phase_margin_deg for m in found)

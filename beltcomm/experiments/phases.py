@@ -77,7 +77,13 @@ def room_around(machine: Machine, position_m: float, travel_m: float) -> Room:
 
 
 def room_to_creep(machine: Machine) -> float:
-    """Position of the carriage, m.   Raises UsageError when that is too near to an end to creep both ways."""
+    """Position of the carriage, m.
+
+    Raises
+    ------
+    UsageError
+        When that is too near to an end to creep both ways.
+    """
     at = machine.position_m
     low, high = machine.full_room().window_m
     if min(at - low, high - at) < 2.0 * SIGN_TRAVEL_M:
@@ -91,7 +97,12 @@ def room_to_creep(machine: Machine) -> float:
 def sign_and_scale(machine: Machine) -> Breakaway:
     """Let the torque rise until the carriage creeps a few millimetres, both ways; check direction and stopping.
 
-    Raises Refused when nothing moves, DriveError when positive torque drives to negative position or the axis does not stop.
+    Raises
+    ------
+    Refused
+        When nothing moves.
+    DriveError
+        When positive torque drives to negative position or the axis does not stop.
     """
     low, high = machine.full_room().window_m
     at = room_to_creep(machine)
@@ -152,10 +163,18 @@ def frequency_response(
 ) -> tuple[Recording, Excitation, AmplitudeStep]:
     """Excite at the present place with an amplitude that the limits allow there, long enough for a frequency response.
 
-    share : of that amplitude.   held_out : only to judge with; another sequence than those that are fitted, and one measured period of it.
-    loud : where friction hardly lets the carriage move, the sequence may leave the resonance out to be louder.
-    up_to_hz : power up to there at least, also above the resonance.   above_nm : what did not move the axis: raises NoMotion where the
-    limits allow no more.
+    Parameters
+    ----------
+    share : float
+        Of that amplitude.
+    held_out : bool
+        Only to judge with; another sequence than those that are fitted, and one measured period of it.
+    loud : bool
+        Where friction hardly lets the carriage move, the sequence may leave the resonance out to be louder.
+    up_to_hz : float
+        Power up to there at least, also above the resonance.
+    above_nm : float
+        What did not move the axis: raises NoMotion where the limits allow no more.
     """
     chosen = partial(response_to_come, machine, model, seconds=seconds, held_out=held_out, loud=loud, up_to_hz=up_to_hz)
     choice, step = chosen(amplitude_nm=amplitude_nm)
@@ -247,7 +266,10 @@ def excitation_room(machine: Machine, at: float) -> Room:
 def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = POSITIONING_SPEED_M_S) -> None:
     """Bring the carriage somewhere with the loop that is in the drive; gentle: a third of the belt's force at most.
 
-    Raises SafetyStop when it does not arrive within ``ASTRAY_M``.
+    Raises
+    ------
+    SafetyStop
+        When it does not arrive within ``ASTRAY_M``.
     """
     for _ in range(POSITIONING_TRIES):  # the velocity loop ends a little beside its goal
         if abs(machine.position_m - target_m) < ARRIVED_M:

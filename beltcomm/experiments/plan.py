@@ -46,11 +46,22 @@ HOW_FAR = 2
 
 @dataclass(frozen=True)
 class Plan:
-    """All experiments of a job.   text : a sentence or a paragraph on what the machine will do.   points : more on it, label and sentence.
+    """All experiments of a job.
 
-    budget_s : machine time that is kept, whatever the single experiments may take; what does not fit is left out.
-    notes : lines after the table.   visible : what the records could show, where that was worked out.
-    thermal : of motor and drive, for the heat of the plan.
+    Attributes
+    ----------
+    text : str
+        A sentence or a paragraph on what the machine will do.
+    points : tuple of Point
+        More on it, label and sentence.
+    budget_s : float
+        Machine time that is kept, whatever the single experiments may take; what does not fit is left out.
+    notes : tuple of str
+        Lines after the table.
+    visible : dict of str to Any or None
+        What the records could show, where that was worked out.
+    thermal : Thermal or None
+        Of motor and drive, for the heat of the plan.
     """
 
     text: str
@@ -72,7 +83,13 @@ class Plan:
         return heat_plan(self.thermal, ((e.heating_nm, e.seconds) for e in self.experiments)) if self.thermal else None
 
     def heat_fault(self, axis: Axis | None = None) -> str:
-        """Reason in words why the motor would not bear the plan; "" when it does.   axis : whose file the remedy is looked for in."""
+        """Reason in words why the motor would not bear the plan; "" when it does.
+
+        Parameters
+        ----------
+        axis : Axis or None
+            Whose file the remedy is looked for in.
+        """
         if self.heat is None or self.thermal is None or self.heat.fullest <= 1.0:
             return ""
         hottest = max(self.experiments, key=lambda e: e.heating_nm**2 * e.seconds)
@@ -154,7 +171,13 @@ class Plan:
 
 
 def identify_plan(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> Plan:
-    """Sign check, rising excitation and one frequency response at the present place.   window_m : to be kept, from where it stands."""
+    """Sign check, rising excitation and one frequency response at the present place.
+
+    Parameters
+    ----------
+    window_m : tuple of float or None
+        To be kept, from where it stands.
+    """
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will move by itself.",
         _here(axis, capabilities, window_m),
@@ -242,7 +265,15 @@ def move_plan(
 
 
 def verification_plan(axis: Axis, model: Model, path: Trajectory, braking: Braking, times: int = 1) -> Plan:
-    """The move that verifies a design, with the positioning before it and the rest after it.   braking : of its loop.   times : driven."""
+    """The move that verifies a design, with the positioning before it and the rest after it.
+
+    Parameters
+    ----------
+    braking : Braking
+        Of its loop.
+    times : int
+        Driven.
+    """
     asked = demand(path, model)
     travel = float(np.ptp(path.position_m))
     lowest, highest = braking.span_m(path.position_m, path.velocity_m_s, path.sample_period_s)

@@ -33,7 +33,12 @@ def point_rows(points: Sequence[Point]) -> list[Row]:
 def commission_points(axis: Axis, capabilities: Capabilities, lightest_kg: float, heaviest: tuple[float, float]) -> tuple[Point, ...]:
     """The whole job: what moves and how far first, then how it stops and what is written.
 
-    lightest_kg : carriage of the plan's speeds.   heaviest : carriage that is thought of, kg, and how fast it is driven, m/s.
+    Parameters
+    ----------
+    lightest_kg : float
+        Carriage of the plan's speeds.
+    heaviest : tuple of float
+        Carriage that is thought of, kg, and how fast it is driven, m/s.
     """
     lightest = f"{lightest_kg:g} kg, the stated payload alone" if axis.payload.mass_kg else f"{lightest_kg:g} kg, the lightest thought of"
     return (
@@ -54,7 +59,13 @@ def commission_points(axis: Axis, capabilities: Capabilities, lightest_kg: float
 
 
 def identify_points(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None) -> tuple[Point, ...]:
-    """Sign check, rising excitation and one frequency response.   window_m : to be kept, from where it stands."""
+    """Sign check, rising excitation and one frequency response.
+
+    Parameters
+    ----------
+    window_m : tuple of float or None
+        To be kept, from where it stands.
+    """
     far = "see 'with stop' below, from where it stands: keep people and tools out of its travel"
     if window_m is not None:
         far = (

@@ -51,9 +51,18 @@ Sending = Literal["nothing", "rigid", "stretch", "compliant"]
 
 @dataclass(frozen=True)
 class Sent:
-    """Reference and torque sent to the drive.   motor, carriage : what each is to follow, m.   torque_nm : along with it, (n,), or None.
+    """Reference and torque sent to the drive.
 
-    demanded_nm : largest torque at the motor that this will take.   led : how the motor leads, where it does.
+    Attributes
+    ----------
+    motor, carriage : Trajectory
+        What each is to follow, m.
+    torque_nm : ndarray or None
+        Along with it, (n,), or None.
+    demanded_nm : float
+        Largest torque at the motor that this will take.
+    led : Leading or None
+        How the motor leads, where it does.
     """
 
     motor: Trajectory
@@ -64,9 +73,17 @@ class Sent:
 
 
 def reference_for(model: Model, feedforward: Feedforward, path: Trajectory, sending: Sending, time_s: float = 0.0) -> Sent:
-    """Reference and torque for a motion of the carriage that ends with a rest.   time_s : session's clock at its start.
+    """Reference and torque for a motion of the carriage that ends with a rest.
 
-    Raises UsageError for a motor that should lead without a belt.
+    Parameters
+    ----------
+    time_s : float
+        Session's clock at its start.
+
+    Raises
+    ------
+    UsageError
+        For a motor that should lead without a belt.
     """
     asked = demand(path, model).torque_nm
     if sending == "nothing":
@@ -89,9 +106,17 @@ def verify_move(
     payloads_kg: Sequence[float] = (),
     sending: Sending = "nothing",
 ) -> tuple[Verdict, Demand]:
-    """Phase 7: run the move with the new gains and compare with its prediction.   Raises Refused when it would break a limit.
+    """Phase 7: run the move with the new gains and compare with its prediction.
 
-    payloads_kg : further ones that the design holds for, noted with the record, see :mod:`beltcomm.rundata.proof`.
+    Parameters
+    ----------
+    payloads_kg : sequence of float
+        Further ones that the design holds for, noted with the record, see :mod:`beltcomm.rundata.proof`.
+
+    Raises
+    ------
+    Refused
+        When it would break a limit.
     """
     refuse_broken(machine, model, trajectory)
     running = machine.write_cascade(cascade)

@@ -71,11 +71,20 @@ def raise_amplitude(
     *,
     response: Callable[[Model, float], AmplitudeStep] | None = None,
 ) -> Excited:
-    """Excite at the present place with rising amplitude; each step is predicted from the model so far.   masses_kg : to count with.
+    """Excite at the present place with rising amplitude; each step is predicted from the model so far.
 
-    response : the frequency response that would follow, from a model and the most that growth allows, N m.  Where it is given, it is the
-    last step as soon as a limit binds it, or the next step, instead of the growth.   Raises Refused when friction leaves no room below the
-    limits.
+    Parameters
+    ----------
+    masses_kg : sequence of float
+        To count with.
+    response : callable or None
+        The frequency response that would follow, from a model and the most that growth allows, N m. Where it is given, it is the last step
+        as soon as a limit binds it, or the next step, instead of the growth.
+
+    Raises
+    ------
+    Refused
+        When friction leaves no room below the limits.
     """
     counts = machine.drive.capabilities.counts_per_rev
     sheet, family = unknown_axis(machine, breakaway, masses_kg)

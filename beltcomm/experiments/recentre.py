@@ -51,7 +51,12 @@ def stands(machine: Machine) -> bool:
 def bring_back(machine: Machine, model: Model, step: Step, problem: SafetyStop) -> bool:
     """True if the session goes on after the stop of an open-loop step; then the carriage is at its place again.
 
-    model : of the loop in the drive.   Raises what bringing the carriage back raises.
+    Raises what bringing the carriage back raises.
+
+    Parameters
+    ----------
+    model : Model
+        Of the loop in the drive.
     """
     if step.kind != "response" or not stands_after(machine, problem):
         return False

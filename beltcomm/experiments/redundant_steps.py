@@ -24,7 +24,16 @@ IN_BAND, UNDER_WAY = 0.9, 0.02
 
 @dataclass(frozen=True)
 class Before:
-    """Known quantities of a run.   window_m : of the travel.   ratio : m/rad.   friction_nm : N m, which a quiet excitation lies above."""
+    """Known quantities of a run.
+
+    Attributes
+    ----------
+    window_m : tuple of float
+        Of the travel.
+    ratio : float, m/rad
+    friction_nm : float, N m
+        Which a quiet excitation lies above.
+    """
 
     recordings: Sequence[Recording]
     window_m: tuple[float, float]

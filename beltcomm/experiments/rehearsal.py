@@ -50,7 +50,17 @@ class Job(Protocol):
 
 @dataclass(frozen=True)
 class Played:
-    """One record on the twin.   low_m, high_m : of the carriage, by the encoder.   torque_nm : motor.   belt_force_n : with friction."""
+    """One record on the twin.
+
+    Attributes
+    ----------
+    low_m, high_m : float, of the carriage
+        By the encoder.
+    torque_nm : float
+        Motor.
+    belt_force_n : float
+        With friction.
+    """
 
     record: str
     low_m: float
@@ -86,7 +96,15 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """Motion of the twin.   twin : in words.   whole : of everything, moves between the records included, by the twin's own state."""
+    """Motion of the twin.
+
+    Attributes
+    ----------
+    twin : str
+        In words.
+    whole : Played
+        Of everything, moves between the records included, by the twin's own state.
+    """
 
     twin: str
     records: tuple[Played, ...]
@@ -137,8 +155,15 @@ class _Twin(SimulatedPlant):
 def rehearse(machine: Machine, options: Options, talk: Talk, job: Job, goes_on: bool) -> Rehearsal:
     """Play a job on a twin of the connected axis and show what it did; nothing real moves.
 
-    goes_on : the job needs what is in its run folder; else it begins a new one.
-    Raises Refused when the twin leaves a limit, or when the job ends badly on it, with the reason.
+    Parameters
+    ----------
+    goes_on : bool
+        The job needs what is in its run folder; else it begins a new one.
+
+    Raises
+    ------
+    Refused
+        When the twin leaves a limit, or when the job ends badly on it, with the reason.
     """
     talk.say("The plan is played on a twin first; nothing moves yet.")
     axis, folder = machine.axis, machine.folder

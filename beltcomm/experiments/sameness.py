@@ -41,8 +41,12 @@ def repeat_first_excitation(machine: Machine, breakaway: Breakaway, masses_kg: S
     """Repeat the first recorded excitation and compare how fast the motor turned, rms over the record.
 
     Nothing is kept; it is predicted, bounded and watched as every excitation of an axis of which only the data sheets are known.
-    Raises Refused when the limits do not allow it where the carriage stands, when the speed differs by more than ``GROSSLY``, or as
-    soon as the motor turns that much faster than it ever did.
+
+    Raises
+    ------
+    Refused
+        When the limits do not allow it where the carriage stands, when the speed differs by more than ``GROSSLY``, or as soon as the motor
+        turns that much faster than it ever did.
     """
     if machine.folder.finished("amplitude_1") is None:
         return

@@ -38,7 +38,13 @@ def check_sign(machine: Machine) -> None:
     """Let the carriage creep a little towards the middle of its travel under slowly rising torque.
 
     Nothing moves where :func:`is_crept` says so.
-    Raises DriveError when it moves against the torque, UsageError too near to an end, and as :func:`creep`.
+
+    Raises
+    ------
+    DriveError
+        When it moves against the torque.
+    UsageError
+        Too near to an end, and as :func:`creep`.
     """
     if not is_crept(machine.axis, machine.drive.capabilities.kinds):
         return

@@ -31,8 +31,16 @@ WARM_S, FULL = 0.05, 0.9
 class Supervised:
     """The drive behind a command.   Use as a context manager, inside that of the drive.
 
-    hardware : which drive it is.   run : folder of the command, for the note on what is not restored.   settles : an earlier session's
-    debt is offered first.   moved : whether anything moved.
+    Parameters
+    ----------
+    hardware : Hardware
+        Which drive it is.
+    run : Path or None
+        Folder of the command, for the note on what is not restored.
+    settles : bool
+        An earlier session's debt is offered first.
+    moved
+        Whether anything moved.
     """
 
     def __init__(self, drive: Drive, hardware: Hardware, run: Path | None, options: Options, talk: Talk, *, settles: bool = True) -> None:
@@ -84,7 +92,13 @@ class Supervised:
         return self._drive.backup()
 
     def write(self, values: Mapping[str, float]) -> dict[str, float]:
-        """See :meth:`beltcomm.drive.Drive.write`; from now on a killed session leaves a note.   Raises ObjectLocked, too."""
+        """See :meth:`beltcomm.drive.Drive.write`; from now on a killed session leaves a note.
+
+        Raises
+        ------
+        ObjectLocked
+            Too.
+        """
         self._writable.check_named(values, self.capabilities)
         self._put_note()
         self._failed = True
@@ -135,7 +149,13 @@ class Supervised:
         self._allowed = True
 
     def home(self, limits: Limits) -> None:
-        """See :meth:`beltcomm.drive.Drive.home`.   Raises Refused while a key is to be held: the drive homes by itself."""
+        """See :meth:`beltcomm.drive.Drive.home`.
+
+        Raises
+        ------
+        Refused
+            While a key is to be held: the drive homes by itself.
+        """
         self._check_allowed()
         if self._hold is not None:
             raise Refused("the drive homes by itself and asks nobody whether a key is held; leave --hold-to-run or --home out")
@@ -152,7 +172,10 @@ class Supervised:
     def record(self, motion: Motion, limits: Limits, sink: Sink) -> ExchangeReport:
         """See :meth:`beltcomm.drive.Drive.record`.   Waits until the motor has given off what it was overloaded with.
 
-        Raises SafetyStop with the reason "released" when the key is let go, "heat" when the motor's overload store is full.
+        Raises
+        ------
+        SafetyStop
+            With the reason "released" when the key is let go, "heat" when the motor's overload store is full.
         """
         self._check_allowed()
         self._cool()
@@ -235,5 +258,11 @@ def _released_stop() -> SafetyStop:
 
 
 def supervise(drive: Drive, name: str, run: Path | None, options: Options, talk: Talk, *, settles: bool = True) -> Supervised:
-    """The drive called ``name`` as a command on ``run`` may use it.   settles : as in :class:`Supervised`."""
+    """The drive called ``name`` as a command on ``run`` may use it.
+
+    Parameters
+    ----------
+    settles : bool
+        As in :class:`Supervised`.
+    """
     return Supervised(drive, Hardware.of(name, drive.capabilities), run, options, talk, settles=settles)

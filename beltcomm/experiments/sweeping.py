@@ -28,7 +28,13 @@ def room_to_sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float]) -
 
 
 def sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float] = (), longest_s: float = SWEEP_LONGEST_S) -> Strokes:
-    """:func:`sweep_strokes` from where the carriage stands to the farther end.   speeds_m_s : instead of the usual seven."""
+    """:func:`sweep_strokes` from where the carriage stands to the farther end.
+
+    Parameters
+    ----------
+    speeds_m_s : sequence of float
+        Instead of the usual seven.
+    """
     at, period = machine.position_m, machine.drive.capabilities.sample_period_s
     far = farther_end_m(machine)
     limits, settle_s = phases.gentle_limits(machine, model, np.inf), own_strokes.settle_s(machine)

@@ -39,7 +39,14 @@ BESIDE_M = 2e-3
 class StandardMove:
     """The move of the thesis, 0 to 0.5 m with limits T_A, or what of it travel and limits of this axis allow.
 
-    start_m, end_m : carriage.   limits : of speed, acceleration, jerk.   remark : in words what was taken away, or "".
+    Attributes
+    ----------
+    start_m, end_m : float
+        Carriage.
+    limits : TrajectoryLimits
+        Of speed, acceleration, jerk.
+    remark : str
+        In words what was taken away, or "".
     """
 
     start_m: float
@@ -53,7 +60,13 @@ class StandardMove:
 
 
 def standard_move(machine: Machine, model: Model) -> StandardMove:
-    """The standard move of this axis, admissible for its model.   Raises Refused when there is none."""
+    """The standard move of this axis, admissible for its model.
+
+    Raises
+    ------
+    Refused
+        When there is none.
+    """
     start, end = _way(machine)
     limits = machine.axis.trajectories.get("T_A") or phases.gentle_limits(machine, model, math.inf)
     return StandardMove(start, end, *admissible(machine, model, start, end, limits))
@@ -197,7 +210,13 @@ def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
 
 
 def broken_limits(machine: Machine, model: Model, trajectory: Trajectory, spare_m: float = 0.0) -> list[str]:
-    """Limits of axis, motor and drive that a move would break, each with value and limit.   spare_m : that a stop leaves of the travel."""
+    """Limits of axis, motor and drive that a move would break, each with value and limit.
+
+    Parameters
+    ----------
+    spare_m : float
+        That a stop leaves of the travel.
+    """
     asked, axis, room = demand(trajectory, model), machine.axis.limits, machine.full_room()
     pairs = [
         ("the speed", asked.speed_m_s, phases.SPEED_SHARE * room.speed_m_s, "m/s"),

@@ -18,7 +18,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ArrowheadJacobian:
-    """columns : (n, k + 1), A and b.   ends : (m + 1,), rows between which the segments lie; (1,) where none has an unknown of its own."""
+    """Jacobian with shared columns and one border column per segment.
+
+    Attributes
+    ----------
+    columns : ndarray (n, k + 1)
+        A and b.
+    ends : ndarray (m + 1,) of int
+        Rows between which the segments lie; (1,) where none has an unknown of its own.
+    """
 
     columns: Array
     ends: NDArray[np.intp]

@@ -44,8 +44,20 @@ MISSES, ASTRAY = 2, 1.2
 class Fitted:
     """A model at its minimum; two are the same where they are one object.
 
-    problem, x : unknowns.   residual : whitened, (n,), of the fitted records.   objective : O.   held_residual : of those held out,
-    piece by piece.   held_objective : O there, 0 without any.   onward : with which the search would go on, where its iterations ended it.
+    Attributes
+    ----------
+    problem, x
+        Unknowns.
+    residual : ndarray
+        Whitened, (n,), of the fitted records.
+    objective : float
+        O.
+    held_residual : tuple of ndarray
+        Of those held out, piece by piece.
+    held_objective : float
+        O there, 0 without any.
+    onward : Model or None
+        With which the search would go on, where its iterations ended it.
     """
 
     model: Model
@@ -97,8 +109,14 @@ def fit(
 ) -> Fitted:
     """All free parameters of the model fitted to the records.
 
-    offsets : scaled start offsets to begin with.   enough : gain of O that is not worth another iteration, nats.   goal : O above which
-    the fit does not matter: it ends where it does not get there.
+    Parameters
+    ----------
+    offsets : ndarray or None
+        Scaled start offsets to begin with.
+    enough : float
+        Gain of O that is not worth another iteration, nats.
+    goal : float
+        O above which the fit does not matter: it ends where it does not get there.
     """
     return fit_of(problem_of(data, model, fixed), data, iterations, offsets=offsets, fixed=fixed, enough=enough, goal=goal)
 
@@ -197,7 +215,13 @@ def evaluate_at(data: Data, model: Model, offsets: Array | None = None, fixed: S
 
 
 def problem_of(data: Data, model: Model, fixed: Sequence[str] = (), block_s: float = BLOCK_S) -> Problem:
-    """The free parameters of a model as unknowns.   block_s : s, segments of time with one weight."""
+    """The free parameters of a model as unknowns.
+
+    Parameters
+    ----------
+    block_s : float, s
+        Segments of time with one weight.
+    """
     pieces = with_observers(data.fitted, [model] * len(data.fitted))
     return Problem(pieces, model, free_parameters(model, ("transmission.ratio", *fixed)), block_s)
 

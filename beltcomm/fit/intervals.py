@@ -57,11 +57,23 @@ SCALED = ("motor.inertia", "cart.mass", *(f"{effect}." for effect in EXACT))
 class ParameterSpread:
     """Covariance of the parameters of a fit, in their units.
 
-    names : of those that the data see.   bound : of those of them at a bound.   covariance, freedom : over time, (n, n).
-    moved : by leaving out each record, (records, n).
-    shares : information of each record, carried to the parameters, A⁻¹ A_r A⁻¹, (records, n, n).   systematic : what no record tells,
-    half a 95 % interval of every independent cause in each parameter, (causes, n).   unexplained : factor on all of it, the error over the
-    noise where something is left that is no noise: what pulls everywhere the same way shows neither over time nor among records.
+    Attributes
+    ----------
+    names : tuple of str
+        Of those that the data see.
+    bound : frozenset of str
+        Of those of them at a bound.
+    covariance, freedom
+        Over time, (n, n).
+    moved : ndarray
+        By leaving out each record, (records, n).
+    shares : ndarray
+        Information of each record, carried to the parameters, A⁻¹ A_r A⁻¹, (records, n, n).
+    systematic : ndarray
+        What no record tells, half a 95 % interval of every independent cause in each parameter, (causes, n).
+    unexplained : float
+        Factor on all of it, the error over the noise where something is left that is no noise: what pulls everywhere the same way shows
+        neither over time nor among records.
     """
 
     names: tuple[str, ...]
@@ -96,9 +108,22 @@ _KNOWN: WeakKeyDictionary[Fitted, tuple[Nuisance | None, Model]] = WeakKeyDictio
 class Information:
     """Gradients and information of some parameters around a minimum, in units of ``scale``.
 
-    names : of the parameters.   scores : gradient of each group, (groups, n).   pulls, parts : gradient, (records, n), and information,
-    (records, n, n), of each record.   inverse : of the information of all, (n, n).   unknown : variance of what is told by nothing, (n, n).
-    level : mean square of what is left, weighted.   elsewhere : variance by what comes from there, (n, n).
+    Attributes
+    ----------
+    names : tuple of str
+        Of the parameters.
+    scores : ndarray
+        Gradient of each group, (groups, n).
+    pulls, parts : ndarray
+        Gradient, (records, n), and information, (records, n, n), of each record.
+    inverse : ndarray
+        Of the information of all, (n, n).
+    unknown : ndarray
+        Variance of what is told by nothing, (n, n).
+    level : float
+        Mean square of what is left, weighted.
+    elsewhere : ndarray
+        Variance by what comes from there, (n, n).
     """
 
     names: tuple[str, ...]

@@ -53,7 +53,12 @@ PACE = 3.0
 class Parts:
     """The torque balance of one segment, N m, (n,) each:  residual = inertia + motor + belt, as read, - acting.
 
-    motion : true.   lags : of the torque's reading.
+    Attributes
+    ----------
+    motion : FineMotion
+        True.
+    lags : Lags
+        Of the torque's reading.
     """
 
     inertia: Array
@@ -82,7 +87,17 @@ class Nuisance:
 
 @dataclass(frozen=True)
 class Minimum:
-    """End of a search.   x : scaled unknowns.   residual : whitened, (n,).   objective : O."""
+    """End of a search.
+
+    Attributes
+    ----------
+    x : ndarray
+        Scaled unknowns.
+    residual : ndarray
+        Whitened, (n,).
+    objective : float
+        O.
+    """
 
     x: Array
     residual: Array
@@ -336,7 +351,14 @@ class Problem:
     def minimise(self, x: Array, iterations: int, held: Sequence[int] = (), enough: float = 0.02, goal: float = math.inf) -> Minimum:
         """Levenberg-Marquardt on O with the weights of each place; unknowns that push against a bound stay there.
 
-        held : unknowns that do not move.   enough : a step that gains less than this ends the search, nats.   goal : see :func:`hopeless`.
+        Parameters
+        ----------
+        held : sequence of int
+            Unknowns that do not move.
+        enough : float
+            A step that gains less than this ends the search, nats.
+        goal : float
+            See :func:`hopeless`.
         """
         residual = self.residual(x)
         value, damping = self.objective(residual, x), 1e-3
@@ -378,8 +400,14 @@ class Problem:
 def hopeless(above: float, gain: float, left: int) -> bool:
     """True if a search that must come down to a goal to matter does not get there.
 
-    above : how far O is above it, nats.   gain : by how much O fell in the last iteration, nats; later ones rarely gain more.
-    left : iterations.
+    Parameters
+    ----------
+    above : float
+        How far O is above it, nats.
+    gain : float
+        By how much O fell in the last iteration, nats; later ones rarely gain more.
+    left : int
+        Iterations.
     """
     return above > PACE * gain * left
 

@@ -30,7 +30,17 @@ PASSES, ENOUGH = 12, 0.05
 
 @dataclass(frozen=True)
 class Near:
-    """A minimum in the neighbourhood.   objective : O.   amounts : a, (k,).   step : δ in the units of the problem's unknowns, (p,)."""
+    """A minimum in the neighbourhood.
+
+    Attributes
+    ----------
+    objective : float
+        O.
+    amounts : ndarray
+        A, (k,).
+    step : ndarray
+        δ in the units of the problem's unknowns, (p,).
+    """
 
     objective: float
     amounts: Array
@@ -107,7 +117,10 @@ class LocalQuadratic:
         """Roughly how far O falls with each group of neighbouring columns, weights as they stand, no bounds; and how far it would fall if
         the group were there, with the phase that shows least; (n, k) -> (k/group,) each.
 
-        signed : amounts below 0 count as well.
+        Parameters
+        ----------
+        signed : bool
+            Amounts below 0 count as well.
         """
         weighted = columns * self.weights[:, None]
         shared = self.weighted.transpose_times(columns)[self.used]

@@ -84,7 +84,12 @@ def creep_motion(motion: FineMotion, position: Array, creeps: NDArray[np.bool_])
 def samples_between_counts(angle: Array, position: Array, step_rad: float) -> NDArray[np.bool_]:
     """Samples around which an angle swings further than its counts tell, (n,): a slow motion that steps now and then looks so.
 
-    angle : the likeliest, rad, (n,).   position : as it was counted, rad, (n,).
+    Parameters
+    ----------
+    angle : ndarray
+        The likeliest, rad, (n,).
+    position : ndarray
+        As it was counted, rad, (n,).
     """
     ways = [uniform_filter1d(np.abs(np.diff(row, prepend=row[0])), AROUND, mode="nearest") * AROUND for row in (angle, position)]
     return np.asarray(ways[0] > MOST_WAY * (ways[1] + step_rad))

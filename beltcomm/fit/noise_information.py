@@ -23,7 +23,12 @@ Array = NDArray[np.float64]
 def noise_information(problem: Problem, x: Array, weights: Array) -> Array:
     """Expected sum of squares of the module, (p, p), in nats per scaled unknown squared.
 
-    x : scaled unknowns, p of them shared by all segments.   weights : of the values of the whitened residual, (n,).
+    Parameters
+    ----------
+    x : ndarray
+        Scaled unknowns, p of them shared by all segments.
+    weights : ndarray
+        Of the values of the whitened residual, (n,).
     """
     own = len(problem.free)
     found = np.zeros((own, own))

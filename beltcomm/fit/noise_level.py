@@ -47,7 +47,17 @@ _REMEDY = (
 
 @dataclass(frozen=True)
 class Level:
-    """nm : N m rms.   told : whether it is surely noise, not excitation.   colour : correlation of neighbours, 0 of white noise."""
+    """Noise level of a torque signal.
+
+    Attributes
+    ----------
+    nm : float
+        N m rms.
+    told : bool
+        Whether it is surely noise, not excitation.
+    colour : float
+        Correlation of neighbours, 0 of white noise.
+    """
 
     nm: float
     told: bool
@@ -92,7 +102,13 @@ def correlation(rests: Sequence[Array], samples: int = 1) -> float:
 
 
 def robust_rms(rest: Array, step_nm: float = 0.0) -> float:
-    """rms of a normal bulk about 0, N m: what lies far outside is no noise.   step_nm : in which it was read, a bulk has one more of it."""
+    """rms of a normal bulk about 0, N m: what lies far outside is no noise.
+
+    Parameters
+    ----------
+    step_nm : float
+        In which it was read, a bulk has one more of it.
+    """
     size = NORMAL * float(np.median(np.abs(rest)))
     inside = np.abs(rest) < OUTLIER * size + step_nm * (1.0 + 1e-9)
     return float(np.sqrt(np.mean(rest[inside] ** 2))) if inside.any() and size > 0.0 else float(np.std(rest))

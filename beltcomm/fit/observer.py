@@ -25,8 +25,15 @@ FORGOTTEN_S = 0.04
 
 
 class Perturbation(NamedTuple):
-    """A small step of one unknown.   vector : of the model at its end.   moves : whether the motor's angle, or what the torque leaves for
-    the bodies, is another there."""
+    """A small step of one unknown.
+
+    Attributes
+    ----------
+    vector : ndarray
+        Of the model at its end.
+    moves : bool
+        Whether the motor's angle, or what the torque leaves for the bodies, is another there.
+    """
 
     length: float
     vector: Array
@@ -35,9 +42,14 @@ class Perturbation(NamedTuple):
 
 @dataclass(frozen=True)
 class Observer:
-    """The observer of one segment.   watch : its filter, with gains, deviations and shares as worked out near the right model.
+    """The observer of one segment.
 
-    model, motion, torque : those it was worked out with; what it found on the way stands in ``watch`` as well.
+    Attributes
+    ----------
+    watch : ObserverState
+        Its filter, with gains, deviations and shares as worked out near the right model.
+    model, motion, torque
+        Those it was worked out with; what it found on the way stands in ``watch`` as well.
     """
 
     watch: ObserverState
@@ -59,7 +71,13 @@ class Observer:
 
 
 class Observation(NamedTuple):
-    """A motion and a torque judged behind an observer.   torque : ndarray (n,), N m, as reported."""
+    """A motion and a torque judged behind an observer.
+
+    Attributes
+    ----------
+    torque : ndarray (n,), N m
+        As reported.
+    """
 
     observer: Observer
     motion: FineMotion
@@ -102,7 +120,13 @@ def needs_observer(model: Model) -> bool:
 
 
 def load_beyond_motor(model: Model, motion: FineMotion, torque: Array, vector: Array) -> Array:
-    """Load that the torque leaves for everything beyond the motor, N m, (n,).   motion : true."""
+    """Load that the torque leaves for everything beyond the motor, N m, (n,).
+
+    Parameters
+    ----------
+    motion : FineMotion
+        True.
+    """
     left = acting_torque(model, motion, torque, vector) - motor_load(model, motion, vector)
     left[1:-1] -= vector[model.index("motor.inertia")] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
     return left
@@ -137,11 +161,17 @@ def untuned_observer(
     process_noise: float,
     freedom_m: float = 0.0,
 ) -> Observer:
-    """The observer of a segment for a model, before it is :func:`tuned_observers`.   start_m : rms stretch of the belt at first, m.
+    """The observer of a segment for a model, before it is :func:`tuned_observers`.
 
-    process_noise : by how much the speed of the carriage changes in each sample as no model tells, rms, as a share of that at which it
-    would swing through half the gap on its belt: in its gap it strikes rough ends at an angle, and rubs.
-    freedom_m : width of the gap, m, whose freedom the carriage is given, whatever the model's; 0 for the model's own.
+    Parameters
+    ----------
+    start_m : float
+        rms stretch of the belt at first, m.
+    process_noise : float
+        By how much the speed of the carriage changes in each sample as no model tells, rms, as a share of that at which it would swing
+        through half the gap on its belt: in its gap it strikes rough ends at an angle, and rubs.
+    freedom_m : float
+        Width of the gap, m, whose freedom the carriage is given, whatever the model's; 0 for the model's own.
     """
     ratio = model["transmission.ratio"]
     low, high = (float(end) * ratio for end in (motion.theta.min(), motion.theta.max()))

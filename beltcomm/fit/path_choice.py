@@ -62,9 +62,18 @@ EXPLAINED = 0.3
 
 @dataclass(frozen=True)
 class PathChoice:
-    """path : the one taken.   reading : the chain of setpoint and reading, None without setpoint.   fitted : what the path was tried with.
+    """The chosen torque path, and how it was chosen.
 
-    rivals : the others, with -2 ln L above that of the one taken.
+    Attributes
+    ----------
+    path : TorquePath
+        The one taken.
+    reading : ReadingFit or None
+        The chain of setpoint and reading, None without setpoint.
+    fitted : Fitted or None
+        What the path was tried with.
+    rivals : tuple of tuple[TorquePath, float]
+        The others, with -2 ln L above that of the one taken.
     """
 
     path: TorquePath
@@ -82,7 +91,15 @@ def commands(chain: ReadingFit | None, recordings: Sequence[Recording]) -> bool:
 
 
 def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | None) -> PathChoice:
-    """The path of the records.   fitted : by the reading, or the command, taken for the torque that acts.   chain : :func:`fit_reading`."""
+    """The path of the records.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        By the reading, or the command, taken for the torque that acts.
+    chain : ReadingFit or None
+        :func:`fit_reading`.
+    """
     to_fit = [r for r in data.recordings if not r.sidecar.held_out]
     if chain is not None and commands(chain, to_fit):
         return _by_motion(data, fitted.model, to_fit, chain)
@@ -131,7 +148,10 @@ def _split_second_order(law: DriveLaw) -> list[DriveLaw]:
 def splits(law: DriveLaw, at_end: bool = False) -> Iterator[TorquePath]:
     """Every way to divide a chain between drive and reading; first the one that leaves the reading faithful, if it can be.
 
-    at_end : whether the reading is the torque at the end of the period.
+    Parameters
+    ----------
+    at_end : bool
+        Whether the reading is the torque at the end of the period.
     """
     whole = math.floor(law.delay + WHOLE)
     part = max(law.delay - whole, 0.0)

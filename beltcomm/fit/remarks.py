@@ -32,8 +32,14 @@ def upper_limit(estimate: float, deviation: float) -> float:
 def remark_on(name: str, item: Value, wanted: float, deviation: float) -> str:
     """Remark on one parameter; "" when it is known well.
 
-    item : the result, without interval at a bound.   wanted : where the data alone, without bounds, would have it.
-    deviation : one standard deviation, 0 where the data do not see the parameter at all.
+    Parameters
+    ----------
+    item : Value
+        The result, without interval at a bound.
+    wanted : float
+        Where the data alone, without bounds, would have it.
+    deviation : float
+        One standard deviation, 0 where the data do not see the parameter at all.
     """
     side = "lower" if item.value - item.low < item.high - item.value else "upper"
     if deviation == 0.0:
@@ -80,8 +86,17 @@ def remarks_on_pairs(names: Sequence[str], items: Sequence[Value], correlation: 
 def joint_draws(mean: Array, covariance: Array, low: Array, high: Array, count: int, *, freedom: float = math.inf, seed: int) -> Array:
     """Sets of parameters as uncertain as a fit leaves them, (count, k): multivariate Student t, cut off at the bounds.
 
-    x = mean + C^(1/2) n √(f/χ²_f),   n standard normal (k,), one χ² per draw.   covariance : C, (k, k), of the fit, with f degrees of
-    ``gap_evidence``; inf is normal.   low, high : (k,).     Source: the intervals' own law; Gelman et al., Bayesian Data Analysis, A.1.
+    x = mean + C^(1/2) n √(f/χ²_f),   n standard normal (k,), one χ² per draw.
+
+    Parameters
+    ----------
+    covariance : ndarray
+        C, (k, k), of the fit, with f degrees of ``gap_evidence``; inf is normal.
+    low, high : ndarray (k,)
+
+    References
+    ----------
+    The intervals' own law; Gelman et al., Bayesian Data Analysis, A.1.
     """
     random = np.random.default_rng(seed)
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))

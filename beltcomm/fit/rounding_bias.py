@@ -94,7 +94,10 @@ class RoundingBias:
     def responses(self, vector: Array, others: Sequence[Array], steps: Array) -> tuple[Array, Array]:
         """Slope and curvature of v at x: (segments, k) and (segments, k, k), the latter ½ ∂²v to first order in the response.
 
-        others : neighbours of x, each ``steps`` away along one unknown.
+        Parameters
+        ----------
+        others : sequence of ndarray
+            Neighbours of x, each ``steps`` away along one unknown.
         """
         k = len(others)
         slope, curvature = np.zeros((len(self.kinds) + 1, k)), np.zeros((len(self.kinds) + 1, k, k))

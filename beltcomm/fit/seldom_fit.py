@@ -29,7 +29,10 @@ ONE_PLACE_M = 0.05
 class SeldomFit(ModelFit):
     """A fit whose numbers are those of the simulated rows; ``fitted`` has what the records in closed loop add.
 
-    count_rad : of the encoder.
+    Attributes
+    ----------
+    count_rad : float
+        Of the encoder.
     """
 
     simulated: Simulated
@@ -77,7 +80,10 @@ class SeldomFit(ModelFit):
 def fit_seldom(recordings: Sequence[Recording], start: Model, *, counts_per_rev: int) -> SeldomFit | None:
     """The model by the open-loop records of the place where most was measured first; None where there is none whose rows come seldom.
 
-    Raises DataError when nothing moves.
+    Raises
+    ------
+    DataError
+        When nothing moves.
     """
     told = [r for r in recordings if comes_seldom(r) and not r.sidecar.held_out and not len(r.gaps())]
     if not told:

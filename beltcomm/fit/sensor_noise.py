@@ -33,7 +33,17 @@ COLOURED = 4.0
 
 @dataclass(frozen=True)
 class NoiseSplit:
-    """sensor_nm, process_nm : N m rms.   deviation_nm : of the first, one standard deviation.   colour : ρ of the sensor's noise."""
+    """Split of the torque's noise by its sources.
+
+    Attributes
+    ----------
+    sensor_nm, process_nm : float
+        N m rms.
+    deviation_nm : float
+        Of the first, one standard deviation.
+    colour : float
+        ρ of the sensor's noise.
+    """
 
     sensor_nm: float
     process_nm: float

@@ -47,10 +47,16 @@ _BISECTIONS = 12
 
 @dataclass(frozen=True)
 class MotionLimits:
-    """Limits of a record.  travel_m : m either way from the start.   speed_m_s, torque_nm (motor shaft), belt_force_n.
+    """Limits of a record.
 
-    window_m : m either way from the start, which a stop must not leave.   ends_m : m to the nearest end, beyond which nothing may go even
-    when the host dies.
+    Attributes
+    ----------
+    travel_m : float
+        m either way from the start. speed_m_s, torque_nm (motor shaft), belt_force_n.
+    window_m : float
+        m either way from the start, which a stop must not leave.
+    ends_m : float
+        m to the nearest end, beyond which nothing may go even when the host dies.
     """
 
     travel_m: float
@@ -65,9 +71,15 @@ class MotionLimits:
 class Prediction:
     """Largest travel from the start, carriage speed, motor torque and belt force of a record, over a family of models.
 
-    stop_m : way of a stop from ``SPEED_RESERVE`` times the carriage's speed.   motor_m_s : motor speed times i_t; it rings more.
-    run_on_m, died_m : when the host dies at the worst instant, one entry for each way in which the drive may take that (least demanding
-    last): how far the carriage runs on, and how far from the start it comes.
+    Attributes
+    ----------
+    stop_m : float
+        Way of a stop from ``SPEED_RESERVE`` times the carriage's speed.
+    motor_m_s : float
+        Motor speed times i_t; it rings more.
+    run_on_m, died_m : tuple of float
+        When the host dies at the worst instant, one entry for each way in which the drive may take that (least demanding last): how far the
+        carriage runs on, and how far from the start it comes.
     """
 
     travel_m: float
@@ -98,7 +110,13 @@ class Prediction:
 
 @dataclass(frozen=True)
 class AmplitudeStep:
-    """The amplitude chosen for one record.  binds : the limit that it reaches, or "step" when it is only the next step."""
+    """The amplitude chosen for one record.
+
+    Attributes
+    ----------
+    binds : str
+        The limit that it reaches, or "step" when it is only the next step.
+    """
 
     amplitude_nm: float
     prediction: Prediction
@@ -129,8 +147,12 @@ def unknown_payload(
 ) -> list[Model]:
     """Family for an axis of which only the data sheets are known: light and heavy carriages, belt 25 % softer and stiffer.
 
-    stiffness_shares : the softest and the stiffest belt thought of, as shares of the model's.
     Friction is taken at half its breakaway value: it takes energy from the resonance and holds the carriage back.
+
+    Parameters
+    ----------
+    stiffness_shares : tuple of float
+        The softest and the stiffest belt thought of, as shares of the model's.
     """
     family = []
     for mass in masses_kg:
@@ -158,7 +180,12 @@ def not_ruled_out(family: Sequence[Model], recording: Recording, ratio: float, p
     """The members of a family of light and heavy carriages that a record may be of, or the heaviest ones.
 
     Ruled out is one that the recorded torque would have moved ``RULED_OUT`` times as far as the motor went, even if friction were all that
-    the carriage broke away at (the family counts with half of that).   ratio : i_t, m/rad.
+    the carriage broke away at (the family counts with half of that).
+
+    Parameters
+    ----------
+    ratio : float
+        i_t, m/rad.
     """
     sample_s, torque = recording.sample_period_s, recording.torque if recording.torque_setpoint is None else recording.torque_setpoint
     went_m = ratio * float(np.ptp(recording.position))
@@ -182,8 +209,14 @@ def predict(
 ) -> Prediction:
     """Worst case of one record over a family of models, starting at rest at ``position_m``.
 
-    torque : ndarray (n,), N m at the motor shaft, held for ``sample_s`` each.   braking : what stops each of the models.
-    losses : what the death of the host means for each of them, in the ways in which the drive may be made to take it.
+    Parameters
+    ----------
+    torque : ndarray (n,), N m at the motor shaft
+        Held for ``sample_s`` each.
+    braking : callable
+        What stops each of the models.
+    losses : callable
+        What the death of the host means for each of them, in the ways in which the drive may be made to take it.
     """
     peak = float(np.max(np.abs(torque)))
     ways: list[tuple[float, ...]] = []
@@ -224,8 +257,17 @@ def largest_amplitude(
 ) -> AmplitudeStep:
     """The largest amplitude, up to ``at_most_nm``, for which every member of the family stays inside all limits.
 
-    shape : ndarray (n,), the record with unit amplitude.   braking, losses : as :func:`predict`.
-    Raises Refused when even a fiftieth of ``at_most_nm`` is too much.
+    Parameters
+    ----------
+    shape : ndarray (n,)
+        The record with unit amplitude.
+    braking, losses : callable
+        As :func:`predict`.
+
+    Raises
+    ------
+    Refused
+        When even a fiftieth of ``at_most_nm`` is too much.
     """
     full = predict(family, at_most_nm * shape, sample_s, position_m, braking, losses)
     if max(full.use_of(limits).values()) <= 1.0:

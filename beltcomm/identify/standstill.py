@@ -40,12 +40,27 @@ COULOMB = ("coulomb.level", "cart_friction.level")
 class Standstill:
     """Damping of one record around standstill, seen and predicted, beside the viscous friction of a sweep; all N m s/rad at the motor.
 
-    seen : i_t² (d_m + d_c) of the log-magnitude fit.   seen_parts : of motor and carriage.   sweep : viscous friction of (3.36).
-    speed_rad_s : Ω of motor and of carriage, at the motor: amplitude of the sine with the same E ω²/E|ω|.   coulomb_nm : of both.
-    predicted : viscous friction and 4 M/(π Ω) of both parts; its interval knows the friction's, not how good one gain is.
-    predicted_parts : 4 M/(π Ω) of motor and carriage.   at_motor : viscous friction and 4 M/(π Ω) of all of it at the motor's speed.
-    modelled, without_coulomb : what the same fit shows of the model, under the record's torque, with and without its Coulomb friction;
-    None where it could not be simulated.
+    Attributes
+    ----------
+    seen : Value
+        i_t² (d_m + d_c) of the log-magnitude fit.
+    seen_parts : tuple of float
+        Of motor and carriage.
+    sweep : Value
+        Viscous friction of (3.36).
+    speed_rad_s : tuple of float
+        Ω of motor and of carriage, at the motor: amplitude of the sine with the same E ω²/E|ω|.
+    coulomb_nm : tuple of float
+        Of both.
+    predicted : Value
+        Viscous friction and 4 M/(π Ω) of both parts; its interval knows the friction's, not how good one gain is.
+    predicted_parts : tuple of float
+        4 M/(π Ω) of motor and carriage.
+    at_motor : float
+        Viscous friction and 4 M/(π Ω) of all of it at the motor's speed.
+    modelled, without_coulomb : float or None
+        What the same fit shows of the model, under the record's torque, with and without its Coulomb friction; None where it could not be
+        simulated.
     """
 
     record: str
@@ -74,7 +89,15 @@ class Standstill:
 def sine_amplitude(speed: Array) -> float:
     """Ω = (4/π) E ω²/E|ω| : the amplitude of the sine for which Coulomb friction is the same damper as for this motion.
 
-    speed : (n,), rad/s or m/s.   Raises DataError for no motion.
+    Parameters
+    ----------
+    speed : ndarray (n,)
+        rad/s or m/s.
+
+    Raises
+    ------
+    DataError
+        For no motion.
     """
     mean = float(np.mean(np.abs(speed)))
     if not mean > 0.0:
@@ -83,14 +106,27 @@ def sine_amplitude(speed: Array) -> float:
 
 
 def friction_as_damping(level: float, amplitude: float) -> float:
-    """d = 4 M/(π Ω), describing function of Coulomb friction.   level : N m, or N.   amplitude : Ω, rad/s, or m/s."""
+    """d = 4 M/(π Ω), describing function of Coulomb friction.
+
+    Parameters
+    ----------
+    level : float, N m
+        Or N.
+    amplitude : float
+        Ω, rad/s, or m/s.
+    """
     return 4.0 * level / (np.pi * amplitude)
 
 
 def motion_of(recording: Recording, model: Model) -> tuple[Array, Array]:
     """Speed of motor and of carriage, both rad/s at the motor, on a fine grid, from the first measured period on.
 
-    The carriage follows the measured motor angle through the model's belt.   Raises DataError for a record too short.
+    The carriage follows the measured motor angle through the model's belt.
+
+    Raises
+    ------
+    DataError
+        For a record too short.
     """
     note = recording.sidecar.excitation
     first = float(recording.t_s[note.first_sample if note is not None else 0])
@@ -111,8 +147,17 @@ def motion_of(recording: Recording, model: Model) -> tuple[Array, Array]:
 def standstill_of(recording: Recording, fit: MagnitudeFit, model: Model, sweep: FrictionFit) -> Standstill:
     """Both dampings of one record, and what Coulomb friction explains of their difference.
 
-    fit : of the record's response.   model : with the split of the friction between motor and carriage, as far as it knows it; its sum
-    is that of the sweep.   Raises DataError for a record that is not around standstill.
+    Parameters
+    ----------
+    fit : MagnitudeFit
+        Of the record's response.
+    model : Model
+        With the split of the friction between motor and carriage, as far as it knows it; its sum is that of the sweep.
+
+    Raises
+    ------
+    DataError
+        For a record that is not around standstill.
     """
     motor, cart = motion_of(recording, model)
     if abs(float(np.mean(motor))) > MOVING_SHARE * float(np.sqrt(np.mean(motor**2))):

@@ -49,9 +49,19 @@ USUAL_DAMPING_N_S = 8.0
 
 @dataclass(frozen=True)
 class ResponseBand:
-    """Response and band of one excited record.   place_m : carriage, None where nobody knows.   highest_hz : last frequency with a response
-    above the noise.   nyquist_hz : half the sampling frequency.   mode_hz, noise_ratio : of the end pulley's mode there, Hz, and response
-    over noise around it; 0 beyond the lines."""
+    """Response and band of one excited record.
+
+    Attributes
+    ----------
+    place_m : float or None
+        Carriage, None where nobody knows.
+    highest_hz : float
+        Last frequency with a response above the noise.
+    nyquist_hz : float
+        Half the sampling frequency.
+    mode_hz, noise_ratio : float
+        Of the end pulley's mode there, Hz, and response over noise around it; 0 beyond the lines.
+    """
 
     record: str
     place_m: float | None
@@ -68,8 +78,18 @@ class ResponseBand:
 
 @dataclass(frozen=True)
 class ThreeMass:
-    """Two masses and three on the same records.   evidence : nats, for three.   reach : by excited record.   against : in words, why the
-    third mass is not identified; () when it is.   heavier_kg : end pulley whose mode these records would show, 0 where this one's is.
+    """Two masses and three on the same records.
+
+    Attributes
+    ----------
+    evidence : float
+        Nats, for three.
+    reach : tuple of ResponseBand
+        By excited record.
+    against : tuple of str
+        In words, why the third mass is not identified; () when it is.
+    heavier_kg : float
+        End pulley whose mode these records would show, 0 where this one's is.
     """
 
     two: FinalModel
@@ -99,9 +119,19 @@ def compare_masses(
     *,
     progress: Callable[[float], None] = lambda _fraction: None,
 ) -> ThreeMass:
-    """Both models fitted to all recordings, and the judgement.   responses : of the excited records with repeated periods, by name.
+    """Both models fitted to all recordings, and the judgement.
 
-    Raises UsageError when the axis file lacks the belt's data, DataError as :func:`beltcomm.identify.final.final_model`.
+    Parameters
+    ----------
+    responses : dict of str to FrequencyResponse
+        Of the excited records with repeated periods, by name.
+
+    Raises
+    ------
+    UsageError
+        When the axis file lacks the belt's data.
+    DataError
+        As :func:`beltcomm.identify.final.final_model`.
     """
     axis.require("the three-mass model", "belt.specific_stiffness_n", "belt.pulley_distance_m")
     two = final_model(recordings, axis, counts_per_rev, progress=lambda f: progress(0.4 * f))
@@ -138,7 +168,17 @@ def fit_three_mass(
 ) -> ModelFit:
     """The three-mass model fitted to the excited records from the start values that rank best, until it explains them, then to all.
 
-    two : the fitted two-mass model.   Raises DataError when no start value is possible, Refused when no fit stays finite.
+    Parameters
+    ----------
+    two : ModelFit
+        The fitted two-mass model.
+
+    Raises
+    ------
+    DataError
+        When no start value is possible.
+    Refused
+        When no fit stays finite.
     """
     excited = [r for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
     ranked = _ranked(list(_starts(axis, two.model, recordings, two.suspect)), excited, counts_per_rev, two.noise_nm)

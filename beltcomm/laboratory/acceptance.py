@@ -81,7 +81,10 @@ def _mean_left(before: float, after: float) -> float:
 def lowers(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None) -> bool:
     """True if the plain error falls from one model to the next, on the fitted records and on those held out; see :func:`falls`.
 
-    ahead : records as the model after sees them, where the one before sees ``data``.
+    Parameters
+    ----------
+    ahead : Data or None
+        Records as the model after sees them, where the one before sees ``data``.
     """
     fitted, held = changes(data, before, after, ahead)
     ratios = (before.held_ratio, after.held_ratio)
@@ -91,7 +94,12 @@ def lowers(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None)
 def falls(change: tuple[float, float], before: float, after: float) -> bool:
     """True if a plain error falls; where it rises by no more than chance, whether the error over the noise does.
 
-    change : of the squares, and how far they may rise by chance.   before, after : errors over the noise.
+    Parameters
+    ----------
+    change : tuple of float
+        Of the squares, and how far they may rise by chance.
+    before, after : float
+        Errors over the noise.
     """
     rise, chance = change
     return rise <= chance and (rise < 0.0 or after < before)

@@ -25,7 +25,12 @@ WORSE = 1.5
 def drop_superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[Fitted, tuple[str, ...]]:
     """Throw out earlier additions without which the model is as good, or of which nothing is left: what stays, and their names.
 
-    base : model that the search began with.   newest : name of the effect that was added last, which is not asked.
+    Parameters
+    ----------
+    base : Model
+        Model that the search began with.
+    newest : str
+        Name of the effect that was added last, which is not asked.
     """
     removed = []
     worth = rise_without(fitted)

@@ -30,8 +30,17 @@ WHOLE, LEAST_WEIGHT, CLEAR_CONTRAST = 1.03, 0.01, 1.5
 
 @dataclass(frozen=True)
 class RecordRatio:
-    """One record.   ratio : rms of the residual over rms of the noise, 1 when nothing is missing.   samples : that counted.
-    plain : the same in plain units."""
+    """One record.
+
+    Attributes
+    ----------
+    ratio : float
+        rms of the residual over rms of the noise, 1 when nothing is missing.
+    samples : int
+        That counted.
+    plain : PlainError or None
+        The same in plain units.
+    """
 
     name: str
     held_out: bool
@@ -42,8 +51,17 @@ class RecordRatio:
 
 @dataclass(frozen=True)
 class Comparison:
-    """ratio, held_out : over all fitted and all held-out records.   places : the worst first, over all records.
-    plain, plain_held_out : ratio and held_out in plain units."""
+    """Ratios of model error to noise, over all records and by record.
+
+    Attributes
+    ----------
+    ratio, held_out
+        Over all fitted and all held-out records.
+    places : tuple of ErrorRegion
+        The worst first, over all records.
+    plain, plain_held_out : PlainError or None
+        Ratio and held_out in plain units.
+    """
 
     ratio: float
     held_out: float | None

@@ -42,8 +42,16 @@ ONE_FACTOR, KNOWN_FACTOR = 0.3, 0.15
 class SheetDoubt:
     """A number of axis.yaml that the records contradict.
 
-    entry : its key.   sheet, found, interval : in ``unit``; interval None where it is not known.   factor : found over sheet.
-    common : what may be wrong where inertia and stiffness are off alike, else "".
+    Attributes
+    ----------
+    entry : str
+        Its key.
+    sheet, found, interval
+        In ``unit``; interval None where it is not known.
+    factor : float
+        Found over sheet.
+    common : str
+        What may be wrong where inertia and stiffness are off alike, else "".
     """
 
     entry: str
@@ -56,10 +64,17 @@ class SheetDoubt:
 
 
 def sheet_doubts(model: Model, ratio: float, axis: Axis, recordings: Sequence[Recording]) -> tuple[SheetDoubt, ...]:
-    """Contradictions between the fitted model and the data sheets.   model : with intervals.   ratio : its error over the noise.
+    """Contradictions between the fitted model and the data sheets.
 
     Inertia and stiffness are known to the motor only times the scale of the torque and over that of the angle: where both are off by one
     factor, the scale is wrong.  A wrong radius shows in the stiffness alone, k ~ 1/r², and so does a wrong belt.
+
+    Parameters
+    ----------
+    model : Model
+        With intervals.
+    ratio : float
+        Its error over the noise.
     """
     if "cart" not in model.base_bodies or model.side != "motor" or ratio > COMPARABLE:
         return ()
@@ -139,7 +154,13 @@ def amplitudes_fitted(recordings: Sequence[Recording]) -> bool:
 
 @dataclass(frozen=True)
 class MapOrder:
-    """Amplitudes of one order, N m.   turned_rad : angle by which the map's wave runs ahead of the model's, of the order's own period."""
+    """Amplitudes of one order, N m.
+
+    Attributes
+    ----------
+    turned_rad : float
+        Angle by which the map's wave runs ahead of the model's, of the order's own period.
+    """
 
     order: float
     model: float
@@ -151,7 +172,12 @@ class MapOrder:
 class MapCheck:
     """A map of the holding torque against the model's cogging.
 
-    correlation : of both as waves over one turn.   zero_rad : angle by which the map's zero had to be turned for it.
+    Attributes
+    ----------
+    correlation : float
+        Of both as waves over one turn.
+    zero_rad : float
+        Angle by which the map's zero had to be turned for it.
     """
 
     record: str

@@ -65,9 +65,25 @@ TWIN_GAP, TWIN_SHARE = 50.0, 0.002
 
 @dataclass(frozen=True)
 class Stage:
-    """One stage.   before : the model it began with.   candidates : ranked.   added : the effect taken on trial, "" for none.
-    removed : effects that became superfluous.   after : the model it ended with.   forms : see ``law_shape``; beside an effect that was
-    added what of it acts on the carriage.   detour : effects that were taken on trial first and became superfluous beside that one."""
+    """One stage.
+
+    Attributes
+    ----------
+    before : Fitted
+        The model it began with.
+    candidates : tuple of Candidate
+        Ranked.
+    added : str
+        The effect taken on trial, "" for none.
+    removed : tuple of str
+        Effects that became superfluous.
+    after : Fitted
+        The model it ended with.
+    forms : tuple of str
+        See ``law_shape``; beside an effect that was added what of it acts on the carriage.
+    detour : tuple of str
+        Effects that were taken on trial first and became superfluous beside that one.
+    """
 
     before: Fitted
     candidates: tuple[Candidate, ...]
@@ -80,8 +96,21 @@ class Stage:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Result of a search.   data : as the last model sees it.   twins : names between which the data cannot tell.
-    scorer : at the base.   first : data as that sees them.   published : records and fit that the search began from, as they were shown."""
+    """Result of a search.
+
+    Attributes
+    ----------
+    data : Data
+        As the last model sees it.
+    twins : tuple of str
+        Names between which the data cannot tell.
+    scorer : Scorer
+        At the base.
+    first : Data
+        Data as that sees them.
+    published : tuple[Data, Fitted] or None
+        Records and fit that the search began from, as they were shown.
+    """
 
     base: Fitted
     data: Data
@@ -144,12 +173,21 @@ def diagnose(
     progress: Callable[[int, float], None] = lambda _stage, _fraction: None,
     trying: Callable[[Candidate], None] = lambda _candidate: None,
 ) -> Diagnosis:
-    """The whole search from a start model.   begun : its :func:`fit_base_of`, where known.
+    """The whole search from a start model.
 
-    progress : hears the number of the stage, from 1, and how much of it is done; nobody knows how many there will be.
-    trying : hears of each effect on trial, and again, with what speaks against it, where it is refused.
+    Parameters
+    ----------
+    begun : tuple[Data, Fitted] or None
+        Its :func:`fit_base_of`, where known.
+    progress : callable
+        Hears the number of the stage, from 1, and how much of it is done; nobody knows how many there will be.
+    trying : callable
+        Hears of each effect on trial, and again, with what speaks against it, where it is refused.
 
-    Raises DataError when the records cannot be used.
+    Raises
+    ------
+    DataError
+        When the records cannot be used.
     """
     if begun is None:
         data, base = fit_base(prepare(recordings, axis, start), start, sheet=data_sheet(axis, recordings), publish=False)
@@ -235,7 +273,12 @@ def find_candidates(
     """Candidates for what is missing, best first.
 
     Where the fit strayed from its start values, looked for from there as well, and where nothing explains most even so, for what hides
-    each other (``gap_behind_delay``).   above : O per sample from which on a fit explains little.
+    each other (``gap_behind_delay``).
+
+    Parameters
+    ----------
+    above : float
+        O per sample from which on a fit explains little.
     """
     ground = ground_of(current, data.fitted, axis)
     candidates = search(data, scorer, ground, progress=progress, swallowed_above=above)
@@ -274,7 +317,17 @@ def withdrawn(steps: Sequence[Stage], base: Fitted) -> Stage:
 
 @dataclass(frozen=True)
 class Acceptance:
-    """candidates : with what the fits said of them.   best : the one taken, None for none.   data, grown : with it, all fitted again."""
+    """Result of accepting the best candidates of a stage.
+
+    Attributes
+    ----------
+    candidates : list of Candidate
+        With what the fits said of them.
+    best : Candidate or None
+        The one taken, None for none.
+    data, grown
+        With it, all fitted again.
+    """
 
     candidates: list[Candidate]
     best: Candidate | None
@@ -289,7 +342,10 @@ def accept_best(
 
     Such a one explains only what it does to the noise, as a lag of the reading beside a dead time does.
 
-    causes_left : whether one more cause may be named; else only further orders of one.
+    Parameters
+    ----------
+    causes_left : bool
+        Whether one more cause may be named; else only further orders of one.
     """
     while True:
         best = next(iter(without_contradicted(candidates)), None)
@@ -337,7 +393,11 @@ def find_shortcut(seen: Sequence[Data], steps: Sequence[Stage]) -> tuple[int, St
 
     Far from the truth the score test does not see every effect, and one that explains a part shows it the way.  Where that one is
     superfluous in the end, the stage is judged again as if both had been tried: the one with more evidence comes first.
-    seen : records as each step began with them.
+
+    Parameters
+    ----------
+    seen : sequence of Data
+        Records as each step began with them.
     """
     last = steps[-1]
     for number, step in enumerate(steps[:-1]):
@@ -378,7 +438,13 @@ def structures(data: Data, fitted: Fitted) -> dict[str, float]:
 
 
 def verdict_of(base: Fitted, steps: Sequence[Stage], twins: tuple[str, ...], left: float) -> Verdict:
-    """The verdict about the state after adding the best effects on trial.   left : structure of the rest."""
+    """The verdict about the state after adding the best effects on trial.
+
+    Parameters
+    ----------
+    left : float
+        Structure of the rest.
+    """
     after = steps[-1].after if steps else base
     level = after.objective / after.problem.samples
     added = [step.added for step in steps if step.added]

@@ -47,7 +47,17 @@ _NAMES = ("torque_setpoint", "velocity", "reference_position", "reference_veloci
 
 @dataclass(frozen=True, eq=False)
 class Extract:
-    """Rows ``first`` to ``last`` of a record.   told : ndarray (k, k), Σ φφᵀ.   moment : (k,), Σ φ torque.   power : Σ torque²."""
+    """Rows ``first`` to ``last`` of a record.
+
+    Attributes
+    ----------
+    told : ndarray (k, k)
+        Σ φφᵀ.
+    moment : ndarray (k,)
+        Σ φ torque.
+    power : float
+        Σ torque².
+    """
 
     record: int
     first: int

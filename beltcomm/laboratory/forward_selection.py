@@ -60,12 +60,28 @@ STRAYED = 1.5
 class Candidate:
     """An effect on trial.
 
-    evidence, explained : see the module.   promised : drop by the score test.   fitted : with the effect, None where it was not
-    refitted.   held_gain : drop of O on the held-out records.   hollow : it explains much, but only as no axis can be.
-    accepted : by the rule of this module.   grows : it makes the error as a whole larger, from one bad model to the next.
-    unneeded : a carriage that strays as freely without it explains as much, see ``gap_evidence``.   idle : the plain error does not fall,
-    of the fitted records or of those held out.   beside : effect that hides it and with which it was judged,
-    see ``gap_behind_delay``; "" where it explains that alone.
+    Attributes
+    ----------
+    evidence, explained : float
+        See the module.
+    promised : float
+        Drop by the score test.
+    fitted : Fitted or None
+        With the effect, None where it was not refitted.
+    held_gain : float
+        Drop of O on the held-out records.
+    hollow : bool
+        It explains much, but only as no axis can be.
+    accepted : bool
+        By the rule of this module.
+    grows : bool
+        It makes the error as a whole larger, from one bad model to the next.
+    unneeded : bool
+        A carriage that strays as freely without it explains as much, see ``gap_evidence``.
+    idle : bool
+        The plain error does not fall, of the fitted records or of those held out.
+    beside : str
+        Effect that hides it and with which it was judged, see ``gap_behind_delay``; "" where it explains that alone.
     """
 
     effect: Effect
@@ -117,8 +133,12 @@ def search(
 ) -> list[Candidate]:
     """All effects that the model of a score test does not have yet, best first.
 
-    swallowed_above : O per sample from which on, where nothing explains it, it is asked what the base may have swallowed.
-    against : model that the refits must be better than where it is not the base, from which the search begins.
+    Parameters
+    ----------
+    swallowed_above : float
+        O per sample from which on, where nothing explains it, it is asked what the base may have swallowed.
+    against : Fitted or None
+        Model that the refits must be better than where it is not the base, from which the search begins.
     """
     base = scorer.fitted
     wanted = [e for e in (effects or EFFECTS) if e.trials is not None and not e.bound and may_add(base, e)]
@@ -244,7 +264,10 @@ def best_standing(data: Data, base: Fitted, ways: Sequence[Scored], against: Fit
 def left_start_values(base: Fitted, start: Model, above: float = MISSING) -> bool:
     """True if a fit that explains little left what the start values say of the masses and of the belt, to make up for what is missing.
 
-    above : O per sample from which on it explains little.
+    Parameters
+    ----------
+    above : float
+        O per sample from which on it explains little.
     """
     solid = [inertia for inertia, body in base.model.bodies() if body.name in base.model.base_bodies]
     shared = [name for name in (*solid, STIFFNESS) if name in base.model.parameters and name in start.parameters]
@@ -294,7 +317,10 @@ def candidate(data: Data, base: Fitted, effect: Effect, promised: float, best: F
 def refit_with(data: Data, base: Fitted, way: Scored, goal: float = math.inf) -> Fitted:
     """The model with the effect, begun where the score test says, or with no more of the base moved than the trial moves; the better.
 
-    goal : O above which it does not matter where an observer makes the fit dear.
+    Parameters
+    ----------
+    goal : float
+        O above which it does not matter where an observer makes the fit dear.
     """
     here = base.problem
     moved = np.clip(base.x + way.step, here.low, here.high)

@@ -31,7 +31,12 @@ def gap_with_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | Non
 
     evidence = O_current - O_both - (n ln N + 2 ln ways),   n : parameters of both   (see ``forward_selection``)
 
-    current : model that they must be better than.   held : the same with masses and belt as the start values have them.
+    Parameters
+    ----------
+    current : Fitted
+        Model that they must be better than.
+    held : Fitted
+        The same with masses and belt as the start values have them.
     """
     if STIFFNESS not in held.model.parameters or needs_observer(held.model):
         return None
@@ -57,7 +62,13 @@ def gap_with_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | Non
 
 
 def both_fitted(data: Data, model: Model, gap: Effect, delay: Effect, goal: float) -> Fitted:
-    """A model fitted with a gap and a delay, from the width and time that suit it best as they are.   goal : see ``fitting.fit``."""
+    """A model fitted with a gap and a delay, from the width and time that suit it best as they are.
+
+    Parameters
+    ----------
+    goal : float
+        See ``fitting.fit``.
+    """
     sizes = itertools.product(GAPS_M, DELAYS_S)
     ways = [
         model.with_effect(gap.name, {gap.parameters[0].name: width}).with_effect(delay.name, {delay.parameters[0].name: time})

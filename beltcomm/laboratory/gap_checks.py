@@ -66,7 +66,12 @@ def gap_remarks(timed: Sequence[Recording]) -> list[str]:
 def before_gaps(timed: Sequence[Recording], remarks: list[str]) -> list[Recording]:
     """Records up to their first lost sample: behind it nobody knows how the carriage swings on the belt.
 
-    Those that lose one within the first seconds are left out.   Raises DataError when too little is left.
+    Those that lose one within the first seconds are left out.
+
+    Raises
+    ------
+    DataError
+        When too little is left.
     """
     with_gaps = [r for r in timed if len(r.gaps())]
     if not with_gaps:

@@ -40,7 +40,15 @@ PARTS = (1.0, 0.3, 0.1)
 
 @dataclass(frozen=True)
 class ShapedFit:
-    """A model with forms.   new : what became free (parameters) or came (effects).   removed : effects that a form made superfluous."""
+    """A model with forms.
+
+    Attributes
+    ----------
+    new : tuple of str
+        What became free (parameters) or came (effects).
+    removed : tuple of str
+        Effects that a form made superfluous.
+    """
 
     fitted: Fitted
     new: tuple[str, ...] = ()
@@ -48,9 +56,14 @@ class ShapedFit:
 
 
 def fit_law_shapes(data: Data, fitted: Fitted, base: Model) -> ShapedFit:
-    """The model with the forms of its added effects fitted where that pays.   base : model without the added effects.
+    """The model with the forms of its added effects fitted where that pays.
 
     First a form in place of an effect that was added later, then one form after the other, in the order of the model's effects.
+
+    Parameters
+    ----------
+    base : Model
+        Model without the added effects.
     """
     if needs_observer(fitted.model):
         return ShapedFit(fitted)  # an observer forgives what a form would explain
@@ -93,10 +106,15 @@ def assign_body(data: Data, fitted: Fitted, effect: Effect) -> ShapedFit:
 
 
 def split_between_bodies(data: Data, fitted: Fitted, effect: Effect, one: str, evidence: float) -> Fitted:
-    """The model with a law's friction where it acts: at the motor, at the carriage, or at both.   evidence : for its part at the carriage.
+    """The model with a law's friction where it acts: at the motor, at the carriage, or at both.
 
     Both parts are nearly the same to a motor that feels them together.  A fit that begins at the motor may stay there, and a part that is
     none takes from the other what it likes: a tight spot of 14 N at the carriage was 11.6 ± 0.7 N beside one at the motor.
+
+    Parameters
+    ----------
+    evidence : float
+        For its part at the carriage.
     """
     behind = at_carriage(fitted.model, effect, one)
     if behind is None:

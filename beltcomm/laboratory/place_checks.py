@@ -33,7 +33,16 @@ def transmission(axis: Axis) -> float | None:
 
 @dataclass(frozen=True)
 class PositionLine:
-    """Start position over angle.   slope : m/rad.   zero_m : m, position at angle 0.   far : (n,) m, distance of each record."""
+    """Start position over angle.
+
+    Attributes
+    ----------
+    slope : float, m/rad
+    zero_m : float, m
+        Position at angle 0.
+    far : ndarray
+        (n,) m, distance of each record.
+    """
 
     slope: float
     zero_m: float

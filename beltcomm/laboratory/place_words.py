@@ -12,7 +12,13 @@ ALIKE, LEAST_SMALL = 0.5, 0.05
 
 
 def in_words(place: ErrorRegion, landmarks: Mapping[str, float] | None = None) -> str:
-    """A place as a sentence.   landmarks : frequencies with a name, Hz, such as the antiresonance."""
+    """A place as a sentence.
+
+    Parameters
+    ----------
+    landmarks : dict of str to float or None
+        Frequencies with a name, Hz, such as the antiresonance.
+    """
     if place.dimension == "angle":
         swing = amount(place.swing, place.units)
         return (

@@ -20,7 +20,13 @@ def parameters_at_bounds(model: Model, base: Model) -> list[str]:
 
 
 def undetermined_effects(model: Model, base: Model) -> list[str]:
-    """Added effects of which no number is known better than to ``KNOWN``: they stand for something else.   model : with intervals."""
+    """Added effects of which no number is known better than to ``KNOWN``: they stand for something else.
+
+    Parameters
+    ----------
+    model : Model
+        With intervals.
+    """
     found = []
     for effect in (e for e in model.effect_list() if e.name not in base.effects):
         own = [model.parameters[name] for name, p in effect_parameters(effect).items() if name not in base.parameters and not p.form]

@@ -55,16 +55,32 @@ MOST_COARSE = 16
 
 @dataclass(frozen=True)
 class Checked:
-    """recordings : fit to be analysed together.   remarks : sentences on what is odd, and on what was put right."""
+    """The records of a run after all checks.
+
+    Attributes
+    ----------
+    recordings : tuple of Recording
+        Fit to be analysed together.
+    remarks : tuple of str
+        Sentences on what is odd, and on what was put right.
+    """
 
     recordings: tuple[Recording, ...]
     remarks: tuple[str, ...]
 
 
 def check_run(recordings: Sequence[Recording], axis: Axis, *, foreign: bool) -> Checked:
-    """The recordings of a run, put right where that is beyond doubt.   foreign : not made by a drive of the tool's own.
+    """The recordings of a run, put right where that is beyond doubt.
 
-    Raises DataError for records that cannot be analysed, naming them, with what to do.
+    Parameters
+    ----------
+    foreign : bool
+        Not made by a drive of the tool's own.
+
+    Raises
+    ------
+    DataError
+        For records that cannot be analysed, naming them, with what to do.
     """
     timed = [r for r in recordings if not r.is_static_map]
     if not timed:

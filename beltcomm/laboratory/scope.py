@@ -134,7 +134,13 @@ def is_excited(recordings: Sequence[Recording]) -> bool:
 
 
 def missing_records(recordings: Sequence[Recording], ratio_m_rad: float) -> list[str]:
-    """Kinds of records that a belt axis' data set lacks, as sentences.   ratio_m_rad : carriage travel per radian of the motor."""
+    """Kinds of records that a belt axis' data set lacks, as sentences.
+
+    Parameters
+    ----------
+    ratio_m_rad : float
+        Carriage travel per radian of the motor.
+    """
     to_fit = [r for r in recordings if not (r.sidecar.held_out or r.is_static_map)]
     lines = []
     if not is_excited(to_fit):

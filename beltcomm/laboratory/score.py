@@ -51,9 +51,15 @@ FAR_OFF, BELT_SLOTS = 1.3, ("element", "body", "belt_law")
 class Scored:
     """One way to switch an effect on, and what it promises.
 
-    drop : of the objective.   values : own parameters with the amplitudes that the score test wants, to start a refit from.
-    trial.base : parameters of the base model that change with it.
-    step : how everything fitted gives way, in the units of the problem's unknowns.
+    Attributes
+    ----------
+    drop : float
+        Of the objective.
+    values : dict of str to float
+        Own parameters with the amplitudes that the score test wants, to start a refit from. trial.base : parameters of the base model that
+        change with it.
+    step : ndarray
+        How everything fitted gives way, in the units of the problem's unknowns.
     """
 
     effect: Effect
@@ -233,7 +239,10 @@ class Scorer:
     def columns(self, effect: Effect, extended: Sequence[Model]) -> Array:
         """Changes of the whitened residual of all pieces when the effect is switched on, (n, models).
 
-        extended : models that have the effect, and that may have another belt.
+        Parameters
+        ----------
+        extended : sequence of Model
+            Models that have the effect, and that may have another belt.
         """
         vectors = [model.vector() for model in extended]
         if self.rough[0].observer is not None and not (acts_on_motor(effect) and effect.slot != "friction_onset"):

@@ -33,8 +33,13 @@ TYPICAL = 1.0
 class DetectionLimit:
     """Detection limit of one effect.
 
-    weakest, hardest : strength that can just be named, in the way that shows best (the best place, speed or order) and in the median way;
-    inf where nothing can.   parameter, size, unit : what strength 1 is, by the parameter that scales it.
+    Attributes
+    ----------
+    weakest, hardest : float
+        Strength that can just be named, in the way that shows best (the best place, speed or order) and in the median way; inf where
+        nothing can.
+    parameter, size, unit
+        What strength 1 is, by the parameter that scales it.
     """
 
     effect: Effect
@@ -52,7 +57,13 @@ class DetectionLimit:
 
 @in_one_thread
 def detection_limits(scorer: Scorer, ground: AxisSummary) -> list[DetectionLimit]:
-    """Every effect that the model could still take, the least visible first.   scorer : a search from this model has filled most of it."""
+    """Every effect that the model could still take, the least visible first.
+
+    Parameters
+    ----------
+    scorer : Scorer
+        A search from this model has filled most of it.
+    """
     fitted, found = scorer.fitted, []
     for effect in EFFECTS:
         if effect.trials is None or effect.bound or not may_add(fitted, effect):

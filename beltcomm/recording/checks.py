@@ -68,7 +68,13 @@ def usual_step(t_s: Array) -> float:
 
 
 def jitter(t_s: Array, lost: NDArray[np.intp]) -> float:
-    """Largest deviation of a step from the usual one, as a share of it.   lost : the gaps, left out."""
+    """Largest deviation of a step from the usual one, as a share of it.
+
+    Parameters
+    ----------
+    lost : ndarray of int
+        The gaps, left out.
+    """
     kept, period = np.delete(np.diff(t_s), lost), usual_step(t_s)
     return float(np.max(np.abs(kept - period)) / period)
 
@@ -77,7 +83,13 @@ def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None
     """Share of the samples at which the torque was cut off at an end of its range; 0 when it was not.
 
     Without a setpoint: runs of at least three samples exactly at the largest or smallest value, entered by a jump.
-    setpoint : what was asked; then only samples count where more was asked for.   amplitude : of a known open-loop excitation.
+
+    Parameters
+    ----------
+    setpoint : ndarray or None
+        What was asked; then only samples count where more was asked for.
+    amplitude : float or None
+        Of a known open-loop excitation.
     """
     at_end = np.zeros(len(torque), dtype=bool)
     for end in (float(torque.max()), float(torque.min())):
@@ -138,9 +150,17 @@ def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
 
 @dataclass(frozen=True)
 class RigidInertia:
-    """inertia, error : of everything that the motor turns, and its standard deviation, torque over angular acceleration.
-    accelerating, friction : torque, N m, rms of what accelerates, and Coulomb level.   dissipated : mean power of damping and friction, W;
-    negative where the torque drives with the wrong sign."""
+    """Inertia of a rigid axis by one record.
+
+    Attributes
+    ----------
+    inertia, error : float
+        Of everything that the motor turns, and its standard deviation, torque over angular acceleration.
+    accelerating, friction : float
+        Torque, N m, rms of what accelerates, and Coulomb level.
+    dissipated : float
+        Mean power of damping and friction, W; negative where the torque drives with the wrong sign.
+    """
 
     inertia: float
     error: float

@@ -46,10 +46,16 @@ THIN_DEG = 5.0
 
 @dataclass(frozen=True)
 class Cost:
-    """Errors of the move on a machine with the effect.   unaware, aware : at the motor, by controller; *_cart : at the carriage.
+    """Errors of the move on a machine with the effect.
 
     *_range : smallest and largest at the motor over the intervals of the model, ``verify.predict_range``; None where it has none.
-    unaware_margins : what the controller that does not know the effect lacks on a machine with it, in words; "" for nothing.
+
+    Attributes
+    ----------
+    unaware, aware : TrackingError, at the motor
+        By controller; *_cart : at the carriage.
+    unaware_margins : str
+        What the controller that does not know the effect lacks on a machine with it, in words; "" for nothing.
     """
 
     move: str
@@ -70,7 +76,13 @@ class Cost:
 
 
 def cost_of(folder: RunFolder, before: Model, after: Model) -> Cost:
-    """Cost of what ``after`` has and ``before`` has not.   Raises BeltcommError where no loop or no move can be had."""
+    """Cost of what ``after`` has and ``before`` has not.
+
+    Raises
+    ------
+    BeltcommError
+        Where no loop or no move can be had.
+    """
     axis, findings = folder.axis, Findings(kept_path=kept_path(folder))
     if not axis.has_belt or before.side != "motor":
         raise Refused("an axis without a belt has no verification move yet")
@@ -137,7 +149,13 @@ def cost_lines(cost: Cost | None, reason: str, name: str) -> list[str]:
 
 
 def offline_move(axis: Axis, model: Model, period_s: float) -> Trajectory:
-    """The standard move 0 to 0.5 m with T_A, or what of it travel and limits allow.   Raises Refused when nothing is left of it."""
+    """The standard move 0 to 0.5 m with T_A, or what of it travel and limits allow.
+
+    Raises
+    ------
+    Refused
+        When nothing is left of it.
+    """
     low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or MOVE_M)
     margin = ROOM_SHARE * (high - low)
     start = 0.0 if low <= 0.0 and high >= MOVE_M else low + margin
@@ -209,7 +227,13 @@ def cost_and_words(folder: RunFolder, before: Model, after: Model, name: str) ->
 
 
 def with_costs(folder: RunFolder, found: Diagnosis, made: list[Revision], whole: dict[str, Any] | None) -> list[Revision]:
-    """The revisions of a climb with what their effects together cost, kept with the last.   whole : of all that was named."""
+    """The revisions of a climb with what their effects together cost, kept with the last.
+
+    Parameters
+    ----------
+    whole : dict of str to Any or None
+        Of all that was named.
+    """
     last = made[-1]
     new = [name for name in last.effects if name not in found.base.model.effects]
     if not new:

@@ -54,8 +54,16 @@ LOAD = ("cart.", "belt_stiffness.", "belt_spans.specific_stiffness", "belt_dampi
 class Contradiction:
     """A record that the design's model does not explain.
 
-    misfit : mean square of its whitened residual, 1 at the noise.   own : the model with the load that this record wants for itself, None
-    where none explains it; own_misfit.   margins : of the design on that load, as it counts its own.   holds : they are what was asked for.
+    Attributes
+    ----------
+    misfit : float
+        Mean square of its whitened residual, 1 at the noise.
+    own : Model or None
+        The model with the load that this record wants for itself, None where none explains it; own_misfit.
+    margins : tuple of Margins
+        Of the design on that load, as it counts its own.
+    holds : bool
+        They are what was asked for.
     """
 
     condition: Condition
@@ -68,8 +76,18 @@ class Contradiction:
 
 @dataclass(frozen=True)
 class WorstLoop:
-    """The loop nearest to -1 of all.   kind : where it was found.   position_m, mass_kg, damping_nm_s_rad : of the plant; for a measured
-    one place and record.   sensitivity_db : max |1/(1 + L)| of both loops.   text : in words.
+    """The loop nearest to -1 of all.
+
+    Attributes
+    ----------
+    kind : str
+        Where it was found.
+    position_m, mass_kg, damping_nm_s_rad : float or None
+        Of the plant; for a measured one place and record.
+    sensitivity_db : float
+        Max |1/(1 + L)| of both loops.
+    text : str
+        In words.
     """
 
     kind: str
@@ -83,9 +101,18 @@ class WorstLoop:
 
 @dataclass(frozen=True)
 class DesignProof:
-    """Everything that was examined.   conditions : of the measured responses.   left_out : records without a response, and why.
+    """Everything that was examined.
 
-    source : where the draws come from, by ``seed``.   doubts : what speaks against the design, in words; notes : what else to know.
+    Attributes
+    ----------
+    conditions : tuple of Condition
+        Of the measured responses.
+    left_out : tuple of str
+        Records without a response, and why.
+    source : str
+        Where the draws come from, by ``seed``.
+    doubts : tuple of str
+        What speaks against the design, in words; notes : what else to know.
     """
 
     measured: tuple[MeasuredMargins, ...]
@@ -146,9 +173,16 @@ class DesignProof:
 class Grounds:
     """Grounds that a design rests on.
 
-    model; positions_m and extra_kg (payloads beyond what is mounted, 0 first) : of its plants.   delay_s : from setpoint to torque, with
-    ``dead_time`` where it was measured.   apparent_nm_s_rad : largest damping it counts.   fit : ``results/fit.yaml``, None where the model
-    is not that fit's.   counts_per_rev, path (to the torque that acts) : None when not known.
+    model; positions_m and extra_kg (payloads beyond what is mounted, 0 first) : of its plants.
+
+    Attributes
+    ----------
+    delay_s : float
+        From setpoint to torque, with ``dead_time`` where it was measured.
+    apparent_nm_s_rad : float
+        Largest damping it counts.
+    fit : dict of str to Any or None
+        ``results/fit.yaml``, None where the model is not that fit's. counts_per_rev, path (to the torque that acts) : None when not known.
     """
 
     model: Model
@@ -163,7 +197,13 @@ class Grounds:
 
 
 def grounds_of(folder: RunFolder, model: Model, revision: str, findings: Findings, payloads_kg: Sequence[float]) -> Grounds:
-    """Grounds that the design of a run rests on.   revision : of the model, "" where it is the last fit's own."""
+    """Grounds that the design of a run rests on.
+
+    Parameters
+    ----------
+    revision : str
+        Of the model, "" where it is the last fit's own.
+    """
     travel, fit = folder.axis.travel, folder.load_result("fit") if not revision else None
     try:
         counts: int | None = counts_of(folder)

@@ -38,7 +38,13 @@ class Opened:
 
 
 def records_of(folder: RunFolder) -> Checked:
-    """The records of a run, checked together.   Raises DataError for records that no model can be judged on."""
+    """The records of a run, checked together.
+
+    Raises
+    ------
+    DataError
+        For records that no model can be judged on.
+    """
     return with_remarks_on_rest(folder, check_run(folder.recordings(), folder.axis, foreign=not folder.drive))
 
 
@@ -58,7 +64,13 @@ def open_fitted(run: Path, talk: Talk) -> Opened:
 
 
 def explainable(ratio: float, run: Path) -> None:
-    """Raises DataError where a model is so far off that its error is no number of this axis, as of a run that failed early."""
+    """Refuse a model that is too far off for its error to mean anything.
+
+    Raises
+    ------
+    DataError
+        Where a model is so far off that its error is no number of this axis, as of a run that failed early.
+    """
     if not ratio < FARTHEST:
         raise DataError(
             f"the records of {run} cannot be explained by any model of a belt axis (its error would be more than {FARTHEST:.0f} times the "

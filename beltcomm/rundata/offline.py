@@ -38,7 +38,12 @@ THESIS_STRUCTURE = CascadeStructure("thesis", 1e-3, ("none", "notch", "butterwor
 
 
 def saved_model(folder: RunFolder) -> Model:
-    """The run's newest model.   Raises DataError."""
+    """The run's newest model.
+
+    Raises
+    ------
+    DataError
+    """
     return model_named(folder, CURRENT)
 
 
@@ -82,7 +87,12 @@ def cascade_of(
 ) -> tuple[Cascade, float]:
     """The controller of a saved design and the delay it was proven with, s; with another feedforward of the model when asked for.
 
-    Raises DataError when the design is damaged, UsageError for a linear feedforward without a frequency response.
+    Raises
+    ------
+    DataError
+        When the design is damaged.
+    UsageError
+        For a linear feedforward without a frequency response.
     """
     cascade, delay_s = cascade_from_dict(saved), delay_from_dict(saved)
     if feedforward is None:
@@ -146,8 +156,15 @@ def fit_run(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None =
 
 
 def fit_for_belt_model(folder: RunFolder) -> Checked:
-    """The records over time, checked as for ``compare``.   Raises UsageError for an axis without a belt, DataError for records without
-    torque or unfit for a model."""
+    """The records over time, checked as for ``compare``.
+
+    Raises
+    ------
+    UsageError
+        For an axis without a belt.
+    DataError
+        For records without torque or unfit for a model.
+    """
     recordings = [item for item in folder.recordings() if not item.is_static_map]
     if not folder.axis.has_belt:
         raise UsageError(

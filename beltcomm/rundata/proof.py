@@ -47,7 +47,10 @@ def _thin(margin_deg: float) -> list[str]:
 def proof(cascade: Cascade, trajectory: Trajectory, payloads_kg: Sequence[float], led_by: str = "") -> dict[str, Any]:
     """Controller that a move is driven with, for the sidecar of its recording (``controller``) and for its verdict.
 
-    led_by : how the host led the motor ahead of the carriage; "" where the gains stood for themselves.
+    Parameters
+    ----------
+    led_by : str
+        How the host led the motor ahead of the carriage; "" where the gains stood for themselves.
     """
     return ({"led_by": led_by} if led_by else {}) | {
         "gains": {name: float(value) for name, value in cascade_to_parameters(cascade).items()},
@@ -112,7 +115,12 @@ def doubts(folder: RunFolder) -> list[str]:
 
 
 def admit(folder: RunFolder, talk: Talk, *, yes: bool, force: bool) -> None:
-    """Warn of every doubt about the design and ask; ``yes`` alone is no answer to that.   Raises Refused."""
+    """Warn of every doubt about the design and ask; ``yes`` alone is no answer to that.
+
+    Raises
+    ------
+    Refused
+    """
     found = "; ".join(doubts(folder))
     if not found:
         return

@@ -47,8 +47,18 @@ SETS = ("sweep", "places", "quiet", "slow", "reversals", "fast", "sweep again")
 
 @dataclass(frozen=True)
 class NextPlan:
-    """Plan of records.   reasons : by effect, why.   by_hand : what a person must change on the machine first, or besides.
-    left_out : steps that would show nothing new, and the record that shows it.   edited : its file is not as beltcomm wrote it.
+    """Plan of records.
+
+    Attributes
+    ----------
+    reasons : dict of str to str
+        By effect, why.
+    by_hand : tuple of str
+        What a person must change on the machine first, or besides.
+    left_out : tuple of str
+        Steps that would show nothing new, and the record that shows it.
+    edited : bool
+        Its file is not as beltcomm wrote it.
     """
 
     reasons: Mapping[str, str]
@@ -93,7 +103,12 @@ def plan_for(
 ) -> NextPlan:
     """The plan that tells twins apart, or where there are none shows what could not be seen.
 
-    named : effects that were found.   already : the record that shows what a step would, "" for none.
+    Parameters
+    ----------
+    named : sequence of str
+        Effects that were found.
+    already : callable
+        The record that shows what a step would, "" for none.
     """
     if twins:
         return plan_apart(twins, already)
@@ -185,7 +200,13 @@ def steps_of(name: str) -> list[Step]:
 
 
 def load_plan(path: Path) -> NextPlan:
-    """A plan from its file, checked.   Raises UsageError with the step that is wrong."""
+    """A plan from its file, checked.
+
+    Raises
+    ------
+    UsageError
+        With the step that is wrong.
+    """
     data, whole = unsealed(read_yaml(path))
     steps = []
     entries = data.get("steps")

@@ -93,7 +93,13 @@ def fitting_records(items: Sequence[Item], seconds_of: Callable[[Step], float], 
 
 
 def named_steps(steps: Sequence[Step], taken: Collection[str] = ()) -> Iterator[tuple[str, Step]]:
-    """Names that say the kind and count: ``frf_2``, ``sweep``, ``sweep_2``, ``strokes_1`` ...   taken : names that others have."""
+    """Names that say the kind and count: ``frf_2``, ``sweep``, ``sweep_2``, ``strokes_1`` ...
+
+    Parameters
+    ----------
+    taken : collection of str
+        Names that others have.
+    """
     count: dict[str, int] = {}
     for step in steps:
         kind = NAMES[step.kind]

@@ -29,10 +29,18 @@ def is_exact(model: Model) -> bool:
 
 
 def exact_record(model: Model, start: Array, torque: Array, period_s: float) -> tuple[Array, Array]:
-    """Motion under torques, (n,), N m, each held for ``period_s``.   start : (2 bodies,), positions and speeds.
+    """Motion under torques, (n,), N m, each held for ``period_s``.
 
-    Returns (4, n): motor angle and speed, carriage, m, at the start of each period and the largest |belt force| in it, N; state at the end.
-    The model must be one that :func:`is_exact`.
+    Parameters
+    ----------
+    start : ndarray (2 bodies,)
+        Positions and speeds.
+
+    Returns
+    -------
+    tuple of ndarray, (4, n)
+        Motor angle and speed, carriage, m, at the start of each period and the largest |belt force| in it, N; state at the end. The model
+        must be one that :func:`is_exact`.
     """
     axis, pieces, known = _prepare(_Case(model.base_bodies, model.effects, model.vector().tobytes(), period_s, model))
     state, out = start.copy(), np.empty((4, torque.size))

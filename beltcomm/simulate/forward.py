@@ -44,9 +44,18 @@ class BodyStates:
 class Simulated:
     """A simulated record of n samples; every entry is the state at the start of its sampling interval.
 
-    t_s : (n,), s, session clock.     position_rad, velocity_rad_s : (n,), motor shaft, true; the position is absolute, its zero is
-    where an unstretched belt puts the carriage to position 0.     cart_position_m : (n,), m, carriage on the axis.
-    belt_force_n : (n,), N, largest force between driven end and carriage within the interval.     end : state after the last.
+    Attributes
+    ----------
+    t_s : ndarray (n,), s
+        Session clock.
+    position_rad, velocity_rad_s : ndarray (n,), motor shaft
+        True; the position is absolute, its zero is where an unstretched belt puts the carriage to position 0.
+    cart_position_m : ndarray (n,), m
+        Carriage on the axis.
+    belt_force_n : ndarray (n,), N
+        Largest force between driven end and carriage within the interval.
+    end : BodyStates
+        State after the last.
     """
 
     t_s: Array
@@ -68,14 +77,26 @@ def simulate_torque(
 ) -> Simulated:
     """Motion of a model under a torque that is held for each sampling period.
 
-    torque_nm : (n,), N m at the motor shaft (N for an axis whose first body is the carriage); acts from t[n] to t[n+1].
-    position_m : m, carriage at the start, at rest in static equilibrium (beltcomm.model.statics.equilibrium); unused with ``state``.
-    substeps : integration steps per sampling period.     time_s : s, session clock at the start.
-
     Laws that are linear, with friction of constant level, are solved exactly (``exact.is_exact``): ``substeps`` then only divides a torque
     that acts late.  All others glide (``glide``): five of these steps in one, but where friction changes.
 
-    Raises UsageError when the sub-steps are too long for the model, Refused when the carriage leaves what the model describes.
+    Parameters
+    ----------
+    torque_nm : ArrayLike, (n,)
+        N m at the motor shaft (N for an axis whose first body is the carriage); acts from t[n] to t[n+1].
+    position_m : float, m
+        Carriage at the start, at rest in static equilibrium (beltcomm.model.statics.equilibrium); unused with ``state``.
+    substeps : int
+        Integration steps per sampling period.
+    time_s : float, s
+        Session clock at the start.
+
+    Raises
+    ------
+    UsageError
+        When the sub-steps are too long for the model.
+    Refused
+        When the carriage leaves what the model describes.
     """
     return _simulate(model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _solve_exactly if is_exact(model) else _glide)
 

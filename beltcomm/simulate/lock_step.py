@@ -46,8 +46,20 @@ AHEAD = 64
 class Lane(NamedTuple):
     """The model of one lane.
 
-    theta, omega : (fine,), true motion.   first : rad/s, speed at which all begins.   time_s : s, session clock there.   bristle_m : m, in
-    which motor friction turns round.   p : of the masked kernel, see ``switchboard``.   watch : the results stand in it.
+    Attributes
+    ----------
+    theta, omega : ndarray (fine,)
+        True motion.
+    first : float, rad/s
+        Speed at which all begins.
+    time_s : float, s
+        Session clock there.
+    bristle_m : float, m
+        In which motor friction turns round.
+    p : ndarray
+        Of the masked kernel, see ``switchboard``.
+    watch : ObserverState
+        The results stand in it.
     """
 
     theta: Array
@@ -62,7 +74,14 @@ class Lane(NamedTuple):
 def lock_step(lanes: Sequence[Lane], on: NDArray[np.bool_], step_s: float) -> None:
     """Eight lanes at most, the longest first, with one number of fine steps a sample, one transmission and the same effects.
 
-    on : effects of the catalogue that are on beyond the motor.   step_s : s, fine step.   Whether the observers learn is the same in all.
+    Whether the observers learn is the same in all.
+
+    Parameters
+    ----------
+    on : ndarray of bool
+        Effects of the catalogue that are on beyond the motor.
+    step_s : float, s
+        Fine step.
     """
     padded = [*lanes, *(lanes[-1],) * (LANES - len(lanes))]
     watch = lanes[0].watch

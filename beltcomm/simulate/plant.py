@@ -34,12 +34,20 @@ def substeps_needed(model: Model, position_m: float, least: int = 20) -> int:
 class SimulatedPlant:
     """A model of an axis behind the motor shaft, starting in static equilibrium at ``position_m``, as a whole at ``speed_m_s``.
 
-    position_rad, velocity_rad_s, cart_position_m, belt_force_n : as in :class:`beltcomm.plant.Plant`; positions are relative
-    to where the run began, the model inside uses the absolute carriage position.
-    belt_stretch_m : how far the motor is ahead of the carriage at the start, as friction may have left it, m at the belt.
-    end_stops_m : (min, max), m, absolute carriage positions of two rubber buffers; None leaves the axis without ends.
+    Parameters
+    ----------
+    position_rad, velocity_rad_s, cart_position_m, belt_force_n
+        As in :class:`beltcomm.plant.Plant`; positions are relative to where the run began, the model inside uses the absolute carriage
+        position.
+    belt_stretch_m : float
+        How far the motor is ahead of the carriage at the start, as friction may have left it, m at the belt.
+    end_stops_m : tuple of float or None, (min, max), m
+        Absolute carriage positions of two rubber buffers; None leaves the axis without ends.
 
-    Raises UsageError when ``substeps_per_ms`` is too small for the model.
+    Raises
+    ------
+    UsageError
+        When ``substeps_per_ms`` is too small for the model.
     """
 
     def __init__(
@@ -89,7 +97,10 @@ class SimulatedPlant:
     def brake(self, torque_nm: float) -> None:
         """See :class:`beltcomm.plant.BrakedPlant`: a closed brake is more Coulomb friction of the motor.
 
-        Raises UsageError for a model without such friction.
+        Raises
+        ------
+        UsageError
+            For a model without such friction.
         """
         if "coulomb" not in self._model.effects:
             raise UsageError(
@@ -100,7 +111,10 @@ class SimulatedPlant:
     def step(self, torque_nm: float, duration_s: float) -> None:
         """Let ``torque_nm`` (held, at the motor shaft) act for ``duration_s``; deterministic.
 
-        Raises Refused when the carriage has left what the model describes.
+        Raises
+        ------
+        Refused
+            When the carriage has left what the model describes.
         """
         if duration_s != self._duration_s:
             self._duration_s = duration_s
@@ -144,11 +158,24 @@ class SimulatedPlant:
     ) -> Array:
         """A drive's loop closed on this plant, compiled; the same as stepping it, period by period.
 
-        references : (4, n), position, speed, acceleration at the motor shaft, torque added.   sensing : as in ``loop_kernel``.   waiting :
-        torques on their way, the next one first, N m.   late_s : how much of a period the torque before goes on acting.
-        Returns (6, n): at the start of each period motor angle, speed, carriage, m; then torque asked for, torque before, largest belt
-        force, N.
-        Raises Refused when the carriage leaves what the model describes.
+        Parameters
+        ----------
+        references : ndarray (4, n)
+            Position, speed, acceleration at the motor shaft, torque added.
+        sensing : ndarray
+            As in ``loop_kernel``. waiting : torques on their way, the next one first, N m.
+        late_s : float
+            How much of a period the torque before goes on acting.
+
+        Returns
+        -------
+        ndarray (6, n)
+            At the start of each period motor angle, speed, carriage, m; then torque asked for, torque before, largest belt force, N.
+
+        Raises
+        ------
+        Refused
+            When the carriage leaves what the model describes.
         """
         first, rest_s = max(1, math.ceil(late_s * self._substeps_per_s - 1e-6)), period_s - late_s
         then = max(1, math.ceil(rest_s * self._substeps_per_s - 1e-6))

@@ -43,9 +43,24 @@ MEMBERS = 1000
 class Study:
     """Request of a study file.
 
-    count : of members.   work : what finds a member's result from its values.   population, nominal : where the values come from; None
-    for a fleet, whose ``runs`` are the members.   targets : by result, what it is to stay below.   base : in words.   gains : on trial.
-    units : of the values.   fingerprint : of everything that all members share; with the values it makes the key of a member.
+    Attributes
+    ----------
+    count : int
+        Of members.
+    work : Work
+        What finds a member's result from its values.
+    population, nominal
+        Where the values come from; None for a fleet, whose ``runs`` are the members.
+    targets : dict of str to float
+        By result, what it is to stay below.
+    base : str
+        In words.
+    gains : dict of str to float or None
+        On trial.
+    units : dict of str to str
+        Of the values.
+    fingerprint : str
+        Of everything that all members share; with the values it makes the key of a member.
     """
 
     name: str
@@ -73,9 +88,19 @@ class Study:
 
 
 def load_study(name: str | Path, doing: Doing | None = None) -> Study:
-    """The study of a file, or of a shipped one by its name.   doing : the commands for studies that need one.
+    """The study of a file, or of a shipped one by its name.
 
-    Raises UsageError that names file and entry, DataError for a run that cannot be the base.
+    Parameters
+    ----------
+    doing : Doing or None
+        The commands for studies that need one.
+
+    Raises
+    ------
+    UsageError
+        That names file and entry.
+    DataError
+        For a run that cannot be the base.
     """
     path = find_config("studies", str(name))
     data = read_yaml(path)

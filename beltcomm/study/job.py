@@ -50,11 +50,28 @@ def study_of(
 ) -> Result:
     """All members that have no result in ``out`` yet, then what all of them say.   Exit code 1 where a member misses, or has no result.
 
-    workers : processes, None for one per processor.   scheduler : address of a Dask cluster in their place.   limit : so many more members
-    at most; with 0 only what is known is said, also while another process computes.   report : the page too.   The results are the same
+    The results are the same
     whoever computes them, bit for bit, on processors of one kind.
-    Raises UsageError for a wrong study, a folder of another study or one in which another process computes, a scheduler that cannot be
-    used; DataError for a damaged folder; Refused where workers die or vanish.
+
+    Parameters
+    ----------
+    workers : int or None
+        Processes, None for one per processor.
+    scheduler : str or None
+        Address of a Dask cluster in their place.
+    limit : int or None
+        So many more members at most; with 0 only what is known is said, also while another process computes.
+    report : bool
+        The page too.
+
+    Raises
+    ------
+    UsageError
+        For a wrong study, a folder of another study or one in which another process computes, a scheduler that cannot be used.
+    DataError
+        For a damaged folder.
+    Refused
+        Where workers die or vanish.
     """
     if workers is not None and scheduler is not None:
         raise UsageError("--workers are processes of this machine, --scheduler is a cluster: choose one")
@@ -130,9 +147,17 @@ def _is_gone(line: Line, asked: Study) -> bool:
 
 
 def one_member(file: str | Path, number: int, *, doing: Doing, out: Path | None = None) -> Result:
-    """One member again, as any worker computes it.   out : folder for its plant file, and for the run of one that is commissioned.
+    """One member again, as any worker computes it.
 
-    Raises UsageError for a number that the study does not have.
+    Parameters
+    ----------
+    out : Path or None
+        Folder for its plant file, and for the run of one that is commissioned.
+
+    Raises
+    ------
+    UsageError
+        For a number that the study does not have.
     """
     asked = load_study(file, doing)
     if not 0 <= number < asked.count:
@@ -174,9 +199,18 @@ def _make(out: Path) -> None:
 
 @dataclass(frozen=True)
 class Kept:
-    """Results of a study in a folder.   keys : of all members, by number.   lines : results that count, by member.
+    """Results of a study in a folder.
 
-    aside : lines of runs that had gone away from a fleet, then or now, which count when they come back.   told : what changed, in words.
+    Attributes
+    ----------
+    keys : tuple of str
+        Of all members, by number.
+    lines : dict of int to Line
+        Results that count, by member.
+    aside : tuple of Line
+        Lines of runs that had gone away from a fleet, then or now, which count when they come back.
+    told : str
+        What changed, in words.
     """
 
     keys: tuple[str, ...]
@@ -242,7 +276,13 @@ def _differs(line: Line, asked: Study) -> str:
 
 
 def read_members(path: Path) -> list[Line]:
-    """The lines of a file of members, but for one that is half written.   Raises DataError for a damaged line."""
+    """The lines of a file of members, but for one that is half written.
+
+    Raises
+    ------
+    DataError
+        For a damaged line.
+    """
     if not path.is_file():
         return []
     data, lines = read_bytes(path, MEASURED_BYTES), []

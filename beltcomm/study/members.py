@@ -27,7 +27,17 @@ class Work(Protocol):
     """Work that finds the result of a member."""
 
     def found(self, number: int, values: Values, folder: Path | None = None) -> dict[str, Any]:
-        """Plain values.   folder : where what it makes stays; None keeps nothing.   Raises BeltcommError."""
+        """Plain values.
+
+        Parameters
+        ----------
+        folder : Path or None
+            Where what it makes stays; None keeps nothing.
+
+        Raises
+        ------
+        BeltcommError
+        """
         ...
 
     def described(self, values: Values) -> Mapping[str, Any] | None:
@@ -37,7 +47,13 @@ class Work(Protocol):
 
 @dataclass(frozen=True)
 class Doing:
-    """Commands that a member may need, handed down by whoever knows them.   commission : as in :mod:`beltcomm.api`."""
+    """Commands that a member may need, handed down by whoever knows them.
+
+    Attributes
+    ----------
+    commission : callable or None
+        As in :mod:`beltcomm.api`.
+    """
 
     commission: Callable[..., Result] | None
 
@@ -155,7 +171,13 @@ def compare_quantities(made: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def diagnosis_quantities(made: Mapping[str, Any], hidden: str | None) -> dict[str, Any]:
-    """Of a diagnosis: what it says, and whether that is the truth.   hidden : the truth, "none" of a healthy axis, None where not known."""
+    """Of a diagnosis: what it says, and whether that is the truth.
+
+    Parameters
+    ----------
+    hidden : str or None
+        The truth, "none" of a healthy axis, None where not known.
+    """
     added = [step["added"] for step in made["steps"] if step["added"]]
     found: dict[str, Any] = {"verdict": made["verdict"], "named": added}
     if hidden == NOTHING:
@@ -179,7 +201,13 @@ def of_the_member(error: OSError | MemoryError, values: Values) -> bool:
 
 
 def line_of(work: Work, number: int, key: str, values: Values, folder: Path | None = None) -> dict[str, Any]:
-    """One line.   Raises Refused where this computer is in the way, not the member: a full disk, no memory."""
+    """One line.
+
+    Raises
+    ------
+    Refused
+        Where this computer is in the way, not the member: a full disk, no memory.
+    """
     line: dict[str, Any] = {"member": number, "key": key, "program": source_hash(), "values": dict(values)}
     try:
         found = work.found(number, values, folder)

@@ -28,7 +28,13 @@ Line = Mapping[str, Any]
 
 
 def study_page(asked: Study, summary: Summary, lines: Sequence[Line], command: str) -> str:
-    """As one file of HTML.   lines : of all members that have been computed, by number."""
+    """As one file of HTML.
+
+    Parameters
+    ----------
+    lines : sequence of Line
+        Of all members that have been computed, by number.
+    """
     caption = Caption(command, f"{summary.done} of {summary.planned} members; base: {asked.base}")
     by_number = {int(line["member"]): line for line in lines}
     share = summary.share(HEADLINE)

@@ -37,9 +37,21 @@ def answers(
 ) -> Iterator[Found]:
     """Results of ``function`` as they come, in any order; whatever a dead worker had in hand is computed again.
 
-    workers : processes of this machine, 1 for this one alone, None for one per processor.   scheduler : address of a Dask scheduler in
-    their place.   alone_s : so long a cluster may be without any worker.   Raises UsageError for a scheduler that cannot be used, Refused
-    when workers die again and again, or when a cluster has none any more.
+    Parameters
+    ----------
+    workers : int or None
+        Processes of this machine, 1 for this one alone, None for one per processor.
+    scheduler : str or None
+        Address of a Dask scheduler in their place.
+    alone_s : float
+        So long a cluster may be without any worker.
+
+    Raises
+    ------
+    UsageError
+        For a scheduler that cannot be used.
+    Refused
+        When workers die again and again, or when a cluster has none any more.
     """
     if scheduler is not None:
         return _on_dask(function, given, scheduler, talk, alone_s)
@@ -177,7 +189,13 @@ def _connect(address: str) -> Client:
 
 
 def unfit(programs: Mapping[str, str], threads: Mapping[str, int], address: str) -> str:
-    """Reason why workers cannot compute, empty where they can.   programs, threads : by worker, hash of its beltcomm and their number."""
+    """Reason why workers cannot compute, empty where they can.
+
+    Parameters
+    ----------
+    programs, threads
+        By worker, hash of its beltcomm and their number.
+    """
     others = [worker for worker, program in programs.items() if program != source_hash()]
     if others:
         return f"the worker {others[0]} has another beltcomm than this computer; install the same one there"

@@ -44,9 +44,20 @@ PUBLISHED: Mapping[PrefilterKind, tuple[float, float, float]] = {"notch": (0.08,
 
 @dataclass(frozen=True)
 class SimulatedMove:
-    """One move.   figure : of the source.   motor : error as the drive measured it; cart : as the same loop is predicted to leave it there.
+    """One move.
 
-    belt_force_n : predicted.   torque_nm : largest measured.   stopped : in words, where the drive gave up; errors are then nan.
+    Attributes
+    ----------
+    figure : str
+        Of the source.
+    motor : TrackingError
+        Error as the drive measured it; cart : as the same loop is predicted to leave it there.
+    belt_force_n : float
+        Predicted.
+    torque_nm : float
+        Largest measured.
+    stopped : str
+        In words, where the drive gave up; errors are then nan.
     """
 
     figure: str
@@ -63,7 +74,15 @@ class SimulatedMove:
 
 @dataclass(frozen=True)
 class Limited:
-    """A move with the torque cut off.   error : at the motor.   error_m : (n,), m.   asked_nm : of the controller, (n,), N m."""
+    """A move with the torque cut off.
+
+    Attributes
+    ----------
+    error : TrackingError, at the motor
+    error_m : ndarray (n,), m
+    asked_nm : ndarray
+        Of the controller, (n,), N m.
+    """
 
     error: TrackingError
     t_s: Array
@@ -73,8 +92,19 @@ class Limited:
 
 @dataclass(frozen=True)
 class ClosedLoopStudy:
-    """runs : in the order of the figures.   unstable : largest |z| of the poles with the filters removed, by prefilter.   windup : figure
-    6.10, simulated: by torque limit, the move without and with conditional integration.   demands : feed force of T_A and T_B on g_a, N."""
+    """Comparison of the closed loops of the source.
+
+    Attributes
+    ----------
+    runs : tuple of SimulatedMove
+        In the order of the figures.
+    unstable : dict of str to float
+        Largest |z| of the poles with the filters removed, by prefilter.
+    windup : dict of float to tuple of Limited
+        Figure 6.10, simulated: by torque limit, the move without and with conditional integration.
+    demands : dict of str to float
+        Feed force of T_A and T_B on g_a, N.
+    """
 
     runs: tuple[SimulatedMove, ...]
     unstable: Mapping[str, float]
@@ -206,7 +236,10 @@ def limits(ratio: float) -> Limits:
 def saturated_move(model: Model, cascade: Cascade, most_nm: float, windup: bool) -> Limited:
     """T_B with the torque cut off, simulated.
 
-    windup : the controller does not know the limit, so that its integrator goes on (6.25); else it is set to meet the limit (6.26).
+    Parameters
+    ----------
+    windup : bool
+        The controller does not know the limit, so that its integrator goes on (6.25); else it is set to meet the limit (6.26).
     """
     path = with_rests(plan_trajectory(FROM_M, TO_M, T_B, PERIOD_S))
     structure = CascadeStructure("simulated", PERIOD_S)

@@ -45,7 +45,13 @@ TURNS: dict[Knob, tuple[float, ...]] = {
 
 @dataclass(frozen=True)
 class Number:
-    """One published number beside ours.   why : what makes the difference, "" for less than half of the last digit."""
+    """One published number beside ours.
+
+    Attributes
+    ----------
+    why : str
+        What makes the difference, "" for less than half of the last digit.
+    """
 
     item: str
     unit: str
@@ -56,7 +62,13 @@ class Number:
 
 @dataclass(frozen=True)
 class Solved:
-    """The equalities (4.7) to (4.9), (4.13) on one plant behind one prefilter.   design : None with the reason in ``refusal``."""
+    """The equalities (4.7) to (4.9), (4.13) on one plant behind one prefilter.
+
+    Attributes
+    ----------
+    design : ThesisDesign or None
+        None with the reason in ``refusal``.
+    """
 
     plant: str
     prefilter: PrefilterKind
@@ -66,7 +78,15 @@ class Solved:
 
 @dataclass(frozen=True)
 class Achieved:
-    """Margins of given gains on a plant.   stable : the sampled loop at 1 kHz, all its poles.   why : in one line."""
+    """Margins of given gains on a plant.
+
+    Attributes
+    ----------
+    stable : bool
+        The sampled loop at 1 kHz, all its poles.
+    why : str
+        In one line.
+    """
 
     gains: str
     plant: str
@@ -77,7 +97,13 @@ class Achieved:
 
 @dataclass(frozen=True)
 class Chosen:
-    """The product's design.   thesis_stiffness : K_I K_PP of the best solution of the equalities on that plant, nan without any."""
+    """The product's design.
+
+    Attributes
+    ----------
+    thesis_stiffness : float
+        K_I K_PP of the best solution of the equalities on that plant, nan without any.
+    """
 
     plant: str
     request: str
@@ -99,7 +125,13 @@ class Turned:
 
 @dataclass(frozen=True)
 class Designs:
-    """Everything the topic compares.   underrated_db : by how much (2.42) lies below (2.38) at the resonance, by plant, dB."""
+    """Everything the topic compares.
+
+    Attributes
+    ----------
+    underrated_db : dict of str to float
+        By how much (2.42) lies below (2.38) at the resonance, by plant, dB.
+    """
 
     plants: tuple[DesignPlant, ...]
     published: dict[str, Cascade]

@@ -29,7 +29,13 @@ _PERIODS, _INCREMENTS, _MOST = 100, 12, 8_000
 
 @dataclass(frozen=True)
 class MethodErrors:
-    """Relative errors of one method at constant speed, percent.   worst, rms.   missing : share of periods in which it reads 0."""
+    """Relative errors of one method at constant speed, percent.   worst, rms.
+
+    Attributes
+    ----------
+    missing : float
+        Share of periods in which it reads 0.
+    """
 
     worst: float
     rms: float
@@ -69,8 +75,12 @@ def _errors(relative: Array) -> MethodErrors:
 class SpeedTable:
     """Errors over speed at one sampling period, percent, (n,) by method name.
 
-    bounds : what the formulas say: high_pass (own), event_counter (6.12), event_counter_worst (own), gate (6.16); nan where they have no
-    value.   missing : share of periods without an event counter value.
+    Attributes
+    ----------
+    bounds : dict of str to ndarray
+        What the formulas say: high_pass (own), event_counter (6.12), event_counter_worst (own), gate (6.16); nan where they have no value.
+    missing : ndarray
+        Share of periods without an event counter value.
     """
 
     settings: EstimatorSettings
@@ -107,8 +117,15 @@ def speed_table(settings: EstimatorSettings, speeds: Sequence[float] = SPEEDS) -
 class Debouncing:
     """A motion with and without debouncing: largest reading by method, m/s.
 
-    true_m_s : largest true speed of it.   increments_with, increments_without : increments counted.   All from the second half of the
+    All from the second half of the
     record, so that the direction which the state machine begins with does not matter.
+
+    Attributes
+    ----------
+    true_m_s : float
+        Largest true speed of it.
+    increments_with, increments_without : int
+        Increments counted.
     """
 
     true_m_s: float
@@ -152,9 +169,15 @@ def _debouncing_trial(
 class Reversal:
     """An axis that turns at constant deceleration, over 32 places of the turning point between two lines and between two samples.
 
-    way_with, way_without : increments travelled back until the first increment back, mean.   late_with_s, late_without_s : time after the
-    turning point until the gate reads the new sign, mean.   wrong_with, wrong_without : largest error of the gate's readings from the
-    turning point until 10 ms later, m/s.   count_apart : increments between the two counts at the end of the way back.
+    Attributes
+    ----------
+    way_with, way_without : float
+        Increments travelled back until the first increment back, mean.
+    late_with_s, late_without_s : float
+        Time after the turning point until the gate reads the new sign, mean. wrong_with, wrong_without : largest error of the gate's
+        readings from the turning point until 10 ms later, m/s.
+    count_apart : int
+        Increments between the two counts at the end of the way back.
     """
 
     deceleration_m_s2: float

@@ -28,9 +28,18 @@ FINE_INCREMENT_M = 0.078 / 65536
 
 @dataclass(frozen=True)
 class Crossing:
-    """The methods around ξ_sw.   ratio : ξ T_s/Δξ, (n,).   gate, event_counter : worst errors measured, percent, (n,), nan where missing.
+    """The methods around ξ_sw.
 
-    printed_m_s : (6.19).   better_from_m_s : lowest speed tried from which the event counter's worst error stays below the gate's.
+    Attributes
+    ----------
+    ratio : ndarray
+        ξ T_s/Δξ, (n,).
+    gate, event_counter : ndarray
+        Worst errors measured, percent, (n,), nan where missing.
+    printed_m_s : float
+        (6.19).
+    better_from_m_s : float
+        Lowest speed tried from which the event counter's worst error stays below the gate's.
     """
 
     period_s: float

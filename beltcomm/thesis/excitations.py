@@ -43,13 +43,28 @@ BAND = (0.5, 1.2)
 class ExcitationRow:
     """One excitation on one axis.
 
-    amplitude_nm : largest torque that keeps the limits; ``binds`` the limit met.   seconds : whole record.   travel_m, belt_force_n :
-    caused.   line_hz : distance of the lines.   half_power_hz : up to where lines have half the power of the strongest octave.
-    response_error : median over the lines of the band of |Ĝ - G|/|G|, G of the moving axis, first seed.   noise : the same of its standard
-    deviation as estimated.
-    deviation : by parameter, standard deviation that the fit states, relative, mean over the seeds.   error : rms of its errors;
-    errors : they themselves, relative, by seed.
-    odd, even : nonlinearity on silent lines over the linear answer, nan where a signal cannot tell.
+    Attributes
+    ----------
+    amplitude_nm : float
+        Largest torque that keeps the limits; ``binds`` the limit met.
+    seconds : float
+        Whole record. travel_m, belt_force_n : caused.
+    line_hz : float
+        Distance of the lines.
+    half_power_hz : float
+        Up to where lines have half the power of the strongest octave.
+    response_error : float
+        Median over the lines of the band of |Ĝ - G|/|G|, G of the moving axis, first seed.
+    noise : float
+        The same of its standard deviation as estimated.
+    deviation : dict of str to float
+        By parameter, standard deviation that the fit states, relative, mean over the seeds.
+    error : dict of str to float
+        rms of its errors.
+    errors : dict of str to tuple of float
+        They themselves, relative, by seed.
+    odd, even : float
+        Nonlinearity on silent lines over the linear answer, nan where a signal cannot tell.
     """
 
     plant: str

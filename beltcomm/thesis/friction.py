@@ -37,10 +37,20 @@ WORN: Mapping[str, float] = {"coulomb.level": 0.9, "cart_friction.level": 0.9, "
 
 @dataclass(frozen=True)
 class Order:
-    """One order of the measurement.   speeds : how many could be driven.   minutes : on the axis.   fit : (3.36).
+    """One order of the measurement.
 
-    slow_nm : mean torque of the speeds below 10 mm/s against the fitted law, N m: the Stribeck effect.   viscous_then : true viscous
-    friction when the fast half was measured, N m s/rad.
+    Attributes
+    ----------
+    speeds : int
+        How many could be driven.
+    minutes : float
+        On the axis.
+    fit : FrictionFit
+        (3.36).
+    slow_nm : float
+        Mean torque of the speeds below 10 mm/s against the fitted law, N m: the Stribeck effect.
+    viscous_then : float
+        True viscous friction when the fast half was measured, N m s/rad.
     """
 
     name: str
@@ -54,7 +64,15 @@ class Order:
 
 @dataclass(frozen=True)
 class FrictionComparison:
-    """orders : I to VI.   warm : true viscous (N m s/rad) and Coulomb friction (N m) at the motor of the new axis once warm."""
+    """Comparison of the friction measurements of the source.
+
+    Attributes
+    ----------
+    orders : tuple of Order
+        I to VI.
+    warm : tuple of float
+        True viscous (N m s/rad) and Coulomb friction (N m) at the motor of the new axis once warm.
+    """
 
     orders: tuple[Order, ...]
     warm: tuple[float, float]

@@ -50,9 +50,18 @@ AVERAGED = (1, 2, 4, 8)
 class Way:
     """One way to the frequency response.
 
-    amplitude_nm : half the span of the torque setpoint.   low_db, high_db : mean of 20 lg |Ĝ/G| below and above 3 Hz, G of the moving axis.
-    scatter_db : rms about it above 3 Hz.   mass_kg, viscous_nm_s_rad : of the thesis's log-magnitude fit, i_t² (d_m + d_c) for the latter.
-    crosses_zero : the motor reversed.
+    Attributes
+    ----------
+    amplitude_nm : float
+        Half the span of the torque setpoint.
+    low_db, high_db : float
+        Mean of 20 lg |Ĝ/G| below and above 3 Hz, G of the moving axis.
+    scatter_db : float
+        rms about it above 3 Hz.
+    mass_kg, viscous_nm_s_rad : float
+        Of the thesis's log-magnitude fit, i_t² (d_m + d_c) for the latter.
+    crosses_zero : bool
+        The motor reversed.
     """
 
     name: str
@@ -68,9 +77,20 @@ class Way:
 
 @dataclass(frozen=True)
 class IdentificationStudy:
-    """ways : by what was done.   true : |G| at the lines of the first.   controller : |C_ω| there.   dead_time : figure 3.5.
+    """Comparison of the identification methods of the source.
 
-    averaging : periods averaged and rms difference of two independent means over √2, relative to one period's.
+    Attributes
+    ----------
+    ways : tuple of Way
+        By what was done.
+    true : ComplexArray
+        |G| at the lines of the first.
+    controller : ComplexArray
+        |C_ω| there.
+    dead_time : DeadTime
+        Figure 3.5.
+    averaging : dict of int to float
+        Periods averaged and rms difference of two independent means over √2, relative to one period's.
     """
 
     ways: tuple[Way, ...]
@@ -85,7 +105,19 @@ class IdentificationStudy:
 
 @dataclass(frozen=True)
 class Record:
-    """A drive's record.   torque : acting, with noise.   setpoint : asked for.   excitation : N m or rad/s.   reversed : motor."""
+    """A drive's record.
+
+    Attributes
+    ----------
+    torque : ndarray
+        Acting, with noise.
+    setpoint : ndarray
+        Asked for.
+    excitation : ndarray
+        N m or rad/s.
+    reversed : bool
+        Motor.
+    """
 
     torque: Array
     setpoint: Array

@@ -43,8 +43,11 @@ class MotionState:
 class MotionBounds:
     """velocity_min <= v <= velocity_max and so on; all signed, m/s, m/s², m/s³ (6.33).
 
-    Raises UsageError for a number that is not finite, an acceleration or jerk range without zero inside, a speed range without zero, or
-    one that is empty.
+    Raises
+    ------
+    UsageError
+        For a number that is not finite, an acceleration or jerk range without zero inside, a speed range without zero, or one that is
+        empty.
     """
 
     velocity_min_m_s: float
@@ -92,8 +95,20 @@ class Extremes:
 class SevenPhases:
     """A motion with constant jerk in each of seven phases.
 
-    start, end : its states.   durations_s : (7,), s, not negative.   jerks_m_s3 : (7,), m/s³.   Arrays are read-only.
-    Raises ValueError when durations are negative, or the phases do not lead from start to end.
+    Arrays are read-only.
+
+    Attributes
+    ----------
+    start, end : MotionState
+        Its states.
+    durations_s : ndarray (7,), s
+        Not negative.
+    jerks_m_s3 : ndarray (7,), m/s³
+
+    Raises
+    ------
+    ValueError
+        When durations are negative, or the phases do not lead from start to end.
     """
 
     start: MotionState
@@ -157,7 +172,10 @@ class SevenPhases:
     def sampled(self, sample_period_s: float) -> Trajectory:
         """On a uniform grid; first and last sample are the two states exactly.
 
-        Raises ValueError when the motion does not last a whole number of periods; see :func:`on_grid`.
+        Raises
+        ------
+        ValueError
+            When the motion does not last a whole number of periods; see :func:`on_grid`.
         """
         periods = self.duration_s / sample_period_s
         count = round(periods)
@@ -178,9 +196,17 @@ class SevenPhases:
 def fastest_motion(start: MotionState, end: MotionState, bounds: MotionBounds) -> SevenPhases:
     """The fastest motion between two states, (6.27) to (6.33).
 
-    start, end : at the carriage; inside the bounds, also while their acceleration comes to zero before the start or after the end.
-    Raises UsageError for values that are not finite, a state beyond a bound (with the bound), or a start that is the end; Refused where no
-    motion exists, because a way is forbidden.
+    Parameters
+    ----------
+    start, end : MotionState
+        At the carriage; inside the bounds, also while their acceleration comes to zero before the start or after the end.
+
+    Raises
+    ------
+    UsageError
+        For values that are not finite, a state beyond a bound (with the bound), or a start that is the end.
+    Refused
+        Where no motion exists, because a way is forbidden.
     """
     _check_states(start, end, bounds)
     found = phase_search.fastest(_task(start, end, bounds))

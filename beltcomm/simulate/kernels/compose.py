@@ -42,13 +42,15 @@ _IMPORTING = threading.RLock()
 class Kernel:
     """The compiled functions of one combination of effects; arrays are float64, ``p`` is ``Model.vector()``.
 
-    states : length of ``q``: the positions of the bodies, then the state of elastic friction where there is any.
-    advance(q, v, p, torque, t, h, n) -> belt force N: n sub-steps of h seconds with held motor torque, q and v in place.
-    run(q, v, p, torque, t, sample, n, theta, omega, cart, belt): whole record, state at the start of each sample and the
-        largest belt force in it.
-    follow(q, v, p, t, first, carriage, follows_position, coefficients, state, references, sensing, waiting, timing, past, kept, out): a
-        drive's loop closed on the model, see :meth:`beltcomm.simulate.plant.SimulatedPlant.follow`.
-    forces(q, v, p, t, out): smooth forces on all bodies.      levels(q, v, p, t, out): friction levels of all bodies.
+    Attributes
+    ----------
+    states : int
+        Length of ``q``: the positions of the bodies, then the state of elastic friction where there is any. advance(q, v, p, torque, t, h,
+        n) -> belt force N: n sub-steps of h seconds with held motor torque, q and v in place. run(q, v, p, torque, t, sample, n, theta,
+        omega, cart, belt): whole record, state at the start of each sample and the largest belt force in it. follow(q, v, p, t, first,
+        carriage, follows_position, coefficients, state, references, sensing, waiting, timing, past, kept, out): a drive's loop closed on
+        the model, see :meth:`beltcomm.simulate.plant.SimulatedPlant.follow`. forces(q, v, p, t, out): smooth forces on all bodies.
+        levels(q, v, p, t, out): friction levels of all bodies.
     """
 
     bodies: tuple[str, ...]

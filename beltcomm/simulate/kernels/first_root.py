@@ -40,9 +40,14 @@ def value(p: Array, s: float) -> float:
 
 @in_lanes
 def first_root(p: Array, moved: Array) -> float:
-    """Smallest s in 0..1 behind which sum p_k s^k is negative; ``NEVER`` where it stays.   moved : (DEGREE + 1,), scratch.
+    """Smallest s in 0..1 behind which sum p_k s^k is negative; ``NEVER`` where it stays.
 
     Zero where it begins below zero, or leaves a zero downwards; a root at 0 from which it rises is none.
+
+    Parameters
+    ----------
+    moved : ndarray (DEGREE + 1,)
+        Scratch.
     """
     low, degree = 0, p.shape[0] - 1
     while low <= degree and p[low] == 0.0:

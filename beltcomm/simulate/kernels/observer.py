@@ -28,17 +28,48 @@ Array = NDArray[np.float64]
 class ObserverState(NamedTuple):
     """State with which the kernel follows the bodies; without samples in ``wanted`` it does not.
 
-    wanted : (n,), N m, load that the measured torque leaves for everything beyond the motor.   keep : (n,), samples that count.
-    places : place of each body's position in s, -1 for none; its speed stands ``behind`` places further.   substeps : fine steps per
-    sample.   cart : place of the carriage's position in s.   half_gap_m : m, and stiffness : N/m at the belt where it is stiffest: while a
-    torque is passed on the carriage stands half the gap and what the belt gives way behind.   held : (n,), stiffness at the place of each
-    sample over that one: a belt half as stiff is as one that is closed half of the time.   spread : (2,), m² and m²/s², variances of its
-    position and speed once it is lost.   lost : (n,), where it was.   forgets : (n,), where so little was seen before that it may be
-    anywhere.
-    learning : whether gains, deviations, shares and losses are worked out, or taken as they are.   F : (2, k, k).  G : (2, k, m).
-    H : (2, k).   D : (2, m), open and closed.   variances : (m,).   P : (k, k), covariance.   s, ahead : (k,).   gains : (n, k).
-    deviations, shares : (n,).   left : (n,), e.   white : (n,), ν over its deviation.
-    room : memory for learning, see ``learning``; nothing where it is not.
+    Attributes
+    ----------
+    wanted : ndarray (n,), N m
+        Load that the measured torque leaves for everything beyond the motor.
+    keep : ndarray (n,) of bool
+        Samples that count.
+    places : ndarray of int
+        Place of each body's position in s, -1 for none; its speed stands ``behind`` places further.
+    substeps : int
+        Fine steps per sample.
+    cart : int
+        Place of the carriage's position in s.
+    half_gap_m : float, m
+        And stiffness : N/m at the belt where it is stiffest: while a torque is passed on the carriage stands half the gap and what the belt
+        gives way behind.
+    held : ndarray (n,)
+        Stiffness at the place of each sample over that one: a belt half as stiff is as one that is closed half of the time.
+    spread : ndarray (2,), m² and m²/s²
+        Variances of its position and speed once it is lost.
+    lost : ndarray (n,) of bool
+        Where it was.
+    forgets : ndarray (n,) of bool
+        Where so little was seen before that it may be anywhere.
+    learning : bool
+        Whether gains, deviations, shares and losses are worked out, or taken as they are.
+    F : ndarray (2, k, k)
+    G : ndarray (2, k, m)
+    H : ndarray (2, k)
+    D : ndarray (2, m)
+        Open and closed.
+    variances : ndarray (m,)
+    P : ndarray (k, k)
+        Covariance.
+    s, ahead : ndarray (k,)
+    gains : ndarray (n, k)
+    deviations, shares : ndarray (n,)
+    left : ndarray (n,)
+        e.
+    white : ndarray (n,)
+        ν over its deviation.
+    room : ndarray
+        Memory for learning, see ``learning``; nothing where it is not.
     """
 
     wanted: Array
@@ -121,7 +152,13 @@ def kernel_arguments(fields: Sequence[str]) -> str:
 
 
 def expected_innovation(n: int, left: float, H: Array, s: Array, shares: Array) -> float:
-    """ν[n], N m.   left : e[n], N m."""
+    """ν[n], N m.
+
+    Parameters
+    ----------
+    left : float
+        e[n], N m.
+    """
     share, innovation = shares[n], left
     for i in range(s.shape[0]):
         innovation -= (H[0, i] + share * (H[1, i] - H[0, i])) * s[i]
@@ -140,7 +177,13 @@ def observe(
     shares: Array,
     white: Array,
 ) -> None:
-    """One sample: s[n+1] in place.   innovation : ν[n], N m."""
+    """One sample: s[n+1] in place.
+
+    Parameters
+    ----------
+    innovation : float
+        ν[n], N m.
+    """
     size, own, share = s.shape[0], s.shape[0] - 2, shares[n]
     if keep[n]:
         white[n] = innovation / deviations[n]
@@ -156,7 +199,13 @@ def observe(
 
 
 def take_correction(at: int, behind: int, s: Array) -> tuple[float, float]:
-    """A body's position and speed in s, 0 in it from now on; 0, 0 for one it does not know.   at : its place, or -1."""
+    """A body's position and speed in s, 0 in it from now on; 0, 0 for one it does not know.
+
+    Parameters
+    ----------
+    at : int
+        Its place, or -1.
+    """
     if at < 0:
         return 0.0, 0.0
     place, speed = s[at], s[at + behind]

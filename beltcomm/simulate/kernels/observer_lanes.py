@@ -27,9 +27,18 @@ OWN = 13
 class LaneRows(NamedTuple):
     """Layout of the observers' memory, in rows of ``LANES`` lanes; arrays row by row.
 
-    size, own, noises : numbers of the state, of those that last, of the noises.   H, F, G, D : each first open, then what it changes by
-    when it closes.   powers, P : ``variances`` and ``P`` of ``ObserverState``.   states, become : s and what it
-    becomes.   The others are memory.
+    The others are memory.
+
+    Attributes
+    ----------
+    size, own, noises : int
+        Numbers of the state, of those that last, of the noises.
+    H, F, G, D : int
+        Each first open, then what it changes by when it closes.
+    powers, P : int
+        ``variances`` and ``P`` of ``ObserverState``.
+    states, become : int
+        s and what it becomes.
     """
 
     size: int
@@ -55,7 +64,15 @@ class LaneRows(NamedTuple):
 
 
 class Observers(NamedTuple):
-    """Of all lanes.   memory : as ``rows`` say.   passes, reaches : what of F and G is not 0 in all lanes, (size, own), (size, noises)."""
+    """Of all lanes.
+
+    Attributes
+    ----------
+    memory : ndarray
+        As ``rows`` say.
+    passes, reaches : ndarray of bool
+        What of F and G is not 0 in all lanes, (size, own), (size, noises).
+    """
 
     rows: LaneRows
     memory: Array
@@ -96,7 +113,15 @@ def _lay_out(watch: ObserverState, own: int) -> Array:
 
 @within_lanes
 def expected_eight(rows: LaneRows, o: Array, share: Vector, left: Vector, nothing: tuple[int, int]) -> Vector:
-    """ν[n] of eight lanes, N m.   left : e[n], N m.   nothing : what of s is 0."""
+    """ν[n] of eight lanes, N m.
+
+    Parameters
+    ----------
+    left : Vector
+        e[n], N m.
+    nothing : tuple of int
+        What of s is 0.
+    """
     for a in range(rows.size):
         if a != nothing[0] and a != nothing[1]:
             h = at(o, LANES * (rows.H + a)) + share * at(o, LANES * (rows.H + rows.size + a))
@@ -166,7 +191,15 @@ def learn_eight(rows: LaneRows, o: Array, passes: NDArray[np.bool_], reaches: ND
 
 @within_lanes
 def observe_eight(rows: LaneRows, o: Array, passes: NDArray[np.bool_], share: Vector, innovation: Vector, nothing: tuple[int, int]) -> None:
-    """s[n+1] of eight lanes.   innovation : ν[n], N m, 0 where it does not count.   nothing : what of s is 0."""
+    """s[n+1] of eight lanes.
+
+    Parameters
+    ----------
+    innovation : Vector
+        ν[n], N m, 0 where it does not count.
+    nothing : tuple of int
+        What of s is 0.
+    """
     size, own = rows.size, rows.own
     F, states, become = LANES * rows.F, LANES * rows.states, LANES * rows.become
     for a in range(size):
@@ -196,9 +229,15 @@ def advance_sample(
 ) -> None:
     """One sample of all lanes: what the observers find, and ahead in ``rows.states`` by what the bodies are to be corrected.
 
-    where : (12, lanes), addresses of motion and watch, as ``lock_step`` lays them out.   s : rows of this file's names: the load's mean,
-    N m, in ``NEW`` and the sum of the closed shares in ``SHUT`` are read; where ``ASTRAY`` is 1 the carriage is lost, and is to stand so
-    far, ``AIM``, m, behind the belt's end that a lever ``LEVER``, m/rad, drives.   carriage : see ``expected_eight``.
+    Parameters
+    ----------
+    where : ndarray (12, lanes) of int
+        Addresses of motion and watch, as ``lock_step`` lays them out.
+    s : ndarray
+        Rows of this file's names: the load's mean, N m, in ``NEW`` and the sum of the closed shares in ``SHUT`` are read; where ``ASTRAY``
+        is 1 the carriage is lost, and is to stand so far, ``AIM``, m, behind the belt's end that a lever ``LEVER``, m/rad, drives.
+    carriage : tuple of int
+        See ``expected_eight``.
     """
     for c in range(LANES):
         place = n if c < active else 0  # a lane beside the others that go on
@@ -256,7 +295,13 @@ def _have_same_array(addresses: NDArray[np.int64], active: int) -> bool:
 
 @within_lanes
 def brought(i: int, active: int, where: NDArray[np.int64], lengths: NDArray[np.int64], course: Array) -> None:
-    """The next steps of each lane's motion, a lane beside the other.   course : (2, steps, lanes), angle and speed."""
+    """The next steps of each lane's motion, a lane beside the other.
+
+    Parameters
+    ----------
+    course : ndarray (2, steps, lanes)
+        Angle and speed.
+    """
     for kind in range(2):
         if _have_same_array(where[kind], active):
             for e in range(min(course.shape[1], lengths[0] - i)):

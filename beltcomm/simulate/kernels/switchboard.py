@@ -26,13 +26,25 @@ _CATALOGUE_SIZE = len(catalogue_parameters())
 class Switchboard:
     """Places of a model's parameters in the vector of the masked kernel, and the effects that are on.
 
-    places : (k,), place of each entry of ``Model.vector()``.    on : (effects of the catalogue,) bool.   motor, belt : the same for
-    those that act on the motor alone, and for the others: the load is the sum of both.
-    delays : effects between reported and acting torque, with their places in the model's vector.     readings : the same for those
-    between the torque and its reading.     bent : whether the torque path is touched by an effect.   sensor : places in the model's vector
-    of the errors of the angle.
-    bare : whether nothing but ``PLAIN``, plain : whether nothing but what ``plain_belt`` knows is beyond the motor.   rubs : places in the
-    model's vector of what the effects that act on the motor alone ask for.
+    Attributes
+    ----------
+    places : ndarray (k,) of int
+        Place of each entry of ``Model.vector()``.
+    on : ndarray of bool, (effects of the catalogue,) bool
+    motor, belt : ndarray of bool
+        The same for those that act on the motor alone, and for the others: the load is the sum of both.
+    delays : tuple of tuple[Callable[..., ndarray], tuple[int, ...]]
+        Effects between reported and acting torque, with their places in the model's vector.
+    readings : tuple of tuple[Callable[..., ndarray], tuple[int, ...]]
+        The same for those between the torque and its reading.
+    bent : bool
+        Whether the torque path is touched by an effect.
+    sensor : tuple of int
+        Places in the model's vector of the errors of the angle.
+    bare : bool
+        Whether nothing but ``PLAIN``, plain : whether nothing but what ``plain_belt`` knows is beyond the motor.
+    rubs : tuple of int
+        Places in the model's vector of what the effects that act on the motor alone ask for.
     """
 
     places: NDArray[np.intp]

@@ -87,7 +87,10 @@ class Writer:
     def masked_kernel(cls, effects: Iterable[Effect], *, in_vectors: bool = False) -> Writer:
         """A masked kernel that knows these effects, on the parameter vector and the switches of the whole catalogue.
 
-        in_vectors : whether its variables are those of eight models, and its laws such of ``branchless``.
+        Parameters
+        ----------
+        in_vectors : bool
+            Whether its variables are those of eight models, and its laws such of ``branchless``.
         """
         writer = cls.__new__(cls)
         writer.masked, writer.in_vectors = True, in_vectors
@@ -134,7 +137,13 @@ class Writer:
     # -- names ------------------------------------------------------------------------------------------------------------------
 
     def law(self, function: Callable[..., object], in_lanes: bool = False) -> str:
-        """Name of a law in the module.   in_lanes : for a loop over samples that do not know each other, on ``fast_math``."""
+        """Name of a law in the module.
+
+        Parameters
+        ----------
+        in_lanes : bool
+            For a loop over samples that do not know each other, on ``fast_math``.
+        """
         name = f"{function.__module__.rsplit('.', 1)[1]}__{function.__name__}"
         self.laws[name] = function
         if in_lanes:

@@ -32,9 +32,16 @@ LEVEL_A, LEVEL_B = np.array([0, 1, 1, 0]), np.array([0, 0, 1, 1])
 class Flaws:
     """Flaws of a real encoder beside its steps.
 
-    line_rms : standard deviation of where the lines lie, in increments, below 0.15; the same at every passage, repeats after
-    LINES_PER_TURN lines.   bounces : at most so many times a channel falls back after an edge and returns.   bounce_s : within this time,
-    and never longer than half the time to the next edge.   seed : of both.
+    Attributes
+    ----------
+    line_rms : float
+        Standard deviation of where the lines lie, in increments, below 0.15; the same at every passage, repeats after LINES_PER_TURN lines.
+    bounces : int
+        At most so many times a channel falls back after an edge and returns.
+    bounce_s : float
+        Within this time, and never longer than half the time to the next edge.
+    seed : int
+        Of both.
     """
 
     line_rms: float = 0.0
@@ -45,9 +52,20 @@ class Flaws:
 
 @dataclass(frozen=True)
 class Edges:
-    """Edges in order of time.   tick : (n,), in units of tick_s from the beginning.   channel : (n,), 0 for A, 1 for B.
+    """Edges in order of time.
 
-    level : (n,), 0 or 1, after the edge.   level_a, level_b : before the first edge.   increment_m : between edges of the two channels, m.
+    Attributes
+    ----------
+    tick : IntArray, (n,)
+        In units of tick_s from the beginning.
+    channel : IntArray, (n,)
+        0 for A, 1 for B.
+    level : IntArray, (n,)
+        0 or 1, after the edge.
+    level_a, level_b : int
+        Before the first edge.
+    increment_m : float
+        Between edges of the two channels, m.
     """
 
     tick: IntArray
@@ -70,8 +88,19 @@ def edges_of(
 ) -> Edges:
     """Edges that ``motion`` makes in 0 < t ≤ duration_s.
 
-    motion : position in m of times in s, both ndarray of one shape; continuous.   scan_s : the motion must not turn twice within twice
-    this time, s.   Lines lie at the multiples of increment_m.   Raises UsageError for a time, length or flaw that is out of range.
+    Lines lie at the multiples of increment_m.
+
+    Parameters
+    ----------
+    motion : Motion
+        Position in m of times in s, both ndarray of one shape; continuous.
+    scan_s : float
+        The motion must not turn twice within twice this time, s.
+
+    Raises
+    ------
+    UsageError
+        For a time, length or flaw that is out of range.
     """
     _require(increment_m > 0.0 and tick_s > 0.0, f"increment {increment_m:g} m, tick {tick_s:g} s: both must be above 0")
     _require(duration_s >= 2.0 * tick_s, f"the record lasts {duration_s:g} s, less than two ticks of {tick_s:g} s; make it longer")
