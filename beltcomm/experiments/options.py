@@ -219,7 +219,18 @@ class Options:
         return True
 
     def reached(self, drive: str) -> Reached:
-        """The drive's name for the next command, with the options that it is reached by."""
+        """The drive's name for the next command, with the options that it is reached by.
+
+        Parameters
+        ----------
+        drive : str
+            Name of the drive, as for ``--drive``.
+
+        Returns
+        -------
+        Reached
+            Name and options, for the next command in words.
+        """
         given = {"profile": self.profile, "node": self.node, "bitrate": self.bitrate}
         found = Reached(drive)
         found.options = " ".join(f"--{name} {pasted(value)}" for name, value in given.items() if value is not None)

@@ -102,7 +102,19 @@ class RunModel(Mapping[str, Value]):
         )
 
     def linear(self, position: float, *, speed: float = SLIDING_RAD_S) -> StateSpace:
-        """The same as matrices.   position : m.   speed : rad/s, at the motor."""
+        """The model as matrices, linearised at a place.
+
+        Parameters
+        ----------
+        position : float, m
+            Carriage on the axis.
+        speed : float, rad/s, motor shaft
+
+        Returns
+        -------
+        StateSpace
+            State space from motor torque to motor angle and carriage.
+        """
         at, sliding = number(position, "position", "m"), number(speed, "speed", "rad/s")
         if not sliding:
             raise UsageError("speed is 0: friction that sticks has no linear law; give the speed at which the axis moves, in rad/s")

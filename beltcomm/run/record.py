@@ -198,7 +198,18 @@ class Drawing:
     figure: Figure
 
     def save(self, path: Place) -> None:
-        """Write it as PNG.   Raises UsageError for a file that exists: delete it, or give another name."""
+        """Write the drawing as PNG.
+
+        Parameters
+        ----------
+        path : Place
+            Of the file.
+
+        Raises
+        ------
+        UsageError
+            For a file that exists: delete it, or give another name.
+        """
         from beltcomm.report import style
 
         file = place(path, "picture")
