@@ -20,6 +20,7 @@ from beltcomm import atomic
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.outside import read_text
 
+_HALVES = re.compile("[\ud800-\udfff]")
 _PACKAGE = Path(__file__).resolve().parent
 #: Where shipped files are looked for, first hit wins: the wheel's place, then the checkout's.
 CONFIG_FOLDERS = (_PACKAGE / "configs", _PACKAGE.parent / "configs")
@@ -55,6 +56,14 @@ def find_config(kind: str, name: str) -> Path:
     raise UsageError(
         f"no {word} is called {name!r}{did_you_mean(name, known)}; known are {', '.join(known) or 'none'}, or give the path of a .yaml file"
     )
+
+
+def shipped_file(kind: str, name: str) -> Path:
+    """A shipped file by its whole name.   Raises UsageError for an installation without it."""
+    found = next((path for folder in CONFIG_FOLDERS if (path := folder / kind / name).is_file()), None)
+    if found is None:
+        raise UsageError(f"this installation lacks {kind}/{name}; install it again")
+    return found
 
 
 def named_file(name: str) -> bool:
@@ -267,18 +276,23 @@ def write_text(path: Path, text: str | Iterable[str]) -> None:
 def _plain(value: Any) -> Any:
     """The same value in the types YAML knows."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {without_halves(str(key)): _plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [_plain(item) for item in value]
     if isinstance(value, (set, frozenset)):
         return sorted(_plain(item) for item in value)
-    if isinstance(value, Path):
-        return str(value)
+    if isinstance(value, (str, Path)):
+        return without_halves(str(value))
     if hasattr(value, "tolist"):  # numpy array or scalar; numpy itself is not needed here
         return _plain(value.tolist())
-    if value is None or isinstance(value, (bool, int, float, str)):
+    if value is None or isinstance(value, (bool, int, float)):
         return value
     raise TypeError(f"{type(value).__name__} cannot be written to YAML")
+
+
+def without_halves(text: str) -> str:
+    """The text with what no file can hold, halves of characters out of names that are no UTF-8, shown as replaced."""
+    return _HALVES.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
 def _first_words(error: Exception) -> str:

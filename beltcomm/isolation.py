@@ -10,9 +10,14 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+    from multiprocessing.process import BaseProcess
 
 _PACKAGES = str(Path(__file__).resolve().parents[1])
 #: What a child is given before its module: the places of this process, not those that Python would find for it.
@@ -39,6 +44,19 @@ def run(command: Sequence[str], limit_s: float) -> subprocess.CompletedProcess[b
     """A process and what it says.   Raises OSError, subprocess.TimeoutExpired when it does not end in time."""
     quiet = subprocess.DEVNULL
     return subprocess.run(command, stdin=quiet, capture_output=True, timeout=limit_s, env=environment(), check=False)
+
+
+def beside(target: Callable[..., None], *given: object) -> tuple[BaseProcess, Connection]:
+    """A process of this program that runs ``target(*given, pipe)``, and the other end of the pipe; it ends with this one."""
+    import multiprocessing
+
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe()
+    process = context.Process(target=target, args=(*given, there), daemon=True)
+    with children_apart():
+        process.start()
+    there.close()
+    return process, here
 
 
 def python(module: str, *words: str) -> list[str]:

@@ -2,8 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """A quantity against its limit.
+
+    Attributes
+    ----------
+    value : float
+        The largest of the last moments. torque has a sign, the others have none.
+    """
+
+    name: str
+    value: float
+    limit: float
+    unit: str
+
+    @property
+    def share(self) -> float:
+        """Of the limit."""
+        return abs(self.value) / self.limit if self.limit > 0.0 else 0.0
 
 
 @dataclass(frozen=True)
@@ -18,6 +40,8 @@ class CarriagePosition:
         On the axis, m; from where it stood when it is not ``known``.
     left_s : float or None
         s on the machine that the whole job takes from now on at most; None when not known.
+    gauges : tuple of Gauge
+        Torque, belt force and speed against their limits.
     """
 
     record: str
@@ -25,6 +49,7 @@ class CarriagePosition:
     window_m: tuple[float, float]
     known: bool = True
     left_s: float | None = None
+    gauges: tuple[Gauge, ...] = ()
 
 
 class Talk(Protocol):
@@ -65,6 +90,37 @@ class Talk(Protocol):
     def attended(self) -> bool:
         """True if a person sits at the other end who sees the machine: a terminal, not a pipe."""
         ...
+
+
+def choose(talk: Talk, question: str, choices: Mapping[str, str]) -> str:
+    """Which of some keys was chosen, the first for a yes, the last for a no; a talk that can only ask yes or no is asked that.
+
+    Parameters
+    ----------
+    choices : dict of str to str
+        Key -> word, in the order shown.
+    """
+    keys = list(choices)
+    if ask := getattr(talk, "choose", None):
+        return str(ask(question, choices))
+    return keys[0] if talk.confirm(question) else keys[-1]
+
+
+def detail(talk: Talk, *lines: str) -> None:
+    """What only some want to read while it happens: a terminal shows it where details were asked for, and the journal has it."""
+    (getattr(talk, "detail", None) or talk.say)(*lines)
+
+
+def found(talk: Talk, name: str, value: str) -> None:
+    """A number that was found on the way, kept in sight by a talk that can.
+
+    Parameters
+    ----------
+    name : str
+        One word; said again it takes the place of the old.
+    """
+    if tell := getattr(talk, "found", None):
+        tell(name, value)
 
 
 class Hold(Protocol):

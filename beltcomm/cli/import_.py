@@ -18,6 +18,8 @@ from beltcomm.outside import read_text
 from beltcomm.quantities import parse_quantity
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from beltcomm.foreign.guess import Guess
 
 #: Values of --experiment and --excitation; those of ``beltcomm.recording.sidecar``, which is imported when the verb runs.
@@ -76,6 +78,13 @@ class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic 
 @click.option("--period-samples", type=click.IntRange(2), help="Rows of one period, when the excitation repeats.")
 @click.option("--first-sample", type=click.IntRange(0), default=0, help="Row, from 0, where its first period begins.")
 @click.option("--source", default="", help="Where the data came from, in words.")
+@click.option(
+    "--accept",
+    "accepted",
+    default="",
+    metavar="REASON",
+    help="Take a record that is judged wrong (sign, clipped, no relation); kept with it.",
+)
 @click.option(
     "--torque-acts",
     type=shared.WordChoice(["after", "before"]),
@@ -154,19 +163,40 @@ def _can_be_asked() -> bool:
     return sys.stdin is not None and sys.stdin.isatty()
 
 
-def _ask(guess: Guess) -> str | None:
-    """Put a guess to the person at the terminal."""
-    click.echo(for_terminal(f"{guess.column}: {guess.confidence}; {guess.why}"), err=True)
-    for number, choice in enumerate(guess.choices, start=1):
-        click.echo(for_terminal(f"  {number}  {choice}"), err=True)
-    answer = str(click.prompt("Number, a mapping OURS=THEIRS*SCALE, or - for none", default="1", err=True)).strip()
-    if answer.isdigit() and 1 <= int(answer) <= len(guess.choices):
-        return guess.choices[int(answer) - 1]
-    if "=" in answer:
-        return answer
-    if answer == "-":
-        return None
-    raise UsageError(f"{answer!r} is none of the choices; answer a number from 1 to {len(guess.choices)}, a mapping, or -")
+def _ask(guesses: Sequence[Guess]) -> list[str]:
+    """Put the whole mapping to the person at the terminal, once; numbers and mappings change it until it is taken."""
+    chosen = [guess.choices[0] if guess.choices else "" for guess in guesses]
+    numbered: list[tuple[int, str]] = []
+    click.echo("What was understood of the file:", err=True)
+    for place, guess in enumerate(guesses):
+        click.echo(for_terminal(f"  {chosen[place] or guess.column + ': not found':40s} {guess.confidence}; {guess.why}"), err=True)
+        for other in guess.choices[1:] if guess.confidence != "sure" else ():
+            numbered.append((place, other))
+            click.echo(for_terminal(f"    {len(numbered)}  or {other}"), err=True)
+    while True:
+        answer = str(
+            click.prompt("Enter takes it; a number, OURS=THEIRS*SCALE or OURS=- changes it", default="", show_default=False, err=True)
+        )
+        answer = answer.strip()
+        if not answer:
+            missing = [guess.column for guess, taken in zip(guesses, chosen, strict=True) if guess.needed and not taken]
+            if not missing:
+                return [mapping for mapping in chosen if mapping]
+            click.echo(for_terminal(f"{missing[0]} is still missing: {missing[0]}=THEIRS*SCALE"), err=True)
+        elif answer.isdigit() and 1 <= int(answer) <= len(numbered):
+            place, other = numbered[int(answer) - 1]
+            chosen[place] = other
+            click.echo(for_terminal(f"  {chosen[place]}"), err=True)
+        elif "=" in answer:
+            column, _, theirs = (part.strip() for part in answer.partition("="))
+            place = next((k for k, guess in enumerate(guesses) if guess.column == column), -1)
+            if place < 0:
+                raise UsageError(f"{answer!r}: {column} is not asked for; give it with --map")
+            chosen[place] = "" if theirs == "-" else answer
+        else:
+            raise UsageError(
+                f"{answer!r} is none of the choices; answer Enter, a number up to {len(numbered)}, or a mapping OURS=THEIRS*SCALE"
+            )
 
 
 def _write_template(run: Path, text: str) -> Path:
@@ -246,5 +276,5 @@ def _sidecar(given: dict[str, Any]) -> Any:
         excitation = ExcitationNote(given["excitation"], given["amplitude_nm"], given["period_samples"], given["first_sample"])
     elif given["amplitude_nm"] is not None or given["period_samples"] is not None or given["first_sample"]:
         raise UsageError("--amplitude, --period-samples and --first-sample describe an excitation; give its kind with --excitation")
-    same = ("experiment", "held_out", "closed_loop", "start_position_m", "payload_kg", "session_time_s", "source")
+    same = ("experiment", "held_out", "closed_loop", "start_position_m", "payload_kg", "session_time_s", "source", "accepted")
     return Sidecar(**{key: given[key] for key in same}, excitation=excitation)

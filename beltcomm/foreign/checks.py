@@ -8,7 +8,8 @@ import numpy as np
 
 from beltcomm.errors import DataError
 from beltcomm.recording import Recording
-from beltcomm.recording.checks import Array, opposite_signs
+from beltcomm.recording.belonging import belonging
+from beltcomm.recording.checks import ACTIVE, Array, backwards, opposite_signs, slow_work_share
 from beltcomm.recording.columns import CHANNELS
 from beltcomm.recording.sampling import finest
 
@@ -20,6 +21,10 @@ LONGEST_TRAVEL_M = 100.0
 _FEWEST_STEPS = 64.0
 #: Below this correlation of successive periods of the torque an excitation does not repeat.
 _REPEATS = 0.7
+#: Deviation of a range from one turn by which it is one.
+_A_TURN = 0.1
+#: Share of the time that a motion goes either way at least; by how much a sign explains a magnitude better.
+_BOTH_WAYS, _BETTER = 0.1, 0.1
 
 
 def check(recording: Recording) -> tuple[str, ...]:
@@ -27,7 +32,7 @@ def check(recording: Recording) -> tuple[str, ...]:
     if recording.is_static_map:
         return ()
     channels = CHANNELS[recording.side]
-    position, torque, unit = channels["position"], channels["torque"], recording.position_unit
+    position, unit = channels["position"], recording.position_unit
     steps = np.diff(recording.position)
     wrap = _wrap(recording.position)
     if wrap:
@@ -47,12 +52,56 @@ def check(recording: Recording) -> tuple[str, ...]:
     moved = float(np.ptp(recording.position))
     if unit == "m" and moved > LONGEST_TRAVEL_M:
         raise DataError(f"{recording.file}: {position} covers {moved:.6g} m; if that is mm write --map {position}=NAME*mm")
-    if opposite_signs(recording.t_s, recording.torque, recording.position):
-        raise DataError(
-            f"{recording.file}: positive {torque} drives to negative {position} (mass or friction would be negative); turn one sign, "
-            f"such as --map {torque}=-NAME, or --flip torque or --flip position"
+    judged = _judgement(recording)
+    if judged and not recording.sidecar.accepted:
+        raise DataError(f"{recording.file}: {judged}; if it is right all the same, say why: --accept REASON")
+    accepted = [f"{judged}: accepted, {recording.sidecar.accepted}"] if judged else []
+    return (*accepted, *_period_note(recording), *_level_note(recording.position, position, unit))
+
+
+def _judgement(recording: Recording) -> str:
+    """Why torque and motion cannot belong together as they stand, in words; "" when they can."""
+    channels = CHANNELS[recording.side]
+    position, torque = channels["position"], channels["torque"]
+    found = belonging(recording.t_s, recording.torque, recording.position)
+    if found is not None and found.swapped:
+        return f"{torque} and {position} look swapped: {torque} moves smoothly, and {position} explains itself as what drives it"
+    if found is not None and _without_sign(recording, found.explained):
+        return (
+            f"{torque} is never below 0 while the axis moves both ways, and with the sign of the motion it would fit: a magnitude (rms), "
+            "which tells no torque; record the value with its sign (the q component of the current)"
         )
-    return (*_period_note(recording), *_level_note(recording.position, position, unit))
+    if found is not None and not found.together:
+        return (
+            f"{torque} and {position} do not belong together: the motion explains {100.0 * max(found.explained, 0.0):.2g} % of the torque, "
+            "as of one of another time; look for the columns of one axis and one record, and for rows that were sorted apart"
+        )
+    if backwards(recording.t_s, recording.torque, recording.position):
+        return (
+            "time seems to run backwards: the mass is positive and the friction drives; turn the order of the rows, or, where it is right, "
+            f"look at the signs of {torque} and {position}"
+        )
+    if opposite_signs(recording.t_s, recording.torque, recording.position):
+        return (
+            f"positive {torque} drives to negative {position} (mass or friction would be negative); turn one sign, such as --map "
+            f"{torque}=-NAME, or --flip torque or --flip position"
+        )
+    share = slow_work_share(recording.t_s, recording.torque, recording.position)
+    if share < -ACTIVE:
+        return (
+            f"the axis drives its motor: {-100.0 * share:.0f} % of the work of {torque} is taken out of the motion, where friction takes "
+            "it up; the sign of one of the two is wrong (--flip torque), or the rows stand in the wrong order of time"
+        )
+    return ""
+
+
+def _without_sign(recording: Recording, explained: float) -> bool:
+    torque, direction = recording.torque, np.sign(np.gradient(recording.position))
+    both = min(float(np.mean(direction > 0.0)), float(np.mean(direction < 0.0)))
+    if float(torque.min()) < 0.0 or both < _BOTH_WAYS:
+        return False
+    signed = belonging(recording.t_s, torque * direction, recording.position)
+    return signed is not None and signed.explained > explained + _BETTER
 
 
 def _wrap(position: Array) -> float:
@@ -67,6 +116,9 @@ def _wrap(position: Array) -> float:
     others = np.abs(steps[np.abs(steps) < 0.5 * largest])
     usual = float(np.percentile(others, 99.0)) if len(others) else 0.0
     jumps = steps[np.abs(steps) >= 0.5 * largest]
+    joined = np.abs(np.diff(np.unwrap(position)))
+    if abs(float(np.ptp(position)) / math.tau - 1.0) < _A_TURN and len(jumps) > 1 and float(joined.max()) < 0.5 * largest:
+        return math.tau  # of a motor that turns fast, each turn
     return float(np.median(np.abs(jumps))) if largest > 50.0 * usual and len(jumps) < 0.05 * len(steps) else 0.0
 
 

@@ -192,10 +192,15 @@ def convert(table: Table, reading: Reading, *, timed: bool = True) -> Converted:
     if timed:
         _check_there_is_time(table, columns)
         columns, rows = _without_doubles(columns, rows, notes)
+        if len(rows) > 1 and np.all(np.diff(columns["t_s"]) < 0.0):
+            columns, rows = {name: column[::-1] for name, column in columns.items()}, rows[::-1]
+            notes.append("the newest row stands first: the rows were taken in the order of their stamps")
         checked_time(table.file, columns["t_s"], rows)
         if not reading.period_s and (rough := rough_stamps(_as_written(table, sources, len(columns["t_s"])))):
             notes.append(rough)
         columns = _cut(table.file, columns, reading)
+    if timed:
+        columns = _integrated(columns, notes)
     for name in _POSITIONS:
         if name in columns and reading.unwrap is not None:
             span = parse_quantity(reading.unwrap, name)
@@ -293,6 +298,19 @@ def _check_there_is_time(table: Table, columns: Mapping[str, Column]) -> None:
     raise UsageError(
         f"{table.file}: nothing says when its rows were sampled{hint}; map its time with --map t_s={example}, or give --rate or --period"
     )
+
+
+def _integrated(columns: dict[str, Column], notes: list[str]) -> dict[str, Column]:
+    """With the position as the integral of the speed, where a side has a torque, a speed and no position."""
+    for channels in CHANNELS.values():
+        torque, position, velocity = (channels[signal] for signal in ("torque", "position", "velocity"))
+        if torque in columns and velocity in columns and not any(name in columns for name in _POSITIONS):
+            steps = 0.5 * (columns[velocity][1:] + columns[velocity][:-1]) * np.diff(columns["t_s"])
+            notes.append(
+                f"{position} is the integral of {velocity}: inertia and friction can be told, places and errors of the encoder cannot"
+            )
+            return {**columns, position: np.concatenate(([0.0], np.cumsum(steps)))}
+    return columns
 
 
 def _cut(file: str, columns: dict[str, Column], reading: Reading) -> dict[str, Column]:

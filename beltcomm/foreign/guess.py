@@ -17,6 +17,7 @@ from beltcomm.axis import Axis
 from beltcomm.errors import Refused
 from beltcomm.foreign.mapping import Source, parse_source, sources_for
 from beltcomm.foreign.names import Meaning, meaning_of
+from beltcomm.foreign.relations import relations
 from beltcomm.foreign.table import Table
 from beltcomm.quantities import UNITS
 from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS
@@ -46,8 +47,8 @@ class Guess:
 #: What tells columns of one name apart: an index behind it.
 _INDEX = re.compile(r"[_ ]?\d+$")
 
-Ask = Callable[[Guess], str | None]
-"""Puts a guess to a person: the mapping that holds, or None for none of them."""
+Ask = Callable[[Sequence[Guess]], Sequence[str]]
+"""Puts all guesses to a person at once: the mappings that hold."""
 
 
 class NeedsAnswers(Refused):
@@ -75,22 +76,21 @@ def completed(
     guesses = [*twins, *(g for g in guesses_for(table, sources, axis, timed=timed) if g.column not in asked)]
     if ask is None and any(guess.needed and guess.confidence != "sure" for guess in guesses):
         raise NeedsAnswers(_open_words(table, guesses), template(table, written, guesses))
-    taken = list(written)
-    notes = []
-    for guess in guesses:
-        if guess.confidence == "sure":
-            taken.append(guess.choices[0])
-            notes.append(f"guessed {guess.choices[0]}: {guess.why}")
-        elif ask is not None and guess.choices:
-            answer = ask(guess)
-            if answer:
-                parse_source(answer, table, KNOWN_COLUMNS)
-                taken.append(answer)
-    return tuple(taken), tuple(notes)
+    if ask is None or all(guess.confidence == "sure" for guess in guesses):
+        sure = [guess for guess in guesses if guess.confidence == "sure"]
+        return (*written, *(guess.choices[0] for guess in sure)), tuple(f"guessed {guess.choices[0]}: {guess.why}" for guess in sure)
+    answers = ask([guess for guess in guesses if guess.needed or guess.choices])
+    for answer in answers:
+        parse_source(answer, table, KNOWN_COLUMNS)
+    why = {guess.choices[0]: guess.why for guess in guesses if guess.choices}
+    return (*written, *answers), tuple(f"taken {answer}: {why.get(answer, 'as answered')}" for answer in answers)
 
 
 def _makes_a_recording(sources: Mapping[str, Source], timed: bool) -> bool:
-    return any(c["torque"] in sources and c["position"] in sources for c in CHANNELS.values()) and ("t_s" in sources or not timed)
+    """Whether torque and position of one side are mapped; a speed stands for the position, but not without time."""
+    motion = ("position", "velocity") if timed else ("position",)
+    whole = any(c["torque"] in sources and any(c[signal] in sources for signal in motion) for c in CHANNELS.values())
+    return whole and ("t_s" in sources or not timed)
 
 
 def _twins_of_ours(table: Table, sources: Mapping[str, Source]) -> list[Guess]:
@@ -123,6 +123,7 @@ def guesses_for(table: Table, sources: Mapping[str, Source], axis: Axis, *, time
     for signal, quantity in wanted.items():
         if channels[signal] not in sources:
             found.append(_signal(table, channels[signal], [m for m in meanings if m.quantity == quantity], axis, ratio))
+    found = [_or_commanded(guess, table, channels, meanings, drives, axis, ratio) for guess in found]
     taken = used | {_theirs(guess, table) for guess in found if guess.choices}
     for signal, quantity, role in (
         ("velocity", "velocity", "actual"),
@@ -136,7 +137,52 @@ def guesses_for(table: Table, sources: Mapping[str, Source], axis: Axis, *, time
         if column not in sources and guess.confidence == "sure":
             found.append(replace(guess, needed=False))
     found += [replace(g, needed=False) for g in _second_sensors(meanings, sources, taken)]
-    return found
+    return _by_numbers(table, _from_speed_alone(found, channels, timed), sources, channels)
+
+
+def _or_commanded(
+    guess: Guess, table: Table, channels: Mapping[str, str], meanings: Sequence[Meaning], quantity: str, axis: Axis, ratio: float | None
+) -> Guess:
+    """The commanded torque where no other is in the file."""
+    if guess.column != channels["torque"] or guess.choices:
+        return guess
+    commanded = _signal(table, guess.column, [m for m in meanings if m.quantity == quantity], axis, ratio, "setpoint")
+    if not commanded.choices:
+        return guess
+    why = f"{commanded.why}; it is what was commanded, not what acted: the delay of the current loop will look like dead time"
+    return replace(commanded, confidence="likely" if commanded.confidence == "sure" else commanded.confidence, why=why)
+
+
+def _by_numbers(table: Table, found: list[Guess], sources: Mapping[str, Source], channels: Mapping[str, str]) -> list[Guess]:
+    """With what the numbers themselves say, where names say nothing."""
+    if all(guess.choices or not guess.needed for guess in found):
+        return found
+    known = next((_theirs(guess, table) for guess in found if guess.column == "t_s" and guess.choices), "")
+    seen = relations(table, sources["t_s"].theirs if "t_s" in sources else known)
+    columns = {"t_s": seen.time, channels["torque"]: seen.torque, channels["position"]: seen.position}
+    made = []
+    for guess in found:
+        name = columns.get(guess.column, "")
+        if guess.choices or not guess.needed or not name:
+            made.append(guess)
+            continue
+        step = _step(table, name)
+        units = {"t_s": _units_of_time(step)}.get(guess.column, ("1",))
+        made.append(
+            replace(guess, choices=tuple(_written(guess.column, name, unit) for unit in units), why=f"by its numbers: {seen.why(name)}")
+        )
+    return made
+
+
+def _units_of_time(step: float) -> tuple[str, ...]:
+    fitting = [unit for unit, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)) if _SHORTEST_STEP_S <= step * factor <= _LONGEST_STEP_S]
+    return tuple(dict.fromkeys((*fitting, "s")))
+
+
+def _from_speed_alone(found: list[Guess], channels: Mapping[str, str], timed: bool) -> list[Guess]:
+    """Without the question for a position where a speed is sure, which is integrated."""
+    speed = any(guess.column == channels["velocity"] and guess.confidence == "sure" for guess in found)
+    return [guess for guess in found if not (timed and speed and guess.column == channels["position"] and not guess.choices)]
 
 
 def _theirs(guess: Guess, table: Table) -> str:
@@ -245,6 +291,9 @@ def _scaled(table: Table, column: str, meaning: Meaning, axis: Axis, ratio: floa
             f"it is in {meaning.unit}: the motor's angle is that over the {ratio:.6g} m/rad of {axis}, if the drive's feed constant is that"
         )
         return (f"{column}={_quoted(name)}*{UNITS['m'].others[meaning.unit]:g}/{ratio:.9g}",), "likely", why
+    if suffix == "m" and own == "rad":
+        why = f"it is in {meaning.unit}, the torque at the motor; a feed constant of 60 mm per revolution is only an example"
+        return (f"{column}={_quoted(name)}*{meaning.unit}*rev/60mm",), "unsure", why
     if meaning.special == "counts" and own == "rad":
         counts = axis.motor.encoder_counts_per_rev or 65536
         known = axis.motor.encoder_counts_per_rev is not None

@@ -15,6 +15,7 @@ from beltcomm.foreign import store
 from beltcomm.foreign.convert import Reading, alignment, line_of_table
 from beltcomm.foreign.files import Part, parts_of
 from beltcomm.foreign.guess import Ask, completed
+from beltcomm.foreign.scalars import offered
 from beltcomm.given import Place, pasted, place, places
 from beltcomm.locks import changes_run
 from beltcomm.outside import in_words
@@ -103,6 +104,7 @@ def import_recordings(
     data = {"run": str(run), "dry_run": dry_run, "axis": _axis_dict(known, folder, axis), "recordings": described}
     text = [line for item, recording in zip(described, found, strict=True) for line in _lines(item, recording)]
     text += ["", *left_out, *(f"{item.recording.name} is in {run} already, the same rows of the same file." for item in there)]
+    text += [line for item in found for line in offered(item.scalars, known)][:1]
     text += _closing(run, folder, known, axis, dry_run)
     if sidecar.experiment != "static_map" and any("record" not in item.recording.sidecar.extra["import"]["reading"] for item in found):
         text.append(alignment(reading, found[0].converted.columns))

@@ -2,7 +2,9 @@
 
     ours = [-][factor*]theirs {*factor | /number} [+offset | -offset]
 
-A factor is a number, a unit of the quantity (``position_rad=angle*deg``, ``t_s=time*ms``) or both (``t_s=tick*0.1ms``).
+A factor is a number, a unit of the quantity (``position_rad=angle*deg``, ``t_s=time*ms``) or both (``t_s=tick*0.1ms``).  Units of other
+quantities may stand there where all of them together make the column's: a feed constant of 60 mm per turn, ``position_rad=x*mm*rev/60mm``,
+a lead of 10 mm, ``force_n=M*nm*rev/10mm``.
 An offset is added after scaling, in SI or with its unit.  A name that holds ``*``, ``/``, ``+`` or ``-`` is taken as it stands
 in the file; quotation marks around a name do no harm.
 """
@@ -10,14 +12,20 @@ in the file; quotation marks around a name do no harm.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from beltcomm.configfiles import did_you_mean
+from beltcomm.configfiles import did_you_mean, without_halves
 from beltcomm.errors import UsageError
 from beltcomm.foreign.table import Table
 from beltcomm.quantities import UNITS, in_other_unit, parse_quantity, suffix_of, unit_of
 
+#: What units are made of; an angle is a number.
+_DIMENSIONS: Mapping[str, Mapping[str, int]] = {
+    "m": {"m": 1}, "rad": {}, "s": {"s": 1}, "a": {"a": 1}, "n": {"n": 1}, "nm": {"n": 1, "m": 1}, "m_s": {"m": 1, "s": -1},
+    "rad_s": {"s": -1}, "nm_a": {"n": 1, "m": 1, "a": -1}, "kg": {"kg": 1}, "m_s2": {"m": 1, "s": -2},
+}  # fmt: skip
 _NUMBER = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 
@@ -90,6 +98,7 @@ def _readings(expression: str, table: Table) -> Iterator[tuple[str, str, str]]:
 def _factors(before: str, rest: str, column: str) -> tuple[float, float, bool] | None:
     """Scale, offset and whether a factor was written; None when the text around the name is no arithmetic."""
     scale, offset, scaled = 1.0, 0.0, False
+    units: list[tuple[str, int]] = []
     if before.startswith("-"):
         scale, before = -1.0, before[1:].strip()
     if before:
@@ -99,14 +108,18 @@ def _factors(before: str, rest: str, column: str) -> tuple[float, float, bool] |
         if found is None or found[1]:
             return None
         scale, scaled = scale * found[0], True
+        units.append((found[2], 1))
     while rest:
         operator = rest[0]
         if operator not in "*/+-":
             return None
-        found = _quantity(rest[1:].strip(), column, number_only=operator == "/")
+        found = _quantity(rest[1:].strip(), column)
         if found is None or (operator == "/" and found[0] == 0.0):
             return None
-        value, rest = found
+        value, rest, unit = found
+        units += [(unit, 1 if operator == "*" else -1)] * (operator in "*/")
+        if operator in "+-" and unit and unit != suffix_of(column):
+            return None
         if operator == "*":
             scale, scaled = scale * value, True
         elif operator == "/":
@@ -115,33 +128,47 @@ def _factors(before: str, rest: str, column: str) -> tuple[float, float, bool] |
             return None
         else:
             offset = value if operator == "+" else -value
-    return scale, offset, scaled
+    return (scale, offset, scaled) if _make_one(units, column) else None
 
 
-def _quantity(text: str, column: str, *, number_only: bool = False) -> tuple[float, str] | None:
-    """Value in SI of the number, unit, or number with unit at the beginning, and the rest of the text; None for neither."""
+def _make_one(units: Sequence[tuple[str, int]], column: str) -> bool:
+    """Whether the units of all factors make that of the column; numbers alone may make anything.   units : suffix, and 1 or -1."""
+    written = [(suffix, sign) for suffix, sign in units if suffix]
+    total = Counter[str]()
+    for suffix, sign in written:
+        for base, power in _DIMENSIONS.get(suffix, {suffix: 1}).items():
+            total[base] += sign * power
+    own = suffix_of(column)
+    wanted = _DIMENSIONS.get(own, {own: 1})
+    return not written or {base: power for base, power in total.items() if power} == wanted
+
+
+def _quantity(text: str, column: str) -> tuple[float, str, str] | None:
+    """Value in SI of the number, unit, or number with unit at the beginning, the rest of the text, the unit's suffix; None for neither."""
     sign = -1.0 if text.startswith("-") else 1.0
     text = text[1:].strip() if sign < 0.0 else text
     # a unit may begin with a number itself: 1/min
-    match = None if _unit_at(text, column) and not number_only else _NUMBER.match(text)
+    match = None if _unit_at(text, column)[0] else _NUMBER.match(text)
     value, rest = (float(match[0]), text[match.end() :].strip()) if match else (1.0, text)
-    unit = "" if number_only else _unit_at(rest, column)
+    unit, suffix = _unit_at(rest, column)
     if not match and not unit:
         return None
     if unit:
-        value, rest = value * parse_quantity(f"1 {unit}", column), rest[len(unit) :].strip()
-    return sign * value, rest
+        value, rest = value * parse_quantity(f"1 {unit}", f"x_{suffix}"), rest[len(unit) :].strip()
+    return sign * value, rest, suffix
 
 
-def _unit_at(text: str, column: str) -> str:
-    """The longest unit of the column's quantity that the text begins with; "" for none."""
-    suffix = suffix_of(column)
+def _unit_at(text: str, column: str) -> tuple[str, str]:
+    """The longest unit of the column's quantity that the text begins with, of another one where there is none, and its suffix; "" for
+    none."""
     plain = text.lower().replace("µ", "u").replace("μ", "u")
-    for unit in sorted(UNITS[suffix].others if suffix else (), key=len, reverse=True):
-        behind = plain[len(unit) : len(unit) + 1]
-        if plain.startswith(unit) and not (behind.isalnum() or behind == "_"):
-            return text[: len(unit)]
-    return ""
+    own = suffix_of(column)
+    for suffix in (own, *(other for other in _DIMENSIONS if other != own)):
+        for unit in sorted(UNITS[suffix].others if suffix else (), key=len, reverse=True):
+            behind = plain[len(unit) : len(unit) + 1]
+            if plain.startswith(unit) and not (behind.isalnum() or behind == "_"):
+                return text[: len(unit)], suffix
+    return "", ""
 
 
 def _check_stated_unit(text: str, source: Source, table: Table) -> None:
@@ -187,6 +214,8 @@ def _not_understood(expression: str, column: str, table: Table) -> str:
     name = max(known, key=len)
     suffix = suffix_of(column)
     units = f" or a unit ({', '.join(UNITS[suffix].others)})" if suffix else ""
+    if suffix == "rad" and re.search(r"\*\s*(u|m|c)?m\b", plain):
+        units += f", or a way with the way per turn, {column}={name}*mm*rev/60mm for 60 mm"
     decimal = "; write the decimal point as '.'" if re.search(r"\d,\d", expression) else ""
     return f"{plain[len(name) :].strip()!r} behind {name!r} is not understood: *, / and a number{units}, then + or - an offset{decimal}"
 
@@ -203,5 +232,6 @@ def kept_columns(table: Table, names: Sequence[str], sources: Mapping[str, Sourc
         found = table.find(name)
         if found is None:
             raise UsageError(f"--keep {name}: {table.no_such_column(name)}")
-        kept[found if found not in known else f"{found} (as found)"] = found
+        plain = " ".join(without_halves(found).split()) or f"c{list(table.columns).index(found) + 1}"
+        kept[plain if plain not in known else f"{plain} (as found)"] = found
     return kept

@@ -42,8 +42,8 @@ def read_mcap(path: Path) -> Table:
     told = ", ".join(f"{topic} ({encoding})" for topic, encoding in list(others.items())[:5])
     if not messages:
         raise DataError(
-            f"{path} holds no JSON messages, and others need their schemas: {told or 'it is empty'}; open it in PlotJuggler or Foxglove and "
-            "export the topics as CSV"
+            f"{path} holds no JSON messages, and others need their schemas: {told or 'it is empty'}; open it in PlotJuggler or "
+            "Foxglove and export the topics as CSV"
         )
     return _topics(path, messages, stamps, (f"topics that are not JSON were left out: {told}",) if others else ())
 

@@ -22,6 +22,8 @@ _HEAVIEST_KG = 200.0
 _LIGHTEST_SHARE = 0.7
 #: Standard deviations beyond which an inertia is certain; and the share of the friction that must accelerate.
 _CERTAIN, _DYNAMIC = 4.0, 0.05
+#: Times the motor's inertia, of all that it turns, that no servo axis is built with.
+_APART = 100.0
 #: Two measures of one motion agree to this; where their likeness is smaller, filters and noise part them too.
 _AGREE, _ALIKE = 0.05, 0.995
 #: s; slower sampling shows no resonance of a belt, faster stamps come from no drive.
@@ -78,6 +80,7 @@ def _inertia(recording: Recording, axis: Axis, ratio: float | None) -> Iterator[
     found = rigid_inertia(recording.t_s, recording.torque, recording.position)
     if found is None or abs(found.inertia) < _CERTAIN * found.error or found.dynamic < _DYNAMIC:
         return
+    motor = axis.motor.inertia_kg_m2
     unit, torque = recording.inertia_unit, CHANNELS[recording.side]["torque"]
     name = "the mass" if recording.side == "load" else "the inertia"
     value = f"{found.inertia:.3g} ± {2.0 * found.error:.1g} {unit}"
@@ -87,7 +90,14 @@ def _inertia(recording: Recording, axis: Axis, ratio: float | None) -> Iterator[
             "one of the two has the wrong sign: --flip torque or --flip position (whichever the drive counts the other way)",
         )  # fmt: skip
         return
-    if recording.side != "motor" or ratio is None or axis.motor.inertia_kg_m2 is None:
+    if recording.side == "motor" and ratio is None and motor is not None and found.inertia > _APART * motor:
+        apart = found.inertia / motor
+        yield Doubt(
+            f"{name} by the regression of {torque} on acceleration", value, f"at most {_APART:g} times the motor's {motor:.3g} {unit}",
+            f"torque and angle look {apart:.3g} apart: a torque behind the gearbox beside the angle of the motor? Divide it by the gear "
+            "ratio in --map, or correct its unit",
+        )  # fmt: skip
+    if recording.side != "motor" or ratio is None or motor is None:
         return
     least = _LIGHTEST_SHARE * axis.motor_side_inertia_kg_m2
     most = axis.motor_side_inertia_kg_m2 + ratio**2 * _HEAVIEST_KG
@@ -102,6 +112,10 @@ def _inertia(recording: Recording, axis: Axis, ratio: float | None) -> Iterator[
 def _unit_remedy(found: RigidInertia, least: float, most: float, axis: Axis) -> str:
     """The units with which the inertia would be possible."""
     fits = [f"torque_nm in {words}" for factor, words in _TORQUE_UNITS.items() if least <= found.inertia * factor <= most]
+    gear = axis.gearbox.ratio
+    fits += (
+        [f"torque_nm is that behind the gearbox (divide it by {gear:g})"] if gear > 1.0 and least <= found.inertia / gear <= most else []
+    )
     constant = axis.motor.torque_constant_nm_a
     if constant is not None and least <= found.inertia * constant <= most:
         fits.append("torque_nm is in ampere (--map current_a=NAME)")

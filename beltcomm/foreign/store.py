@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from beltcomm import atomic
 from beltcomm.axis import Axis
 from beltcomm.borders import for_file_name
+from beltcomm.configfiles import without_halves
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.checks import check
 from beltcomm.foreign.convert import Converted, Reading, convert, reading_from_dict, without_time
@@ -42,7 +43,7 @@ class Imported:
     """One foreign file as a recording.   source : the file.   sha256 : of its bytes.   recording : as saved, side as in the file.
 
     converted : where the columns came from.     notes : sentences on how it was read and what looks odd.
-    findings : doubts whether it can be of this axis.
+    findings : doubts whether it can be of this axis.   scalars : single numbers that stand beside the columns.
     """
 
     source: Path
@@ -51,6 +52,7 @@ class Imported:
     converted: Converted
     notes: tuple[str, ...]
     findings: tuple[Doubt, ...] = ()
+    scalars: Mapping[str, float] = field(default_factory=dict)
 
 
 def imported(path: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Axis, part: Part) -> Imported:
@@ -76,7 +78,7 @@ def imported(path: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Ax
     except DataError as error:
         raise _with_the_way_out(error, part.table.columns, converted) from error
     doubts = findings(checked, axis)
-    return Imported(path, part.sha256, recording, converted, (*converted.notes, *checked.notes, *odd), doubts)
+    return Imported(path, part.sha256, recording, converted, (*converted.notes, *checked.notes, *odd), doubts, part.table.scalars)
 
 
 def _with_the_way_out(error: DataError, names: Mapping[str, Any], converted: Converted) -> DataError:
@@ -164,7 +166,7 @@ def write(run: Path, folder: RunFolder | None, axis: Axis, found: Sequence[Impor
 def _keep_original(folder: RunFolder, source: Path, sha256: str) -> Path:
     """Copy the foreign file, unless the run has it already; another file of that name is not touched."""
     target = folder.path / ORIGINALS
-    stem, ending = stem_and_ending(source)
+    stem, ending = (without_halves(part) for part in stem_and_ending(source))
     if target.is_symlink():
         raise link_refused(target)
     try:

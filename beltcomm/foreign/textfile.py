@@ -26,6 +26,8 @@ from beltcomm.foreign.table import Column, Decimal, Separator, Table
 from beltcomm.outside import blocks, check_columns, check_count, text_blocks, unreadable
 
 _SEPARATORS: dict[Separator, str] = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " "}
+_OTHER_ENDS = re.compile("[\x0b\x0c\x1c-\x1e\x85\u2028\u2029]")
+_LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
 _COMMENT = ("#", "%", "//")
 _MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "inf", "-inf", "+inf"}
 #: Lines looked at to recognise the format, and the share of them that must be rows of one length.
@@ -98,14 +100,14 @@ def read_text_table(path: Path, separator: Separator | None, decimal: Decimal | 
     rows = TextRows(path, form, names, torn_rows)
     number, without_end = 0, False
     for piece in _pieces(path, look.encoding):
-        first, number = number + 1, number + len(piece.splitlines())
+        first, number = number + 1, number + len(lines_in(piece))
         if number < begin.number:
             continue
         if first < begin.number:
-            piece = "".join(piece.splitlines(keepends=True)[begin.number - first :])
+            piece = "".join(lines_in(piece, keepends=True)[begin.number - first :])
             first = begin.number
         if piece[-1] not in "\r\n" and number > begin.number:
-            whole = piece.splitlines(keepends=True)[:-1]
+            whole = lines_in(piece, keepends=True)[:-1]
             without_end, piece = bool(piece[sum(map(len, whole)) :].strip()), "".join(whole)
         rows.add(first, piece)
     if without_end:
@@ -163,7 +165,7 @@ def _sampled(path: Path, encoding: str, skip_lines: int) -> _Look:
     sample: list[Line] = []
     number, every, blank = 0, 1, True
     for piece in _pieces(path, encoding):
-        lines = piece.splitlines()
+        lines = lines_in(piece)
         blank = blank and not piece.strip()
         if len(head) < _HEAD_LINES:
             head += [Line(number + k, text) for k, text in enumerate(lines, start=1) if number + k > skip_lines][: _HEAD_LINES - len(head)]
@@ -178,6 +180,13 @@ def _sampled(path: Path, encoding: str, skip_lines: int) -> _Look:
     if blank:
         raise DataError(f"{path} is empty")
     return _Look(encoding, head, sample)
+
+
+def lines_in(text: str, *, keepends: bool = False) -> list[str]:
+    """The lines of a text; what Python takes for ends of lines besides, a file of measurements has inside its words."""
+    if _OTHER_ENDS.search(text) is None:
+        return text.splitlines(keepends)
+    return [match[0] if keepends else match[0].rstrip("\r\n") for match in _LINE.finditer(text)]
 
 
 def _pieces(path: Path, encoding: str) -> Iterator[str]:
@@ -302,7 +311,7 @@ class TextRows:
             return
         table = self._numbers(text)
         if table is None:
-            self._slowly([Line(first + k, line) for k, line in enumerate(text.splitlines())])
+            self._slowly([Line(first + k, line) for k, line in enumerate(lines_in(text))])
             return
         if self._waiting:
             self._keep(self._waiting)

@@ -27,6 +27,8 @@ ALONG: Mapping[str, str] = {
 }
 _UNITS = {"velocity": "m/s", "acceleration": "m/s²", "jerk": "m/s³"}
 
+#: Rows of a motion: three hours at 1 kHz, 1 GB.
+MOST_ROWS = 10_000_000
 #: A smallest value this much smaller than the largest is zero, with the rounding of a sum.
 ROUNDING = 1e-12
 
@@ -110,6 +112,7 @@ def trajectory(
     down = end_m < start_m
     bounds = along.mirrored() if down else along
     fastest = fastest_motion(start, end, bounds)
+    _check_rows(fastest.duration_s, number(period_s, "period_s", "s"), along)
     motion = on_grid(start, end, bounds, period_s)
     sampled = motion.sampled(period_s)
     may_write(file, options.yes, talk)
@@ -131,6 +134,17 @@ def trajectory(
         "phases": {"durations_s": plain(motion.durations_s), "jerks_m_s3": plain(motion.jerks_m_s3)},
     }
     return Result(data, _lines(file, motion, fastest, bounds, period_s, binding))
+
+
+def _check_rows(duration_s: float, period_s: float, along: MotionBounds) -> None:
+    """Raise UsageError for more rows than anybody can use, with the numbers that ask for them."""
+    if not period_s > 0.0:
+        raise UsageError(f"the period is {period_s:g} s; it must be positive")
+    if duration_s / period_s > MOST_ROWS:
+        raise UsageError(
+            f"the motion takes {duration_s:.4g} s at a speed of {along.velocity_max_m_s:g} m/s, {duration_s / period_s:.3g} rows of "
+            f"{period_s:g} s; at most {MOST_ROWS} are written: give a larger speed, acceleration or jerk, or a longer period"
+        )
 
 
 def _along(speed: float, back: float | None, up: float, down: float | None, rise: float, fall: float | None) -> MotionBounds:

@@ -6,11 +6,24 @@ import math
 from dataclasses import dataclass
 
 from beltcomm.axis import Axis
-from beltcomm.drive import Capabilities
+from beltcomm.drive import Capabilities, Nameplate
 from beltcomm.errors import UsageError
 
 #: Rated values of the drive may differ by this share from axis.yaml: rounding of data sheets.
 RATED_TOLERANCE = 0.05
+
+
+def nameplate_of(axis: Axis) -> Nameplate:
+    """What the axis file knows of its motor, for a drive that does not tell it."""
+    motor, speed = axis.motor, axis.limits.speed_m_s
+    fastest = speed / axis.transmission_m_rad if speed is not None and axis.get("pulley.effective_radius_m") is not None else None
+    return Nameplate(
+        motor.rated_torque_nm,
+        motor.peak_torque_nm,
+        motor.torque_constant_nm_a,
+        motor.max_speed_rad_s or fastest,
+        None if motor.encoder_counts_per_rev is None else int(motor.encoder_counts_per_rev),
+    )
 
 
 @dataclass(frozen=True)
@@ -78,7 +91,7 @@ def ratings(axis: Axis, capabilities: Capabilities) -> tuple[Rating, ...]:
             "a motor that runs away would be stopped too late; lower 6080h in the drive, or correct motor.max_speed_rad_s",
             most=True,
         ),
-        counts_rating(axis, capabilities.counts_per_rev),
+        counts_rating(axis, capabilities.encoder_counts_per_rev or capabilities.counts_per_rev),
     )
 
 
@@ -88,7 +101,7 @@ def check_ratings(axis: Axis, capabilities: Capabilities) -> list[str]:
     wrong = [rating.words() for rating in found if rating.wrong]
     if wrong:
         raise UsageError("; ".join(wrong))
-    counted = counts_rating(axis, capabilities.counts_per_rev)
+    counted = counts_rating(axis, capabilities.encoder_counts_per_rev or capabilities.counts_per_rev)
     return [counted.words()] if counted.share != 1.0 else []
 
 

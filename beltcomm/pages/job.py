@@ -12,6 +12,7 @@ from beltcomm.pages import axis, changes, first, gains, loops, missing, model, m
 from beltcomm.pages.gather import Gathered, gathered
 from beltcomm.report.page import Page, render
 from beltcomm.result import Result, jsonable, plain
+from beltcomm.rundata.headline import headline_of
 from beltcomm.sentences.cross_checks import sheet_lines
 from beltcomm.talk import Silence, Talk
 
@@ -90,6 +91,7 @@ def numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> d
     doubts = found.laboratory.sheets if found.laboratory is not None else ()
     return {
         "run": found.name,
+        "headline": headline_of(found.folder).to_dict(),
         "verdict": page.verdict,
         "state": page.state,
         "facts": [plain(fact) for fact in page.facts],

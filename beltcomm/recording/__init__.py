@@ -261,12 +261,9 @@ class Recording:
                     "the column or the encoder is wrong",
                     self._excited_nm() or most,
                 )
-        share = 0.0 if self.is_static_map else clipped_share(self.torque, self.torque_setpoint, self._excited_nm())
-        if share >= CLIPPED_SHARE:
-            raise self._fault(
-                f"{channels['torque']} is clipped at {np.abs(self.torque).max():.4g} {self.torque_unit} in {100.0 * share:.0f} % "
-                f"of the rows (allowed: {100.0 * CLIPPED_SHARE:.0f} %); record again with a smaller amplitude or a larger range"
-            )
+        clipped = self._clipped()
+        if clipped and not self.sidecar.accepted:
+            raise self._fault(f"{clipped}; record again with a smaller amplitude or a larger range, or say why it holds: --accept REASON")
         if self.velocity is not None and not self.is_static_map:
             fault = velocity_unit_fault(self.t_s, self.position, self.velocity)
             if fault:
@@ -277,6 +274,16 @@ class Recording:
             fault = reference_unit_fault(values, asked) if values is not None and asked is not None else ""
             if fault:
                 raise self._fault(f"{channels[signal]} and {channels[reference]} contradict each other: {fault}; convert the column")
+
+    def _clipped(self) -> str:
+        """That the torque is clipped, in words; "" when it is not."""
+        share = 0.0 if self.is_static_map else clipped_share(self.torque, self.torque_setpoint, self._excited_nm())
+        if share < CLIPPED_SHARE:
+            return ""
+        return (
+            f"{CHANNELS[self.side]['torque']} is clipped at {np.abs(self.torque).max():.4g} {self.torque_unit} in {100.0 * share:.0f} % of "
+            f"the rows (allowed: {100.0 * CLIPPED_SHARE:.0f} %)"
+        )
 
     def _excited_nm(self) -> float | None:
         """Amplitude of the torque that excited the axis, N m, in open loop; None where there was none."""
@@ -300,6 +307,8 @@ class Recording:
         remarks = []
         if not self.sidecar.finished:
             remarks.append("the record was broken off")
+        if self.sidecar.accepted and (clipped := self._clipped()):
+            remarks.append(f"{clipped}: accepted, {self.sidecar.accepted}")
         for signal in ("velocity", *COMMON):
             values = getattr(self, signal)
             if values is not None and np.ptp(values) == 0.0:

@@ -12,6 +12,8 @@ Array = NDArray[np.float64]
 
 #: Share of samples at the end of the torque's range from which a record counts as clipped.
 CLIPPED_SHARE = 0.02
+#: Share of the other samples that stand in runs of equal values from which a torque is one of held levels.
+HELD_SHARE = 0.5
 #: Fewer samples in a row at the end of the range are chance.
 CLIPPED_RUN = 3
 #: Chance of so many equal neighbours, under noise, from which a torque counts as cut off: far fewer than there are records.
@@ -35,6 +37,13 @@ UNIT_FACTORS = {
 }
 #: Share of a torque's variance that must be slow for its sign to be judged; less is what a triangle lets through of fast shaking.
 SLOW_SHARE = 0.01
+#: Standard deviations beyond which an inertia is certain; s, width of the means of what moves slowly; share of the work that a friction
+#: which drives gives at least.
+CERTAIN, SLOW_S, BACKWARDS = 4.0, 0.08, 0.1
+#: Share of the work, taken out of the axis, that no passive axis gives.
+ACTIVE = 0.3
+#: Share of the work from which a torque drives, whatever a regression says of springs and of friction that hardly slides.
+WORKS = 0.02
 
 
 def gaps(t_s: Array) -> NDArray[np.intp]:
@@ -105,6 +114,10 @@ def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None
     if len(levels) <= SWITCHED_LEVELS:
         short = amplitude is not None and np.abs(torque).max() < 0.9 * amplitude
         return float(np.mean(at_end)) if short else 0.0
+    # Levels that are held, by a setpoint in steps or a slower signal, are held everywhere in the range and not at its ends alone.
+    inside = ~at_end
+    if np.any(inside) and float(np.mean(_in_runs_of_one(torque)[inside])) > HELD_SHARE:
+        return 0.0
     # A torque that settles at its largest value arrives there by ever smaller steps, a clipped one by a jump.
     entries = np.flatnonzero(at_end[1:] & ~at_end[:-1])
     jumps = np.abs(torque[entries + 1] - torque[entries])
@@ -140,12 +153,42 @@ def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
     triangle, a negative mass or a friction that drives explains most of what the rest leaves, and under none a positive one
     even half as much.
     """
+    works = slow_work_share(t_s, torque, position) > WORKS
     even = np.arange(t_s[0], t_s[-1], usual_step(t_s))
     torque, position = np.interp(even, t_s, torque), np.interp(even, t_s, position)
     period = float(even[1] - even[0])
     widths = [max(2, round(window / period)) for window in (0.08, 0.16, 0.32)]
     found = [share for width in widths if len(torque) >= 12 * width for share in _shares(torque, position, width)]
-    return bool(found) and min(found) < -0.5 and max(found) < -0.5 * min(found)
+    return bool(found) and min(found) < -0.5 and max(found) < -0.5 * min(found) and not works
+
+
+def backwards(t_s: Array, torque: Array, position: Array) -> bool:
+    """Whether time runs backwards: the mass is positive and the friction drives, in what moves slowly, where no lag of a reading counts."""
+    rigid = rigid_inertia(t_s, torque, position)
+    if rigid is None or rigid.inertia < CERTAIN * rigid.error or rigid.dissipated >= 0.0:
+        return False
+    return slow_work_share(t_s, torque, position) < -BACKWARDS
+
+
+def slow_work_share(t_s: Array, torque: Array, position: Array) -> float:
+    """:func:`work_share` of what moves slowly; 0 for a record that is too short to tell."""
+    even = np.arange(t_s[0], t_s[-1], usual_step(t_s))
+    width = max(2, round(SLOW_S / float(even[1] - even[0]))) if len(even) > 1 else 0
+    if width == 0 or len(even) < 8 * width:
+        return 0.0
+    slow = [running_mean(running_mean(np.interp(even, t_s, signal), width), width) for signal in (torque, position)]
+    return work_share(*slow)
+
+
+def work_share(torque: Array, position: Array) -> float:
+    """Work of the torque on the motion, over all that it does back and forth, -1 to 1, but for a constant torque's.
+
+    Friction takes it up, so it is positive in whatever drives; a spring's or a mass's is given back.
+    """
+    steps = np.diff(position)
+    work = 0.5 * (torque[1:] + torque[:-1] - 2.0 * torque.mean()) * steps
+    total = float(np.abs(work).sum())
+    return float(work.sum()) / total if total > 0.0 else 0.0
 
 
 @dataclass(frozen=True)
@@ -189,8 +232,8 @@ def rigid_inertia(t_s: Array, torque: Array, position: Array) -> RigidInertia | 
     torque, position = np.interp(even, t_s, torque), np.interp(even, t_s, position)
     span, every = width * float(even[1] - even[0]), max(1, width // 4)
     before, middle, after = position[: -2 * width], position[width:-width], position[2 * width :]
-    force = _running_mean(_running_mean(torque, width), width)[1:-1][::every]
-    direction = _running_mean(_running_mean(np.sign(np.gradient(position)), width), width)[1:-1][::every]
+    force = running_mean(running_mean(torque, width), width)[1:-1][::every]
+    direction = running_mean(running_mean(np.sign(np.gradient(position)), width), width)[1:-1][::every]
     rows = min(len(force), len(direction))
     acceleration, speed = ((after - 2.0 * middle + before)[::every] / span**2)[:rows], ((after - before)[::every] / (2.0 * span))[:rows]
     columns = np.column_stack([acceleration, speed, direction[:rows], np.ones(rows)])
@@ -207,7 +250,7 @@ def rigid_inertia(t_s: Array, torque: Array, position: Array) -> RigidInertia | 
 def _shares(torque: Array, position: Array, width: int) -> tuple[float, float]:
     """Shares of the torque that acceleration and friction explain, each of what the rest leaves; negative for a negative factor."""
     # the second difference over the width is the acceleration's mean under a triangle of that width; torque gets the same
-    force = _running_mean(_running_mean(torque, width), width)[1:-1]
+    force = running_mean(running_mean(torque, width), width)[1:-1]
     if force.var() < SLOW_SHARE * torque.var():
         return 0.0, 0.0
     before, middle, after = position[: -2 * width], position[width:-width], position[2 * width :]
@@ -229,9 +272,20 @@ def _partial(signal: Array, cause: Array, others: Array) -> float:
     return math.copysign(float(rest @ pull) ** 2 / (float(rest @ rest) * float(pull @ pull)), float(rest @ pull))
 
 
-def _running_mean(signal: Array, width: int) -> Array:
+def running_mean(signal: Array, width: int) -> Array:
+    """Mean of each ``width`` values in a row."""
     total = np.concatenate(([0.0], np.cumsum(signal)))
     return (total[width:] - total[:-width]) / width
+
+
+def _in_runs_of_one(signal: Array) -> NDArray[np.bool_]:
+    """Samples that stand in a run of CLIPPED_RUN equal ones at least."""
+    same = np.concatenate(([False], np.diff(signal) == 0.0, [False]))
+    edges = np.flatnonzero(np.diff(same.astype(np.int8)))
+    found = np.zeros(len(signal), dtype=bool)
+    for start, end in zip(edges[::2], edges[1::2], strict=True):
+        found[start : end + 1] = end - start + 1 >= CLIPPED_RUN
+    return found
 
 
 def _in_runs(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

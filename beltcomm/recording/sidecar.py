@@ -94,6 +94,7 @@ class Sidecar:
     excitation: ExcitationNote | None = None
     controller: Mapping[str, Any] = field(default_factory=dict)
     source: str = ""
+    accepted: str = ""
     finished: bool = True
     extra: Mapping[str, Any] = field(default_factory=dict)
 
@@ -182,7 +183,7 @@ def _typed(key: str, value: Any) -> Any:
     name = key.rpartition(".")[2]
     if name == "period_starts" and isinstance(value, (list, tuple)):
         return tuple(_typed(key, item) for item in value)
-    if name in {"experiment", "source", "kind"}:
+    if name in {"experiment", "source", "accepted", "kind"}:
         return str(value)
     if name in {"closed_loop", "held_out", "finished"}:
         if not isinstance(value, bool):

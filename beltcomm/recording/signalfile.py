@@ -23,6 +23,7 @@ from beltcomm.outside import check_columns, check_count, opened
 Column = NDArray[Any]
 #: Bytes read at a time.
 _BLOCK = 1 << 22
+csv.field_size_limit(_BLOCK)  # a field of any length is data; lines are bounded elsewhere
 _LINE_END = re.compile(r"\r\n|\r|\n")
 #: Rows that are written at a time.
 _ROWS = 1 << 16
@@ -82,7 +83,14 @@ def write_columns(path: Path, columns: Mapping[str, Column]) -> None:
     ------
     UsageError
         When it cannot be written.
+    DataError
+        For names that would not come back as they are.
     """
+    header = ",".join(map(_cell, columns))
+    if _names(path, _LINE_END.split(header, maxsplit=1)[0]) != list(columns):
+        raise DataError(
+            f"{path}: the columns {', '.join(map(repr, columns))[:200]} cannot be written so that they can be read again; rename one"
+        )
     write_text(path, _pieces(columns))
 
 

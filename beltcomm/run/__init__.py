@@ -59,7 +59,13 @@ class OpenedRun:
 
     @property
     def model(self) -> RunModel:
-        """The present model.   Raises DataError where nothing was fitted yet."""
+        """The present model.
+
+        Raises
+        ------
+        DataError
+            Where nothing was fitted yet.
+        """
         model = current_model(self._folder)
         if model is None:
             self._folder.file("models", "final")  # says what makes one
@@ -68,7 +74,13 @@ class OpenedRun:
 
     @property
     def gains(self) -> Cascade:
-        """The controller of the present design.   Raises DataError where there is none."""
+        """The controller of the present design.
+
+        Raises
+        ------
+        DataError
+            Where there is none.
+        """
         return cascade_from_dict(saved_design(self._folder))
 
     def fit(self) -> Result:
@@ -241,7 +253,13 @@ def _api() -> Any:
 
 
 def options_of(given: dict[str, Any]) -> Options:
-    """The options by name.   Raises UsageError for one that there is not."""
+    """The options by name.
+
+    Raises
+    ------
+    UsageError
+        For one that there is not.
+    """
     from beltcomm.api import Options
 
     try:

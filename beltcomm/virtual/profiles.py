@@ -51,8 +51,9 @@ class VirtualProfile:
     period_at_reset : 60C2h becomes active at the next reset; else at once.   enable_inputs : their bits in 60FDh, stage and controller.
     peak_torque_units : torques are told so that the motor's peak torque is this many; 0: in 0.1 % of the rated one.
     cycle_s : of its loops; the bus ticks with it.
-    sdo_delay_ms : before an answer.   enable_ms : until the stage is on.   instruments : of its torque path, where the plant file
-    has none.   tells_zero : in bit 15 of the statusword, which CiA 402 leaves to the maker.   aliases : a quantity's second number.
+    after_loss : as 1029h:1, of a drive without it.   sdo_delay_ms : before an answer.   enable_ms : until the stage is on.
+    instruments : of its torque path, where the plant file has none.   aliases : a quantity's second number.
+    tells_zero : in bit 15 of the statusword, which CiA 402 leaves to the maker.
     """
 
     name: str
@@ -74,6 +75,7 @@ class VirtualProfile:
     peak_torque_units: float = 0.0
     cycle_s: float = 1e-3
     sdo_delay_ms: float = 0.0
+    after_loss: int = 0
     enable_ms: float = 0.0
     instruments: Instruments = IDEAL
     aliases: tuple[tuple[tuple[int, int], tuple[int, int]], ...] = ()
@@ -304,6 +306,7 @@ CMMP_AS = VirtualProfile(
     quick_stops=frozenset({2}),
     following_error_faults=False,
     i2t_faults=False,
+    after_loss=1,  # whether a CMMP-AS leaves Operational then is not published
     period_at_reset=True,
     vendor_bits=True,
     enable_inputs=1 << 20 | 1 << 21,

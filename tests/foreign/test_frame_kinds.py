@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -123,7 +124,7 @@ def test_frames_are_the_same_whatever_wrote_them(name: str, tmp_path: Path) -> N
     write(tmp_path / file, messages)
     assert kind_of_log(tmp_path / file) is not None
     log = read_frames(tmp_path / file)
-    print(f"{name:30s} {len(log.t_s)} of {len(messages)} frames")
+    sys.stdout.write(f"{name:30s} {len(log.t_s)} of {len(messages)} frames\n")
     assert [int(i) & 0x7FFFFFFF for i in log.identifier] == [m.arbitration_id for m in messages]
     assert [bool(i & 1 << 31) for i in log.identifier] == [m.is_extended_id for m in messages]
     assert [bytes(d[:n]) for d, n in zip(log.data, log.length, strict=True)] == [bytes(m.data) for m in messages]

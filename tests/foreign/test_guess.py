@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -95,23 +96,21 @@ def test_a_complete_mapping_is_left_alone() -> None:
         (("t", "torque [Nm]", "pos"), "position_rad", "unsure", "in whole numbers"),
         (("t", "torque [Nm]", "pos [inc]"), "position_rad", "likely", "in counts, 65536 per revolution by the axis file"),
         (("t", "torque [Nm]", "pos [mm]"), "position_rad", "likely", "the motor's angle is that over the 0.01242 m/rad"),
-        (("t", "nothing", "pos [°]"), "torque_nm", "unsure", "no column of the file is called so"),
+        (("t", "nothing", "pos [°]"), "torque_nm", "unsure", "looks like what drives column 3"),
     ],
 )
 def test_what_is_not_sure_is_asked(names: tuple[str, ...], column: str, confidence: str, words: str) -> None:
     asked: list[Guess] = []
 
-    def ask(guess: Guess) -> str:
-        asked.append(guess)
-        return guess.choices[0]
+    def ask(guesses: Sequence[Guess]) -> list[str]:
+        asked.extend(guesses)
+        return [guess.choices[0] for guess in guesses if guess.choices]
 
     with pytest.raises(NeedsAnswers, match="not sure which column is which"):
         completed(table(*names), (), AXIS, timed=True)
     completed(table(*names), (), AXIS, timed=True, ask=ask)
     guess = next((guess for guess in asked if guess.column == column), None)
-    if guess is None:  # nothing to choose from
-        assert words.startswith("no column")
-        return
+    assert guess is not None
     assert guess.confidence == confidence
     assert words in guess.why
 
@@ -119,7 +118,12 @@ def test_what_is_not_sure_is_asked(names: tuple[str, ...], column: str, confiden
 def test_two_torques_are_not_sure() -> None:
     asked: list[Guess] = []
     two = table("t", "Torque A1 [Nm]", "pos [°]", **{"Torque A2 [Nm]": CURRENT})
-    completed(two, (), AXIS, timed=True, ask=lambda guess: asked.append(guess) or guess.choices[1])  # type: ignore[func-returns-value]
+
+    def ask(guesses: Sequence[Guess]) -> list[str]:
+        asked.extend(guess for guess in guesses if guess.confidence != "sure")
+        return [guess.choices[-1] for guess in guesses]
+
+    completed(two, (), AXIS, timed=True, ask=ask)
     assert [guess.column for guess in asked] == ["torque_nm"]
     assert "'Torque A1 [Nm]' (c2), 'Torque A2 [Nm]' (c4) could be meant" in asked[0].why
 
@@ -161,15 +165,34 @@ def test_a_file_that_was_edited_is_not_overwritten(tmp_path: Path) -> None:
     assert (tmp_path / "run.map").read_text(encoding="utf-8") == "torque_nm=mine\n"
 
 
-def test_at_a_terminal_the_questions_are_asked_one_by_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_at_a_terminal_the_whole_mapping_is_asked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     log, run = write(tmp_path / "log.csv", text("Zeit [s],Drehmoment,enc")), tmp_path / "run"
     monkeypatch.setattr(import_, "_can_be_asked", lambda: True)
     words = ["import", str(log), "--run", str(run), "--axis", "egc-70-600"]
-    outcome = CliRunner().invoke(cli, words, input="torque_nm=Drehmoment*0.65\n1\n")
+    outcome = CliRunner().invoke(cli, words, input="torque_nm=Drehmoment*0.65\n\n")
     assert outcome.exit_code == 0, outcome.output
-    assert "torque_nm: unsure; its unit is not stated" in outcome.stderr
-    assert "  1  position_rad=enc*rev/65536" in outcome.stderr
-    assert CliRunner().invoke(cli, words, input="9\n").exit_code == 2
+    assert "unsure; its unit is not stated; its largest value is" in outcome.stderr
+    assert "position_rad=enc*rev/65536" in outcome.stderr
+    assert "    1  or torque_nm=Drehmoment*" in outcome.stderr
+    np.testing.assert_allclose(RunFolder.open(run).recording("log").torque, 0.65 * swing()[1], rtol=1e-12)
+    assert CliRunner().invoke(cli, words, input="99\n").exit_code == 2
+
+
+def test_numbers_tell_columns_without_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    time, current, encoder = swing()
+    speed = np.gradient(2.0 * np.pi / 65536 * encoder, 1e-3)
+    angle = 2.0 * np.pi / 65536 * encoder
+    rows = zip(time * 1e3, np.full(len(time), 24.0), angle, 0.65 * current, 1e-3 * speed, strict=True)
+    log = write(tmp_path / "log.txt", "\n".join(" ".join(f"{value:.7g}" for value in row) for row in rows) + "\n")
+    monkeypatch.setattr(import_, "_can_be_asked", lambda: True)
+    outcome = CliRunner().invoke(cli, ["import", str(log), "--run", str(tmp_path / "run")], input="\n")
+    assert outcome.exit_code == 0, outcome.output
+    assert "position_rad=c3" in outcome.stderr
+    assert "column 5 looks like its derivative" in outcome.stderr
+    assert "column 4 looks like what drives column 3" in outcome.stderr
+    found = RunFolder.open(tmp_path / "run").recording("log")
+    np.testing.assert_allclose(found.torque, 0.65 * current, atol=1e-6)
+    np.testing.assert_allclose(np.diff(found.t_s), 1e-3, atol=1e-7)
 
 
 def test_the_api_raises_with_the_file_of_mappings(tmp_path: Path) -> None:

@@ -236,3 +236,28 @@ def test_an_axis_without_a_belt_has_a_report_and_no_design(log: Path, tmp_path: 
         assert outcome.exit_code == code, outcome.output
         assert said in outcome.output
         assert "Traceback" not in outcome.output
+
+
+def test_what_is_written_can_be_read_back_whatever_it_is_called(tmp_path: Path) -> None:
+    time, current, encoder = (values.tolist() for values in swing(900))
+    angle = [2.0 * np.pi / 65536 * value for value in encoder]
+    odd = {"bad\ud800name": time, "new\nline": time, 'quote"x,y': time, "\u2028": time}
+    log = tmp_path / b"\xff\xfelog.json".decode("utf-8", "surrogateescape")
+    log.write_text(json.dumps({"t_s": time, "torque_nm": current, "position_rad": angle, **odd}), encoding="utf-8")
+    run = tmp_path / "run"
+    outcome = call(log, "--run", run, "--keep", "all", "--source", "from \udcff")
+    assert outcome.exit_code == 0, outcome.output
+    assert call("--check", "--run", run).stdout.count("the same, bit by bit") == 1
+    (name,) = RunFolder.open(run).finished_names()
+    assert {"bad\ufffdname", "new line", 'quote"x,y'} <= set(RunFolder.open(run).recording(name).extra)
+
+
+def test_a_field_of_any_length_and_any_end_of_line_in_it_is_data(tmp_path: Path) -> None:
+    rows = text(header="time,Iq,enc,note").splitlines()
+    said = ["x" * 300_000 if k == 7 else "a\u2028b\x0cc" for k in range(len(rows) - 1)]
+    rows[1:] = [f'{row},"{words}"' for row, words in zip(rows[1:], said, strict=True)]
+    log = write(tmp_path / "log.csv", "\n".join(rows) + "\n")
+    outcome = call(log, "--run", tmp_path / "run", *MAPPED, "--keep", "note")
+    assert outcome.exit_code == 0, outcome.output
+    notes = RunFolder.open(tmp_path / "run").recording("log").extra["note"]
+    assert (len(notes[7]), notes[8]) == (300_000, "a\u2028b\x0cc")

@@ -143,12 +143,12 @@ def test_matlab_and_numpy_files_that_cannot_be_read(tmp_path: Path) -> None:
 
 
 def test_files_that_are_not_there_or_of_another_kind(tmp_path: Path) -> None:
-    (tmp_path / "a.xlsx").write_bytes(b"PK")
+    (tmp_path / "a.xls").write_bytes(b"\xd0\xcf\x11\xe0" + bytes(600))
     for path, sentence in {
         tmp_path / "b.csv": "does not exist",
         Path("/dev/null"): "is no file",
         tmp_path: "is a folder",
-        tmp_path / "a.xlsx": "save its sheet as CSV",
+        tmp_path / "a.xls": "save its sheet as CSV",
     }.items():
         with pytest.raises(UsageError, match=re.escape(str(path)) + r".*" + sentence):
             read_table(path)

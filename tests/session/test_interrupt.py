@@ -26,7 +26,7 @@ Copy = Callable[..., Path]
 
 
 def commission(run: Path, listener: Listener, monkeypatch: pytest.MonkeyPatch, *words: str) -> Result:
-    monkeypatch.setattr(talk, "terminal_talk", lambda _verbose: listener)
+    monkeypatch.setattr(talk, "terminal_talk", lambda *_options: listener)
     return CliRunner().invoke(
         cli, ["commission", "--drive", "virtual:g_a", "--run", str(run), "--resume", "--yes", "--no-report", "--seed", "1", *words]
     )
@@ -172,7 +172,7 @@ def test_ctrl_c_while_a_question_is_asked(make_bench: MakeBench, monkeypatch: py
         raise KeyboardInterrupt
 
     monkeypatch.setattr(listener, "confirm", confirm)
-    monkeypatch.setattr(talk, "terminal_talk", lambda _verbose: listener)
+    monkeypatch.setattr(talk, "terminal_talk", lambda *_options: listener)
     outcome = CliRunner().invoke(cli, ["commission", "--drive", "virtual:g_a", "--run", str(tmp_path / "run")])
     assert outcome.exit_code == 4
     assert state_after(bench, tmp_path / "run") == {}

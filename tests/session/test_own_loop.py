@@ -87,3 +87,24 @@ def test_a_loop_that_does_not_follow_ends_with_model_and_design_too(make_bench: 
     assert "own loop was not used" in text
     assert "To be typed into the maker's tool" in text
     assert bench.stands_disabled()
+
+
+def test_a_p_pi_drive_of_unknown_units_travels_by_what_the_host_sends_along(make_bench: Callable[..., Bench], tmp_path: Path) -> None:
+    """Gains of unknown unit, 60B1h and 60B2h, no filter against the resonance: a loop so weak moves the carriage only because friction and
+    inertia are sent along with its reference."""
+    file = tmp_path / "ppi.yaml"
+    gains = "".join(
+        f"  {name}: {{index: 0x2100, subindex: {number}, type: real32, scale: {scale}}}\n"
+        for number, name, scale in ((1, "kp_nm_s_rad", 0.5), (2, "ki_nm_rad", 3.0), (3, "kpp_1_s", 2.0), (13, "ff_velocity", 1.0))
+    )
+    file.write_text(f"name: ppi\ntitle: P-PI\ngain_meaning: unconfirmed\nparameters:\n{gains}", encoding="utf-8")
+    bench = make_bench("g_a", profile=str(file))
+    run = tmp_path / "run"
+    result = api.commission(bench.name, "egc-70-600", run, options=api.Options(quick=True, **YES), talk=Listener())
+    design = RunFolder.open(run).load("designs", "final")["parameters"]
+    assert design["kp_nm_s_rad"] < 0.01
+    verdict = result.data["verdict"]
+    assert verdict.measured.dynamic_m == pytest.approx(verdict.predicted.dynamic_m, rel=0.3)
+    assert verdict.passed
+    assert RunFolder.open(run).recording("sweep").torque_offset is not None
+    assert bench.stands_disabled()

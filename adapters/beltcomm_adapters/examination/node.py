@@ -36,7 +36,7 @@ def identity(patient: Patient) -> Iterator[Finding]:
     else:
         yield Finding(AREA, "identity", "ok", who, "", one)
     sure = Counter(entry["confidence"] for entry in profile.sources.values())
-    known = ", ".join(f"{sure[word]} {word}" for word in ("read", "simulated", "inferred", "unconfirmed") if sure[word])
+    known = ", ".join(f"{sure[word]} {word}" for word in ("read", "simulated", "inferred", "recalled", "unknown") if sure[word])
     values: Values = {"profile": profile.name, **{f"facts_{word}": count for word, count in sure.items()}}
     text = f"profile {profile.name} ({profile.title}); its facts: {known}"
     if not profile.match:

@@ -13,7 +13,7 @@ from beltcomm.errors import BusError, DriveError
 from beltcomm_adapters.cia402 import State
 from beltcomm_adapters.examination.patient import Check, Patient
 from beltcomm_adapters.gains import Parameters
-from beltcomm_adapters.identification import read_capabilities, supported_modes
+from beltcomm_adapters.identification import read_capabilities, supported_modes, sync_steps
 from beltcomm_adapters.trial import AREA, tried
 
 GAINS: Final = "gains"
@@ -29,8 +29,9 @@ def opened(patient: Patient) -> Iterator[Finding]:
     try:
         table = Parameters(objects, profile, patient.scaling)
         found = read_capabilities(
-            objects, profile, patient.scaling, patient.identity, patient.bitrate, False, table.table, table.uncalibrated
-        )
+            objects, profile, patient.scaling, patient.identity, patient.bitrate, False, table.table, table.uncalibrated, None,
+            patient.nameplate,
+        )  # fmt: skip
     except BusError:
         raise
     except DriveError as error:
@@ -68,7 +69,7 @@ def records(patient: Patient) -> Iterator[Finding]:
         yield Finding(AREA, "mapping", "unknown", f"mapping and limits of a record were not tried: {reason}")
         return
     modes = supported_modes(patient.objects, patient.profile)
-    period_s = 1e-3 * patient.profile.shortest_sync_ms
+    period_s, _ = sync_steps(patient.objects, patient.profile)
     yield from tried(patient.objects, patient.profile, patient.scaling, modes, period_s)
 
 

@@ -1,0 +1,130 @@
+"""What the numbers of a table say of its columns, whatever they are called: time, a column and its derivative, what drives the motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.foreign.table import Table
+from beltcomm.recording.belonging import belonging
+
+Array = NDArray[np.float64]
+
+#: Rows looked at, columns compared, windows over which a change is held against an integral, and their likeness.
+_ROWS, _MOST_COLUMNS, _WINDOWS, _ALIKE = 20_000, 24, 100, 0.98
+#: Share of a column that a motion explains, from which it is said to drive it.
+_DRIVES = 0.6
+#: Deviation of a step from the usual one that a time has.
+_EVEN = 0.2
+
+
+@dataclass(frozen=True)
+class Relations:
+    """time, position, velocity, torque : names of columns, "" where the numbers do not tell.   factor : velocity over the derivative of the
+    position, per unit of the time column.   words : column -> what was seen."""
+
+    time: str = ""
+    position: str = ""
+    velocity: str = ""
+    torque: str = ""
+    factor: float = 1.0
+    words: tuple[tuple[str, str], ...] = ()
+
+    def why(self, name: str) -> str:
+        """What was seen of a column, in words; "" for nothing."""
+        return next((words for column, words in self.words if column == name), "")
+
+
+def relations(table: Table, time: str = "", step: float = 1.0) -> Relations:
+    """What the numbers say.   time : the column that is known to be it, "" to look for one; step : between rows, where there is none."""
+    names = [name for name, column in table.columns.items() if column.dtype.kind == "f" and np.isfinite(column[:_ROWS]).all()]
+    sizes = [len(table.columns[name]) for name in names]
+    names = [name for name in names if len(table.columns[name]) == max(sizes, default=0)][:_MOST_COLUMNS]
+    values = {name: table.columns[name][:_ROWS] for name in names}
+    words: list[tuple[str, str]] = []
+    clock = time or next((name for name in names if _is_even(values[name])), "")
+    if clock and clock in values:
+        step = float(np.median(np.diff(values[clock])))
+        words.append((clock, f"it rises evenly, by {step:.6g} per row"))
+        stamps = values[clock]
+    else:
+        stamps = step * np.arange(max((len(column) for column in values.values()), default=0))
+    moving = [name for name in names if name != clock and np.ptp(values[name]) > 0.0]
+    if len(stamps) < 2 * _WINDOWS or len(moving) < 2:
+        return Relations(clock, words=tuple(words))
+    pair = _derivative(values, moving, stamps)
+    position, velocity, factor = pair or ("", "", 1.0)
+    if pair:
+        place = list(table.columns).index
+        words.append((velocity, f"column {place(velocity) + 1} looks like the derivative of column {place(position) + 1}{_times(factor)}"))
+        words.append((position, f"column {place(velocity) + 1} looks like its derivative"))
+    torque, position = _driver(table, values, [name for name in moving if name != velocity], position, stamps, words)
+    return Relations(clock, position, velocity, torque, factor, tuple(words))
+
+
+def _times(factor: float) -> str:
+    if abs(factor - 1.0) < 0.02:
+        return ""
+    known = {1e-3: "divided by 1000", 1e3: "times 1000", 60.0 / math.tau: "in 1/min of rad", 60.0 / 360.0: "in 1/min of degrees",
+             60.0: "in 1/min of turns", math.tau / 60.0: "times 2π/60"}  # fmt: skip
+    return next((f", {text}" for value, text in known.items() if abs(factor / value - 1.0) < 0.02), f", times {factor:.4g}")
+
+
+def _is_even(values: Array) -> bool:
+    steps = np.diff(values)
+    if len(steps) < 3 or not np.all(steps > 0.0):
+        return False
+    return bool(np.mean(np.abs(steps / np.median(steps) - 1.0) < _EVEN) > 0.99)
+
+
+def _derivative(values: dict[str, Array], names: Sequence[str], stamps: Array) -> tuple[str, str, float] | None:
+    """The column whose change is the integral of another one, that other one, and the factor; the pair that is most alike."""
+    cuts = np.unique(np.linspace(0, len(stamps) - 1, _WINDOWS + 1).astype(int))
+    travel = {name: np.diff(values[name][cuts]) for name in names}
+    integral = {
+        name: np.diff(np.concatenate(([0.0], np.cumsum(0.5 * (values[name][1:] + values[name][:-1]) * np.diff(stamps))))[cuts])
+        for name in names
+    }
+    best: tuple[float, tuple[str, str, float]] | None = None
+    for position, velocity in permutations(names, 2):
+        a, b = travel[position], integral[velocity]
+        power = float(a @ a), float(b @ b)
+        if min(power) <= 0.0:
+            continue
+        alike = float(a @ b) / math.sqrt(power[0] * power[1])
+        if abs(alike) > _ALIKE and (best is None or abs(alike) > best[0]):
+            best = abs(alike), (position, velocity, math.copysign(math.sqrt(power[1] / power[0]), alike))
+    return best[1] if best else None
+
+
+def _driver(
+    table: Table, values: dict[str, Array], names: Sequence[str], position: str, stamps: Array, words: list[tuple[str, str]]
+) -> tuple[str, str]:
+    """The column that the motion explains best as its torque, and the position: that with a derivative, else the smoothest that does."""
+    motions = [position] if position else sorted(names, key=lambda name: _rough(values[name]))[:3]
+    found: list[tuple[float, str, str]] = []
+    for motion in motions:
+        for name in names:
+            if name != motion and _rough(values[name]) > _rough(values[motion]):
+                told = belonging(stamps, values[name], values[motion])
+                if told is not None and told.together and told.explained > _DRIVES:
+                    found.append((told.explained, name, motion))
+    if not found:
+        return "", position
+    explained, torque, motion = max(found)
+    place = list(table.columns).index
+    words.append(
+        (torque, f"column {place(torque) + 1} looks like what drives column {place(motion) + 1}, {100.0 * explained:.0f} % explained")
+    )
+    if not position:
+        words.append((motion, f"column {place(torque) + 1} looks like what drives it"))
+    return torque, motion
+
+
+def _rough(signal: Array) -> float:
+    return float(np.sqrt(np.mean(np.diff(signal) ** 2))) / max(float(signal.std()), 1e-300)
