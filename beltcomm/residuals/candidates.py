@@ -20,8 +20,8 @@ from beltcomm.axis import Axis
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, AxisSummary, Effect
 from beltcomm.fit.estimate import Fitted
-from beltcomm.laboratory.score import Scored, Scorer, amplitude_columns, ground_of
 from beltcomm.laboratory.forward_selection import bic_penalty, may_add
+from beltcomm.laboratory.score import Scored, Scorer, amplitude_columns, ground_of
 from beltcomm.residuals.cells import COORDINATES, Cells
 
 Array = NDArray[np.float64]
