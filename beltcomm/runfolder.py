@@ -149,7 +149,7 @@ class RunFolder:
 
     @classmethod
     def broken_off(cls, path: Path) -> bool:
-        """Whether a run stands here whose first record was begun and never finished.
+        """True if a run stands here whose first record was begun and never finished.
 
         Parameters
         ----------
@@ -195,7 +195,7 @@ class RunFolder:
 
     @property
     def has_axis(self) -> bool:
-        """Whether it has an ``axis.yaml``."""
+        """True if it has an ``axis.yaml``."""
         return self._axis is not None
 
     @property
@@ -568,7 +568,7 @@ class RunFolder:
         return self._unsealed(kind, name)[0]
 
     def edited(self, kind: str, name: str) -> bool:
-        """Whether ``KIND/NAME.yaml`` was edited since this tool wrote it.
+        """True if ``KIND/NAME.yaml`` was edited since this tool wrote it.
 
         Parameters
         ----------
@@ -678,7 +678,7 @@ class RunFolder:
 
 
 def is_new(path: Path) -> bool:
-    """Whether nothing is lost when a run begins in this folder: it is empty, or the run in it ended before anything was recorded or
+    """True if nothing is lost when a run begins in this folder: it is empty, or the run in it ended before anything was recorded or
     written to a drive, as after a no.
     """
     if not path.is_dir():

@@ -581,7 +581,7 @@ class Adapter:
     new_profile: Callable[[str | None, Mapping[str, object], Mapping[str, str], Sequence[DictionaryEntry]], str] | None = None
 
     def taken(self, options: Mapping[str, object]) -> dict[str, object]:
-        """Leave out of an adapter's options what programs add to all and this one does not take.
+        """Options that this adapter takes, of those that programs add for every adapter.
 
         Parameters
         ----------
@@ -591,7 +591,7 @@ class Adapter:
         Returns
         -------
         dict of str to object
-            Those for :attr:`open` and :attr:`examine`.
+            Without logs or name plates where it takes none.
         """
         refused = {name for name, takes in (("log", self.logs), ("nameplate", self.nameplates)) if not takes}
         return {name: value for name, value in options.items() if name not in refused}

@@ -1,4 +1,4 @@
-"""What a command line gives beside its main arguments."""
+"""Options of a command line beside its main arguments."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ LONGEST_S = 900.0
 
 @dataclass(frozen=True)
 class Options:
-    """What a command line gives beside its main arguments; every default is the safe choice.
+    """Options beside the main arguments of a command; every default is the safe choice.
 
     Attributes
     ----------
@@ -190,7 +190,7 @@ class Options:
 
     @property
     def extent(self) -> Extent:
-        """How much a commissioning records.
+        """Extent of a commissioning's records.
 
         Raises
         ------
@@ -203,7 +203,7 @@ class Options:
 
     @property
     def in_loop(self) -> bool:
-        """Whether the identification closes a loop.
+        """True if the identification closes a loop.
 
         Raises
         ------
@@ -228,12 +228,12 @@ class Options:
         Parameters
         ----------
         drive : str
-            As given.
+            Name of the drive, as for ``--drive``.
 
         Returns
         -------
         Reached
-            The same text, which :func:`beltcomm.given.pasted` writes with its options.
+            Name and options, for the next command in words.
         """
         given = {"as": self.slave, "profile": self.profile, "node": self.node, "bitrate": self.bitrate}
         found = Reached(drive)
@@ -241,17 +241,17 @@ class Options:
         return found
 
     def for_drive(self, axis: Axis | None = None) -> dict[str, object]:
-        """Collect the adapter's options: those that were given, and what the axis file knows of the motor.
+        """The adapter's options: those that were given, and what the axis file knows of the motor.
 
         Parameters
         ----------
         axis : Axis or None
-            For what a drive does not tell.
+            The axis, its ``axis.yaml``, or the name of a shipped one.
 
         Returns
         -------
         dict of str to object
-            By name.
+            By the names that adapters know.
         """
         given = {
             "seed": self.seed,
@@ -270,7 +270,7 @@ class Options:
 
 
 def settings_of(options: Options) -> Settings:
-    """What of them the sequence on the machine needs.
+    """Settings that the sequence on the machine needs.
 
     Raises
     ------

@@ -29,7 +29,10 @@ ONE_PLACE_M = 0.05
 class SeldomFit(ModelFit):
     """A fit whose numbers are those of the simulated rows; ``fitted`` has what the records in closed loop add.
 
-    count_rad : of the encoder.
+    Attributes
+    ----------
+    count_rad : float
+        Of the encoder.
     """
 
     simulated: SeldomEstimate
@@ -66,7 +69,7 @@ class SeldomFit(ModelFit):
 
     @cached_property
     def remarks(self) -> tuple[str, ...]:
-        """How these numbers were found."""
+        """Remarks on how these numbers were found."""
         period_ms = 1e3 * max(r.sample_period_s for r in self.data.recordings)
         return (
             f"rows every {period_ms:g} ms do not show how the motor swings between them: these numbers are those with which a simulation "
@@ -77,7 +80,10 @@ class SeldomFit(ModelFit):
 def fit_seldom(recordings: Sequence[Recording], start: Model, *, counts_per_rev: int) -> SeldomFit | None:
     """The model by the open-loop records of the place where most was measured first; None where there is none whose rows come seldom.
 
-    Raises DataError when nothing moves.
+    Raises
+    ------
+    DataError
+        When nothing moves.
     """
     told = [r for r in recordings if comes_seldom(r) and not r.sidecar.held_out and not len(r.gaps())]
     if not told:

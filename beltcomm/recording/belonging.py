@@ -34,8 +34,17 @@ _ROUGHER = 2.0
 
 @dataclass(frozen=True)
 class Belonging:
-    """explained : largest share of the torque, under any width, that the motion explains.   chance : the same of shifted torques, the share
-    BEYOND of them lies below it; 0 where it was not needed.   swapped : the torque and the position changed places."""
+    """How a record belongs to an axis.
+
+    Attributes
+    ----------
+    explained : float
+        Largest share of the torque, under any width, that the motion explains.
+    chance : float
+        The same of shifted torques, the share BEYOND of them lies below it; 0 where it was not needed.
+    swapped : bool
+        The torque and the position changed places.
+    """
 
     explained: float
     chance: float = 0.0

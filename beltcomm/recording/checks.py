@@ -79,7 +79,13 @@ def usual_step(t_s: Array) -> float:
 
 
 def jitter(t_s: Array, lost: NDArray[np.intp]) -> float:
-    """Largest deviation of a step from the usual one, as a share of it.   lost : the gaps, left out."""
+    """Largest deviation of a step from the usual one, as a share of it.
+
+    Parameters
+    ----------
+    lost : ndarray of int
+        The gaps, left out.
+    """
     kept, period = np.delete(np.diff(t_s), lost), usual_step(t_s)
     return float(np.max(np.abs(kept - period)) / period)
 
@@ -88,7 +94,13 @@ def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None
     """Share of the samples at which the torque was cut off at an end of its range; 0 when it was not.
 
     Without a setpoint: runs of at least three samples exactly at the largest or smallest value, entered by a jump.
-    setpoint : what was asked; then only samples count where more was asked for.   amplitude : of a known open-loop excitation.
+
+    Parameters
+    ----------
+    setpoint : ndarray or None
+        What was asked; then only samples count where more was asked for.
+    amplitude : float or None
+        Of a known open-loop excitation.
     """
     at_end = np.zeros(len(torque), dtype=bool)
     for end in (float(torque.max()), float(torque.min())):
@@ -116,7 +128,7 @@ def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None
 
 
 def _by_chance(at_end: NDArray[np.bool_], noise_steps: float) -> bool:
-    """Whether noise alone may put that many neighbours at one value.   noise_steps : median deviation, steps of the reading."""
+    """True if noise alone may put that many neighbours at one value.   noise_steps : median deviation, steps of the reading."""
     equal = MEDIAN_DEVIATION / (noise_steps * math.sqrt(2.0 * math.pi))  # most probable value of normal noise, for one neighbour
     return float(equal ** np.count_nonzero(at_end[1:] & at_end[:-1])) > CHANCE
 
@@ -136,7 +148,7 @@ def reference_unit_fault(signal: Array, reference: Array) -> str:
 
 
 def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
-    """Whether positive torque drives to negative positions: then one of the two columns has the wrong sign.
+    """True if positive torque drives to negative positions: then one of the two columns has the wrong sign.
 
     Regresses torque on acceleration, direction of motion, place and a constant, all as means under triangles of 0.16 to 0.64 s:
     above the first antiresonance of a drive train torque and acceleration oppose each other by nature.  True when, under some
@@ -184,9 +196,17 @@ def work_share(torque: Array, position: Array) -> float:
 
 @dataclass(frozen=True)
 class RigidInertia:
-    """inertia, error : of everything that the motor turns, and its standard deviation, torque over angular acceleration.
-    accelerating, friction : torque, N m, rms of what accelerates, and Coulomb level.   dissipated : mean power of damping and friction, W;
-    negative where the torque drives with the wrong sign."""
+    """Inertia of a rigid axis by one record.
+
+    Attributes
+    ----------
+    inertia, error : float
+        Of everything that the motor turns, and its standard deviation, torque over angular acceleration.
+    accelerating, friction : float
+        Torque, N m, rms of what accelerates, and Coulomb level.
+    dissipated : float
+        Mean power of damping and friction, W; negative where the torque drives with the wrong sign.
+    """
 
     inertia: float
     error: float

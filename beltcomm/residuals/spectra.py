@@ -19,7 +19,17 @@ BANDS = 96
 
 @dataclass(frozen=True)
 class GridRow:
-    """Samples of one stretch on their grid of time.   at : place of each of its samples, (n,).   length : of the grid.   step_s : of it."""
+    """Samples of one stretch on their grid of time.
+
+    Attributes
+    ----------
+    at : ndarray of int
+        Place of each of its samples, (n,).
+    length : int
+        Of the grid.
+    step_s : float
+        Of it.
+    """
 
     at: NDArray[np.intp]
     length: int
@@ -43,9 +53,14 @@ def edges_of(rows: Sequence[GridRow]) -> Array:
 
 
 def power(rows: Sequence[GridRow], values: Array, edges: Array, chosen: NDArray[np.bool_] | None = None) -> Array:
-    """Mean power by band, 1 at the noise, nan where nothing tells.   values : whitened, of all rows behind each other or of the first.
+    """Mean power by band, 1 at the noise, nan where nothing tells.
 
-    chosen : samples that count.
+    Parameters
+    ----------
+    values : ndarray
+        Whitened, of all rows behind each other or of the first.
+    chosen : ndarray of bool or None
+        Samples that count.
     """
     total, weight = np.zeros((2, len(edges) - 1))
     for row, own, mask in _each(rows, values, chosen):
