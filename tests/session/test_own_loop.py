@@ -50,7 +50,6 @@ def test_the_plan_says_beforehand_that_gains_are_not_written(make_bench: Callabl
     bench = make_bench("g_a", profile="cia402")
     result = api.commission(bench.name, "egc-70-600", tmp_path / "run", options=api.Options(dry_run=True))
     said = " ".join(whole(result).split())
-    assert "it moves with the gains that stand in the drive" in said
     assert "gains cannot be written" in said
 
 
@@ -63,7 +62,6 @@ def test_the_job_ends_with_model_design_move_and_what_to_type(
     run = tmp_path / "run"
     result = api.commission(bench.name, "egc-70-600", run, options=api.Options(quick=True, **YES), talk=Listener())
     text = whole(result)
-    assert "to be typed in with the maker's tool" in text
     assert "To be typed into the maker's tool" in text
     folder = RunFolder.open(run)
     assert {"own_move", "sweep"} <= set(folder.finished_names())
