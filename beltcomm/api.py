@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from beltcomm.app.serve import open_page as open_page
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.design.compensation import compensated
@@ -46,10 +47,10 @@ from beltcomm.jobs.laboratory import diagnose_run as diagnose
 from beltcomm.jobs.laboratory import ladder_of_run as ladder
 from beltcomm.jobs.laboratory import remove_from_run as remove
 from beltcomm.jobs.loop import identify_in_loop
+from beltcomm.jobs.new_profile import new_profile as new_profile
 from beltcomm.jobs.serve import serve as serve
 from beltcomm.jobs.simulate import run_experiment
 from beltcomm.jobs.trajectory import trajectory as trajectory
-from beltcomm.jobs.tune import tune as tune
 from beltcomm.jobs.verify import verify_with
 from beltcomm.jobs.write import admitted, apply_to, backup_list, roll_back
 from beltcomm.locks import changes_run
@@ -70,6 +71,14 @@ from beltcomm.study.job import one_member, study_of
 from beltcomm.study.members import Doing
 from beltcomm.talk import Silence, Talk
 from beltcomm.thesis.topics import thesis as thesis
+
+
+def _axis_in(run: Path) -> Axis | None:
+    """Of a run folder, where it is one; a backup from elsewhere has none."""
+    try:
+        return RunFolder.open(run).axis
+    except BeltcommError:
+        return None
 
 
 @changes_run(waits=False)
@@ -107,7 +116,7 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
     options, talk, axis, run = given(options), talk or Silence(), axis_of(axis), place(run)
     referencing.suitable(axis)
     agreed = Agreement(options, talk, partial(commission, axis=axis), goes_on=False)
-    with able(open_drive(drive, options.for_drive()), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
+    with able(open_drive(drive, options.for_drive(axis)), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
         analyse.offered(connected.capabilities.structure, options.prefilter, options.feedforward)
         if options.window_m is not None:
             referencing.only_here(connected.capabilities, options.position_m, home=options.home)
@@ -117,7 +126,7 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
             RunFolder.create(run, axis, resume=True)  # says whether it could go on
         if options.dry_run:
             return planned(plan, connected.capabilities, options, axis)
-        folder = new_folder(run, axis, connected, options, talk)
+        folder = new_folder(run, axis, connected, options, talk, drive)
         findings = Findings()
         with Machine(connected, axis, folder, talk) as machine:
             settings = settings_of(options)
@@ -125,16 +134,19 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
             agreed(plan, machine)
             with early_end.kept(machine, findings):
                 sequence.commission(machine, settings, findings)
-    text = outcome.commission_text(folder, findings, options.reached(drive))
-    outcome.keep_text(folder, text.whole())
-    page = None
-    if options.report:
-        ended = at_the_end(run)
-        page = ended.page
-        text = outcome.commission_text(folder, findings, options.reached(drive), page=ended.line, error=ended.error, doubts=ended.doubts)
-        outcome.keep_text(folder, text.whole())
-    found = {**outcome.data(folder, findings), "visible": plan.visible, "page": page}
-    return Result(found, text.short(), 0 if findings.succeeded else 1)
+            outcome.keep_text(folder, outcome.commission_text(folder, findings).whole(()))
+            machine.begin(sequence.TITLES[8])
+            ended = at_the_end(run) if options.report else None
+            answer = outcome.commission_text(folder, findings, ended)
+            if asked := sequence.asks(machine, settings, findings):
+                talk.say(*answer.screen)  # what the question about the gains is about
+            sequence.dispose(machine, settings, findings)
+    answer = outcome.commission_text(folder, findings, ended)
+    closing = outcome.closing(folder, findings, options.reached(drive), ended.line if ended is not None else "")
+    outcome.keep_text(folder, answer.whole(closing))
+    found = {**outcome.data(folder, findings), "visible": plan.visible, "page": ended.page if ended is not None else None}
+    told = len(answer.screen) if asked else 0
+    return Result(found, [*answer.screen, *closing], 0 if findings.succeeded else 1, details=answer.details, told=told)
 
 
 @changes_run(waits=False)
@@ -165,7 +177,7 @@ def identify(drive: str, axis: Axis | Place, run: Place, *, options: Options | N
     options, talk, axis, run = given(options), talk or Silence(), axis_of(axis), place(run)
     referencing.suitable(axis)
     closed = options.in_loop
-    with able(open_drive(drive, options.for_drive()), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
+    with able(open_drive(drive, options.for_drive(axis)), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
         if closed:
             again = Agreement(options, talk, partial(identify, axis=axis))
             return identify_in_loop(connected, axis, run, options, again, talk)
@@ -182,7 +194,7 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     """
     if options.dry_run:
         return planned(identify_plan(axis, connected.capabilities, options.window_m), connected.capabilities, options, axis)
-    folder = new_folder(run, axis, connected, options, talk)
+    folder = new_folder(run, axis, connected, options, talk, drive)
     findings = Findings()
     with Machine(connected, axis, folder, talk) as machine:
         window = referencing.reference(machine, settings_of(options), needed=False)
@@ -193,11 +205,11 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
             sequence.identify_here(machine, findings)
         known = machine.place_known
     split = analyse.nonlinearities(folder.recordings())
-    text = outcome.identify_text(folder, findings, options.reached(drive), known)
-    text[-1:] = [*words.nonlinearity_lines(split), text[-1]]
+    text, details = outcome.identify_text(folder, findings, options.reached(drive), known)
+    details += words.nonlinearity_lines(split)
     if whole:
         text = ["Only the record at this place was made: the rest of the job needs to know where the carriage stands.", "", *text]
-    return Result({**outcome.data(folder, findings), "nonlinearity": plain(split)}, text, int(whole))
+    return Result({**outcome.data(folder, findings), "nonlinearity": plain(split)}, text, int(whole), details=details)
 
 
 @changes_run(waits=False)
@@ -223,7 +235,8 @@ def follow(drive: str, run: Place, plan: Place, *, options: Options | None = Non
         The records made.
     """
     options, talk, run, plan = given(options), talk or Silence(), place(run), place(plan, "plan")
-    with able(open_drive(drive, options.for_drive()), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
+    named = RunFolder.open(run).axis
+    with able(open_drive(drive, options.for_drive(named)), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
         agreed = Agreement(options, talk, partial(follow, plan=plan))
         return follow_plan(connected, run, plan, options, agreed, talk)
 
@@ -259,7 +272,7 @@ def friction(
     folder = RunFolder.open(run)
     model = offline.saved_model(folder)
     friction_job.check_payload(folder, model, asked)
-    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
+    with open_drive(drive, options.for_drive(folder.axis)) as opened, supervised(opened, drive, run, options, talk) as connected:
         plan = friction_job.plan_of(folder.axis, connected.capabilities, model, asked)
         if options.dry_run:
             return planned(plan, connected.capabilities, options, folder.axis)
@@ -314,7 +327,7 @@ def design(
     DataError
     """
     options, talk = given(options), talk or Silence()
-    basis = basis_of(place(run))
+    basis = basis_of(place(run), talk)
     analyse.offered(basis.structure, options.prefilter, options.feedforward)
     settings = replace(settings_of(options), specification=specification)
     found = basis.findings
@@ -367,7 +380,10 @@ def verify(
     options, talk, run = given(options), talk or Silence(), place(run)
     move = None if move is None else place(move, "move")
     how: dict[str, Any] = {"move": move, "trajectory": trajectory, "rungs": rungs, "over_belt": over_belt}
-    with able(open_drive(drive, options.for_drive()), "position") as opened, supervised(opened, drive, run, options, talk) as connected:
+    with (
+        able(open_drive(drive, options.for_drive(_axis_in(run))), "position") as opened,
+        supervised(opened, drive, run, options, talk) as connected,
+    ):
         return verify_with(
             connected,
             drive,
@@ -415,7 +431,7 @@ def apply(
     dcf, folder = None if dcf is None else place(dcf, "file"), RunFolder.open(run)
     admitted(folder, options, talk, dcf, shown)
     agreed = Agreement(options, talk, partial(apply, dcf=dcf, shown=shown))
-    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
+    with open_drive(drive, options.for_drive(_axis_in(run))) as opened, supervised(opened, drive, run, options, talk) as connected:
         return apply_to(connected, drive, folder, options, talk, agreed, dcf=dcf, shown=shown)
 
 
@@ -463,7 +479,10 @@ def rollback(drive: str, run: Place, *, backup: str | None = None, options: Opti
     folder = RunFolder.open(run)
     chosen(folder, backup)  # before anything is connected
     # a rollback is what an unfinished session needs: it is not offered one
-    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk, settles=False) as connected:
+    with (
+        open_drive(drive, options.for_drive(_axis_in(run))) as opened,
+        supervised(opened, drive, run, options, talk, settles=False) as connected,
+    ):
         return roll_back(connected, drive, folder, backup, options, talk)
 
 
@@ -491,12 +510,12 @@ def calibrate(drive: str, axis: Axis | Place | None, run: Place, *, options: Opt
     """
     options, talk, run = given(options), talk or Silence(), place(run)
     agreed = Agreement(options, talk, partial(calibrate, axis=axis), goes_on=axis is None)
-    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
-        of_axis = RunFolder.open(run).axis if axis is None else axis_of(axis)
+    of_axis = RunFolder.open(run).axis if axis is None else axis_of(axis)
+    with open_drive(drive, options.for_drive(of_axis)) as opened, supervised(opened, drive, run, options, talk) as connected:
         plan = calibrate_job.plan_of(of_axis, connected.capabilities)
         if options.dry_run:
             return planned(plan, connected.capabilities, options, of_axis)
-        folder = RunFolder.open(run) if axis is None else new_folder(run, of_axis, connected, options, talk)
+        folder = RunFolder.open(run) if axis is None else new_folder(run, of_axis, connected, options, talk, drive)
         return calibrate_job.calibrate_on(connected, drive, folder, settings_of(options), partial(agreed, plan), talk)
 
 
@@ -532,7 +551,7 @@ def move(drive: str, axis: Axis | Place, by_m: float, *, options: Options | None
         raise UsageError(
             "a creep without a loop is not played on a twin: only the axis itself shows where it breaks away; leave --simulate-first out"
         )
-    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, None, options, talk) as connected:
+    with open_drive(drive, options.for_drive(axis)) as opened, supervised(opened, drive, None, options, talk) as connected:
         return short_move.moved(connected, drive, axis, by_m, options, talk)
 
 
@@ -681,6 +700,7 @@ __all__ = [
     "import_recordings",
     "ladder",
     "move",
+    "open_page",
     "remove",
     "report",
     "rollback",
@@ -692,6 +712,5 @@ __all__ = [
     "thesis",
     "trajectory",
     "trend",
-    "tune",
     "verify",
 ]

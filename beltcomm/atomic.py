@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import re
 import secrets
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
+
+from beltcomm.posix import is_alive
 
 #: A file on its way, and the process that writes it.
 _DRAFT = re.compile(r"\.beltcomm-(\d+)-[0-9a-f]{8}\.tmp")
@@ -19,10 +23,10 @@ _DRAFT = re.compile(r"\.beltcomm-(\d+)-[0-9a-f]{8}\.tmp")
 def replacing(path: Path) -> Iterator[BinaryIO]:
     """A file to write into, which becomes ``path`` when the block has ended and its bytes are on the disk.   Raises OSError.
 
-    What is no file, as a pipe or a terminal, is written into directly.
+    What is no file, as a pipe or a terminal, is written into directly; a pipe that nobody reads is none.
     """
     if path.exists() and not path.is_file():
-        with open(path, "wb") as stream:
+        with os.fdopen(_unwaited(path, os.O_WRONLY), "wb") as stream:
             yield stream
         return
     draft = path.with_name(f".beltcomm-{os.getpid()}-{secrets.token_hex(4)}.tmp")
@@ -37,6 +41,23 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
             draft.unlink()
         raise
     sync(path.parent)
+
+
+def appending(path: Path) -> int:
+    """Number of a file opened to be grown line by line, made where it is not there.   Raises OSError for a link, a pipe or a device."""
+    number = _unwaited(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0))
+    if not stat.S_ISREG(os.fstat(number).st_mode):
+        os.close(number)
+        raise OSError(errno.EINVAL, "it is no file", str(path))
+    return number
+
+
+def _unwaited(path: Path, flags: int) -> int:
+    """Opened without waiting for the other end of a pipe."""
+    number = os.open(path, flags | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0), 0o666)
+    if hasattr(os, "O_NONBLOCK"):
+        os.set_blocking(number, True)
+    return number
 
 
 def write(path: Path, data: bytes) -> None:
@@ -64,7 +85,7 @@ def sweep(folder: Path) -> None:
     """Take away what killed processes have left of files on their way, in a folder and the ones inside it."""
     for place in (folder, *_folders(folder)):
         for name in _names(place):
-            if (found := _DRAFT.fullmatch(name)) and not _alive(int(found[1])):
+            if (found := _DRAFT.fullmatch(name)) and not is_alive(int(found[1])):
                 with contextlib.suppress(OSError):
                     (place / name).unlink()
 
@@ -78,13 +99,3 @@ def _names(folder: Path) -> list[str]:
 
 def _folders(folder: Path) -> list[Path]:
     return [path for name in _names(folder) if (path := folder / name).is_dir() and not path.is_symlink()]
-
-
-def _alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):
-        return True
-    return True

@@ -17,7 +17,10 @@ _OBEYED = re.compile(
 )
 #: What opens and closes comments of C and of structured text.
 _MARKS = ("/*", "*/", "(*", "*)")
-_SPELLED = (("²", "2"), ("³", "3"), ("µ", "u"), ("μ", "u"), ("°", " deg"), ("−", "-"), ("·", "*"))
+_SPELLED = (
+    *(("²", "2"), ("³", "3"), ("µ", "u"), ("μ", "u"), ("°", " deg"), ("−", "-"), ("·", "*"), ("±", "+-"), ("→", "->"), ("–", "-")),
+    *(("…", "..."), ("×", "x"), ("≤", "<="), ("≥", ">="), ("≈", "~"), ("√", "sqrt "), ("─", "-"), ("━", "-"), ("│", "|")),
+)
 
 
 def for_terminal(text: str) -> str:
@@ -44,6 +47,14 @@ def for_comment(text: str) -> str:
     for mark in _MARKS:
         text = text.replace(mark, f"{mark[0]} {mark[1]}")
     return text
+
+
+def spelled(error: UnicodeError) -> tuple[str, int]:
+    """For ``codecs.register_error``: what a character set has no letter for, in letters that every one has; JSON stays JSON."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    plain = dict(_SPELLED)
+    return "".join(plain.get(letter) or json.dumps(letter)[1:-1] for letter in error.object[error.start : error.end]), error.end
 
 
 def for_file_name(text: str, otherwise: str, gap: str = "-", longest: int = 60) -> str:

@@ -81,14 +81,14 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[DemoStep
     api.identify(drive, AXIS, run, options=_options(model, seed), talk=talk)
     yield DemoStep(
         f"beltcomm identify --drive virtual --run {pasted(run)}",
-        "Measure: the axis creeps both ways, then is shaken around where it stands.",
+        "Measure: the axis jogs a few mm in each direction, then is excited in place.",
         ["A first model: masses, stiffness of the belt, friction."],
     )
     swept = api.friction(drive, run, options=_options(model, seed), talk=talk)
     yield DemoStep(
         f"beltcomm friction --drive virtual --run {pasted(run)}",
         "Measure where it travels: strokes over the whole axis, both ways, slow to fast.",
-        swept.text[1:4],
+        swept.details[1:4],
     )
     api.friction(drive, run, options=_options(model, seed), talk=talk)
     yield DemoStep(

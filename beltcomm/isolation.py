@@ -10,9 +10,14 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+    from multiprocessing.process import BaseProcess
 
 _PACKAGES = str(Path(__file__).resolve().parents[1])
 #: What a child is given before its module: the places of this process, not those that Python would find for it.
@@ -41,6 +46,19 @@ def run(command: Sequence[str], limit_s: float) -> subprocess.CompletedProcess[b
     return subprocess.run(command, stdin=quiet, capture_output=True, timeout=limit_s, env=environment(), check=False)
 
 
+def beside(target: Callable[..., None], *given: object) -> tuple[BaseProcess, Connection]:
+    """A process of this program that runs ``target(*given, pipe)``, and the other end of the pipe; it ends with this one."""
+    import multiprocessing
+
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe()
+    process = context.Process(target=target, args=(*given, there), daemon=True)
+    with children_apart():
+        process.start()
+    there.close()
+    return process, here
+
+
 def python(module: str, *words: str) -> list[str]:
     """The command that runs a module of this program in a process of its own, with the packages that are found here."""
     return [sys.executable, "-P", "-c", _BEGIN, json.dumps(_search_path()), module, *words]
@@ -67,19 +85,39 @@ def children_apart() -> Iterator[None]:
 
 
 @contextmanager
-def apart(folder: Path) -> Iterator[None]:
-    """Be in a folder of an installed package meanwhile: for the import of a library that reads settings from the working directory."""
-    try:
-        here = os.open(".", getattr(os, "O_PATH", os.O_RDONLY))
-    except OSError:  # no way back, which is also the case in a folder that is no more
+def apart(folder: Path, *without: str) -> Iterator[None]:
+    """Be in a folder of an installed package meanwhile: for the import of a library that reads settings from the working directory.
+
+    without : variables of the environment that are not there meanwhile.
+    """
+    with _without(without), _inside(folder):
         yield
-        return
+
+
+@contextmanager
+def _without(names: Sequence[str]) -> Iterator[None]:
+    before = {name: os.environ.pop(name) for name in names if name in os.environ}
     try:
-        os.chdir(folder)
         yield
     finally:
-        os.fchdir(here)
-        os.close(here)
+        os.environ.update(before)
+
+
+@contextmanager
+def _inside(folder: Path) -> Iterator[None]:
+    with ExitStack() as back:
+        try:
+            if hasattr(os, "fchdir"):
+                here = os.open(".", getattr(os, "O_PATH", os.O_RDONLY))
+                back.callback(os.close, here)
+                back.callback(os.fchdir, here)
+            else:
+                back.callback(os.chdir, os.getcwd())
+        except OSError:  # no way back, which is also the case in a folder that is no more
+            yield
+            return
+        os.chdir(folder)
+        yield
 
 
 def _search_path() -> list[str]:

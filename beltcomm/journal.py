@@ -6,10 +6,10 @@ Both grow line by line and together: line n of one is line n of the other.  Wher
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Literal, get_args
 
+from beltcomm.atomic import appending
 from beltcomm.errors import DataError, UsageError
 from beltcomm.outside import KEPT_BYTES, read_text
 
@@ -53,8 +53,7 @@ def _event_of(line: str) -> str:
 
 def _append(path: Path, line: str) -> None:
     try:
-        handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
-        with open(handle, "a", encoding="utf-8", errors="backslashreplace") as file:
+        with open(appending(path), "a", encoding="utf-8", errors="backslashreplace") as file:
             file.write(line + "\n")
     except OSError as error:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}; make room or choose another --run folder") from error

@@ -137,11 +137,13 @@ def at_work(folder: Path, holder: str) -> str:
 
 
 def refuse_links(folder: Path) -> None:
-    """Raise UsageError where a command would write through a link out of a folder."""
+    """Raise UsageError where a command would write through a link out of a folder, or into a pipe or folder instead of a file."""
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             if entry.is_symlink() and (entry.name in _IN_PLACE or (entry.is_dir() and entry.name not in _READ)):
                 raise link_refused(Path(entry.path))
+            if entry.name in _IN_PLACE and not entry.is_file():
+                raise UsageError(f"{entry.path} is a folder, a pipe or a device, no file; delete it, it is made anew")
 
 
 def link_refused(path: Path) -> UsageError:

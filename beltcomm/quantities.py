@@ -83,11 +83,12 @@ def parse_quantity(text: str, name: str) -> float:
     name : whose suffix says which quantity is meant.   Raises UsageError for text that is no such number, or a unit of
     another quantity, with the units that are understood.
     """
+    text = re.sub(r"^(\s*[-+]?\d+),(\d+)(?!\d*[.,])", _decimal_comma, text)
     match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text)
     unit = UNITS.get(suffix_of(name))
     symbol = f" in {unit.symbol}" if unit else ""
     if re.match(r"\s*[-+]?\d*,\d", text):
-        raise UsageError(f"{name} is {text!r}; write the decimal point as '.', and no thousands separators")
+        raise UsageError(f"{name} is {text!r}; a comma before three digits may stand for thousands: write the decimal point as '.'")
     if match is None:
         raise UsageError(f"{name} is {text!r}; give a number{symbol}")
     value = float(match[1])
@@ -101,3 +102,9 @@ def parse_quantity(text: str, name: str) -> float:
         raise UsageError(f"{name} is {text!r}; {match[2]!r} is not a unit of it{known}")
     # 15 digits are all that a decimal text determines: 570 mm is 0.57 m, not 0.5700000000000001 m
     return float(f"{value * unit.others[spelled]:.15g}")
+
+
+def _decimal_comma(found: re.Match[str]) -> str:
+    """``0,449`` with a point; three digits behind a number that is not 0 may be thousands and stay as they are."""
+    whole, rest = found[1], found[2]
+    return found[0] if len(rest) == 3 and whole.strip().lstrip("+-") not in ("0", "00") else f"{whole}.{rest}"

@@ -28,11 +28,17 @@ class Result:
         The same for people.
     exit_code : int
         0, or 1 for a missed target.
+    details : sequence of str
+        For whoever wants to know more.
+    told : int
+        How many of the first lines were said already, before a question.
     """
 
     data: Mapping[str, Any]
     text: Sequence[str]
     exit_code: int = 0
+    details: Sequence[str] = ()
+    told: int = 0
 
     def to_json(self) -> Mapping[str, Any]:
         """Everything as a mapping of plain values."""
@@ -71,6 +77,33 @@ class Row(str):
         row = super().__new__(cls, text)
         row.cells, row.right, row.head = tuple(cells), tuple(right), head
         return row
+
+
+class Line(str):
+    """A line of a screen: as text what stands in files and pipes, and its parts, which a terminal colours and sets below each other.
+
+    parts : text and style: "good", "bad", "note", "title", "soft", "command" (kept whole, to be copied), "bar" (dropped first) or "".
+    """
+
+    parts: tuple[tuple[str, str], ...]
+
+    def __new__(cls, *parts: str | tuple[str, str]) -> Line:
+        """The line as it reads, and what it is made of."""
+        told = tuple((part, "") if isinstance(part, str) else part for part in parts)
+        row = super().__new__(cls, "".join(text for text, _ in told).rstrip())
+        row.parts = told
+        return row
+
+
+def bar(share: float, width: int = 16) -> str:
+    """``[#####...]``: a share of a limit; full from 1 on, empty for what is not known."""
+    filled = 0 if not math.isfinite(share) else min(width, max(0, round(share * width)))
+    return f"[{'#' * filled}{'.' * (width - filled)}]"
+
+
+def command_lines(command: str, why: str = "") -> list[Line]:
+    """What to type next: alone on its line, so that it can be copied."""
+    return [Line("  ", ("Next", "title"), f"  {why}" if why else ""), Line("    ", (command, "command"))]
 
 
 def html_of(lines: Iterable[str]) -> str:
@@ -133,7 +166,7 @@ def plain(value: Any) -> Any:
         return [plain(item) for item in value]
     if isinstance(value, np.generic):
         return value.item()
-    return str(value) if isinstance(value, Row) else value
+    return str(value) if isinstance(value, (Row, Line)) else value
 
 
 def jsonable(value: Any) -> Any:

@@ -208,6 +208,17 @@ class RunFolder:
         """Identity of the drive that the run was made on; empty when there was none."""
         return dict(self._about().get("drive") or {})
 
+    @property
+    def made_by(self) -> str:
+        """Version of the tool that began the run; "" where nobody knows it."""
+        return str(self._about().get("beltcomm") or "")
+
+    @property
+    def began_s(self) -> float | None:
+        """Date and time at which the run began on its drive, s since 1970; None where nobody knows it."""
+        began = self._about().get("began_s")
+        return float(began) if isinstance(began, (int, float)) else None
+
     def claim_drive(self, identity: Mapping[str, str], wall_s: float | None = None) -> None:
         """Note which drive this run is made on, and when; on a later call, that it still is, and how much later.
 

@@ -2,8 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """A quantity against its limit.   value : the largest of the last moments.   torque has a sign, the others have none."""
+
+    name: str
+    value: float
+    limit: float
+    unit: str
+
+    @property
+    def share(self) -> float:
+        """Of the limit."""
+        return abs(self.value) / self.limit if self.limit > 0.0 else 0.0
 
 
 @dataclass(frozen=True)
@@ -11,7 +27,7 @@ class CarriagePosition:
     """Where the carriage is while a record is made.
 
     record : its name.   position_m, window_m : on the axis, m; from where it stood when it is not ``known``.   left_s : s on the machine
-    that the whole job takes from now on at most; None when not known.
+    that the whole job takes from now on at most; None when not known.   gauges : torque, belt force and speed against their limits.
     """
 
     record: str
@@ -19,6 +35,7 @@ class CarriagePosition:
     window_m: tuple[float, float]
     known: bool = True
     left_s: float | None = None
+    gauges: tuple[Gauge, ...] = ()
 
 
 class Talk(Protocol):
@@ -49,6 +66,28 @@ class Talk(Protocol):
     def attended(self) -> bool:
         """Whether a person sits at the other end who sees the machine: a terminal, not a pipe."""
         ...
+
+
+def choose(talk: Talk, question: str, choices: Mapping[str, str]) -> str:
+    """Which of some keys was chosen, the first for a yes, the last for a no; a talk that can only ask yes or no is asked that.
+
+    choices : key -> word, in the order shown.
+    """
+    keys = list(choices)
+    if ask := getattr(talk, "choose", None):
+        return str(ask(question, choices))
+    return keys[0] if talk.confirm(question) else keys[-1]
+
+
+def detail(talk: Talk, *lines: str) -> None:
+    """What only some want to read while it happens: a terminal shows it where details were asked for, and the journal has it."""
+    (getattr(talk, "detail", None) or talk.say)(*lines)
+
+
+def found(talk: Talk, name: str, value: str) -> None:
+    """A number that was found on the way, kept in sight by a talk that can.   name : one word; said again it takes the place of the old."""
+    if tell := getattr(talk, "found", None):
+        tell(name, value)
 
 
 class Hold(Protocol):

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import butter
 
-from beltcomm.axis.entries import TrajectoryLimits
+from beltcomm.axis.entries import AxisTargets, TrajectoryLimits
 from beltcomm.control import Cascade, CascadeStructure, Feedforward, Prefilter
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.model import Model, build_model
@@ -113,7 +113,7 @@ def test_tracking_error_needs_a_move_and_its_rest() -> None:
     t, reference = ramp()
     with pytest.raises(DataError, match="does not move"):
         tracking_error(t, np.full_like(t, 0.1), reference)
-    with pytest.raises(DataError, match=r"ends 1\.00 s after the move; the static error is read until 1\.5 s"):
+    with pytest.raises(DataError, match=r"ends 1\.00 s after the move; the settled error is read until 1\.5 s"):
         tracking_error(t[:2501], reference[:2501], reference[:2501])
     assert tracking_error(t[:3001], reference[:3001], reference[:3001]).static_m == 0.0
 
@@ -349,8 +349,8 @@ def test_a_move_within_its_targets_passes_and_says_so() -> None:
     assert verdict.predicted_cart.dynamic_m == pytest.approx(0.6e-3)
     assert verdict.measured_cart is None
     first, second, third = verdict.reasons
-    assert first == "dynamic error at the motor: 0.5 mm, meets the target of 1 mm"
-    assert second == "static error at the motor: 40 µm, meets the target of 100 µm"
+    assert first == "following error at the motor: 0.5 mm, meets the target of 1 mm"
+    assert second == "position error after 0.5 s at the motor: 0.04 mm, meets the target of 0.1 mm"
     assert "0.4 mm" in third
     assert "reaches" not in "".join(verdict.reasons)
     at_the_limit = judge(recorded(reference, measured), RATIO, replace(expected, saturated=("the torque limit of 1 N m",)))
@@ -366,7 +366,7 @@ def test_a_missed_target_fails_and_is_named(dynamic: float, static: float, misse
     verdict = judge(record, RATIO, expected)
     assert not verdict.passed
     assert ["misses" in reason for reason in verdict.reasons[:2]] == [missed == 0, missed == 1]
-    assert judge(record, RATIO, expected, dynamic_target_m=2e-3, static_target_m=2e-4).passed
+    assert judge(record, RATIO, expected, targets=AxisTargets(following_error_m=2e-3, settled_error_m=2e-4)).passed
 
 
 def test_a_second_sensor_is_judged_from_where_it_started() -> None:

@@ -86,6 +86,6 @@ def plan_exchange(bitrate: int | None, frames: tuple[int, ...], shortest_s: floa
     return BusPlan(period_s, load, words)
 
 
-def shortest_period_s(profile: Profile, modes: Iterable[int], bitrate: int | None) -> float:
-    """The shortest period of the fullest exchange, s, that a drive of this kind and its bus allow.   modes, bitrate : as above."""
-    return plan_exchange(bitrate, fullest(profile, modes), profile.shortest_sync_ms * 1e-3, profile.sync_step_ms * 1e-3).period_s
+def shortest_period_s(profile: Profile, modes: Iterable[int], bitrate: int | None, steps_s: tuple[float, float]) -> float:
+    """The shortest period of the fullest exchange, s, that a drive of this kind and its bus allow.   modes, bitrate, steps_s : as above."""
+    return plan_exchange(bitrate, fullest(profile, modes), *steps_s).period_s

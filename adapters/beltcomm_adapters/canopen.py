@@ -5,38 +5,48 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import can
 import numpy as np
 
-from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Guarding, Limits, Motion, Sink
+from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Guarding, KnownMotor, Limits, Motion, Sink
 from beltcomm.drive.finding import Finding
+from beltcomm.drive.objects import DictionaryEntry
 from beltcomm.errors import BusError, DriveError, Refused, UsageError
 from beltcomm_adapters import host_reaction
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_can_bus, open_bus
 from beltcomm_adapters.cia402 import State
+from beltcomm_adapters.consistency import SpeedUnit
 from beltcomm_adapters.examination.can import examine_can
 from beltcomm_adapters.examination.surroundings import surroundings
 from beltcomm_adapters.exchange import Exchange
-from beltcomm_adapters.identification import HOMING_MODE, read_capabilities, read_identity, supported_modes, sync_period_s
+from beltcomm_adapters.identification import (
+    HOMING_MODE,
+    as_the_drive_is,
+    read_capabilities,
+    read_identity,
+    supported_modes,
+    sync_period_s,
+)
 from beltcomm_adapters.interrupts import deferred_interrupt
 from beltcomm_adapters.link import NMT_PRE_OPERATIONAL, Link, find_nodes
 from beltcomm_adapters.logged import LoggedBus
 from beltcomm_adapters.motion import Run
+from beltcomm_adapters.new_profile import facts_of_bus, facts_of_file, text_of
 from beltcomm_adapters.object_drive import ObjectDrive
 from beltcomm_adapters.preparation import check_motion, guard, homing_speeds_rad_s, prepare
 from beltcomm_adapters.profiles import choose_profile, load_profile
 from beltcomm_adapters.sdo import SdoObjects
 from beltcomm_adapters.setpoints import Layout, Setpoints, layout_of
 from beltcomm_adapters.synctime import SyncTimeBus, keeps_time_by_sync
-from beltcomm_adapters.trial import tried
+from beltcomm_adapters.trial import AREA, tried
 from beltcomm_adapters.watch import Watch
 
 _PROFILE_VELOCITY: Final = 3
 _HOMING_PERIOD_S: Final = 0.010  # homing is watched, not sampled
-_OPTIONS: Final = ("node", "bitrate", "profile", "sample_period", "log")
+_OPTIONS: Final = ("node", "bitrate", "profile", "sample_period", "log", "nameplate")
 #: Of an examination only, see :class:`beltcomm.drive.Adapter`.
 EXAMINATION_OPTIONS: Final = ("try_bitrates", "sync_test")
 #: s beyond the guard time within which a drive must have reacted to the silence of its host.
@@ -65,15 +75,19 @@ class CanopenDrive(ObjectDrive):
         bitrate: int | None,
         release: Callable[[], None],
         sample_period_s: float | None = None,
+        nameplate: KnownMotor | None = None,
     ) -> None:
         self._guarding: Guarding | None = None
         self._arrangement = 0  # of the drive's answers: what it has refused once is not asked for again
+        self._learnt: tuple[str, ...] = ()
+        self._speed_rad_s: float | None = None
         self._link = Link(bus, clock, node)
         super().__init__(clock, SdoObjects(self._link), release)
         where = f"{bus.channel_info}, node {node}" + (f", {bitrate // 1000} kbit/s" if bitrate else "")
         identity = read_identity(self._objects, where)
         self._link.restarted = False  # it may just have been switched on; from here on it must stay so
-        self._take_over(self._link, choose_profile(identity, profile))
+        self._take_over(self._link, as_the_drive_is(self._objects, choose_profile(identity, profile)), nameplate)
+        self._speed_unit = None if self._scaling.speed_told else SpeedUnit(self._scaling.position_rad)
         try:
             self.capabilities = read_capabilities(
                 self._objects,
@@ -85,6 +99,7 @@ class CanopenDrive(ObjectDrive):
                 self._parameters.table,
                 self._parameters.uncalibrated,
                 sample_period_s,
+                nameplate,
             )
         except BaseException:
             self._session.give_back()
@@ -92,6 +107,7 @@ class CanopenDrive(ObjectDrive):
 
     def record(self, motion: Motion, limits: Limits, sink: Sink) -> ExchangeReport:
         """See :meth:`beltcomm.drive.Drive.record`.  Returns a :class:`beltcomm_adapters.motion.Report`."""
+        self._learn()
         self._check(motion, limits)
         if motion.kind == "torque" and not limits.release:  # the loop that would brake it is not to be trusted yet
             self.prove_guarding(limits, motion.rest_nm)
@@ -99,12 +115,34 @@ class CanopenDrive(ObjectDrive):
         offsets = self._profile.offsets and (motion.kind != "velocity" or bool(motion.torque_nm.any()))
         layout = layout_of(self._profile.modes[motion.kind], offsets)
         with self._enabled(layout, motion.kind, motion.period_s, limits, motion) as run:
-            return run.follow(Setpoints.of(motion, self._scaling), self._profile.torque_sampling, sink)
+            report = run.follow(Setpoints.of(motion, self._scaling), self._profile.torque_sampling, sink)
+        learnt, self._learnt = self._learnt, ()
+        return dataclasses.replace(report, remarks=(*report.remarks, *learnt)) if learnt else report
+
+    def _learn(self) -> None:
+        """Where nobody tells what speeds count in and the motions so far have shown it, that is taken from here on."""
+        unit_rad_s = self._speed_unit.found_rad_s() if self._speed_unit is not None else None
+        if unit_rad_s is None:
+            return
+        before, self._speed_unit, self._speed_rad_s = self._scaling, None, unit_rad_s
+        self._scaling = before.with_speed(unit_rad_s)
+        if abs(unit_rad_s / before.speed_rad_s - 1.0) > 1e-6:
+            self._learnt = (
+                f"one unit of the drive's speeds (606Ch) is {unit_rad_s:.4g} rad/s by what its position does, not "
+                f"{before.speed_rad_s:.4g} rad/s as where no 60A9h is; accelerations are taken in "
+                + ("their own unit" if before.acceleration_told else "it per second"),
+            )
+
+    def _borrow(self) -> None:
+        super()._borrow()
+        if self._speed_rad_s is not None:
+            self._scaling = self._scaling.with_speed(self._speed_rad_s)
 
     def trial(self) -> list[Finding]:
         """See :func:`beltcomm.drive.access.able`: a record's PDOs and limits, tried with the stage off and put back."""
         modes = supported_modes(self._objects, self._profile)
-        return list(tried(self._objects, self._profile, self._scaling, modes, self.capabilities.sample_period_s))
+        said = [Finding(AREA, "units", "warning", text) for text in self._scaling.said]
+        return said + list(tried(self._objects, self._profile, self._scaling, modes, self.capabilities.sample_period_s))
 
     def prove_guarding(self, limits: Limits, rest_nm: float = 0.0) -> Guarding:
         """See :meth:`beltcomm.drive.Drive.prove_guarding`.
@@ -160,7 +198,8 @@ class CanopenDrive(ObjectDrive):
         return f"; now {said}" if said else ""
 
     def _check(self, motion: Motion, limits: Limits) -> None:
-        drive_torque_nm = self._objects.read_int(0x6072, 0, "uint16") * self._scaling.torque_nm
+        limit = self._objects.read_if_there(0x6072, 0, "uint16")
+        drive_torque_nm = self.capabilities.peak_torque_nm if limit is None else limit * self._scaling.torque_nm
         check_motion(motion, limits, self.capabilities, self._profile, self._here_rad(), drive_torque_nm)
 
     def home(self, limits: Limits) -> None:
@@ -192,6 +231,7 @@ class CanopenDrive(ObjectDrive):
         self._machine.reset_fault()
         self._machine.disable()
         link.forget_emergency()
+        exchange: Exchange | None = None
         try:
             with objects.lend() as lending:
                 speeds = motion.velocity_rad_s if motion is not None else None
@@ -203,7 +243,7 @@ class CanopenDrive(ObjectDrive):
                     exchange,
                     layout,
                     kind,
-                    Watch(limits, scaling, period_s, differences=motion is not None),
+                    Watch(limits, scaling, period_s, motion is not None, self._speed_unit if motion is not None else None),
                     scaling,
                     period_s,
                     self._machine.fault,
@@ -226,6 +266,8 @@ class CanopenDrive(ObjectDrive):
                     raise
                 self._halt(run, exchange, None)
         finally:
+            if exchange is not None:
+                exchange.stop_sync()
             link.guard(None)
             self.clock.sleep_until(self.clock.now() + limits.brake_s)  # it is over when a brake has had its time to close
 
@@ -261,6 +303,7 @@ def connect(
     bitrate: int | None,
     release: Callable[[], None],
     sample_period_s: float | None = None,
+    nameplate: KnownMotor | None = None,
 ) -> CanopenDrive:
     """The drive on an open bus; without ``node``, the only one there.  On failure the bus is released.
 
@@ -281,8 +324,8 @@ def connect(
         if bitrate is not None and keeps_time_by_sync(bus, clock, node):
             timed = SyncTimeBus(bus, node, release)
             # where time stands, a bus carries any load
-            return CanopenDrive(timed, timed.clock, node, profile, None, timed.shutdown, sample_period_s)
-        return CanopenDrive(bus, clock, node, profile, bitrate, release, sample_period_s)
+            return CanopenDrive(timed, timed.clock, node, profile, None, timed.shutdown, sample_period_s, nameplate)
+        return CanopenDrive(bus, clock, node, profile, bitrate, release, sample_period_s, nameplate)
     except BaseException:
         release()
         raise
@@ -299,7 +342,7 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     given: Mapping[str, Any] = options  # a function to be called with every frame is handed over by programs only
     if (log := given.get("log")) is not None:
         bus = LoggedBus(bus, clock, log)
-    return connect(bus, clock, node, profile, bitrate, bus.shutdown, period_s)
+    return connect(bus, clock, node, profile, bitrate, bus.shutdown, period_s, given.get("nameplate"))
 
 
 def _check_known(options: Mapping[str, object], known: tuple[str, ...]) -> None:
@@ -348,6 +391,18 @@ def profile_name(options: Mapping[str, object]) -> str | None:
     return str(value)
 
 
+def _new_profile(address: str | None, options: Mapping[str, object], device: Mapping[str, str], entries: Sequence[DictionaryEntry]) -> str:
+    if address is None:
+        return text_of(facts_of_file(device, entries))
+    bitrate = whole_number(options, "bitrate", DEFAULT_BITRATE, 10_000, 1_000_000)
+    assert bitrate is not None
+    bus = open_bus(Address.parse(address), bitrate)
+    try:
+        return text_of(facts_of_bus(bus, MonotonicClock(), whole_number(options, "node", None, 1, 126), entries))
+    finally:
+        bus.shutdown()
+
+
 ADAPTER = Adapter(
     name="canopen",
     summary="CiA 402 drive over CANopen: can0 (SocketCAN), slcan:/dev/ttyACM0 (serial CAN adapter), can:INTERFACE:CHANNEL",
@@ -357,4 +412,6 @@ ADAPTER = Adapter(
     examine=_examine,
     surroundings=surroundings,
     logs=True,
+    nameplates=True,
+    new_profile=_new_profile,
 )

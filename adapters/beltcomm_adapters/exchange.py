@@ -15,6 +15,7 @@ from beltcomm.drive.objects import name_of
 from beltcomm.errors import BusError, DriveError, ObjectRefused
 from beltcomm_adapters.link import INTERFACE_ERRORS, NMT_PRE_OPERATIONAL, NMT_START, Link
 from beltcomm_adapters.sdo import Lending, Objects, abort_text
+from beltcomm_adapters.sync_source import sync_source
 
 _INVALID: Final = 1 << 31
 _NO_REMOTE: Final = 1 << 30
@@ -27,8 +28,6 @@ _PDO_STEP: Final = 0x100
 _WAIT_SHARE: Final = 0.8
 #: s: stamps of frames that run away from the clock by more, from one sample to the next, are of a clock that was set.
 _CLOCK_SET_S: Final = 0.5
-#: A SYNC later than this share of a period moves the grid instead of being followed by a burst.
-_LATE_SHARE: Final = 0.25
 
 MappedObject = tuple[int, int, int]  # index, subindex, length in bits
 
@@ -163,19 +162,23 @@ class Exchange:
         self._out = [can.Message(arbitration_id=cob_id, is_extended_id=False) for cob_id in rpdos]
         for message, entries in zip(self._out, received, strict=True):
             message.dlc = sum(bits for *_, bits in entries) // 8
-        self._sync = can.Message(arbitration_id=0x80, is_extended_id=False)
-        self._next_s = 0.0
+        self._source = sync_source(link, period_s)
         self._last: tuple[float, int] | None = None
         self._before: tuple[float, float] | None = None  # stamp of the last sample, and when it had been asked for
 
     def start(self) -> None:
         """Let the node exchange PDOs (NMT operational); the first SYNC is due one period from now."""
         self._link.send_nmt(NMT_START)
-        self._next_s = self._link.clock.now() + self._period_s
+        self._source.start()
 
     def end(self) -> None:
         """Back to pre-operational, where the node exchanges no PDOs."""
+        self.stop_sync()
         self._link.send_nmt(NMT_PRE_OPERATIONAL)
+
+    def stop_sync(self) -> None:
+        """No SYNC any more."""
+        self._source.stop()
 
     def cycle(self, frames: Sequence[bytes]) -> Sample | None:
         """One period: wait for its time, SYNC, then ``frames`` (one per receive PDO), then the answer to this SYNC.
@@ -183,22 +186,20 @@ class Exchange:
         Returns None when the answer did not come in time, or is stamped no later than the last one; it is dropped when it comes later.
         Raises BusError (the interface is gone, the clock of its stamps was set), DriveError (an answer that is not what was mapped).
         """
-        link, due_s, period_s = self._link, self._next_s, self._period_s
-        clock, send, receive = link.clock, link.bus.send, link.bus.recv
-        clock.sleep_until(due_s)
-        now_s = clock.now()
-        self._next_s = (due_s if now_s - due_s <= _LATE_SHARE * period_s else now_s) + period_s
+        link, send = self._link, self._link.bus.send
         try:
             # what has arrived before a SYNC, late or doubled, must not pass for its answer: all rows would be a period late from then on
-            while (message := receive(0.0)) is not None:
-                link.dispatch(message)
-            send(self._sync)
+            now_s = self._source.next()
+            if now_s is None:
+                self.lost += 1
+                self.lost_in_a_row += 1
+                return None
             for out, data in zip(self._out, frames):  # noqa: B905  # as many as mapped; a check per cycle costs time
                 out.data = bytearray(data)
                 send(out)
             if now_s >= link.life_due_s:
                 link.show_life(now_s)
-            sample = self._answer(now_s + _WAIT_SHARE * period_s)
+            sample = self._answer(now_s + _WAIT_SHARE * self._period_s)
         except INTERFACE_ERRORS as error:
             raise link.gone(error) from error
         if sample is not None:
@@ -216,8 +217,9 @@ class Exchange:
         wait_s = _WAIT_SHARE * self._period_s
         found: list[can.Message | None] = [None] * len(ids)
         missing = len(found)
+        early = self._source.early
         while missing:
-            message = receive(wait_s)
+            message = early.popleft() if early else receive(wait_s)
             if message is None:
                 return None
             slot = ids.get(message.arbitration_id)

@@ -14,11 +14,21 @@ from beltcomm.errors import BeltcommError, DriveError, ObjectRefused, Refused, U
 from beltcomm_adapters.borrowed import LENT_TO_RECORDS, MODE
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
-from beltcomm_adapters.sdo import Lending, Objects
+from beltcomm_adapters.sdo import ABSENT, Lending, Objects
 
 #: The gains whose meaning a step test finds, where the profile does not know it.
 MEASURED: Final = (GAIN, "ki_nm_rad", "kpp_1_s")
 Place = tuple[int, int, str]  # index, subindex, data type
+
+
+def _width(objects: Objects, index: int) -> int:
+    """Bytes of an object, 0 where the drive has none."""
+    try:
+        return len(objects.read_bytes(index))
+    except ObjectRefused as error:
+        if error.abort_code in ABSENT:
+            return 0
+        raise
 
 
 class Parameters:
@@ -31,12 +41,11 @@ class Parameters:
     def __init__(self, objects: Objects, profile: Profile, scaling: Scaling, session: Lending | None = None) -> None:
         self._objects = objects
         self._session = session or Lending(objects)
-        wide = len(objects.read_bytes(0x6080)) == 4  # UINT32 in CiA 402, UINT16 on older drives
-        self.table: dict[str, ParameterObject] = {
-            **profile.parameters,
-            LIMIT_NAMES[0]: ParameterObject(0x6072, 0, "uint16", scaling.torque_nm, profile.torque_limit_lowest_permille),
-            LIMIT_NAMES[1]: ParameterObject(0x6080, 0, "uint32" if wide else "uint16", 2.0 * math.pi / 60.0),  # min⁻¹
-        }
+        self.table: dict[str, ParameterObject] = dict(profile.parameters)
+        if _width(objects, 0x6072):
+            self.table[LIMIT_NAMES[0]] = ParameterObject(0x6072, 0, "uint16", scaling.torque_nm, profile.torque_limit_lowest_permille)
+        if width := _width(objects, 0x6080):  # UINT32 in CiA 402, UINT16 on older drives; min⁻¹
+            self.table[LIMIT_NAMES[1]] = ParameterObject(0x6080, 0, "uint32" if width == 4 else "uint16", 2.0 * math.pi / 60.0)
         unknown = MEASURED if profile.gain_meaning == "unconfirmed" else ()
         self.uncalibrated = frozenset(name for name in unknown if name in profile.parameters)
         self._found: dict[str, float] = {}

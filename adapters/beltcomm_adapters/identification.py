@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import Final
 
-from beltcomm.drive import Capabilities
+from beltcomm.drive import Capabilities, KnownMotor
 from beltcomm.drive.objects import ParameterObject
 from beltcomm.drive.parameters import gain_access
 from beltcomm.errors import BusError, ObjectRefused
@@ -13,14 +15,18 @@ from beltcomm_adapters.busload import fullest, plan_exchange
 from beltcomm_adapters.gains import structure_of
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
-from beltcomm_adapters.sdo import Objects
+from beltcomm_adapters.sdo import ABSENT, Objects
 from beltcomm_adapters.setpoints import OFFSET_MODES
 
 HOMING_MODE = 6
+#: Velocity and torque offset.
+OFFSETS: Final[tuple[tuple[int, int, str], ...]] = ((0x60B1, 0, "int32"), (0x60B2, 0, "int16"))
 _MODE_BITS = {1: 0, 2: 1, 3: 2, 4: 3, 6: 5, 7: 6, 8: 7, 9: 8, 10: 9}  # 6502h
 #: s: periods are whole numbers of this.   s: no drive's velocity loop is slower, where it does not tell.
 _GRID_S = 1e-6
 LONGEST_LOOP_S = 1e-3
+#: rad/s: what motors do, where nobody tells more.
+FASTEST_RAD_S = 1e3
 _RPM = 2.0 * math.pi / 60.0
 #: s and periods: a host that is no real-time system falls silent for some ms without being dead, and speaks once a period at most.
 SHORTEST_GUARD_S, GUARD_PERIODS = 0.02, 5
@@ -59,10 +65,34 @@ def supported_modes(objects: Objects, profile: Profile) -> frozenset[int]:
     return frozenset(mode for mode, bit in _MODE_BITS.items() if bits >> bit & 1)
 
 
+def as_the_drive_is(objects: Objects, profile: Profile) -> Profile:
+    """The profile with the modes that the drive has, and without the offsets 60B1h and 60B2h where it lacks one: no motion needs them."""
+    profile = profile.with_modes(supported_modes(objects, profile))
+    if not profile.offsets or all(objects.read_if_there(*offset) is not None for offset in OFFSETS):
+        return profile
+    return replace(profile, offsets=False, structure={**profile.structure, "velocity_feedforward": False, "torque_feedforward": False})
+
+
 def sync_period_s(objects: Objects) -> float | None:
     """60C2h in s, None when the drive has no such object or does not use it (0)."""
     value = objects.read_if_there(0x60C2, 1, "uint8")
     return value * 10.0 ** objects.read_int(0x60C2, 2, "int8") if value else None
+
+
+def sync_steps(objects: Objects, profile: Profile) -> tuple[float, float]:
+    """Shortest period of SYNC and its step, s: the profile's, in whole runs of the drive's loop where it tells that.
+
+    Where a new period acts after a reset only, the whole cascade is locked to the stored one.
+    """
+    shortest_s, step_s = profile.shortest_sync_ms * 1e-3, profile.sync_step_ms * 1e-3
+    if profile.sync_change == "after_reset":
+        stored_s = sync_period_s(objects)
+        return (max(stored_s, shortest_s),) * 2 if stored_s else (shortest_s, step_s)
+    loop_s = _loop_period_s(objects, profile)
+    if loop_s is not None:  # a setpoint becomes active at a run of the loop
+        step_s = math.lcm(max(round(step_s / _GRID_S), 1), max(round(loop_s / _GRID_S), 1)) * _GRID_S
+        shortest_s = math.ceil(shortest_s / step_s - 1e-6) * step_s
+    return shortest_s, step_s
 
 
 def read_capabilities(
@@ -75,6 +105,7 @@ def read_capabilities(
     parameters: Mapping[str, ParameterObject],
     uncalibrated: frozenset[str],
     wanted_s: float | None = None,
+    nameplate: KnownMotor | None = None,
 ) -> Capabilities:
     """Capabilities of the drive.
 
@@ -82,22 +113,19 @@ def read_capabilities(
     wanted_s : sample period asked for, None for the shortest that fits.   Raises UsageError for one that cannot be.
     """
     modes = supported_modes(objects, profile)
-    shortest_s, step_s = profile.shortest_sync_ms * 1e-3, profile.sync_step_ms * 1e-3
     loop_s = _loop_period_s(objects, profile)
-    if loop_s is not None:  # a setpoint becomes active at a run of the loop
-        step_s = math.lcm(max(round(step_s / _GRID_S), 1), max(round(loop_s / _GRID_S), 1)) * _GRID_S
-        shortest_s = math.ceil(shortest_s / step_s - 1e-6) * step_s
-    if profile.sync_change == "after_reset" and (stored_s := sync_period_s(objects)):
-        shortest_s = step_s = max(stored_s, shortest_s)  # the whole cascade is locked to it
-    exchange = plan_exchange(bitrate, fullest(profile, modes), shortest_s, step_s, wanted_s)
+    exchange = plan_exchange(bitrate, fullest(profile, modes), *sync_steps(objects, profile), wanted_s)
     period_s = exchange.period_s
-    peak_permille = objects.read_if_there(0x6073, 0, "uint16") or objects.read_int(0x6072, 0, "uint16")
-    fastest = int.from_bytes(objects.read_bytes(0x6080), "little") * _RPM
+    plate, steps = nameplate or KnownMotor(), max(round(math.tau / abs(scaling.position_rad)), 1)
+    peak_permille = objects.read_if_there(0x6073, 0, "uint16") or objects.read_if_there(0x6072, 0, "uint16")
+    peak_nm = plate.peak_torque_nm or scaling.rated_torque_nm if peak_permille is None else peak_permille * 1e-3 * scaling.rated_torque_nm
+    fastest = read_top_speed_rad_s(objects) or plate.max_speed_rad_s or FASTEST_RAD_S
     return Capabilities(
         name=identity.get("device_name", profile.title),
         kinds=frozenset(kind for kind, mode in profile.modes.items() if mode in modes),
         sample_period_s=period_s,
-        counts_per_rev=scaling.counts_per_rev,
+        counts_per_rev=min(scaling.counts_per_rev, steps),
+        encoder_counts_per_rev=scaling.counts_per_rev if steps < scaling.counts_per_rev else None,
         torque_step_nm=scaling.torque_nm,
         torque_sampling=profile.torque_sampling,
         torque_along=frozenset(kind for kind, mode in profile.modes.items() if profile.offsets and mode in modes and mode in OFFSET_MODES),
@@ -105,7 +133,7 @@ def read_capabilities(
             profile, loop_s or min(period_s, LONGEST_LOOP_S), *_position_bounds(objects, profile, scaling), parameters=parameters
         ),
         rated_torque_nm=scaling.rated_torque_nm,
-        peak_torque_nm=peak_permille * 1e-3 * scaling.rated_torque_nm,
+        peak_torque_nm=peak_nm,
         rated_current_a=scaling.rated_current_a,
         max_speed_rad_s=fastest,
         can_home=HOMING_MODE in modes,
@@ -122,6 +150,16 @@ def read_capabilities(
         else _doubt(profile),
         shortest_guard_s=max(SHORTEST_GUARD_S, GUARD_PERIODS * period_s),
     )
+
+
+def read_top_speed_rad_s(objects: Objects) -> float | None:
+    """6080h, of four bytes or of two; None where the drive has none."""
+    try:
+        return int.from_bytes(objects.read_bytes(0x6080), "little") * _RPM
+    except ObjectRefused as error:
+        if error.abort_code in ABSENT:
+            return None
+        raise
 
 
 def _doubt(profile: Profile) -> str:

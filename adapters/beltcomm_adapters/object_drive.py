@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Self
 
-from beltcomm.drive import Capabilities, Clock
+from beltcomm.drive import Capabilities, Clock, KnownMotor
 from beltcomm.drive.objects import ObjectValue
 from beltcomm.drive.parameters import gain_access
 from beltcomm.errors import BeltcommError, BusError, DriveError, UsageError
@@ -36,9 +36,9 @@ class ObjectDrive:
         self._open = True
         self._homed = False
 
-    def _take_over(self, wire: Wire, profile: Profile) -> None:
-        """Axis disabled, units and parameters known.  On failure nothing stays lent."""
-        self._profile = profile
+    def _take_over(self, wire: Wire, profile: Profile, nameplate: KnownMotor | None = None) -> None:
+        """Axis disabled, units and parameters known.  On failure nothing stays lent.   nameplate : see :func:`read_scaling`."""
+        self._profile, self._nameplate = profile, nameplate
         self._objects.locks.add(profile.never_write)
         self._machine = StateMachine(wire, self._objects, profile.emergency)
         self._machine.disable()
@@ -154,7 +154,7 @@ class ObjectDrive:
         """What is lent to this session: control of the drive first, then the speed unit."""
         if self._profile.enable_logic:
             self._session.set(*self._profile.enable_logic, keep=True)
-        self._scaling = read_scaling(self._objects, self._profile, self._session)
+        self._scaling = read_scaling(self._objects, self._profile, self._session, self._nameplate)
 
     def _here_rad(self) -> float:
         return self._objects.read(0x6064, 0, "int32") * self._scaling.position_rad

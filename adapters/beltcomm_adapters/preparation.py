@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final, Literal
 
 import numpy as np
 
 from beltcomm.drive import Array, Capabilities, Limits, Motion
+from beltcomm.drive.objects import name_of
 from beltcomm.errors import DriveError, ObjectRefused, UsageError
 from beltcomm_adapters.cia402 import StateMachine
 from beltcomm_adapters.host_reaction import heed
@@ -28,7 +30,8 @@ _QUICK_STOP_AND_DISABLE: Final = 2  # 605Ah
 _LINEAR_INTERPOLATION: Final = -2  # 60C0h
 _INT32: Final = 2**31 - 1
 _BYTE: Final = 255
-_UINT32: Final = 2**32 - 1
+#: Share by which a number that was read back may differ: what a drive rounds.
+_READ_BACK: Final = 0.02
 _RPM: Final = 2.0 * math.pi / 60.0
 #: Rounding of a float period, far below any timer's resolution.
 _SAME_S: Final = 1e-9
@@ -156,28 +159,64 @@ def lend_settings(
     """Of :func:`prepare` what is a setting, no mode and no setpoint; limits that the drive does not take are in ``lending.refused``."""
     lending.set_if_there(0x605A, 0, "int16", _QUICK_STOP_AND_DISABLE)
     if math.isfinite(limits.deceleration_rad_s2):
-        lending.set_if_there(0x6085, 0, "uint32", _steps(limits.deceleration_rad_s2, scaling))
-    if profile.sync_change == "at_once" and sync_period_s(objects) is not None:
+        braking = scaling.raw_acceleration(limits.deceleration_rad_s2)
+        limit(objects, lending, 0x6085, 0, "uint32", braking, scaling.acceleration, "rad/s²", harder=True)
+    if profile.sync_change == "at_once" and (sync_period_s(objects) is not None or objects.read_if_there(0x60C2, 1, "uint8") is not None):
         value, power = interpolation_time(period_s)
-        lending.set(0x60C2, 2, "int8", power)
-        lending.set(0x60C2, 1, "uint8", value)
+        lending.set_if_there(0x60C2, 2, "int8", power)
+        lending.set_if_there(0x60C2, 1, "uint8", value)
     if mode in TORQUE_MODES and profile.torque_exit == "velocity" and math.isfinite(limits.deceleration_rad_s2):
-        lending.set(0x6084, 0, "uint32", _steps(limits.deceleration_rad_s2, scaling))
+        braking = scaling.raw_acceleration(limits.deceleration_rad_s2)
+        limit(objects, lending, 0x6084, 0, "uint32", braking, scaling.acceleration, "rad/s²", harder=True)
     if mode == 4 and profile.torque_slope_permille_s is not None:
-        lending.set(0x6087, 0, "uint32", profile.torque_slope_permille_s)
+        slope = objects.read_if_there(0x6087, 0, "uint32")
+        if slope is not None and slope < profile.torque_slope_permille_s:
+            lending.set_if_there(0x6087, 0, "uint32", profile.torque_slope_permille_s)
     if mode == 7:
         lending.set_if_there(0x60C0, 0, "int16", _LINEAR_INTERPOLATION)
         lending.set_if_there(0x60C1, 2, "uint8", 0)  # absolute positions; before sub 1 (F1 p195)
     if mode == 3 and speeds_rad_s is not None:
         steepest = float(np.abs(np.diff(speeds_rad_s, prepend=0.0, append=0.0)).max()) / period_s
-        ramp = max(1, math.ceil(steepest / scaling.acceleration_rad_s2))
+        ramp = scaling.raw_acceleration(steepest, at_most=False)
         for index in (0x6083, 0x6084):
-            lending.set(index, 0, "uint32", ramp)
+            limit(objects, lending, index, 0, "uint32", ramp, scaling.acceleration, "rad/s²")
     tighten_torque_and_speed(objects, lending, profile, scaling, limits)
     if mode in POSITION_MODES:  # 607Dh bounds the target of a position controller
         tighten_window(objects, lending, scaling, limits, period_s)
         if limits.lag_rad is not None:
-            lending.set_if_there(0x6065, 0, "uint32", min(math.ceil(limits.lag_rad / scaling.position_rad), _INT32))
+            lag = min(math.ceil(limits.lag_rad / abs(scaling.position_rad)), _INT32)
+            limit(objects, lending, 0x6065, 0, "uint32", lag, lambda raw: raw * abs(scaling.position_rad), "rad")
+
+
+def limit(
+    objects: Objects,
+    lending: Lending,
+    index: int,
+    subindex: int,
+    kind: str,
+    raw: int,
+    shown: Callable[[int], float],
+    unit: str,
+    *,
+    harder: bool = False,
+) -> None:
+    """Lend a limit or a ramp and read it back: what a drive cuts without a word is told, see :attr:`Lending.altered`.
+
+    shown : its meaning in ``unit``.   harder : more of it would be dangerous: raises DriveError where the drive has more than was written.
+    """
+    if not lending.set_if_there(index, subindex, kind, raw) or (index, subindex, raw) in objects.taken_as_written:
+        return
+    found = objects.read_int(index, subindex, kind)
+    if found == raw:
+        objects.taken_as_written.add((index, subindex, raw))
+        return
+    meant, has = shown(raw), shown(found)
+    text = f"{name_of(index, subindex)} was set to {meant:.4g} {unit}, the drive made {has:.4g} {unit} of it"
+    if harder and has > meant * (1.0 + _READ_BACK):
+        raise DriveError(
+            f"{text}: a stop would load the belt more than planned; check its unit (60AAh) and its bounds with the maker's tool"
+        )
+    lending.altered.append(text)
 
 
 def interpolation_time(period_s: float) -> tuple[int, int]:
@@ -187,20 +226,15 @@ def interpolation_time(period_s: float) -> tuple[int, int]:
         if 1 <= value <= _BYTE and abs(value * 10.0**power - period_s) <= _SAME_S:
             return value, power
     raise UsageError(
-        f"a period of {1e3 * period_s:g} ms cannot be told to the drive (60C2h, a byte times a power of ten); choose another one"
+        f"a period of {1e3 * period_s:g} ms cannot be told to the drive (60C2h, a byte and a power of ten); choose another one"
     )
-
-
-def _steps(acceleration_rad_s2: float, scaling: Scaling) -> int:
-    """An acceleration in the drive's unit, rather too little."""
-    return min(max(math.floor(acceleration_rad_s2 / scaling.acceleration_rad_s2), 1), _UINT32)
 
 
 def tighten_torque_and_speed(objects: Objects, lending: Lending, profile: Profile, scaling: Scaling, limits: Limits) -> None:
     """6072h and 6080h, never above what they are; a drive without them is watched by the host alone."""
     torque = max(math.ceil(limits.torque_nm / scaling.torque_nm), profile.torque_limit_lowest_permille)
     if torque < (objects.read_if_there(0x6072, 0, "uint16") or 0):
-        lending.set_if_there(0x6072, 0, "uint16", torque)
+        limit(objects, lending, 0x6072, 0, "uint16", torque, lambda raw: raw * scaling.torque_nm, "N m")
     try:
         stored = objects.read_bytes(0x6080)
     except ObjectRefused as error:
@@ -209,7 +243,7 @@ def tighten_torque_and_speed(objects: Objects, lending: Lending, profile: Profil
         raise
     speed = math.ceil(_DRIVE_SPEED_SHARE * limits.speed_rad_s / _RPM)  # 6080h is in min⁻¹
     if speed < int.from_bytes(stored, "little"):
-        lending.set_if_there(0x6080, 0, "uint32" if len(stored) == 4 else "uint16", speed)
+        limit(objects, lending, 0x6080, 0, "uint32" if len(stored) == 4 else "uint16", speed, lambda raw: raw * _RPM, "rad/s")
 
 
 def tighten_window(objects: Objects, lending: Lending, scaling: Scaling, limits: Limits, period_s: float) -> None:
@@ -220,7 +254,7 @@ def tighten_window(objects: Objects, lending: Lending, scaling: Scaling, limits:
     if stored_low is None or not deceleration:
         return
     stored_high = objects.read_int(0x607D, 2, "int32")
-    braking_rad = limits.speed_rad_s**2 / (2.0 * deceleration * scaling.acceleration_rad_s2)
+    braking_rad = limits.speed_rad_s**2 / (2.0 * scaling.acceleration(deceleration))
     margin_rad = limits.speed_rad_s * _REACTION_CYCLES * period_s + braking_rad
     low = max(math.floor((limits.position_min_rad - margin_rad) / scaling.position_rad), -_INT32)
     high = min(math.ceil((limits.position_max_rad + margin_rad) / scaling.position_rad), _INT32)
@@ -228,7 +262,7 @@ def tighten_window(objects: Objects, lending: Lending, scaling: Scaling, limits:
         low, high = max(low, stored_low), min(high, stored_high)
     steps = [(1, low), (2, high)]
     for part, value in reversed(steps) if low > stored_high else steps:  # never a minimum above its maximum
-        lending.set_if_there(0x607D, part, "int32", value)
+        limit(objects, lending, 0x607D, part, "int32", value, lambda raw: raw * scaling.position_rad, "rad")
 
 
 def guard(objects: Objects, lending: Lending, profile: Profile, guard_s: float) -> Literal["heartbeat", "node_guarding"]:

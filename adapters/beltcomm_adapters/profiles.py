@@ -5,39 +5,31 @@ A quirk of a drive is a line in its file, never a branch on its name.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, Final, Literal
 
-from beltcomm.configfiles import config_names, find_config, named_file, read_yaml
+from beltcomm.configfiles import config_names, find_config, line_of, named_file, read_yaml
 from beltcomm.drive.objects import ParameterObject, name_of
-from beltcomm.drive.parameters import GAIN_NAMES, PREFILTER_KINDS, GainTerm
+from beltcomm.drive.parameters import GAIN_NAMES, GainTerm
 from beltcomm.errors import UsageError
 from beltcomm_adapters.locks import ALWAYS, Lock
+from beltcomm_adapters.profile_schema import CONFIDENCES, faults
 
-CONFIDENCES: Final = ("read", "inferred", "unconfirmed", "simulated")
 #: Keys of a file that state no fact about the drive; every other one has its source.
 SOURCE_KEYS: Final = ("source", "confidence")
-UNSOURCED: Final = frozenset({"name", "title", "known_gains", "never_write"})
+UNSOURCED: Final = frozenset({"name", "title", "like", "known_gains", "never_write"})
+#: The profile whose entries hold where one of a user's own has none; of an entry there, where it says nothing of its source.
+LIKE: Final = "cia402"
+OWN: Final = {"source": "this file", "confidence": "read"}
+#: Faults of a file that are told at once.
+TOLD: Final = 5
 
 
-#: Modes of CiA 402 by kind of motion: those whose setpoints are sent.
-MODES: Final[Mapping[str, tuple[int, ...]]] = {"torque": (4, 10), "position": (7, 8), "velocity": (3, 9), "profile": (1,)}
 #: Where drives keep settings of their controllers: the maker's own objects, and those of CiA 402 (60F6h, current control, is locked).
 CONTROLLERS: Final = (range(0x2000, 0x6000), range(0x60F6, 0x60FC))
-CHOICES: Final = {
-    "units": ("cia402", "factor_group"),
-    "guarding": ("heartbeat", "node_guarding"),
-    "torque_sampling": ("over", "after"),
-    "sync_change": ("at_once", "after_reset"),
-    "gain_meaning": ("documented", "unconfirmed", "none"),
-}
-#: What a structure has or has not, beside its prefilters.
-PARTS: Final = ("velocity_feedforward", "torque_feedforward", "reference_filter", "roll_off")
 RATED_PERMILLE: Final = 1000
-#: ms of a SYNC's period.
-SYNC_MS: Final = (0.05, 100.0)
 
 
 @dataclass(frozen=True)
@@ -57,8 +49,11 @@ class Profile:
     """A kind of drive.
 
     match : of its identity; None is chosen by name only.
-    modes : CiA 402 mode of operation by kind of motion.    supported_modes : asked when the drive has no 6502h.
-    units : "cia402" (608Fh, 6091h, 6092h) or "factor_group" (6093h, 6094h, 6097h of the Metronix family).
+    modes : CiA 402 mode of operation by kind of motion.    choices : all that may serve, the best first; see :meth:`with_modes`.
+    supported_modes : asked when the drive has no 6502h.
+    units : "cia402" (608Fh, 6091h, 6092h, 60A8h to 60AAh) or "factor_group" (6093h, 6094h, 6097h of the Metronix family).
+    position_unit, velocity_unit, acceleration_unit : by name, where the drive does not tell them ("0.1 rpm", "10 counts/s2").
+    rated_torque_unit_nm : N m in one unit of 6076h; None is mN m, or what agrees with axis.yaml.
     offsets : 60B1h and 60B2h exist.    guarding : how the drive notices that its host is gone.
     torque_sampling : see :class:`beltcomm.drive.Capabilities`.
     bus : "canopen", or what the drive has in place of such a port; then it cannot be opened here.
@@ -108,8 +103,18 @@ class Profile:
     overload_time: tuple[int, int] | None = None
     output_limit: tuple[int, int] | None = None
     dead_zone: tuple[int, int] | None = None
+    position_unit: str | None = None
+    velocity_unit: str | None = None
+    acceleration_unit: str | None = None
+    rated_torque_unit_nm: float | None = None
     emergency: Mapping[int, str] = field(default_factory=dict)
     signals: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    choices: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+
+    def with_modes(self, available: Collection[int]) -> Profile:
+        """The profile with the first mode of each kind that a drive has; the first of all where it has none."""
+        best = {kind: next((mode for mode in modes if mode in available), modes[0]) for kind, modes in self.choices.items()}
+        return replace(self, modes=best)
 
 
 @cache
@@ -117,13 +122,34 @@ def load_profile(name: str) -> Profile:
     """The profile called ``name``.  Raises UsageError when there is none, or when its file is not as it must be."""
     path = find_config("drives", name)
     raw = read_yaml(path)
+    if wrong := list(faults(raw)):
+        said = [f"line {line_of(path, where)}: {sentence}" for where, sentence in wrong[:TOLD]]
+        more = f"; and {len(wrong) - TOLD} more" if len(wrong) > TOLD else ""
+        raise UsageError(f"the drive profile {path.name} cannot be used: {'; '.join(said)}{more}")
+    if named_file(name):
+        raw = completed(raw)
     try:
         found = _profile(raw)
-        _check_words(found)
         _check_writes(found, shipped=not named_file(name))
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise UsageError(f"the drive profile {path.name} cannot be used: {type(error).__name__}: {error}") from error
     return found
+
+
+def completed(raw: Mapping[str, Any]) -> dict[str, Any]:
+    """A file of a user's own with the entries of the shipped profile that it is ``like``; chosen by name only.   Raises UsageError."""
+    like = str(raw.get("like", LIKE))
+    base = read_yaml(find_config("drives", like)) if like in config_names("drives") else None
+    if base is None:
+        raise UsageError(f"no shipped profile is called {like!r}; known are {', '.join(config_names('drives'))}")
+    base["match"] = None
+    told = {**base["sources"], **{key: OWN for key in raw if key not in UNSOURCED | {"sources"}}, **raw.get("sources", {})}
+    parts = {key: {**base[key], **raw[key]} for key in ("modes", "sync", "structure") if key in raw}
+    own = {**base, **raw, **parts, "sources": told}
+    own.pop("like", None)
+    if "gain_meaning" not in raw and "parameters" in raw:
+        own["gain_meaning"] = "documented" if raw["parameters"] else "none"
+    return own
 
 
 def choose_profile(identity: Mapping[str, str], wanted: str | None) -> Profile:
@@ -167,10 +193,11 @@ def _profile(raw: dict[str, Any]) -> Profile:
         raise ValueError(f"no source for {missing}")
     if bool(parameters) is (raw["gain_meaning"] == "none"):
         raise ValueError("gain_meaning is none exactly where no gain is writable")
-    if raw.get("torque_exit", "quick_stop") not in ("quick_stop", "velocity"):
-        raise ValueError(f"torque_exit is {raw['torque_exit']!r}, not quick_stop or velocity")
     logic, referenced = raw.pop("enable_logic", None), raw.pop("referenced", None)
+    choices = {str(kind): tuple(wanted) if isinstance(wanted, list) else (wanted,) for kind, wanted in raw.pop("modes").items()}
     return Profile(
+        modes={kind: wanted[0] for kind, wanted in choices.items()},
+        choices=choices,
         shortest_sync_ms=float(sync["shortest_ms"]),
         sync_step_ms=float(sync["step_ms"]),
         sync_change=sync["change"],
@@ -190,36 +217,11 @@ def _profile(raw: dict[str, Any]) -> Profile:
     )
 
 
-def _check_words(profile: Profile) -> None:
-    """Raise ValueError for a word or a number that no profile has: nothing of it is to be found out on a connected drive."""
-    for key, known in CHOICES.items():
-        if getattr(profile, key) not in known:
-            raise ValueError(f"{key} is {getattr(profile, key)!r}; choose one of {', '.join(known)}")
-    own = profile.structure
-    if unknown := sorted(set(own) - {"prefilters", *PARTS}):
-        raise ValueError(f"structure has no {', '.join(unknown)}")
-    if not set(own["prefilters"]) <= set(PREFILTER_KINDS) or not all(isinstance(own.get(part, False), bool) for part in PARTS):
-        raise ValueError(f"structure is {dict(own)}; prefilters are some of {', '.join(PREFILTER_KINDS)}, the rest true or false")
-    logic, zero = profile.enable_logic, profile.referenced
-    places = [profile.loop_period, profile.overload_time, profile.output_limit, profile.dead_zone, logic and logic[:2], zero and zero[:2]]
-    places += [(entry["index"], entry.get("subindex", 0)) for entry in profile.signals.values()]
-    numbers = [zero[2] if zero else 0, profile.torque_slope_permille_s or 0, *profile.supported_modes, *profile.emergency]
-    numbers += [n for entry in profile.signals.values() for n in (entry.get("bit", 0), *entry.get("bits", {}).values())]
-    whole = all(isinstance(n, int) and 0 <= n <= 0xFFFFFFFF for n in numbers)
-    if not whole or not all(0 <= index <= 0xFFFF and 0 <= sub <= 0xFF for index, sub in filter(None, places)):
-        raise ValueError("an index, a subindex, a bit, a mode or a code that cannot be")
-    if not 0 <= profile.torque_limit_lowest_permille <= RATED_PERMILLE:
-        raise ValueError(f"torque_limit_lowest_permille is {profile.torque_limit_lowest_permille}; rated torque, {RATED_PERMILLE}, at most")
-
-
 def _check_writes(profile: Profile, *, shipped: bool) -> None:
     """What a profile makes beltcomm write: settings of controllers and modes that fit, whoever wrote it.   Raises ValueError.
 
     shipped : it came with this package; any other one may hand control to the bus by an object only that a shipped one does it by.
     """
-    for kind, mode in profile.modes.items():
-        if mode not in MODES.get(kind, ()):
-            raise ValueError(f"mode {mode!r} for motions of kind {kind!r}; known are {', '.join(f'{k} {v}' for k, v in MODES.items())}")
     places = [(entry.index, entry.subindex) for entry in profile.parameters.values()]
     for name, entry in profile.parameters.items():
         place = entry.index, entry.subindex
@@ -232,9 +234,6 @@ def _check_writes(profile: Profile, *, shipped: bool) -> None:
     logic = profile.enable_logic
     if logic is not None and not shipped and logic not in {load_profile(name).enable_logic for name in config_names("drives")}:
         raise ValueError(f"enable_logic writes {name_of(*logic[:2])} before anybody is asked; a shipped profile may do so")
-    least_ms, most_ms = SYNC_MS
-    if not (least_ms <= profile.shortest_sync_ms <= most_ms and least_ms <= profile.sync_step_ms <= most_ms):
-        raise ValueError(f"sync of {profile.shortest_sync_ms} ms in steps of {profile.sync_step_ms} ms; {least_ms:g} to {most_ms:g} can be")
 
 
 def _lock(entry: Mapping[str, Any]) -> Lock:

@@ -1,20 +1,31 @@
-"""Raw numbers of a drive and SI at the motor shaft, read from the drive and never assumed."""
+"""Raw numbers of a drive and SI at the motor shaft, decoded once: read from the drive, told by its profile, or by axis.yaml; never guessed.
+
+What is not the drive's own word is said (:attr:`Scaling.said`).
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Final
 
+from beltcomm.drive import KnownMotor
 from beltcomm.errors import DriveError
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.sdo import Lending, Objects
+from beltcomm_adapters.units import Ground, RawUnit, coded, named
 
-_RPM: Final = 2.0 * math.pi / 60.0
+_TURN: Final = 2.0 * math.pi
+_RPM: Final = _TURN / 60.0
 #: Internal units of the Metronix family, per revolution, per min⁻¹ and per min⁻¹/s (F1 p80-87).
 _INTERNAL_POSITION, _INTERNAL_SPEED, _INTERNAL_ACCELERATION = 65536, 4096, 256
-#: 60A9h, unit of velocity (CiA 402-2 v4, CiA 303-2): min⁻¹.
-_MINUTE_SPEED_UNIT: Final = 0x00B44700
+#: N m in one unit of 6076h, by what CiA 402 says and by what makers do.
+_MILLI_NM: Final = 1e-3
+_TORQUE_UNITS: Final[Mapping[float, str]] = {1e-3: "mN m", 1e-6: "µN m", 1.0: "N m", 1e-2: "cN m"}
+#: How near a rated torque must be to that of axis.yaml for its unit to be told by it.
+_SAME_RATING: Final = 1.6
+_LARGEST: Final = 2**32 - 1
 
 
 @dataclass(frozen=True)
@@ -22,7 +33,8 @@ class Scaling:
     """SI value of one raw unit, motor shaft, and the drive's ratings.
 
     position_rad, speed_rad_s, acceleration_rad_s2, torque_nm : per raw unit.     counts_per_rev : encoder counts.
-    rated_torque_nm : N m (6076h).     rated_current_a : A rms (6075h).
+    rated_torque_nm : N m (6076h).     rated_current_a : A rms (6075h).   ramp : an acceleration is the time of a ramp, in s⁻¹ of its unit.
+    said : sentences on what does not come from the drive.   speed_told, acceleration_told : whether somebody tells these units.
     """
 
     position_rad: float
@@ -32,50 +44,181 @@ class Scaling:
     counts_per_rev: int
     rated_torque_nm: float
     rated_current_a: float
+    ramp: bool = False
+    said: tuple[str, ...] = ()
+    speed_told: bool = True
+    acceleration_told: bool = True
+
+    def with_speed(self, speed_rad_s: float) -> Scaling:
+        """The same with another unit of speed, and of acceleration where nobody tells that: the one of speed per second."""
+        share = 1.0 if self.acceleration_told else speed_rad_s / self.speed_rad_s
+        return replace(self, speed_rad_s=speed_rad_s, acceleration_rad_s2=share * self.acceleration_rad_s2, speed_told=True)
+
+    def acceleration(self, raw: float) -> float:
+        """An acceleration of the drive, rad/s²."""
+        if self.ramp:
+            return self.acceleration_rad_s2 / raw if raw else math.inf
+        return raw * self.acceleration_rad_s2
+
+    def raw_acceleration(self, value_rad_s2: float, *, at_most: bool = True) -> int:
+        """In the drive's unit, rather too little, or with ``at_most`` False rather too much."""
+        exact = (
+            (self.acceleration_rad_s2 / value_rad_s2 if value_rad_s2 > 0.0 else math.inf)
+            if self.ramp
+            else value_rad_s2 / self.acceleration_rad_s2
+        )
+        down = at_most is not self.ramp
+        return (
+            int(min(max(math.floor(exact + 1e-9) if down else math.ceil(exact - 1e-9), 1), _LARGEST)) if math.isfinite(exact) else _LARGEST
+        )
 
 
-def read_scaling(objects: Objects, profile: Profile, lending: Lending | None) -> Scaling:
+def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, nameplate: KnownMotor | None = None) -> Scaling:
     """Ask the drive for its units.
 
     Factor group: internal = user * numerator / divisor; the speed factor is set to 1/1, 1/4096 min⁻¹, for the session, because
     whole min⁻¹ are useless as feedback; without ``lending`` nothing is written.
     CiA 402: user units per motor revolution = feed constant / gear ratio.
-    Raises DriveError when a divisor is zero or a unit is not known, ObjectRefused, BusError.
+    nameplate : what axis.yaml knows of the motor, for what the drive does not tell.
+    Raises DriveError when a divisor is zero, a unit is not known or nobody tells a rating; ObjectRefused, BusError.
     """
-    rated_torque_nm = objects.read_int(0x6076, 0, "uint32") * 1e-3
-    rated_current_a = objects.read_int(0x6075, 0, "uint32") * 1e-3
-    if rated_torque_nm <= 0 or rated_current_a <= 0:
-        raise DriveError(
-            f"the drive reports rated torque {rated_torque_nm:g} N m (6076h) and rated current {rated_current_a:g} A (6075h); "
-            "enter the motor's data with the maker's tool first"
-        )
+    plate, said = nameplate or KnownMotor(), list[str]()
+    torque_nm = _rated_torque_nm(objects, profile, plate, said)
+    current_a = _rated_current_a(objects, plate, torque_nm, said)
     if profile.units == "factor_group":
-        position, speed, acceleration, counts = _factor_group(objects, lending)
-    else:
-        position, speed, acceleration, counts = _cia402_units(objects)
-    return Scaling(position, speed, acceleration, rated_torque_nm * 1e-3, counts, rated_torque_nm, rated_current_a)
+        position, speed, acceleration, internal = _factor_group(objects, lending)
+        return Scaling(position, speed, acceleration, torque_nm * 1e-3, internal, torque_nm, current_a, said=tuple(said))
+    counts = _counts(objects, profile, plate, said)
+    position, metres = _position(objects, profile, counts, said)
+    ground = Ground(position, _TURN / counts if counts else None, metres)
+    speed_unit, speed_told = _told(objects, 0x60A9, profile.velocity_unit, 1, RawUnit(1.0, "unit", 1), said)
+    speed = ground.si(speed_unit, "speed (60A9h)")
+    same = RawUnit(speed_unit.value, speed_unit.of, 2)  # what most makers mean who tell nothing: the unit of speed, per second
+    acceleration_unit, acceleration_told = _told(objects, 0x60AA, profile.acceleration_unit, 2, same, said)
+    if not acceleration_told and speed_told and speed_unit.of == "rad":
+        said.append(
+            "the drive does not tell its unit of acceleration (60AAh): its unit of speed per second is taken, so look at how it stops"
+        )
+    acceleration = ground.si(acceleration_unit, "acceleration (60AAh)")
+    whole = counts or round(_TURN / abs(position))
+    return Scaling(
+        position, speed, acceleration, torque_nm * 1e-3, whole, torque_nm, current_a, acceleration_unit.ramp, tuple(said), speed_told,
+        acceleration_told,
+    )  # fmt: skip
+
+
+def _rated_torque_nm(objects: Objects, profile: Profile, plate: KnownMotor, said: list[str]) -> float:
+    """6076h, in the unit of the profile, or that which agrees with axis.yaml, N m."""
+    raw, expected = objects.read_if_there(0x6076, 0, "uint32"), plate.rated_torque_nm
+    if not raw:
+        if expected is None:
+            raise DriveError(
+                f"the drive tells no rated torque (6076h {'is 0' if raw == 0 else 'is missing'}), in thousandths of which it counts "
+                "torques; state motor.rated_torque_nm in axis.yaml and give --axis, or enter the motor's data with the maker's tool"
+            )
+        said.append(f"the drive tells no rated torque (6076h): {expected:.4g} N m from axis.yaml are taken")
+        return expected
+    unit = profile.rated_torque_unit_nm
+    if unit is None:
+        unit = _MILLI_NM
+        if expected is not None and not _alike(raw * unit, expected):
+            fitting = [one for one in _TORQUE_UNITS if _alike(raw * one, expected)]
+            if fitting:
+                unit = fitting[0]
+                said.append(
+                    f"6076h = {raw} is {raw * unit:.4g} N m if it counts in {_TORQUE_UNITS[unit]}, which agrees with axis.yaml "
+                    f"({expected:.4g} N m), and not in mN m as CiA 402 says"
+                )
+    return raw * unit
+
+
+def _alike(one: float, other: float) -> bool:
+    return 1.0 / _SAME_RATING < one / other < _SAME_RATING
+
+
+def _rated_current_a(objects: Objects, plate: KnownMotor, torque_nm: float, said: list[str]) -> float:
+    """6075h, A; where the drive does not tell it, by the torque constant, and without that so many ampere as newton metres."""
+    raw = objects.read_if_there(0x6075, 0, "uint32")
+    if raw:
+        return raw * 1e-3
+    if plate.torque_constant_nm_a:
+        found = torque_nm / plate.torque_constant_nm_a
+        said.append(f"the drive tells no rated current (6075h): {found:.4g} A by the torque constant in axis.yaml are taken")
+        return found
+    return torque_nm
 
 
 def _factor_group(objects: Objects, lending: Lending | None) -> tuple[float, float, float, int]:
     if lending is not None:
         for subindex in (1, 2):
             lending.set(0x6094, subindex, "uint32", 1, keep=True)
-    position = _ratio(objects, 0x6093) * 2.0 * math.pi / _INTERNAL_POSITION
+    position = _ratio(objects, 0x6093) * _TURN / _INTERNAL_POSITION
     speed = _ratio(objects, 0x6094) * _RPM / _INTERNAL_SPEED
     acceleration = _ratio(objects, 0x6097) * _RPM / _INTERNAL_ACCELERATION
     return position, speed, acceleration, _INTERNAL_POSITION
 
 
-def _cia402_units(objects: Objects) -> tuple[float, float, float, int]:
-    counts = _ratio(objects, 0x608F)
+def _counts(objects: Objects, profile: Profile, plate: KnownMotor, said: list[str]) -> int | None:
+    """Increments of the encoder per revolution: 608Fh, unless it stands as from the factory; else axis.yaml's; None where nobody tells."""
+    found = None if objects.read_if_there(0x608F, 1, "uint32") is None else _ratio(objects, 0x608F)
+    if found is not None and found > 1.0:
+        return round(found)
+    if plate.counts_per_rev is None:
+        return None
+    why = "has no 608Fh" if found is None else "has 1 increment per revolution in 608Fh, as from the factory"
+    said.append(f"the drive {why}: {plate.counts_per_rev} encoder counts per revolution from axis.yaml are taken")
+    return plate.counts_per_rev
+
+
+def _position(objects: Objects, profile: Profile, counts: int | None, said: list[str]) -> tuple[float, float | None]:
+    """One position unit in rad of the motor; one rad of the motor in m of the load, where the units are of length."""
     gear = _ratio_or_one(objects, 0x6091)
-    feed = _ratio(objects, 0x6092) if objects.read_if_there(0x6092, 1, "uint32") is not None else counts
-    position = 2.0 * math.pi * gear / feed
-    unit = objects.read_if_there(0x60A9, 0, "uint32")
-    if unit not in (None, 0, _MINUTE_SPEED_UNIT):
-        raise DriveError(f"the drive's velocity unit 60A9h = {unit:08X}h is not known; set it to position units/s (0) or min⁻¹")
-    speed = _RPM if unit == _MINUTE_SPEED_UNIT else position
-    return position, speed, position, round(counts)
+    code = objects.read_if_there(0x60A8, 0, "uint32")
+    unit = coded(code) if code else None
+    feed = None if objects.read_if_there(0x6092, 1, "uint32") is None else _ratio(objects, 0x6092)
+    if feed == 1.0 and not (unit and unit.of == "rad"):  # as from the factory: no such unit is of any use
+        feed = None
+    if feed is not None:
+        position = _TURN * gear / feed
+        return position, unit.value / position if unit and unit.of == "m" and unit.per == 0 else None
+    if unit is not None and unit.of == "rad" and unit.per == 0:
+        return unit.value * gear, None
+    if profile.position_unit is not None:
+        return Ground(None, _TURN / counts if counts else None).si(named(profile.position_unit, 0), "position"), None
+    if counts is None:
+        raise DriveError(
+            "the drive tells neither its encoder (608Fh) nor its feed (6092h), or its factor group stands at 1/1 as from the factory, so "
+            "that nobody knows what a position unit is; state motor.encoder_counts_per_rev in axis.yaml and give --axis, or set the factor "
+            "group (608Fh, 6091h, 6092h) with the maker's tool"
+        )
+    return _TURN * gear / counts, None
+
+
+def _told(objects: Objects, index: int, by_profile: str | None, per: int, otherwise: RawUnit, said: list[str]) -> tuple[RawUnit, bool]:
+    """The unit that the drive tells in an object, or its profile; else ``otherwise``, and whether somebody tells it."""
+    code = objects.read_if_there(index, 0, "uint32")
+    unit = coded(code) if code else _dimension(objects, per)
+    if unit is not None and unit.per == per:
+        return unit, True
+    if by_profile is not None:
+        return named(by_profile, per), True
+    if code:
+        what = "velocity" if per == 1 else "acceleration"
+        raise DriveError(
+            f"the drive's {what} unit {index:04X}h = {code:08X}h is not known; set it to rpm{'' if per == 1 else '/s'} or position units "
+            f"with the maker's tool, or state {what}_unit in a drive profile (--profile)"
+        )
+    return otherwise, False
+
+
+def _dimension(objects: Objects, per: int) -> RawUnit | None:
+    """As drives of CiA 402 version 2 tell it: notation 608Bh or 608Dh, dimension 608Ch or 608Eh; None where they do not tell a unit."""
+    notation, dimension = (0x608B, 0x608C) if per == 1 else (0x608D, 0x608E)
+    what = objects.read_if_there(dimension, 0, "uint8")
+    if not what:
+        return None
+    power = objects.read_if_there(notation, 0, "int8") or 0
+    return coded((power & 0xFF) << 24 | what << 16 | (0x0300 if per == 2 else 0))
 
 
 def _ratio(objects: Objects, index: int) -> float:

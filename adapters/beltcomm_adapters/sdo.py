@@ -31,8 +31,14 @@ SAVE_TIME_S: Final = 15.0
 #: s: a bus that is off or a plug that is loose may come back within this time, tried again after every such pause.
 RECOVERY_S: Final = 5.0
 RETRY_S: Final = 0.2
-#: A transfer that nobody answers is begun anew: one lost frame is no reason to give up.
-_ATTEMPTS: Final = 3
+#: A transfer that nobody answers is begun anew: a lost frame is no reason to give up, and some servers take 300 ms and more, so that the
+#: answer to the first attempt comes in the second.  Waits over the usual one: of a node that has answered, and of one that never has.
+_PATIENCE: Final = (1.0, 1.0, 1.0, 1.0, 1.0)
+_FIRST_PATIENCE: Final = (1.0, 2.0, 4.0)
+#: An answer is waited for as long as the slowest so far took, times this; at most so long, s.
+_OVER_SLOWEST, _LONGEST_ANSWER_S = 3.0, 3.0
+#: Client commands that begin a transfer, and answers that name its object (CiA 301, 7.2.4.3); an abort names it too.
+_DOWNLOAD, _UPLOAD, _NAMING, _ABORT = 1, 2, (2, 3), 0x80
 #: Toggle bit not alternated, or no transfer to go on with: a frame came twice, which is no word of the drive on the object.  A long text
 #: has many segments, so it is begun anew more often.
 _OUT_OF_STEP: Final = (0x05030000, 0x05040001)
@@ -44,6 +50,10 @@ ABSENT: Final = (0x06020000, 0x06090011)
 _Result = TypeVar("_Result")
 
 
+#: Multiplexor of aborts that name no object.
+_ANY: Final = bytes(3)
+
+
 class _Client(SdoClient):
     """Stock client that waits by pumping the link."""
 
@@ -53,6 +63,10 @@ class _Client(SdoClient):
         super().__init__(0x600 + link.node, 0x580 + link.node, ObjectDictionary())  # type: ignore[no-untyped-call]  # canopen has no types
         self.network = self  # type: ignore[assignment]  # all that is asked of a network is send_message
         self.answer_time_s = ANSWER_TIME_S
+        self.patience = 1.0
+        self.answered = self._again = False
+        self._asked_s = 0.0
+        self._object = b""
         self._link = link
         self._locks = locks
         link.subscribe(self.tx_cobid, self._on_frame)
@@ -67,21 +81,35 @@ class _Client(SdoClient):
             self._link.dispatch(message)
         while not self.responses.empty():
             self.responses.get_nowait()
+        if data[0] >> 5 in (_DOWNLOAD, _UPLOAD):
+            self._object = bytes(data[1:4])
+        self._asked_s = self._link.clock.now()
         self._link.send_data(cob_id, bytes(data))
 
     def _on_frame(self, message: can.Message) -> None:
-        if len(message.data) == 8:
-            self.responses.put(bytes(message.data))
+        data = bytes(message.data)
+        if len(data) != 8 or ((data[0] == _ABORT or data[0] >> 5 in _NAMING) and data[1:4] not in (self._object, _ANY)):
+            return  # of another transfer: it comes late
+        self.responses.put(data)
+
+    def follow(self, again: bool) -> None:
+        """A transfer is over; ``again``: it was begun anew.  When two in a row were, answers come late: no adapter loses so many."""
+        if again and self._again:
+            self.answer_time_s = min(2.0 * self.answer_time_s, _LONGEST_ANSWER_S)
+        self._again = again
 
     def read_response(self) -> bytes:
-        end_s = self._link.clock.now() + self.answer_time_s
+        end_s = self._asked_s + self.patience * self.answer_time_s
         while self.responses.empty():
             left_s = end_s - self._link.clock.now()
             if left_s <= 0:
                 raise SdoCommunicationError("no answer")
             self._link.pump(left_s)
         response: bytes = self.responses.get_nowait()
-        if response[0] == 0x80:
+        self.answered = True
+        took_s = self._link.clock.now() - self._asked_s
+        self.answer_time_s = max(self.answer_time_s, min(_OVER_SLOWEST * took_s, _LONGEST_ANSWER_S))
+        if response[0] == _ABORT:
             raise SdoAbortedError(struct.unpack_from("<L", response, 4)[0])
         return response
 
@@ -97,6 +125,7 @@ class Objects(ABC):
 
     def __init__(self) -> None:
         self.locks = Locks()
+        self.taken_as_written: set[tuple[int, int, int]] = set()  # limits that were read back
 
     @abstractmethod
     def read_bytes(self, index: int, subindex: int = 0) -> bytes:
@@ -175,27 +204,37 @@ class SdoObjects(Objects):
 
     def save(self) -> None:
         """See :meth:`Objects.save`; 1010h:1."""
-        self._client.answer_time_s = SAVE_TIME_S
+        usual_s, self._client.answer_time_s = self._client.answer_time_s, SAVE_TIME_S
         try:
             self.write(0x1010, 1, "uint32", _SAVE)
         finally:
-            self._client.answer_time_s = ANSWER_TIME_S
+            self._client.answer_time_s = usual_s
 
     def _transfer(self, index: int, subindex: int, verb: str, transfer: Callable[[], _Result]) -> _Result:
         unanswered = out_of_step = 0
         while True:
+            patience = _PATIENCE if self._client.answered else _FIRST_PATIENCE
+            self._client.patience = patience[min(unanswered, len(patience) - 1)]
             try:
-                return transfer()
+                found = transfer()
+                self._client.follow(again=bool(unanswered))
+                return found
             except SdoAbortedError as error:
                 out_of_step += error.code in _OUT_OF_STEP
                 if error.code not in _OUT_OF_STEP or out_of_step == _STEPS:
                     raise refusal(index, subindex, verb, error.code) from error
             except SdoCommunicationError as error:
                 unanswered += 1
-                if unanswered == _ATTEMPTS:
+                if unanswered >= len(patience):
+                    waited_s = sum(patience) * self._client.answer_time_s
                     raise BusError(
-                        f"node {self.node} gave no valid answer to {verb} of object {name_of(index, subindex)} in "
-                        f"{_ATTEMPTS} attempts ({error}); check the cable, the bit rate and that the drive is on"
+                        f"node {self.node} gave no valid answer to {verb} of object {name_of(index, subindex)} in {unanswered} attempts "
+                        f"over {waited_s:.1f} s ({error}); "
+                        + (
+                            "it has answered before: look whether it is still on, then at the load of the bus, the adapter and the cable"
+                            if self._client.answered
+                            else "check that the drive is on, its node number, the bit rate and the cable"
+                        )
                     ) from error
 
 
@@ -222,12 +261,13 @@ class Lending:
     As a context manager it gives everything back on the way out; what cannot be given back is a DriveError, or a note on
     the exception that is already under way.
 
-    refused : what the drive has and did not let be written, of what it could do without.
+    refused : what the drive has and did not let be written, of what it could do without.   altered : what it took otherwise, in words.
     """
 
     def __init__(self, objects: Objects) -> None:
         self._objects = objects
         self.refused: list[ObjectRefused] = []
+        self.altered: list[str] = []
         self._lent: list[tuple[int, int, str, float]] = []
         self._unchanged: set[tuple[int, int]] = set()  # lent, but what stands there is what is to be given back
 

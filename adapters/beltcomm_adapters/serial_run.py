@@ -25,7 +25,7 @@ from beltcomm_adapters.cia402 import (
 )
 from beltcomm_adapters.exchange import Sample
 from beltcomm_adapters.motion import TOLERATED_LOSSES, Report
-from beltcomm_adapters.preparation import tighten_torque_and_speed, tighten_window
+from beltcomm_adapters.preparation import limit, tighten_torque_and_speed, tighten_window
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import Lending
@@ -35,7 +35,6 @@ from beltcomm_adapters.watch import Watch
 
 PROFILE_POSITION: Final = 1
 _QUICK_STOP_AND_DISABLE: Final = 2  # 605Ah
-_UINT32: Final = 2**32 - 1
 _INT32: Final = 2**31 - 1
 #: Speed, acceleration and deceleration of a stroke.
 _STROKE_PARAMETERS: Final = (0x6081, 0x6083, 0x6084)
@@ -86,8 +85,8 @@ def prepare(
     lending.set_if_there(0x605A, 0, "int16", _QUICK_STOP_AND_DISABLE)
     lending.set_if_there(0x6086, 0, "int16", 0)
     if math.isfinite(limits.deceleration_rad_s2):
-        steps = math.floor(limits.deceleration_rad_s2 / scaling.acceleration_rad_s2)
-        lending.set_if_there(0x6085, 0, "uint32", min(max(steps, 1), _UINT32))
+        braking = scaling.raw_acceleration(limits.deceleration_rad_s2)
+        limit(objects, lending, 0x6085, 0, "uint32", braking, scaling.acceleration, "rad/s²", harder=True)
     tighten_torque_and_speed(objects, lending, profile, scaling, limits)
     tighten_window(objects, lending, scaling, limits, period_s)
     if limits.lag_rad is not None:

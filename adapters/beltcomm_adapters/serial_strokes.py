@@ -102,9 +102,9 @@ def _stroke(start: int, end_rad: float, speed_rad_s: float, acceleration_rad_s2:
     """The same in whole units of the drive, never faster than asked."""
     end = min(max(round(end_rad / scaling.position_rad), -_INT32), _INT32)
     speed = max(1, math.floor(speed_rad_s / scaling.speed_rad_s + 1e-9))
-    acceleration = max(1, math.ceil(acceleration_rad_s2 / scaling.acceleration_rad_s2))
+    acceleration = scaling.raw_acceleration(acceleration_rad_s2, at_most=False)
     path = Trapezoid(
-        start * scaling.position_rad, end * scaling.position_rad, speed * scaling.speed_rad_s, acceleration * scaling.acceleration_rad_s2
+        start * scaling.position_rad, end * scaling.position_rad, speed * scaling.speed_rad_s, scaling.acceleration(acceleration)
     )
     return SerialStroke(rest_s, end, speed, acceleration, path)
 

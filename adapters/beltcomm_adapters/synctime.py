@@ -30,6 +30,8 @@ _TICKS_AHEAD: Final = 10
 #: just not answered.
 _PATIENCE_S: Final = 20.0
 _LITTLE_PATIENCE_S: Final = 0.05
+#: s: the same once an answer was lost although the process lives: the adapter between loses frames.
+_AFTER_LOSS_S: Final = 2.0
 #: The same for whether the drive has come so far, which a node that is booting does not tell.
 _CAUGHT_UP_S: Final = 2.0
 _ROUNDING_S: Final = 1e-9
@@ -79,6 +81,7 @@ class SyncTimeBus(can.BusABC):
         self._exchanging = False
         self._owed = False
         self._patience_s = _PATIENCE_S
+        self._lost = False
         self._received: deque[can.Message] = deque()
         self._sync = can.Message(arbitration_id=_SYNC, is_extended_id=False)
         self._answer_id = 0x580 + node
@@ -151,7 +154,9 @@ class SyncTimeBus(can.BusABC):
                 self._heard(message)
 
     def _heard(self, message: can.Message | None) -> None:
-        self._patience_s = _PATIENCE_S if message is not None else _LITTLE_PATIENCE_S
+        if message is None:
+            self._lost = True
+        self._patience_s = (_AFTER_LOSS_S if self._lost else _PATIENCE_S) if message is not None else _LITTLE_PATIENCE_S
 
     def _is_ours(self, message: can.Message) -> bool:
         return message.arbitration_id == self._answer_id and bytes(message.data[1:4]) == _OBJECT

@@ -35,6 +35,7 @@ INSTEAD: Final = {
     0x6080: "the host stops the axis when a row shows too much speed; the drive itself allows what it is set to",
     0x607D: "the host alone stops the axis at the end of its window",
     0x6065: "the host alone stops the axis when it lags behind its reference",
+    0x6087: "a step of torque rises no faster than it is set to, which the identification sees as a lag",
     0x60C2: "its interpolation runs at the period that it is set to",
 }
 
@@ -46,7 +47,7 @@ def refused_words(error: ObjectRefused) -> str:
 
 
 def tried(objects: Objects, profile: Profile, scaling: Scaling, modes: frozenset[int], period_s: float) -> Iterator[Finding]:
-    """The findings; everything is put back.   modes : that the drive has.   Raises BusError."""
+    """The findings; everything is put back.   modes : that the drive has.   Raises BusError, DriveError (a ramp steeper than written)."""
     yield from _mapping(objects, profile, modes)
     yield from _settings(objects, profile, scaling, modes, period_s)
 
@@ -98,6 +99,7 @@ def _settings(objects: Objects, profile: Profile, scaling: Scaling, modes: froze
     torque = SHARE * (objects.read_if_there(0x6072, 0, "uint16") or 1000) * scaling.torque_nm
     limits = Limits(here - AROUND_RAD, here + AROUND_RAD, AROUND_RAD, torque, STOP_RAD_S2, LAG_RAD)
     refused: dict[tuple[int, int], str] = {}
+    altered: dict[str, None] = {}
     for kind, mode in profile.modes.items():
         if mode not in modes:
             continue
@@ -109,9 +111,12 @@ def _settings(objects: Objects, profile: Profile, scaling: Scaling, modes: froze
             remedy = "set it with the maker's tool, or choose the --profile of this drive"
             yield Finding(AREA, f"settings, {kind}", "wrong" if kind in NEEDED else "warning", text, remedy)
         refused |= {(error.index, error.subindex): refused_words(error) for error in lending.refused}
+        altered |= dict.fromkeys(lending.altered)
     for place, text in refused.items():
         yield Finding(AREA, f"limit {name_of(*place)}", "warning", text)
-    if not refused:
+    for text in altered:
+        yield Finding(AREA, "limit", "warning", text)
+    if not refused and not altered:
         yield Finding(AREA, "limits", "ok", "the drive takes the limits and ramps of a record (tried, put back)")
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from beltcomm.drive import Adapter, Drive, Service
 from beltcomm.drive.finding import Finding
+from beltcomm.drive.objects import DictionaryEntry
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm_adapters.buses import MonotonicClock
 from beltcomm_adapters.canopen import EXAMINATION_OPTIONS, connect, number, whole_number
 from beltcomm_adapters.examination.can import examine_bus
+from beltcomm_adapters.new_profile import facts_of_bus, text_of
 from beltcomm_adapters.virtual_node import NODE, attached, played, ticks_per_second
 
 
@@ -41,7 +43,9 @@ def _playing(address: str, options: Mapping[str, object]) -> tuple[LockstepBus, 
 def _open(address: str, options: Mapping[str, object]) -> Drive:
     bus, machine = _playing(address, options)
     bitrate = whole_number(options, "bitrate", None, 10_000, 1_000_000)
-    drive = connect(bus, bus.clock, NODE, played(options)[1], bitrate, bus.shutdown, number(options, "sample_period", None))
+    given: Mapping[str, Any] = options
+    period_s = number(options, "sample_period", None)
+    drive = connect(bus, bus.clock, NODE, played(options)[1], bitrate, bus.shutdown, period_s, given.get("nameplate"))
     identity = {**drive.capabilities.identity, "plant": machine}  # the machine behind it is part of what a run was made on
     drive.capabilities = replace(drive.capabilities, identity=identity)
     return drive
@@ -52,6 +56,14 @@ def _examine(address: str, options: Mapping[str, object]) -> Iterator[Finding]:
     bus, _ = _playing(address, own)
     try:
         yield from examine_bus(bus, bus.clock, NODE, None, played(own)[1], options)
+    finally:
+        bus.shutdown()
+
+
+def _new_profile(address: str | None, options: Mapping[str, object], _device: Mapping[str, str], entries: Sequence[DictionaryEntry]) -> str:
+    bus, _ = _playing(address or "", options)
+    try:
+        return text_of(facts_of_bus(bus, bus.clock, NODE, entries))
     finally:
         bus.shutdown()
 
@@ -74,4 +86,6 @@ ADAPTER = Adapter(
     examine=_examine,
     serve=_serve,
     logs=True,
+    nameplates=True,
+    new_profile=_new_profile,
 )

@@ -39,6 +39,7 @@ OPTIONS: Final = (
     "faults",
     "bus_faults",
     "log",
+    "nameplate",
     *DRIVE_KEYS,
 )
 

@@ -15,8 +15,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from beltcomm.axis.entries import (
+    AT,
     SECTIONS,
     AxisLimits,
+    AxisTargets,
     Belt,
     Coupling,
     Gearbox,
@@ -38,6 +40,7 @@ __all__ = [
     "SECTIONS",
     "Axis",
     "AxisLimits",
+    "AxisTargets",
     "Belt",
     "Coupling",
     "Gearbox",
@@ -106,6 +109,7 @@ class Axis:
     trajectories: Mapping[str, TrajectoryLimits] = field(default_factory=dict)
     mounting: Mounting = field(default_factory=Mounting)
     payload: Payload = field(default_factory=Payload)
+    targets: AxisTargets = field(default_factory=AxisTargets)
     source: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
@@ -311,8 +315,8 @@ class Axis:
         return {key: value for key, value in data.items() if value or (key in {"pulley", "belt"} and getattr(self, key))}
 
     def fingerprint(self) -> str:
-        """Short hash of all entries: equal for equal axes, whatever file they came from."""
-        text = json.dumps(_flat(self.to_dict()), sort_keys=True)
+        """Short hash of all entries that describe the machine: equal for equal axes, whatever file they came from and whatever is asked."""
+        text = json.dumps(_flat({key: value for key, value in self.to_dict().items() if key != "targets"}), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def changes(self, other: Axis) -> list[str]:
@@ -487,6 +491,17 @@ def _check_together(axis: Axis) -> None:
             "(1 kg cm² is 1e-4 kg m²) and at motor.rated_torque_nm",
             "motor.inertia_kg_m2",
         )
+    if axis.targets.at and axis.targets.at not in AT:
+        raise ImpossibleEntry(f"targets.at is {axis.targets.at!r}; choose {', '.join(AT)}", "targets.at")
+    if axis.targets.move and axis.targets.move not in axis.trajectories:
+        known = ", ".join(axis.trajectories) or "none"
+        raise ImpossibleEntry(
+            f"targets.move is {axis.targets.move!r}{did_you_mean(axis.targets.move, axis.trajectories)}; under trajectories are {known}",
+            "targets.move",
+        )
+    way = axis.targets.distance_m
+    if way is not None and low is not None and high is not None and way > high - low:
+        raise ImpossibleEntry(f"targets.distance_m is {way:g} m; the travel is {high - low:g} m", "targets.distance_m")
     l3, offset = axis.get("belt.pulley_distance_m"), axis.travel.driven_side_offset_m
     if l3 is not None and high is not None and offset + high >= l3:
         raise ImpossibleEntry(

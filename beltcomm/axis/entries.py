@@ -12,6 +12,12 @@ from typing import Any
 
 #: Tilt, degrees, up to which an axis counts as level.
 LEVEL_DEG = 3.0
+#: Targets where nobody stated any: of the design source's chapter 5, "smaller than 1 mm", "smaller than 100 um", read from 0.5 s after the
+#: reference has ended, on 0.5 m with the limits T_A.
+FOLLOWING_TARGET_M, SETTLED_TARGET_M, SETTLED_AFTER_S = 1e-3, 100e-6, 0.5
+TARGET_WAY_M, TARGET_LIMITS = 0.5, "T_A"
+#: Where targets may be asked for.
+AT = ("motor", "carriage", "both")
 
 
 @dataclass(frozen=True)
@@ -163,6 +169,58 @@ class Payload:
     mass_kg: float | None = _known("mass on the carriage, when known", at_least=0.0, at_most=1e5)
 
 
+@dataclass(frozen=True)
+class AxisTargets:
+    """What the user asks of the axis: errors of a move, where they count, and the move.  None is not stated: a default holds.
+
+    at : "motor", "carriage" or "both"; what nothing measures is judged as predicted.   move : limits under ``trajectories``.
+    """
+
+    following_error_m: float | None = _known("largest following error while it moves", above=0.0, at_least=1e-7, at_most=1.0)
+    settled_error_m: float | None = _known("largest position error once settled", above=0.0, at_least=1e-7, at_most=0.1)
+    settled_after_s: float | None = _known("time after the move until it counts as settled", at_least=0.0, at_most=1.0)
+    at: str = ""
+    move: str = ""
+    distance_m: float | None = _known("length of the move that is judged", above=0.0, at_least=1e-3, at_most=100.0)
+
+    @property
+    def following_m(self) -> float:
+        """Largest following error, m."""
+        return FOLLOWING_TARGET_M if self.following_error_m is None else self.following_error_m
+
+    @property
+    def settled_m(self) -> float:
+        """Largest error once settled, m."""
+        return SETTLED_TARGET_M if self.settled_error_m is None else self.settled_error_m
+
+    @property
+    def after_s(self) -> float:
+        """From the end of the reference on, s."""
+        return SETTLED_AFTER_S if self.settled_after_s is None else self.settled_after_s
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Where they count: motor, carriage."""
+        return {"carriage": ("carriage",), "both": ("motor", "carriage")}.get(self.at, ("motor",))
+
+    @property
+    def limits(self) -> str:
+        """Name of the limits of the move."""
+        return self.move or TARGET_LIMITS
+
+    @property
+    def way_m(self) -> float:
+        """Length of the move, m."""
+        return TARGET_WAY_M if self.distance_m is None else self.distance_m
+
+    @property
+    def stated(self) -> bool:
+        """Whether a person stated an error; else both are defaults."""
+        return self.following_error_m is not None or self.settled_error_m is not None
+
+
+#: What is asked where nobody stated anything.
+NO_TARGETS = AxisTargets()
 #: Sections of ``axis.yaml`` in their order.
 SECTIONS: Mapping[str, type[Any]] = {
     "motor": Motor,
@@ -174,6 +232,7 @@ SECTIONS: Mapping[str, type[Any]] = {
     "limits": AxisLimits,
     "mounting": Mounting,
     "payload": Payload,
+    "targets": AxisTargets,
 }
 
 

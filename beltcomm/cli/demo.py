@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Invocation, run_folder
+from beltcomm.cli.frame import Invocation, api, run_folder
 
 
 @click.command("demo")
@@ -23,6 +23,7 @@ def command(frame: Invocation, /, seed: int | None, run: Path | None) -> int:
     Example: beltcomm demo
     """
     from beltcomm.demo import demo
+    from beltcomm.result import Line, command_lines
 
     chosen = time.time_ns() % 1000 if seed is None else seed
     frame.run = run_folder(run, f"demo-{chosen}")
@@ -31,7 +32,11 @@ def command(frame: Invocation, /, seed: int | None, run: Path | None) -> int:
     for step in demo(frame.run, seed=chosen, talk=frame.talk()):
         steps.append({"command": step.command, "why": step.why, **step.data})
         if not frame.json:
-            frame.print({}, ["", f"# {step.why}", *([f"$ {step.command}"] if step.command else []), *step.lines])
-    if frame.json:
-        frame.print({"run": str(frame.run), "seed": chosen, "steps": steps}, [])
+            frame.print({}, ["", Line(("# ", "title"), (step.why, "title")), *([f"$ {step.command}"] if step.command else []), *step.lines])
+    page = api().report(frame.run, talk=frame.talk()).to_json().get("page")
+    data = {"run": str(frame.run), "seed": chosen, "steps": steps, "page": page}
+    right = bool(steps[-1].get("right"))
+    found = Line("  ", ("FOUND" if right else "NOT FOUND", "good" if right else "note"), f"   {steps[-1].get('hidden')}")
+    follow = command_lines("beltcomm commission --drive virtual", "the whole job on a virtual axis")
+    frame.print(data, ["", found, f"Report: {page}", *follow])
     return 0

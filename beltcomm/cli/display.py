@@ -1,76 +1,140 @@
-"""The live display of a phase: what is done, the seconds left, and the carriage inside the way it may use."""
+"""The live display: phase and record, what is done, the carriage in its window, the load against its limits, what was found on the way."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from textwrap import fill
 from typing import TYPE_CHECKING
 
-from rich.progress_bar import ProgressBar
-from rich.spinner import Spinner
-from rich.table import Table
 from rich.text import Text
 
-from beltcomm.cli.pace import Pace, machine_left, millimetres
-from beltcomm.talk import CarriagePosition
+from beltcomm.cli.pace import Pace, clock_words, machine_left, millimetres
+from beltcomm.language import tr
+from beltcomm.talk import CarriagePosition, Gauge
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderableType
 
 #: Columns that a bar has at least and at most, and that stand before it.
-SHORTEST, LONGEST, INDENT = 8, 60, "    "
+SHORTEST, LONGEST, INDENT = 8, 60, "   "
+#: s without a word from the job, after which it computes.
+SILENT_S = 1.5
+#: Share of a limit from which a bar is marked.
+NEAR = 0.9
 
 
 class Display:
-    """One phase.   number : ``2/5``.   place : of the carriage, None while nothing moves.   clock : s, of the wall."""
+    """One job.   number : of its phase, ``2/5``.   place : of the carriage, None while nothing moves.   clock : s, of the wall."""
 
-    def __init__(self, number: str, title: str, pace: Pace, clock: Callable[[], float]) -> None:
-        self.number, self.title = number, title
+    def __init__(self, number: str, title: str, pace: Pace, clock: Callable[[], float], found: Mapping[str, str] | None = None) -> None:
         self.place: CarriagePosition | None = None
-        self._pace, self._clock, self._begun_s = pace, clock, clock()
         self._fraction: float | None = None
-        self._left = ""
-        self._spinner = Spinner("dots")
-        self._plain_spinner = Spinner("line")
+        self._peaks: dict[str, float] = {}
+        self._pace, self._clock, self._begun_s = pace, clock, clock()
+        self._most_left_s = 0.0
+        self._found: Mapping[str, str] = {} if found is None else found
+        self.phase(number, title)
+
+    def phase(self, number: str, title: str) -> None:
+        """The next phase of the same job."""
+        self.number, self.title = number, title
+        self.place, self._fraction, self._left = None, None, ""
+        self._told_s = self._clock()
+        self._pace.begin()
+
+    def moving(self, place: CarriagePosition) -> None:
+        """Where the carriage is now; the largest load of a record stays in sight."""
+        if self.place is None or self.place.record != place.record:
+            self._peaks.clear()
+        for gauge in place.gauges:
+            self._peaks[gauge.name] = max(self._peaks.get(gauge.name, 0.0), abs(gauge.value))
+        self.place, self._told_s = place, self._clock()
+        self._most_left_s = max(self._most_left_s, place.left_s or 0.0)
 
     def progress(self, fraction: float, seconds_left: float | None) -> None:
         """Of the record that is made, or of the calculation; only a record has seconds that are known."""
+        self._told_s = self._clock()
         if seconds_left is None:
             self.place = None
-        self._fraction, self._left = fraction, self._pace.left(fraction, seconds_left)
+        self._fraction = fraction
+        self._left = self._pace.left(fraction, seconds_left)
 
     def ended(self, done: bool) -> str:
         """What stays of it: a line."""
-        if done:
-            passed = self._clock() - self._begun_s
-            return f"{self.number} {self.title}: done" + (f" in {passed:.0f} s" if passed >= 1.0 else "")
-        return f"{self.number} {self.title}: not finished"
+        if not done:
+            return f"{self.number} {self.title}: {tr('not finished')}"
+        if found := self._found_words():
+            return f"  {tr('found')}: {found}"
+        passed = self._clock() - self._begun_s
+        return f"{self.number} {self.title}: {tr('done')}" + (f" {tr('in')} {passed:.0f} s" if passed >= 1.0 else "")
+
+    def _found_words(self, between: str = ", ") -> str:
+        return between.join(f"{tr(name)} {value}" for name, value in self._found.items())
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
-        """Title with the seconds of the whole job, bar of the record or calculation, carriage in its window."""
-        title = Text.assemble((f"{self.number} ", "bold"), self.title)
-        if self.place is not None and (left := machine_left(self.place)):
-            title.append(f" · {left}" if not options.ascii_only else f", {left}")
-        line = Table.grid(padding=(0, 1))
-        line.add_row(self._plain_spinner if options.ascii_only else self._spinner, title)
-        yield line
+        """Phase and clock, what is done, the carriage, the load, what was found, and how to stop it: at most eight lines."""
+        width, silent_s = options.max_width, self._clock() - self._told_s
+        if silent_s > SILENT_S:
+            self.place = self._fraction = None  # the record is made: what it is computed from stands still
+        moves = self.place is not None
+        record = self.place.record if self.place is not None else ""
+        title = Text.assemble((f" {self.number} ", "bold"), (self.title, "bold"), f"   {record}" if record else "")
+        passed = clock_words(self._clock() - self._begun_s)
+        if len(title) + len(passed) + 2 <= width:
+            title.append(" " * (width - len(title) - len(passed) - 1) + passed)
+        title.truncate(width)
+        yield title
         if self._fraction is not None:
-            yield self._bar(self._fraction, options.max_width)
+            yield from self._done(width)
+        elif silent_s > SILENT_S:
+            yield Text(f"{INDENT}{tr('computing')}{'.' * (1 + int(silent_s) % 3)}", "dim")
         if self.place is not None:
-            yield window_line(self.place, options.max_width, options.ascii_only)
+            yield window_line(self.place, width, options.ascii_only)
+            for gauge in self.place.gauges:
+                yield gauge_line(gauge, width, self._peaks.get(gauge.name, 0.0))
+        if self._found:
+            told = f"{tr('found')}: {self._found_words()}"
+            yield Text(fill(told, width, initial_indent=INDENT, subsequent_indent=INDENT + "  "))
+        if moves:
+            yield Text(f"{INDENT}{tr('Ctrl-C stops the axis and restores the drive')}", "dim")
 
-    def _bar(self, fraction: float, width: int) -> RenderableType:
-        name = f"{self.place.record} " if self.place is not None else ""
-        after = f"{100.0 * fraction:3.0f} %{self._left}"
-        length = min(LONGEST, max(SHORTEST, width - len(INDENT) - len(name) - len(after) - 4))
-        line = Table.grid(padding=(0, 1))
-        line.add_row(f"{INDENT[:-1]}", *([name.strip()] if name else []), ProgressBar(1.0, min(1.0, fraction), width=length), after)
-        return line
+    def _done(self, width: int) -> Iterator[Text]:
+        """Of the whole job on the machine where its seconds are known, else of the calculation."""
+        share, after = self._fraction or 0.0, f"{100.0 * (self._fraction or 0.0):.0f} %{self._left}"
+        if self.place is not None and self.place.left_s is not None and self._most_left_s > 0.0:
+            share, after = 1.0 - self.place.left_s / self._most_left_s, f"{after}; {machine_left(self.place)}"
+        length = min(40, width - len(after) - len(INDENT) - 2)
+        if length < SHORTEST:
+            yield Text(INDENT + after)
+            return
+        full = round(length * min(1.0, max(0.0, share)))
+        yield Text.assemble(INDENT, ("#" * full, "green"), ("-" * (length - full), "dim"), "  ", after)
+
+
+def gauge_line(gauge: Gauge, width: int, peak: float = 0.0) -> Text:
+    """``torque   [####..|...]  0.23 of 3.1 N m, peak 0.3``: its bar is as full as the limit is reached."""
+    before, after = f"{INDENT}{tr(gauge.name):<8} [", f"]  {_digits(gauge, gauge.value)} {tr('of')} {gauge.limit:.3g} {gauge.unit}"
+    most = f"{after}, {tr('peak')} {_digits(gauge, peak)}"
+    length = min(LONGEST - 26, width - len(before) - len(most))
+    if length < SHORTEST:
+        most, length = after, width - len(before) - len(after)
+    if length < SHORTEST:
+        return Text(f"{before[:-1]}{after[1:].strip()}")
+    full = min(length, round(length * gauge.share))
+    mark = min(length - 1, round(length * peak / gauge.limit)) if peak > 0.0 else -1
+    cells = "".join("|" if k == mark and k >= full else "#" if k < full else "." for k in range(length))
+    style = "bold yellow" if gauge.share >= NEAR else "green"
+    return Text.assemble(before, (cells[:full], style), cells[full:], most)
+
+
+def _digits(gauge: Gauge, value: float) -> str:
+    return f"{abs(value):.0f}" if gauge.limit >= 10.0 else f"{abs(value):.2f}"
 
 
 def window_line(place: CarriagePosition, width: int, ascii_only: bool = False) -> Text:
     """``0 mm [····|······] 570 mm, carriage at 124 mm``, no wider than the terminal; without a bar where the window is not known."""
-    here = f"carriage at {millimetres(place.position_m, place)}"
+    here = f"{tr('carriage at')} {millimetres(place.position_m, place)}"
     low, high = place.window_m
     if not math.isfinite(high - low) or high <= low:
         return Text(INDENT + here)

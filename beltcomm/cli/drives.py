@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Invocation
+from beltcomm.cli.frame import Invocation, api, options_of
 
 
 @click.command("drives")
+@partial(shared.drive_options, needed=False)
+@click.option("--new", type=click.Path(path_type=Path), metavar="FILE", help="Write a commented profile, from --drive, --eds or both.")
 @click.option(
-    "--eds", type=click.Path(path_type=Path), metavar="FILE", help="Show an EDS or DCF in place: its objects, and what it had wrong."
+    "--eds", type=click.Path(path_type=Path), metavar="FILE", help="Show an EDS or DCF: its objects, what it had wrong; or for --new."
 )
+@click.option("--yes", is_flag=True, help="Overwrite the file of --new without asking.")
 @shared.output_options
 @click.pass_obj
-def command(frame: Invocation, /, eds: Path | None) -> int:
-    """List the drive adapters that are installed; of a broken one, why.  With --eds, what a drive's data sheet holds."""
+def command(frame: Invocation, /, new: Path | None, drive: str | None, eds: Path | None, yes: bool, **given: Any) -> int:
+    """List the drive adapters that are installed; of a broken one, why.  With --eds, what a drive's data sheet holds.
+
+    With --profile what a profile says of a kind of drive, field by field; with --new a profile of one's own is begun.
+    """
+    if new is not None:
+        return frame.show(api().new_profile(new, drive, eds, options_of(yes=yes, **given), frame.talk()))
+    if given.get("profile") is not None:
+        return _show_profile(frame, str(given["profile"]))
     if eds is not None:
         return _show_file(frame, eds)
     from beltcomm.configfiles import config_names
@@ -72,3 +84,37 @@ def _show_file(frame: Invocation, path: Path) -> int:
     shown = [f"  {title:9} = {value:g}" for title, value in values.items()]
     frame.print(data, [*found.lines(), *(["Values to be written:", *shown] if shown else [])])
     return 0
+
+
+def _show_profile(frame: Invocation, name: str) -> int:
+    """Print what a profile says, and where each field is from."""
+    from beltcomm.configfiles import find_config, named_file, read_yaml
+    from beltcomm.result import table
+
+    path = find_config("drives", name)
+    raw = read_yaml(path)
+    sources = raw.pop("sources", None) or {}
+    if named_file(name):
+        said = {key: {"source": "this file", "confidence": "read"} for key in raw if key not in ("name", "title", "like")}
+        sources = {**said, **sources}
+    rows = [
+        [key, _short(value), *_told(sources.get(key))]
+        for key, value in raw.items()
+        if key not in ("never_write", "known_gains", "emergency")
+    ]
+    rows += [
+        ["gain", f"{one.get('place')}, {one.get('what')}: not known is {one.get('missing') or 'nothing'}", *_told(one)]
+        for one in raw.get("known_gains") or ()
+    ]
+    rows += [["locked", f"{one.get('what')}", *_told(one)] for one in raw.get("never_write") or ()]
+    frame.print({"file": str(path), **raw, "sources": sources}, [*table(["field", "value", "is", "source"], rows)])
+    return 0
+
+
+def _short(value: object) -> str:
+    text = str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _told(source: Any) -> list[str]:
+    return [str(source.get("confidence", "")), str(source.get("source", ""))] if isinstance(source, dict) else ["", ""]

@@ -5,12 +5,13 @@ from __future__ import annotations
 import errno
 import importlib
 import os
+import re
 import shlex
 import shutil
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
@@ -19,6 +20,7 @@ import click
 
 from beltcomm.borders import for_file_name, for_json, for_terminal
 from beltcomm.cli.aftermath import aftermath, again_command
+from beltcomm.cli.streams import NAMES
 from beltcomm.cli.terminal import echo, failure
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.given import pasted, place
@@ -40,6 +42,12 @@ NO_PATH = (errno.ENAMETOOLONG, errno.ENOTDIR, errno.EISDIR, errno.ELOOP)
 #: Verbs that go on with ``--resume``, and all that record.
 RESUMABLE = ("commission", "identify")
 RECORDING = (*RESUMABLE, "friction", "verify", "simulate")
+#: A line that ends with what to type next, and why.
+NEXT = re.compile(r"Next: (beltcomm (?:(?!   \().)+)(?:   \((.*)\)\.?)?")
+#: The same of a doctor: words around a command in backticks.
+DOCTORS_NEXT = re.compile(r"next: ([^`]*)`(beltcomm [^`]+)`(.*)")
+#: The same of a failed command: command, why, what comes after it.
+LEFT_NEXT = re.compile(r"(beltcomm (?:(?!   \(|; |, then ).)+)(?:   \(([^)]*)\))?(?:[;,] (.*))?")
 #: The shipped axis that a virtual drive is commissioned with when no other is given.
 VIRTUAL_AXIS = "egc-70-600"
 
@@ -64,7 +72,7 @@ class CommandResult(Protocol):
 class Invocation:
     """One call of the command line.
 
-    run : the run folder, once known: where the log of an unexpected error goes.   verbose : -v once or more.
+    run : the run folder, once known: where the log of an unexpected error goes.   verbose : -v once or more.   details : --details.
     ended : by a signal from outside.   drive, bus_log : as given on the command line.
     """
 
@@ -72,6 +80,7 @@ class Invocation:
         self.words = words
         self.json = "--json" in words
         self.verbose = 0
+        self.details = False
         self.ended = False
         self._run: Path | None = None
         self._events_before = 0
@@ -132,8 +141,14 @@ class Invocation:
                 return self._interrupted()
             if error.errno not in UNWRITABLE + NO_PATH or not error.filename:
                 return self._unexpected(error)
+            if error.filename in NAMES:
+                return self._failed(
+                    f"{error.filename} cannot be written: {error.strerror}; make room, or send it elsewhere", UsageError.exit_code
+                )
             remedy = "check the path" if error.errno in NO_PATH else "choose a folder that can be written, or make room"
             return self._failed(f"{error.filename} cannot be used: {error.strerror}; {remedy}", UsageError.exit_code)
+        except MemoryError:
+            return self._failed("this computer has no memory left for it; end other programs, or give shorter or fewer records", 1)
         except Exception as error:  # what nobody thought of: a sentence and a log with the traceback, never a bare traceback
             if self.ended:  # with the terminal gone, whatever writes to it fails
                 return self._interrupted()
@@ -160,7 +175,9 @@ class Invocation:
 
     def show(self, result: CommandResult) -> int:
         """Print a result, as one JSON object or as lines; returns its exit code."""
-        self.print(result.to_json(), result.lines())
+        lines, details = list(result.lines()), list(getattr(result, "details", ()))
+        told = getattr(result, "told", 0) if sys.stdout.isatty() and sys.stderr.isatty() else 0
+        self.print(result.to_json(), [*lines[told:], *(["", *details] if self.details and details else [])])
         return result.exit_code
 
     def print(self, data: Mapping[str, Any], lines: Iterable[str]) -> None:
@@ -169,7 +186,7 @@ class Invocation:
         if self.json:
             from beltcomm.result import jsonable  # numpy, which a command that prints help does without
 
-            click.echo(for_json(jsonable(data)))
+            click.echo(for_json(jsonable(data)), file=sys.stdout)
             return
         echo(typed(lines), sys.stdout)
 
@@ -182,7 +199,7 @@ class Invocation:
         from beltcomm.cli.talk import terminal_talk
 
         if self._talk is None:
-            self._talk = terminal_talk(self.verbose)
+            self._talk = terminal_talk(self.verbose, self.details)
         return self._talk
 
     def _end_talk(self, done: bool = False) -> None:
@@ -195,18 +212,23 @@ class Invocation:
         self.ended = True
 
     def _interrupted(self) -> int:
-        return self._failed(f"interrupted{self._left_behind()}{self._kept()}", INTERRUPTED)
+        return self._failed(f"interrupted{self._left_behind()}{self._kept()}", INTERRUPTED, self._goes_on())
+
+    def _goes_on(self) -> dict[str, str]:
+        """The command that goes on with an interrupted run; only a verb that can resume promises that."""
+        verb = self.words[0] if self.words else ""
+        if verb not in RESUMABLE or not self.run or not any((self.run / "recordings").glob("*.csv*")):
+            return {}
+        return {"next": f"{again_command(self.words, self.run, resumes=True)}   (goes on where it stopped)"}
 
     def _kept(self) -> str:
-        """What is left of an interrupted run, in words: only a verb that can resume promises to go on."""
+        """What is left of an interrupted run, in words."""
         verb = self.words[0] if self.words else ""
         if not self.run or not self.run.is_dir() or verb not in RECORDING:
             return ""
         if verb in RESUMABLE and not any((self.run / "recordings").glob("*.csv*")):
             return "; nothing was recorded yet"
-        return f"; what was recorded is kept in {self.run}" + (
-            f"; it goes on with: {again_command(self.words, self.run, resumes=True)}" if verb in RESUMABLE else ""
-        )
+        return f"; what was recorded is kept in {self.run}"
 
     def _aftermath(self, error: BeltcommError) -> Mapping[str, str]:
         """State of drive and run folder after a failed command; empty without a run folder, or where a wrong option stopped it."""
@@ -222,12 +244,12 @@ class Invocation:
         try:
             self._end_talk()
             failure(f"beltcomm: {sentence}", sys.stderr)
-            echo([f"{label.capitalize() + ':':8}{words}" for label, words in left.items()], sys.stderr)
+            echo(_left_lines(left), sys.stderr)
             if self.json:
                 told = {} if diagnosis is None else {"diagnosis": diagnosis}
-                click.echo(for_json({"error": sentence, "exit_code": code, **left, **told}))
-        except OSError:
-            if not self.ended:
+                click.echo(for_json({"error": sentence, "exit_code": code, **left, **told}), file=sys.stdout)
+        except OSError as error:
+            if not self.ended and error.filename not in NAMES:
                 raise
         return code
 
@@ -248,13 +270,35 @@ class Invocation:
         return ""
 
 
-def typed(lines: Iterable[str]) -> Iterable[str]:
-    """What to type next as this terminal can find it: by its path where no folder of ``PATH`` holds the program that runs."""
+def _left_lines(left: Mapping[str, str]) -> Iterator[str]:
+    """What a failed command leaves behind; what to type next stands alone on its line."""
+    for label, words in left.items():
+        first = LEFT_NEXT.fullmatch(words) if label == "next" else None
+        if first is None:
+            yield f"{label.capitalize() + ':':8}{words}"
+            continue
+        yield from typed([f"Next: {first[1]}   ({first[2]})" if first[2] else f"Next: {first[1]}"])
+        if first[3]:
+            yield f"Then:   {first[3].removeprefix('then ')}"
+
+
+def typed(lines: Iterable[str]) -> Iterator[str]:
+    """What to type next: alone on its line, as this terminal finds it: by its path where no folder of ``PATH`` holds the program."""
+    from beltcomm.result import Line, command_lines
+
     program = Path(sys.argv[0])
-    if program.name != "beltcomm" or shutil.which("beltcomm") is not None or not program.is_file():
-        return lines
-    said, there = "Next: beltcomm ", f"Next: {pasted(os.path.relpath(program))} "
-    return [line.replace(said, there) if said in line else line for line in lines]
+    there = ""
+    if program.name == "beltcomm" and shutil.which("beltcomm") is None and program.is_file():
+        there = pasted(os.path.relpath(program))
+    for line in lines:
+        rows: Sequence[str] = [line]
+        if not isinstance(line, Line) and (told := DOCTORS_NEXT.fullmatch(line)):
+            line = f"Next: {told[2]}   ({' '.join(part for part in (told[1].strip(' ,'), told[3].strip(' ,')) if part) or 'one step more'})"
+        if not isinstance(line, Line) and (found := NEXT.fullmatch(line)):
+            rows = command_lines(found[1], found[2] or "")
+        for row in rows:
+            command = isinstance(row, Line) and any(style == "command" for _, style in row.parts)
+            yield Line("    ", (re.sub(r"^beltcomm", lambda _: there, row.strip()), "command")) if command and there else row
 
 
 def api(home: str = "beltcomm.api") -> Any:

@@ -12,17 +12,20 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from beltcomm.axis.entries import COMMISSION_NEEDS
+from beltcomm.axis.answers import in_words, usual, usual_words
+from beltcomm.axis.entries import AT, COMMISSION_NEEDS
 from beltcomm.borders import for_terminal
 from beltcomm.cli import completion
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation
 from beltcomm.errors import Refused, UsageError
 from beltcomm.given import pasted
+from beltcomm.language import tr
 from beltcomm.quantities import parse_quantity, unit_of
 
 if TYPE_CHECKING:
     from beltcomm.axis import Axis
+    from beltcomm.axis.catalogue import Kind
     from beltcomm.axis.entries import AxisEntry
 
 _INTRODUCTION = (
@@ -40,6 +43,7 @@ _TITLES = {
     "limits": "Limits of the mechanics",
     "mounting": "Mounting",
     "payload": "Payload",
+    "targets": "Targets of the axis (Enter: the default, 1 mm while it moves and 0.1 mm from 0.5 s on, at the motor)",
 }
 #: What may be written instead of a number, by entry, beside other units.
 _OTHERWISE = {
@@ -51,6 +55,7 @@ _OTHERWISE = {
 _ONLY_WITH = {"brake_time_s": "brake_torque_nm"}
 #: Behind the name of the file: what was answered when the questions were broken off.
 UNFINISHED = ".unfinished"
+_YES = ("", "y", "yes", "j", "ja")
 _NONE, _BACK = ("none", "no", "-"), ("back", "<")
 _TEETH = re.compile(r"(\d+)\s*(?:teeth)?\s*[x×*]\s*(.+)", re.IGNORECASE)
 _BELT_SECTIONS = ("gearbox", "coupling", "pulley", "belt")
@@ -58,21 +63,51 @@ _BELT_SECTIONS = ("gearbox", "coupling", "pulley", "belt")
 
 @click.command("init")
 @click.argument("file", type=click.Path(path_type=Path), default=Path("axis.yaml"))
-@click.option("--from", "template", metavar="AXIS", shell_complete=completion.axes, help="Begin with this axis (a shipped name or a file).")
+@click.option(
+    "--from",
+    "template",
+    metavar="AXIS",
+    shell_complete=completion.axes,
+    help="Begin with this axis: a file or a name.",
+)
+@click.option("--motor", metavar="NAME", help="Begin with this motor of the catalogue.")
+@click.option("--catalogue", is_flag=True, help="List axes and motors of public data sheets, and write nothing.")
+@click.option("--schema", type=click.Choice(["axis", "plan", "profile"]), help="Print the JSON schema of such a file, for an editor.")
 @click.option("--set", "entries", multiple=True, metavar="KEY=VALUE", help="motor.inertia_kg_m2=0.449kgcm2; then nothing is asked.")
 @click.option("--yes", is_flag=True, help="Ask nothing; overwrite an existing file.")
 @shared.output_options
 @click.pass_obj
-def command(frame: Invocation, /, file: Path, template: str | None, entries: tuple[str, ...], yes: bool) -> int:
-    """Write FILE (axis.yaml): what is known of an axis beforehand, by questions from its data sheets."""
-    from beltcomm.axis import Axis, axis_from_dict, load_axis, save_axis
-    from beltcomm.configfiles import read_yaml
+def command(
+    frame: Invocation,
+    /,
+    file: Path,
+    template: str | None,
+    motor: str | None,
+    entries: tuple[str, ...],
+    yes: bool,
+    catalogue: bool,
+    schema: str | None,
+) -> int:
+    """Write FILE (axis.yaml): what is known of an axis beforehand, by questions from its data sheets.
 
+    Example: beltcomm init --from parker-osp-e25bhd --motor yaskawa-sgmsh-10a
+    """
+    from beltcomm.axis import axis_from_dict
+    from beltcomm.axis.written import commented
+    from beltcomm.configfiles import read_yaml, write_text
+
+    if schema is not None:
+        from beltcomm.configfiles import shipped_file
+
+        click.echo(shipped_file("schemas", f"{schema}.json").read_text(encoding="utf-8"), nl=False)
+        return 0
+    if catalogue:
+        return _catalogue(frame)
     if file.is_dir():
         raise UsageError(f"{file} is a folder; give the name of the file to write, such as {file / 'axis.yaml'}")
     unfinished = file.with_name(f"{file.name}{UNFINISHED}")
-    begun = unfinished.is_file() and not (template or entries or yes)
-    start = load_axis(template) if template else axis_from_dict(read_yaml(unfinished), unfinished) if begun else Axis()
+    begun = unfinished.is_file() and not (template or motor or entries or yes)
+    start = axis_from_dict(read_yaml(unfinished), unfinished) if begun else _start(template, motor, asked=not (entries or yes))
     data = start.to_dict()
     # an axis that is begun with values asks no more than whether a file may be overwritten
     if entries or yes:
@@ -85,18 +120,67 @@ def command(frame: Invocation, /, file: Path, template: str | None, entries: tup
     axis = axis_from_dict(data)
     if file.exists() and not yes and not frame.talk().confirm(f"{file} exists. Overwrite it?"):
         raise Refused(f"{file} was left as it is; give another file name")
-    save_axis(axis, file)
+    write_text(file, commented(axis))
     unfinished.unlink(missing_ok=True)
     missing = _missing(axis)
     lines = [f"{file} is written: {axis.name or 'an axis without a name'}."]
+    asked = axis.targets
+    told = "your targets" if asked.stated else "default targets, state your own under targets"
+    lines += [f"Judged by: {1e3 * asked.following_m:g} mm while it moves, {1e3 * asked.settled_m:g} mm after {asked.after_s:g} s ({told})."]
     lines += [f"Still needed: {entry} for {purpose}." for entry, purpose in missing.items()]
     after = f"beltcomm doctor --drive DRIVE --axis {pasted(file)}"
     if missing:
         first = f"beltcomm init {pasted(file)} --from {pasted(file)} --set {next(iter(missing))}=VALUE, and so on"
-        lines.append(f"Next: {first}; commissioning refuses to begin before. Then: {after}")
+        lines += [f"Next: {first}   (commissioning refuses to begin before)", f"Then: {after}"]
     else:
         lines.append(f"Next: {after}   (compares it with the drive; moves nothing)")
     frame.print({"file": str(file), "axis": axis.to_dict(), "missing": missing}, lines)
+    return 0
+
+
+def _start(template: str | None, motor: str | None, *, asked: bool) -> Axis:
+    """What the questions begin with: an axis by file or name, a motor of the catalogue; asked for where a person answers."""
+    from beltcomm.axis import axis_from_dict, load_axis
+    from beltcomm.axis.catalogue import parts, with_part
+    from beltcomm.configfiles import named_file
+
+    data: dict[str, Any] = {}
+    if template is None and motor is None and asked:
+        click.echo(tr(_INTRODUCTION), err=True)
+        template = _known_part("axes", tr("Axis"))
+        motor = _known_part("motors", tr("Motor"))
+    if template is not None:
+        catalogue = not named_file(template) and template in parts("axes")
+        data = with_part({}, "axes", template) if catalogue else load_axis(template).to_dict()
+    if motor is not None:
+        data = with_part(data, "motors", motor)
+    return axis_from_dict(data)
+
+
+def _known_part(kind: Kind, word: str) -> str | None:
+    """A name of the catalogue, asked for until it is one; None for an empty answer."""
+    from beltcomm.axis.catalogue import parts
+
+    known = parts(kind)
+    click.echo(f"{tr('Catalogue')}: {', '.join(known)}", err=True)
+    while answer := _answer(tr("{word} from the catalogue (Enter: none of these)", word=word), ""):
+        if answer.lower() in known:
+            return answer.lower()
+        from beltcomm.configfiles import did_you_mean
+
+        click.echo(f"    {answer!r}: not in the catalogue{did_you_mean(answer, known)}", err=True)
+    return None
+
+
+def _catalogue(frame: Invocation) -> int:
+    """Axes and motors with where their numbers are from."""
+    from beltcomm.axis.catalogue import parts
+    from beltcomm.result import table
+
+    found: dict[str, Any] = {"axes": parts("axes"), "motors": parts("motors")}
+    rows = [[name, str(entry["title"]), str(entry["source"])] for kind in found.values() for name, entry in kind.items()]
+    first, second = next(iter(found["axes"])), next(iter(found["motors"]))
+    frame.print(found, [*table(["name", "axis or motor", "source"], rows), f"Next: beltcomm init --from {first} --motor {second}"])
     return 0
 
 
@@ -156,15 +240,15 @@ def _ask_all(start: Axis, unfinished: Path) -> dict[str, Any]:
     """All entries by questions; a wrong answer is explained and asked again.   unfinished : what is known when they are broken off."""
     from beltcomm.axis.entries import SECTIONS, entries_of
 
-    click.echo(_INTRODUCTION, err=True)
     data: dict[str, Any] = start.to_dict()
-    data["name"] = _answer("Name of the axis", start.name) or _answer("  Plans and reports call it by its name; which", "")
-    belt = _yes("Does it have a toothed belt?")
+    data["name"] = _answer(tr("Name of the axis"), start.name) or _answer(tr("  Plans and reports call it by its name; which"), "")
+    belt = _yes(tr("Does it have a toothed belt?"))
     sections = {name: kind for name, kind in SECTIONS.items() if belt or name not in _BELT_SECTIONS}
     for section in SECTIONS.keys() - sections.keys():
         data.pop(section, None)
     entries = {section: entries_of(kind) for section, kind in sections.items()}
-    questions = [(section, name) for section in sections for name in (*(["name"] if section == "motor" else []), *entries[section])]
+    words = {"motor": ["name"], "targets": ["at"]}
+    questions = [(section, name) for section in sections for name in (*words.get(section, []), *entries[section])]
     answers = _Answers(data["name"])
     try:
         _ask_each(questions, entries, start, answers)
@@ -222,13 +306,17 @@ def _ask_each(questions: Sequence[tuple[str, str]], entries: Mapping[str, Mappin
             at += 1
             continue
         if not asked or questions[asked[-1]][0] != section:
-            click.echo(f"\n{_TITLES[section]}", err=True)
+            click.echo(f"\n{tr(_TITLES[section])}", err=True)
         default = before.get(key, getattr(getattr(start, section), name, None))
         try:
+            where = f"[{at + 1}/{len(questions)}] "
             if name == "name":
-                answers.told[key] = _answer("  Type", default or "", back=True)
+                answers.told[key] = _answer(where + tr("Type"), default or "", back=True)
+            elif name == "at":
+                answers.told[key] = _ask_word(where + tr("Where targets count: motor, carriage or both"), AT, default or "")
             else:
-                value, text = _ask_number(f"{section}.{name}", name, entries[section][name], default, partial(answers.fault, section, name))
+                fault = partial(answers.fault, section, name)
+                value, text = _ask_number(f"{section}.{name}", name, entries[section][name], default, fault, where)
                 answers.told[key] = value
                 if name == "effective_radius_m":
                     answers.implied = _toothed(text)
@@ -245,13 +333,18 @@ class _Back(Exception):
 
 
 def _ask_number(
-    key: str, name: str, entry: AxisEntry, default: float | None, contradicts: Callable[[float], str]
+    key: str, name: str, entry: AxisEntry, default: float | None, contradicts: Callable[[float], str], where: str
 ) -> tuple[float | None, str]:
-    """A number, and how it was written.   contradicts : what was answered before, in words."""
-    unit, needed, meaning = unit_of(name), COMMISSION_NEEDS.get(key, ""), entry.meaning
-    shown = ", ".join(filter(None, [unit or "number", _OTHERWISE.get(name, "")]))
+    """A number, and how it was written; what it means is said, and an unusual one asked for again.   contradicts : in words.
+
+    where : number of the question.
+    """
+    unit, needed, meaning = unit_of(name), COMMISSION_NEEDS.get(key, ""), tr(entry.meaning)
+    shown = ", ".join(filter(None, [unit or tr("number"), tr(_OTHERWISE.get(name, ""))]))
+    kept, given = "" if default is None else f"{default:.10g}", ""
     while True:
-        text = _answer(f"  {meaning[0].upper()}{meaning[1:]} [{shown}]", "" if default is None else f"{default!r}", back=True)
+        text = given or _answer(f"{where}{meaning[0].upper()}{meaning[1:]} [{shown}]", kept, back=True)
+        given = ""
         if not text and needed:
             click.echo(
                 f"    {key} is needed for {needed}; without it commissioning refuses to begin. Enter once more: not known yet", err=True
@@ -270,8 +363,27 @@ def _ask_number(
             click.echo(f"    {key} is {value:g}{unit and f' {unit}'}; {wrong}", err=True)
         elif wrong := contradicts(value):
             click.echo(f"    {wrong}; give another value, or 'back' to change what was answered before", err=True)
+        elif text == kept:
+            return default, text
+        elif not usual(key, value) and (other := _really(key, name, value)) is not None:
+            given = other
         else:
+            click.echo(f"    = {in_words(name, value)}", err=True)
             return value, text
+
+
+def _really(key: str, name: str, value: float) -> str | None:
+    """Of an unusual value: None to keep it, else another answer to the same question, "" to be asked it again."""
+    told = f"    = {in_words(name, value)}: {tr('really?')} {tr('usual are')} {usual_words(key)}; {tr('Enter keeps it, or give another')}"
+    answer = _answer(told, "")
+    return None if answer.lower() in _YES else "" if answer.lower() in (*_BACK, "n", "no", "nein") else answer
+
+
+def _ask_word(question: str, known: Sequence[str], default: str) -> str:
+    """One of some words, or nothing."""
+    while (answer := _answer(question, default, back=True).lower()) not in {"", *known}:
+        click.echo(f"    {answer!r}: {', '.join(known)}", err=True)
+    return answer
 
 
 def _toothed(text: str) -> dict[tuple[str, str], float]:
@@ -297,14 +409,15 @@ def _otherwise(name: str, text: str) -> float | None:
 
 def _yes(question: str) -> bool:
     """A question that is asked until the answer is yes or no; yes for an empty one."""
-    while (answer := _answer(f"{question} yes/no", "yes").lower()) not in {"y", "yes", "n", "no"}:
-        click.echo(f"    {answer!r} is neither yes nor no", err=True)
-    return answer in {"y", "yes"}
+    while (answer := _answer(f"{question} {tr('yes/no')}", tr("yes")).lower()) not in {"y", "yes", "n", "no", "j", "ja", "nein"}:
+        click.echo(f"    {answer!r} {tr('is neither yes nor no')}", err=True)
+    return answer in {"y", "yes", "j", "ja"}
 
 
 def _answer(question: str, default: str, *, back: bool = False) -> str:
     """One line from stdin; the default for an empty one.   Raises UsageError when stdin is closed, _Back for that word."""
-    click.echo(for_terminal(f"{question}{f' (Enter keeps {default})' if default else ''}: "), nl=False, err=True)
+    kept = f" ({tr('Enter keeps')} {default})" if default else ""
+    click.echo(for_terminal(f"{question}{kept}: "), nl=False, err=True)
     line = sys.stdin.readline() if sys.stdin is not None else ""
     if not line:
         click.echo("", err=True)

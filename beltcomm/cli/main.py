@@ -13,8 +13,10 @@ from typing import Any
 
 import click
 
+from beltcomm import language
 from beltcomm.cli.endings import like_ctrl_c, twice_leaves
 from beltcomm.cli.frame import Invocation
+from beltcomm.cli.streams import prepare
 from beltcomm.version import __version__
 
 # The matrices here are tall and narrow: more threads cost more than they bring, and results must not depend on the number of cores.
@@ -22,41 +24,65 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 #: What a shell sets that wants words completed, or the lines that make it ask.
 COMPLETING = "_BELTCOMM_COMPLETE"
-#: Verb -> its line in ``--help``, in the order of the work.  The verb's own file is imported only when it is called.
-VERBS = {
-    "init": "Write axis.yaml by questions from the data sheets.",
-    "commission": "All of it: identify, fit, friction, design, verify.",
-    "identify": "Measure frequency responses; the amplitude rises inside predicted limits.",
-    "fit": "Model with intervals from the recordings of a run.",
-    "friction": "Constant-speed sweep: Coulomb and viscous friction.",
-    "design": "Controller gains with margins from the model of a run.",
-    "tune": "The three knobs of the design as sliders, on a local page.",
-    "verify": "Predicted against measured tracking error of a move.",
-    "calibrate": "What the drive's gains mean, by small steps.",
-    "apply": "Write the designed gains to the drive.",
-    "rollback": "Write back what the drive had before, from any backup.",
-    "move": "A small, safe move.",
-    "compare": "Model against measurement: where does it fail?",
-    "diagnose": "Which physical effect is missing in the model.",
-    "add": "One more effect in the model: error before and after.",
-    "remove": "One effect less.",
-    "report": "Everything known of a run, as one page.",
-    "trend": "One axis over many runs: what drifts, and when it reaches its limit.",
-    "study": "Thousands of virtual axes, or a fleet's runs: shares, margins, what drives them.",
-    "ladder": "All revisions of a model, down to the noise.",
-    "simulate": "A virtual experiment from a model or plant into a run folder.",
-    "import": "Foreign measurements into a run folder.",
-    "trajectory": "A jerk-limited motion into a file, with limits of its own each way.",
-    "export": "The designed controller as YAML, C or structured text.",
-    "demo": "Find a hidden fault of a virtual axis: measure, compare, diagnose, add.",
-    "thesis": "What the design source compares, recomputed: tables and figures.",
-    "convert": "Gains of a P-PI cascade as a PID controller, and back.",
-    "doctor": "What stands in the way: adapters, bus, drive, step by step; moves nothing.",
-    "serve": "The virtual drive for other processes, on a CAN interface.",
-    "bundle": "A run in one zip, for whoever helps: no paths, no user name.",
-    "drives": "Drive adapters found, or why one is broken.",
-    "effects": "The physical effects a model can have.",
+#: Groups of verbs -> verb -> its line in ``--help``, in the order of the work; and one example of each group.  The verb's own file is
+#: imported only when it is called.
+GROUPS: dict[str, dict[str, str]] = {
+    "Begin": {
+        "init": "Write axis.yaml by questions from the data sheets.",
+        "doctor": "What stands in the way: adapters, bus, drive; moves nothing.",
+        "demo": "A hidden fault of a virtual axis, found in a minute.",
+    },
+    "Commission, on a machine": {
+        "commission": "All of it: identify, fit, friction, design, verify.",
+        "identify": "Frequency responses, rising inside predicted limits.",
+        "friction": "Constant-speed sweep: Coulomb and viscous friction.",
+        "verify": "Predicted against measured tracking error of a move.",
+        "apply": "Write the designed gains to the drive.",
+        "rollback": "Write back what the drive had before, from any backup.",
+        "move": "A small, safe move.",
+        "calibrate": "What the drive's gains mean, by small steps.",
+    },
+    "Model and gains of a run, no machine": {
+        "fit": "Model with intervals from the recordings of a run.",
+        "design": "Controller gains with margins from the model of a run.",
+        "export": "The designed controller as YAML, C or structured text.",
+        "convert": "Gains of a P-PI cascade as a PID controller, and back.",
+    },
+    "What is wrong with an axis": {
+        "improve": "Diagnose, add, design, verify: before and after in µm.",
+        "compare": "Model against measurement: where does it fail?",
+        "diagnose": "Which physical effect is missing in the model.",
+        "add": "One more effect in the model: error before and after.",
+        "remove": "One effect less.",
+        "ladder": "All revisions of a model, down to the noise.",
+        "effects": "The physical effects a model can have.",
+    },
+    "Runs and reports": {
+        "open": "A run on a local page: model, design with sliders, live.",
+        "runs": "The runs here, the newest first, and what is said of each.",
+        "report": "Everything known of a run, as one page.",
+        "trend": "One axis over many runs: what drifts.",
+        "study": "Thousands of virtual axes, or a fleet's runs.",
+        "bundle": "A run in one zip, for whoever helps: no paths, no user name.",
+        "import": "Foreign measurements into a run folder.",
+    },
+    "Simulation and drives": {
+        "simulate": "A virtual experiment from a model or plant into a run folder.",
+        "serve": "The virtual drive for other processes, on a CAN interface.",
+        "drives": "Drive adapters found, or why one is broken.",
+        "trajectory": "A jerk-limited motion into a file.",
+        "thesis": "What the design source compares, recomputed.",
+    },
 }
+EXAMPLES = {
+    "Begin": "beltcomm demo",
+    "Commission, on a machine": "beltcomm commission --drive can0 --axis axis.yaml",
+    "Model and gains of a run, no machine": "beltcomm design",
+    "What is wrong with an axis": "beltcomm improve",
+    "Runs and reports": "beltcomm open",
+    "Simulation and drives": "beltcomm drives",
+}
+VERBS = {verb: words for group in GROUPS.values() for verb, words in group.items()}
 #: Verbs of some seconds that make many things and drop few: they end before anything is worth collecting.
 SHORT = ("report",)
 
@@ -77,9 +103,10 @@ class Verbs(click.Group):
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the verbs for ``--help`` without importing any."""
-        with formatter.section("Verbs"):
-            formatter.write_dl(list(VERBS.items()))
+        """List the verbs for ``--help`` in groups, each with an example, without importing any."""
+        for title, verbs in GROUPS.items():
+            with formatter.section(f"{title}   (e.g. {EXAMPLES[title]})"):
+                formatter.write_dl(list(verbs.items()))
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
         """The command named first in ``args``.  Raises click.UsageError with the nearest verb."""
@@ -103,6 +130,7 @@ class Verbs(click.Group):
         if COMPLETING in os.environ:
             importlib.import_module("beltcomm.cli.bash")
         words = list(sys.argv[1:] if args is None else args) or ["--help"]
+        language.use(language.of_environment(os.environ))
         frame = Invocation(words)
         with like_ctrl_c(frame.note_end), twice_leaves():
             code = frame.guarded(
@@ -129,6 +157,10 @@ def cli() -> None:
 
     First steps without hardware: beltcomm commission --drive virtual
 
+    Screens speak German where LANG (or BELTCOMM_LANG) is de.
+
+    RUN is the newest run where none is named; --details of a verb shows what does not fit on a screen.
+
     Exit codes: 0 done, 1 refused or target missed, 2 wrong usage, 3 unusable data, 4 stopped for safety, 5 drive or bus.
     """
 
@@ -137,6 +169,7 @@ def main() -> None:
     """Entry point of the console script."""
     if sys.argv[1:2] and sys.argv[1] in SHORT:
         gc.disable()
+    prepare()
     try:
         cli()
     finally:

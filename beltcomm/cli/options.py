@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -12,10 +13,13 @@ import click
 
 from beltcomm.cli import completion
 from beltcomm.cli.hold import option as held_key
+from beltcomm.cli.newest import drive_of, or_newest, runs_here
 from beltcomm.errors import UsageError
 from beltcomm.quantities import parse_quantity, unit_of
 
 if TYPE_CHECKING:
+    from beltcomm.axis import Axis
+
     Numbers = click.ParamType[float]
     Pairs = click.ParamType[tuple[float, float]]
     Words = click.Choice[str]
@@ -87,19 +91,33 @@ class Window(Pairs):
 
 
 def output_options(function: Function) -> Function:
-    """``--json`` and ``-v``: every verb has them."""
+    """``--json``, ``--details`` and ``-v``: every verb has them."""
+
+    def set_details(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
+        ctx.obj.details = value
 
     def set_verbose(ctx: click.Context, _param: click.Parameter, value: int) -> int:
         ctx.obj.verbose = value
         return value
 
     function = click.option("--json", "_json", is_flag=True, expose_value=False, help="One JSON object on stdout.")(function)
+    function = click.option(
+        "--details", is_flag=True, expose_value=False, callback=set_details, help="What does not fit on a screen, too."
+    )(function)
     return click.option(
         "-v", "--verbose", count=True, expose_value=False, callback=set_verbose, help="Say more on stderr; -vv for everything."
     )(function)
 
 
-def _note_drive(ctx: click.Context, _param: click.Parameter, value: str | None) -> str | None:
+def _note_drive(ctx: click.Context, param: click.Parameter, value: str | None, *, needed: bool, of_run: bool) -> str | None:
+    """The drive given, else that of the run that is gone on with, which is said.   needed : it is an error to have none."""
+    if value is None and of_run and not ctx.resilient_parsing and any(one.callback is or_newest for one in ctx.command.params):
+        run = ctx.params.get("run") or next(iter(runs_here()[-1:]), None)
+        value = drive_of(run)
+        if value is not None and not ctx.obj.json:
+            click.echo(f"Drive: {value} (that of the run)", err=True)
+    if value is None and needed and not ctx.resilient_parsing:
+        raise click.MissingParameter(ctx=ctx, param=param)
     ctx.obj.drive = value or ""
     return value
 
@@ -113,16 +131,15 @@ def as_option(text: str) -> Callable[[Function], Function]:
     return click.option("--as", "slave", metavar="NAME", shell_complete=completion.slaves, help=text)
 
 
-def drive_options(function: Function, *, needed: bool = True) -> Function:
-    """``--drive`` and what an adapter needs to open it.   needed : False where a verb can do without a drive."""
+def drive_options(function: Function, *, needed: bool = True, of_run: bool = True) -> Function:
+    """``--drive`` and what an adapter needs to open it.   needed : False where a verb can do without.   of_run : the run's, unless told."""
     for decorate in reversed(
         (
             click.option(
                 "--drive",
-                required=needed,
                 metavar="DRIVE",
                 shell_complete=completion.drives,
-                callback=_note_drive,
+                callback=partial(_note_drive, needed=needed, of_run=of_run),
                 help="virtual, virtual:PLANT, can0, slcan:/dev/ttyACM0, serial:/dev/ttyUSB0, ... (`beltcomm drives` lists adapters).",
             ),
             click.option(
@@ -171,7 +188,7 @@ def serving_options(function: Function) -> Function:
     return function
 
 
-def machine_options(function: Function, *, needed: bool = True) -> Function:
+def machine_options(function: Function, *, needed: bool = True, of_run: bool = True) -> Function:
     """What every verb that moves an axis has.   needed : as in :func:`drive_options`."""
     for decorate in reversed(
         (
@@ -206,7 +223,7 @@ def machine_options(function: Function, *, needed: bool = True) -> Function:
         )
     ):
         function = decorate(function)
-    return drive_options(function, needed=needed)
+    return drive_options(function, needed=needed, of_run=of_run)
 
 
 def writing_options(function: Function, *, needed: bool = True) -> Function:
@@ -225,6 +242,49 @@ def writing_options(function: Function, *, needed: bool = True) -> Function:
     return function
 
 
+def _targets(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]) -> dict[str, Any]:
+    """What was asked for by ``--target``, as ``targets`` of axis.yaml has it."""
+    found: dict[str, Any] = {}
+    for text in values:
+        key, equals, value = text.partition("=")
+        name = TARGETS.get(key.strip())
+        if not equals or name is None:
+            raise click.BadParameter(f"{text!r} is no target; write one of {', '.join(f'{key}=...' for key in TARGETS)}")
+        try:
+            found[name] = value.strip() if name in ("at", "move") else parse_quantity(value, name)
+        except UsageError as error:
+            raise click.BadParameter(str(error)) from error
+    return found
+
+
+def with_targets(axis: Axis, asked: Mapping[str, Any]) -> Axis:
+    """The axis with other targets than its file's.   Raises UsageError for impossible ones."""
+    from beltcomm.axis import axis_from_dict
+
+    if not asked:
+        return axis
+    data = axis.to_dict()
+    return replace(axis_from_dict({**data, "targets": {**data.get("targets", {}), **asked}}), source=axis.source)
+
+
+#: Word of ``--target`` -> entry of axis.yaml.
+TARGETS = {
+    "following": "following_error_m",
+    "settled": "settled_error_m",
+    "after": "settled_after_s",
+    "at": "at",
+    "move": "move",
+    "distance": "distance_m",
+}
+target_option = click.option(
+    "--target",
+    "targets",
+    multiple=True,
+    metavar="KEY=VALUE",
+    callback=_targets,
+    help="What the axis must reach, in place of axis.yaml: following=0.5mm, settled=50um, after=0.3s, at=motor, carriage or both, "
+    "move=T_A (limits in axis.yaml), distance=300mm. Once for each.",
+)
 yes_option = click.option("--yes", is_flag=True, help="Answer every question with yes.")
 force_option = click.option("--force", is_flag=True, help="Also what was edited by hand, and gains that are in doubt.")
 axis_option = click.option("--axis", metavar="FILE", shell_complete=completion.axes, help="axis.yaml, or the name of a shipped axis.")
@@ -236,12 +296,16 @@ new_run_option = click.option(
     help="Run folder to make; a dated one under runs/ when left out.",
 )
 existing_run_option = click.option(
-    "--run", required=True, type=click.Path(path_type=Path), shell_complete=completion.runs, help="Run folder to go on with."
+    "--run",
+    type=click.Path(path_type=Path),
+    shell_complete=completion.runs,
+    callback=or_newest,
+    help="Run folder to go on with; the newest when left out.",
 )
 pictures_option = click.option("--pictures/--no-pictures", default=True, help="Pictures into RUN/pictures; made when left out.")
 asked_pictures_option = click.option("--pictures/--no-pictures", default=False, help="Pictures into RUN/pictures; only when asked for.")
 cost_option = click.option("--cost/--no-cost", default=True, help="Say what a missing effect costs in tracking error; said when left out.")
-run_argument = click.argument("run", type=click.Path(path_type=Path), shell_complete=completion.runs)
+run_argument = click.argument("run", required=False, type=click.Path(path_type=Path), shell_complete=completion.runs, callback=or_newest)
 several_runs_argument = click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=completion.runs)
 payload_option = click.option(
     "--payload", "payload_kg", type=QuantityType("payload_kg"), help="Heaviest payload to be moved; the design must hold for it."

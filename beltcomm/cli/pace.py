@@ -33,7 +33,12 @@ class Pace:
 
 def machine_left(place: CarriagePosition) -> str:
     """What the whole job still takes on the machine; nothing where it is not known."""
-    return "" if place.left_s is None else f"machine: at most {place.left_s:.0f} s left"
+    return "" if place.left_s is None else f"{place.left_s:.0f} s left on the machine"
+
+
+def clock_words(seconds: float) -> str:
+    """``00:41``."""
+    return f"{int(seconds) // 60:02d}:{int(seconds) % 60:02d}"
 
 
 def millimetres(position_m: float, place: CarriagePosition) -> str:

@@ -6,7 +6,7 @@ import logging
 import math
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, TextIO
 
 from beltcomm.cli.pace import Pace, machine_left, millimetres
@@ -18,12 +18,13 @@ from beltcomm.talk import CarriagePosition
 PLAIN_STEP = 0.25
 
 
-def terminal_talk(verbose: int = 0) -> PlainTalk | RichTalk:
-    """The Talk for this process.   verbose : 1 shows what the library reports, 2 its details too."""
+def terminal_talk(verbose: int = 0, details: bool = False) -> PlainTalk | RichTalk:
+    """The Talk for this process.   verbose : 1 shows what the library reports, 2 its details too.   details : of what happens."""
     if verbose:
         logging.basicConfig(stream=sys.stderr, format="%(name)s: %(message)s")
         logging.getLogger("beltcomm").setLevel(logging.DEBUG if verbose > 1 else logging.INFO)
-    return RichTalk(sys.stderr) if draws(sys.stderr) else PlainTalk(sys.stderr)
+    kind = RichTalk if draws(sys.stderr) else PlainTalk
+    return kind(sys.stderr, details=details or verbose > 0)
 
 
 def place_of(index: int, count: int) -> str:
@@ -34,8 +35,8 @@ def place_of(index: int, count: int) -> str:
 class PlainTalk:
     """Lines without colour or movement, for logs and pipes.   clock : s, of the wall."""
 
-    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
-        self._stream = stream
+    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic, details: bool = False) -> None:
+        self._stream, self._details = stream, details
         self._reported = 0.0
         self._place: CarriagePosition | None = None
         self._pace = Pace(clock)
@@ -66,9 +67,22 @@ class PlainTalk:
         echo(lines, self._stream)
         self._stream.flush()
 
+    def detail(self, *lines: str) -> None:
+        """A log has them; a terminal only where details were asked for."""
+        if self._details or not self._stream.isatty():
+            self.say(*lines)
+
+    def found(self, name: str, value: str) -> None:
+        """A line for each number that is found on the way."""
+        self.say(f"      {name} {value}")
+
     def confirm(self, text: str) -> bool:
         """Ask and read a line from stdin.   Raises UsageError when stdin is closed."""
         return _ask(text, self._stream)
+
+    def choose(self, question: str, choices: Mapping[str, str]) -> str:
+        """Ask for one of the keys; the last one for an empty answer."""
+        return _choose(question, choices, self._stream)
 
     def attended(self) -> bool:
         """Whether stdin is a terminal."""
@@ -84,19 +98,23 @@ class RichTalk:
     clock : s, of the wall.
     """
 
-    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
-        self._stream, self._console, self._clock = stream, console_of(stream), clock
+    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic, details: bool = False) -> None:
+        self._stream, self._console, self._clock, self._details = stream, console_of(stream), clock, details
+        self._found: dict[str, str] = {}
         self._live: Any = None
         self._shown: Any = None
 
     def phase(self, index: int, count: int, title: str) -> None:
-        """Begin a new display for the phase; of the one before a line stays."""
+        """The display of a job goes on with its next phase; another job begins one of its own."""
         from rich.live import Live
 
         from beltcomm.cli.display import Display
 
+        if self._live is not None and index > 1:
+            self._shown.phase(place_of(index, count), title)
+            return
         self.close(done=True)
-        self._shown = Display(place_of(index, count), title, Pace(self._clock), self._clock)
+        self._shown = Display(place_of(index, count), title, Pace(self._clock), self._clock, self._found)
         self._live = Live(self._shown, console=self._console, transient=True, refresh_per_second=8, redirect_stdout=False)
         self._live.start()
 
@@ -108,16 +126,30 @@ class RichTalk:
     def moving(self, place: CarriagePosition) -> None:
         """Move the carriage in its window."""
         if self._live is not None:
-            self._shown.place = place
+            self._shown.moving(place)
 
     def say(self, *lines: str) -> None:
         """The text above the display."""
         draw(lines, self._console, self._stream)
 
+    def detail(self, *lines: str) -> None:
+        """Above the display where details were asked for."""
+        if self._details:
+            self.say(*lines)
+
+    def found(self, name: str, value: str) -> None:
+        """Kept in the display."""
+        self._found[name] = value
+
     def confirm(self, text: str) -> bool:
         """Ask below everything.   Raises UsageError when stdin is closed."""
         self.close(done=True)
         return _ask(text, self._stream)
+
+    def choose(self, question: str, choices: Mapping[str, str]) -> str:
+        """Ask below everything for one of the keys; the last one for an empty answer."""
+        self.close(done=True)
+        return _choose(question, choices, self._stream)
 
     def attended(self) -> bool:
         """Whether stdin is a terminal."""
@@ -129,6 +161,26 @@ class RichTalk:
             live, self._live = self._live, None
             live.stop()
             self.say(self._shown.ended(done))
+            self._found.clear()
+
+
+def _choose(question: str, choices: Mapping[str, str], stream: TextIO) -> str:
+    """``[y] start  [q] quit   start? [y/Q]``: the first is a yes, the last is taken for an empty answer."""
+    keys = "  ".join(f"[{key}] {word}" for key, word in choices.items())
+    first, last = next(iter(choices)), list(choices)[-1]
+    while True:
+        asked = f"{choices[first]}? [y/N]" if first == "y" else f"[{last.upper()}]"
+        print(f"{fitted(f'  {keys}   {asked}', stream)} ", end="", file=stream, flush=True)
+        answer = sys.stdin.readline() if sys.stdin is not None else ""
+        if not answer:
+            raise UsageError(f"nobody answers (stdin is closed); use --yes where no one is asked ({question})")
+        word = answer.strip().lower()
+        if not word:
+            return last
+        for key, meaning in choices.items():
+            if word == key or meaning.lower().startswith(word) or (key == first and word == "yes") or (key == last and word in {"n", "no"}):
+                return key
+        echo([f"  {word!r}: {', '.join(choices)}"], stream)
 
 
 def _ask(text: str, stream: TextIO) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, TextIO
 
 import click
@@ -14,10 +14,22 @@ from beltcomm.borders import for_terminal
 if TYPE_CHECKING:
     from rich.console import Console
 
-#: Columns of a terminal that does not tell.
-USUAL_WIDTH = 80
+    from beltcomm.result import Line
+
+#: Columns of a terminal that does not tell, and of any.
+USUAL_WIDTH, WIDEST = 80, 1000
 #: Between two columns of a drawn table.
 GAP = 3
+#: What the parts of a line look like where there are colours; bold stays without them.
+STYLES = {
+    "good": "bold green",
+    "bad": "bold red",
+    "note": "yellow",
+    "title": "bold",
+    "soft": "dim",
+    "command": "bold cyan",
+    "bar": "green",
+}
 #: ``TERM`` of a terminal that only prints.
 DUMB = ("dumb", "unknown")
 
@@ -30,9 +42,14 @@ def draws(stream: TextIO) -> bool:
 def width_of(stream: TextIO) -> int:
     """Columns of the terminal behind a stream; of each stream its own, for one of them may be a pipe."""
     try:
-        return int(os.environ.get("COLUMNS", "0")) or os.get_terminal_size(stream.fileno()).columns or USUAL_WIDTH
+        told = int(os.environ.get("COLUMNS", "0"))
+    except ValueError:
+        told = 0
+    try:
+        width = told if told > 0 else os.get_terminal_size(stream.fileno()).columns
     except (OSError, ValueError):
-        return USUAL_WIDTH
+        width = 0
+    return min(width, WIDEST) if width > 0 else USUAL_WIDTH
 
 
 def fitted(line: str, stream: TextIO) -> str:
@@ -42,6 +59,18 @@ def fitted(line: str, stream: TextIO) -> str:
         return line
     indent = " " * (len(line) - len(line.lstrip()) + 2)
     return textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False, replace_whitespace=False)
+
+
+def _plain(line: str, stream: TextIO) -> str:
+    """A line for a terminal that only prints, or a pipe."""
+    from beltcomm.result import Line
+
+    if isinstance(line, Line) and stream.isatty() and len(line) > width_of(stream) and not any(s == "command" for _, s in line.parts):
+        parts = [(for_terminal(text), style) for text, style in line.parts]
+        return "\n".join("".join(text for text, _ in row) for row in _narrow(parts, width_of(stream)))
+    if isinstance(line, Line) and any(style == "command" for _, style in line.parts):
+        return for_terminal(line)
+    return fitted(line, stream)
 
 
 def console_of(stream: TextIO) -> Console:
@@ -55,19 +84,58 @@ def echo(lines: Iterable[str], stream: TextIO) -> None:
     """Print lines; on a terminal rows of a table are drawn as one."""
     if not draws(stream):
         for line in lines:
-            click.echo(fitted(line, stream), file=stream)
+            click.echo(_plain(line, stream), file=stream)
         return
     draw(lines, console_of(stream), stream)
 
 
 def draw(lines: Iterable[str], console: Console, stream: TextIO) -> None:
     """The same on a console, which may have a live display below."""
+    from beltcomm.result import Line
+
     for block in _blocks(lines):
-        if isinstance(block, str):
+        if isinstance(block, Line):
+            _draw_line(block, console)
+        elif isinstance(block, str):
             for line in block.split("\n"):
                 console.print(fitted(line, stream), soft_wrap=True)
         else:
             _draw_table(block, console)
+
+
+def _draw_line(line: Line, console: Console) -> None:
+    """In its colours; its parts below each other where the terminal is too narrow, a command whole so that it can be copied."""
+    from rich.text import Text
+
+    parts = [(for_terminal(text), style) for text, style in line.parts]
+    whole = sum(len(text) for text, _ in parts)
+    if len("".join(text for text, _ in parts).rstrip()) > console.width and not any(style == "command" for _, style in parts):
+        for row in _narrow(parts, console.width):
+            console.print(Text.assemble(*((text, STYLES.get(style, "")) for text, style in row)), soft_wrap=True)
+        return
+    text = Text.assemble(*((text, STYLES.get(style, "")) for text, style in parts))
+    if whole > console.width:
+        text.rstrip()
+    console.print(text, soft_wrap=True)
+
+
+def _narrow(parts: Sequence[tuple[str, str]], width: int) -> Iterator[list[tuple[str, str]]]:
+    """Rows of parts that fit; a long part is broken between words, bars are left out."""
+    row: list[tuple[str, str]] = []
+    used = 0
+    for text, style in parts:
+        words = " ".join(text.split())
+        if not words or style == "bar":
+            continue
+        for number, piece in enumerate(textwrap.wrap(words, max(8, width - 4), break_on_hyphens=False)):
+            if row and (number or used + 2 + len(piece) > width):
+                yield row
+                row, used = [], 0
+            lead = "  " if row else " " if not number and not used else "   "
+            row.append((lead + piece, style))
+            used += len(lead) + len(piece)
+    if row:
+        yield row
 
 
 def failure(text: str, stream: TextIO) -> None:

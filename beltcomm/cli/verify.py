@@ -18,6 +18,7 @@ from beltcomm.errors import UsageError
 @click.option("--move", type=click.Path(path_type=Path), metavar="CSV", help="Your own move: columns t_s, position_m.")
 @click.option("--trajectory", metavar="NAME", help="Limits of the 0 to 0.5 m move, from axis.yaml; T_A when left out.")
 @shared.sent_feedforward_option
+@shared.target_option
 @click.option("--rungs", is_flag=True, help="The move five times: what each step beyond the design source brings, in µm.")
 @click.option(
     "--over-belt",
@@ -28,12 +29,21 @@ from beltcomm.errors import UsageError
 @shared.output_options
 @click.pass_obj
 def command(
-    frame: Invocation, /, drive: str, run: Path, move: Path | None, trajectory: str | None, rungs: bool, over_belt: bool, **given: Any
+    frame: Invocation,
+    /,
+    drive: str,
+    run: Path,
+    move: Path | None,
+    trajectory: str | None,
+    rungs: bool,
+    over_belt: bool,
+    targets: dict[str, Any],
+    **given: Any,
 ) -> int:
     """Drive a move with the run's design and compare its error with the predicted one; the machine moves."""
     if move is not None and trajectory is not None:
         raise UsageError("--move brings its own motion, --trajectory names limits for the standard one; give one of them")
-    options = frame.options(**given)
+    options = frame.options(targets=targets or None, **given)
     if rungs and options.feedforward is not None:
         raise UsageError("--rungs drives every feedforward in turn; leave --feedforward out")
     frame.run = run

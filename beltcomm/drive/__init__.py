@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from beltcomm.configfiles import did_you_mean
 from beltcomm.control import CascadeStructure
 from beltcomm.drive.finding import Finding
-from beltcomm.drive.objects import ObjectValue, ParameterObject
+from beltcomm.drive.objects import DictionaryEntry, ObjectValue, ParameterObject
 from beltcomm.drive.parameters import GainAccess, GainTerm
 from beltcomm.errors import UsageError
 from beltcomm.given import word
@@ -182,6 +182,27 @@ class Guarding:
 
 
 @dataclass(frozen=True)
+class KnownMotor:
+    """What is known of a motor beforehand, for what a drive does not tell; None where nobody knows it.
+
+    Attributes
+    ----------
+    rated_torque_nm, peak_torque_nm : float or None, N m
+    torque_constant_nm_a : float or None, N m per A rms
+    max_speed_rad_s : float or None, rad/s
+        That it is driven with at most.
+    counts_per_rev : int or None
+        Increments of its encoder.
+    """
+
+    rated_torque_nm: float | None = None
+    peak_torque_nm: float | None = None
+    torque_constant_nm_a: float | None = None
+    max_speed_rad_s: float | None = None
+    counts_per_rev: int | None = None
+
+
+@dataclass(frozen=True)
 class Capabilities:
     """What a connected drive can do, as read from it or from its profile (never assumed).
 
@@ -192,7 +213,7 @@ class Capabilities:
     sample_period_s : float, s
         Shortest period of the synchronous exchange.
     counts_per_rev : int
-        Encoder counts per motor revolution.
+        Steps of the position that it tells, per motor revolution.
     torque_step_nm : float, N m
         Resolution of a torque setpoint.
     torque_sampling : {'over', 'after'}
@@ -229,6 +250,8 @@ class Capabilities:
         Shortest time in which it can be made to notice that its host is gone; None when nothing in it watches the host.
     overload_time_s : float or None, s
         For which the drive lets the motor have its peak torque from cold; None when it does not tell.
+    encoder_counts_per_rev : int or None
+        Of the encoder, where the positions are coarser than that.
     """
 
     name: str
@@ -255,6 +278,7 @@ class Capabilities:
     exchange: str = ""
     torque_scale: str = ""
     shortest_guard_s: float | None = None
+    encoder_counts_per_rev: int | None = None
     overload_time_s: float | None = None
 
 
@@ -537,6 +561,11 @@ class Adapter:
         ``serve(address, on, options) -> Service``, of a drive that is simulated: for other processes, on the interface ``on``.
     logs : bool
         ``open`` takes the option ``log``, which is called with every frame of its bus.
+    nameplates : bool
+        ``open`` and ``examine`` take the option ``nameplate``, a :class:`KnownMotor`, for what the drive does not tell.
+    new_profile : callable or None
+        ``new_profile(address, options, device, entries) -> text`` of a profile, from the drive at an address, None for none, and from what
+        an EDS says: its device section and its objects.
     """
 
     name: str
@@ -548,6 +577,24 @@ class Adapter:
     surroundings: Callable[[], Iterable[Finding]] | None = None
     serve: Callable[[str, str, Mapping[str, object]], Service] | None = None
     logs: bool = False
+    nameplates: bool = False
+    new_profile: Callable[[str | None, Mapping[str, object], Mapping[str, str], Sequence[DictionaryEntry]], str] | None = None
+
+    def taken(self, options: Mapping[str, object]) -> dict[str, object]:
+        """Leave out of an adapter's options what programs add to all and this one does not take.
+
+        Parameters
+        ----------
+        options : dict of str to object
+            By name.
+
+        Returns
+        -------
+        dict of str to object
+            Those for :attr:`open` and :attr:`examine`.
+        """
+        refused = {name for name, takes in (("log", self.logs), ("nameplate", self.nameplates)) if not takes}
+        return {name: value for name, value in options.items() if name not in refused}
 
 
 @dataclass(frozen=True)
@@ -616,7 +663,7 @@ def open_drive(name: str, options: Mapping[str, object] | None = None) -> Drive:
         What the adapter raises.
     """
     adapter, address = adapter_for(name, find_adapters())
-    return adapter.open(address, {key: value for key, value in (options or {}).items() if key != "log" or adapter.logs})
+    return adapter.open(address, adapter.taken(options or {}))
 
 
 def adapter_for(name: str, found: Sequence[FoundAdapter]) -> tuple[Adapter, str]:

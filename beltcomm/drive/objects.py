@@ -73,6 +73,18 @@ def packed(kind: str, raw: float) -> bytes:
 
 
 @dataclass(frozen=True)
+class DictionaryEntry:
+    """What a file says of an object.   kind : data type, None for no single number.   value : that or default, None for none."""
+
+    index: int
+    subindex: int
+    name: str
+    kind: str | None
+    access: str
+    value: float | None = None
+
+
+@dataclass(frozen=True)
 class ParameterObject:
     """One parameter as an object of the drive:  SI value = scale * raw value.
 

@@ -34,6 +34,18 @@ def visible_band(sample_period_s: float, lowest_hz: float, highest_hz: float) ->
 
     Rows that come seldom say what a motion took only while it goes on in one direction for several of them: then the excitation must be
     slow, whatever is to be seen.  Of a resonance beyond its band a response says nothing; below, the axis is as heavy all the same.
+
+    Parameters
+    ----------
+    sample_period_s : float, s
+        Between two rows.
+    lowest_hz, highest_hz : float, Hz
+        What is to be seen: antiresonance and resonance.
+
+    Returns
+    -------
+    tuple of float, Hz
+        Lowest and highest frequency to choose an excitation for.
     """
     top = (1.0 - _ROUNDING) * 0.5 / (sample_period_s * NYQUIST_OVER_HIGHEST)
     if sample_period_s > SELDOM_S:

@@ -12,15 +12,19 @@ from beltcomm.experiments import referencing
 from beltcomm.experiments.first_motion import confirm_first_motion
 from beltcomm.experiments.options import Options
 from beltcomm.experiments.plan import Plan, with_homing
+from beltcomm.experiments.plan_screen import plan_screen
 from beltcomm.experiments.rehearsal import Job, rehearse
 from beltcomm.experiments.supervised import Supervised
+from beltcomm.language import tr
 from beltcomm.machine.heat import Thermal
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.ratings import fault_of
 from beltcomm.result import Result, plain
 from beltcomm.rundata.store import PLAN
-from beltcomm.talk import Silence, Talk
+from beltcomm.talk import Silence, Talk, choose, detail
 
+#: Before anything moves.
+QUESTION = "May the axis move like this?"
 #: Before the plan of a resumed run.
 KEPT = "Finished records are kept; what stands below is the most that is driven again, after a check that this is still the machine. "
 
@@ -60,7 +64,8 @@ def agree(
     if machine is not None and options.home:
         plan = with_homing(plan, axis, drive.capabilities)
     plan = _whole(plan, axis, drive.capabilities, options)
-    talk.say(*plan.lines())
+    talk.say(*plan_screen(plan, axis, drive.capabilities))
+    detail(talk, "", *plan.lines())
     if machine is not None:
         machine.planned_s = plan.seconds
     if fault := plan.heat_fault(axis):
@@ -74,7 +79,7 @@ def agree(
             f"this plan moves the axis for up to {plan.seconds:.0f} s, and --yes answers for {options.longest_s:.0f} s at most; nothing "
             f"was moved. Leave --yes out and answer, ask for less, or allow it with --longest {math.ceil(plan.seconds)}s"
         )
-    if not options.yes and not talk.confirm("May the axis move like this?"):
+    if not options.yes and not _asked(plan, options, talk, machine, agreement):
         raise Declined(
             "nothing was moved: the plan was to be agreed to, and nobody is there who could; give yes=True (--yes), or a talk that asks"
             if isinstance(talk, Silence)
@@ -91,6 +96,23 @@ def agree(
             referencing.home(machine)
 
 
+def _asked(plan: Plan, options: Options, talk: Talk, machine: Machine | None, agreement: Agreement | None) -> bool:
+    """Whether it may begin; the details, and the plan on a twin, may be asked for before that."""
+    choices = {"y": tr("start"), "d": tr("details"), "s": tr("simulate first"), "q": tr("quit")}
+    if machine is None or agreement is None or options.simulate_first:
+        del choices["s"]
+    while True:
+        chosen = choose(talk, QUESTION, choices)
+        if chosen == "d":
+            talk.say(*plan.lines())
+            del choices["d"]
+        elif chosen == "s" and machine is not None and agreement is not None:
+            rehearse(machine, options, talk, agreement.job, agreement.goes_on)
+            del choices["s"]
+        else:
+            return chosen == "y"
+
+
 def planned(plan: Plan, capabilities: Capabilities | None = None, options: Options | None = None, axis: Axis | None = None) -> Result:
     """A plan that is only shown."""
     if capabilities and axis and options:
@@ -99,10 +121,12 @@ def planned(plan: Plan, capabilities: Capabilities | None = None, options: Optio
         plan = with_homing(plan, axis, capabilities) if options.home else plan
     wrong = fault_of(axis, capabilities) if capabilities and axis else ""
     refused = [f"This plan will be refused: {fault}." for fault in (wrong, plan.heat_fault(axis)) if fault]
+    shown = plan_screen(plan, axis, capabilities) if capabilities and axis else []
     return Result(
         {"plan": plain(plan), "seconds": plan.seconds, "visible": plan.visible, **plan.heat_dict()},
-        [*plan.lines(), *refused, "Nothing was moved (--dry-run)."],
+        [*(shown or plan.lines()), *refused, "", "Nothing was moved (--dry-run)."],
         1 if refused else 0,
+        details=plan.lines() if shown else (),
     )
 
 

@@ -32,12 +32,14 @@ from beltcomm.experiments import (
     verification,
 )
 from beltcomm.experiments.proving import verify_move
-from beltcomm.experiments.recentre import MOST_STOPS, brought_back, exhausted, stands_after
+from beltcomm.experiments.recentre import MOST_STOPS, brought_back, exhausted, stands, stands_after
 from beltcomm.fit.acting import acting_recording
 from beltcomm.identify.amplitude import AmplitudeStep, family_around, unknown_masses_kg
 from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.identify.standstill import largest
+from beltcomm.language import tr
 from beltcomm.machine import scale, stops
+from beltcomm.machine.hardware import Hardware
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -53,6 +55,7 @@ from beltcomm.schedule import record_schedule
 from beltcomm.schedule.record_schedule import Extent
 from beltcomm.schedule.steps import SHORT_S
 from beltcomm.schedule.strokes import SWEEP_LONGEST_S
+from beltcomm.talk import choose
 
 #: s of machine time kept for the move that verifies, with the way to its start.
 VERIFYING_S = 4.0
@@ -60,6 +63,8 @@ VERIFYING_S = 4.0
 DRIFTING_S = 22.0
 #: Share of the torque with which a record is made again after the carriage went too far.
 QUIETER = 0.7
+#: What follows a path that a first loop was left behind by is driven so many times slower, and no slower than that in all.
+SLOWER, SLOWEST_PACE = 0.5, 0.13
 #: s of machine time that finding sign and breakaway takes as a rule.
 CREPT_S = 2.0
 #: s, from where a dead time is looked for; evidence that it must have.
@@ -67,13 +72,14 @@ LATE_S, CLEAR_EVIDENCE = 5e-4, 150.0
 #: Names of the phases, as shown to the user.
 TITLES = (
     "connect and check",
-    "sign and breakaway",
-    "excitation, rising",
+    "direction + breakaway",
+    "excitation in place, rising",
     "frequency response here",
-    "first loop",
-    "strokes, places, moves",
+    "first safe loop",
+    "strokes, responses, moves",
     "fit and design",
-    "verification moves",
+    "verification move",
+    "verdict and report",
 )
 
 
@@ -90,6 +96,8 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
     else:
         findings.breakaway = phases.sign_and_scale(machine)
         machine.holding_nm = findings.breakaway.holding_nm
+    machine.found("direction", "ok")
+    machine.found("breakaway", f"{findings.breakaway.coulomb_nm:.3g} N m")
     sameness.check_breakaway(machine, findings.breakaway.coulomb_nm)
     findings.calibrating_s = gain_steps.ensure(machine, findings.breakaway.coulomb_nm)
     sameness.repeat_first_excitation(machine, findings.breakaway, masses)
@@ -154,8 +162,17 @@ def first_model(machine: Machine, findings: Findings) -> Model:
         model = payload_mode_in_first_fit.as_one(findings.swing)
         findings.remarks.append(payload_mode_in_first_fit.swing_words(findings.swing))
     sampling_limits.note_after(findings.remarks, model, machine.axis, machine.drive.capabilities, machine.position_m)
+    tell_model(machine, model, machine.position_m)
     measure_delay_and_damping(findings, recordings, model)
     return model
+
+
+def tell_model(machine: Machine, model: Model, at_m: float) -> None:
+    """What the model says of the axis so far.   at_m : where its resonance is told for."""
+    machine.found("mass", f"{model['cart.mass']:.3g} kg")
+    resonance = analyse.characteristic_hz(model, at_m)[1]
+    if np.isfinite(resonance):
+        machine.found("resonance", f"{resonance:.3g} Hz")
 
 
 def with_late_torque(found: FinalModel, recordings: Sequence[Recording], axis: Axis, counts_per_rev: int) -> FinalModel:
@@ -217,7 +234,7 @@ def first_cascade(machine: Machine, findings: Findings, model: Model, at_m: floa
 
 def close_loop(machine: Machine, findings: Findings, model: Model, cascade: Cascade, margin: float, *, ask: bool = False) -> Cascade:
     """Write a first loop into the drive and count with its stops; returns it.   ask, raises : as :func:`close_first_loop`."""
-    machine.talk.say(f"first loop: K_P {cascade.kp_nm_s_rad:.4f} N m s/rad, smallest phase margin {margin:.0f} deg on an uncertain model")
+    machine.detail(f"first loop: K_P {cascade.kp_nm_s_rad:.4f} N m s/rad, smallest phase margin {margin:.0f} deg on an uncertain model")
     if margin < SURE_MARGIN_DEG:
         machine.talk.say(
             f"That is little, {SURE_MARGIN_DEG:.0f} deg are usual: this drive's structure gives no more. The axis may ring as it travels."
@@ -240,7 +257,7 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
     ]
     for item in record_schedule.BY_EXTENT[extent]:
         if execute_step.measured_already(machine, item.step):
-            machine.talk.say(f"{item.step.title(course.place_m(item.step))}: frf_1 was recorded near there, and stands for it")
+            machine.detail(f"{item.step.title(course.place_m(item.step))}: frf_1 was recorded near there, and stands for it")
     kept = VERIFYING_S
     if machine.stroking() == "velocity":  # which drifts, and does not turn within a millimetre; its last move is a slow one
         items = [item for item in items if item.step.kind != "reversals"]
@@ -256,7 +273,7 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
             f"not recorded, for {record_schedule.BUDGET_S[extent]:.0f} s of machine time are not enough: {names}{longer}"
         )
     loudest = findings.excited.step.amplitude_nm if findings.excited else machine.axis.torque_limit_nm
-    share = 1.0
+    share = pace = 1.0
     needed = [item.step for item in items if item.rank == 0]
     for name, step in record_schedule.named(steps, ("frf_1",)):
         left_out = f"{name} ({step.title(course.place_m(step))}) was left out"
@@ -265,8 +282,12 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
             continue
         while True:
             try:
-                execute_step.make(machine, loop, step, name, loudest, share)
-            except SafetyStop as problem:  # the model does not quite know how far this machine goes: again, and all that follow, quieter
+                execute_step.make(machine, loop, step, name, loudest, share, pace)
+            except SafetyStop as problem:
+                if lags_behind(machine, step.kind, problem) and pace > SLOWEST_PACE:
+                    pace *= SLOWER
+                    findings.remarks.append(f"{name} and what follows are driven at {pace:.2g} times their speed, after this: {problem}")
+                    continue  # the model does not quite know how far this machine goes: again, and all that follow, quieter
                 if not brought_back(machine, model, step, problem):
                     raise
                 if not exhausted(machine):
@@ -281,6 +302,27 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
             break
         if name == execute_step.SWEEP:
             loop = friction_feedforward.sent_ahead(machine, findings, loop)
+
+
+def lags_behind(machine: Machine, kind: str, problem: SafetyStop) -> bool:
+    """Whether a first loop, too weak for what its feedforward does not know yet, was left behind by a path; the axis stands then."""
+    return kind != "response" and problem.reason == "lag" and stands(machine)
+
+
+def quick_sweep(machine: Machine, findings: Findings, model: Model) -> None:
+    """The sweep of a quick commissioning, slower where the first loop lags behind it."""
+    speeds = record_schedule.quick_speeds_m_s(phases.gentle_limits(machine, model, np.inf).acceleration_m_s2)
+    pace = 1.0
+    while True:
+        try:
+            asked = [pace * speed for speed in speeds]
+            measure_friction(machine, model, speeds_m_s=asked, longest_s=record_schedule.QUICK_PLATEAU_S)
+            return
+        except SafetyStop as problem:
+            if not lags_behind(machine, "sweep", problem) or pace <= SLOWEST_PACE:
+                raise
+            pace *= SLOWER
+            findings.remarks.append(f"the sweep is driven at {pace:.2g} times its speeds, after this: {problem}")
 
 
 def measure_friction(
@@ -322,12 +364,15 @@ def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> 
     measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
     middle = sum(machine.full_room().window_m) / 2
     findings.characteristics = analyse.characteristics(findings.final.fit, middle)
+    tell_model(machine, model, middle)
     sampling_limits.note_after(findings.remarks, model, machine.axis, machine.drive.capabilities, middle)
     try:
         findings.friction = analyse.friction_of(recordings, inertia_kg_m2=analyse.moved_inertia(model))
     except DataError as problem:
         findings.remarks.append(f"friction sweep: {problem}")
         findings.reservations.append("the friction sweep could not be used")
+    else:
+        machine.found("friction", f"{findings.friction.coulomb.value:.3g} N m")
     findings.standstill = largest(recordings, findings.thesis, model, findings.friction)
     findings.design, findings.cascade = design_for(machine.axis, model, machine.drive.capabilities.structure, findings, settings)
     findings.reservations += thin_margins(findings.design.margins)
@@ -374,8 +419,7 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
     if not travels:
         pass
     elif brief:
-        speeds = record_schedule.quick_speeds_m_s(phases.gentle_limits(machine, model, np.inf).acceleration_m_s2)
-        measure_friction(machine, model, speeds_m_s=speeds, longest_s=record_schedule.QUICK_PLATEAU_S)
+        quick_sweep(machine, findings, model)
     else:
         record_steps(machine, findings, model, cascade, settings.extent)
     cascade = fit_and_design(machine, findings, settings)
@@ -400,20 +444,23 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
     findings.proof = proof(cascade, trajectory, settings.payloads_kg)
     findings.move_name = name = move_name(machine.folder, findings.proof)
     findings.verdict, findings.demand = verify_move(machine, model, cascade, delay(findings), trajectory, name, settings.payloads_kg)
-    dispose(machine, settings, findings, cascade)
+    machine.found("following error", f"{1e3 * findings.verdict.measured.dynamic_m:.3g} mm")
     return findings
 
 
-def dispose(machine: Machine, settings: Settings, findings: Findings, cascade: Cascade) -> None:
-    """Phase 8: keep, restore or save the gains that were proven; asked for where nothing was said."""
-    wanted = settings.apply
-    if wanted is None:
-        wanted = "restore"
-        if settings.ask and findings.succeeded:
-            error = 1e3 * findings.verdict.measured.dynamic_m if findings.verdict else 0.0
-            machine.talk.say(f"The move met its targets, {error:.3g} mm of dynamic error at the motor.")
-            if machine.talk.confirm("Keep the new gains in the drive until power-off?"):
-                wanted = "save" if machine.talk.confirm("Save them for good, beyond power-off?") else "keep"
+def asks(machine: Machine, settings: Settings, findings: Findings) -> bool:
+    """Whether a person decides about the gains: they are good, nothing was said of them, and this drive keeps what is written."""
+    lasting = not Hardware.of("", machine.drive.capabilities).virtual
+    return settings.apply is None and settings.ask and findings.succeeded and lasting and not findings.own_loop
+
+
+def dispose(machine: Machine, settings: Settings, findings: Findings) -> None:
+    """Phase 8: keep, restore or save the gains that were proven; asked for where nothing was said and a drive keeps them."""
+    wanted: Apply = settings.apply or "restore"
+    if asks(machine, settings, findings):
+        keys = {"k": tr("keep until power-off"), "s": tr("save for good"), "r": tr("restore old gains")}
+        chosen = choose(machine.talk, "Keep the new gains in the drive until power-off?", keys)
+        wanted = "keep" if chosen == "k" else "save" if chosen == "s" else "restore"
     if wanted in ("keep", "save") and not findings.succeeded:
         missed = findings.verdict is None or not findings.verdict.passed
         why = "the verification missed its target" if missed else "; ".join(findings.reservations)
@@ -425,5 +472,6 @@ def dispose(machine: Machine, settings: Settings, findings: Findings, cascade: C
     findings.applied = wanted
     machine.keep_gains = wanted in ("keep", "save")
     if wanted == "save":
-        machine.write_cascade(cascade)
+        assert findings.cascade is not None
+        machine.write_cascade(findings.cascade)
         machine.drive.save()

@@ -54,22 +54,23 @@ class Closed:
     delay_s: float
 
 
-def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: float, share: float = 1.0) -> None:
+def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: float, share: float = 1.0, pace: float = 1.0) -> None:
     """Record one step; a record that a resumed run has already is left alone.
 
-    loudest_nm : N m, largest excitation to try.   share : of the torque that an excitation would have.   Raises what the machine raises.
+    loudest_nm : N m, largest excitation to try.   share : of the torque that an excitation would have.
+    Raises what the machine raises.
     """
     if machine.folder.finished(name) is not None:
-        machine.talk.say(f"{name}: kept from the earlier run")
+        machine.detail(f"{name}: kept from the earlier run")
         return
-    machine.talk.say(f"{name}: {step.words()}")
+    machine.detail(f"{name}: {step.words()}")
     if step.kind == "response":
         respond(machine, loop.model, step, name, loudest_nm, share)
         return
     course = course_of(machine, loop.model)
     phases.move_to(machine, start_of(step, course), loop.model)
     at = machine.position_m
-    path = stoppable_path(machine, loop, step, course, at)
+    path = stoppable_path(machine, loop, step, course, at, pace)
     sidecar = Sidecar(
         EXPERIMENT[step.kind],
         start_position_m=at,
@@ -174,12 +175,12 @@ def hard_acceleration_m_s2(machine: Machine, model: Model) -> float:
     return HARD_SHARE * min(machine.axis.limits.acceleration_m_s2 or math.inf, machine.belt_left_n / mass, by_torque)
 
 
-def stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, at_m: float) -> Trajectory:
+def stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, at_m: float, pace: float = 1.0) -> Trajectory:
     """The path of a step, slowed down until every stop ends inside the travel and moves keep the belt's force.
 
     Raises Refused when even the slowest one does not.
     """
-    shares: Sequence[float] = phases.STOPPABLE_SHARES
+    shares: Sequence[float] = [pace * share for share in phases.STOPPABLE_SHARES]
     path = path_of(step, course, at_m)
     for share in shares:
         eased = replace(course, gentle=phases.slower(course.gentle, share), hard=phases.slower(course.hard, share))

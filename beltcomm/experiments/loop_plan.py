@@ -174,15 +174,14 @@ def plan_of(machine: Machine, job: LoopJob) -> Plan:
     axis, told, period = machine.axis, job.prediction, job.loop.sample_period_s
     low, high = machine.full_room().window_m
     signal = f"±{job.step.amplitude:.3g} {job.unit} of {'torque' if job.loop.into == 'torque' else 'speed setpoint'}"
-    what = f"shake where it stands with up to {signal}"
+    what = f"be excited in place with up to {signal}"
     if job.speed_m_s:
         what = f"travel at {1e3 * job.speed_m_s:.4g} mm/s, there and back, with an excitation of up to {signal}"
     loop = f"closed loop (K_P {job.cascade.kp_nm_s_rad:.3g} N m s/rad)"
     text = (
         f"The carriage of {axis.name or 'the axis'} will {sign_words(axis)}{what}, in {loop}: "
         f"{RISES} short records with rising amplitude and a long one, "
-        f"bound by {job.step.binds}. {job.why[0].upper()}{job.why[1:]}. Keep people and tools out of its travel; Ctrl-C stops it at any "
-        "time, and the drive gets its own gains back."
+        f"bound by {job.step.binds}. {job.why[0].upper()}{job.why[1:]}."
     )
     short, long = (period * len(job.motion(job.step.amplitude, rising=rising).added) for rising in (True, False))
     travel, torque = told.high_m - told.low_m, machine.full_room().torque_nm
@@ -201,7 +200,7 @@ def plan_of(machine: Machine, job: LoopJob) -> Plan:
         for title, seconds in ((TITLES[1], RISES * short), (TITLES[2], long))
     ]
     thermal = Thermal.of(axis, machine.drive.capabilities)
-    return Plan(text, (*((positioning,) if job.speed_m_s else ()), *lines), thermal=thermal)
+    return Plan(text, (*((positioning,) if job.speed_m_s else ()), *lines), thermal=thermal, verb="identify")
 
 
 def is_moved(job: LoopJob, amplitude: float, at_m: float) -> bool:

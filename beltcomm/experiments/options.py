@@ -16,6 +16,7 @@ from beltcomm.excitation import ExcitationKind
 from beltcomm.given import Place, Reached, choice, number, pasted, place, whole, word
 from beltcomm.identify.loop_response import CLOSED_WAYS, Way
 from beltcomm.machine.hardware import Hardware
+from beltcomm.machine.ratings import nameplate_of
 from beltcomm.rundata.calibration import RESULT
 from beltcomm.rundata.findings import Apply, Settings
 from beltcomm.rundata.proof import EDITED
@@ -112,6 +113,8 @@ class Options:
         A page on the run at the end of ``commission``; the command line asks for it.
     search : bool
         Records of a session that cannot go on are searched for what is wrong with the axis; the command line asks for it.
+    targets : dict of str to object or None
+        Of one verification, in place of axis.yaml's, by the names there.
     sample_period_s : float or None
         Of records; None is the shortest that drive and bus allow.
     drive : dict of str to object
@@ -149,6 +152,7 @@ class Options:
     bitrate: int | None = None
     realtime: bool = False
     sample_period_s: float | None = None
+    targets: Mapping[str, object] | None = field(default=None, compare=False)
     first_motion: str | None = None
     hold: Hold | None = field(default=None, compare=False)
     simulate_first: bool = False
@@ -219,14 +223,36 @@ class Options:
         return True
 
     def reached(self, drive: str) -> Reached:
-        """The drive's name for the next command, with the options that it is reached by."""
-        given = {"profile": self.profile, "node": self.node, "bitrate": self.bitrate}
+        """The drive's name for the next command, with the options that it is reached by.
+
+        Parameters
+        ----------
+        drive : str
+            As given.
+
+        Returns
+        -------
+        Reached
+            The same text, which :func:`beltcomm.given.pasted` writes with its options.
+        """
+        given = {"as": self.slave, "profile": self.profile, "node": self.node, "bitrate": self.bitrate}
         found = Reached(drive)
         found.options = " ".join(f"--{name} {pasted(value)}" for name, value in given.items() if value is not None)
         return found
 
-    def for_drive(self) -> dict[str, object]:
-        """The adapter's options: those that were given."""
+    def for_drive(self, axis: Axis | None = None) -> dict[str, object]:
+        """Collect the adapter's options: those that were given, and what the axis file knows of the motor.
+
+        Parameters
+        ----------
+        axis : Axis or None
+            For what a drive does not tell.
+
+        Returns
+        -------
+        dict of str to object
+            By name.
+        """
         given = {
             "seed": self.seed,
             "profile": self.profile,
@@ -238,6 +264,8 @@ class Options:
         found: dict[str, object] = {name: value for name, value in given.items() if value is not None}
         if self.realtime:
             found["realtime"] = True
+        if axis is not None:
+            found["nameplate"] = nameplate_of(axis)
         return {**found, **self.drive}
 
 
@@ -325,8 +353,13 @@ def axis_of(axis: Axis | Place) -> Axis:
     return axis if isinstance(axis, Axis) else load_axis(str(place(axis, "axis")))
 
 
-def new_folder(run: Path, axis: Axis, drive: Drive, options: Options, talk: Talk) -> RunFolder:
+def new_folder(run: Path, axis: Axis, drive: Drive, options: Options, talk: Talk, reached_as: str = "") -> RunFolder:
     """The folder of a run that begins, or goes on with ``resume``, on this drive.
+
+    Parameters
+    ----------
+    reached_as : str
+        What the drive is called on the command line.
 
     Raises
     ------
@@ -336,5 +369,7 @@ def new_folder(run: Path, axis: Axis, drive: Drive, options: Options, talk: Talk
     claim(folder, drive.capabilities, options, talk)
     now, before = drive_to_dict(drive.capabilities), folder.load_result("drive") or {}
     begun = before.get("begun_with") or {name: (before or now)[name] for name in RATINGS if name in (before or now)}
-    folder.save_result("drive", {**now, "begun_with": begun})  # a session that was cut off leaves them lower
+    by = options.reached(reached_as).options if reached_as else before.get("reached_by") or ""
+    called = {"reached_as": reached_as or before.get("reached_as") or "", "reached_by": by}
+    folder.save_result("drive", {**now, "begun_with": begun, **called})  # a session that was cut off leaves them lower
     return folder

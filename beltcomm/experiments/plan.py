@@ -25,9 +25,10 @@ from beltcomm.experiments.bounds import (
     stroking_nm,
     top_speed_m_s,
 )
-from beltcomm.experiments.plan_words import Point, commission_points, identify_points, point_rows
+from beltcomm.experiments.plan_words import Point, commission_points, host_loss, identify_points, point_rows
 from beltcomm.experiments.sign import sign_seconds, sign_words
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
+from beltcomm.language import tr
 from beltcomm.machine import creep, gravity
 from beltcomm.machine.heat import HeatPlan, Thermal, heat_plan, path_rms_nm
 from beltcomm.model import Model
@@ -38,7 +39,7 @@ from beltcomm.schedule.sequences import excitation_travel_m, short_seconds
 from beltcomm.schedule.strokes import fastest_stroke_m_s
 from beltcomm.simulate.stopping import Braking, total_friction
 from beltcomm.trajectory import Trajectory, plan_trajectory
-from beltcomm.verify import MOVE_M, demand
+from beltcomm.verify import demand
 
 #: Of the points those on what moves and how far.
 HOW_FAR = 2
@@ -50,7 +51,9 @@ class Plan:
 
     budget_s : machine time that is kept, whatever the single experiments may take; what does not fit is left out.
     notes : lines after the table.   visible : what the records could show, where that was worked out.
-    thermal : of motor and drive, for the heat of the plan.
+    thermal : of motor and drive, for the heat of the plan.   verb : that it is the plan of.   window_m : to be kept, from where it stands.
+    host_loss : s until the drive stops by itself when its host is silent, and how far it coasts then at most, m.
+    types_gains : the gains of its drive are set by a person only.
     """
 
     text: str
@@ -60,6 +63,27 @@ class Plan:
     visible: Mapping[str, Any] | None = None
     thermal: Thermal | None = None
     points: tuple[Point, ...] = ()
+    verb: str = ""
+    window_m: tuple[float, float] | None = None
+    host_loss: tuple[float, float] | None = None
+    types_gains: bool = False
+
+    @property
+    def over_budget(self) -> bool:
+        """Whether some of it is left out if each record takes its longest."""
+        return sum(item.seconds for item in self.experiments) > self.budget_s
+
+    def said(self) -> str:
+        """What is said of it beside its numbers; empty for a job that needs no word."""
+        return "" if self.text.startswith("The carriage of") and self.text.endswith("will move by itself.") else self.text
+
+    def written(self) -> str:
+        """What becomes of the drive's parameters."""
+        if self.types_gains:
+            return tr("gains cannot be written on this drive: it moves with those that stand in it")
+        if self.verb == "commission":
+            return tr("drive parameters: backed up, restored at the end unless you keep the gains")
+        return tr("drive parameters: backed up and restored at the end")
 
     @property
     def seconds(self) -> float:
@@ -94,8 +118,9 @@ class Plan:
             return []
         pauses = sum(heat.pauses_s)
         lines = [
-            f"The motor warms by {100.0 * heat.continuous:.0f} % of what it bears for ever, in the hottest experiment by "
-            f"{100.0 * heat.hottest:.0f} %: heat is (rms torque / rated torque of {thermal.rated_nm:.3g} N m)², at most as in this table.",
+            f"Thermal load (I²t): {100.0 * heat.continuous:.0f} % of the continuous rating (S1) on average, "
+            f"{100.0 * heat.hottest:.0f} % in the hottest experiment: (rms torque / rated torque of {thermal.rated_nm:.3g} N m)², at most "
+            "as in this table.",
             f"Of the short overload of {thermal.peak_nm:.3g} N m for {thermal.overload_s:g} s ({thermal.source}) "
             + (f"up to {100.0 * heat.fullest:.0f} % is used." if heat.fullest > 0.0 else "nothing is used."),
         ]
@@ -119,7 +144,7 @@ class Plan:
     def lines(self) -> list[str]:
         """The plan as a paragraph, labelled lines, a table and notes."""
         thermal = self.thermal
-        columns = ["experiment", ">travel", ">with stop", ">speed", ">torque", ">belt", ">time", *([">heat"] if thermal else [])]
+        columns = ["experiment", ">travel", ">incl. stop", ">speed", ">torque", ">belt", ">time", *([">heat"] if thermal else [])]
         rows = [
             [
                 e.title,
@@ -144,11 +169,10 @@ class Plan:
         if not self.points:
             return []
         most = {name: max(getattr(e, name) for e in self.experiments) for name in ("speed_m_s", "torque_nm", "belt_force_n")}
-        rest = sum(item.seconds for item in self.experiments) > self.budget_s
         bounds = (
             ("how fast", f"up to {most['speed_m_s']:.3g} m/s"),
             ("how hard", f"up to {most['torque_nm']:.3g} N m at the motor and {most['belt_force_n']:.0f} N in the belt"),
-            ("how long", f"up to {self.seconds:.0f} s" + ("; what does not fit is left out and named" if rest else "")),
+            ("how long", f"up to {self.seconds:.0f} s" + ("; what does not fit is left out and named" if self.over_budget else "")),
         )
         return point_rows([*self.points[:HOW_FAR], *bounds, *self.points[HOW_FAR:]])
 
@@ -160,6 +184,9 @@ def identify_plan(axis: Axis, capabilities: Capabilities, window_m: tuple[float,
         _here(axis, capabilities, window_m),
         notes=sampling_limits.notes_before(axis, capabilities),
         points=identify_points(axis, capabilities, window_m),
+        verb="identify",
+        window_m=window_m,
+        host_loss=host_loss(axis, capabilities),
     )
 
 
@@ -175,7 +202,7 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
     force = axis.belt_force_limit_n
     moving = _move_seconds(axis, capabilities) / (3.0 + MOVE_SECONDS)
     heating = math.sqrt(moving * stroking_nm(axis, 1.0) ** 2 + stroking_nm(axis, 0.0) ** 2)  # at rest friction may stay wound up
-    move = Experiment("move that verifies the result", min(whole, MOVE_M), whole, moved, torque, force, 3.0 + MOVE_SECONDS, heating)
+    move = Experiment("verification move", min(whole, axis.targets.way_m), whole, moved, torque, force, 3.0 + MOVE_SECONDS, heating)
     budget = record_schedule.BUDGET_S[extent] + (HOLDING_SECONDS if axis.mounting.tilted else 0.0)
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will move by itself.",
@@ -183,6 +210,9 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
         budget,
         sampling_limits.notes_before(axis, capabilities),
         points=commission_points(axis, capabilities, lightest, (heaviest, fastest_m_s(axis, capabilities, possible, heaviest))),
+        verb="commission",
+        types_gains=capabilities.gains == "unknown",
+        host_loss=host_loss(axis, capabilities),
     )
 
 
@@ -203,9 +233,10 @@ def friction_plan(axis: Axis, capabilities: Capabilities) -> Plan:
     seconds = SWEEP_SECONDS + MOVE_SECONDS + sign_seconds(axis, kinds) + own_strokes.longest_sweep_s(axis, capabilities)
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will {sign_words(axis, kinds)}travel its whole length in closed loop at seven speeds, "
-        "both ways, with a loop designed from the run's model. Ctrl-C stops it at any "
-        f"time.{own_strokes.unguarded_words(capabilities)}",
+        "both ways, with a loop designed from the run's model."
+        f"{own_strokes.unguarded_words(capabilities)}",
         (_sweep(axis, capabilities, seconds),),
+        verb="friction",
     )
 
 
@@ -233,11 +264,13 @@ def move_plan(
     seconds: float,
     what: str,
     rms_nm: float | None = None,
+    verb: str = "move",
 ) -> Plan:
     """One move."""
     return Plan(
-        f"The carriage of {axis.name or 'the axis'} will {what}. Ctrl-C stops it at any time.",
+        f"The carriage of {axis.name or 'the axis'} will {what}.",
         (Experiment("move", travel_m, reach_m, speed_m_s, torque_nm, force_n, seconds, rms_nm),),
+        verb=verb,
     )
 
 
@@ -257,7 +290,7 @@ def verification_plan(axis: Axis, model: Model, path: Trajectory, braking: Braki
     rms = path_rms_nm(path, model["motor.inertia"], ratio, model["cart.mass"], friction, held)
     at_rest = 1.0 - times * path.duration_s / seconds
     rms = math.sqrt((1.0 - at_rest) * rms**2 + at_rest * (friction + held) ** 2)
-    return move_plan(axis, travel, highest - lowest, asked.speed_m_s, asked.torque_nm, asked.feed_force_n, seconds, what, rms)
+    return move_plan(axis, travel, highest - lowest, asked.speed_m_s, asked.torque_nm, asked.feed_force_n, seconds, what, rms, "verify")
 
 
 def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
@@ -270,20 +303,20 @@ def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
 
 def _move_seconds(axis: Axis, capabilities: Capabilities) -> float:
     """How long the standard move takes at least, s: a longer one takes less torque by more than it takes longer."""
-    limits = axis.trajectories.get("T_A")
+    limits = axis.trajectories.get(axis.targets.limits)
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     if limits is None or whole <= 0.0:
         return MOVE_SECONDS
-    return min(MOVE_SECONDS, plan_trajectory(0.0, min(whole, MOVE_M), limits, capabilities.sample_period_s).duration_s)
+    return min(MOVE_SECONDS, plan_trajectory(0.0, min(whole, axis.targets.way_m), limits, capabilities.sample_period_s).duration_s)
 
 
 def _move_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
     """Top speed of the standard move, before a heavy carriage slows it down."""
-    top, limits = top_speed_m_s(axis, capabilities), axis.trajectories.get("T_A")
+    top, limits = top_speed_m_s(axis, capabilities), axis.trajectories.get(axis.targets.limits)
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     if limits is None or whole <= 0.0:
         return top
-    path = plan_trajectory(0.0, min(whole, MOVE_M), limits, capabilities.sample_period_s)
+    path = plan_trajectory(0.0, min(whole, axis.targets.way_m), limits, capabilities.sample_period_s)
     return min(top, float(np.max(np.abs(path.velocity_m_s))))
 
 
@@ -315,7 +348,7 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
     binary = math.hypot(phases.excitation_torque_nm(axis, capabilities, held), held)
     return (
         Experiment(
-            "sign and breakaway",
+            "direction + breakaway",
             phases.SIGN_TRAVEL_M,
             min(phases.SIGN_REACH_M, widest),
             min(creep.CREEP_SPEED_M_S, top),
@@ -325,9 +358,7 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
             rising / math.sqrt(3.0) + held,  # rms of a ramp
         ),
         *gain_steps.line(axis, capabilities),
-        Experiment(
-            "excitation, rising in steps", travel, reach, shaken, torque, shaking, 3 * short_seconds(capabilities.sample_period_s), binary
-        ),
+        Experiment("excitation, rising", travel, reach, shaken, torque, shaking, 3 * short_seconds(capabilities.sample_period_s), binary),
         *([Experiment("holding torque, in slow creep", 5e-3, reach, 0.02, torque, force, HOLDING_STROKES_SECONDS, slow)] if tilted else []),
         Experiment("frequency response here", travel, reach, shaken, torque, shaking, RESPONSE_SECONDS, binary),
     )

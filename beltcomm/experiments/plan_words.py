@@ -35,17 +35,17 @@ def commission_points(axis: Axis, capabilities: Capabilities, lightest_kg: float
 
     lightest_kg : carriage of the plan's speeds.   heaviest : carriage that is thought of, kg, and how fast it is driven, m/s.
     """
-    lightest = f"{lightest_kg:g} kg, the stated payload alone" if axis.payload.mass_kg else f"{lightest_kg:g} kg, the lightest thought of"
+    lightest = f"{lightest_kg:g} kg, the stated payload alone" if axis.payload.mass_kg else f"{lightest_kg:g} kg (worst case for speed)"
     return (
         (
             "what moves",
-            "the carriage creeps some millimetres both ways, shakes where it stands with rising torque, then travels in closed loop: slow "
-            "and fast strokes, small triangles, fast moves; and shakes at other places",
+            "the carriage jogs a few mm in each direction, is excited in place with rising torque, then travels in closed loop: slow "
+            "and fast strokes, small triangles, fast moves; and is excited at other places",
         ),
         ("how far", f"between {axis.travel.min_m:g} m and {axis.travel.max_m:g} m, with every stop: keep people, tools and cables out"),
         (
             "how heavy",
-            f"the carriage is weighed before it travels; speeds here are those of {lightest}. The heavier, the slower: with "
+            f"the load is measured first; the plan assumes {lightest}. The heavier, the slower: with "
             f"{heaviest[0]:g} kg its strokes and fast moves reach {heaviest[1]:.2g} m/s",
         ),
         *_stops(axis, capabilities),
@@ -55,7 +55,7 @@ def commission_points(axis: Axis, capabilities: Capabilities, lightest_kg: float
 
 def identify_points(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None) -> tuple[Point, ...]:
     """Sign check, rising excitation and one frequency response.   window_m : to be kept, from where it stands."""
-    far = "see 'with stop' below, from where it stands: keep people and tools out of its travel"
+    far = "see 'incl. stop' below, from where it stands: keep people and tools out of its travel"
     if window_m is not None:
         far = (
             f"between {1e3 * window_m[0]:+.0f} mm and {1e3 * window_m[1]:+.0f} mm of where it stands now (plus is where the drive's "
@@ -64,13 +64,19 @@ def identify_points(axis: Axis, capabilities: Capabilities, window_m: tuple[floa
     return (
         (
             "what moves",
-            "the carriage creeps some millimetres both ways, then shakes where it stands with rising torque; no loop is closed but to "
-            "stop it",
+            "the carriage jogs a few mm in each direction, then is excited in place with rising torque; no loop is closed but to stop it",
         ),
         ("how far", far),
         *_stops(axis, capabilities),
         ("what is written", "nothing that stays: at the end the drive is left as it was found"),
     )
+
+
+def host_loss(axis: Axis, capabilities: Capabilities) -> tuple[float, float]:
+    """Guard time, s, and how far a light carriage that just breaks away then coasts at most, m."""
+    top = (creep.HELD_SHARE if axis.mounting.tilted else creep.BREAKAWAY_SHARE) * min(axis.torque_limit_nm, capabilities.peak_torque_nm)
+    guard_s = guard_times_s(capabilities)[0]
+    return guard_s, creep.run_on_m(axis, top, guard_s + capabilities.sample_period_s)
 
 
 def gain_points(capabilities: Capabilities) -> tuple[Point, ...]:
@@ -96,8 +102,7 @@ def gain_points(capabilities: Capabilities) -> tuple[Point, ...]:
 def _stops(axis: Axis, capabilities: Capabilities) -> tuple[Point, ...]:
     """What stops it, and within which way."""
     first = first_deceleration(axis, capabilities.peak_torque_nm)
-    top = (creep.HELD_SHARE if axis.mounting.tilted else creep.BREAKAWAY_SHARE) * min(axis.torque_limit_nm, capabilities.peak_torque_nm)
-    crept_m = creep.run_on_m(axis, top, guard_times_s(capabilities)[0] + capabilities.sample_period_s)
+    guard_s, crept_m = host_loss(axis, capabilities)
     held = (
         (
             (
@@ -115,12 +120,12 @@ def _stops(axis: Axis, capabilities: Capabilities) -> tuple[Point, ...]:
         *held,
         (
             "what stops it",
-            "Ctrl-C, at any time; a limit that is passed; the end of the job. It stands within the way 'with stop', in closed loop within "
+            "Ctrl-C, at any time; a limit that is passed; the end of the job. It stands within the way 'incl. stop', in closed loop within "
             "the travel",
         ),
         (
             "how it brakes",
-            f"until the carriage is weighed, friction and the velocity loop found in the drive brake it, with {first.value_m_s2:.2g} m/s² "
+            f"until the load is measured, friction and the velocity loop found in the drive brake it, with {first.value_m_s2:.2g} m/s² "
             f"at most ({first.binds}, the belt's swing counted twice); then "
             + (
                 "that loop alone, counted with the lag it shows"
@@ -130,9 +135,9 @@ def _stops(axis: Axis, capabilities: Capabilities) -> tuple[Point, ...]:
         ),
         *(("limits", caution) for caution in capabilities.cautions),
         (
-            "computer dies",
-            "the drive notices by itself; that is tried once at standstill, before any torque. A light carriage that just breaks away "
-            f"then runs on by {1e3 * crept_m:.0f} mm at most, less nearer to an end; an excitation is no stronger than lets it stop before "
-            "the end",
+            "PC or bus lost",
+            f"the drive notices by itself (watchdog {1e3 * guard_s:.0f} ms); that is tried once at standstill, before any torque. A light "
+            f"carriage that just breaks away then coasts by {1e3 * crept_m:.0f} mm at most, less nearer to an end; an excitation is no "
+            "stronger than lets it stop before the end",
         ),
     )

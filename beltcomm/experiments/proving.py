@@ -124,10 +124,17 @@ def verify_move(
 
     def error(other: Model, stretch_m: float) -> TrackingError:
         path = predict_move(other, running, sent.motor, drive, belt_stretch_m=stretch_m, extra_torque_nm=sent.torque_nm, time_s=clock_s)
-        return path.error
+        return path.error_for(machine.axis.targets)
 
     spread = predict_range(model, error) if sent.motor.duration_s <= LONGEST_RANGED_S else None
-    verdict = judge(recording, machine.ratio, path, carriage_m=grid.in_loop(sent.carriage.position_m), predicted_range=spread)
+    verdict = judge(
+        recording,
+        machine.ratio,
+        path,
+        carriage_m=grid.in_loop(sent.carriage.position_m),
+        predicted_range=spread,
+        targets=machine.axis.targets,
+    )
     if sent.torque_nm is not None:
         alone = predict_move(model, running, held(trajectory, REST_S), drive, time_s=clock_s)
         verdict = replace(verdict, reasons=(*verdict.reasons, *_brought(sent, alone)))

@@ -158,9 +158,9 @@ def _made(machine: Machine, name: str, wanted: _Next, kept: bool) -> Recording:
     """The record of a step.   kept : it is there from an earlier run."""
     own, step = machine.drive.capabilities, wanted.step
     if not kept:
-        machine.talk.say(
+        machine.detail(
             f"excitation ±{step.amplitude_nm:.3f} N m: up to {1e3 * step.prediction.travel_m:.1f} mm, "
-            f"{step.prediction.belt_force_n:.0f} N in the belt (bound by {step.binds}); a stop takes up to "
+            f"{step.prediction.belt_force_n:.0f} N in the belt (limited by {step.binds}); stopping distance at most "
             f"{1e3 * step.prediction.stop_m:.1f} mm; {exciting.run_on_words(machine, step.prediction, wanted.limits.ends_m)}"
         )
     excitation = short_sequence(wanted.order, wanted.clock, step.amplitude_nm, own.sample_period_s, own.torque_step_nm)

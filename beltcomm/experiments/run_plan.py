@@ -23,10 +23,10 @@ def motion_plan(machine: Machine, model: Model, wanted: NextPlan) -> Plan:
     low, high = machine.full_room().window_m
     text = (
         f"The carriage of {axis.name or 'the axis'} will travel between {low:g} m and {high:g} m in closed loop, with a loop designed from "
-        "the run's model, and shake where it stands. Keep people and tools out of its travel; Ctrl-C stops it at any time."
+        "the run's model, and is excited in place."
     )
     own = machine.drive.capabilities
-    return Plan(text, tuple(lines_of(axis, own, wanted.steps, model)), thermal=Thermal.of(axis, own))
+    return Plan(text, tuple(lines_of(axis, own, wanted.steps, model)), thermal=Thermal.of(axis, own), verb="follow")
 
 
 def follow(machine: Machine, model: Model, findings: Findings, wanted: NextPlan) -> list[str]:

@@ -16,7 +16,7 @@ from beltcomm.experiments import phases
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.trajectory import Trajectory, held, load_move, plan_trajectory
-from beltcomm.verify import DYNAMIC_TARGET_M, MOVE_M, REST_S, Loop, demand, predict_move
+from beltcomm.verify import REST_S, Loop, demand, predict_move, tracking_error
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ BESIDE_M = 2e-3
 
 @dataclass(frozen=True)
 class StandardMove:
-    """The move of the thesis, 0 to 0.5 m with limits T_A, or what of it travel and limits of this axis allow.
+    """The move of the targets (0 to 0.5 m with limits T_A unless stated), or what of it travel and limits of this axis allow.
 
     start_m, end_m : carriage.   limits : of speed, acceleration, jerk.   remark : in words what was taken away, or "".
     """
@@ -55,7 +55,7 @@ class StandardMove:
 def standard_move(machine: Machine, model: Model) -> StandardMove:
     """The standard move of this axis, admissible for its model.   Raises Refused when there is none."""
     start, end = _way(machine)
-    limits = machine.axis.trajectories.get("T_A") or phases.gentle_limits(machine, model, math.inf)
+    limits = machine.axis.trajectories.get(machine.axis.targets.limits) or phases.gentle_limits(machine, model, math.inf)
     return StandardMove(start, end, *admissible(machine, model, start, end, limits))
 
 
@@ -86,13 +86,13 @@ def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: floa
 
 
 def _way(machine: Machine) -> tuple[float, float]:
-    """0 to 0.5 m; where travel or a loop that drifts while positioning forbid that, what of it lies well inside."""
+    """From 0 over the way of the targets; where travel or a loop that drifts while positioning forbid that, what of it lies well inside."""
     low, high = machine.full_room().window_m
     start, end = phases.stroke_ends(machine)
-    spare = phases.END_MARGIN_M
-    if machine.stroking() == "position" and low <= -spare and high >= MOVE_M + spare:
+    spare, way = phases.END_MARGIN_M, machine.axis.targets.way_m
+    if machine.stroking() == "position" and low <= -spare and high >= way + spare:
         start = 0.0
-    return start, min(start + MOVE_M, end)
+    return start, min(start + way, end)
 
 
 def move_asked_for(machine: Machine, model: Model, file: Path | None, name: str | None) -> tuple[Trajectory, str]:
@@ -133,16 +133,18 @@ def in_drive(machine: Machine, delay_s: float) -> Loop:
 
 
 def _error_m(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> float:
-    """Predicted dynamic error of a move at the motor, m."""
-    return predict_move(model, cascade, held(trajectory, REST_S), in_drive(machine, delay_s)).error.dynamic_m
+    """Predicted following error of a move, m: the largest of the places where the targets count."""
+    path = predict_move(model, cascade, held(trajectory, REST_S), in_drive(machine, delay_s))
+    at = {"motor": path.motor_m, "carriage": path.cart_m}
+    return max(tracking_error(path.t_s, path.reference_m, at[place]).dynamic_m for place in machine.axis.targets.places)
 
 
 def fastest(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> Trajectory | None:
-    """The standard move with its time stretched until ``AIM_SHARE`` of the dynamic target is predicted; None beyond ``SLOWEST_MOVE_S``.
+    """The standard move with its time stretched until ``AIM_SHARE`` of the target is predicted; None beyond ``SLOWEST_MOVE_S``.
 
     A loop without velocity feedforward lags by speed over K_PP, so its error falls with the speed.
     """
-    period, aim = machine.drive.capabilities.sample_period_s, AIM_SHARE * DYNAMIC_TARGET_M
+    period, aim = machine.drive.capabilities.sample_period_s, AIM_SHARE * machine.axis.targets.following_m
     share = 1.0
     while True:
         move = standard.at(share, period)
@@ -155,12 +157,12 @@ def fastest(machine: Machine, model: Model, cascade: Cascade, delay_s: float, st
 
 
 def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> tuple[Trajectory, str]:
-    """The standard move, or where that misses the dynamic target the :func:`fastest` one that is predicted to meet it, and in words why.
+    """The standard move, or where that misses its target the :func:`fastest` one that is predicted to meet it, and in words why.
 
     One that takes longer than ``LONGEST_SLOW_MOVE_S`` is only named; a short one at constant speed takes its place, in which the
     integrator must break friction free within the target.
     """
-    period = machine.drive.capabilities.sample_period_s
+    period, following_m = machine.drive.capabilities.sample_period_s, machine.axis.targets.following_m
     start, end = standard.start_m, standard.end_m
 
     def short(speed: float) -> Trajectory:
@@ -169,15 +171,15 @@ def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
         return plan_trajectory(start, goal, limits, period)
 
     def good(move: Trajectory) -> bool:
-        return _error_m(machine, model, cascade, delay_s, move) <= AIM_SHARE * DYNAMIC_TARGET_M
+        return _error_m(machine, model, cascade, delay_s, move) <= AIM_SHARE * following_m
 
     whole = standard.at(1.0, period)
     off = _error_m(machine, model, cascade, delay_s, whole)
-    if off <= DYNAMIC_TARGET_M:
+    if off <= following_m:
         return whole, standard.remark
     text = f"{standard.remark}; " if standard.remark else ""
-    text += f"the standard move would have {1e3 * off:.3g} mm of dynamic error at the motor with this controller"
-    target = f"{1e3 * DYNAMIC_TARGET_M:g} mm"
+    text += f"the standard move would have {1e3 * off:.3g} mm of following error with this controller"
+    target = f"{1e3 * following_m:g} mm"
     slow = fastest(machine, model, cascade, delay_s, standard)
     if slow is None:
         text += f", and no move of less than {SLOWEST_MOVE_S:.0f} s stays within {target}"

@@ -126,6 +126,15 @@ class LocalQuadratic:
                     drops[g] = -float(amounts @ slope[own])
         return drops, powers
 
+    def beside(self, columns: Array) -> Array:
+        """What of columns, (n, k), is left when everything fitted gives way to them, weights as they stand."""
+        ways = self.inverse @ self.weighted.transpose_times(columns)[self.used]
+        return columns - np.stack([self._moved(way) for way in ways.T], axis=1)
+
+    def followed(self, change: Array, step: Array) -> Array:
+        """The residual, (n,), with a change of it and the step of everything fitted that :meth:`best` answers it with."""
+        return self.residual + change + self._moved(step[self.moving] * self.norms)
+
     def information(self, columns: Array) -> Array:
         """Information on amounts of columns beside everything fitted, weights as they stand, (n, k) -> (k, k)."""
         weighted, shared = columns * self.weights[:, None], self.weighted.transpose_times(columns)[self.used]

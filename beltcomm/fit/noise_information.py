@@ -28,6 +28,8 @@ def noise_information(problem: Problem, x: Array, weights: Array) -> Array:
     own = len(problem.free)
     found = np.zeros((own, own))
     moved = [j for j in range(own) if problem.touches_noise[j]]
+    if not moved:
+        return found
     ahead = [problem.perturbed(x, j) for j in moved]
     here = problem.model.with_vector(problem.full(x))
     beside = [problem.model.with_vector(problem.full(other)) for _, other in ahead]

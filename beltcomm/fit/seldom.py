@@ -72,7 +72,7 @@ def clearly_moves(recording: Recording, counts_per_rev: int) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Simulated:
+class SeldomEstimate:
     """A model whose simulated rows are most like the recorded ones.   names : of what was fitted.   covariance : of that, (k, k).
 
     late_s, late_half_s : torque setpoint to acting torque, s, and half its 95 % interval.
@@ -89,7 +89,7 @@ class Simulated:
     samples: int
 
 
-class _Rows:
+class _OpenLoop:
     """One record in open loop."""
 
     def __init__(self, recording: Recording) -> None:
@@ -113,7 +113,7 @@ class _Rows:
         return np.nan_to_num(self.measured - rows, nan=ABSURD_RAD, posinf=ABSURD_RAD, neginf=-ABSURD_RAD)
 
 
-def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names: Sequence[str] = tuple(BEFORE)) -> Simulated:
+def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names: Sequence[str] = tuple(BEFORE)) -> SeldomEstimate:
     """The parameters ``names`` of a model that begins at ``start`` from records in open loop.
 
     late_s : torque setpoint to acting torque, s, as thought of before.   Raises DataError when no row moves.
@@ -125,7 +125,7 @@ def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names
     names = (*logarithms, *names[k:])
     before = np.array([*(math.log(start[n]) for n in logarithms), *(start[n] / SIGNED[n] for n in names[k:]), late_s / LATE_S])
     width = np.array([*(BEFORE[n] for n in logarithms), *(1.0 for _ in names[k:]), 1.0])
-    rows = [_Rows(recording) for recording in recordings]
+    rows = [_OpenLoop(recording) for recording in recordings]
     scatter = float(np.std(np.concatenate([one.measured for one in rows])))
     if scatter == 0.0:
         raise DataError("the motor does not move in these records; raise the excitation or look for a brake")
@@ -165,7 +165,7 @@ def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names
     inertia = model["motor.inertia"] + model["transmission.ratio"] ** 2 * model["cart.mass"]
     parts = np.split(rest, np.cumsum([len(one.measured) for one in rows])[:-1])
     torque = np.concatenate([np.diff(part) * inertia / one.sample_s**2 for part, one in zip(parts, rows, strict=True)])
-    return Simulated(
+    return SeldomEstimate(
         replace(model, parameters={**model.parameters, **told}),
         names,
         np.asarray(covariance),

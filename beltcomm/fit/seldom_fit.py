@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.fit.model_fit import ModelFit, fit_model
-from beltcomm.fit.seldom import LATE_S, Simulated, comes_seldom, estimate
+from beltcomm.fit.seldom import LATE_S, SeldomEstimate, comes_seldom, estimate
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -32,7 +32,7 @@ class SeldomFit(ModelFit):
     count_rad : of the encoder.
     """
 
-    simulated: Simulated
+    simulated: SeldomEstimate
     count_rad: float
 
     @property

@@ -26,7 +26,7 @@ def plan_of(axis: Axis, capabilities: Capabilities) -> Plan:
     axis.require("calibrate", "pulley.effective_radius_m", "motor.inertia_kg_m2", "travel.min_m", "travel.max_m", "limits.speed_m_s")
     torque = BREAKAWAY_SHARE * min(axis.torque_limit_nm, capabilities.peak_torque_nm)
     creeping = Experiment(
-        "sign and breakaway",
+        "direction + breakaway",
         phases.SIGN_TRAVEL_M,
         phases.SIGN_REACH_M,
         phases.EXCITATION_SPEED_M_S,
@@ -36,9 +36,9 @@ def plan_of(axis: Axis, capabilities: Capabilities) -> Plan:
     )
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will creep some millimetres both ways; then the drive's own loops get small steps "
-        f"while friction holds it: half the torque that moves it. Its gains are set to the smallest ones for that and put back. Keep "
-        "people and tools out of its travel; Ctrl-C stops it at any time.",
+        f"while friction holds it: half the torque that moves it. Its gains are set to the smallest ones for that and put back.",
         (creeping, gain_steps.experiment(axis, capabilities)),
+        verb="calibrate",
     )
 
 
@@ -54,7 +54,7 @@ def calibrate_on(drive: Drive, name: str, folder: RunFolder, settings: Settings,
         machine.check_scaling()
         referencing.reference(machine, settings, needed=False)
         agree(machine)
-        machine.titles = ("sign and breakaway", "small steps")
+        machine.titles = ("direction + breakaway", "small steps")
         machine.begin(machine.titles[0])
         breakaway = phases.sign_and_scale(machine)
         machine.begin(machine.titles[1])
@@ -63,5 +63,5 @@ def calibrate_on(drive: Drive, name: str, folder: RunFolder, settings: Settings,
     text = [f"What the gains of {drive.capabilities.name} mean (95 % intervals):", *found.lines(), *remarks_lines(remarks)]
     if name.partition(":")[0] != "virtual":  # a simulated drive tells nothing of a real one
         text.append(f"  {keep_for_kind(found)}")
-    text.append(f"Next: beltcomm apply --drive {pasted(name)} --run {pasted(folder.path)}, once this run has a design")
+    text.append(f"Next: beltcomm apply --drive {pasted(name)} --run {pasted(folder.path)}   (once this run has a design)")
     return Result({"run": str(folder.path), **found.to_dict(), "remarks": remarks}, text)

@@ -1,32 +1,44 @@
-"""What ``design`` and ``tune`` share: what a design rests on in a run, its proof on the run's own data, and keeping it."""
+"""What ``design`` and the page with sliders share: what a design rests on in a run, its proof on the run's own data, and keeping it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
+from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import CascadeStructure
 from beltcomm.errors import UsageError
-from beltcomm.experiments import referencing
+from beltcomm.experiments import phases, referencing
 from beltcomm.given import pasted
 from beltcomm.laboratory.cross_checks import sheet_doubts
+from beltcomm.language import tr
+from beltcomm.locks import at_work, occupied
 from beltcomm.model import Model
 from beltcomm.pages import pictures as drawn
 from beltcomm.recording import Recording
-from beltcomm.result import Result, plain
+from beltcomm.result import Line, Result, plain
 from beltcomm.rundata import offline
+from beltcomm.rundata.behind import unfitted
 from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.design_proof import grounds_of, prove
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.fitted_run import records_of
+from beltcomm.rundata.headline import OF, following, hashes_of, headline_of
 from beltcomm.rundata.kept_path import kept_path
-from beltcomm.rundata.proof import SUSPECT, doubts, error_of, suspect, thin_margins
+from beltcomm.rundata.proof import SUSPECT, doubts, error_of, same_gains, suspect, thin_margins
+from beltcomm.rundata.revisions import current_revision
 from beltcomm.runfolder import RunFolder
-from beltcomm.sentences import outcome, typed_gains, words
+from beltcomm.sentences import outcome, screens, typed_gains, words
 from beltcomm.sentences.cross_checks import sheet_lines
 from beltcomm.sentences.design_proof import proof_lines
+from beltcomm.talk import Talk
+from beltcomm.trajectory import Trajectory, load_move, plan_trajectory
+
+#: m/s and m/s² of a move for an axis that states no limits of its own.
+GENTLE = (0.5, 2.0)
 
 
 @dataclass(frozen=True)
@@ -42,21 +54,36 @@ class Basis:
     recordings: Sequence[Recording]
 
 
-def basis_of(run: Path) -> Basis:
-    """The trusted model of a run, its drive, delay and damping.   Raises DataError."""
+def basis_of(run: Path, talk: Talk) -> Basis:
+    """The trusted model of a run, its drive, delay and damping; fitted anew where the run has records since.   Raises DataError."""
     folder = RunFolder.open(run)
     if not folder.axis.has_belt:
         raise UsageError(
             f"{folder.axis} has neither belt nor pulley; the controller is designed for a motor that drives a carriage by a belt. What the "
             f"laboratory knows of this axis: `beltcomm report {pasted(run)}`"
         )
+    since = unfitted(folder)
+    if since and current_revision(folder) is None:
+        with occupied(folder.path, talk, refusal=lambda holder: at_work(folder.path, holder)):
+            talk.phase(1, 1, "fit")
+            outcome.save(folder, offline.fitted(folder, "lm", talk))
     model, revision, which = offline.trusted(folder)
     findings = Findings(kept_path=kept_path(folder))
+    findings.remarks += [_since(folder, since)] if since else []
     records = records_of(folder)
     recordings = records.recordings
     findings.remarks += records.remarks
     measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
     return Basis(folder, model, revision, which, findings, offline.structure_of(folder, findings), recordings)
+
+
+def _since(folder: RunFolder, names: Sequence[str]) -> str:
+    if unfitted(folder):
+        return (
+            f"{', '.join(names)} was recorded since the model's last revision, which was not fitted to it: `beltcomm compare "
+            f"{pasted(folder.path)}` says whether the model holds there too"
+        )
+    return f"the model was fitted anew, for {', '.join(names)} was recorded since"
 
 
 def delivered(
@@ -92,23 +119,79 @@ def delivered(
         "revision": basis.revision,
         "compensated": list(along),
         "proof": proof.to_dict(),
+        OF: hashes_of(findings.cascade, basis.model),
         **(noted or {}),
     }
     sound = "final" in folder.names("designs") and not doubts(folder)
+    kept = keep_replaced(folder, mapping)
     folder.save_design("final", mapping)
     if sound and doubts(folder):
         findings.remarks.append("the gains before were proven by a move and are replaced; these are not proven yet, verify them")
     unexplained = [SUSPECT] if suspect(folder) else []
     sheets = sheet_doubts(basis.model, error_of(folder, basis.revision), folder.axis, basis.recordings)
+    doubted = [f"in doubt: {why}" for why in (*unexplained, *thin_margins(findings.design.margins), *proof.doubts)]
+    warnings = [*doubted, *screens.sheet_words(plain(list(sheets))), *findings.remarks]
     text = [
+        Line(""),
+        _headline(basis, doubted),
+        Line(""),
+        screens.model_line(error_of(folder, basis.revision), bool(unexplained)),
+        *screens.design_screen(findings.design, findings.cascade),
+        *screens.proof_lines(proof),
+        *([Line("   ", f"{tr('replaced'):<9}{kept}")] if kept else []),
+        *screens.warning_lines(warnings),
+        *screens.next_lines(following(folder, headline_of(folder))),
+    ]
+    details = [
         *words.design_lines(findings.design, findings.cascade),
         *typed_gains.of_run(folder, findings.cascade),
         *words.knowledge_lines(basis.model, along, basis.which),
         *lines,
         *sheet_lines(sheets),
         *words.remarks_lines(findings.remarks),
-        *(f"This design is in doubt: {why}." for why in (*unexplained, *thin_margins(findings.design.margins), *proof.doubts)),
-        f"Next: beltcomm verify --drive DRIVE --run {pasted(folder.path)}",
     ]
     unfit = findings.design.relaxed or proof.failed or unexplained
-    return Result({"run": str(folder.path), **mapping, "data_sheet": plain(sheets), "pictures": made}, text, 1 if unfit else 0)
+    return Result(
+        {"run": str(folder.path), **mapping, "data_sheet": plain(sheets), "pictures": made, "replaced": kept},
+        text,
+        1 if unfit else 0,
+        details=details,
+    )
+
+
+def _headline(basis: Basis, doubted: Sequence[str]) -> Line:
+    """Whether the gains may be used, before a move has proven them."""
+    name = (basis.folder.axis.name if basis.folder.has_axis else "") or "the axis"
+    word = (tr("IN DOUBT"), "bad") if doubted else (tr("DESIGNED"), "good")
+    proven = headline_of(basis.folder).state in ("pass", "fail")
+    said = "{name}: the gains that were verified before" if proven else "{name}: gains that no move has proven yet"
+    return Line("  ", word, "   ", (tr(said, name=name), "title"))
+
+
+def keep_replaced(folder: RunFolder, other: Mapping[str, Any]) -> str:
+    """Before another design takes its place, today's stays as ``designs/replaced_N.yaml``; its name, "" where none is lost."""
+    if "final" not in folder.names("designs") or same_gains(folder.load("designs", "final").get("parameters"), other["parameters"]):
+        return ""
+    name = next(name for k in count(1) if (name := f"replaced_{k}") not in folder.names("designs"))
+    folder.save_design(name, folder.load("designs", "final"))
+    return f"designs/{name}.yaml"
+
+
+def move_of(folder: RunFolder, period_s: float, file: Path | None) -> Trajectory:
+    """The user's own move from a file, the one that verified the run, or the standard one of its axis."""
+    axis = folder.axis
+    if file is not None:
+        return load_move(file, period_s, axis)
+    top, fastest = axis.limits.speed_m_s or GENTLE[0], axis.limits.acceleration_m_s2 or GENTLE[1]
+    gentle = TrajectoryLimits(speed_m_s=min(top, GENTLE[0]), acceleration_m_s2=min(fastest, GENTLE[1]), jerk_m_s3=20.0 * GENTLE[1])
+    limits = axis.trajectories.get(axis.targets.limits) or gentle
+    paths = [
+        (folder.load("results", name).get("proof") or {}).get("path") for name in folder.names("results") if name.startswith("verify_")
+    ]
+    if paths and paths[-1]:
+        start, end, duration = paths[-1]
+        share = plan_trajectory(start, end, limits, period_s).duration_s / duration
+        return plan_trajectory(start, end, phases.slower(limits, share), period_s)
+    low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
+    start = max(low + 0.05 * (high - low), min(0.0, high))
+    return plan_trajectory(start, min(start + axis.targets.way_m, high - 0.05 * (high - low)), limits, period_s)

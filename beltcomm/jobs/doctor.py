@@ -74,11 +74,12 @@ def doctor(
         raise UsageError(f"the adapter {adapter.name} examines no drive; `beltcomm doctor` alone shows what this machine has")
     talk.say(f"Examining {drive}: nothing moves, what is tried is put back" + (", SYNC is sent for a second" if sync_test else "") + " ...")
     asked = {name: True for name, wanted in (("try_bitrates", try_bitrates), ("sync_test", sync_test)) if wanted}
-    findings = list(_examined(adapter, address, {**options.for_drive(), **asked}))
+    known = load_axis(axis) if isinstance(axis, str) else axis
+    findings = list(_examined(adapter, address, adapter.taken({**options.for_drive(known), **asked})))
     findings = [replace(finding, remedy=_here(finding.remedy, options.reached(drive))) for finding in findings]
     file = axis if isinstance(axis, str) else axis.source if axis else ""
-    if axis is not None:
-        findings += compared(findings, load_axis(axis) if isinstance(axis, str) else axis)
+    if known is not None:
+        findings += compared(findings, known)
     return _result(drive, findings, _next_drive(options.reached(drive), file, findings))
 
 

@@ -15,7 +15,7 @@ from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import ladder as words
 from beltcomm.simulate.kernels import ahead
-from beltcomm.talk import Talk
+from beltcomm.talk import Talk, detail
 
 
 def search_of(folder: RunFolder, talk: Talk, most: int = MOST_EFFECTS) -> tuple[Checked, Diagnosis, list[str]]:
@@ -35,7 +35,7 @@ def search_of(folder: RunFolder, talk: Talk, most: int = MOST_EFFECTS) -> tuple[
         begun=(seen_so, base),
         most=most,
         progress=staged(talk),
-        trying=lambda candidate: talk.say(words.trial_line(candidate)),
+        trying=lambda candidate: detail(talk, words.trial_line(candidate)),
     )
     explainable(found.base.ratio, folder.path)
     return records, *restrict_to_scope(found, records.recordings)

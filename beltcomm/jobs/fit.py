@@ -8,8 +8,9 @@ from beltcomm.experiments.options import Options
 from beltcomm.given import Place, pasted, place
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.jobs.third_mass import fit_three_masses
+from beltcomm.language import tr
 from beltcomm.locks import changes_run
-from beltcomm.result import Result, plain
+from beltcomm.result import Line, Result, plain
 from beltcomm.rundata import offline
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import friction as friction_words
@@ -75,15 +76,23 @@ def fit(
     friction = words.friction_lines(findings.friction) if findings.friction else []
     friction += friction_words.standstill_lines(findings.standstill)
     suspect = findings.final is None or findings.final.fit.suspect
-    following = "diagnose" if suspect else "design"
-    doubt = [SUSPECT] if suspect else []
     sheets = sheet_lines(findings.sheets)
+    state = (tr("DOES NOT EXPLAIN"), "bad") if suspect else (tr("FITTED"), "good")
+    said = tr("what was measured: nothing should be designed with this model") if suspect else tr("a model of all records of this run")
     text = [
+        Line(""),
+        Line("  ", state, "   ", (said, "title")),
+        Line(""),
+        *outcome.model_screen(folder, findings),
+        f"Next: beltcomm improve {pasted(run)}   (names what the model lacks, adds it, designs again)"
+        if suspect
+        else f"Next: beltcomm design {pasted(run)}   (gains with margins)",
+    ]
+    details = [
         *outcome.model_text(findings),
         *sheets,
         *friction,
         *words.remarks_lines(findings.remarks),
-        *doubt,
-        f"Next: beltcomm {following} {pasted(run)}",
+        *([SUSPECT] if suspect else []),
     ]
-    return Result({**outcome.data(folder, findings), "data_sheet": plain(findings.sheets)}, text, 1 if suspect else 0)
+    return Result({**outcome.data(folder, findings), "data_sheet": plain(findings.sheets)}, text, 1 if suspect else 0, details=details)

@@ -9,6 +9,7 @@ from beltcomm.drive import Drive
 from beltcomm.experiments import referencing
 from beltcomm.experiments.options import Options, admit_edited, claim, settings_of
 from beltcomm.experiments.plan import Plan
+from beltcomm.experiments.plan_screen import plan_screen
 from beltcomm.experiments.run_plan import follow, motion_plan
 from beltcomm.experiments.sign import check_sign
 from beltcomm.given import pasted
@@ -33,7 +34,11 @@ def follow_plan(drive: Drive, run: Path, file: Path, options: Options, agree: Ca
         referencing.reference(machine, settings_of(options))
         shown = motion_plan(machine, model, wanted)
         if options.dry_run:
-            return Result({"plan": plain(shown), "seconds": shown.seconds}, [*shown.lines(), "Nothing was moved (--dry-run)."])
+            return Result(
+                {"plan": plain(shown), "seconds": shown.seconds},
+                [*plan_screen(shown, folder.axis, drive.capabilities), "", "Nothing was moved (--dry-run)."],
+                details=shown.lines(),
+            )
         agree(shown, machine)
         check_sign(machine)
         made = follow(machine, model, findings, wanted)

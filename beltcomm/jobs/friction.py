@@ -19,17 +19,18 @@ from beltcomm.experiments.sign import sign_words
 from beltcomm.given import pasted
 from beltcomm.identify.magnitude_fit import MagnitudeFit
 from beltcomm.identify.sweeps import SweepNote, note_of
+from beltcomm.language import tr
 from beltcomm.machine.machine import Machine, stroking
 from beltcomm.model import Model
 from beltcomm.pages import pictures
 from beltcomm.recording.sidecar import Sidecar, load_sidecar
-from beltcomm.result import Result, plain
+from beltcomm.result import Line, Result, plain
 from beltcomm.rundata import friction_study
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule import orders
 from beltcomm.schedule.orders import Stroke, Wanted
 from beltcomm.schedule.strokes import DEFAULT
-from beltcomm.sentences import friction, words
+from beltcomm.sentences import friction, screens, words
 from beltcomm.trajectory import Trajectory
 
 #: s: to bring the carriage to the start of a record and let it rest, at most.
@@ -103,9 +104,9 @@ def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted)
         notes += friction.stroke_lines(strokes, left_out)
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will {sign_words(axis, capabilities.kinds)}travel in closed loop at constant speeds, "
-        "both ways, with a loop designed from the run's model. Keep people and tools out of its travel; Ctrl-C stops it at any time, what "
-        "was recorded until then is kept.",
+        "both ways, with a loop designed from the run's model. What was recorded when it is stopped is kept.",
         tuple(lines),
+        verb="friction",
         notes=tuple(notes),
     )
 
@@ -127,7 +128,7 @@ def record(machine: Machine, model: Model, asked: Wanted) -> Made:
     made, left_out, remarks = list[str](), set[float](), list[str]()
     for order, repetition in asked.sweeps:
         note = SweepNote(measurement, order, repetition)
-        machine.talk.say(f"{'order ' + order if order != DEFAULT else 'sweep'}, {repetition}: {orders.WORDS[order]}")
+        machine.detail(f"{'order ' + order if order != DEFAULT else 'sweep'}, {repetition}: {orders.WORDS[order]}")
         if order == DEFAULT:
             phases.move_to(machine, phases.stroke_ends(machine)[0], model)
             made.append(_recorded(machine, sweeping.sweep(machine, model).trajectory, note, asked))
@@ -196,14 +197,22 @@ def result(
     shown, remarks = (
         pictures.friction_pictures(folder, found.friction, found.sweeps, found.drifts, found.standstill, command) if drawn else ([], [])
     )
+    warnings = [*found.friction.remarks, *made.remarks]
     text = [
+        Line(""),
+        Line("  ", (tr("SWEPT"), "good"), "   ", (tr("friction over {count} records", count=len(made.names)), "title")),
+        Line(""),
+        screens.friction_line(found.friction),
+        *screens.warning_lines(warnings),
+        f"Next: beltcomm design {pasted(folder.path)}   (gains, by a model of all records)",
+    ]
+    details = [
         "Driven by a loop designed from the run's model:",
         *words.friction_lines(found.friction),
         *friction.study_lines(found.sweeps, found.drifts, made.left_out_m_s),
         *friction.standstill_lines(found.standstill),
         *pictures.lines(folder, shown, remarks),
         *words.remarks_lines(made.remarks),
-        f"Next: beltcomm fit {pasted(folder.path)}",
     ]
     data = {
         "run": str(folder.path),
@@ -214,4 +223,4 @@ def result(
         **friction_study.data_of(found),
         "pictures": shown,
     }
-    return Result(data, text)
+    return Result(data, text, details=details)

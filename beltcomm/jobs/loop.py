@@ -12,6 +12,7 @@ from beltcomm.errors import UsageError
 from beltcomm.experiments import loop_plan, loop_record, referencing
 from beltcomm.experiments.options import Options, claim, settings_of
 from beltcomm.experiments.plan import Plan, with_homing
+from beltcomm.experiments.plan_screen import plan_screen
 from beltcomm.experiments.sign import check_sign
 from beltcomm.fit.acting import acting_recordings
 from beltcomm.given import pasted
@@ -52,7 +53,11 @@ def identify_in_loop(drive: Drive, axis: Axis, run: Path, options: Options, agre
         if options.dry_run:
             plan = with_homing(plan, axis, drive.capabilities) if options.home else plan
             data = {"plan": plain(plan), "seconds": plan.seconds, "base_speed_m_s": job.speed_m_s, "amplitude": job.step.amplitude}
-            return Result({**data, "bound_by": job.step.binds}, [*plan.lines(), "Nothing was moved (--dry-run)."])
+            return Result(
+                {**data, "bound_by": job.step.binds},
+                [*plan_screen(plan, axis, machine.drive.capabilities), "", "Nothing was moved (--dry-run)."],
+                details=plan.lines(),
+            )
         agree(plan, machine)
         check_sign(machine)
         if job.settle > SLOW_S:

@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from beltcomm.axis import Axis
+from beltcomm.axis import Axis, axis_from_dict
 from beltcomm.control import Cascade
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.drive import Drive, simulated
-from beltcomm.errors import Refused
+from beltcomm.errors import Refused, SafetyStop
 from beltcomm.experiments import referencing, verification
 from beltcomm.experiments.options import Options, admit_edited, claim, settings_of
 from beltcomm.experiments.plan import Plan, verification_plan
 from beltcomm.experiments.proving import Sending, verify_move
 from beltcomm.experiments.sign import check_sign
 from beltcomm.given import pasted
+from beltcomm.language import tr
 from beltcomm.machine import stops
 from beltcomm.machine.machine import Machine
-from beltcomm.result import Result
+from beltcomm.result import Line, Result
 from beltcomm.rundata import analyse, offline
-from beltcomm.rundata.proof import next_step, proof
+from beltcomm.rundata.headline import OF, Following, behind, drive_of, following, hashes_of, headline_of
+from beltcomm.rundata.proof import proof
 from beltcomm.rundata.store import saved_design, verdict_to_dict
 from beltcomm.runfolder import RunFolder
-from beltcomm.sentences import words
+from beltcomm.sentences import screens, words
 from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import AS_PREDICTED, SLACK_M, Demand, Verdict
@@ -85,11 +88,14 @@ def verify_with(
     if over_belt and not simulated(name):
         raise Refused("more than the feed force is for virtual belts only; slow the move down, or state another belt in axis.yaml")
     folder, feedforward = RunFolder.open(run), options.feedforward
+    axis = asked_of(folder.axis, options.targets)
     saved = saved_design(folder)
     model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
     claim(folder, drive.capabilities, options, talk)
     if planned is None:
         admit_edited("final.yaml of the run", folder.edited("designs", "final"), options, talk)
+    for line in behind(folder):
+        talk.say(line)
     structure = drive.capabilities.structure
     leads = rungs or feedforward == "compliant"
     if leads and not (structure.torque_feedforward and structure.velocity_feedforward):
@@ -103,7 +109,7 @@ def verify_with(
     along = bool(saved.get("compensated")) and structure.torque_feedforward and feedforward in (None, "nonlinear")
     sending: Sending = "compliant" if feedforward == "compliant" else "rigid" if along else "nothing"
     driven: list[tuple[str, Verdict, Demand]] = []
-    with Machine(drive, folder.axis, folder, talk) as machine:
+    with Machine(drive, axis, folder, talk) as machine:
         machine.over_belt = over_belt
         referencing.reference(machine, settings_of(replace(options, feedforward=None)))
         braking = stops.count_on_loop(machine, [model], cascade, delay_s)
@@ -119,8 +125,10 @@ def verify_with(
         ways = [(rung.change(cascade), rung.sending) for rung in RUNGS] if rungs else [(cascade, sending)]
         for gains, how in ways:
             record = f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
-            verdict, asked = verify_move(machine, model, gains, delay_s, path, record, sending=how)
-            shown = {"proof": proof(gains, path, (), how if how in ("stretch", "compliant") else "")}
+            with set_by_hand(drive, folder):
+                verdict, asked = verify_move(machine, model, gains, delay_s, path, record, sending=how)
+            driven_with = proof(gains, path, (), how if how in ("stretch", "compliant") else "")
+            shown = {"proof": driven_with, OF: hashes_of(driven_with["gains"], model)}
             if drive.capabilities.gains == "unknown" and not as_predicted(verdict):
                 shown = {}  # what was driven are other gains
             folder.save_result(f"verify_{record}", {**verdict_to_dict(verdict), **shown})
@@ -135,23 +143,56 @@ def verify_with(
     return _result(folder, options.reached(name), driven[0], feedforward, remark, typed=drive.capabilities.gains == "unknown")
 
 
+def asked_of(axis: Axis, targets: Mapping[str, object] | None) -> Axis:
+    """The axis with other targets than its file's.   Raises UsageError for impossible ones."""
+    if not targets:
+        return axis
+    data = axis.to_dict()
+    return axis_from_dict({**data, "targets": {**data.get("targets", {}), **targets}})
+
+
 def _result(
     folder: RunFolder, drive: str, one: tuple[str, Verdict, Demand], feedforward: str | None, remark: str, *, typed: bool = False
 ) -> Result:
     """One move.   typed : a person has set the gains in the drive, so that only the move tells whether they are those of the design."""
     record, verdict, asked = one
-    text = words.verdict_lines(verdict, asked, feedforward) + words.remarks_lines([remark] if remark else [])
-    if feedforward == "compliant":
-        text.append(
-            "`beltcomm apply` writes the gains that this move was driven with, and the drive's own feedforward; the host led the motor."
-        )
+    headline = headline_of(folder)
+    notes = ([remark] if remark else []) + (
+        ["apply writes the gains and the drive's own feedforward; in this move the host led the motor"]
+        if feedforward == "compliant"
+        else []
+    )
+    step = following(folder, headline, drive)
     if typed:
-        text.append(typed_words(verdict))
-    following = next_step(folder, drive, verdict.passed)
-    if typed and following.startswith("beltcomm apply"):
-        following = f"nothing more: save the gains with the maker's tool, and keep {folder.path}"
-    text.append(f"Next: {following}")
-    return Result({"run": str(folder.path), "recording": record, **verdict_to_dict(verdict)}, text, 0 if verdict.passed else 1)
+        notes.append(typed_words(verdict))
+        if step.command.startswith("beltcomm apply"):
+            step = Following(f"beltcomm report {pasted(folder.path)}", tr("save the gains with the maker's tool, and keep this run"))
+    text = [
+        Line(""),
+        *screens.headline_lines(headline),
+        Line(""),
+        *screens.tracking_lines(verdict),
+        *screens.warning_lines(notes),
+        *screens.next_lines(step),
+    ]
+    data = {"run": str(folder.path), "recording": record, **verdict_to_dict(verdict), "headline": headline.to_dict()}
+    details = [*words.verdict_lines(verdict, asked, feedforward), *words.remarks_lines(notes)]
+    return Result(data, text, 0 if verdict.passed else 1, details=details)
+
+
+@contextmanager
+def set_by_hand(drive: Drive, folder: RunFolder) -> Iterator[None]:
+    """Around a move with gains that only a person sets: a stop is first of all a word on those."""
+    try:
+        yield
+    except SafetyStop as problem:
+        if drive.capabilities.gains != "unknown" or problem.reason not in ("lag", "resonance"):
+            raise
+        raise SafetyStop(
+            f"{problem.args[0].partition('; ')[0]}; the axis was stopped. With the gains of the design it would not have been: type them "
+            f"in with the maker's tool first (`beltcomm design {pasted(folder.path)} --details` lists them), and look at the unit of each",
+            problem.reason,
+        ) from problem
 
 
 def as_predicted(verdict: Verdict) -> bool:
@@ -195,6 +236,7 @@ def _rungs_result(folder: RunFolder, path: Trajectory, driven: list[tuple[str, V
         missed = 1e6 * abs(last.measured.dynamic_m - last.predicted.dynamic_m)
         text.append(f"  the prediction knows the model only: at the motor it is {missed:.3g} µm off, expect no less at the carriage")
     text.append(
-        f"Next: beltcomm verify --drive DRIVE --run {pasted(folder.path)} --feedforward compliant --move FILE for a move of your own"
+        f"Next: beltcomm verify --drive {pasted(drive_of(folder))} --run {pasted(folder.path)} --feedforward compliant --move FILE"
+        "   (a move of your own)"
     )
     return Result({"run": str(folder.path), "rungs": data}, text)

@@ -238,16 +238,16 @@ class Scorer:
         vectors = [model.vector() for model in extended]
         if self.rough[0].observer is not None and not (acts_on_motor(effect) and effect.slot != "friction_onset"):
             return self.observed_innovations(effect, extended) - self.innovations_here[:, None]
-        parts = []
-        for i, piece in enumerate(self.rough):
-            motion = true_motion(self.model, piece.motion, self.vector)
-            if acts_on_motor(effect) or effect.slot in BEFORE_THE_LOAD:
-                changes = [self.change(effect, m, v, i, motion) for m, v in zip(extended, vectors, strict=True)]
-            else:
-                loads = belt_loads(extended[0], motion, vectors, [float(self.offsets[i])] * len(vectors))
-                changes = [self.as_read(i, load - self.parts[i].belt) for load in loads.T]
-            parts.append(in_noise(piece, self.model, self.vector, np.stack(changes, axis=1)))
+        parts = [in_noise(piece, self.model, self.vector, self.torques(effect, extended, vectors, i)) for i, piece in enumerate(self.rough)]
         return np.concatenate(parts)
+
+    def torques(self, effect: Effect, extended: Sequence[Model], vectors: Sequence[Array], i: int) -> Array:
+        """Changes of the residual of piece i, N m, (n, models).   extended, vectors : models that have the effect, and their values."""
+        motion = true_motion(self.model, self.rough[i].motion, self.vector)
+        if acts_on_motor(effect) or effect.slot in BEFORE_THE_LOAD:
+            return np.stack([self.change(effect, m, v, i, motion) for m, v in zip(extended, vectors, strict=True)], axis=1)
+        loads = belt_loads(extended[0], motion, list(vectors), [float(self.offsets[i])] * len(vectors))
+        return np.stack([self.as_read(i, load - self.parts[i].belt) for load in loads.T], axis=1)
 
     def observed_innovations(self, effect: Effect, extended: Sequence[Model]) -> Array:
         """Innovations of models that have the effect, over their deviations, (n, models)."""

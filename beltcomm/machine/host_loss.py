@@ -107,7 +107,7 @@ def chosen(machine: Machine, predicted: Prediction, ends_m: float) -> int:
 
 def words(guard_s: float, run_on_m: float) -> str:
     """One sentence for a plan or a step of it."""
-    return f"if the computer dies, the carriage runs on by {1e3 * run_on_m:.0f} mm at most ({1e3 * guard_s:.0f} ms of guard time)"
+    return f"PC or bus lost: coasts {1e3 * run_on_m:.0f} mm at most ({1e3 * guard_s:.0f} ms of guard time)"
 
 
 class RunOnWatch:

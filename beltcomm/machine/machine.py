@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
-from beltcomm.control import Cascade
+from beltcomm.control import Cascade, Feedforward, feedforward_torque
 from beltcomm.drive import COLUMNS, Drive, Guarding, Limits, LoopKind, Motion, Row
 from beltcomm.drive.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, SafetyStop, UsageError
@@ -24,6 +25,7 @@ from beltcomm.machine.closed_loop_watch import foreseen as foreseen_of
 from beltcomm.machine.closed_loop_watch import unwatched, within
 from beltcomm.machine.envelope import Room as Room
 from beltcomm.machine.envelope import stroking as stroking
+from beltcomm.machine.load import Load
 from beltcomm.machine.ratings import check_ratings
 from beltcomm.machine.restore_drive import leave
 from beltcomm.model import Model
@@ -33,7 +35,7 @@ from beltcomm.rundata.backups import keep_first
 from beltcomm.rundata.calibration import recall
 from beltcomm.runfolder import RunFolder
 from beltcomm.simulate.stopping import Braking, first_deceleration
-from beltcomm.talk import CarriagePosition, Talk
+from beltcomm.talk import CarriagePosition, Gauge, Talk, detail, found
 from beltcomm.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -82,6 +84,7 @@ class Machine:
         self.guarding: Guarding | None = None
         self.closed: tuple[Model, float] | None = None
         self.cascade: Cascade | None = None
+        self._sent: Feedforward | None = None  # with every reference, where the drive holds none itself
         self.machine_seconds = 0.0
         self.wanderings = 0
         self.planned_s: float | None = None
@@ -127,6 +130,15 @@ class Machine:
         self.talk.say(sentence)
         self.folder.journal(sentence)
         self.remarks.append(sentence)
+
+    def detail(self, sentence: str) -> None:
+        """What only some want to read while it happens."""
+        detail(self.talk, sentence)
+        self.folder.journal(sentence)
+
+    def found(self, name: str, value: str) -> None:
+        """A number that was found on the way."""
+        found(self.talk, name, value)
 
     def begin(self, title: str) -> None:
         """Tell that a phase begins, numbered among those to come."""
@@ -253,13 +265,13 @@ class Machine:
 
     def follow(self, trajectory: Trajectory, kind: LoopKind, torque_nm: Array | None = None) -> Motion:
         """A reference motion of the carriage for the drive's own position or velocity loop.   torque_nm : (n,), sent along with it."""
-        zero = np.zeros(len(trajectory.t_s))
+        speed = trajectory.velocity_m_s / self.ratio
         return Motion(
             kind,
             self.drive.capabilities.sample_period_s,
             self.origin_rad + trajectory.position_m / self.ratio,
-            trajectory.velocity_m_s / self.ratio,
-            zero if torque_nm is None else torque_nm,
+            speed,
+            self._along(speed, kind, torque_nm),
         )
 
     def stops_beyond(self, position_m: Array, speed_m_s: Array, spare_m: float = 0.0) -> str:
@@ -302,14 +314,14 @@ class Machine:
         Raises Refused, SafetyStop, DriveError, DataError.
         """
         if self.folder.finished(name) is not None:
-            self.talk.say(f"{name}: kept from the earlier run")
+            self.detail(f"{name}: kept from the earlier run")
             return self.folder.recording(name)
         self._check_stops(motion, foreseen)
         self.let_settle()
         writer = self.folder.new_recording(name, sidecar, COLUMNS)
         closed = foreseen_of(self, motion)
         zero, begun, total = self.origin_rad, self.drive.clock.now(), len(motion.torque_nm)
-        rows = 0
+        rows, load = 0, Load(self.axis, room)
 
         def sink(row: Row) -> None:
             nonlocal rows
@@ -317,9 +329,10 @@ class Machine:
             writer.write((t, torque, setpoint, position - zero, velocity, reference - zero, *others))
             closed.watch(row)
             watch(row)
+            load.see(row)
             rows += 1
             if rows % 200 == 0 and rows < total:  # a drive that makes its strokes by itself takes longer than planned
-                self.talk.moving(self._place(name, position, begun))
+                self.talk.moving(self._place(name, position, begun, load.gauges()))
                 self.talk.progress(rows / total, (total - rows) * motion.period_s)
 
         try:
@@ -344,11 +357,13 @@ class Machine:
             self.folder.withdraw(name)  # what cannot be used is no finished record: --resume makes it again
             raise
 
-    def _place(self, record: str, position_rad: float, begun_s: float) -> CarriagePosition:
+    def _place(self, record: str, position_rad: float, begun_s: float, gauges: tuple[Gauge, ...]) -> CarriagePosition:
         """Where the carriage is in a record that began at ``begun_s`` of the drive's clock."""
         gone = self.machine_seconds + self.drive.clock.now() - begun_s
         left = None if self.planned_s is None else max(0.0, self.planned_s - gone)
-        return CarriagePosition(record, self.ratio * (position_rad - self.origin_rad), self.full_room().window_m, self.place_known, left)
+        return CarriagePosition(
+            record, self.ratio * (position_rad - self.origin_rad), self.full_room().window_m, self.place_known, left, gauges
+        )
 
     @contextmanager
     def withdrawing(self) -> Iterator[None]:
@@ -388,5 +403,22 @@ class Machine:
         values = {n: v for n, v in cascade_to_parameters(cascade).items() if n in offered}
         stored = self.drive.write(values)
         self.folder.journal("wrote " + ", ".join(f"{n}={v:.6g}" for n, v in stored.items()))
-        self.cascade = parameters_to_cascade({"velocity_filter_s": 0.0, **offered, **stored})
-        return self.cascade
+        by_host = {"ff_velocity": cascade.feedforward.velocity} if self.sends_feedforward else {}
+        self.cascade = parameters_to_cascade({"velocity_filter_s": 0.0, **by_host, **offered, **stored})
+        if not self.sends_feedforward:
+            return self.cascade
+        self._sent = cascade.feedforward
+        return replace(self.cascade, feedforward=cascade.feedforward)
+
+    @property
+    def sends_feedforward(self) -> bool:
+        """Whether the drive takes a torque along with a reference and holds no feedforward of its own: the host computes and sends it."""
+        own = self.drive.capabilities
+        return own.structure.torque_feedforward and bool(own.torque_along) and "ff_coulomb_nm" not in self._backup
+
+    def _along(self, motion_rad_s: Array, kind: LoopKind, torque_nm: Array | None) -> Array:
+        """What is sent along with a reference, N m."""
+        along = np.zeros(len(motion_rad_s)) if torque_nm is None else torque_nm
+        if self._sent is None or kind not in self.drive.capabilities.torque_along:
+            return along
+        return along + feedforward_torque(self._sent, motion_rad_s, self.drive.capabilities.sample_period_s)

@@ -75,6 +75,8 @@ def braking_of(machine: Machine, sliding_nm: Callable[[float, float], float] | N
 def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, delay_s: float) -> Braking:
     """Set the quick stop to the hardest one that a loop makes without loading the belt too much; returns what is counted with."""
     capabilities, room = machine.drive.capabilities, machine.full_room()
+    if machine.sends_feedforward and machine.cascade is not None:
+        cascade = machine.cascade  # a quick stop has what stands in the drive
     low, high = room.window_m
     if machine.axis.mounting.tilted:
         machine.holding_nm = analyse.holding_nm(family[0])

@@ -5,9 +5,10 @@ The functions here import what draws only when they are called: it takes longer 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from beltcomm.given import Place, pasted, place, places
 from beltcomm.locks import changes_run
@@ -53,12 +54,15 @@ class Ended:
         Of the model over the noise.
     doubts : sequence of str
         What of the data sheets the model contradicts, in words.
+    sheets : sequence of dict
+        The same as numbers.
     """
 
     page: str | None
     line: str
     error: float | None = None
     doubts: Sequence[str] = ()
+    sheets: Sequence[Mapping[str, Any]] = ()
 
 
 def at_the_end(run: Path) -> Ended:
@@ -66,9 +70,10 @@ def at_the_end(run: Path) -> Ended:
     try:
         shown = report(run)
         made = shown.data
+        known = ((made.get("ratio") or {}).get("overall"), made["data_sheet_words"], made["data_sheet"])
         if made["page"] is None:
-            return Ended(None, f"Note: {shown.text[-1]}", (made.get("ratio") or {}).get("overall"), made["data_sheet_words"])
-        return Ended(str(made["page"]), f"Report: {made['page']}", (made.get("ratio") or {}).get("overall"), made["data_sheet_words"])
+            return Ended(None, f"Note: {shown.text[-1]}", *known)
+        return Ended(str(made["page"]), f"Report: {made['page']}", *known)
     except Exception as problem:  # an axis was commissioned, and its gains may be in the drive
         return Ended(None, f"Note: there is no report ({type(problem).__name__}: {problem}); beltcomm report {pasted(run)} makes one")
 

@@ -6,26 +6,21 @@ from collections.abc import Mapping
 from typing import Any
 
 from beltcomm.fit.noise_level import too_little
-from beltcomm.given import pasted
 from beltcomm.pages.gather import Gathered
 from beltcomm.report.page import Fact, State
+from beltcomm.rundata.headline import following, headline_of
 from beltcomm.sentences.ladder import error_words
 
+#: What the state of a headline means on a page.
+STATES: Mapping[str, State] = {"pass": "good", "fail": "bad", "doubt": "bad", "stale": "note", "open": "note"}
 #: Error over noise up to which a model explains a run.
 EXPLAINED = 1.1
 
 
 def verdict(run: Gathered) -> tuple[str, State]:
-    """One sentence on the axis, and what it means."""
-    moves = run.verifications
-    if not moves:
-        return "Not proven yet: no move has been driven with a design of this run.", "note"
-    last = list(moves.values())[-1]
-    if last["passed"] and not last.get("reservations"):
-        return "The axis meets its targets.", "good"
-    if last["passed"]:
-        return f"The move that was driven met its targets, but the axis does not: {'; '.join(last['reservations'])}.", "bad"
-    return "The axis misses its targets.", "bad"
+    """The headline, and what it means."""
+    found = headline_of(run.folder)
+    return found.text, STATES[found.state]
 
 
 def facts(run: Gathered) -> list[Fact]:
@@ -36,11 +31,11 @@ def facts(run: Gathered) -> list[Fact]:
 def _tracking(run: Gathered) -> Fact:
     moves = run.verifications
     if not moves:
-        return Fact("Tracking error", "not measured", "beltcomm verify drives a move and measures it", "note")
+        return Fact("Following error", "not measured", "beltcomm verify drives a move and measures it", "note")
     last: Mapping[str, Any] = list(moves.values())[-1]
     measured, predicted = last["measured"], last["predicted"]
     words = f"largest while moving; predicted {1e6 * predicted['dynamic_m']:.0f} µm; at rest {1e6 * measured['static_m']:.0f} µm"
-    return Fact("Tracking error, motor", f"{1e6 * measured['dynamic_m']:.0f} µm", words, "good" if last["passed"] else "bad")
+    return Fact("Following error, motor", f"{1e6 * measured['dynamic_m']:.0f} µm", words, "good" if last["passed"] else "bad")
 
 
 def _model(run: Gathered) -> Fact:
@@ -65,22 +60,6 @@ def _margin(run: Gathered) -> Fact:
 
 
 def next_steps(run: Gathered, called: str = "") -> list[str]:
-    """Commands in the order in which they help.   called : the run's folder as a terminal takes it; on a page, :attr:`Gathered.place`."""
-    name, virtual = called or run.place, run.folder.drive.get("hardware") == "virtual"
-    if not run.folder.axis.has_belt:  # the controller is designed for a carriage on a belt
-        return [f"beltcomm diagnose {pasted(name)}: what the model misses"]
-    if run.model is None:
-        return [f"beltcomm fit {pasted(name)}: a model of the records"]
-    steps = []
-    found = run.comparison
-    if found is not None and max(found.ratio, found.held_out or 0.0) > EXPLAINED:
-        steps.append(f"beltcomm diagnose {pasted(name)}: the model misses something; this says what, and what to check on the machine")
-    if not run.design:
-        steps.append(f"beltcomm design {pasted(name)}: gains with margins")
-    elif not run.verifications:
-        steps.append(f"beltcomm verify --drive DRIVE --run {pasted(name)}: a move that proves the gains")
-    elif virtual:
-        steps.append(f"beltcomm tune {pasted(name)}: the knobs of the design as sliders; a virtual drive keeps no gains")
-    elif list(run.verifications.values())[-1]["passed"]:
-        steps.append(f"beltcomm apply --drive DRIVE --run {pasted(name)}: the gains into the drive (--save keeps them beyond power-off)")
-    return steps
+    """The command that helps most.   called : the run's folder as a terminal takes it; on a page, :attr:`Gathered.place`."""
+    found = following(run.folder, headline_of(run.folder), called=called or run.place)
+    return [f"{found.command}: {found.why}"]

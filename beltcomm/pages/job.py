@@ -6,12 +6,15 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from beltcomm.configfiles import write_text
 from beltcomm.errors import UsageError
-from beltcomm.pages import axis, changes, first, gains, loops, missing, model, model_error, safety, tracking
+from beltcomm.pages import axis, changes, diagnosed, first, gains, loops, missing, model, model_error, safety, tracking
 from beltcomm.pages.gather import Gathered, gathered
 from beltcomm.report.page import Page, render
 from beltcomm.result import Result, jsonable, plain
+from beltcomm.rundata.headline import headline_of
 from beltcomm.sentences.cross_checks import sheet_lines
 from beltcomm.talk import Silence, Talk
 
@@ -19,6 +22,7 @@ from beltcomm.talk import Silence, Talk
 NAME = "report.html"
 #: Every part of the page, in the order shown.
 PARTS = (
+    diagnosed.section,
     tracking.section,
     gains.section,
     model.section,
@@ -70,7 +74,16 @@ def page_of(found: Gathered, before: Gathered | None = None) -> Page:
     first_part = [changes.section(before, found, changed)] if before is not None else []
     sentence, state = first.verdict(found)
     name, drive = found.folder.axis.name, found.folder.drive
-    subtitle = ", ".join(filter(None, [name, drive.get("device_name", ""), f"run {found.name}"]))
+    began, made_by, serial = found.folder.began_s, found.folder.made_by, drive.get("serial_number", "")
+    about = [
+        name,
+        drive.get("device_name", ""),
+        f"serial number {serial}" if serial else "",
+        f"run {found.name}",
+        f"begun {np.datetime64(round(began), 's')} UTC".replace("T", " ") if began is not None else "",
+        f"beltcomm {made_by}" if made_by else "",
+    ]
+    subtitle = ", ".join(filter(None, about))
     return Page(
         f"{name or 'Axis'}: report",
         subtitle,
@@ -90,6 +103,7 @@ def numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> d
     doubts = found.laboratory.sheets if found.laboratory is not None else ()
     return {
         "run": found.name,
+        "headline": headline_of(found.folder).to_dict(),
         "verdict": page.verdict,
         "state": page.state,
         "facts": [plain(fact) for fact in page.facts],

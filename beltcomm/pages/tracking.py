@@ -17,7 +17,7 @@ from beltcomm.report.tracking import TrackedMove, tracking_figure
 from beltcomm.rundata.offline import counts_of
 from beltcomm.rundata.store import cascade_from_dict, structure_from_dict
 from beltcomm.trajectory import Trajectory
-from beltcomm.verify import DYNAMIC_TARGET_M, Loop, predict_move
+from beltcomm.verify import Loop, predict_move
 
 #: Moves drawn beside each other: the first and the last of a run.
 SHOWN = 2
@@ -71,7 +71,8 @@ def _tracked(run: Gathered, recording: Recording) -> TrackedMove:
     error = (recording.reference_position - recording.position) * ratio
     moving = np.flatnonzero(np.abs(np.diff(reference)) > 0.0)
     end = float(recording.t_s[moving[-1] + 1]) if len(moving) else 0.0
-    return TrackedMove(recording.name, recording.t_s, reference, error, _predicted(run, recording, reference), DYNAMIC_TARGET_M, end)
+    target_m = run.folder.axis.targets.following_m
+    return TrackedMove(recording.name, recording.t_s, reference, error, _predicted(run, recording, reference), target_m, end)
 
 
 def _predicted(run: Gathered, recording: Recording, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from beltcomm.axis import Axis
 from beltcomm.configfiles import did_you_mean, read_yaml, write_text
 from beltcomm.errors import DataError, UsageError
 from beltcomm.given import pasted
@@ -26,7 +27,6 @@ from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.words import number
 from beltcomm.talk import Silence
-from beltcomm.verify import DYNAMIC_TARGET_M, STATIC_TARGET_M
 
 NAME = "trend.html"
 #: Times the time observed, from which on an extrapolation is called one.
@@ -67,9 +67,16 @@ LIMITS: Mapping[str, Limit] = {
     "cart.mass": Limit(-0.1, 0.1, "the feedforward sends torque for the mass found: 10 % of it are missing or too much"),
     "motor.inertia": Limit(-0.1, 0.1, "an inertia does not age: coupling or pulley slips, or the scale of the torque has changed"),
     "dead_time": Limit(None, 0.5, "half as late again takes the phase margin that the delay was designed with"),
-    "dynamic_error": Limit(None, DYNAMIC_TARGET_M, "the target of the move that verifies", absolute=True),
-    "static_error": Limit(None, STATIC_TARGET_M, "the target of the move that verifies", absolute=True),
 }
+
+
+def _targets(axis: Axis) -> dict[str, Limit]:
+    """What the newest run's axis is asked for, as limits."""
+    why = "the target" if axis.targets.stated else "the default target"
+    return {
+        "dynamic_error": Limit(None, axis.targets.following_m, f"{why} of the move that verifies", absolute=True),
+        "static_error": Limit(None, axis.targets.settled_m, f"{why} of the move that verifies", absolute=True),
+    }
 
 
 @dataclass(frozen=True)
@@ -113,12 +120,14 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
         raise UsageError("a trend needs at least two runs of one axis, and three to tell a course from chance")
     if dates and len(dates) != len(runs):
         raise UsageError(f"{len(dates)} dates for {len(runs)} runs; give --date once for each run, in the same order")
-    bounds = {**LIMITS, **_given(limits)}
     dated = sorted((_dated(run, dates[i] if dates else None) for i, run in enumerate(runs)), key=lambda one: one.t_s)
     known = {key for one in dated for key in one.found}
     if unknown := sorted(set(_given(limits)) - known):
         raise UsageError(f"no run knows {unknown[0]}{did_you_mean(unknown[0], sorted(known))}; there are {', '.join(sorted(known))}")
     folders = [RunFolder.open(run) for run in runs]
+    given_dates: list[str | None] = [*dates] or [None] * len(runs)
+    asked = max(zip(folders, given_dates, strict=True), key=lambda one: _time_of(*one)[0])[0]
+    bounds = {**LIMITS, **(_targets(asked.axis) if asked.has_axis else {}), **_given(limits)}
     remarks = _remarks(folders, dated)
     followed = [
         one

@@ -27,7 +27,7 @@ from beltcomm.rundata.offline import structure_of
 from beltcomm.rundata.revisions import Revision, keep_cost, model_named
 from beltcomm.runfolder import RunFolder
 from beltcomm.trajectory import Trajectory, held, plan_trajectory
-from beltcomm.verify import MOVE_M, REST_S, Loop, TrackingError, demand, predict_move, predict_range, tracking_error
+from beltcomm.verify import REST_S, Loop, TrackingError, demand, predict_move, predict_range, tracking_error
 
 if TYPE_CHECKING:  # the report, which searches for nothing, uses this module too
     from beltcomm.laboratory.diagnosis import Diagnosis
@@ -137,12 +137,13 @@ def cost_lines(cost: Cost | None, reason: str, name: str) -> list[str]:
 
 
 def offline_move(axis: Axis, model: Model, period_s: float) -> Trajectory:
-    """The standard move 0 to 0.5 m with T_A, or what of it travel and limits allow.   Raises Refused when nothing is left of it."""
-    low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or MOVE_M)
+    """The move of the targets, or what of it travel and limits allow.   Raises Refused when nothing is left of it."""
+    way = axis.targets.way_m
+    low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or way)
     margin = ROOM_SHARE * (high - low)
-    start = 0.0 if low <= 0.0 and high >= MOVE_M else low + margin
-    end = min(start + MOVE_M, high - margin)
-    limits = axis.trajectories.get("T_A") or USUAL
+    start = 0.0 if low <= 0.0 and high >= way else low + margin
+    end = min(start + way, high - margin)
+    limits = axis.trajectories.get(axis.targets.limits) or USUAL
     share = 1.0
     while share > 0.02:
         slower = replace(

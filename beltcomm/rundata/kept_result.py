@@ -12,7 +12,7 @@ from beltcomm.errors import BeltcommError
 from beltcomm.journal import EVENTS, TEXT
 from beltcomm.outside import sha256_of
 from beltcomm.programs import source_hash
-from beltcomm.result import Result, Row, plain
+from beltcomm.result import Line, Result, Row, plain
 from beltcomm.runfolder import RunFolder
 
 #: Parts of a run folder that no result rests on, beside hidden files: foreign files before they became records, what is kept, drawn, told
@@ -31,14 +31,19 @@ def answered(folder: RunFolder, name: str, question: Sequence[object], make: Cal
     try:
         pictures = found["data"]["pictures"] if found and drawn else []
         if found and bool(pictures) is drawn and all((folder.path / picture).is_file() for picture in pictures):
-            return Result(found["data"], [_line(kept) for kept in found["text"]], int(found["exit_code"]))
+            shown = [_line(kept) for kept in found["text"]]
+            return Result(found["data"], shown, int(found["exit_code"]), details=[_line(kept) for kept in found["details"]])
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
         caches.damaged(path)
     made = make()
-    result = Result(plain(made.data), made.text, made.exit_code)
+    result = Result(plain(made.data), made.text, made.exit_code, details=made.details)
     if not key:
         return result
-    caches.keep(path, key, {"data": result.data, "text": [_kept(line) for line in result.text], "exit_code": result.exit_code})
+    caches.keep(
+        path,
+        key,
+        {"data": result.data, "text": [*map(_kept, result.text)], "details": [*map(_kept, result.details)], "exit_code": result.exit_code},
+    )
     return result
 
 
@@ -59,8 +64,12 @@ def _key(folder: RunFolder, name: str, question: Sequence[object]) -> str:
 
 
 def _kept(line: str) -> str | list[object]:
+    if isinstance(line, Line):
+        return [list(part) for part in line.parts]
     return [str(line), line.cells, line.right, line.head] if isinstance(line, Row) else line
 
 
 def _line(kept: str | list[Any]) -> str:
-    return kept if isinstance(kept, str) else Row(*kept)
+    if isinstance(kept, str):
+        return kept
+    return Line(*((str(text), str(style)) for text, style in kept)) if isinstance(kept[0], list) else Row(*kept)

@@ -11,7 +11,6 @@ from beltcomm.design.margins import Margins
 from beltcomm.drive.parameters import cascade_to_parameters
 from beltcomm.errors import Declined, Refused
 from beltcomm.fit.model_fit import SUSPECT_MISFIT
-from beltcomm.given import pasted
 from beltcomm.rundata.calibration import RESULT
 from beltcomm.rundata.revisions import revisions
 from beltcomm.rundata.store import saved_design
@@ -123,15 +122,6 @@ def admit(folder: RunFolder, talk: Talk, *, yes: bool, force: bool) -> None:
         raise Refused(f"nothing was written: {found}; verify the design first, or write it all the same with --force")
     if not talk.confirm("Write them all the same?"):
         raise Declined("nothing was written, as you said")
-
-
-def next_step(folder: RunFolder, drive: str, passed: bool) -> str:
-    """The command after a verification move: never to write gains that are in doubt."""
-    if suspect(folder):
-        return f"beltcomm diagnose {pasted(folder.path)}"
-    if not passed:
-        return f"beltcomm design {pasted(folder.path)}"
-    return f"beltcomm {'verify' if doubts(folder) else 'apply'} --drive {pasted(drive)} --run {pasted(folder.path)}"
 
 
 def suspect(folder: RunFolder) -> bool:

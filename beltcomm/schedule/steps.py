@@ -100,7 +100,7 @@ class Step:
         }[self.kind]
         held = ", held out" if self.held_out else ""
         if self.kind == "response" and self.share < LOUD and not self.held_out:
-            what = "quiet response"
+            what = "small-amplitude response"
         return f"{what}{f' at {place_m:.2f} m' if self.here else ''}{held}"
 
     def to_dict(self) -> dict[str, Any]:

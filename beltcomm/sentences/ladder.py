@@ -130,9 +130,11 @@ def after_diagnosis(found: Diagnosis, run: Path, planned: str = "") -> list[str]
     sure = {name for name in found.added_effects if name not in open_}
     certain = [name for name in found.added_effects if name not in along and sure & {name, *parts[name]}]
     if certain and found.verdict != NONE_EXPLAINS:
-        return [f"Next: {', then '.join(f'beltcomm add {name} {pasted(run)}' for name in certain)}"]
+        if len(certain) > 1:
+            return [f"Next: beltcomm improve {pasted(run)}   (adds {' and '.join(certain)}, and designs again)"]
+        return [f"Next: beltcomm add {certain[0]} {pasted(run)}   (fits everything again with it)"]
     if found.verdict != "nothing missing":
-        return [f"Next: beltcomm compare {pasted(run)} shows where the error sits; look there on the machine."]
+        return [f"Next: beltcomm compare {pasted(run)}   (shows where the error sits; look there on the machine)"]
     return [f"Next: beltcomm report {pasted(run)}   (nothing is missing in the model: everything known of the axis on one page)"]
 
 
@@ -257,7 +259,7 @@ def change_lines(
         lines.append(
             "Warning: without it records that were not fitted fit worse. It is out all the same, and `design` rests on this model."
         )
-    lines += [f"Saved as {rung.name}.", f"Next: beltcomm compare {pasted(run)}, or beltcomm ladder {pasted(run)}"]
+    lines += [f"Saved as {rung.name}.", f"Next: beltcomm design {pasted(run)}   (gains of the model as it is now)"]
     return lines
 
 

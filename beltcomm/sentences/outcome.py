@@ -2,41 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from beltcomm.configfiles import write_text
-from beltcomm.drive import simulated
 from beltcomm.experiments import holding
 from beltcomm.given import pasted
 from beltcomm.identify.final import FinalModel
-from beltcomm.result import plain
-from beltcomm.rundata import analyse
+from beltcomm.language import tr
+from beltcomm.result import Line, plain
+from beltcomm.rundata import analyse, offline
+from beltcomm.rundata.behind import RECORDS
 from beltcomm.rundata.delays import delay
 from beltcomm.rundata.findings import Findings
+from beltcomm.rundata.headline import OF, OWN, following, hashes_of, headline_of
 from beltcomm.rundata.kept_fit import keep_fit
 from beltcomm.rundata.kept_path import KEY
 from beltcomm.rundata.store import design_to_dict, fit_to_dict, verdict_to_dict
 from beltcomm.runfolder import RunFolder
-from beltcomm.sentences import friction, typed_gains, words
+from beltcomm.sentences import friction, screens, typed_gains, words
 from beltcomm.sentences.torque_path import path_data, path_lines, period_of
 
 
 def save(folder: RunFolder, findings: Findings) -> None:
     """Everything known into the run folder: models, designs, results."""
+    model = findings.final.fit.model if findings.final is not None else None
     if findings.final is not None:
         folder.save_model("final", findings.final.fit.model.to_dict())
-        folder.save_result("fit", fit_dict(findings.final, findings))
+        folder.save_result("fit", {**fit_dict(findings.final, findings), RECORDS: folder.finished_names()})
         keep_fit(folder, findings.final.fit.data, findings.final.fit.fitted, findings.final.fit.model)
     if findings.friction is not None:
         folder.save_result("friction", plain(findings.friction))
     if findings.standstill is not None:
         folder.save_result("standstill", plain(findings.standstill))
     if findings.design is not None:
-        folder.save_design("final", design_dict(findings))
+        folder.save_design("final", {**design_dict(findings), OF: hashes_of(findings.cascade, model) if findings.cascade else {}})
     if findings.verdict is not None:
-        verdict = {**verdict_to_dict(findings.verdict), "proof": plain(findings.proof), "reservations": findings.reservations}
+        driven = findings.proof.get("gains") if isinstance(findings.proof, Mapping) else None
+        proven = {"proof": plain(findings.proof), OF: hashes_of(driven or {}, model), **({OWN: True} if findings.own_loop else {})}
+        verdict = {**verdict_to_dict(findings.verdict), **proven, "reservations": findings.reservations}
         folder.save_result(f"verify_{findings.move_name}", verdict)
 
 
@@ -65,6 +71,7 @@ def data(folder: RunFolder, findings: Findings) -> dict[str, Any]:
     """Everything that was found, for ``--json``."""
     found: dict[str, Any] = {
         "run": str(folder.path),
+        "headline": headline_of(folder).to_dict(),
         "machine_seconds": findings.machine_seconds,
         "remarks": findings.remarks,
         "reservations": findings.reservations,
@@ -115,23 +122,40 @@ def gravity_text(folder: RunFolder, findings: Findings) -> list[str]:
     return [*holding.lines(findings.holding), *fits]
 
 
-def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known: bool) -> list[str]:
-    """The first model, where the recordings are, and what to do next: with a reference, or to get one."""
-    text = [
-        *model_text(findings),
-        *gravity_text(folder, findings),
-        *words.remarks_lines(findings.remarks),
-        f"Recordings are in {folder.recordings_folder}.",
-    ]
-    if place_known:
-        return [*text, f"Next: beltcomm friction --drive {pasted(drive)} --run {pasted(folder.path)}"]
+def model_screen(folder: RunFolder, findings: Findings) -> list[Line]:
+    """What is known of the axis so far, on a screen: axis, model, friction, and what to look at."""
+    final = findings.final
+    if final is None:
+        return screens.warning_lines(findings.remarks)
+    delay_s = findings.dead_time.value_s if findings.dead_time is not None else None
     return [
-        *text,
-        "Not possible as long as nobody knows where the carriage stands: other places, the friction sweep, the move that verifies.",
-        f"Next: measure where the carriage stands, or let the drive find its zero: "
-        f"beltcomm commission --drive {pasted(drive)} --position METRES (or --home); or go on with this run: "
-        f"beltcomm friction --drive {pasted(drive)} --run {pasted(folder.path)} --position METRES",
+        *screens.axis_lines(final.fit.model, offline.middle_m(folder.axis), delay_s),
+        *([screens.friction_line(findings.friction)] if findings.friction is not None else []),
+        screens.model_line(math.sqrt(final.fit.misfit), final.fit.suspect),
+        *screens.warning_lines([*screens.sheet_words(plain(list(findings.sheets))), *final.fit.remarks, *findings.remarks]),
     ]
+
+
+def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known: bool) -> tuple[list[str], list[str]]:
+    """The first model on a screen, with what to do next; and everything behind it."""
+    details = [*model_text(findings), *gravity_text(folder, findings), *words.remarks_lines(findings.remarks)]
+    name = folder.axis.name or tr("the axis")
+    shown = [
+        Line(""),
+        Line("  ", (tr("MEASURED"), "good"), "   ", (tr("{name}: a first model, from where the carriage stands", name=name), "title")),
+        Line(""),
+        *model_screen(folder, findings),
+        Line("  ", tr("Recordings are in {folder}", folder=folder.recordings_folder)),
+    ]
+    run = f"beltcomm friction --drive {pasted(drive)} --run {pasted(folder.path)}"
+    if place_known:
+        return [*shown, f"Next: {run}   (strokes over the whole travel)"], details
+    return [
+        *shown,
+        "  Not possible yet: other places, the friction sweep, the verification move. They need to know",
+        "  where the carriage stands: measure it (--position), or let the drive find its zero (--home).",
+        f"Next: {run} --position METRES   (strokes over the whole travel)",
+    ], details
 
 
 def keep_text(folder: RunFolder, text: list[str]) -> None:
@@ -139,106 +163,90 @@ def keep_text(folder: RunFolder, text: list[str]) -> None:
     write_text(folder.path / "verdict.txt", "\n".join(text) + "\n")
 
 
+class Ended(Protocol):
+    """What a report tells of a run that was just commissioned: see :class:`beltcomm.pages.Ended`."""
+
+    @property
+    def error(self) -> float | None:
+        """Of the model over the noise."""
+        ...
+
+    @property
+    def doubts(self) -> Sequence[str]:
+        """What of the data sheets the model contradicts, in sentences."""
+        ...
+
+    @property
+    def sheets(self) -> Sequence[Mapping[str, Any]]:
+        """The same as numbers."""
+        ...
+
+
+#: A remark that nobody has to act on.
+UNHURRIED = "not recorded, for "
+
+
 @dataclass(frozen=True)
 class Ending:
-    """What a commissioning says at its end.   top : verdict, next command, what was proven, model, gains.   details : for whoever checks.
+    """What a commissioning says at its end.   screen : the answer.   details : for whoever checks.   warnings : of the report."""
 
-    bottom : notes, where the files are, and the next command once more, above which a terminal may have scrolled.
-    """
-
-    top: list[str]
+    screen: list[Line]
     details: list[str]
-    bottom: list[str]
 
-    def whole(self) -> list[str]:
+    def whole(self, closing: Sequence[str]) -> list[str]:
         """For ``verdict.txt``."""
-        return [*self.top, *(["", "Details:", *self.details] if self.details else []), *self.bottom]
-
-    def short(self) -> list[str]:
-        """For the terminal."""
-        return [*self.top, *self.bottom]
+        return [*self.screen, *closing, "", "Details:", *self.details]
 
 
-def commission_text(
-    folder: RunFolder, findings: Findings, drive: str, *, page: str = "", error: float | None = None, doubts: Sequence[str] = ()
-) -> Ending:
-    """The verdict first, then what to do next, everything behind it, and where the files are.
-
-    page : a line on the report.   error : of the model over the noise, as the report has it.   doubts : of the data sheets, likewise.
-    """
-    passed = findings.verdict is not None and findings.verdict.passed
-    suspect = findings.final is None or findings.final.fit.suspect
+def commission_text(folder: RunFolder, findings: Findings, ended: Ended | None = None) -> Ending:
+    """The answer on a screen, and everything behind it.   ended : what the report says of the run; None where there is none yet."""
+    error = ended.error if ended is not None else None
+    final = findings.final
     typed = typed_gains.of_run(folder, findings.cascade) if findings.own_loop and findings.cascade else []
-    state = {
-        "restore": "The drive has its old gains again",
-        "keep": "The new gains are in the drive until power-off",
-        "save": "The new gains are saved in the drive",
-    }[findings.applied]
-    headline = {
-        (True, False): "The axis meets its targets.",
-        (False, False): "The axis misses its targets.",
-        (True, True): "The move met its targets, but the model does not explain what was measured: do not trust its numbers yet.",
-        (False, True): "The axis misses its targets, and the model does not explain what was measured.",
-    }[passed, suspect]
-    if findings.own_loop and not suspect:
-        headline = _own_headline(findings)
-    elif passed and not suspect and findings.reservations:
-        headline = f"The move that was driven met its targets, but the axis does not: {'; '.join(findings.reservations)}."
-    following = _following(folder, findings, drive)
-    top = [
-        headline,
-        f"Next: {following}",
-        "",
+    warnings = [
+        *findings.reservations,
+        *screens.sheet_words(ended.sheets if ended is not None else ()),
+        *(r for r in findings.remarks if not r.startswith(UNHURRIED)),
+    ]
+    answer = [Line(""), *screens.headline_lines(headline_of(folder)), Line("")]
+    if findings.verdict is not None:
+        answer += [*screens.tracking_lines(findings.verdict), Line("")]
+    if final is not None:
+        delay_s = findings.dead_time.value_s if findings.dead_time is not None else None
+        level = math.sqrt(final.fit.misfit) if error is None else error
+        answer += [
+            *screens.axis_lines(final.fit.model, offline.middle_m(folder.axis), delay_s),
+            screens.model_line(level, final.fit.suspect),
+        ]
+    if findings.design is not None and findings.cascade is not None:
+        answer += screens.design_screen(findings.design, findings.cascade)
+    answer += [Line(" " * 12, (tr("this drive's gains can only be typed in: --details has them"), "note"))] if typed else []
+    answer += screens.warning_lines(warnings)
+    details = [
         *(words.verdict_lines(findings.verdict, findings.demand) if findings.verdict else []),
         *model_text(findings, error=error, compared=False),
-        *(f"  {doubt}" for doubt in doubts),
+        *(f"  {doubt}" for doubt in (ended.doubts if ended is not None else ())),
         *gravity_text(folder, findings),
         *(words.design_lines(findings.design, findings.cascade) if findings.design and findings.cascade else []),
         *typed,
-    ]
-    details = [
         *(words.friction_lines(findings.friction) if findings.friction else []),
         *friction.standstill_lines(findings.standstill),
         *words.thesis_lines(findings.thesis),
-    ]
-    bottom = [
         *words.remarks_lines(findings.remarks),
-        "",
-        f"{findings.machine_seconds:.0f} s on the machine. Everything is in {folder.path}, this and the details in verdict.txt.",
-        *([page] if page else []),
-        f"{'The drive has the gains that a person has set in it' if findings.own_loop else state}. Next: {following}",
+        f"{findings.machine_seconds:.0f} s on the machine.",
     ]
-    return Ending(top, details, bottom)
+    return Ending(answer, details)
 
 
-def _own_headline(findings: Findings) -> str:
-    """Of a drive whose gains only a person sets."""
-    known = "The axis is identified and gains are designed; this drive's gains can only be typed in."
-    if findings.verdict is None:
-        return f"{known} No move was driven."
-    met = "meets" if findings.verdict.passed else "misses"
-    return f"{known} With those that stand in it now, the axis {met} its targets."
-
-
-def _following(folder: RunFolder, findings: Findings, drive: str) -> str:
-    """The command after a commissioning."""
-    run = pasted(folder.path)
-    if findings.final is None or findings.final.fit.suspect:
-        return f"beltcomm diagnose {run}"
-    if findings.own_loop and findings.succeeded:
-        return f"nothing has to be typed in: the loop in the drive does; gains for another one: beltcomm design {run}"
+def closing(folder: RunFolder, findings: Findings, drive: str, page: str = "") -> list[str]:
+    """Where the report is, what became of the gains, and the command to type next."""
+    state = {
+        "restore": tr("old gains restored"),
+        "keep": tr("new gains kept until power-off"),
+        "save": tr("new gains saved in the drive"),
+    }[findings.applied]
     if findings.own_loop:
-        return f"type these gains in with the maker's tool, then beltcomm verify --drive {pasted(drive)} --run {run}"
-    if findings.succeeded and simulated(drive) and findings.applied == "restore":
-        return f"beltcomm tune {run}   (other gains on a page; a virtual drive keeps none)"
-    if not findings.succeeded:
-        return (
-            "what would help stands above: other parts of the drive's controller, a drive that has them, or slower moves "
-            f"(beltcomm verify --drive {pasted(drive)} --run {run} --move FILE)"
-            if findings.reservations
-            else f"look at the remarks above, then beltcomm design {run} and beltcomm verify --drive {pasted(drive)} --run {run}"
-        )
-    if findings.applied == "restore":
-        return f"beltcomm apply --drive {pasted(drive)} --run {run}   (--save keeps them beyond power-off)"
-    undo = " --save" if findings.applied == "save" else ""
-    return f"beltcomm rollback --drive {pasted(drive)} --run {run}{undo} undoes it" + words.lasting(drive)
+        state = tr("the gains that a person has set stand in the drive")
+    step = following(folder, headline_of(folder), drive, applied=findings.applied)
+    where = page or tr("Run {run}", run=folder.path)
+    return [Line("  ", where, "   ", (f"({state})", "soft")), *screens.next_lines(step)]

@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm.axis import Axis, load_axis
+from beltcomm.axis.entries import NO_TARGETS
 from beltcomm.configfiles import did_you_mean, find_config, read_yaml
 from beltcomm.control import Cascade
 from beltcomm.design.compensation import compensation
 from beltcomm.drive.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import DataError, UsageError
-from beltcomm.jobs.tune import move_of
+from beltcomm.jobs.design import move_of
 from beltcomm.model import PlantFile, load_plant
 from beltcomm.outside import read_text
 from beltcomm.quantities import parse_quantity
@@ -30,7 +31,7 @@ from beltcomm.study.members import Commissioned, Doing, Fleet, MemberTracking, W
 from beltcomm.study.population import Population, Values, nominal_of, population_from, units_of
 from beltcomm.study.tracking import SharedInput, Targets
 from beltcomm.trajectory import held, load_move
-from beltcomm.verify import DYNAMIC_TARGET_M, REST_S, STATIC_TARGET_M, Loop
+from beltcomm.verify import REST_S, Loop
 
 ENTRIES = ("name", "about", "each", "base", "members", "seed", "population", "ageing", "hidden", "move", "targets")
 BASE_ENTRIES = ("run", "plant", "axis", "gains", "runs")
@@ -105,7 +106,7 @@ def _study_in(path: Path, data: Mapping[str, Any], doing: Doing) -> Study:
     count, seed = _whole(data, "members", MEMBERS, 1), _whole(data, "seed", 0, 0)
     told = data.get("targets") or {}
     _known(told, ("dynamic", "static"), "targets")
-    targets = Targets(_target(told, "dynamic", DYNAMIC_TARGET_M), _target(told, "static", STATIC_TARGET_M))
+    targets = Targets(_target(told, "dynamic", NO_TARGETS.following_m), _target(told, "static", NO_TARGETS.settled_m))
     if each == "track":
         ground, words = _ground(path, data, base, targets)
         model, delay_s, start_m = ground.model, ground.loop.delay_s, ground.start_m

@@ -11,6 +11,7 @@ from io import RawIOBase
 from pathlib import Path
 from typing import Any
 
+from beltcomm import atomic
 from beltcomm.configfiles import find_config, to_yaml, write_text
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.given import pasted
@@ -98,7 +99,7 @@ def _computed(
         talk.phase(1, 1, f"{asked.each} {len(open_members)} members")
         done = 0  # in this session: what was there before says nothing of how long the others take
         _cut(out / MEMBERS)
-        with open(out / MEMBERS, "ab", buffering=0) as members:
+        with open(atomic.appending(out / MEMBERS), "ab", buffering=0) as members:
             for made in answers(partial(lines_of, asked.work), tasks, workers=workers, scheduler=scheduler, talk=talk):
                 if any(line["program"] != source_hash() for line in made):  # a worker that joined later
                     raise Refused("a worker has another beltcomm than this computer; install the same one there. What is done is kept")
@@ -252,7 +253,7 @@ def read_members(path: Path) -> list[Line]:
             int(line["member"]), str(line["key"]), dict(line["values"]), int(line["exit_code"])
             if not isinstance(line.get("found"), dict) and "error" not in line:
                 raise ValueError("it has neither result nor error")
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, OverflowError) as error:
             raise DataError(f"{path} is damaged in line {number} ({error}); delete that line, and its member is computed again") from error
         lines.append(line)
     return lines

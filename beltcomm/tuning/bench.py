@@ -19,6 +19,7 @@ from beltcomm.design.loops import sample_plants
 from beltcomm.design.margins import Margins, margins_on
 from beltcomm.design.specification import Specification
 from beltcomm.errors import Refused, UsageError
+from beltcomm.trajectory import Trajectory
 from beltcomm.tuning.curves import OpenLoops, Responses, open_loop_curves, responses, span_s
 from beltcomm.tuning.ground import RANGES, DesignInput, SliderSetting, key_of
 from beltcomm.tuning.reach import Reach, reach_of, table_of
@@ -132,6 +133,12 @@ class Bench:
             ground.move.velocity_m_s[::every],
             path.saturated,
         )
+
+    def drive(self, move: Trajectory) -> None:
+        """Another move whose error is predicted from now on."""
+        with self._lock:
+            self.ground = replace(self.ground, move=move)
+            self._kept = {key: kept for key, kept in self._kept.items() if key[0] != "tracked"}
 
     def present_tracked(self, shown_kg: float) -> TrackingPrediction:
         """:meth:`tracked` of the run's present design."""

@@ -51,8 +51,8 @@ def changes(present: tuple[Cascade, WorstMargins], new: tuple[Cascade, WorstMarg
 def error_changes(present: TrackingError, new: TrackingError) -> tuple[TuningChange, ...]:
     """Predicted errors of the move at the motor."""
     return (
-        _judged("predicted dynamic error", "mm", 1e3 * present.dynamic_m, 1e3 * new.dynamic_m, False, SAME_PRODUCT),
-        _judged("predicted static error", "µm", 1e6 * present.static_m, 1e6 * new.static_m, False, SAME_PRODUCT),
+        _judged("predicted following error", "mm", 1e3 * present.dynamic_m, 1e3 * new.dynamic_m, False, SAME_PRODUCT),
+        _judged("predicted settled error", "µm", 1e6 * present.static_m, 1e6 * new.static_m, False, SAME_PRODUCT),
     )
 
 

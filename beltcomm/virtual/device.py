@@ -114,6 +114,7 @@ class VirtualDrive:
             self._reset,
             lambda: self._servo.communication_lost(Code.LIFE_GUARD),
             loops.ticks_per_ms,
+            kind.after_loss,
         )
         entry, has = self._dictionary.entry, self._dictionary.has
         self._silent = False

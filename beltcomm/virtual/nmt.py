@@ -21,6 +21,7 @@ class Nmt:
 
     send : puts data under 700h + node ID on the bus.   state_changed(old, new) : called on every change of state.
     reset(node) : the master resets the node (True) or its communication.   master_lost : guarding or heartbeat ran out.
+    after_loss : in place of 1029h:1 where the drive has none.
     """
 
     def __init__(
@@ -32,9 +33,10 @@ class Nmt:
         reset: Callable[[bool], None],
         master_lost: Callable[[], None],
         ticks_per_ms: float = 1.0,
+        after_loss: int = 0,
     ) -> None:
         self.state = BOOTING
-        self._per_ms = ticks_per_ms
+        self._per_ms, self._after_loss = ticks_per_ms, after_loss
         self._node_id = node_id
         self._send = send
         self._state_changed = state_changed
@@ -42,7 +44,8 @@ class Nmt:
         self._master_lost = master_lost
         self._producer_ms = dictionary.entry(0x1017)
         self._consumer = dictionary.entry(0x1016, 1)
-        self._behaviour = dictionary.entry(0x1029, 1) if dictionary.has(0x1029, 1) else None
+        behaviour = dictionary.entry(0x1029, 1) if dictionary.has(0x1029, 1) else None
+        self._behaviour = None if behaviour is None or behaviour.row.access == "none" else behaviour
         self._guard_time_ms = dictionary.entry(0x100C)
         self._life_time_factor = dictionary.entry(0x100D)
         self._producer_ms.changed = self._restart_producer
@@ -113,7 +116,7 @@ class Nmt:
     def _lost(self) -> None:
         """The application hears of it first: in the state Stopped no emergency goes out any more."""
         self._master_lost()
-        after = None if self._behaviour is None else _AFTER_LOSS.get(self._behaviour.value)
+        after = _AFTER_LOSS.get(self._after_loss if self._behaviour is None else self._behaviour.value)
         if after is not None and self.state == OPERATIONAL:
             self.state = after
             self._state_changed(OPERATIONAL, after)

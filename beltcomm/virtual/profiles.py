@@ -51,8 +51,9 @@ class VirtualProfile:
     period_at_reset : 60C2h becomes active at the next reset; else at once.   enable_inputs : their bits in 60FDh, stage and controller.
     peak_torque_units : torques are told so that the motor's peak torque is this many; 0: in 0.1 % of the rated one.
     cycle_s : of its loops; the bus ticks with it.
-    sdo_delay_ms : before an answer.   enable_ms : until the stage is on.   instruments : of its torque path, where the plant file
-    has none.   tells_zero : in bit 15 of the statusword, which CiA 402 leaves to the maker.   aliases : a quantity's second number.
+    after_loss : as 1029h:1, of a drive without it.   sdo_delay_ms : before an answer.   enable_ms : until the stage is on.
+    instruments : of its torque path, where the plant file has none.   aliases : a quantity's second number.
+    tells_zero : in bit 15 of the statusword, which CiA 402 leaves to the maker.
     """
 
     name: str
@@ -74,6 +75,7 @@ class VirtualProfile:
     peak_torque_units: float = 0.0
     cycle_s: float = 1e-3
     sdo_delay_ms: float = 0.0
+    after_loss: int = 0
     enable_ms: float = 0.0
     instruments: Instruments = IDEAL
     aliases: tuple[tuple[tuple[int, int], tuple[int, int]], ...] = ()
@@ -225,7 +227,7 @@ def _cmmp_rows(node_id: int, motor: Nameplate, counts: int) -> list[ObjectRow]:
         *communication_rows(node_id, "CMMP-AS", vendor=0x1D, product=0),
         ObjectRow(0x1016, 1, "u32", "ro", 0, "no heartbeat consumer"),
         *pdo_rows(node_id, longest_map=4, event_timer=False),
-        *drive_rows(motor, _mode_bits(_CMMP_MODES), frozenset({2})),
+        *drive_rows(motor, _mode_bits(_CMMP_MODES), frozenset({2}), homing_method=35),
         *motion_rows(rev_per_s=60.0, rev_per_s2=60.0),
         *never_write,
         *cycle_times,
@@ -300,10 +302,11 @@ CMMP_AS = VirtualProfile(
     gain_objects=(0x60F9, 0x60FB),
     modes=_CMMP_MODES,
     pdos=PdoRules(type_254_is_cyclic=True),
-    homing=frozenset({17, 18, 35, 37}),
+    homing=frozenset({1, 2, 17, 18, 33, 34, 35}),
     quick_stops=frozenset({2}),
     following_error_faults=False,
     i2t_faults=False,
+    after_loss=1,  # whether a CMMP-AS leaves Operational then is not published
     period_at_reset=True,
     vendor_bits=True,
     enable_inputs=1 << 20 | 1 << 21,

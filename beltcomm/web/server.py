@@ -43,13 +43,24 @@ Answers = Mapping[str, Callable[[Any], Mapping[str, Any]]]
 
 @dataclass(frozen=True)
 class PageFiles:
-    """NAME.html, NAME.css and NAME.js of this package, and no other file."""
+    """What a page is made of, by the names under which a browser asks, and no other file.   html : of the page itself.   beside : of
+    others, each with its place in this package."""
 
-    name: str
+    html: str
+    beside: Mapping[str, str]
 
-    def text(self, kind: str) -> str:
-        """The file of a kind."""
-        return files("beltcomm.web").joinpath(f"{self.name}.{kind}").read_text(encoding="utf-8")
+    def text(self, name: str = "") -> str:
+        """A file by its name; without one the page.   Raises KeyError for one that is no part of it."""
+        place = self.beside[name] if name else self.html
+        return files("beltcomm.web").joinpath(place).read_text(encoding="utf-8")
+
+
+#: The page of ``beltcomm open``.
+PAGE = PageFiles(
+    "open.html",
+    {name: name for name in ("open.css", "open.js", "chart.js", "laboratory.js", "design.js", "live.js", "runs.js")}
+    | {name: f"vendor/{name}" for name in ("uPlot.iife.min.js", "uPlot.min.css")},
+)
 
 
 @dataclass(frozen=True)
@@ -68,7 +79,7 @@ def application(page: PageFiles, answers: Answers, token: str) -> WSGIApplicatio
     or from another site's page forbidden.
     """
     rules = [Rule("/<secret>/", endpoint="html", methods=["GET"])]
-    rules += [Rule(f"/<secret>/{page.name}.{kind}", endpoint=kind, methods=["GET"]) for kind in ("css", "js")]
+    rules += [Rule(f"/<secret>/{name}", endpoint=f"file {name}", methods=["GET"]) for name in page.beside]
     rules += [Rule(f"/<secret>/{name}", endpoint=f"answer {name}", methods=["POST"]) for name in answers]
     places = Map(rules, strict_slashes=True, redirect_defaults=False)
 
@@ -77,9 +88,10 @@ def application(page: PageFiles, answers: Answers, token: str) -> WSGIApplicatio
         endpoint, values = places.bind_to_environ(request.environ).match()
         if not hmac.compare_digest(values["secret"].encode(), token.encode()):
             raise NotFound
-        if not endpoint.startswith("answer "):
-            return Response(page.text(endpoint), content_type=KINDS[endpoint])
-        return _answer(answers[endpoint.removeprefix("answer ")], _asked(request))
+        if endpoint.startswith("answer "):
+            return _answer(answers[endpoint.removeprefix("answer ")], _asked(request))
+        name = endpoint.removeprefix("file ") if endpoint.startswith("file ") else ""
+        return Response(page.text(name), content_type=KINDS[(name or page.html).rpartition(".")[2]])
 
     @Request.application
     def serve_one(request: Request) -> Response:
@@ -112,7 +124,14 @@ def serve(page: PageFiles, answers: Answers, token: str, port: int = 0) -> Itera
     def disconnect() -> None:
         wasyncore.close_all(connected)  # with nobody left to listen to, the server's loop ends
 
-    server = create_server(application(page, answers, token), map=connected, sockets=[listening], threads=THREADS, ident=None)
+    server = create_server(
+        application(page, answers, token),
+        map=connected,
+        sockets=[listening],
+        threads=THREADS,
+        ident=None,
+        max_request_body_size=LONGEST,  # refused by its announcement, not waited for
+    )
     try:
         yield ServedPage(
             f"http://{HOST}:{listening.getsockname()[1]}/{token}/", server.run, lambda: server.trigger.pull_trigger(disconnect)
@@ -148,6 +167,9 @@ def _answer(answer: Callable[[Any], Mapping[str, Any]], asked: Any) -> Response:
         found: Mapping[str, Any] = answer(asked)
     except BeltcommError as problem:
         found, status = {"error": str(problem)}, 422
+    except Exception as problem:  # what nobody thought of, as on the command line: a sentence there, the details for -v
+        logging.getLogger("beltcomm.web").info("an answer failed", exc_info=True)
+        found, status = {"error": f"an unexpected error: {type(problem).__name__}: {problem}"}, 500
     try:
         text = json.dumps(found, allow_nan=False)
     except (TypeError, ValueError):  # numbers that are not finite, arrays: rare, and looking for them takes longer than the rest

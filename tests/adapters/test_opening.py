@@ -110,7 +110,7 @@ def test_a_failing_connect_releases_the_bus_and_gives_back_what_it_took():
     node = StubNode()
     node.put(0x6076, 0, 0)
     bus, released = StubBus(node), []
-    with pytest.raises(DriveError, match="rated torque 0 N m"):
+    with pytest.raises(DriveError, match="no rated torque \\(6076h is 0\\)"):
         connect(bus, bus.clock, 1, None, None, lambda: released.append(bus.shutdown()))
     assert released == [None]
 

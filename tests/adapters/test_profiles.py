@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import beltcomm_adapters
 from adapters.stub_node import StubBus, StubNode
-from beltcomm.configfiles import config_names, find_config, read_yaml
+from beltcomm.configfiles import config_names, find_config, read_yaml, to_yaml
 from beltcomm.drive.objects import ObjectValue
+from beltcomm.drive.parameters import GAIN_NAMES
 from beltcomm.errors import ObjectLocked, UsageError
 from beltcomm_adapters.canopen import connect
 from beltcomm_adapters.gains import Parameters
 from beltcomm_adapters.link import Link
 from beltcomm_adapters.locks import ALWAYS
-from beltcomm_adapters.profiles import CONFIDENCES, UNSOURCED, choose_profile, load_profile
+from beltcomm_adapters.profile_schema import CONFIDENCES, PROFILE, FieldGroup, FieldRows, faults
+from beltcomm_adapters.profiles import UNSOURCED, choose_profile, load_profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import SdoObjects
 
@@ -100,20 +105,18 @@ def test_a_locked_object_is_refused_whoever_asks_and_no_frame_is_sent(name):
     assert written == []  # not even the harmless object beside the locked one
 
 
-def test_a_profile_without_a_source_is_not_taken(tmp_path):
+def test_a_profile_with_a_word_that_none_has_is_not_taken(tmp_path):
     text = find_config("drives", "cia402").read_text(encoding="utf-8")
     for name, broken in (
-        ("no source", re.sub(r"  guarding: \{source.*\n", "", text)),
-        ("no source or no confidence", text.replace("confidence: read}", "confidence: sure}", 1)),
-        ("gain_meaning", text.replace("gain_meaning: none", "gain_meaning: documented")),
-        ("unexpected keyword", text + "colour: red\n"),
+        ("confidence is 'sure'; give one of read", text.replace("confidence: read}", "confidence: sure}", 1)),
+        ("gain_meaning is none exactly where", text.replace("gain_meaning: none", "gain_meaning: documented")),
+        ("colour is no field of a profile", text + "colour: red\n"),
     ):
         path = tmp_path / "broken.yaml"
         path.write_text(broken, encoding="utf-8")
         load_profile.cache_clear()
-        with pytest.raises(UsageError, match="cannot be used"):
+        with pytest.raises(UsageError, match=f"cannot be used.*{name}"):
             load_profile(str(path))
-        assert name
 
 
 def test_a_drive_without_a_canopen_port_says_so():
@@ -162,19 +165,23 @@ def test_what_is_lent_is_backed_up_and_rolled_back_as_it_was_found():
         ("index: 0x60F9, subindex: 1", "index: 0x6040, subindex: 0", "6040h, where no drive has a setting"),
         ("index: 0x60F9, subindex: 1", "index: 0x60F6, subindex: 1", "60F6h:1, which holds gains of the current controller"),
         ("index: 0x60F9, subindex: 1", "index: 0x60F9, subindex: 2", "as another parameter"),
-        ("index: 0x60F9, subindex: 1", "index: 0x60F9, subindex: 257", "there is no object 24825, 257"),
+        ("index: 0x60F9, subindex: 1", "index: 0x60F9, subindex: 257", "parameters.kp_nm_s_rad.subindex is 257; give a subindex"),
         ("highest: 16384}     # 0", "highest: 1638400}     # 0", "range"),
-        ("scale: 7.8125e-5", "scale: .nan", "scale of nan"),
+        ("scale: 7.8125e-5", "scale: .nan", "parameters.kp_nm_s_rad.scale is nan"),
         ("enable_logic: {index: 0x6510, subindex: 0x10", "enable_logic: {index: 0x6060, subindex: 0", "6060h before anybody is asked"),
-        ("torque: 4,", "torque: 3,", "mode 3 for motions of kind 'torque'"),
-        ("velocity: 3}", "velocity: 3, sideways: 3}", "mode 3 for motions of kind 'sideways'"),
-        ("shortest_ms: 1,", "shortest_ms: 1e-9,", "sync of 1e-09 ms"),
+        ("torque: 4,", "torque: 3,", "modes.torque is 3; give mode 4 or 10"),
+        ("velocity: 3}", "velocity: 3, sideways: 3}", "modes.sideways is no field of a profile"),
+        ("shortest_ms: 1,", "shortest_ms: 1e-9,", "sync.shortest_ms is 1e-09; give ms, 0.05 to 100"),
         ("guarding: node_guarding", "guarding: none_at_all", "guarding is 'none_at_all'"),
-        ("reference_filter: false", "reference_filter: 7", "the rest true or false"),
+        ("reference_filter: false", "reference_filter: 7", "structure.reference_filter is 7; give true or false"),
         ("torque_limit_lowest_permille: 1000", "torque_limit_lowest_permille: 65535", "torque_limit_lowest_permille is 65535"),
-        ("torque_slope_permille_s: 0x0E310F94", "torque_slope_permille_s: 0xFFFFFFFFFF", "cannot be"),
-        ("overload_time: {index: 0x6410, subindex: 3}", "overload_time: {index: 0x16410, subindex: 3}", "cannot be"),
-        ("{index: 0x60FD, bits", "{index: sixty, bits", "cannot be used"),
+        ("torque_slope_permille_s: 0x0E310F94", "torque_slope_permille_s: 0xFFFFFFFFFF", "torque_slope_permille_s is 1099511627775"),
+        (
+            "overload_time: {index: 0x6410, subindex: 3}",
+            "overload_time: {index: 0x16410, subindex: 3}",
+            "overload_time.index is 91152; give an index of the object dictionary",
+        ),
+        ("{index: 0x60FD, bits", "{index: sixty, bits", "signals.enable_inputs.index is 'sixty'"),
     ],
 )
 def test_a_stranger_s_profile_writes_settings_only(tmp_path, old, new, words):
@@ -188,3 +195,49 @@ def test_a_stranger_s_profile_writes_settings_only(tmp_path, old, new, words):
     path.write_text(text, encoding="utf-8")
     load_profile.cache_clear()
     assert load_profile(str(path)).enable_logic == load_profile("cmmp-as").enable_logic
+
+
+def leaves(group: FieldGroup, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    for key, node in group.fields.items():
+        if key in GAIN_NAMES[1:]:  # as the first
+            continue
+        here = (*path, "thing" if key == "*" else key)
+        if isinstance(node, FieldGroup):
+            yield from leaves(node, here)
+        elif isinstance(node, FieldRows):
+            yield from leaves(node.row, (*here, "0"))
+        else:
+            yield here
+
+
+@pytest.mark.parametrize("path", list(leaves(PROFILE)), ids=".".join)
+def test_each_field_of_a_profile_is_checked_with_a_sentence(tmp_path, path):
+    """What no field can be: a mapping where a value stands, and a value of another kind."""
+    for wrong in ({"a": 1}, [[1, 2]], math.inf):
+        value: Any = wrong
+        for key in reversed(path[1:]):
+            value = [value] if key == "0" else {key: value}
+        file = tmp_path / "mine.yaml"
+        file.write_text(to_yaml({"name": "mine", "title": "mine", path[0]: value}), encoding="utf-8")
+        load_profile.cache_clear()
+        with pytest.raises(UsageError, match=rf"mine\.yaml cannot be used: line \d+: .*{re.escape(path[-1])} is .*; give "):
+            load_profile(str(file))
+
+
+def test_a_profile_of_one_s_own_needs_no_more_than_what_is_special(tmp_path):
+    file = tmp_path / "acme.yaml"
+    file.write_text("name: acme\ntitle: Acme X\nmodes: {torque: 4}\nstructure: {prefilters: [none, notch]}\n", encoding="utf-8")
+    load_profile.cache_clear()
+    found, like = load_profile(str(file)), load_profile("cia402")
+    assert found.modes == {**like.modes, "torque": 4}
+    assert found.structure["prefilters"] == ["none", "notch"]
+    assert found.structure["velocity_feedforward"] is True
+    assert found.sources["modes"]["source"] == "this file"
+    assert found.match is None
+
+
+@pytest.mark.parametrize("name", config_names("drives"))
+def test_a_shipped_profile_says_field_by_field_where_it_is_from(name):
+    raw = read_yaml(find_config("drives", name))
+    assert not list(faults(raw))
+    assert set(raw) - UNSOURCED - {"sources"} <= set(raw["sources"]) | ({"parameters"} if not raw["parameters"] else set())

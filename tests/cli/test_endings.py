@@ -43,7 +43,7 @@ def test_nohup_stays_nohup() -> None:
     assert noted == []
 
 
-@pytest.mark.parametrize(("found", "shown"), [(None, "Next: bin/beltcomm fit R"), ("/usr/bin/beltcomm", "Next: beltcomm fit R")])
+@pytest.mark.parametrize(("found", "shown"), [(None, "bin/beltcomm fit R"), ("/usr/bin/beltcomm", "beltcomm fit R")])
 def test_what_to_type_next_is_what_the_terminal_finds(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, found: str | None, shown: str
 ) -> None:
@@ -52,5 +52,5 @@ def test_what_to_type_next_is_what_the_terminal_finds(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [str(tmp_path / "bin" / "beltcomm")])
     monkeypatch.setattr("shutil.which", lambda _: found)
-    lines = ["beltcomm fit: 3 records", "Next: beltcomm fit R", "The drive has its old gains again. Next: beltcomm fit R"]
-    assert list(typed(lines)) == [lines[0], shown, f"The drive has its old gains again. {shown}"]
+    lines = ["beltcomm fit: 3 records", "Next: beltcomm fit R   (a model)", "next: then `beltcomm fit R` again"]
+    assert list(typed(lines)) == [lines[0], "  Next  a model", f"    {shown}", "  Next  then again", f"    {shown}"]

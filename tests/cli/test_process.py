@@ -15,6 +15,7 @@ def test_a_process_that_ends_does_not_look_through_what_it_leaves(monkeypatch: p
     """And a report, which drops little, does not look for what it dropped either."""
     seen: list[object] = []
     monkeypatch.setattr(sys, "argv", ["beltcomm", verb, "run"])
+    monkeypatch.setattr(main, "prepare", lambda: None)  # the streams are those of the tests
     monkeypatch.setattr(main, "cli", lambda: seen.append(gc.isenabled()) or sys.exit(3))
     monkeypatch.setattr(gc, "freeze", lambda: seen.append("frozen"))
     try:

@@ -9,7 +9,7 @@ import pytest
 
 from beltcomm.cli.display import window_line
 from beltcomm.cli.talk import PlainTalk, RichTalk, terminal_talk
-from beltcomm.cli.terminal import echo, failure, fitted
+from beltcomm.cli.terminal import WIDEST, echo, failure, fitted, width_of
 from beltcomm.drive.finding import Finding
 from beltcomm.jobs.doctor import _lines
 from beltcomm.result import jsonable, table
@@ -49,6 +49,13 @@ def test_a_line_is_no_wider_than_the_terminal(monkeypatch: pytest.MonkeyPatch) -
     assert " ".join(" ".join(lines).split()) == line.strip()
     assert fitted(line, io.StringIO()) == line
     assert fitted("short", Terminal()) == "short"
+
+
+@pytest.mark.parametrize("columns", ["-5", "0", "abc", "", "9" * 30])
+def test_a_width_that_is_none(monkeypatch: pytest.MonkeyPatch, columns: str) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    assert 1 <= width_of(Terminal()) <= WIDEST
+    assert fitted("word " * 50, Terminal()).split() == ["word"] * 50
 
 
 def test_a_row_of_a_table_is_a_line_of_text() -> None:
@@ -125,7 +132,7 @@ def test_the_display_tells_phase_record_seconds_and_place() -> None:
     talk.progress(0.45, 3.0)
     talk._live.refresh()
     shown = printed(stream)
-    for words in ("6/8 strokes [all]", "machine: at most 41 s left", "frf_3", "45 %, 3 s left", "0 mm [", "carriage at 100 mm"):
+    for words in ("6/8 strokes [all]", "41 s left on the machine", "frf_3", "45 %, 3 s left", "0 mm [", "carriage at 100 mm"):
         assert words in shown
     talk.say("a [remark]", *TABLE)
     now[0] = 12.0
@@ -151,8 +158,8 @@ def test_a_log_has_a_line_for_each_record() -> None:
             talk.progress(row / 5, 5.0 - row)
     assert stream.getvalue().splitlines() == [
         "[6/8] strokes",
-        "      sweep: carriage at 100 mm (of 0 mm to 500 mm), machine: at most 49 s left",
-        "      frf_2: carriage at 100 mm (of 0 mm to 500 mm), machine: at most 49 s left",
+        "      sweep: carriage at 100 mm (of 0 mm to 500 mm), 49 s left on the machine",
+        "      frf_2: carriage at 100 mm (of 0 mm to 500 mm), 49 s left on the machine",
     ]
 
 

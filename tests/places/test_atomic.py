@@ -14,14 +14,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltcomm import atomic
+from beltcomm import atomic, journal, locks
 from beltcomm.configfiles import write_text
 from beltcomm.errors import UsageError
+from beltcomm.talk import Silence
 
 WRITING = """
 import sys
 from pathlib import Path
-from beltcomm import atomic
+from beltcomm import atomic, journal, locks
 place = Path(sys.argv[1])
 print(flush=True)
 for k in range(100000):
@@ -83,6 +84,25 @@ def test_what_is_no_file_is_written_into_and_stays_what_it_is(tmp_path: Path) ->
     assert stat.S_ISCHR(os.stat(os.devnull).st_mode)
     with pytest.raises(UsageError, match="Is a directory"):
         write_text(tmp_path, "x")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_a_pipe_that_nobody_reads_is_waited_for_by_nobody(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(UsageError, match="No such device"):
+        write_text(tmp_path / "pipe", "x")
+    with pytest.raises(UsageError, match="cannot be written"):
+        journal.append(tmp_path / "none", "x", "note", "")
+    for name in (journal.TEXT, journal.EVENTS):
+        os.mkfifo(tmp_path / name)
+        reader = os.open(tmp_path / name, os.O_RDONLY | os.O_NONBLOCK)
+        with pytest.raises(OSError, match="it is no file"):
+            atomic.appending(tmp_path / name)
+        os.close(reader)
+    with pytest.raises(UsageError, match="cannot be written"):
+        journal.append(tmp_path, "x", "note", "")
+    with pytest.raises(UsageError, match="is a folder, a pipe or a device"), locks.occupied(tmp_path, Silence()):
+        pass
 
 
 def test_a_file_may_be_read_by_whom_the_user_allows(tmp_path: Path) -> None:

@@ -292,7 +292,7 @@ def test_a_short_travel_is_never_left(make_bench: MakeBench, tmp_path: Path) -> 
     narrow = replace(axis, travel=replace(axis.travel, min_m=0.235, max_m=0.265))
     code, words = outcome_of(lambda: api.commission(bench.name, narrow, tmp_path / "run", options=YES))
     assert code in (0, 1, 2)
-    assert re.search("travel|window|misses the target|meets its targets", words)
+    assert re.search("travel|window|FAIL|PASS", words)
     assert bench.stands_disabled()
     assert bench.parameters() == bench.initial
     places = bench.start_m + bench.plant.cart_m(0, len(bench.plant.torque_nm))

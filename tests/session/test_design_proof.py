@@ -63,7 +63,7 @@ def test_a_healthy_run_is_proven_on_its_own_responses(copy_of_complete: Copy, co
 
 def test_words_and_picture_of_the_proof(copy_of_complete: Copy) -> None:
     run = copy_of_complete()
-    outcome = call("design", run, "--pictures")
+    outcome = call("design", run, "--pictures", "--details")
     assert outcome.exit_code == 0
     assert "measured responses, no model between (4, with 95 %)" in outcome.stdout
     assert "friction shows as damping" in outcome.stdout
@@ -112,7 +112,7 @@ def test_a_load_that_the_gains_do_not_bear_is_a_doubt(copy_of_complete: Copy, co
     add_heavier(run, model, 0.4)
     outcome = call("design", run)
     assert outcome.exit_code == 1
-    assert "This design is in doubt: frf_9 was made with another load" in outcome.stdout
+    assert "in doubt: frf_9 was made with another load" in outcome.stdout
     assert any("frf_9" in doubt for doubt in doubts(RunFolder.open(run)))
 
 
@@ -131,7 +131,8 @@ def test_parameters_known_too_badly_make_loops_unstable(copy_of_complete: Copy, 
     write_text(model_path, to_yaml(model))
     outcome = call("design", run)
     assert outcome.exit_code == 1
-    assert "loops drawn from the parameters' uncertainty are unstable: identify the axis better" in outcome.stdout
+    assert "IN DOUBT" in outcome.stdout
+    assert "unstable" in outcome.stdout
 
 
 @pytest.mark.parametrize(("every", "proven"), [(3, True), (1, False)])

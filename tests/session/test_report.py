@@ -18,6 +18,7 @@ from beltcomm.laboratory import diagnosis
 from beltcomm.laboratory.diagnosis import fit_base_of
 from beltcomm.pages import at_the_end
 from beltcomm.rundata.fitted_run import records_of
+from beltcomm.rundata.headline import headline_of
 from beltcomm.rundata.kept_fit import FILE, fitted_to
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
@@ -94,15 +95,18 @@ def test_what_stands_on_a_map_keeps_its_ink_where_the_page_is_dark(page: str) ->
 def test_the_first_screen_has_the_numbers_of_the_run(page: str, complete: Complete) -> None:
     numbers = json.loads((complete.path / "report.json").read_text(encoding="utf-8"), parse_constant=lambda word: pytest.fail(word))
     verdict = complete.result.to_json()["verdict"]
-    assert numbers["verdict"] == "The axis meets its targets."
+    headline = headline_of(RunFolder.open(complete.path))
+    assert headline.good
+    assert numbers["verdict"] == headline.text
+    assert numbers["headline"] == complete.result.to_json()["headline"]
     assert numbers["verdict"] in page
     tracking, model, margin = numbers["facts"]
     assert tracking["value"] == f"{1e6 * verdict['measured']['dynamic_m']:.0f} µm"
     assert float(model["value"].split()[0]) == pytest.approx(max(numbers["ratio"].values()), abs=0.006)
     assert 40.0 < float(margin["value"].rstrip("°")) < 60.0
-    assert any("beltcomm tune" in step for step in numbers["next"])
+    assert any("beltcomm open" in step for step in numbers["next"])
     assert numbers["sections"] == [
-        "changes", "tracking", "gains", "model", "model-error", "cost", "responses", "friction", "loops", "safety", "journal",
+        "changes", "diagnosed", "tracking", "gains", "model", "model-error", "cost", "responses", "friction", "loops", "safety", "journal",
     ]  # fmt: skip
 
 

@@ -170,7 +170,7 @@ def test_creeping_near_an_end_goes_no_further_than_a_run_on_allows(make_bench: M
 def test_the_plan_says_it(make_bench: MakeBench, tmp_path: Path) -> None:
     bench = make_bench()
     result = api.identify(bench.name, AXIS, tmp_path / "run", options=api.Options(dry_run=True))
-    assert "A light carriage that just breaks away then runs on by 1" in dict(result.data["plan"]["points"])["computer dies"]
+    assert "A light carriage that just breaks away then coasts by 1" in dict(result.data["plan"]["points"])["PC or bus lost"]
 
 
 def test_a_creeping_move_proves_the_guarding_first(make_bench: MakeBench) -> None:

@@ -89,8 +89,8 @@ def test_identify_holds_the_axis_and_finds_it(
         assert abs(settled["torque_nm"] - torque) <= friction + MEAN_NM
         assert settled["low_nm"] - MEAN_NM <= torque <= settled["high_nm"] + MEAN_NM
     assert above["torque_nm"] - below["torque_nm"] > 1.5 * friction
-    assert "held by the brake (2 N m)" in "\n".join(result.text)
-    assert "mN m: that fits" in "\n".join(result.text)
+    assert "held by the brake (2 N m)" in "\n".join(result.details)
+    assert "mN m: that fits" in "\n".join(result.details)
     assert "(a) slow integrating controller, from above" in (tmp_path / "run" / "journal.txt").read_text(encoding="utf-8")
     assert furthest_m(bench) < ROOM_M
     assert bench.parameters() == bench.initial

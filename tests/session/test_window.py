@@ -63,7 +63,8 @@ def test_the_carriage_never_leaves_the_window(here: Here) -> None:
 
 
 def test_the_plan_states_the_window(here: Here) -> None:
-    plan = here.talk.said[0]
+    assert "-20 ... +30 mm from where it stands" in here.talk.said[0]
+    plan = here.talk.said[1]
     assert "between -20 mm and +30 mm of where it stands now" in plan
     ways = [line for line in plan.splitlines() if " mm " in line and " m/s " in line]
     assert len(ways) == 3
@@ -91,7 +92,7 @@ def test_what_one_place_can_tell_is_right(here: Here) -> None:
 
 
 def test_it_says_what_is_not_possible_and_how_to_get_there(here: Here) -> None:
-    text = "\n".join(here.result.lines())
+    text = "\n".join([*here.result.lines(), *here.result.details])
     for words in ("the stiffness holds for that place alone", "Not possible", "friction sweep", "--position METRES", "--home"):
         assert words in text
 
@@ -99,7 +100,7 @@ def test_it_says_what_is_not_possible_and_how_to_get_there(here: Here) -> None:
 def test_fit_and_design_cope_with_it_and_what_needs_a_reference_says_so(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
     """The fit says what it holds for, the design too, in its file as well; what moves along the travel is refused."""
     monkeypatch.setattr(offline, "final_model", lambda *_args, **_kwargs: here.final)  # of the same records
-    fitted = CliRunner().invoke(cli, ["fit", str(here.path)])
+    fitted = CliRunner().invoke(cli, ["fit", str(here.path), "--details"])
     assert fitted.exit_code == 0
     assert "the stiffness holds for that place alone" in fitted.stdout
     designed = CliRunner().invoke(cli, ["design", str(here.path)])
@@ -145,7 +146,7 @@ def test_without_a_window_the_operator_is_asked_for_one(make_bench: MakeBench, t
     bench, talk = make_bench(referenced=False, faults=Faults(stuck_from_s=0.0)), Listener(answer=True)
     fails(Refused, bench, tmp_path / "yes", options=api.Options(seed=1), talk=talk)  # it does not move
     assert talk.asked[1:] == ["May the axis move like this?"]
-    assert "between -35 mm and +35 mm" in talk.said[0]
+    assert "-35 ... +35 mm from where it stands" in talk.said[0]
 
 
 @pytest.mark.parametrize(

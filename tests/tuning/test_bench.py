@@ -155,7 +155,7 @@ def test_a_change_is_told_in_one_line(heavy: Bench, setting: SliderSetting) -> N
     assert present.cascade == heavy.ground.present
     near, far = heavy.tracked(fast.cascade, 0.0), heavy.tracked(slow.cascade, 0.0)
     assert near.error.dynamic_m < far.error.dynamic_m
-    assert "predicted dynamic error" in sentence(error_changes(far.error, near.error))
+    assert "predicted following error" in sentence(error_changes(far.error, near.error))
 
 
 def test_sliders_that_nobody_touched_mean_the_present_design(heavy: Bench, setting: SliderSetting) -> None:

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import re
 import signal
 import subprocess
 import sys
 import urllib.request
+from pathlib import Path
 from typing import Any
 
 import pytest
 from werkzeug.test import Client
 
 from beltcomm.errors import DataError, UsageError
-from beltcomm.web.server import HEADERS, LONGEST, PageFiles, application, serve
+from beltcomm.web import server
+from beltcomm.web.server import HEADERS, LONGEST, PAGE, application, serve
 
-PAGE = PageFiles("tune")
 HOST = {"Host": "127.0.0.1:8000"}
 
 
@@ -30,7 +32,10 @@ def client() -> Client:
     return Client(application(PAGE, answers, "secret"))
 
 
-@pytest.mark.parametrize(("place", "kind"), [("", "text/html"), ("tune.js", "text/javascript"), ("tune.css", "text/css")])
+@pytest.mark.parametrize(
+    ("place", "kind"),
+    [("", "text/html"), ("open.js", "text/javascript"), ("open.css", "text/css"), ("uPlot.iife.min.js", "text/javascript")],
+)
 def test_page_and_its_files_are_served(client: Client, place: str, kind: str) -> None:
     answer = client.get(f"/secret/{place}", headers=HOST)
     assert (answer.status_code, answer.mimetype) == (200, kind)
@@ -42,7 +47,7 @@ def test_page_and_its_files_are_served(client: Client, place: str, kind: str) ->
     [
         ("GET", "/", {}, 404),
         ("GET", "/guess/", {}, 404),
-        ("GET", "/guess/tune.js", {}, 404),
+        ("GET", "/guess/open.js", {}, 404),
         ("POST", "/guess/double", {"json": {"x": 1}}, 404),
         ("GET", "/secret/server.py", {}, 404),
         ("GET", "/secret/../server.py", {}, 404),
@@ -67,17 +72,33 @@ def test_anything_else_is_refused(client: Client, method: str, place: str, given
 def test_questions_are_answered(client: Client) -> None:
     own = HOST | {"Origin": "http://127.0.0.1:8000"}
     assert client.post("/secret/double", json={"x": 21}, headers=own).json == {"twice": 42}
+    fault = client.post("/secret/double", json={}, headers=own)
+    assert (fault.status_code, fault.json) == (500, {"error": "an unexpected error: KeyError: 'x'"})
     assert client.post("/secret/endless", json={}, headers=own).json == {"x": None}
     refusal = client.post("/secret/refuse", json={}, headers=own)
     assert (refusal.status_code, refusal.json) == (422, {"error": "the record is damaged"})
 
 
 def test_page_needs_nothing_from_outside() -> None:
-    """It works without a network: no address but that of SVG's names, no script or style in the page that the browser would refuse."""
-    texts = {kind: PAGE.text(kind) for kind in ("html", "css", "js")}
-    assert re.findall(r"https?://[^\"' ]*", "".join(texts.values())) == ["http://www.w3.org/2000/svg"]
-    assert not re.search(r"\bstyle=|\bon\w+=|<script>|<style>", texts["html"])
-    assert "@import" not in texts["css"]
+    """It works without a network: no address, no script or style in the page that the browser would refuse, every file that is named."""
+    own = {name: PAGE.text(name) for name in PAGE.beside if not PAGE.beside[name].startswith("vendor/")}
+    page = PAGE.text()
+    assert not re.findall(r"https?://[^\"' ]*", "".join((page, *own.values())))
+    assert not re.search(r"\bstyle=|\bon\w+=|<script>|<style>", page)
+    assert not any("@import" in text for name, text in own.items() if name.endswith(".css"))
+    named = set(re.findall(r'(?:src|href)="([^"]*)"', page)) - {"data:,"}
+    named |= {name for text in own.values() for name in re.findall(r'from "\./([^"]*)"', text)}
+    assert named == set(PAGE.beside)
+
+
+def test_what_is_of_others_is_unchanged_and_has_its_licence() -> None:
+    folder = Path(server.__file__).parent / "vendor"
+    told = dict(re.findall(r"\| `([^`]+)` \|.*`([0-9a-f]{64})` \|", (folder / "README.md").read_text(encoding="utf-8")))
+    shipped = {place.removeprefix("vendor/") for place in PAGE.beside.values() if place.startswith("vendor/")}
+    assert set(told) == shipped
+    for name, digest in told.items():
+        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest, name
+    assert "Permission is hereby granted" in (folder / "uPlot.LICENSE").read_text(encoding="utf-8")
 
 
 def test_a_port_that_is_taken_is_refused() -> None:
@@ -92,8 +113,8 @@ def test_ctrl_c_ends_it_quietly() -> None:
     """In a process of its own."""
     program = (
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "from beltcomm.web.server import PageFiles, serve\n"
-        "with serve(PageFiles('tune'), {}, 'secret') as served:\n"
+        "from beltcomm.web.server import PAGE, serve\n"
+        "with serve(PAGE, {}, 'secret') as served:\n"
         "    print(served.address, flush=True)\n"
         "    served.run()\n"
         "print('ended')\n"

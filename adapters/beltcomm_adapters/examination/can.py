@@ -18,7 +18,7 @@ from beltcomm_adapters.examination.errors import WORDS
 from beltcomm_adapters.examination.host import Host, group_of
 from beltcomm_adapters.examination.line import not_opened
 from beltcomm_adapters.examination.patient import Patient, examine
-from beltcomm_adapters.identification import read_identity
+from beltcomm_adapters.identification import as_the_drive_is, read_identity
 from beltcomm_adapters.link import HOST_NODE, Link
 from beltcomm_adapters.profiles import choose_profile
 from beltcomm_adapters.sdo import SdoObjects
@@ -122,7 +122,7 @@ def examine_bus(
         link = Link(bus, clock, number)
         objects = SdoObjects(link)
         identity = read_identity(objects, f"{bus.channel_info}, node {number}")
-        chosen = choose_profile(identity, profile)
+        chosen = as_the_drive_is(objects, choose_profile(identity, profile))
         objects.locks.add(chosen.never_write)
     except BusError as error:
         problem, _, remedy = str(error).partition("; ")
@@ -133,6 +133,7 @@ def examine_bus(
         yield Finding(node.AREA, "identity", "wrong", problem, "is node --node a CANopen drive, and nobody else on its number?")
         return
     patient = Patient(link, objects, identity, chosen, others, bitrate, rtr, bool(options.get("sync_test")), heard.nmt.get(number))
+    patient.nameplate = options.get("nameplate")
     yield from examine(patient, CHECKS)
     if link.emergency is not None:
         text = f"the drive sent an emergency message meanwhile: error {link.emergency.code:04X}h"

@@ -13,7 +13,7 @@ from beltcomm.errors import BusError, DriveError
 from beltcomm_adapters.cia402 import State
 from beltcomm_adapters.examination.patient import Check, Patient
 from beltcomm_adapters.gains import Parameters
-from beltcomm_adapters.identification import read_capabilities, supported_modes
+from beltcomm_adapters.identification import read_capabilities, supported_modes, sync_steps
 from beltcomm_adapters.trial import AREA, tried
 
 GAINS: Final = "gains"
@@ -29,8 +29,9 @@ def opened(patient: Patient) -> Iterator[Finding]:
     try:
         table = Parameters(objects, profile, patient.scaling)
         found = read_capabilities(
-            objects, profile, patient.scaling, patient.identity, patient.bitrate, False, table.table, table.uncalibrated
-        )
+            objects, profile, patient.scaling, patient.identity, patient.bitrate, False, table.table, table.uncalibrated, None,
+            patient.nameplate,
+        )  # fmt: skip
     except BusError:
         raise
     except DriveError as error:
@@ -43,20 +44,21 @@ def opened(patient: Patient) -> Iterator[Finding]:
 def gains_finding(found: Capabilities) -> Finding:
     """Written, calibrated first, or typed in."""
     held = [one for name, one in found.parameters.items() if name in GAIN_NAMES]
+    values = {"gains": found.gains, "peak_torque_nm": found.peak_torque_nm, "max_speed_rad_s": found.max_speed_rad_s}
     places = ", ".join(dict.fromkeys(name_of(one.index) for one in held))
     if found.gains == "writable":
-        return Finding(GAINS, "gains", "ok", f"the gains can be written: {places}", "", {"gains": found.gains})
+        return Finding(GAINS, "gains", "ok", f"the gains can be written: {places}", "", values)
     if found.gains == "to_calibrate":
         return Finding(
             GAINS, "gains", "ok", f"the gains can be written ({places}), once commissioning has measured what one unit of them means, by "
-            "small steps at standstill", "", {"gains": found.gains},
+            "small steps at standstill", "", values,
         )  # fmt: skip
     known = "; ".join(f"{term.place}, {term.what} ({term.missing or 'read'})" for term in found.gain_terms)
     return Finding(
         GAINS, "gains", "warning", "the gains cannot be written: nobody knows where they are, or what they mean"
         + (f"; what is said of them: {known}" if known else ""),
         "commissioning moves it with the loop that stands in the drive, and ends with model, gains and what to type into the maker's "
-        "tool; a profile of your own makes them writable (`beltcomm drives --new`)", {"gains": found.gains},
+        "tool; a profile of your own makes them writable (`beltcomm drives --new`)", values,
     )  # fmt: skip
 
 
@@ -68,7 +70,7 @@ def records(patient: Patient) -> Iterator[Finding]:
         yield Finding(AREA, "mapping", "unknown", f"mapping and limits of a record were not tried: {reason}")
         return
     modes = supported_modes(patient.objects, patient.profile)
-    period_s = 1e-3 * patient.profile.shortest_sync_ms
+    period_s, _ = sync_steps(patient.objects, patient.profile)
     yield from tried(patient.objects, patient.profile, patient.scaling, modes, period_s)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from beltcomm.drive import KnownMotor
 from beltcomm.drive.finding import Finding
 from beltcomm.errors import BusError, DriveError, ObjectRefused
 from beltcomm_adapters.cia402 import State, state_of
@@ -22,7 +23,7 @@ class Patient:
     identity : as read.     others : further nodes that answer.     bitrate : of the bus, None when it carries any load.
     rtr : whether the interface can send remote frames.     sync_test : the person allows that PDOs are mapped for a second.
     nmt : state byte, None when nobody tells.     guarded : whether node guarding was answered, None when it was not tried.
-    scaling : None until read, or when it cannot be.
+    scaling : None until read, or when it cannot be.     nameplate : what axis.yaml knows of the motor.
     """
 
     link: Link
@@ -36,6 +37,7 @@ class Patient:
     nmt: int | None = None
     guarded: bool | None = None
     scaling: Scaling | None = None
+    nameplate: KnownMotor | None = None
 
     @property
     def statusword(self) -> int:

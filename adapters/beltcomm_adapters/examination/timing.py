@@ -11,7 +11,7 @@ from beltcomm_adapters.busload import shortest_period_s
 from beltcomm_adapters.cia402 import State
 from beltcomm_adapters.examination.patient import Check, Patient
 from beltcomm_adapters.exchange import Exchange
-from beltcomm_adapters.identification import supported_modes, sync_period_s
+from beltcomm_adapters.identification import supported_modes, sync_period_s, sync_steps
 from beltcomm_adapters.link import NMT_START
 
 AREA: Final = "timing"
@@ -36,7 +36,9 @@ def sync(patient: Patient) -> Iterator[Finding]:
         return
     objects, link = patient.objects, patient.link
     stored_s = sync_period_s(objects) if patient.profile.sync_change == "after_reset" else None
-    period_s = stored_s or shortest_period_s(patient.profile, supported_modes(objects, patient.profile), patient.bitrate)
+    period_s = stored_s or shortest_period_s(
+        patient.profile, supported_modes(objects, patient.profile), patient.bitrate, sync_steps(objects, patient.profile)
+    )
     stamps: list[float | None] = []
     with objects.lend() as lending:
         exchange = Exchange(link, objects, lending, period_s, ())

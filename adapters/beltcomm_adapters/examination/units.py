@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
-from beltcomm.drive.finding import Finding
+from beltcomm.drive.finding import Finding, State
 from beltcomm_adapters.busload import shortest_period_s
 from beltcomm_adapters.examination.patient import Check, Patient
-from beltcomm_adapters.identification import HOMING_MODE, supported_modes, sync_period_s
+from beltcomm_adapters.identification import HOMING_MODE, supported_modes, sync_period_s, sync_steps
 from beltcomm_adapters.scaling import read_scaling
 
 AREA: Final = "units"
@@ -21,7 +21,7 @@ _MODES: Final = {
 
 def scaling(patient: Patient) -> Iterator[Finding]:
     """Position units, ratings; the numbers are there for the comparison with axis.yaml."""
-    found = patient.scaling = read_scaling(patient.objects, patient.profile, None)
+    found = patient.scaling = read_scaling(patient.objects, patient.profile, None, patient.nameplate)
     per_turn = 2.0 * math.pi / found.position_rad
     gear = _gear_ratio(patient)
     values = {"units_per_rev": per_turn, "counts_per_rev": found.counts_per_rev, "gear_ratio": gear}
@@ -29,12 +29,13 @@ def scaling(patient: Patient) -> Iterator[Finding]:
     if gear != 1.0:
         text += f", gear {gear:g} (6091h)"
     yield Finding(AREA, "position", "ok", text, "", values)
-    peak = patient.objects.read_if_there(0x6073, 0, "uint16") or patient.objects.read_int(0x6072, 0, "uint16")
-    ratings = {"rated_torque_nm": found.rated_torque_nm, "rated_current_a": found.rated_current_a, "peak_permille": peak}
-    text = (
-        f"rated torque {found.rated_torque_nm:.4g} N m (6076h), rated current {found.rated_current_a:.4g} A (6075h), peak {peak / 10:g} %"
-    )
-    if peak < 1000:
+    peak = patient.objects.read_if_there(0x6073, 0, "uint16") or patient.objects.read_if_there(0x6072, 0, "uint16")
+    ratings = {"rated_torque_nm": found.rated_torque_nm, "rated_current_a": found.rated_current_a, "peak_permille": peak or 1000}
+    text = f"rated torque {found.rated_torque_nm:.4g} N m (6076h), rated current {found.rated_current_a:.4g} A (6075h), "
+    text += f"peak {peak / 10:g} %" if peak is not None else "peak not told (6072h, 6073h)"
+    for sentence in found.said:
+        yield Finding(AREA, "units", "warning", sentence)
+    if peak is not None and peak < 1000:
         remedy = "raise the drive's torque or current limit with the maker's tool, unless it is meant so"
         yield Finding(AREA, "ratings", "warning", f"{text}: less than rated", remedy, ratings)
     else:
@@ -59,7 +60,8 @@ def modes(patient: Patient) -> Iterator[Finding]:
     if missing:
         wanted = ", ".join(f"{mode} ({_MODES[mode]}, for {kind})" for kind, mode in missing.items())
         remedy = "commissioning needs torque and position; choose another --profile, or another firmware of the drive"
-        yield Finding(AREA, "modes", "wrong", f"{text}; missing: {wanted}", remedy, values)
+        state: State = "wrong" if set(missing) & {"torque", "position"} else "warning"
+        yield Finding(AREA, "modes", state, f"{text}; missing: {wanted}", remedy, values)
     elif HOMING_MODE not in has:
         yield Finding(AREA, "modes", "ok", f"{text}; no homing: --position says where the carriage is", "", values)
     else:
@@ -70,7 +72,13 @@ def period(patient: Patient) -> Iterator[Finding]:
     """60C2h against what the bus can carry."""
     stored_s = sync_period_s(patient.objects)
     after_reset = patient.profile.sync_change == "after_reset"
-    shortest_s = shortest_period_s(patient.profile, supported_modes(patient.objects, patient.profile), patient.bitrate)
+    modes, steps = (
+        supported_modes(patient.objects, patient.profile),
+        (1e-3 * patient.profile.shortest_sync_ms, 1e-3 * patient.profile.sync_step_ms),
+    )
+    if not after_reset:
+        steps = sync_steps(patient.objects, patient.profile)
+    shortest_s = shortest_period_s(patient.profile, modes, patient.bitrate, steps)
     on_bus = f"; the bus carries {1e3 * shortest_s:g} ms and longer" if patient.bitrate else ""
     if stored_s is None:
         unused = "uses no 60C2h (it is 0)" if patient.objects.read_if_there(0x60C2, 1, "uint8") == 0 else "has no 60C2h"

@@ -1,4 +1,4 @@
-"""``beltcomm tune``: the three knobs as sliders on a page of this computer."""
+"""``beltcomm open``: a run on a page of this computer."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Invocation, api, options_of
+from beltcomm.cli.frame import Invocation, api, options_of, today
 
 
-@click.command("tune")
+@click.command("open")
 @shared.run_argument
 @shared.payload_option
 @click.option("--move", type=click.Path(path_type=Path), help="CSV with t_s and position_m: the move whose tracking error is predicted.")
@@ -22,15 +22,22 @@ from beltcomm.cli.frame import Invocation, api, options_of
 @shared.output_options
 @click.pass_obj
 def command(frame: Invocation, /, run: Path, move: Path | None, port: int, browser: bool, **given: Any) -> int:
-    """Turn the three knobs of the run's design by sliders, on a page that only this computer can reach, until Ctrl-C.
+    """A run on a page that only this computer can reach, until Ctrl-C: where the model fails and which effect heals it, the design with
+    sliders, what a session does now, runs side by side. Nothing on it moves a machine or writes to a drive.
 
-    Open loop, step, disturbance and the predicted tracking error follow. Saving makes it the run's design; nothing is written to a drive.
-
-    Example: beltcomm tune runs/first
+    Example: beltcomm open runs/first
     """
     frame.run = run
     opened = webbrowser.open if browser else None
-    options = options_of(**given)
     return frame.show(
-        api().tune(run, token=secrets.token_urlsafe(16), port=port, move=move, opened=opened, options=options, talk=frame.talk())
+        api().open_page(
+            run,
+            token=secrets.token_urlsafe(16),
+            port=port,
+            move=move,
+            opened=opened,
+            when=today,
+            options=options_of(**given),
+            talk=frame.talk(),
+        )
     )

@@ -1,4 +1,4 @@
-"""``beltcomm tune``: the run's design on a page with sliders; what is saved there is a design that ``verify`` and ``apply`` take."""
+"""The design tab: the run's design with sliders; what is saved there is a design that ``verify`` and ``apply`` take."""
 
 from __future__ import annotations
 
@@ -6,43 +6,79 @@ import math
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
-from itertools import count
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from beltcomm.app.view import stamp_of
 from beltcomm.axis.entries import TrajectoryLimits
-from beltcomm.control import CascadeStructure
+from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.held_knobs import OutOfReach
 from beltcomm.design.margins import margins
-from beltcomm.errors import UsageError
-from beltcomm.experiments import phases
-from beltcomm.experiments.options import Options
-from beltcomm.given import Place, pasted, place
-from beltcomm.jobs.design import Basis, basis_of, delivered
+from beltcomm.design.measured import measured_loop
+from beltcomm.errors import DataError, UsageError
+from beltcomm.given import number, pasted
+from beltcomm.jobs.design import Basis, basis_of, delivered, move_of
 from beltcomm.locks import at_work, occupied
 from beltcomm.result import Result, plain
 from beltcomm.rundata import analyse, offline
+from beltcomm.rundata.conditions import condition_of
 from beltcomm.rundata.delays import assume_delay, delay
+from beltcomm.rundata.design_proof import plant_responses
 from beltcomm.rundata.store import cascade_from_dict, saved_design
 from beltcomm.runfolder import RunFolder
-from beltcomm.talk import Silence, Talk
-from beltcomm.trajectory import Trajectory, held, load_move, plan_trajectory
+from beltcomm.talk import Silence
+from beltcomm.trajectory import Trajectory, held, plan_trajectory
 from beltcomm.tuning.bench import Bench, CascadeView, TrackingPrediction
 from beltcomm.tuning.changes import changes, error_changes, sentence
 from beltcomm.tuning.curves import DISTURBANCE_NM, OpenLoops, Responses
 from beltcomm.tuning.ground import MOST_PAYLOAD_KG, RANGES, DesignInput, SliderSetting, setting_from
 from beltcomm.tuning.presets import KINDS, PACES, preset
-from beltcomm.verify import DYNAMIC_TARGET_M, MOVE_M, REST_S, STATIC_TARGET_M, Loop
+from beltcomm.verify import REST_S, Loop
 
 #: T_R to choose from beside the present one, s.
 VELOCITY_FILTERS_S = (0.001, 0.002, 0.004, 0.008, 0.016)
-#: m/s and m/s² of a move for an axis that states no limits of its own.
-GENTLE = (0.5, 2.0)
+#: Samples of a move that is predicted at most.
+LONGEST_MOVE = 60_000
 
 
-class Tuning:
+class DesignTab:
+    """The design of a run on the page, made when the tab is first looked at, and anew where the run's model or design has changed.
+
+    payload_kg, move, seed : see :class:`TunedDesign`.
+    """
+
+    def __init__(self, run: Path, *, payload_kg: float = 0.0, move: Path | None = None, seed: int = 0) -> None:
+        self._run, self._make = run, partial(TunedDesign, run, payload_kg=payload_kg, move=move, seed=seed)
+        self._made: tuple[str, TunedDesign] | None = None
+        self._making = threading.Lock()
+        self.saved: list[Result] = []
+
+    def answers(self) -> Mapping[str, Callable[[Any], Mapping[str, Any]]]:
+        """By the name under which the page asks.   All but ``begin`` raise UsageError before it."""
+        names = ("begin", "update", "track", "reach", "preset", "move", "save")
+        return {name: lambda asked, name=name: self.present(begins=name == "begin").answers()[name](asked) for name in names} | {
+            "stamp": lambda _: {"stale": self._made is not None and self._made[0] != self._stamp()}
+        }
+
+    def present(self, *, begins: bool = False) -> TunedDesign:
+        """The design that the page shows.   begins : a page that begins, with the model as it is now."""
+        with self._making:
+            stamp = self._stamp()
+            if self._made is None or (begins and self._made[0] != stamp):
+                made = self._make()
+                made.saved = self.saved
+                self._made = (stamp, made)
+            return self._made[1]
+
+    def _stamp(self) -> str:
+        """Changes with the model; what is saved on the page itself changes nothing that it rests on."""
+        return stamp_of(self._run)
+
+
+class TunedDesign:
     """One run on the page: answers to what the page asks, and the designs it saved.
 
     Parameters
@@ -54,12 +90,14 @@ class Tuning:
     """
 
     def __init__(self, run: Path, *, payload_kg: float = 0.0, move: Path | None = None, seed: int = 0) -> None:
-        self._basis = basis_of(run)
+        self._basis = basis_of(run, Silence())
         self._saved_design = saved_design(self._basis.folder)
         self._seed = seed
         self.bench = Bench(ground_of(self._basis, self._saved_design, move))
         self._start = self.bench.start(payload_kg, offline.middle_m(self._basis.folder.axis))
         self._move_words = _move_words(self.bench.ground.move, move)
+        late_s = self.bench.ground.loop.delay_s
+        self._responses = {name: (response, delay_s) for name, response, delay_s in plant_responses(self._basis.recordings, late_s)}
         self.saved: list[Result] = []
         self._saving = threading.Lock()  # the page is answered by several threads
 
@@ -71,12 +109,34 @@ class Tuning:
             "track": self._with_setting(self.track),
             "reach": self._with_setting(lambda setting: plain(self.bench.reach(setting))),
             "preset": self._preset,
+            "move": self.move,
             "save": self._with_setting(self.save),
         }
 
+    def move(self, asked: Any) -> dict[str, Any]:
+        """Another move, by its ends, m, and limits: from now on its error is predicted.   Raises UsageError for one that cannot be."""
+        names = ("start_m", "end_m", "speed_m_s", "acceleration_m_s2", "jerk_m_s3")
+        if not isinstance(asked, dict) or set(asked) != set(names):
+            raise UsageError(f"a move is {', '.join(names)}; send these and no others")
+        start, end, speed, acceleration, jerk = (number(asked[name], name, "") for name in names)
+        low, high = self.bench.ground.ends_m
+        if not (low <= min(start, end) and max(start, end) <= high and abs(end - start) > 1e-4):
+            raise UsageError(
+                f"the move goes from {1e3 * start:g} to {1e3 * end:g} mm; it must lie within {1e3 * low:g} and {1e3 * high:g} mm"
+            )
+        if not min(speed, acceleration, jerk) > 0.0:
+            raise UsageError("speed, acceleration and jerk must be above zero")
+        limits = TrajectoryLimits(speed_m_s=speed, acceleration_m_s2=acceleration, jerk_m_s3=jerk)
+        moved = held(plan_trajectory(start, end, limits, self.bench.ground.structure.period_s), REST_S)
+        if len(moved.position_m) > LONGEST_MOVE:
+            raise UsageError("this move takes more than a minute; choose a faster or a shorter one")
+        self.bench.drive(moved)
+        self._move_words = _move_words(moved, None)
+        return {"move": self._move_words}
+
     def begin(self) -> dict[str, Any]:
         """What the page needs once: where the controls stand, their ranges and choices."""
-        ground, start = self.bench.ground, self._start
+        ground, start, targets = self.bench.ground, self._start, self._basis.folder.axis.targets
         return {
             "run": str(self._basis.folder.path),
             "axis": self._basis.folder.axis.name,
@@ -93,8 +153,9 @@ class Tuning:
             "kinds": plain(KINDS),
             "paces": plain(PACES),
             "disturbance_nm": DISTURBANCE_NM,
-            "targets": {"dynamic_mm": 1e3 * DYNAMIC_TARGET_M, "static_um": 1e6 * STATIC_TARGET_M},
+            "targets": {"dynamic_mm": 1e3 * targets.following_m, "static_um": 1e6 * targets.settled_m},
             "move": self._move_words,
+            "editor": _editor(ground.move),
             "compensated": list(self._saved_design.get("compensated") or ()),
         }
 
@@ -108,11 +169,30 @@ class Tuning:
         return {
             "new": _curves(new),
             "present": _curves(present),
+            "measured": self.measured(setting, new.cascade),
             "binding": list(design.binding),
             "variants": len(design.plants),
             "changes": [{**plain(one), "same": one.same} for one in found],
             "sentence": sentence(found),
         }
+
+    def measured(self, setting: SliderSetting, cascade: Cascade) -> dict[str, Any] | None:
+        """The open loops on the measured response nearest to the place that is looked at; None without one."""
+        ratio = self.bench.ground.model["transmission.ratio"]
+        standing = [r for r in self._basis.recordings if r.name in self._responses and not r.sidecar.moving]
+        if not standing:
+            return None
+        near = min(standing, key=lambda r: (round(abs((condition_of(r, ratio).place_m or 0.0) - setting.position_m), 2), -np.ptp(r.torque)))
+        response, delay_s = self._responses[near.name]
+        try:
+            loop = measured_loop(response, cascade, self.bench.ground.structure.period_s, delay_s)
+        except DataError:
+            return None
+        found: dict[str, Any] = {"record": near.name, "place_m": condition_of(near, ratio).place_m, "freq_hz": _digits(loop.freq_hz)}
+        for name, values in (("velocity", loop.velocity), ("position", loop.position)):
+            found[f"{name}_db"] = _digits(20.0 * np.log10(np.abs(values)))
+            found[f"{name}_deg"] = _digits(np.degrees(np.angle(-values)) - 180.0)
+        return found
 
     def track(self, setting: SliderSetting) -> dict[str, Any]:
         """The predicted tracking error of the move; ``refusal`` where the setting has no design."""
@@ -132,6 +212,7 @@ class Tuning:
     def save(self, setting: SliderSetting) -> dict[str, Any]:
         """The design of a setting, with its whole proof, as the run's design; the one before stays as ``designs/replaced_N.yaml``."""
         folder, ground = self._basis.folder, self.bench.ground
+        RunFolder.open(folder.path)  # it may have gone since, and is not made anew
         found = self.bench.design(setting)
         loads = [0.0, setting.payload_kg] if setting.payload_kg else [0.0]
         plants = tuple(ground.plants(ground.ends_m, loads))
@@ -139,8 +220,6 @@ class Tuning:
         findings = replace(self._basis.findings, remarks=list(self._basis.findings.remarks))
         findings.design, findings.cascade = proven, ground.with_feedforward(found.cascade)
         with self._saving, occupied(folder.path, Silence(), refusal=lambda holder: at_work(folder.path, holder)):
-            replaced = next(name for k in count(1) if (name := f"replaced_{k}") not in folder.names("designs"))
-            folder.save_design(replaced, saved_design(folder))
             result = delivered(
                 replace(self._basis, findings=findings),
                 self._saved_design.get("compensated") or (),
@@ -153,7 +232,7 @@ class Tuning:
             "lines": list(result.text),
             "failed": bool(result.exit_code),
             "doubts": list(result.data["proof"]["doubts"]),
-            "replaced": f"designs/{replaced}.yaml",
+            "replaced": result.data["replaced"],
             "next": [
                 f"beltcomm verify --drive DRIVE --run {pasted(folder.path)}",
                 f"beltcomm apply --drive DRIVE --run {pasted(folder.path)}",
@@ -163,71 +242,13 @@ class Tuning:
     def _preset(self, data: Any) -> dict[str, Any]:
         if not isinstance(data, dict) or set(data) != {"setting", "kind", "pace"}:
             raise UsageError("a preset is asked for by setting, kind and pace")
-        if data["kind"] not in {one.key for one in KINDS} or data["pace"] not in {one.key for one in PACES}:
+        if data["kind"] not in [one.key for one in KINDS] or data["pace"] not in [one.key for one in PACES]:
             raise UsageError(f"there is no preset {data['kind']!r}, {data['pace']!r}")
         found: dict[str, Any] = plain(preset(self.bench, setting_from(data["setting"], self.bench.ground), data["kind"], data["pace"]))
         return found
 
     def _with_setting(self, answer: Callable[[SliderSetting], dict[str, Any]]) -> Callable[[Any], dict[str, Any]]:
         return lambda data: answer(setting_from(data, self.bench.ground))
-
-
-def tune(
-    run: Place,
-    *,
-    token: str,
-    port: int = 0,
-    move: Place | None = None,
-    opened: Callable[[str], object] | None = None,
-    options: Options | None = None,
-    talk: Talk | None = None,
-) -> Result:
-    """Serve the tuning page on 127.0.0.1 until KeyboardInterrupt.
-
-    Parameters
-    ----------
-    run : Place
-        Run folder.
-    token : str
-        Secret part of its address.
-    port : int
-        0 takes a free one.
-    move : Place or None
-        A file with the reference motion; None for that of the axis.
-    opened : callable or None
-        Called with the address, as a browser would be.
-    options : Options or None
-        Settings beside the main arguments; None for the safe defaults.
-    talk : Talk or None
-        Hears progress and answers questions; None says nothing and agrees to nothing.
-
-    Returns
-    -------
-    Result
-        The last design saved; exit code 1 when it is not to be used.
-
-    Raises
-    ------
-    DataError
-        Without a design.
-    UsageError
-        For a port that is taken.
-    """
-    from beltcomm.web.server import PageFiles, serve  # no other command needs a web server
-
-    run, options, talk = place(run), options or Options(), talk or Silence()
-    move = None if move is None else place(move, "move")
-    talk.say("computing the plants of this run")
-    tuning = Tuning(run, payload_kg=options.payload_kg or 0.0, move=move, seed=options.seed or 0)
-    with serve(PageFiles("tune"), tuning.answers(), token, port) as served:
-        talk.say(f"the tuning page is at {served.address} ; Ctrl-C ends it")
-        if opened is not None:
-            opened(served.address)
-        served.run()
-    if not tuning.saved:
-        return Result({"run": str(run), "saved": 0}, [f"Nothing was saved; the design of {run} is as it was."])
-    last = tuning.saved[-1]
-    return Result({**last.data, "saved": len(tuning.saved)}, last.text, last.exit_code)
 
 
 def ground_of(basis: Basis, saved: Mapping[str, Any], move: Path | None = None) -> DesignInput:
@@ -259,26 +280,6 @@ def ground_of(basis: Basis, saved: Mapping[str, Any], move: Path | None = None) 
     )
 
 
-def move_of(folder: RunFolder, period_s: float, file: Path | None) -> Trajectory:
-    """The user's own move from a file, the one that verified the run, or the standard one of its axis."""
-    axis = folder.axis
-    if file is not None:
-        return load_move(file, period_s, axis)
-    top, fastest = axis.limits.speed_m_s or GENTLE[0], axis.limits.acceleration_m_s2 or GENTLE[1]
-    gentle = TrajectoryLimits(speed_m_s=min(top, GENTLE[0]), acceleration_m_s2=min(fastest, GENTLE[1]), jerk_m_s3=20.0 * GENTLE[1])
-    limits = axis.trajectories.get("T_A") or gentle
-    paths = [
-        (folder.load("results", name).get("proof") or {}).get("path") for name in folder.names("results") if name.startswith("verify_")
-    ]
-    if paths and paths[-1]:
-        start, end, duration = paths[-1]
-        share = plan_trajectory(start, end, limits, period_s).duration_s / duration
-        return plan_trajectory(start, end, phases.slower(limits, share), period_s)
-    low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
-    start = max(low + 0.05 * (high - low), min(0.0, high))
-    return plan_trajectory(start, min(start + MOVE_M, high - 0.05 * (high - low)), limits, period_s)
-
-
 def _hz(omega_rad_s: float) -> float:
     return omega_rad_s / (2.0 * math.pi)
 
@@ -294,6 +295,19 @@ def _move_words(move: Trajectory, file: Path | None) -> str:
     return f"move{named} from {start:.0f} to {end:.0f} mm in {move.duration_s - REST_S:.2f} s, up to {top:.2f} m/s"
 
 
+def _editor(move: Trajectory) -> dict[str, float]:
+    """The present move as the page's fields have it: mm, and what it reaches."""
+    acceleration = abs(move.acceleration_m_s2)
+    jerk = abs(np.diff(move.acceleration_m_s2)) / np.diff(move.t_s)
+    return {
+        "start_m": 1e3 * float(move.position_m[0]),
+        "end_m": 1e3 * float(move.position_m[-1]),
+        "speed_m_s": float(abs(move.velocity_m_s).max()),
+        "acceleration_m_s2": float(acceleration.max()),
+        "jerk_m_s3": float(jerk.max()),
+    }
+
+
 def _curves(shown: CascadeView) -> dict[str, Any]:
     return {"worst": plain(shown.worst), "open_loops": _drawn(shown.open_loops), "responses": _drawn(shown.responses)}
 
@@ -301,7 +315,8 @@ def _curves(shown: CascadeView) -> dict[str, Any]:
 def _drawn(curves: OpenLoops | Responses | TrackingPrediction) -> dict[str, Any]:
     """As :func:`plain`, arrays to the four digits that a picture shows: they are most of what the page waits for."""
     values = {field.name: getattr(curves, field.name) for field in fields(curves)}
-    return {
-        name: [float(f"{x:.4g}") for x in value.tolist()] if isinstance(value, np.ndarray) else plain(value)
-        for name, value in values.items()
-    }
+    return {name: _digits(value) if isinstance(value, np.ndarray) else plain(value) for name, value in values.items()}
+
+
+def _digits(values: np.ndarray) -> list[float]:
+    return [float(f"{x:.4g}") for x in values.tolist()]

@@ -1,4 +1,4 @@
-"""``beltcomm tune`` without a browser: what it opens, what it answers, how it ends."""
+"""``beltcomm open`` without a browser: what it opens, what it answers, how it ends."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from beltcomm.app.design import DesignTab, TunedDesign
 from beltcomm.cli.main import cli
-from beltcomm.errors import UsageError
-from beltcomm.jobs.tune import Tuning
+from beltcomm.errors import DataError, UsageError
 from beltcomm.web import server
 from beltcomm.web.server import PageFiles, ServedPage
 
@@ -27,7 +27,7 @@ def served(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
 
     @contextmanager
     def serve(page: PageFiles, answers: Any, token: str, port: int = 0) -> Iterator[ServedPage]:
-        assert (page.text("html")[:15], "update" in answers) == ("<!DOCTYPE html>", True)
+        assert (page.text()[:15], "design-update" in answers) == ("<!DOCTYPE html>", True)
         found.append((token, port))
         yield ServedPage(f"http://127.0.0.1:{port}/{token}/", lambda: None, lambda: None)
 
@@ -43,9 +43,9 @@ def test_ctrl_c_ends_it_with_nothing_saved(copy_of_complete: Copy, served: list[
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", opened.append)
     run = copy_of_complete("frf_[2-9]", "sweep*", "amplitude*")
-    outcome = call("tune", run, "--port", "8123")
-    assert (outcome.exit_code, outcome.stdout) == (0, f"Nothing was saved; the design of {run} is as it was.\n")
-    silent = call("tune", run, "--no-browser")
+    outcome = call("open", run, "--port", "8123")
+    assert (outcome.exit_code, outcome.stdout) == (0, f"No design was saved; that of {run} is as it was.\n")
+    silent = call("open", run, "--no-browser")
     assert silent.exit_code == 0
     (first, port), (second, free) = served
     assert (port, free) == (8123, 0)
@@ -55,12 +55,15 @@ def test_ctrl_c_ends_it_with_nothing_saved(copy_of_complete: Copy, served: list[
     assert f"http://127.0.0.1:0/{second}/" in silent.stderr
 
 
-def test_without_a_design_it_says_what_makes_one(copy_of_complete: Copy, served: list[Any]) -> None:
+def test_without_a_design_the_tab_says_what_makes_one(copy_of_complete: Copy) -> None:
     run = copy_of_complete("frf_[2-9]", "sweep*", "amplitude*")
     (run / "designs" / "final.yaml").unlink()
-    outcome = call("tune", run, "--no-browser")
-    assert outcome.exit_code == 3
-    assert f"make it with `beltcomm design {run}`" in outcome.stderr
+    with pytest.raises(DataError, match=f"make it with `beltcomm design {run}`"):
+        DesignTab(run).answers()["begin"]({})
+
+
+def test_what_is_no_run_opens_no_page(tmp_path: Path, served: list[Any]) -> None:
+    assert call("open", tmp_path / "nowhere", "--no-browser").exit_code == 3
     assert served == []
 
 
@@ -68,16 +71,22 @@ def test_answers_say_what_is_wrong(copy_of_complete: Copy, tmp_path: Path) -> No
     """A move of one's own is the one that is predicted; what no page would send is refused in words."""
     move = tmp_path / "shuttle.csv"
     move.write_text("t_s,position_m\n0,0.1\n0.05,0.1\n0.4,0.2\n0.75,0.3\n0.8,0.3\n", encoding="utf-8")
-    tuning = Tuning(copy_of_complete("frf_[2-9]", "sweep*", "amplitude*"), move=move)
+    tuning = TunedDesign(copy_of_complete("frf_[2-9]", "sweep*", "amplitude*"), move=move)
     answers, begun = tuning.answers(), tuning.begin()
     assert begun["move"].startswith("move of shuttle.csv from 100 to 300 mm in 0.80 s")
     setting = begun["setting"]
-    assert set(answers["update"](setting)) == {"new", "present", "binding", "variants", "changes", "sentence"}
+    assert set(answers["update"](setting)) == {"new", "present", "measured", "binding", "variants", "changes", "sentence"}
     impossible = setting | {"suppression_db": -1.0}
     assert "no integral time" in answers["update"](impossible)["refusal"]
     assert "no integral time" in answers["track"](impossible)["refusal"]
     for name, wrong in (("update", {}), ("preset", {"setting": setting}), ("preset", {"setting": setting, "kind": "rope", "pace": "fast"})):
         with pytest.raises(UsageError):
             answers[name](wrong)
+    for wrong, words in (({"end_m": 9.0}, "it must lie within"), ({"speed_m_s": -1.0}, "above zero"), ({"jerk_m_s3": None}, "jerk_m_s3")):
+        with pytest.raises(UsageError, match=words):
+            answers["move"]({"start_m": 0.1, "end_m": 0.2, "speed_m_s": 0.5, "acceleration_m_s2": 2.0, "jerk_m_s3": 40.0} | wrong)
+    before = answers["track"](setting)["present"]["error"]["dynamic_m"]
+    answers["move"]({"start_m": 0.1, "end_m": 0.2, "speed_m_s": 0.1, "acceleration_m_s2": 1.0, "jerk_m_s3": 20.0})
+    assert answers["track"](setting)["present"]["error"]["dynamic_m"] < before
     start = tuning.bench.start(0.0, 0.1)
     assert tuning.bench.design(replace(start, position_m=0.2)) is tuning.bench.design(start)

@@ -1,118 +1,32 @@
-"""The tuning page in a real browser, on a copy of the complete run: sliders, presets, refusals, saving, and how long a change takes."""
+"""The design tab in a real browser, on a copy of the complete run: sliders, presets, refusals, saving, and how long a change takes."""
 
 from __future__ import annotations
 
-import os
 import shutil
-import threading
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from beltcomm.jobs.tune import Tuning
 from beltcomm.rundata.proof import doubts
-from beltcomm.runfolder import RunFolder
-from beltcomm.web.server import PageFiles, serve
+from session.browser import BROWSER, DRIVER, MISSING, Browser, browser_on
 
-BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
-pytestmark = pytest.mark.skipif(
-    not (BROWSER and DRIVER), reason="needs chromium and chromedriver: sudo apt-get install chromium chromium-driver (.ci/run does)"
-)
-ARGUMENTS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-dev-shm-usage",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--disable-extensions",
-    "--window-size=1280,1500",
-)
-#: s until the page must have come so far on a computer that is busy with other tests.
-PATIENCE_S = 120.0
+pytestmark = pytest.mark.skipif(not (BROWSER and DRIVER), reason=MISSING)
 KNOB = "phase_margin_deg"
-
-
-@dataclass
-class Browser:
-    """The page as a user has it."""
-
-    driver: Any
-    tuning: Tuning
-    folder: RunFolder
-
-    def at(self, name: str) -> Any:
-        return self.driver.find_element("id", name)
-
-    def text(self, name: str) -> str:
-        return str(self.at(name).text)
-
-    def value(self, name: str) -> float:
-        return float(self.at(name).get_attribute("value"))
-
-    def until(self, words: str, condition: Callable[[], Any]) -> Any:
-        from selenium.webdriver.support.ui import WebDriverWait
-
-        return WebDriverWait(self.driver, PATIENCE_S, 0.05).until(lambda _: condition(), f"{words}; the page says: {self.complaints()}")
-
-    def complaints(self) -> list[str]:
-        return [entry["message"] for entry in self.driver.get_log("browser") if entry["level"] in ("SEVERE", "WARNING")]
-
-    def settled(self) -> None:
-        """All is drawn for the newest setting, its possible ranges too."""
-        self.until("the page settles", lambda: self.driver.execute_script("return version > 0 && drawn === version && !busy"))
-
-    def type(self, name: str, value: float) -> None:
-        """A number into a box, as by keyboard."""
-        from selenium.webdriver.common.keys import Keys
-
-        box = self.at(name)
-        box.send_keys(Keys.CONTROL, "a")
-        box.send_keys(f"{value}", Keys.TAB)
-        self.settled()
-
-    def curve(self, name: str) -> str:
-        return str(self.driver.find_element("css selector", f"#{name} polyline").get_attribute("points"))
-
-    def picture(self, name: str) -> None:
-        """A screenshot for whoever wants to look (BELTCOMM_PICTURES=FOLDER)."""
-        if folder := os.environ.get("BELTCOMM_PICTURES"):
-            self.driver.save_screenshot(f"{folder}/{name}.png")
 
 
 @pytest.fixture(scope="module")
 def browser(complete: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     """One browser for all tests of this file.   The run keeps three recordings: what else a proof looks at is not this page's matter."""
-    from selenium import webdriver
-    from selenium.webdriver.chrome.options import Options
-    from selenium.webdriver.chrome.service import Service
-
     run = tmp_path_factory.mktemp("tuned") / "run"
     shutil.copytree(complete.path, run)
     for file in (run / "recordings").iterdir():
         if file.name.partition(".")[0] not in ("frf_1", "move_1"):
             file.unlink()
-    tuning = Tuning(run)
-    options = Options()
-    options.binary_location = BROWSER
-    for argument in (*ARGUMENTS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
-        options.add_argument(argument)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    with serve(PageFiles("tune"), tuning.answers(), "secret") as served:
-        answering = threading.Thread(target=served.run, daemon=True)
-        answering.start()
-        driver = webdriver.Chrome(options=options, service=Service(DRIVER))
-        try:
-            driver.get(served.address)
-            yield Browser(driver, tuning, RunFolder.open(run))
-        finally:
-            driver.quit()
-            served.end()
-            answering.join(10.0)
+    with browser_on(run, tmp_path_factory.mktemp("profile")) as opened:
+        opened.tab("design")
+        yield opened
 
 
 def test_page_opens_at_the_present_design(browser: Browser) -> None:
@@ -122,11 +36,11 @@ def test_page_opens_at_the_present_design(browser: Browser) -> None:
     assert browser.value(KNOB) == pytest.approx(
         min(m["phase_margin_deg"] for m in browser.folder.load("designs", "final")["margins"]), abs=0.5
     )
-    for plot in ("gain", "phase", "step", "disturbance", "tracking"):
-        assert len(browser.curve(plot).split()) > 100, plot
+    drawn = browser.says("[...document.querySelectorAll('#design canvas')].map((one) => one.width > 100 && one.height > 100)")
+    assert drawn == [True] * 5
     assert browser.complaints() == []
-    loaded = browser.driver.execute_script("return performance.getEntriesByType('resource').map((one) => one.name)")
-    assert all(one.startswith((browser.driver.current_url, "data:")) for one in loaded), loaded
+    loaded = browser.says("performance.getEntriesByType('resource').map((one) => one.name)")
+    assert all(one.startswith((browser.address, "data:")) for one in loaded), loaded
 
 
 def test_a_slider_by_keyboard_moves_the_curves(browser: Browser) -> None:
@@ -134,30 +48,30 @@ def test_a_slider_by_keyboard_moves_the_curves(browser: Browser) -> None:
     from selenium.webdriver.common.keys import Keys
 
     browser.settled()
-    before, curve, name = browser.value("suppression_db"), browser.curve("gain"), "suppression_db"
+    before, name = browser.value("suppression_db"), "suppression_db"
     browser.at(name).send_keys(Keys.ARROW_LEFT * 30)
     browser.settled()
     assert browser.value(name) == pytest.approx(before - 3.0)
     assert browser.value(f"box-{name}") == browser.value(name)
-    assert browser.curve("gain") != curve
     told = browser.text("summary").partition("open loop at the resonance ")[2].split(" ")
     own = max(margin["suppression_db"] for margin in browser.folder.load("designs", "final")["margins"])
     assert own - 0.1 < before <= own, "on a step of the slider, on the safe side"
     assert float(told[0]) == pytest.approx(own, abs=0.0501), "the design's own number, to three digits"
-    setting = replace(browser.tuning.bench.start(0.0, browser.value("position") / 1e3), suppression_db=browser.value(name))
-    found = browser.tuning.bench.design(setting)
+    setting = replace(browser.page.design.present().bench.start(0.0, browser.value("position") / 1e3), suppression_db=browser.value(name))
+    found = browser.page.design.present().bench.design(setting)
     cascade, suppressed = found.cascade, max(margin.suppression_db for margin in found.margins)
     assert float(told[2]) == pytest.approx(suppressed, abs=0.0501), "what the gains make of the knob"
     assert suppressed <= before - 3.0 + 1e-6, "at least what was asked"
     shown = {row.split(" ")[0]: float(row.split(" ")[2]) for row in browser.text("changes").splitlines() if row.startswith("K_")}
     assert shown["K_PP"] == pytest.approx(cascade.kpp_1_s, rel=0.01)
     assert shown["K_I"] == pytest.approx(cascade.ki_nm_rad, rel=0.01)
-    spent = browser.driver.execute_script("return timings")
+    spent = browser.says("timings")
     print(f"ms from event to drawing: curves {spent['update']}, predicted error {spent['track']}")  # noqa: T201
 
 
 def test_what_is_not_possible_is_said_and_shown(browser: Browser) -> None:
     browser.type("box-suppression_db", -3.0)
+    browser.settled()
     assert browser.at("refusal").is_displayed()
     assert "no integral time leaves the velocity loop" in browser.text("refusal")
     assert not browser.at("save").is_enabled()
@@ -169,12 +83,13 @@ def test_what_is_not_possible_is_said_and_shown(browser: Browser) -> None:
     track, piece = browser.at("track-suppression_db"), browser.driver.find_element("css selector", "#track-suppression_db i")
     assert piece.size["width"] / track.size["width"] == pytest.approx((high - low) / 39.0, abs=0.03)
     browser.type("box-suppression_db", high - 0.5)
+    browser.settled()
     assert not browser.at("refusal").is_displayed()
     assert browser.at("save").is_enabled()
 
 
 def test_presets_set_the_sliders(browser: Browser) -> None:
-    browser.until("presets are computed", lambda: browser.driver.execute_script("return document.body.dataset.presets"))
+    browser.until("presets are computed", lambda: browser.says("document.body.dataset.presets"))
     browser.picture("presets")
     bandwidths = []
     for pace in ("robust", "balanced", "fast"):
@@ -224,6 +139,7 @@ def test_saving_makes_it_the_design_of_the_run(browser: Browser) -> None:
 def test_a_payload_takes_part(browser: Browser) -> None:
     browser.type("box-suppression_db", -20.0)
     browser.type("payload", 5)
+    browser.settled()
     assert browser.at("loaded").is_selected()
     assert not browser.at("refusal").is_displayed()
     assert "18.4" in browser.text("binding") or "13.4" in browser.text("binding")

@@ -1,0 +1,114 @@
+"""What the laboratory tab shows of a run's present model, as values that go from the worker to the page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.fit.intervals import with_intervals
+from beltcomm.laboratory.compare import compare, landmarks, worst
+from beltcomm.laboratory.place_words import in_words
+from beltcomm.laboratory.samples import Units
+from beltcomm.pages import pictures as drawn
+from beltcomm.residuals.cells import Cells, cells_of
+from beltcomm.residuals.spectra import GridRow, edges_of, power, rows_of
+from beltcomm.result import plain
+from beltcomm.rundata.fitted_run import Opened, explainable
+from beltcomm.rundata.revisions import CURRENT
+from beltcomm.runfolder import RunFolder
+from beltcomm.sentences.diagnosis_data import values_of
+
+Array = NDArray[np.float64]
+
+
+#: Dimensions of a place that are coordinates of the page, with their sign.
+CHOSEN = ("frequency", "position", "time")
+
+
+@dataclass(frozen=True)
+class ResidualView:
+    """A run's present model against its records.
+
+    stamp : of the files that it was made of.   records : as ``compare --json`` has them.   places : where it fails, in words, with a range
+    that can be chosen.   fitted : samples of the fitted records, which stand first in ``white``, the whitened residual.   rows, edges,
+    spectrum : of it over frequency.   removable : effects that may be taken out again.
+    """
+
+    stamp: str
+    effects: tuple[str, ...]
+    removable: tuple[str, ...]
+    parameters: Mapping[str, Any]
+    ratio: float
+    held_out: float | None
+    plain: Mapping[str, Any] | None
+    records: Sequence[Mapping[str, Any]]
+    places: Sequence[Mapping[str, Any]]
+    landmarks: Mapping[str, float]
+    units: Units
+    cells: Cells
+    white: Array
+    fitted: int
+    rows: tuple[GridRow, ...]
+    edges: Array
+    spectrum: Array
+
+
+def view_of(here: Opened, stamp: str) -> ResidualView:
+    """The view of an opened run.   Raises DataError for a model that explains nothing at all."""
+    found = compare(here.data, here.fitted)
+    explainable(found.ratio, here.folder.path)
+    judged = [one for one in found.judged if len(one.white)]
+    white = np.concatenate([one.white for one in judged])
+    rows = rows_of(judged)
+    edges = edges_of(rows)
+    named = landmarks(here.fitted.model, drawn.middle_of(here.folder))
+    model = here.fitted.model
+    return ResidualView(
+        stamp,
+        model.effects,
+        tuple(name for name in model.effects if name not in _of_base(here.folder)),
+        values_of(with_intervals(here.fitted)),
+        found.ratio,
+        found.held_out,
+        plain(found.plain),
+        [plain(one) for one in found.records],
+        [
+            {"text": in_words(place, named), "along": place.dimension, "low": place.low, "high": place.high}
+            for place in worst(found)
+            if place.dimension in CHOSEN
+        ],
+        named,
+        judged[0].units,
+        cells_of(judged),
+        white,
+        len(here.fitted.residual),
+        rows,
+        edges,
+        power(rows, white, edges),
+    )
+
+
+def _of_base(folder: RunFolder) -> tuple[str, ...]:
+    """Effects of the first model of the run: what a person added since may be taken out by a click, those only by a command."""
+    rungs = (folder.load_result("ladder") or {}).get("revisions") or ()
+    if rungs:
+        return tuple(rungs[0]["effects"])
+    return tuple(folder.load("models", CURRENT)["effects"]) if CURRENT in folder.names("models") else ()
+
+
+def stamp_of(folder: Path) -> str:
+    """Changes with everything that a view rests on: the present model and the complete recordings."""
+    files = [folder / "models" / f"{CURRENT}.yaml", *sorted((folder / "recordings").glob("*.csv"))]
+    said = []
+    for file in files:
+        try:
+            about = file.stat()
+        except OSError:
+            continue
+        said.append(f"{file.name} {about.st_size} {about.st_mtime_ns}")
+    return "; ".join(said)

@@ -1,0 +1,73 @@
+"""What an answer means in the units that people think in, and whether it is usual: a slip of the unit is asked for at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from beltcomm.quantities import suffix_of, unit_of
+
+#: Entry -> range, SI, outside which a number is asked for again: what most belt axes have, not what is possible.
+USUAL: Mapping[str, tuple[float, float]] = {
+    "motor.inertia_kg_m2": (1e-6, 2e-2),
+    "motor.torque_constant_nm_a": (0.02, 10.0),
+    "motor.rated_torque_nm": (0.05, 200.0),
+    "motor.peak_torque_nm": (0.1, 600.0),
+    "motor.encoder_counts_per_rev": (500.0, 2.0**25),
+    "motor.max_speed_rad_s": (50.0, 1300.0),
+    "motor.overload_time_s": (0.1, 30.0),
+    "gearbox.ratio": (1.0, 100.0),
+    "coupling.stiffness_nm_rad": (5.0, 1e6),
+    "pulley.effective_radius_m": (5e-3, 0.15),
+    "pulley.inertia_kg_m2": (1e-7, 0.1),
+    "belt.specific_stiffness_n": (1e4, 1e7),
+    "belt.pitch_m": (1.9e-3, 0.021),
+    "belt.pulley_distance_m": (0.1, 20.0),
+    "travel.max_m": (0.02, 20.0),
+    "limits.speed_m_s": (0.05, 15.0),
+    "limits.acceleration_m_s2": (0.5, 200.0),
+    "limits.feed_force_n": (10.0, 2e4),
+    "limits.pulley_torque_nm": (0.1, 1e3),
+    "payload.mass_kg": (0.0, 1e3),
+    "targets.following_error_m": (1e-5, 0.02),
+    "targets.settled_error_m": (1e-6, 5e-3),
+    "targets.distance_m": (0.01, 20.0),
+}
+
+
+def usual(entry: str, value: float) -> bool:
+    """Whether a value of an entry is what most axes have."""
+    low, high = USUAL.get(entry, (-math.inf, math.inf))
+    return low <= value <= high
+
+
+def usual_words(entry: str) -> str:
+    """The usual range, in the units that people think in."""
+    name = entry.partition(".")[2]
+    return " ... ".join(in_words(name, value) for value in USUAL[entry])
+
+
+def in_words(name: str, value: float) -> str:
+    """A value in the units that people think in: ``64 000 rpm``, ``0.449 kg cm²``, ``12.4 mm (78 mm/rev)``."""
+    if name == "encoder_counts_per_rev":
+        bits = math.log2(value) if value > 0.0 else 0.0
+        return f"{value:.0f}" + (f" ({bits:.0f} bit)" if bits == round(bits) else "")
+    if name == "effective_radius_m":
+        return f"{_short(1e3 * value)} mm ({_short(1e3 * math.tau * value)} mm/rev)"
+    suffix = suffix_of(name)
+    shown, factor = {
+        "rad_s": ("rpm", 60.0 / math.tau),
+        "kg_m2": ("kg cm²", 1e4),
+        "m": ("mm", 1e3),
+        "s": ("ms", 1e3) if abs(value) < 0.1 else ("s", 1.0),
+        "n": ("kN", 1e-3) if abs(value) >= 1e4 else ("N", 1.0),
+    }.get(suffix, (unit_of(name), 1.0))
+    return f"{_short(value * factor)} {shown}".rstrip()
+
+
+def _short(value: float) -> str:
+    """Four digits, thousands apart, without powers of ten."""
+    if abs(value) >= 1e4:
+        return f"{value:,.0f}".replace(",", " ")
+    text = f"{value:.4g}"
+    return f"{value:.10f}".rstrip("0").rstrip(".") if "e" in text else text

@@ -1,0 +1,52 @@
+"""The run that is meant when none is named, and the drive of a run when none is named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from beltcomm.errors import BeltcommError, UsageError
+
+#: Where commands make runs, and what a folder holds that is one.
+RUNS, MARKS = Path("runs"), ("run.yaml", "axis.yaml")
+
+
+def runs_here(folder: Path = RUNS) -> list[Path]:
+    """Run folders, the newest last: by what was last written in them."""
+    if not folder.is_dir():
+        return []
+    found = [path for path in folder.iterdir() if path.is_dir() and any((path / mark).is_file() for mark in MARKS)]
+    return sorted(found, key=lambda path: (written(path), path.name))
+
+
+def written(path: Path) -> float:
+    """When something was last done in a run, s since 1970."""
+    files = [path / name for name in ("journal.txt", *MARKS)]
+    return max((file.stat().st_mtime for file in files if file.is_file()), default=0.0)
+
+
+def or_newest(ctx: click.Context, _param: click.Parameter, value: Path | None) -> Path | None:
+    """The run given, else the newest under ``runs/``, which is said.   Raises UsageError where there is none."""
+    if value is not None or ctx.resilient_parsing:
+        return value
+    found = runs_here()
+    if not found:
+        raise UsageError("no run is named, and there is none under runs/; name one, or make one with `beltcomm commission`")
+    if not ctx.obj.json:
+        click.echo(f"Run: {found[-1]} (the newest; name another to use that)", err=True)
+    return found[-1]
+
+
+def drive_of(run: Path | None) -> str | None:
+    """The drive that a run was made on, as it was called then; None where it does not tell."""
+    from beltcomm.runfolder import RunFolder
+
+    if run is None or not run.is_dir():
+        return None
+    try:
+        told: Any = (RunFolder.open(run).load_result("drive") or {}).get("reached_as")
+    except BeltcommError:
+        return None
+    return told if isinstance(told, str) and told else None

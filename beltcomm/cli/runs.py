@@ -1,0 +1,59 @@
+"""``beltcomm runs``: the runs here, the newest first."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import click
+
+from beltcomm.cli import options as shared
+from beltcomm.cli.frame import Invocation
+from beltcomm.cli.newest import RUNS, runs_here, written
+
+
+@click.command("runs")
+@click.argument("folder", type=click.Path(path_type=Path), default=RUNS)
+@shared.output_options
+@click.pass_obj
+def command(frame: Invocation, /, folder: Path) -> int:
+    """The runs in FOLDER (runs/ when left out), the newest first: axis, drive, and what is said of each.
+
+    Example: beltcomm runs
+    """
+    from beltcomm.result import table
+
+    found = [_told(path) for path in reversed(runs_here(folder))]
+    if not found:
+        frame.print({"runs": []}, [f"There is no run in {folder}.", "Next: beltcomm commission --drive virtual   (makes one)"])
+        return 0
+    rows = [[str(one["run"]), str(one["date"]), str(one["axis"]), str(one["drive"]), str(one["headline"]["word"])] for one in found]
+    frame.print(
+        {"runs": found},
+        [
+            *table(["run", "last change", "axis", "drive", "result"], rows),
+            f"Next: beltcomm report {found[0]['run']}   (all of a run on a page)",
+        ],
+    )
+    return 0
+
+
+def _told(path: Path) -> dict[str, Any]:
+    """A run in a line; what is wrong with it, where it cannot be read."""
+    from beltcomm.errors import BeltcommError
+    from beltcomm.rundata.headline import headline_of
+    from beltcomm.runfolder import RunFolder
+
+    told = {"run": str(path), "date": f"{datetime.fromtimestamp(written(path)):%Y-%m-%d %H:%M}", "axis": "", "drive": ""}
+    try:
+        folder = RunFolder.open(path)
+        drive = folder.load_result("drive") or {}
+        return {
+            **told,
+            "axis": folder.axis.name if folder.has_axis else "",
+            "drive": str(drive.get("reached_as") or drive.get("name") or ""),
+            "headline": headline_of(folder).to_dict(),
+        }
+    except BeltcommError as problem:
+        return {**told, "headline": {"state": "damaged", "word": "DAMAGED", "sentence": str(problem)}}

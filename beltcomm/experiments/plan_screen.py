@@ -1,0 +1,146 @@
+"""The plan on one screen: what moves how far, how fast and how hard against its limits, what stops it; the rest is in its details."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from textwrap import wrap
+
+from beltcomm.axis import Axis
+from beltcomm.drive import Capabilities
+from beltcomm.experiments import phases
+from beltcomm.experiments.plan import Plan
+from beltcomm.language import tr
+from beltcomm.machine import gravity
+from beltcomm.result import Line, bar
+
+#: Columns of a screen; lines that what is said of a plan takes at most; rows of its table of records.
+WIDE, TEXT_LINES, ROWS = 80, 4, 5
+#: Share of a limit from which its bar is marked.
+NEAR = 0.98
+#: Share of the travel from which all of it counts as used.
+WHOLE = 0.98
+
+
+def plan_screen(plan: Plan, axis: Axis, capabilities: Capabilities, drive: str = "") -> list[Line]:
+    """Up to 22 lines of 80 columns.   drive : as it was asked for."""
+    name = axis.name or tr("axis without a name")
+    what = f"{drive} ({capabilities.name})" if drive else capabilities.name
+    title = Line(" ", (f"beltcomm {plan.verb}".rstrip(), "title"), "   ", (name, "title"), f"   {tr('drive')}: {what}"[:WIDE])
+    warning = Line("  ", (tr("THE AXIS WILL MOVE BY ITSELF.  Keep people, tools and cables out."), "bad"))
+    said = plan.said()
+    text = wrap(said, WIDE - 4, max_lines=TEXT_LINES, placeholder=" ... [d]") if said else []
+    return [
+        title,
+        Line(""),
+        warning,
+        *(Line("  " + line) for line in text),
+        Line(""),
+        *_bounds(plan, axis, capabilities),
+        *_gravity(plan, axis),
+        Line(""),
+        *_records(plan),
+        Line(""),
+        *_stops(plan),
+        *(Line("  ", (f"! {line}", "note")) for line in _doubts(plan, capabilities)),
+    ]
+
+
+def _bounds(plan: Plan, axis: Axis, capabilities: Capabilities) -> list[Line]:
+    """Range, speed, torque, belt force, heat and duration."""
+    keys = ("reach_m", "speed_m_s", "torque_nm", "belt_force_n")
+    most = {key: max((getattr(e, key) for e in plan.experiments), default=0.0) for key in keys}
+    peak = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
+    rows = [Line("   ", (f"{tr('range'):<13}", "title"), _range(plan, axis, most["reach_m"]))]
+    for label, value, limit, unit, of in (
+        (tr("speed"), most["speed_m_s"], axis.limits.speed_m_s or math.nan, "m/s", tr("axis limit")),
+        (tr("motor torque"), most["torque_nm"], peak, "N m", tr("peak")),
+        (tr("belt force"), most["belt_force_n"], axis.belt_force_limit_n, "N", tr("axis limit")),
+    ):
+        share = value / limit if limit > 0.0 else math.nan
+        told = f"{of} {limit:.3g} {unit}" if math.isfinite(limit) else tr("limit not known")
+        style = "note" if share >= NEAR else "bar"
+        upto = f"{tr('up to')} {value:.3g} {unit}"
+        rows.append(Line("   ", (f"{label:<13}", "title"), upto.ljust(20), told.ljust(24), (bar(share), style)))
+    rows.append(_heat(plan))
+    pause = tr("what does not fit is left out") if plan.over_budget else tr("at most")
+    rows.append(Line("   ", (f"{tr('duration'):<13}", "title"), f"{plan.seconds:.0f} s {tr('in motion')}".ljust(20), pause))
+    return rows
+
+
+def _heat(plan: Plan) -> Line:
+    heat = plan.heat
+    label = ("   ", ""), (f"{tr('motor heat'):<13}", "title")
+    if heat is None:
+        return Line(*label, tr("not known: no rated torque"))
+    hottest = f"{100.0 * heat.hottest:.0f} % {tr('of S1 at most')}".ljust(20)
+    style = "note" if heat.hottest >= NEAR else "bar"
+    return Line(*label, hottest, f"{100.0 * heat.continuous:.0f} % {tr('on average')} (I²t)".ljust(24), (bar(heat.hottest), style))
+
+
+def _range(plan: Plan, axis: Axis, reach_m: float) -> str:
+    """Where the carriage may be, stopping distance included."""
+    low, high = axis.travel.min_m, axis.travel.max_m
+    if plan.window_m is not None:
+        return tr(
+            "{low:+.0f} ... {high:+.0f} mm from where it stands, stopping distance included",
+            low=1e3 * plan.window_m[0],
+            high=1e3 * plan.window_m[1],
+        )
+    if low is None or high is None or reach_m < WHOLE * (high - low):
+        return tr("±{reach:.0f} mm about where it stands, stopping distance included", reach=1e3 * reach_m)
+    return tr("{low:.0f} ... {high:.0f} mm  (whole travel, stopping distance included)", low=1e3 * low, high=1e3 * high)
+
+
+def _gravity(plan: Plan, axis: Axis) -> list[Line]:
+    """Of a tilted axis what is held, and how far it may slip while that is found."""
+    if not axis.mounting.tilted:
+        return []
+    held = tr("held with about {torque:.2g} N m", torque=abs(gravity.expected(axis).torque_nm))
+    slip = tr("may slip {slip:.0f} mm while that is found", slip=1e3 * phases.SIGN_REACH_M) if plan.host_loss else ""
+    brake = "" if axis.motor.brake_torque_nm else tr("NO BRAKE STATED: only friction holds it without torque")
+    rows = [Line("   ", (f"{tr('gravity'):<13}", "title"), ", ".join(filter(None, [held, slip])))]
+    return [*rows, Line("   ", " " * 13, (brake, "bad"))] if brake else rows
+
+
+def _records(plan: Plan) -> list[Line]:
+    """The records, alike ones together, in two columns."""
+    groups: dict[str, list[float]] = {}
+    for one in plan.experiments:
+        title = re.split(r" at |, |:", one.title)[0]
+        kind = "frequency response" if "response" in title else title
+        count, travel_m, seconds = groups.get(kind, [0, 0.0, 0.0])
+        groups[kind] = [count + 1, max(travel_m, one.travel_m), seconds + one.seconds]
+    cells = [
+        f"{number:2} {(tr(title) + (f' x{count:.0f}' if count > 1 else ''))[:21]:<21}{1e3 * travel_m:4.0f} mm{seconds:4.0f} s"
+        for number, (title, (count, travel_m, seconds)) in enumerate(groups.items(), start=1)
+    ]
+    rows = math.ceil(len(cells) / 2)
+    shown = min(rows, ROWS)
+    lines = [Line("  ", cells[k], "   ", cells[k + rows] if k + rows < len(cells) else "") for k in range(shown)]
+    return lines if shown == rows else [*lines, Line("  ", (f"   ... {tr('all of them')}: [d]", "soft"))]
+
+
+def _stops(plan: Plan) -> list[Line]:
+    rows = [Line("  ", ("STOP", "title"), "  ", tr("Ctrl-C: controlled stop; twice: leaves at once.  E-stop in your hand"))]
+    if plan.host_loss is not None:
+        reaction_s, coast_m = plan.host_loss
+        rows.append(
+            Line(
+                "  ",
+                tr(
+                    "bus or PC lost: drive stops by itself after {ms:.0f} ms, coasts {coast:.0f} mm at most",
+                    ms=1e3 * reaction_s,
+                    coast=1e3 * coast_m,
+                ),
+            )
+        )
+    return [*rows, Line("  ", plan.written())]
+
+
+def _doubts(plan: Plan, capabilities: Capabilities) -> Sequence[str]:
+    """What speaks against the plan's records, a line each as far as it goes."""
+    scale = capabilities.torque_scale
+    doubts = [*capabilities.cautions, *(note for note in plan.notes if "not be seen" in note or (scale and note.startswith(scale)))]
+    return [f"{note[: WIDE - 12]} ... [d]" if len(note) > WIDE - 6 else note for note in doubts[:2]]

@@ -1,0 +1,122 @@
+"""``beltcomm improve``: what a model lacks is named and added, the gains are designed again and proven; before and after in µm.
+
+Each step is the public function behind a command.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from beltcomm import api
+from beltcomm.effects import effect_named
+from beltcomm.errors import Refused
+from beltcomm.experiments.options import Options, given
+from beltcomm.given import Place, pasted, place
+from beltcomm.language import tr
+from beltcomm.result import Line, Result
+from beltcomm.rundata.headline import Following, following, headline_of
+from beltcomm.runfolder import RunFolder
+from beltcomm.sentences import screens
+from beltcomm.talk import Silence, Talk
+
+
+def improve(
+    run: Place, drive: str | None = None, *, options: Options | None = None, command: str = "", when: str = "", talk: Talk | None = None
+) -> Result:
+    """Diagnose, add what is confirmed, design, with a ``drive`` verify.   Exit code 1: nothing was named, or a target is missed.
+
+    command, when : noted with the revisions.   Raises what the single functions raise.
+    """
+    options, talk, run = given(options), talk or Silence(), place(run)
+    if "final" not in RunFolder.open(run).names("models"):
+        raise Refused(f"{run} has no model to improve yet; make one with `beltcomm fit {pasted(run)}`")
+    before = headline_of(RunFolder.open(run))
+    found = api.diagnose(run, auto=True, command=command, when=when, talk=talk)
+    data = dict(found.to_json())
+    added = [step["added"] for step in data["steps"] if step["added"]]
+    revisions = data.get("revisions") or []
+    if not revisions:
+        return _nothing(run, data, found)
+    designed = api.design(run, command=command, options=options, talk=talk)
+    verified = None
+    if drive is not None:
+        verified = api.verify(drive, run, options=replace(options, payload_kg=None), talk=talk)
+    folder = RunFolder.open(run)
+    after = headline_of(folder)
+    errors = _errors(before.errors, after.errors if verified is not None else None, data.get("cost"))
+    ratio = (data["before"]["ratio"], revisions[-1]["ratio"]) if "before" in data else (revisions[0]["ratio"], revisions[-1]["ratio"])
+    told = tr("{names} named and added: error {old:.3g} -> {new:.3g} x the noise", names=", ".join(added), old=ratio[0], new=ratio[1])
+    text = [
+        Line(""),
+        Line("  ", (tr("IMPROVED"), "good"), "   ", (told, "title")),
+        Line(""),
+        *_rows(errors),
+        *(Line("   ", (f"{tr('check'):<9}", "title"), check) for check in _checks(added)),
+        *[line for line in designed.text if isinstance(line, Line) and line.strip().startswith((tr("gains"), tr("loop")))],
+        *screens.headline_lines(after),
+        *screens.next_lines(following(folder, after, drive or "")),
+    ]
+    result = {
+        "run": str(run),
+        "added": added,
+        "revisions": revisions,
+        "errors": errors,
+        "headline_before": before.to_dict(),
+        "headline": after.to_dict(),
+        "cost": data.get("cost"),
+    }
+    code = max(designed.exit_code, verified.exit_code if verified is not None else 0)
+    return Result(result, text, code, details=[*found.text, "", *designed.details, *(verified.details if verified else ())])
+
+
+def _nothing(run: Any, data: Mapping[str, Any], found: Result) -> Result:
+    """Nothing was confirmed, so nothing is changed."""
+    verdict = data["verdict"]
+    fine = verdict == "nothing missing"
+    state = (tr("NOTHING MISSING"), "good") if fine else (tr("NOT IMPROVED"), "note")
+    said = tr("the model explains what was measured") if fine else str(verdict)
+    text = [Line(""), Line("  ", state, "   ", (said, "title")), Line("")]
+    step = Following(f"beltcomm open {pasted(run)}", tr("other gains on a page"))
+    if not fine:
+        step = Following(f"beltcomm compare {pasted(run)}", tr("where the error sits"))
+    text += screens.next_lines(step)
+    return Result({"run": str(run), "added": [], "verdict": verdict}, text, 0 if fine else 1, details=found.text)
+
+
+def _errors(before: Mapping[str, Any] | None, after: Mapping[str, Any] | None, cost: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Following error at motor and carriage, µm, before and after: as verified where both moves were driven, else as predicted."""
+    found = {}
+    for place_, key in (("motor", "unaware"), ("carriage", "unaware_cart")):
+        if before is not None and after is not None:
+            one = {"before_um": 1e6 * before[place_]["following_m"], "after_um": 1e6 * after[place_]["following_m"]}
+            found[place_] = {**one, "how": "measured" if after[place_]["measured"] else "predicted"}
+        elif cost and cost.get(key):
+            aware = key.replace("unaware", "aware")
+            found[place_] = {"before_um": 1e6 * cost[key]["dynamic_m"], "after_um": 1e6 * cost[aware]["dynamic_m"], "how": "predicted"}
+    return found
+
+
+def _rows(errors: Mapping[str, Any]) -> list[Line]:
+    if not errors:
+        return [Line("   ", tr("what it brings in tracking cannot be said without a move"))]
+    head = Line(" " * 29, (f"{tr('before'):<11}{tr('after'):<11}", "soft"))
+    return [
+        head,
+        *(
+            Line(
+                "   ",
+                f"{tr('following error')}, {tr(where)}".ljust(26),
+                f"{one['before_um']:.0f} µm".ljust(11),
+                (f"{one['after_um']:.0f} µm".ljust(11), "good" if one["after_um"] < one["before_um"] else "note"),
+                tr(one["how"]),
+            )
+            for where, one in errors.items()
+        ),
+    ]
+
+
+def _checks(added: list[str]) -> list[str]:
+    """What to look at on the machine for each effect."""
+    return list(dict.fromkeys(effect_named(name).check[:68] for name in added))

@@ -1,0 +1,49 @@
+"""How hard a motion loads motor and belt, and how fast it is, while it is made: for whoever watches, not for what stops it."""
+
+from __future__ import annotations
+
+import math
+
+from beltcomm.axis import Axis
+from beltcomm.drive import Row
+from beltcomm.machine.envelope import Room
+from beltcomm.talk import Gauge
+
+#: Rows over which an acceleration is a mean: steps of the encoder must not pass for belt force.
+OVER = 10
+
+
+class Load:
+    """Sees the rows of a record; :meth:`gauges` tells the largest since it was last asked."""
+
+    def __init__(self, axis: Axis, room: Room) -> None:
+        self._ratio, self._inertia = axis.transmission_m_rad, (axis.motor.inertia_kg_m2 and axis.motor_side_inertia_kg_m2) or 0.0
+        self._limits = (room.torque_nm, axis.belt_force_limit_n, room.speed_m_s)
+        self._speeds: list[tuple[float, float]] = []
+        self._torque = self._force = self._speed = 0.0
+
+    def see(self, row: Row) -> None:
+        """A row as the drive gives it."""
+        t_s, torque, setpoint, _, velocity, *_ = row
+        torque = setpoint if math.isnan(torque) else torque
+        if math.isnan(torque):
+            torque = 0.0
+        if abs(torque) > abs(self._torque):
+            self._torque = torque
+        if math.isnan(velocity):
+            return
+        self._speed = max(self._speed, abs(velocity) * self._ratio)
+        self._speeds.append((t_s, velocity))
+        if len(self._speeds) > OVER:
+            begun_s, before = self._speeds.pop(0)
+            if t_s > begun_s:
+                driving = torque - self._inertia * (velocity - before) / (t_s - begun_s)
+                self._force = max(self._force, abs(driving) / self._ratio)
+
+    def gauges(self) -> tuple[Gauge, ...]:
+        """Torque, belt force (of what the rotor does not take) and speed."""
+        values = (self._torque, self._force, self._speed)
+        self._torque = self._force = self._speed = 0.0
+        names = (("torque", "N m"), ("belt", "N"), ("speed", "m/s"))
+        told = zip(names, values, self._limits, strict=True)
+        return tuple(Gauge(name, value, limit, unit) for (name, unit), value, limit in told if math.isfinite(limit))

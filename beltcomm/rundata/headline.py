@@ -1,0 +1,268 @@
+"""What is said of a run first, everywhere in the same words: terminal, ``verdict.txt``, report, JSON; and the one command to type next."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from beltcomm.axis.entries import NO_TARGETS, AxisTargets, entries_of
+from beltcomm.control import Cascade
+from beltcomm.drive.parameters import cascade_to_parameters
+from beltcomm.errors import BeltcommError
+from beltcomm.given import Reached, pasted
+from beltcomm.language import tr
+from beltcomm.model import Model
+from beltcomm.rundata.behind import unfitted
+from beltcomm.rundata.proof import same_gains, suspect
+from beltcomm.rundata.revisions import current_revision, trusted_model
+from beltcomm.runfolder import RunFolder
+
+State = Literal["pass", "fail", "doubt", "stale", "open"]
+#: Each state in the word that stands first.
+WORDS: Mapping[State, str] = {
+    "pass": "PASS",
+    "fail": "FAIL",
+    "doubt": "NOT TRUSTED",
+    "stale": "OUT OF DATE",
+    "open": "NOT PROVEN",
+}
+#: Where a result of a move keeps what it was driven with.
+OF = "verified"
+#: Where it says that the move was driven with gains that a person has set in the drive.
+OWN = "own_loop"
+UNEXPLAINED = "the model does not explain what was measured"
+
+
+@dataclass(frozen=True)
+class Headline:
+    """state : what the axis is.   sentence : without the state's word.   move : name of the result it rests on, "" without one.
+
+    errors : following and settled error, m, at motor and carriage.   targets : that count, as stated or by default.
+    """
+
+    state: State
+    sentence: str
+    move: str = ""
+    errors: Mapping[str, Any] | None = None
+    targets: AxisTargets = NO_TARGETS
+
+    @property
+    def word(self) -> str:
+        """PASS, FAIL, ..."""
+        return WORDS[self.state]
+
+    @property
+    def text(self) -> str:
+        """Word and sentence, for a file or a page."""
+        return f"{self.word}   {self.sentence}"
+
+    @property
+    def good(self) -> bool:
+        """Whether the axis does what was asked, by a model that explains it and with nothing that speaks against it."""
+        return self.state == "pass"
+
+    def to_dict(self) -> dict[str, Any]:
+        """For programs."""
+        return {
+            "state": self.state,
+            "word": self.word,
+            "sentence": self.sentence,
+            "move": self.move,
+            "errors": self.errors,
+            "targets": targets_dict(self.targets),
+        }
+
+
+@dataclass(frozen=True)
+class Following:
+    """The command to type next.   why : what it does, a few words."""
+
+    command: str
+    why: str
+
+
+def targets_dict(targets: AxisTargets) -> dict[str, Any]:
+    """What holds, and whether anybody stated it."""
+    return {
+        "following_error_m": targets.following_m,
+        "settled_error_m": targets.settled_m,
+        "settled_after_s": targets.after_s,
+        "at": list(targets.places),
+        "move": targets.limits,
+        "distance_m": targets.way_m,
+        "stated": targets.stated,
+    }
+
+
+def hashes_of(gains: Mapping[str, float] | Cascade, model: Model | None) -> dict[str, str]:
+    """Short hashes of gains and model, to three digits: what a later computation of the same leaves as it is."""
+    values = cascade_to_parameters(gains) if isinstance(gains, Cascade) else gains
+    told = {} if model is None else {name: item.value for name, item in model.parameters.items()}
+    effects = [] if model is None else list(model.effects)
+    return {"gains": _hash({n: f"{v:.3g}" for n, v in values.items()}), "model": _hash([effects, {n: f"{v:.3g}" for n, v in told.items()}])}
+
+
+def headline_of(folder: RunFolder) -> Headline:
+    """By the last move that was driven with today's gains on today's model; without one, the last of all is out of date."""
+    name = (folder.axis.name if folder.has_axis else "") or "the axis"
+    asked = folder.axis.targets if folder.has_axis else NO_TARGETS
+    moves = {n: folder.load("results", n) for n in folder.names("results") if n.startswith("verify_")}
+    if not moves:
+        doubt = f"; {tr(UNEXPLAINED)}" if suspect(folder) else ""
+        text = tr("{name}: no move has been driven with a design of this run yet", name=name) + doubt
+        return Headline("doubt" if doubt else "open", text, targets=asked)
+    design = folder.load("designs", "final") if "final" in folder.names("designs") else {}
+    model = _model_of(folder)
+    changed = {n: _changed(moves[n], design.get("parameters"), model) for n in moves}
+    today = [n for n in moves if not changed[n]]
+    last = today[-1] if today else list(moves)[-1]
+    told, targets = moves[last], targets_of(moves[last], asked)
+    errors = {place: _error(told, place) for place in ("motor", "carriage")}
+    if not today:
+        what = tr(" and ").join(tr(one) for one in changed[last])
+        text = tr("{name} was verified with {what} than this run has now: {within} then", name=name, what=what, within=_within(errors))
+        return Headline("stale", text, last, errors, targets)
+    missed = _missed(errors, targets)
+    name = tr("{name}, with the gains that stand in the drive,", name=name) if told.get(OWN) else name
+    if missed or not told.get("passed"):
+        text = tr("{name} misses its target: {missed}", name=name, missed="; ".join(missed) or _within(errors))
+        return Headline("fail", f"{text}; {tr(UNEXPLAINED)}" if suspect(folder) else text, last, errors, targets)
+    if suspect(folder):
+        text = tr("the model does not explain what was measured, though {name} was within {within}", name=name, within=_within(errors))
+        return Headline("doubt", text, last, errors, targets)
+    if said := told.get("reservations"):
+        reasons = "; ".join(str(one) for one in (said if isinstance(said, (list, tuple)) else [said]))
+        return Headline("fail", tr("{name} met its targets in this move, but {why}", name=name, why=reasons), last, errors, targets)
+    return Headline("pass", tr("{name} is within {within}", name=name, within=_within(errors)), last, errors, targets)
+
+
+def targets_of(result: Mapping[str, Any], asked: AxisTargets) -> AxisTargets:
+    """What a move was judged by.   asked : of the axis, for a result that does not tell."""
+    told = result.get("targets")
+    if not isinstance(told, Mapping):
+        return asked
+    known = {*entries_of(AxisTargets), "at", "move"}
+    return AxisTargets(**{key: value for key, value in told.items() if key in known and value is not None})
+
+
+def following(folder: RunFolder, headline: Headline, drive: str = "", *, applied: str = "restore", called: str = "") -> Following:
+    """The one command that helps most now.   drive : that of the run unless told.   applied : what became of the gains.
+
+    called : the folder as a terminal takes it.
+    """
+    run = pasted(called or folder.path)
+    drive = drive or drive_of(folder)
+    with_drive = f"--drive {pasted(drive)} --run {run}"
+    if folder.has_axis and not folder.axis.has_belt:
+        return Following(f"beltcomm diagnose {run}", tr("what the model misses"))
+    if "final" not in folder.names("models"):
+        return Following(f"beltcomm fit {run}", tr("a model of the records"))
+    if suspect(folder):
+        return Following(f"beltcomm improve {run}", tr("names what the model lacks, adds it, designs again"))
+    design, model = folder.load("designs", "final") if "final" in folder.names("designs") else {}, _model_of(folder)
+    if not design or _outdated(design, model) or (unfitted(folder) and current_revision(folder) is None):
+        return Following(
+            f"beltcomm design {run}", tr("gains with margins, of the model as it is now") if design else tr("gains with margins")
+        )
+    if headline.state in ("open", "stale"):
+        return Following(f"beltcomm verify {with_drive}", tr("a move that proves the gains"))
+    if folder.load("results", headline.move).get(OWN):
+        if headline.good:
+            return Following(f"beltcomm report {run}", tr("nothing has to be typed in: the loop in the drive does"))
+        return Following(f"beltcomm verify {with_drive}", tr("when the gains are typed in with the maker's tool"))
+    if headline.state == "fail":
+        return Following(f"beltcomm open {run}", tr("other gains on a page; or state other targets, or a slower move"))
+    if folder.drive.get("hardware") == "virtual":
+        return Following(f"beltcomm open {run}", tr("model and other gains on a page; a virtual drive keeps none"))
+    if applied == "restore":
+        return Following(f"beltcomm apply {with_drive}", tr("writes the gains; --save keeps them beyond power-off"))
+    if applied == "keep":
+        return Following(f"beltcomm apply {with_drive} --save", tr("keeps the gains beyond power-off"))
+    return Following(f"beltcomm report {run}", tr("the page for the file of this machine"))
+
+
+def behind(folder: RunFolder) -> list[str]:
+    """In sentences, what should be made anew before the run's design is driven."""
+    found, again = [], tr("`beltcomm design {run}` makes it anew", run=pasted(folder.path))
+    if (names := unfitted(folder)) and current_revision(folder) is None:
+        found.append(tr("The run's model was not fitted to {names}, recorded since; {again}.", names=", ".join(names), again=again))
+    if _outdated(folder.load("designs", "final") if "final" in folder.names("designs") else {}, _model_of(folder)):
+        found.append(tr("The run's design was made from an earlier model; {again}.", again=again))
+    return found
+
+
+def _outdated(design: Mapping[str, Any], model: Model | None) -> bool:
+    of = design.get(OF)
+    return isinstance(of, Mapping) and of.get("model") != hashes_of({}, model)["model"]
+
+
+def drive_of(folder: RunFolder) -> str:
+    """What the drive of a run is called; DRIVE where it does not tell."""
+    drive = folder.load_result("drive") or {}
+    called, by = drive.get("reached_as"), drive.get("reached_by")
+    found = Reached(called if isinstance(called, str) and called else "DRIVE")
+    found.options = by if isinstance(by, str) else ""
+    return found
+
+
+def _model_of(folder: RunFolder) -> Model | None:
+    """The model that a design rests on."""
+    try:
+        return trusted_model(folder)[0]
+    except BeltcommError:
+        return None
+
+
+def _changed(result: Mapping[str, Any], gains: Any, model: Model | None) -> list[str]:
+    """What is not as it was when a move was driven."""
+    proof, of = result.get("proof"), result.get(OF)
+    driven = proof.get("gains") if isinstance(proof, Mapping) else None
+    changed = [] if driven is None or result.get(OWN) or same_gains(driven, gains) else ["other gains"]
+    if isinstance(of, Mapping) and model is not None and of.get("model") != hashes_of({}, model)["model"]:
+        changed.append("another model")
+    return changed
+
+
+def _error(result: Mapping[str, Any], place: str) -> dict[str, Any]:
+    """Errors at a place, measured where something measures there."""
+    measured = result.get("measured") if place == "motor" else result.get("measured_cart")
+    told = measured or result.get("predicted" if place == "motor" else "predicted_cart") or {}
+    return {
+        "following_m": float(told.get("dynamic_m", float("nan"))),
+        "settled_m": float(told.get("static_m", float("nan"))),
+        "measured": bool(measured),
+    }
+
+
+def _within(errors: Mapping[str, Mapping[str, Any]]) -> str:
+    return ", ".join(
+        f"{_mm(one['following_m'])} ({tr(place)}{'' if one['measured'] else ', ' + tr('predicted')})"
+        for place, one in errors.items()
+        if one["following_m"] == one["following_m"]
+    )
+
+
+def _missed(errors: Mapping[str, Mapping[str, Any]], targets: AxisTargets) -> list[str]:
+    """Each target that is missed, with value and limit."""
+    found = []
+    for place in targets.places:
+        one = errors[place]
+        how = tr(place) if one["measured"] else f"{tr(place)}, {tr('predicted')}"
+        if one["following_m"] > targets.following_m:
+            value, limit = _mm(one["following_m"]), _mm(targets.following_m)
+            found.append(tr("following error {value} ({how}), allowed {limit}", value=value, how=how, limit=limit))
+        if one["settled_m"] > targets.settled_m:
+            value, limit = _mm(one["settled_m"]), _mm(targets.settled_m)
+            found.append(tr("{value} off after {s:g} s ({how}), allowed {limit}", value=value, s=targets.after_s, how=how, limit=limit))
+    return found
+
+
+def _mm(value_m: float) -> str:
+    return f"{1e3 * value_m:.3g} mm"
+
+
+def _hash(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:12]

@@ -1,0 +1,241 @@
+"""Answers on one screen: the headline, errors against targets, axis, model, gains, loop, what to look at, and the command to type next.
+
+Each function makes the lines of one part; a verb shows the parts that it has.  Three digits: more belongs into the files.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from textwrap import shorten, wrap
+from typing import Any
+
+from beltcomm.control import Cascade
+from beltcomm.design.cascade import DesignResult
+from beltcomm.design.margins import Margins
+from beltcomm.errors import BeltcommError
+from beltcomm.fit.model_fit import SUSPECT_MISFIT
+from beltcomm.fit.noise_level import too_little
+from beltcomm.identify.friction import FrictionFit
+from beltcomm.language import tr
+from beltcomm.model import Model
+from beltcomm.result import Line, command_lines
+from beltcomm.rundata import analyse
+from beltcomm.rundata.design_proof import DesignProof
+from beltcomm.rundata.headline import Following, Headline
+from beltcomm.verify import TrackingError, Verdict
+
+#: Columns of a screen; warnings that it shows.
+WIDE, MOST_WARNINGS = 80, 3
+#: Style of each state of a headline.
+STYLES = {"pass": "good", "fail": "bad", "doubt": "bad", "stale": "note", "open": "note"}
+#: Error over the noise up to which nothing is missing.
+EXPLAINED = 1.1
+#: What of a data sheet is off, in the words of a screen: entry -> (found less, found more).
+OFF = {
+    "belt.specific_stiffness_n": (
+        "belt {share:.0f} % softer than its data sheet: check its tension",
+        "belt {share:.0f} % stiffer than its data sheet: check axis.yaml",
+    ),
+    "motor.inertia_kg_m2": (
+        "motor side {share:.0f} % lighter than its data sheet: check axis.yaml",
+        "motor side {share:.0f} % heavier than its data sheet: check axis.yaml",
+    ),
+}
+
+
+def headline_lines(headline: Headline) -> list[Line]:
+    """State in colour and word, then the sentence, broken where it is long."""
+    word = tr(headline.word)
+    first, *more = wrap(headline.sentence, WIDE - len(word) - 5, break_on_hyphens=False) or [""]
+    return [
+        Line("  ", (word, STYLES[headline.state]), "   ", (first, "title")),
+        *(Line(" " * (len(word) + 5), (part, "title")) for part in more),
+    ]
+
+
+def tracking_lines(verdict: Verdict) -> list[Line]:
+    """Errors measured and predicted, each against its target, at the motor and at the carriage."""
+    targets = verdict.targets
+    title = tr("your target") if targets.stated else tr("default target")
+    rows = [Line(" " * 29, (f"{tr('measured'):<11}{tr('predicted'):<18}{title}", "soft"))]
+    for place, measured, predicted, spread in (
+        ("motor", verdict.measured, verdict.predicted, verdict.predicted_range),
+        ("carriage", verdict.measured_cart, verdict.predicted_cart, None),
+    ):
+        judged = place in targets.places
+        rows.append(_error_row(tr("following error"), place, "dynamic_m", measured, predicted, spread, targets.following_m, judged))
+        if judged:
+            label = tr("after {s:g} s", s=targets.after_s)
+            rows.append(_error_row(label, place, "static_m", measured, predicted, spread, targets.settled_m, judged))
+    place, one = ("carriage", verdict.measured_cart) if verdict.measured_cart else ("motor", verdict.measured)
+    settled = tr("never settles") if one.settling_s is None else tr("settles in {ms:.0f} ms", ms=1e3 * one.settling_s)
+    return [*rows, Line("   ", f"{tr('overshoot')}, {tr(place)}".ljust(26), f"{_mm(one.overshoot_m)}".ljust(11), settled)]
+
+
+def _error_row(
+    label: str,
+    place: str,
+    key: str,
+    measured: TrackingError | None,
+    predicted: TrackingError,
+    spread: tuple[TrackingError, TrackingError] | None,
+    limit_m: float,
+    judged: bool,
+) -> Line:
+    """One error with its target; what is not judged is still compared."""
+    value = float(getattr(predicted if measured is None else measured, key))
+    guess = _mm(getattr(predicted, key)) if spread is None else f"{1e3 * getattr(spread[0], key):.3f}..{1e3 * getattr(spread[1], key):.3f}"
+    word = tr("ok") if value <= limit_m else tr("MISSED") if judged else tr("beyond")
+    style = "good" if value <= limit_m else "bad" if judged else "note"
+    shown = "-" if measured is None else _mm(value)
+    wanted = _mm(limit_m) if judged else f"({_mm(limit_m)})"
+    return Line(
+        "   ", f"{label}, {tr(place)}".ljust(26), shown.ljust(11), guess.ljust(18), wanted.ljust(11), (word, style if judged else "soft")
+    )
+
+
+def axis_lines(model: Model, at_m: float, delay_s: float | None = None) -> list[Line]:
+    """What the axis is: mass, belt, friction at the carriage, resonances for a place."""
+    ratio = model["transmission.ratio"]
+    coulomb = model.get("coulomb.level") / ratio + model.get("cart_friction.level")
+    viscous = model.get("viscous.damping") / ratio**2 + model.get("viscous_cart.damping")
+    belt = ""
+    if "belt_stiffness.stiffness" in model.parameters:
+        belt = f"   {tr('belt')} {_digits(model['belt_stiffness.stiffness'] / 1e3)} kN/m"
+    elif "belt_spans.specific_stiffness" in model.parameters:
+        belt = f"   {tr('belt')} EA {_digits(model['belt_spans.specific_stiffness'] / 1e3)} kN"
+    first = f"{tr('mass')} {_digits(model['cart.mass'])} kg{belt}   {tr('friction')} {_digits(coulomb)} N + {_digits(viscous)} N s/m"
+    second = []
+    try:
+        low, high = analyse.characteristic_hz(model, at_m)
+        second = [f"{tr('antiresonance')} {_digits(low)} Hz", f"{tr('resonance')} {_digits(high)} Hz"]
+    except BeltcommError:
+        pass
+    second += [f"{tr('delay')} {1e3 * delay_s:.3g} ms"] if delay_s else []
+    rows = [Line("   ", (f"{tr('axis'):<9}", "title"), first)]
+    return [*rows, *([Line(" " * 12, "   ".join(second))] if second else [])]
+
+
+def model_line(level: float, suspect: bool | None = None) -> Line:
+    """Whether the model explains what was measured.   level : error over the noise."""
+    label = ("   ", ""), (f"{tr('model'):<9}", "title")
+    if too_little(level):
+        return Line(*label, (tr("leaves {level:.2f} x the noise, less than noise can leave: not judged", level=level), "note"))
+    if suspect if suspect is not None else level**2 > SUSPECT_MISFIT:
+        return Line(*label, (tr("does NOT explain what was measured ({level:.2f} x the noise)", level=level), "bad"))
+    if level > EXPLAINED:
+        return Line(*label, (tr("leaves {level:.2f} x the noise: something is missing", level=level), "note"))
+    return Line(*label, tr("explains everything above the noise ({level:.2f} x)", level=level).ljust(56), (tr("ok"), "good"))
+
+
+def gain_lines(cascade: Cascade) -> list[Line]:
+    """The gains, prefilter and feedforward."""
+    gains = f"Kp {cascade.kp_nm_s_rad:.3g} N m s/rad   Ki {cascade.ki_nm_rad:.3g} N m/rad   Kv {cascade.kpp_1_s:.3g} 1/s"
+    filters = {
+        "none": tr("no prefilter"),
+        "notch": tr("notch {hz:.3g} Hz", hz=cascade.prefilter.omega_rad_s / math.tau),
+        "butterworth": tr("low-pass {hz:.3g} Hz", hz=cascade.prefilter.omega_rad_s / math.tau),
+    }[cascade.prefilter.kind]
+    sent = cascade.feedforward
+    parts = [
+        word
+        for word, value in (
+            (tr("inertia"), sent.inertia_kg_m2),
+            (tr("viscous"), sent.viscous_nm_s_rad),
+            (tr("Coulomb"), sent.coulomb_nm),
+            (tr("offset"), sent.offset_nm),
+            (tr("velocity"), sent.velocity),
+        )
+        if value
+    ]
+    forward = f"{tr('feedforward')}: {', '.join(parts)}" if parts else tr("no feedforward")
+    return [
+        Line("   ", (f"{tr('gains'):<9}", "title"), gains),
+        Line(" " * 12, f"{filters}   {forward}"),
+    ]
+
+
+def loop_lines(margins: Sequence[Margins], binding: Sequence[str]) -> list[Line]:
+    """Bandwidths (crossovers, the lowest of all variants) with what limits them, and the worst margins."""
+    velocity = min((m.crossover_rad_s for m in margins if math.isfinite(m.crossover_rad_s)), default=math.nan) / math.tau
+    position = min((m.position_crossover_rad_s for m in margins if math.isfinite(m.position_crossover_rad_s)), default=math.nan) / math.tau
+    first = f"{tr('bandwidth')}: {tr('velocity')} {_digits(velocity)} Hz, {tr('position')} {_digits(position)} Hz"
+    phase, other = min(m.phase_margin_deg for m in margins), min(m.position_phase_margin_deg for m in margins)
+    gain = min(min(m.gain_margin_db, m.position_gain_margin_db) for m in margins)
+    ms = max(max(m.sensitivity_db, m.position_sensitivity_db) for m in margins)
+    told = f"{gain:.3g} dB" if math.isfinite(gain) else tr("unlimited")
+    second = f"{tr('phase margin')} {phase:.0f}°, {tr('position')} {other:.0f}°   {tr('gain margin')} {told}   Ms {ms:.2g} dB"
+    rows = [Line("   ", (f"{tr('loop'):<9}", "title"), first), Line(" " * 12, second)]
+    limits = list(dict.fromkeys(_limit(reason) for reason in binding))
+    return rows + ([Line(" " * 12, shorten(f"{tr('limited by')} {', '.join(limits)}", WIDE - 12, placeholder=" ..."))] if limits else [])
+
+
+def friction_line(friction: FrictionFit) -> Line:
+    """Coulomb and viscous friction of the sweep at the motor, with their intervals."""
+    coulomb, viscous = friction.coulomb, friction.viscous
+    text = f"Coulomb {_digits(1e3 * coulomb.value)}{_half(coulomb.interval)} mN m   "
+    text += f"{tr('viscous')} {_digits(1e3 * viscous.value)}{_half(viscous.interval)} mN m s/rad"
+    return Line("   ", (f"{tr('friction'):<9}", "title"), text)
+
+
+def _half(interval: float | None) -> str:
+    return "" if interval is None else f" ± {1e3 * interval:.2g}"
+
+
+def design_screen(design: DesignResult, cascade: Cascade) -> list[Line]:
+    """Gains and loop of a design."""
+    return [*gain_lines(cascade), *loop_lines(design.margins, design.binding)]
+
+
+def proof_lines(proof: DesignProof) -> list[Line]:
+    """On how many measured responses and drawn models the loop holds, and the worst of them."""
+    unstable = [m.record for m in proof.measured if m.stable is False]
+    bad = bool(unstable) or proof.spread.unstable > 0
+    text = tr("{count} measured responses", count=len(proof.measured))
+    text += f", {tr('UNSTABLE on')} {', '.join(unstable)}" if unstable else ""
+    text += "; " + tr("{count} drawn models, {bad} unstable", count=proof.spread.draws, bad=proof.spread.unstable or tr("none"))
+    label = ("   ", ""), (f"{tr('proof'):<9}", "title")
+    return [Line(*label, (text, "bad"))] if bad else [Line(*label, text.ljust(56), (tr("ok"), "good"))]
+
+
+def sheet_words(doubts: Iterable[Mapping[str, Any]]) -> list[str]:
+    """What of the data sheets the model contradicts, a line each."""
+    told = []
+    for doubt in doubts:
+        less, more = OFF.get(str(doubt["entry"]), ("{share:.0f} % less than in axis.yaml", "{share:.0f} % more than in axis.yaml"))
+        factor = float(doubt["factor"])
+        text = tr(less if factor < 1.0 else more, share=100.0 * abs(factor - 1.0))
+        told.append(text if str(doubt["entry"]) in OFF else f"{doubt['entry']}: {text}")
+    return told
+
+
+def warning_lines(texts: Sequence[str], where: str = "--details") -> list[Line]:
+    """What to look at, a line each; how many more there are.   where : the rest is told."""
+    lines = [Line("   ", (shorten(f"! {text}", WIDE - 4, placeholder=" ..."), "note")) for text in texts[:MOST_WARNINGS]]
+    left = len(texts) - MOST_WARNINGS
+    return lines + ([Line("   ", (f"! {tr('{count} more notes', count=left)}: {where}", "note"))] if left > 0 else [])
+
+
+def next_lines(step: Following) -> list[Line]:
+    """The command to type next."""
+    return command_lines(step.command, step.why)
+
+
+def _limit(reason: str) -> str:
+    """What binds, without its value: ``velocity phase margin``."""
+    return tr(re.split(r" -?[\d.]", reason.partition(" (")[0])[0])
+
+
+def _mm(value_m: float) -> str:
+    return f"{_digits(1e3 * value_m)} mm"
+
+
+def _digits(value: float) -> str:
+    """Three digits, without powers of ten."""
+    if not math.isfinite(value):
+        return "-"
+    if value and abs(value) < 1e-3:
+        return f"{value:.1g}" if abs(value) >= 1e-4 else "0"
+    return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"

@@ -1,0 +1,143 @@
+// Charts by uPlot: colours of the page, width of their place, export of picture and numbers; the same way for all tabs.
+
+const charts = new Set();
+
+export function element(tag, attributes = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (name in made) made[name] = value;
+    else made.setAttribute(name, value);
+  }
+  made.append(...children);
+  return made;
+}
+
+export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+
+export function number(value, digits = 3) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "none";
+  return Math.abs(value) >= 100 && digits === 3 ? value.toFixed(0) : String(Number(value.toPrecision(digits)));
+}
+
+function kept(text, name, type) {
+  const link = element("a", { href: URL.createObjectURL(text instanceof Blob ? text : new Blob([text], { type })), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 5000);
+}
+
+/* spec: title, name (of files), x and y: {label, log, range: [low, high] or a function of the data, values}, series: [{name, look: "first", width, dash, dots, size, hidden}],
+   overlay(u, ctx), onSelect(low, high) for a drag (shift still magnifies), sync: key of charts that share a cursor, height. */
+export function chart(place, spec) {
+  const box = element("div", { className: "chart" });
+  const picture = element("button", { type: "button", title: "the picture as PNG" }, "PNG"), table = element("button", { type: "button", title: "the numbers as CSV" }, "CSV");
+  const values = element("span", { className: "values" });
+  const figure = element("figure", { className: spec.quiet ? "quiet" : "" }, element("figcaption", {}, element("span", {}, spec.title || ""), values, element("span", {}, picture, " ", table)), box);
+  place.append(figure);
+  const one = { spec, data: null, u: null, box, figure, width: 0 };
+
+  one.build = () => {
+    if (!one.data || !box.clientWidth) return;
+    one.u?.destroy();
+    one.width = box.clientWidth;
+    const ink = colour("ink"), grid = { stroke: colour("grid"), width: 1 }, axis = (which) => ({
+      label: which.label, labelSize: 20, stroke: ink, grid, ticks: { ...grid, size: 4 }, font: `11px ${colour("font")}`, labelFont: `12px ${colour("font")}`, values: which.values,
+      ...(which.log ? { filter: (u, splits) => splits.map((v) => ([1, 2, 5].includes(Math.round(v / 10 ** Math.floor(Math.log10(v) + 1e-9))) ? v : null)), values: (u, splits) => splits.map((v) => (v === null ? "" : String(Number(v.toPrecision(3))))) } : {}),
+    });
+    const scale = (which) => ({ time: false, distr: which.log ? 3 : 1, ...(which.range ? { range: typeof which.range === "function" ? which.range : () => which.range } : {}) });
+    let shifted = false;
+    one.u = new uPlot({
+      width: one.width, height: spec.height || Math.round(Math.min(Math.max(0.52 * one.width, 180), 280)),
+      legend: { live: true, markers: { width: 2 } },
+      scales: { x: scale(spec.x), y: scale(spec.y) },
+      axes: [{ ...axis(spec.x), size: 34 }, { ...axis(spec.y), size: 52 }],
+      cursor: { drag: { x: true, y: false, setScale: !spec.onSelect }, sync: spec.sync ? { key: spec.sync } : undefined, points: { size: 6 }, focus: { prox: 24 },
+        bind: { mousedown: (u, target, handler) => (event) => { shifted = event.shiftKey; handler(event); } } },
+      series: [{ label: spec.x.label, value: (u, v) => (v === null ? "" : number(v, 4)) }, ...spec.series.map((s) => ({
+        label: s.name, stroke: colour(s.look), width: s.dots ? 0 : s.width || 2, dash: s.dash, spanGaps: true, show: !s.hidden,
+        paths: s.dots ? () => null : undefined,
+        points: { show: Boolean(s.dots), size: s.size || 3, fill: colour(s.look), stroke: colour(s.look), width: 0 },
+        value: (u, v) => (v === null || v === undefined ? "" : number(v, 4)),
+      }))],
+      hooks: {
+        draw: spec.overlay ? [(u) => { u.ctx.save(); u.ctx.beginPath(); u.ctx.rect(u.bbox.left, u.bbox.top, u.bbox.width, u.bbox.height); u.ctx.clip(); spec.overlay(u, u.ctx); u.ctx.restore(); }] : [],
+        // Without a legend the values under the pointer stand in the caption.
+        setCursor: spec.quiet ? [(u) => {
+          const i = u.cursor.idx;
+          values.textContent = i === null || i === undefined ? "" : u.series.map((s, k) => (k === 0 ? number(u.data[0][i], 4) : u.data[k][i] === null || u.data[k][i] === undefined ? "" : `${s.label} ${number(u.data[k][i])}`)).filter(Boolean).join(" · ");
+        }] : [],
+        setSelect: spec.onSelect ? [(u) => {
+          if (u.select.width < 3) return;
+          const low = u.posToVal(u.select.left, "x"), high = u.posToVal(u.select.left + u.select.width, "x");
+          u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
+          if (shifted) u.setScale("x", { min: low, max: high });
+          else spec.onSelect(low, high);
+        }] : [],
+      },
+    }, one.data, box);
+    box.setAttribute("role", "img");
+    box.setAttribute("aria-label", `${spec.title || spec.y.label}: ${spec.series.map((s) => s.name).join(", ")} over ${spec.x.label}`);
+  };
+  one.set = (data, keepScales = false) => {
+    one.data = data;
+    if (!one.u || box.clientWidth !== one.width) one.build();
+    else {
+      one.u.setData(data, !keepScales);
+      if (keepScales) one.u.redraw(true, false);
+    }
+  };
+  one.remove = () => { one.u?.destroy(); figure.remove(); charts.delete(one); };
+  picture.addEventListener("click", () => {
+    const own = one.u.ctx.canvas, whole = element("canvas", { width: own.width, height: own.height }), ctx = whole.getContext("2d");
+    ctx.fillStyle = colour("paper");
+    ctx.fillRect(0, 0, whole.width, whole.height);
+    ctx.drawImage(own, 0, 0);
+    whole.toBlob((blob) => kept(blob, `${spec.name || "picture"}.png`));
+  });
+  table.addEventListener("click", () => {
+    const head = [spec.x.label, ...spec.series.map((s) => s.name)].map((name) => `"${name.replaceAll('"', "'")}"`);
+    kept([head.join(","), ...one.data[0].map((x, i) => [x, ...one.data.slice(1).map((y) => y[i] ?? "")].join(","))].join("\n") + "\n", `${spec.name || "numbers"}.csv`, "text/csv");
+  });
+  charts.add(one);
+  return one;
+}
+
+// A line through points that are no series: means, marks.
+export function line(u, ctx, xs, ys, stroke, width = 2, dash = []) {
+  ctx.strokeStyle = stroke;
+  ctx.lineWidth = width * devicePixelRatio;
+  ctx.setLineDash(dash.map((part) => part * devicePixelRatio));
+  ctx.beginPath();
+  let pen = false;
+  xs.forEach((x, i) => {
+    if (ys[i] === null || !Number.isFinite(ys[i])) { pen = false; return; }
+    const [px, py] = [u.valToPos(x, "x", true), u.valToPos(ys[i], "y", true)];
+    if (pen) ctx.lineTo(px, py); else ctx.moveTo(px, py);
+    pen = true;
+  });
+  ctx.stroke();
+}
+
+export const horizontal = (u, ctx, y, stroke, dash = [4, 3]) => line(u, ctx, [u.scales.x.min, u.scales.x.max], [y, y], stroke, 1, dash);
+export function vertical(u, ctx, x, words, stroke, row = 0) {
+  const px = u.valToPos(x, "x", true);
+  ctx.strokeStyle = ctx.fillStyle = stroke;
+  ctx.lineWidth = devicePixelRatio;
+  ctx.setLineDash([2 * devicePixelRatio, 3 * devicePixelRatio]);
+  ctx.beginPath();
+  ctx.moveTo(px, u.bbox.top);
+  ctx.lineTo(px, u.bbox.top + u.bbox.height);
+  ctx.stroke();
+  ctx.font = `${11 * devicePixelRatio}px ${colour("font")}`;
+  ctx.textBaseline = "top";
+  ctx.textAlign = px > u.bbox.left + 0.7 * u.bbox.width ? "right" : "left";
+  ctx.fillText(` ${words} `, px, u.bbox.top + (3 + 14 * row) * devicePixelRatio);
+}
+
+const again = () => { for (const one of charts) if (one.data && one.box.clientWidth) one.build(); };
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
+let waiting = 0;
+new ResizeObserver(() => {
+  clearTimeout(waiting);
+  waiting = setTimeout(() => { for (const one of charts) if (one.data && one.box.clientWidth && one.box.clientWidth !== one.width) one.build(); }, 60);
+}).observe(document.body);
+export const shown = () => { for (const one of charts) if (one.data && one.box.clientWidth && (!one.u || one.box.clientWidth !== one.width)) one.build(); };

@@ -1,0 +1,131 @@
+"""``beltcomm init``: what an answer means, numbers as data sheets have them, the catalogue, a file for people, schemas for editors."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from beltcomm.axis import Axis, load_axis
+from beltcomm.axis.answers import USUAL, in_words, usual
+from beltcomm.axis.catalogue import parts, with_part
+from beltcomm.axis.entries import SECTIONS, entries_of, meaning_of
+from beltcomm.axis.written import axis_schema, commented
+from beltcomm.cli.main import cli
+from beltcomm.configfiles import config_names, find_config, read_yaml, shipped_file
+from beltcomm.errors import UsageError
+from beltcomm.quantities import parse_quantity
+from beltcomm.schedule.steps import KEYS
+
+
+def call(*words: str, answer: str = "") -> Result:
+    return CliRunner().invoke(cli, list(words), input=answer)
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "value"),
+    [
+        ("0,449 kg cm2", "inertia_kg_m2", 44.9e-6),
+        ("12,5", "travel_m", 12.5),
+        ("1,25 mm", "travel_m", 1.25e-3),
+        ("0,125", "travel_m", 0.125),
+    ],
+)
+def test_a_decimal_comma_is_read(text: str, name: str, value: float) -> None:
+    assert parse_quantity(text, name) == pytest.approx(value)
+
+
+@pytest.mark.parametrize("text", ["1,250", "1,250,000", "1,2,3", "1,250.5", "12,500 mm"])
+def test_what_may_be_thousands_is_asked_for(text: str) -> None:
+    with pytest.raises(UsageError, match=r"decimal point|give a number"):
+        parse_quantity(text, "travel_m")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("max_speed_rad_s", 6702.06, "64 000 rpm"),
+        ("inertia_kg_m2", 44.9e-6, "0.449 kg cm²"),
+        ("effective_radius_m", 0.012414, "12.41 mm (78 mm/rev)"),
+        ("encoder_counts_per_rev", 65536, "65536 (16 bit)"),
+        ("encoder_counts_per_rev", 10000, "10000"),
+        ("specific_stiffness_n", 106250.0, "106.2 kN"),
+        ("settled_error_m", 1e-4, "0.1 mm"),
+    ],
+)
+def test_an_answer_is_said_in_the_units_people_think_in(name: str, value: float, words: str) -> None:
+    assert in_words(name, value) == words
+
+
+def test_usual_ranges_are_of_entries_and_hold_the_shipped_axes() -> None:
+    assert all(meaning_of(entry) for entry in USUAL)
+    for name in config_names("axes"):
+        axis = load_axis(name)
+        odd = [entry for entry in USUAL if axis.get(entry) is not None and not usual(entry, axis.get(entry))]
+        assert odd == []
+
+
+def test_an_unusual_answer_is_asked_for_again(tmp_path: Path) -> None:
+    path = tmp_path / "axis.yaml"
+    # catalogue twice, name, belt; motor: type, inertia in the wrong unit (no), again right, and nothing more
+    answers = ["", "", "mine", "no", "", "0,449", "0,449 kg cm2", *[""] * 40]
+    outcome = call("init", str(path), answer="\n".join(answers) + "\n")
+    assert outcome.exit_code == 0, outcome.stderr
+    assert "= 4 490 kg cm²: really?" in outcome.stderr.replace("4490", "4 490")
+    assert "= 0.449 kg cm²" in outcome.stderr
+    assert load_axis(path).motor.inertia_kg_m2 == pytest.approx(44.9e-6)
+    assert "[2/" in outcome.stderr
+
+
+@pytest.mark.parametrize("name", sorted(parts("axes")))
+def test_every_axis_of_the_catalogue_is_one_with_its_source(name: str) -> None:
+    assert parts("axes")[name]["source"]
+    data = with_part(with_part({}, "axes", name), "motors", next(iter(parts("motors"))))
+    assert call("init", "--schema", "axis").exit_code == 0
+    assert set(data) <= {"name", *SECTIONS}
+    for section, values in data.items():
+        if section != "name":
+            assert set(values) <= {"name", *entries_of(SECTIONS[section])}
+
+
+@pytest.mark.parametrize("name", sorted(parts("motors")))
+def test_every_motor_of_the_catalogue_can_be(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "axis.yaml"
+    assert call("init", str(path), "--from", "parker-osp-e25bhd", "--motor", name, "--yes").exit_code == 0
+    axis = load_axis(path)
+    assert axis.motor.rated_torque_nm is not None
+    assert axis.transmission_m_rad == pytest.approx(0.18 / 6.283185307, rel=1e-6)
+    odd = [entry for entry in USUAL if axis.get(entry) is not None and not usual(entry, axis.get(entry))]
+    assert odd == []
+
+
+def test_a_wrong_name_of_the_catalogue_is_answered_with_the_nearest(tmp_path: Path) -> None:
+    outcome = call("init", str(tmp_path / "a.yaml"), "--motor", "yaskawa-sgmah-1a", "--yes")
+    assert outcome.exit_code == 2
+    assert "did you mean yaskawa-sgmah-01a" in outcome.stderr
+
+
+@pytest.mark.parametrize("name", [*config_names("axes"), ""])
+def test_the_commented_file_says_every_entry_and_comes_back(name: str, tmp_path: Path) -> None:
+    axis = load_axis(name) if name else Axis("spindle")
+    path = tmp_path / "axis.yaml"
+    path.write_text(commented(axis), encoding="utf-8")
+    assert load_axis(path).to_dict() == axis.to_dict()
+    text = path.read_text(encoding="utf-8")
+    if axis.has_belt:
+        assert all(key in text for section, kind in SECTIONS.items() for key in entries_of(kind))
+
+
+def test_the_schema_of_an_axis_is_of_todays_entries() -> None:
+    assert json.loads(shipped_file("schemas", "axis.json").read_text(encoding="utf-8")) == json.loads(json.dumps(axis_schema()))
+
+
+def test_the_schemas_know_what_is_shipped() -> None:
+    profile = json.loads(shipped_file("schemas", "profile.json").read_text(encoding="utf-8"))
+    for name in config_names("drives"):
+        assert set(read_yaml(find_config("drives", name))) <= set(profile["properties"]), name
+    plan = json.loads(shipped_file("schemas", "plan.json").read_text(encoding="utf-8"))
+    kinds = {one["properties"]["kind"]["const"]: set(one["properties"]) - {"kind"} for one in plan["properties"]["steps"]["items"]["oneOf"]}
+    assert kinds == {kind: set(keys) for kind, keys in KEYS.items()}

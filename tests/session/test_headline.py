@@ -1,0 +1,108 @@
+"""The first sentence on a run: one everywhere; out of date when gains or model changed; by the user's targets."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from beltcomm.axis import axis_from_dict, load_axis, save_axis
+from beltcomm.axis.entries import AxisTargets
+from beltcomm.configfiles import read_yaml
+from beltcomm.errors import UsageError
+from beltcomm.rundata.headline import following, headline_of
+from beltcomm.runfolder import RunFolder
+from session.conftest import Complete
+
+
+@pytest.fixture
+def copy(complete: Complete, tmp_path: Path) -> Path:
+    """A run of its own that a test may change."""
+    return Path(shutil.copytree(complete.path, tmp_path / "run"))
+
+
+def test_terminal_file_and_programs_say_the_same(complete: Complete) -> None:
+    said = headline_of(RunFolder.open(complete.path))
+    assert said.state == "pass"
+    assert complete.result.to_json()["headline"] == said.to_dict()
+    assert said.text in "\n".join(complete.result.lines())
+    assert said.text in (complete.path / "verdict.txt").read_text(encoding="utf-8")
+
+
+def test_other_gains_make_a_verification_out_of_date(copy: Path) -> None:
+    folder = RunFolder.open(copy)
+    design = folder.load("designs", "final")
+    design["parameters"]["kp_nm_s_rad"] *= 0.9
+    folder.save_design("final", design)
+    said = headline_of(folder)
+    assert said.state == "stale"
+    assert "other gains" in said.sentence
+    assert following(folder, said, "can0").command.startswith("beltcomm verify --drive can0 --run ")
+
+
+def test_another_model_makes_it_out_of_date_and_asks_for_a_design(copy: Path) -> None:
+    folder = RunFolder.open(copy)
+    model = folder.load("models", "final")
+    model["parameters"]["cart.mass"]["value"] *= 1.05
+    folder.save_model("final", model)
+    said = headline_of(folder)
+    assert said.state == "stale"
+    assert "another model" in said.sentence
+    assert following(folder, said, "can0").command.startswith("beltcomm design ")
+
+
+def test_a_model_that_is_not_trusted_is_never_a_pass(copy: Path) -> None:
+    folder = RunFolder.open(copy)
+    folder.save_result("fit", {**folder.load("results", "fit"), "suspect": True})
+    said = headline_of(folder)
+    assert said.state == "doubt"
+    assert not said.good
+    assert "rollback" not in following(folder, said, "can0").command
+
+
+@pytest.mark.parametrize("applied", ["restore", "keep", "save"])
+def test_what_follows_a_success_is_no_rollback(complete: Complete, applied: str) -> None:
+    folder = RunFolder.open(complete.path)
+    assert "rollback" not in following(folder, headline_of(folder), "can0", applied=applied).command
+
+
+def test_a_result_is_judged_by_the_targets_it_was_driven_with(copy: Path) -> None:
+    folder = RunFolder.open(copy)
+    result = folder.load("results", "verify_move_1")
+    carriage_m = result["predicted_cart"]["dynamic_m"]
+    asked = {"following_error_m": 0.9 * carriage_m, "at": "carriage"}
+    folder.save_result("verify_move_1", {**result, "targets": {**result["targets"], **asked}})
+    said = headline_of(folder)
+    assert said.state == "fail"
+    assert "carriage, predicted" in said.sentence
+    assert said.targets.stated
+
+
+def test_targets_are_no_part_of_what_the_machine_is(tmp_path: Path) -> None:
+    axis = load_axis("egc-70-600")
+    asked = replace(axis, targets=AxisTargets(following_error_m=2e-4, at="both", move="T_B", distance_m=0.3))
+    assert asked.fingerprint() == axis.fingerprint()
+    save_axis(asked, tmp_path / "axis.yaml")
+    assert load_axis(tmp_path / "axis.yaml").targets == asked.targets
+    assert "targets" not in axis.to_dict()
+
+
+@pytest.mark.parametrize(
+    ("targets", "match"),
+    [
+        ({"at": "pulley"}, "motor, carriage, both"),
+        ({"move": "T_C"}, "did you mean"),
+        ({"distance_m": 3}, "the travel is"),
+        ({"following": 1}, "following_error_m"),
+    ],
+)
+def test_wrong_targets_are_named(targets: dict[str, object], match: str) -> None:
+    data = {**load_axis("egc-70-600").to_dict(), "targets": targets}
+    with pytest.raises(UsageError, match=match):
+        axis_from_dict(data)
+
+
+def test_a_run_keeps_its_targets(copy: Path) -> None:
+    assert "targets" in read_yaml(copy / "results" / "verify_move_1.yaml")

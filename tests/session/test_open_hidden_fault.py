@@ -1,0 +1,120 @@
+"""A hidden fault on the page, with clicks alone: where the model fails, what explains it, adding it, a slider; numbers as in JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Iterator
+
+import pytest
+from click.testing import CliRunner
+
+from beltcomm import api
+from beltcomm.cli.main import cli
+from beltcomm.model import load_plant
+from beltcomm.simulate.plant import SimulatedPlant
+from session.browser import BROWSER, DRIVER, MISSING, Browser, browser_on
+
+pytestmark = pytest.mark.skipif(not (BROWSER and DRIVER), reason=MISSING)
+PLACE_M = 0.3
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """A run of an axis with a tight spot, measured over the virtual bus; nothing that follows knows of it."""
+    run = tmp_path_factory.mktemp("hidden") / "run"
+    machine = load_plant("g_b").model.with_effect("friction_position", {"amount": 0.05, "place": PLACE_M, "width": 0.06})
+    options = api.Options(yes=True, seed=1, drive={"plant": SimulatedPlant(machine, 0.25), "start_position": 0.25})
+    api.identify("virtual:g_b", "egc-70-600", run, options=options)
+    api.friction("virtual:g_b", run, options=options)
+    api.design(run)
+    with browser_on(run, tmp_path_factory.mktemp("profile")) as opened:
+        yield opened
+
+
+def ratios(browser: Browser) -> dict[str, str]:
+    """Error over noise of every record, as the page has it."""
+    rows = browser.driver.find_elements("css selector", "#records tbody tr")
+    return {row.get_attribute("data-record"): row.find_elements("css selector", "td")[3].text for row in rows}
+
+
+def told(browser: Browser) -> dict[str, float]:
+    """The same from the command line."""
+    found = json.loads(CliRunner().invoke(cli, ["compare", str(browser.folder.path), "--no-pictures", "--json"]).stdout)
+    return {one["name"]: one["ratio"] for one in found["records"]}
+
+
+def test_one_sees_where_it_fails(browser: Browser) -> None:
+    """The numbers are those of ``compare --json``, and a place stands out that a click marks."""
+    browser.until("the records are read", lambda: browser.says("document.body.dataset.version"))
+    assert ratios(browser) == {name: f"{ratio:.2f}" for name, ratio in told(browser).items()}
+    button = browser.driver.find_element("css selector", "#places button[data-along=position]")
+    button.click()
+    browser.until("the place is marked", lambda: "position" in browser.text("explain-title"))
+    assert browser.value("low") < PLACE_M < browser.value("high")
+    assert "times the noise there" in browser.text("explain-words")
+    browser.until("all is weighed", lambda: "still weighing" not in browser.text("candidates"))
+    first = browser.driver.find_element("css selector", "#candidates .card.first")
+    assert first.get_attribute("data-effect") == "friction_position"
+    assert int(first.text.partition("explains ")[2].partition(" %")[0]) > 80
+    assert first.find_elements("css selector", "canvas"), "its law is drawn"
+    browser.picture("marked")
+    assert browser.complaints() == []
+
+
+def test_another_choice_is_answered_at_once(browser: Browser) -> None:
+    """Along any coordinate, by keyboard; what is no range is refused in a sentence."""
+    for along in ("time", "speed", "angle", "torque", "frequency"):
+        browser.says(f"document.querySelector('#along option[value={along}]').selected = true")
+        browser.type("low", 0.0)
+        browser.type("high", 5.0)
+        browser.driver.find_element("css selector", "#choose button").click()
+        browser.until(
+            f"{along} is marked",
+            lambda along=along: {"angle": "motor angle", "torque": "motor torque"}.get(along, along) in browser.text("explain-title"),
+        )
+    browser.type("low", 9.0)
+    browser.driver.find_element("css selector", "#choose button").click()
+    browser.until("the refusal is said", lambda: "must be numbers, the first not above the second" in browser.text("explain-words"))
+    browser.at("clear").click()
+    browser.until("everything again", lambda: browser.text("explain-title") == "What could explain what is left?")
+
+
+def test_a_click_adds_it_and_the_error_falls(browser: Browser) -> None:
+    before, version = ratios(browser), browser.says("document.body.dataset.version")
+    browser.driver.find_element("css selector", ".card[data-effect=friction_position] .main-action").click()
+    browser.until("something is said to run", lambda: "adding friction_position" in browser.text("doing"))
+    browser.picture("adding")
+    browser.until("it is added", lambda: browser.says("document.body.dataset.version") != version)
+    after = told(browser)
+    assert ratios(browser) == {name: f"{before[name]} → {ratio:.2f}" for name, ratio in after.items()}
+    assert all(ratio < 1.1 for ratio in after.values())
+    assert "friction_position" in browser.folder.load("models", "final")["effects"]
+    stairs = [step.text.splitlines()[0] for step in browser.driver.find_elements("css selector", "#stairs li")]
+    assert stairs == [f"{rung['ratio']:.2f}" for rung in browser.folder.load("results", "ladder")["revisions"]]
+    browser.picture("added")
+
+
+def test_a_slider_changes_the_design(browser: Browser) -> None:
+    browser.tab("design")
+    browser.settled()
+    before = browser.text("changes")
+    browser.type("box-suppression_db", browser.value("box-suppression_db") - 3.0)
+    browser.settled()
+    assert browser.text("changes") != before
+    assert browser.complaints() == []
+
+
+def test_a_run_that_changes_under_the_page_is_read_anew(browser: Browser) -> None:
+    """By another program, which takes the effect out; and by a second page on the same run, which adds it."""
+    browser.tab("laboratory")
+    browser.until("nothing runs", lambda: not browser.text("doing"))
+    version = browser.says("document.body.dataset.version")
+    api.remove("friction_position", browser.folder.path, pictures=False)
+    browser.until("it is read anew", lambda: browser.says("document.body.dataset.version") != version)
+    assert ratios(browser) == {name: f"{ratio:.2f}" for name, ratio in told(browser).items()}
+    assert browser.text("failed") == ""
+    os.utime(browser.folder.file("models", "final"), (time.time() + 5.0,) * 2)
+    version = browser.says("document.body.dataset.version")
+    browser.until("a touched file is looked at", lambda: browser.says("document.body.dataset.version") != version)

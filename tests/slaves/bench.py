@@ -1,0 +1,244 @@
+"""A drive of another maker with its machine, commands on it, and what came of them, looked at behind the bus."""
+
+from __future__ import annotations
+
+import re
+import signal
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltcomm.axis import load_axis
+from beltcomm.drive import Drive
+from beltcomm.model import load_plant
+from beltcomm.simulate.plant import SimulatedPlant
+from beltcomm.virtual.bus import LockstepBus
+from beltcomm.virtual.faults import BusFaults, Faults
+from beltcomm.virtual.line import TimedLine
+from beltcomm_adapters.canopen import connect
+from beltcomm_adapters.virtual_node import attached, ticks_per_second
+from campaign.judge import REMEDY, TRAVEL_M, UNMOVED_M
+from campaign.rig import BUFFERS_M, PLANT, STANDING_M_S, START_M, Examiner, Outcome, Rig
+
+AXIS = "egc-70-600"
+#: N: what the belt of the axis bears.
+BELT_N = load_axis(AXIS).belt_force_limit_n
+#: A motion is held against that on the model which a quick session has: the real belt may feel so much more.
+MODEL_IS_OFF = 1.1
+#: m: what the first creep of an axis takes, which no doctor can do without.
+CREEP_M = 5e-3
+VERBS = ("doctor", "identify", "commission", "friction", "verify", "apply", "Ctrl-C", "host lost")
+#: s of virtual time for one command, at most.
+LONGEST_S = 600.0
+
+
+@dataclass
+class Watch(Examiner):
+    """Looks at the belt too, and does something at an instant.   belt_n : of each tick.   happen : at ``at_tick``."""
+
+    tick_s: float = 1e-3
+    belt_n: list[float] = field(default_factory=list)
+    at_tick: int | None = None
+    happen: Callable[[], None] = lambda: None
+
+    def begin_tick(self, tick: int) -> None:
+        self.belt_n.append(abs(self.plant.belt_force_n))
+        here = START_M + self.plant.cart_position_m
+        self.speed_m_s.append((here - self.place_m[-1]) / self.tick_s if self.place_m else 0.0)
+        self.place_m.append(here)
+        self.powered.append(self.device.powered)
+        if self.at_tick is not None and tick >= self.at_tick:
+            self.at_tick = None
+            self.happen()
+
+
+class SlaveRig(Rig):
+    """The drive of that name, switched on at once; it stays on from command to command.
+
+    options : of the virtual adapter, further ones.   period_s : SYNC period asked for.
+    """
+
+    def __init__(self, slave: str, seed: int = 1, period_s: float | None = None, **options: Any) -> None:
+        file = load_plant(PLANT)
+        self.plant = SimulatedPlant(file.model, START_M, end_stops_m=BUFFERS_M)
+        self.faults = Faults()
+        self.period_s = period_s
+        given = {"plant": self.plant, "start_position": START_M, "as": slave, "seed": seed, "faults": self.faults, **options}
+        if slave in ("reference", "cmmp-as"):
+            given["profile"] = given.pop("as")
+        if period_s is not None:
+            given["sample_period"] = period_s
+        self.bus = LockstepBus(ticks_per_second=ticks_per_second(given))
+        self.device, self._plant_name = attached(self.bus, PLANT, given)
+        self.settings = self.dictionary()
+        self.examiner: Watch = Watch(self.plant, self.device, file.model["transmission.ratio"], tick_s=self.bus.tick_s)
+        self.bus.attach(self.examiner)
+        self.opened = 0
+
+    def open(self, _name: str, options: Any = None) -> Drive:
+        """In place of :func:`beltcomm.drive.open_drive`: this drive, not a new one."""
+        self.opened += 1
+        given = options or {}
+        profile, plate = given.get("profile"), given.get("nameplate")
+        drive: Any = connect(self.bus, self.bus.clock, 1, profile, None, lambda: None, self.period_s, plate)
+        drive.capabilities = replace(drive.capabilities, identity={**drive.capabilities.identity, "plant": self._plant_name})
+        return drive  # type: ignore[no-any-return]
+
+    def run_on(self, seconds: float) -> None:
+        for _ in range(round(seconds / self.bus.tick_s)):
+            self.bus.advance()
+
+    @contextmanager
+    def at(self, after_s: float, what: str) -> Iterator[None]:
+        """``Ctrl-C`` or ``host lost`` so long after now."""
+        watch = self.examiner
+        if what == "Ctrl-C":
+            watch.happen = lambda: signal.raise_signal(signal.SIGINT)
+            watch.at_tick = self.bus.tick + round(after_s / self.bus.tick_s)
+        else:
+            dies = BusFaults(host_dies_at_s=self.bus.clock.now() + after_s)
+            self.bus.line = TimedLine(dies, self.bus.ticks_per_second)
+        try:
+            yield
+        finally:
+            watch.at_tick, self.bus.line = None, None
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One verb on one drive.   state : "done", "refused" (before any motion; of the doctor: something is WRONG), "creep" or "RED".
+
+    why : in words.   moved_s : how long the carriage moved.   powered : the stage was on."""
+
+    slave: str
+    verb: str
+    state: str
+    code: int | None
+    why: str
+    belt_n: float
+    moved_s: float
+    powered: bool = False
+
+
+def sentence(text: str) -> str:
+    """The last that was said as a failure."""
+    said = [line for line in text.splitlines() if line.startswith("beltcomm: ")]
+    return said[-1].removeprefix("beltcomm: ") if said else ""
+
+
+def judged(rig: SlaveRig, verb: str, slave: str, outcome: Outcome, first: int, allow_changes: bool = False) -> Cell:
+    """What a command that began at row ``first`` of the watch came to."""
+    watch = rig.examiner
+    place, speed = np.array(watch.place_m[first:]), np.array(watch.speed_m_s[first:])
+    belt_n = float(max(watch.belt_n[first:], default=0.0))
+    moved = float(np.ptp(place)) > UNMOVED_M if len(place) else False
+    moved_s = float((np.abs(speed) > STANDING_M_S).sum() * rig.bus.tick_s)
+    said = sentence(outcome.text)
+    wrong = []
+    if outcome.code is None and not (verb == "host lost" and outcome.error == "HostDied"):
+        wrong.append(outcome.error)
+    if re.search(r"Traceback|unexpected error", outcome.text):
+        wrong.append("an error that nobody thought of")
+    rig.run_on(1.0)
+    if float(np.abs(watch.speed_m_s[-50:]).max()) >= STANDING_M_S:
+        wrong.append("the carriage moves in the end")
+    if watch.powered[-1]:
+        wrong.append("the stage is on in the end")
+    if belt_n > BELT_N * MODEL_IS_OFF:
+        wrong.append(f"{belt_n:.0f} N in the belt")
+    if len(place) and (place.min() < TRAVEL_M[0] or place.max() > TRAVEL_M[1]):
+        wrong.append("outside its travel")
+    if verb != "host lost" and not allow_changes and (changed := rig.changed()):
+        wrong.append(f"not restored: {changed}")
+    right = {"Ctrl-C": (0, 1, 4), "host lost": (None, 0, 1)}.get(verb, (0, 1))
+    if not moved and (outcome.code not in right or (said and verb != "apply")):
+        state = "refused"
+        if not said or not re.search(REMEDY, said):
+            wrong.append("no sentence that says what to do")
+    elif outcome.code not in right and float(np.ptp(place)) < CREEP_M and re.search(REMEDY, said):
+        state = "creep"
+    else:
+        state = "done"
+        if outcome.code not in right:
+            wrong.append(f"ended with {outcome.code} after {moved_s:.0f} s of motion")
+    return Cell(
+        slave,
+        verb,
+        "RED" if wrong else state,
+        outcome.code,
+        "; ".join((*wrong, *([said] if said else []))),
+        belt_n,
+        moved_s,
+        any(watch.powered[first:]),
+    )
+
+
+def words(verb: str, run: Path) -> list[str]:
+    """A command line."""
+    common = ["--drive", "virtual", "--axis", AXIS, "--yes"]
+    if verb in ("friction", "verify", "apply"):
+        return [verb, "--drive", "virtual", "--run", str(run), "--yes", *(["--force"] if verb == "apply" else [])]
+    if verb == "doctor":
+        return ["doctor", "--drive", "virtual", "--axis", AXIS]
+    quick = ["--quick", "--no-report"] if verb == "commission" else []
+    return [verb, *common, *quick, "--run", str(run)]
+
+
+def run_row(slave: str, verbs: tuple[str, ...] = VERBS, seed: int = 1, period_s: float | None = None, **options: Any) -> list[Cell]:
+    """A row of the table: each verb on a drive that has just been switched on, verify and apply on the finished run."""
+    draw = np.random.default_rng(seed)
+    cells: list[Cell] = []
+    with tempfile.TemporaryDirectory(prefix="slaves-") as folder:
+        whole = Path(folder) / "commission"
+        healthy, moving = None, ""
+        for verb in verbs:
+            rig = SlaveRig(slave, seed, period_s, **options)
+            place = ["--position", f"{1e3 * START_M:g}mm"] if verb not in ("doctor", "apply") else []
+            run = whole if verb in ("friction", "verify", "apply") else Path(folder) / verb.replace(" ", "-")
+            if verb == "doctor":
+                cells.append(_doctor(rig, slave, words(verb, run)))
+            elif verb in ("Ctrl-C", "host lost") and healthy is not None:
+                speed = np.abs(healthy.speed_m_s)
+                instants = np.flatnonzero(speed > 5 * STANDING_M_S)
+                after = float(draw.choice(instants)) * rig.bus.tick_s if len(instants) else 0.5
+                with rig.at(after, verb):
+                    outcome = rig.call(*words(moving, run), *place)
+                if verb == "host lost":
+                    rig.run_on(3.0)
+                cells.append(judged(rig, verb, slave, outcome, 0))
+            elif verb not in ("Ctrl-C", "host lost"):
+                outcome = rig.call(*words(verb, run), *place)
+                cells.append(judged(rig, verb, slave, outcome, 0, allow_changes=verb == "apply" and outcome.code == 0))
+                if verb in ("identify", "commission"):
+                    healthy, moving = rig.examiner, verb
+            rig.close()
+    return _consistent(cells)
+
+
+def _consistent(cells: list[Cell]) -> list[Cell]:
+    """Doctor and commission ask the same questions: what the one refuses before any motion the other finds WRONG."""
+    states = {cell.verb: cell for cell in cells}
+    doctor, commission = states.get("doctor"), states.get("commission")
+    if doctor is None or commission is None or doctor.state == "RED" or commission.state == "RED":
+        return cells
+    if (doctor.state == "refused") == (commission.state == "refused") or (commission.state == "refused" and commission.powered):
+        return cells  # what only a torque shows no doctor knows
+    says = "nothing is wrong" if doctor.state == "done" else "something is wrong"
+    why = f"it says that {says}, commission is {commission.state}; {doctor.why}"
+    return [replace(cell, state="RED", why=why) if cell is doctor else cell for cell in cells]
+
+
+def _doctor(rig: SlaveRig, slave: str, line: list[str]) -> Cell:
+    """On a drive of its own, through the adapter."""
+    outcome = rig.call(*line, "--as", slave) if slave not in ("reference", "cmmp-as") else rig.call(*line)
+    wrong = [] if outcome.code in (0, 1) else [f"exit code {outcome.code}"]
+    if re.search(r"Traceback|unexpected error", outcome.text):
+        wrong.append("an error that nobody thought of")
+    found = [re.sub(r"\s+", " ", found) for found in re.findall(r"(?m)^ *WRONG +(.*)$", outcome.text)]
+    state = "RED" if wrong else "done" if outcome.code == 0 else "refused"
+    return Cell(slave, "doctor", state, outcome.code, "; ".join((*wrong, *found)), 0.0, 0.0)

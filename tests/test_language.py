@@ -1,0 +1,73 @@
+"""A second language: every text of the screens is in its catalogue, with the same placeholders, and its screens are screens too."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import beltcomm
+from beltcomm import language
+from beltcomm.axis import load_axis
+from beltcomm.axis.entries import SECTIONS, entries_of
+from beltcomm.drive import open_drive
+from beltcomm.experiments.plan import commission_plan
+from beltcomm.experiments.plan_screen import plan_screen
+
+SOURCE = Path(beltcomm.__file__).parent
+PLACES = re.compile(r"\{[^}]*\}")
+#: Texts that are the same in every language, or no text.
+SAME = {"", "how", " (", r" -?[\d.]"}
+
+
+def texts() -> set[str]:
+    """Every literal that is given to ``tr``."""
+    found: set[str] = set()
+    for path in SOURCE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "tr" and node.args:
+                found |= {part.value for part in ast.walk(node.args[0]) if isinstance(part, ast.Constant) and isinstance(part.value, str)}
+    return found - SAME
+
+
+@pytest.fixture(params=language.OFFERED)
+def spoken(request: pytest.FixtureRequest) -> Iterator[str]:
+    language.use(request.param)
+    yield request.param
+    language.use("en")
+
+
+def test_every_text_of_the_screens_is_translated(spoken: str) -> None:
+    known = language.catalogue(spoken)
+    meanings = {entry.meaning for kind in SECTIONS.values() for entry in entries_of(kind).values()}
+    assert sorted((texts() | meanings) - known.keys()) == []
+
+
+def test_placeholders_are_the_same(spoken: str) -> None:
+    wrong = [text for text, told in language.catalogue(spoken).items() if sorted(PLACES.findall(text)) != sorted(PLACES.findall(told))]
+    assert wrong == []
+
+
+def test_a_plan_in_another_language_is_a_screen(spoken: str) -> None:
+    axis = load_axis("egc-70-600-vertical")
+    with open_drive("virtual:g_b_vertical", {"seed": 1}) as drive:
+        lines = plan_screen(commission_plan(axis, drive.capabilities), axis, drive.capabilities)
+    assert len(lines) <= 23
+    assert max(map(len, lines)) <= 80
+    assert "WILL MOVE" not in "".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("environment", "wanted"),
+    [({}, ""), ({"LANG": "de_DE.UTF-8"}, "de"), ({"LANG": "de_DE", "BELTCOMM_LANG": "en"}, "en"), ({"LC_ALL": "C", "LANG": "de_AT"}, "c")],
+)
+def test_the_shell_says_which(environment: dict[str, str], wanted: str) -> None:
+    assert language.of_environment(environment) == wanted
+
+
+def test_a_language_that_is_not_offered_leaves_english() -> None:
+    language.use("xx")
+    assert language.tr("range") == "range"
