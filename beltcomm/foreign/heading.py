@@ -94,7 +94,7 @@ class OtherLength(ValueError):
 
 
 @dataclass(frozen=True)
-class Shape:
+class RowShape:
     """What is known of the rows.   width : their values.   split : a line into its cells.   number : a cell's, None for text.
     blank : columns without a value in any row looked at.   spaces : whether blanks part the columns.   counted : whether their first
     cell is the number of the row."""
@@ -107,7 +107,7 @@ class Shape:
     counted: bool = False
 
 
-def heading_of(above: Sequence[Line], shape: Shape, commented: tuple[str, ...]) -> Heading:
+def heading_of(above: Sequence[Line], shape: RowShape, commented: tuple[str, ...]) -> Heading:
     """What the lines above the first row say.   commented : marks before a comment.   Raises OtherLength."""
     block = _Block(shape)
     rest = [line for line in above if not block.takes(line)]
@@ -131,7 +131,7 @@ def _beside_clocks(units: list[str], names: list[str]) -> list[str]:
 class _Block:
     """Keyed lines, taken one by one."""
 
-    def __init__(self, shape: Shape) -> None:
+    def __init__(self, shape: RowShape) -> None:
         self._shape = shape
         self.names: list[str] = []
         self.units: list[str] = []
@@ -206,7 +206,7 @@ def _by_mark(text: str) -> list[str]:
     return [match[1], match[2], *([match[3]] if match[3] else [])] if match else []
 
 
-def _header(above: Sequence[Line], shape: Shape, commented: tuple[str, ...], *, required: bool) -> tuple[list[str], list[str], int]:
+def _header(above: Sequence[Line], shape: RowShape, commented: tuple[str, ...], *, required: bool) -> tuple[list[str], list[str], int]:
     """Names and units from the nearest lines that have a cell for each column; [] where there are none, and the line of the names."""
     candidates: list[list[str]] = []
     numbers: list[int] = []
@@ -232,7 +232,7 @@ def _header(above: Sequence[Line], shape: Shape, commented: tuple[str, ...], *, 
     return candidates[0], [], numbers[0]
 
 
-def _as_wide(fields: list[str], text: str, shape: Shape, comment: bool) -> list[str]:
+def _as_wide(fields: list[str], text: str, shape: RowShape, comment: bool) -> list[str]:
     """The cells of a header as many as the rows', where it is plain how they differ."""
     if shape.spaces and len(fields) != shape.width:  # names with a blank inside, more blanks between them
         parted = re.split(r"\s{2,}|\t", text.strip())
@@ -250,7 +250,7 @@ def is_unit(cell: str) -> bool:
     return not plain or plain in _UNIT_WORDS or (cell.startswith(("[", "(")) and cell.endswith(("]", ")")))
 
 
-def _increment_beside(names: list[str], above: Sequence[Line], shape: Shape) -> tuple[list[str], list[float], list[float]]:
+def _increment_beside(names: list[str], above: Sequence[Line], shape: RowShape) -> tuple[list[str], list[float], list[float]]:
     """Start and increment that stand behind the units, under names of their own: ``X,CH1,CH2,Start,Increment``."""
     keys = [_key(name)[0] for name in names]
     for line in reversed(above):

@@ -6,11 +6,9 @@ rows of numbers.  What stands above the first row is :mod:`beltcomm.foreign.head
 
 from __future__ import annotations
 
-import csv
 import io
 import re
 import zlib
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -19,62 +17,20 @@ from typing import NamedTuple
 import numpy as np
 
 from beltcomm.errors import DataError
-from beltcomm.foreign.heading import Heading, Line, OtherLength, Shape, heading_of
+from beltcomm.foreign.heading import Heading, Line, OtherLength, RowShape, heading_of
 from beltcomm.foreign.longtable import unstacked
 from beltcomm.foreign.ownclocks import with_own_clocks
 from beltcomm.foreign.table import Column, Decimal, Separator, Table
-from beltcomm.outside import blocks, check_columns, check_count, text_blocks, unreadable
+from beltcomm.foreign.textformat import MISSING, Format, recognised
+from beltcomm.outside import blocks, check_count, text_blocks, unreadable
 
-_SEPARATORS: dict[Separator, str] = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " "}
 _OTHER_ENDS = re.compile("[\x0b\x0c\x1c-\x1e\x85\u2028\u2029]")
 _LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
 _COMMENT = ("#", "%", "//")
-_MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "inf", "-inf", "+inf"}
-#: Lines looked at to recognise the format, and the share of them that must be rows of one length.
-_SAMPLED_LINES = 60
 #: Lines at the beginning among which the first row is looked for; of up to twice as many, from everywhere, the format is recognised.
 _HEAD_LINES = 4096
-_REGULAR_SHARE = 0.8
 #: Shorter rows at the end that are signals that had ended, and no footer.
 _FEWEST_SHORT = 3
-#: Thousands in groups of three under a decimal comma, and under a decimal point.
-_GROUPED = {
-    True: re.compile(r"[-+]?\d{1,3}(\.\d{3})+(,\d*)?([eE][-+]?\d+)?"),
-    False: re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d*([eE][-+]?\d+)?"),
-}
-
-
-class _Format(NamedTuple):
-    """numeric, blank : of each column, whether it holds numbers, or nothing at all.   grouped : thousands are parted."""
-
-    separator: str
-    decimal_comma: bool
-    width: int
-    numeric: tuple[bool, ...]
-    blank: tuple[bool, ...] = ()
-    grouped: bool = False
-
-    def fields(self, line: str) -> list[str]:
-        return _split(line, self.separator)
-
-    def number(self, text: str) -> float | None:
-        return _number(text, self.decimal_comma, self.grouped)
-
-    def is_row(self, fields: Sequence[str]) -> bool:
-        """Whether the numeric columns hold numbers or nothing, and one of them a number."""
-        if len(fields) != self.width:
-            return False
-        if any(cell and empty for cell, empty in zip(fields, self.blank, strict=True)):
-            return False
-        cells = [cell for cell, numeric in zip(fields, self.numeric, strict=True) if numeric]
-        values = [self.number(cell) for cell in cells]
-        return any(value is not None and np.isfinite(value) for value in values) and all(
-            value is not None or cell.lower() in _MISSING for cell, value in zip(cells, values, strict=True)
-        )
-
-    def words(self) -> str:
-        name = next(name for name, mark in _SEPARATORS.items() if mark == self.separator)
-        return f"columns separated by {name}, decimal {'comma' if self.decimal_comma else 'point'}{', thousands parted' * self.grouped}"
 
 
 def read_text_table(path: Path, separator: Separator | None, decimal: Decimal | None, skip_lines: int, torn_rows: bool) -> Table:
@@ -83,7 +39,7 @@ def read_text_table(path: Path, separator: Separator | None, decimal: Decimal | 
     content = [line for line in look.sample if not line.text.lstrip().startswith(_COMMENT)]
     if not content:
         raise DataError(f"{path} holds no rows")
-    form = _recognised(path, content, separator, decimal)
+    form = recognised(path, content, separator, decimal)
     lines = [line for line in look.head if line.text.strip()]
     begin = next((line for line in lines if not line.text.lstrip().startswith(_COMMENT) and form.is_row(form.fields(line.text))), None)
     if begin is None:
@@ -118,12 +74,12 @@ def read_text_table(path: Path, separator: Separator | None, decimal: Decimal | 
     return with_own_clocks(unstacked(table), heading)
 
 
-def _heading(path: Path, lines: Sequence[Line], begin: Line, form: _Format) -> Heading:
+def _heading(path: Path, lines: Sequence[Line], begin: Line, form: Format) -> Heading:
     firsts = [form.number(form.fields(line.text)[0].strip('"')) for line in lines if line.number >= begin.number][:4]
     counted = (
         len(firsts) > 2 and firsts[0] in (0.0, 1.0) and all(b is not None and a is not None and b - a == 1.0 for a, b in pairwise(firsts))
     )
-    shape = Shape(form.width, form.fields, form.number, form.blank, form.separator == " ", counted)
+    shape = RowShape(form.width, form.fields, form.number, form.blank, form.separator == " ", counted)
     try:
         return heading_of([line for line in lines if line.number < begin.number], shape, _COMMENT)
     except OtherLength as error:
@@ -193,96 +149,6 @@ def _pieces(path: Path, encoding: str) -> Iterator[str]:
     return text_blocks(path, encoding, "strict" if encoding == "utf-8-sig" else "replace")
 
 
-#: Letters of a line up to which quotes count; the reader of such lines takes no longer cell.
-_QUOTED = 100_000
-
-
-def _split(line: str, separator: str) -> list[str]:
-    if separator == " ":
-        return line.split()
-    if '"' in line and len(line) <= _QUOTED:
-        return [cell.strip() for cell in next(csv.reader([line.strip()], delimiter=separator, skipinitialspace=True))]
-    return [cell.strip() for cell in line.split(separator)]
-
-
-def _number(text: str, decimal_comma: bool, grouped: bool = False) -> float | None:
-    """The number in a cell, None for text.   grouped : the file parts thousands; else a mark that could part them is text."""
-    if grouped and _GROUPED[decimal_comma].fullmatch(text):
-        text = text.replace("." if decimal_comma else ",", "")
-    if decimal_comma:
-        if "." in text:
-            return None
-        text = text.replace(",", ".")
-    try:
-        return float(text) if "_" not in text else None
-    except ValueError:
-        return None
-
-
-def _recognised(path: Path, content: Sequence[Line], separator: Separator | None, decimal: Decimal | None) -> _Format:
-    """The format under which the most of the file's cells are numbers, in rows of one length."""
-    body = content[len(content) // 4 :]  # a preamble stands at the beginning
-    sample = [body[i].text for i in np.unique(np.linspace(0, len(body) - 1, _SAMPLED_LINES).astype(int))]
-    marks = [_SEPARATORS[separator]] if separator else [",", ";", "\t", " "]
-    best: tuple[float, _Format] | None = None
-    for mark in marks:
-        for comma in [False, True] if decimal is None else [decimal == "comma"]:
-            if mark == "," and comma:
-                continue
-            found = _tried(str(path), sample, mark, comma, _parts_thousands(body, mark, comma))
-            if found is not None and (best is None or found[0] > best[0] + 1e-9):
-                best = found
-    if best is None and (len(content) < 3 or all(_number(line.replace(",", "."), False) is not None for line in sample)):
-        what = "holds no rows" if len(content) < 3 else "has one column only"
-        raise DataError(f"{path} {what}; torque and position are needed, one row per sample")
-    if best is None and (separator or decimal):
-        given = " ".join(f"--{name} {word}" for name, word in (("separator", separator), ("decimal", decimal)) if word)
-        raise DataError(f"{path} has no rows of one length under {given}; leave it out, and the format is recognised")
-    if best is None:
-        raise DataError(
-            f"{path} is no table of numbers: no separator (comma, semicolon, tab, space) gives rows of one length. It begins with "
-            f"{content[0].text.strip()[:60]!r}. Export the signals as CSV: a row of names, then one row for each sample"
-        )
-    return _looked_through(best[1], content)
-
-
-def _looked_through(form: _Format, content: Sequence[Line]) -> _Format:
-    """The format with what only many lines show: columns that seldom hold a value, and those that never do."""
-    body = content[len(content) // 4 :]
-    rows = [row for row in (form.fields(line.text) for line in body) if len(row) == form.width]
-    numeric, blank = list(form.numeric), [False] * form.width
-    for j, column in enumerate(zip(*rows, strict=True)):
-        filled = [cell for cell in column if cell.lower() not in _MISSING]
-        blank[j] = not any(column)
-        numeric[j] = numeric[j] or (bool(filled) and sum(form.number(cell) is not None for cell in filled) > 0.5 * len(filled))
-    return form._replace(numeric=tuple(numeric), blank=tuple(blank))
-
-
-def _parts_thousands(body: Sequence[Line], mark: str, comma: bool) -> bool:
-    """Whether some cell has both marks, which only a number with parted thousands has."""
-    both = _GROUPED[comma]
-    lines = (line.text for line in body if "." in line.text and "," in line.text)
-    return any("." in cell and "," in cell and both.fullmatch(cell) for line in lines for cell in _split(line, mark))
-
-
-def _tried(file: str, sample: Sequence[str], mark: str, comma: bool, grouped: bool) -> tuple[float, _Format] | None:
-    """Share of numbers among the cells under one format, None when the lines make no rows."""
-    rows = [_split(line, mark) for line in sample]
-    width, count = Counter(len(row) for row in rows).most_common(1)[0]
-    if width < 2 or count < _REGULAR_SHARE * len(rows):
-        return None
-    check_columns(file, width)
-    rows = [row for row in rows if len(row) == width]
-    filled = [[cell for cell in column if cell.lower() not in _MISSING] for column in zip(*rows, strict=True)]
-    numbers = [[_number(cell, comma, grouped) is not None for cell in column] for column in filled]
-    # some cells may be damaged; a column of states or dates holds hardly any number
-    numeric = tuple(sum(column) > 0.5 * len(column) for column in numbers)
-    cells = sum(map(len, filled))
-    if not any(numeric):
-        return None
-    return sum(map(sum, numbers)) / cells, _Format(mark, comma, width, numeric, (False,) * width, grouped)
-
-
 def _unique(names: Sequence[str]) -> list[str]:
     """Names without blanks at the ends; an empty one becomes c and its number, a repeated one gets a number."""
     found: dict[str, None] = {}
@@ -298,7 +164,7 @@ def _unique(names: Sequence[str]) -> list[str]:
 class TextRows:
     """The rows of a text table, as they come; :meth:`columns` at the end."""
 
-    def __init__(self, path: Path, form: _Format, names: Sequence[str], torn_rows: bool) -> None:
+    def __init__(self, path: Path, form: Format, names: Sequence[str], torn_rows: bool) -> None:
         self._path, self._form, self._names, self._torn_rows = path, form, names, torn_rows
         self._parts: list[list[Column]] = [[] for _ in names]
         #: Lines that are no rows: a footer, unless a row comes after them.
@@ -416,7 +282,7 @@ class TextRows:
         if not self._form.numeric[j]:
             return np.array(cells, dtype=np.str_)
         values = [self._form.number(cell) for cell in cells]
-        odd = [i for i, (cell, value) in enumerate(zip(cells, values, strict=True)) if value is None and cell.lower() not in _MISSING]
+        odd = [i for i, (cell, value) in enumerate(zip(cells, values, strict=True)) if value is None and cell.lower() not in MISSING]
         if odd:
             line, cell = rows[odd[0]][0].number, cells[odd[0]][:30]
             if cell.strip('"') == self._names[j] or self._names.count(cell):

@@ -23,7 +23,7 @@ from beltcomm.outside import check_columns, check_count, opened
 Column = NDArray[Any]
 #: Bytes read at a time.
 _BLOCK = 1 << 22
-csv.field_size_limit(_BLOCK)  # a field of any length is data; lines are bounded elsewhere
+csv.field_size_limit(1 << 24)  # a field of any length is data; a line has half of that at most
 _LINE_END = re.compile(r"\r\n|\r|\n")
 #: Rows that are written at a time.
 _ROWS = 1 << 16

@@ -5,7 +5,6 @@ Formats are those of the makers' descriptions; the numbers are :func:`motion`'s.
 
 from __future__ import annotations
 
-import gzip
 import io
 import json
 import math
@@ -194,14 +193,14 @@ def binary(name: str, write: Callable[[Path], object]) -> Callable[[Path], Path]
     return make
 
 
-def _mat(path: Path) -> None:
+def mat_file(path: Path) -> None:
     from scipy.io import savemat
 
     inside = {"time": T, "torque": TORQUE, "position": ANGLE, "units": {"torque": "Nm", "position": "rad"}}
     savemat(path, {"log": inside, "J": 1.23e-4, "Kt": 0.065})
 
 
-def _mat_table(path: Path, version: str, timed: bool) -> None:
+def mat_table_file(path: Path, version: str, timed: bool) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         import pandas
@@ -215,7 +214,7 @@ def _mat_table(path: Path, version: str, timed: bool) -> None:
         save_to_mat(str(path), {"measured": frame}, version=version)
 
 
-def _mat_timeseries(path: Path) -> None:
+def mat_timeseries_file(path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         from matio import save_to_mat
@@ -227,7 +226,7 @@ def _mat_timeseries(path: Path) -> None:
         save_to_mat(str(path), {"torque_nm": series(TORQUE), "position_rad": series(ANGLE)}, version="v7")
 
 
-def _hdf5(path: Path) -> None:
+def hdf5_file(path: Path) -> None:
     import h5py
 
     with h5py.File(path, "w") as file:
@@ -235,7 +234,7 @@ def _hdf5(path: Path) -> None:
             file.create_dataset(name, data=values).attrs["unit"] = unit
 
 
-def _tdms(path: Path) -> None:
+def tdms_file(path: Path) -> None:
     from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 
     with TdmsWriter(str(path)) as writer:
@@ -246,7 +245,7 @@ def _tdms(path: Path) -> None:
         writer.write_segment([RootObject(properties={"name": "bench"}), GroupObject("Axis"), *channels])
 
 
-def _mcap(path: Path) -> None:
+def mcap_file(path: Path) -> None:
     from mcap.writer import Writer
 
     with path.open("wb") as stream:
@@ -260,7 +259,7 @@ def _mcap(path: Path) -> None:
         writer.finish()
 
 
-def _mdf(path: Path) -> None:
+def mdf_file(path: Path) -> None:
     import asammdf
 
     with asammdf.MDF(version="4.10") as file:
@@ -268,13 +267,13 @@ def _mdf(path: Path) -> None:
         file.save(path, overwrite=True)
 
 
-def _zip(path: Path, names: Sequence[str]) -> None:
+def zip_file(path: Path, names: Sequence[str]) -> None:
     with zipfile.ZipFile(path, "w") as archive:
         for name in names:
             archive.writestr(name, "<x/>")
 
 
-def _database(path: Path) -> None:
+def database_file(path: Path) -> None:
     with sqlite3.connect(path) as database:
         database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT)")
 
@@ -291,265 +290,3 @@ def numpy_bytes(**arrays: Array) -> bytes:
 
 def plain() -> str:
     return table("t_s,torque_nm,position_rad", (T, TORQUE, ANGLE))
-
-
-SURE = ("--map", "torque_nm=c2", "--map", "position_rad=c3")
-SLOW = ANGLE[::5]
-KINDS: list[Kind] = [
-    Kind("CSV", put("a.csv", plain())),
-    Kind("CSV, packed", put("a.csv.gz", gzip.compress(plain().encode()))),
-    Kind(
-        "German CSV, semicolon, decimal comma",
-        put("a.csv", table("Zeit [s];Drehmoment [Nm];Lage [rad]", (T, TORQUE, ANGLE), ";", comma=True), "cp1252"),
-    ),
-    Kind(
-        "Unicode text of a spreadsheet (UTF-16, tabs)",
-        put("a.txt", table("Time [s]\tTorque [Nm]\tPosition [°]", (T, TORQUE, np.degrees(ANGLE)), "\t"), "utf-16"),
-        tolerance=1e-5,
-    ),
-    Kind(
-        "decimal comma, thousands points",
-        put(
-            "a.csv",
-            "Zeit [s];Drehmoment [mNm];Lage [°]\n"
-            + "".join(
-                f"{t:.3f};{grouped(1e3 * a, '.', ',')};{grouped(1e2 * math.degrees(b), '.', ',', 4)}\n".replace(
-                    f"{t:.3f}", f"{t:.3f}".replace(".", ",")
-                )
-                for t, a, b in zip(T, TORQUE, ANGLE, strict=True)
-            ),
-        ),
-        ("--map", "position_rad=Lage*0.01deg"),
-        shown="thousands parted",
-    ),
-    Kind(
-        "US CSV, thousands in quotes",
-        put(
-            "a.csv",
-            "Time [s],Torque [mNm],Position [deg]\n"
-            + "".join(
-                f'{t:.3f},"{grouped(1e3 * a, ",", ".")}","{grouped(1e2 * math.degrees(b), ",", ".", 4)}"\n'
-                for t, a, b in zip(T, TORQUE, ANGLE, strict=True)
-            ),
-        ),
-        ("--map", "position_rad=Position*0.01deg"),
-    ),
-    Kind(
-        "a remark beside a row and one between",
-        put(
-            "a.csv",
-            plain()
-            .replace("\n0.300000", "\nthe axis was touched\n0.300000")
-            .replace("\n0.500", "\n0.500", 1)
-            .replace(f"{ANGLE[700]:.6f}\n0.701", f"{ANGLE[700]:.6f},noise outside\n0.701"),
-        ),
-        shown="2 remarks in the rows",
-    ),
-    Kind("a table by R, rows begin with their number", put("a.txt", r_table())),
-    Kind("pandas with an index", put("a.csv", table(",t_s,torque_nm,position_rad", (np.arange(ROWS), T, TORQUE, ANGLE)))),
-    Kind(
-        "TwinCAT 2 Scope, a time for each channel",
-        put("scope.csv", twincat([("fTorque", "Nm", TORQUE, 1e-3), ("fActPos", "rad", ANGLE, 1e-3)], comma=True, old=True)),
-    ),
-    Kind(
-        "TwinCAT 3 Scope, one sample time",
-        put("scope.csv", twincat([("fTorque", "Nm", TORQUE, 1e-3), ("fActPos", "rad", ANGLE, 1e-3)], comma=False)),
-    ),
-    Kind(
-        "TwinCAT 3 Scope, two sample times",
-        put("scope.csv", twincat([("fTorque", "Nm", TORQUE, 1e-3), ("fActPos", "rad", ANGLE[::2], 2e-3)], comma=True)),
-        rows=slice(None, None, 2),
-        tolerance=1e-2,
-    ),
-    Kind(
-        "TwinCAT 3 Scope, full time stamps",
-        put("scope.csv", twincat([("fTorque", "Nm", TORQUE, 1e-3), ("fActPos", "rad", ANGLE, 1e-3)], comma=False, filetime=True)),
-    ),
-    Kind("LabVIEW .lvm without a time column", put("a.lvm", labview("No"))),
-    Kind("LabVIEW .lvm, one time column, a remark", put("a.lvm", labview("One", remark=True)), shown="the axis was touched"),
-    Kind("LabVIEW .lvm, a time for each, decimal comma", put("a.lvm", labview("Multi", comma=True))),
-    Kind(
-        "Tektronix MSO CSV",
-        put(
-            "tek000.csv",
-            "Model,MSO54\nFirmware Version,1.44.3\n\nPoint Format,Y\nHorizontal Units,s\nHorizontal Scale,0.12\nSample Interval,0.001\n"
-            f"Record Length,{ROWS}\nZero Index,0\nVertical Units,Nm,rad\nLabels,,\n" + table("TIME,CH1,CH2", (T, TORQUE, ANGLE)),
-        ),
-        SURE,
-    ),
-    Kind(
-        "Rigol CSV, start and increment in the header",
-        put(
-            "a.csv",
-            table(
-                "X,CH1,CH2,Start,Increment\nSequence,Volt,Volt,0.000000e+00,1.000000e-03",
-                (np.arange(ROWS), TORQUE, ANGLE, [""] * ROWS, [""] * ROWS),
-            ),
-        ),
-        SURE,
-    ),
-    Kind(
-        "PicoScope CSV",
-        put("a.csv", table("Time,Channel A,Channel B\n(ms),(V),(V)\n", (1e3 * T, TORQUE, ANGLE))),
-        ("--map", "torque_nm=c2*1", "--map", "position_rad=c3*1"),
-    ),
-    Kind(
-        "Keysight CSV",
-        put("a.csv", table("x-axis,1,2\nsecond,Volt,Volt", (T, TORQUE, ANGLE))),
-        ("--map", "t_s=c1*1", "--map", "torque_nm=c2*1", "--map", "position_rad=c3*1"),
-    ),
-    Kind(
-        "Yokogawa CSV, resolution in a block",
-        put(
-            "a.csv",
-            f'"Model","DL850"\n"BlockNumber",1\n"TraceName","Torque","Position"\n"BlockSize",{ROWS},{ROWS}\n"VUnit","Nm","rad"\n"HResolution",0.001,0.001\n"HOffset",0,0\n"HUnit","s","s"\n\n'
-            + table("", ([""] * ROWS, TORQUE, ANGLE)),
-        ),
-    ),
-    Kind(
-        "a drive's trace, sample time above",
-        put(
-            "trace.csv",
-            "Drive trace 7\nDevice;S120\nSampling period [ms];1\nTrigger;none\n\n"
-            + table("r80 Torque actual value [Nm];r482 Position actual value [rad]", (TORQUE, ANGLE), ";", comma=True),
-        ),
-    ),
-    Kind(
-        "a drive's trace, names and units in a block",
-        put(
-            "trace.txt",
-            table("Signal\tTorque\tPosition\nUnit\tNm\trad\n", (1e3 * T, TORQUE, ANGLE), "\t").replace("Signal\t", "Signal\t", 1),
-        ),
-        ("--map", "t_s=c1*ms"),
-    ),
-    Kind(
-        "German dates",
-        put(
-            "a.csv",
-            table(
-                "Datum;Drehmoment [Nm];Lage [rad]",
-                (dates("%d.%m.%Y %H:%M:%S,%L", "2024-05-03T14:02:11.204"), TORQUE, ANGLE),
-                ";",
-                comma=True,
-            ),
-        ),
-        ("--map", "t_s=Datum"),
-    ),
-    Kind(
-        "US dates, past midnight",
-        put(
-            "a.csv", table("Time,Torque [Nm],Position [rad]", (dates("%m/%d/%Y %I:%M:%S.%L %p", "2024-05-03T23:59:59.500"), TORQUE, ANGLE))
-        ),
-    ),
-    Kind(
-        "times of day, past midnight",
-        put("a.csv", table("Time,Torque [Nm],Position [rad]", (dates("%H:%M:%S.%f", "2024-05-03T23:59:59.500"), TORQUE, ANGLE))),
-        shown="passes midnight 1 times",
-    ),
-    Kind(
-        "ISO dates in nanoseconds",
-        put(
-            "a.csv",
-            table(
-                "timestamp,Torque [Nm],Position [rad]",
-                (
-                    [str(np.datetime64("2024-05-03T14:02:11", "ns") + np.timedelta64(1_000_000 * k, "ns")) for k in range(ROWS)],
-                    TORQUE,
-                    ANGLE,
-                ),
-            ),
-        ),
-    ),
-    Kind(
-        "nanoseconds since 1970",
-        put(
-            "a.csv",
-            table(
-                "time [ns],Torque [Nm],Position [rad]", ([1_714_737_600_000_000_000 + 1_000_000 * k for k in range(ROWS)], TORQUE, ANGLE)
-            ),
-        ),
-    ),
-    Kind(
-        "stamps in single precision",
-        put("a.npz", numpy_bytes(t_s=np.float32(2000.0 + T), torque_nm=TORQUE, position_rad=ANGLE)),
-        shown="single-precision numbers",
-        tolerance=1e-3,
-    ),
-    Kind(
-        "a position in every fifth row",
-        put(
-            "a.csv",
-            table("time [s],Torque [Nm],Position [rad]", (T, TORQUE, [f"{ANGLE[k]:.6f}" if k % 5 == 0 else "" for k in range(ROWS)])),
-        ),
-        rows=slice(None, None, 5),
-        tolerance=5e-2,
-    ),
-    Kind(
-        "a long table",
-        put("a.csv", table("time [s];signal;value;unit", tuple(zip(*long_rows(), strict=True)), ";")),
-        rows=slice(None, None, 2),
-        tolerance=1e-2,
-    ),
-    Kind(
-        "a long table by WinCC",
-        put("log0.csv", wincc()),
-        ("--map", "torque_nm=axis.torque*1", "--map", "position_rad=axis.position*1"),
-        rows=slice(None, None, 2),
-        tolerance=1e-2,
-    ),
-    Kind(
-        "a long table by InfluxDB",
-        put("a.csv", influx()),
-        ("--map", "torque_nm=torque*1", "--map", "position_rad=position*1"),
-        rows=slice(None, None, 2),
-        tolerance=1e-2,
-    ),
-    Kind("MATLAB, a structure", binary("a.mat", _mat), shown="--set motor.inertia_kg_m2=0.000123"),
-    Kind("MATLAB, a structure, named .dat", binary("a.dat", _mat)),
-    Kind("MATLAB 7, a timetable", binary("a.mat", lambda path: _mat_table(path, "v7", timed=True))),
-    Kind("MATLAB 7.3, a table", binary("a.mat", lambda path: _mat_table(path, "v7.3", timed=False))),
-    Kind("MATLAB, objects timeseries", binary("a.mat", _mat_timeseries)),
-    Kind("HDF5", binary("a.h5", _hdf5)),
-    Kind("NumPy .npz", put("a.npz", numpy_bytes(t_s=T, torque_nm=TORQUE, position_rad=ANGLE))),
-    Kind("MDF 4", binary("a.mf4", _mdf)),
-    Kind("TDMS", binary("a.tdms", _tdms)),
-    Kind("MCAP with JSON messages", binary("a.mcap", _mcap)),
-    Kind("JSON, columns", put("a.json", json.dumps({"t_s": T.tolist(), "torque_nm": TORQUE.tolist(), "position_rad": ANGLE.tolist()}))),
-    Kind("JSON, records", put("a.txt", json.dumps({"device": "x", "data": records()}))),
-    Kind("JSON, a record on each line", put("a.jsonl", "\n".join(json.dumps(record) for record in records()))),
-    # refused with what they are
-    Kind(
-        "a spreadsheet",
-        binary("a.xlsx", lambda path: _zip(path, ["[Content_Types].xml", "xl/workbook.xml"])),
-        says="is a spreadsheet; save its sheet as CSV",
-    ),
-    Kind(
-        "a spreadsheet named .csv",
-        binary("a.csv", lambda path: _zip(path, ["xl/workbook.xml"])),
-        says="is a spreadsheet; save its sheet as CSV",
-    ),
-    Kind(
-        "an old spreadsheet", put("a.xls", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600)), says="is an Office document of the old kind"
-    ),
-    Kind("an archive", binary("a.zip", lambda path: _zip(path, ["a.csv"])), says="is an archive; unpack it first"),
-    Kind("Parquet", put("a.parquet", b"PAR1" + bytes(100) + b"PAR1"), says="is a Parquet file; write it as CSV"),
-    Kind("a ROS 2 bag", binary("a.db3", _database), says="is a database (SQLite); export the signals as CSV"),
-    Kind("a ROS 1 bag", put("a.bag", b"#ROSBAG V2.0\n" + bytes(100)), says="is a ROS 1 bag; open it in PlotJuggler"),
-    Kind("a capture of EtherCAT", put("a.pcapng", b"\x0a\x0d\x0d\x0a" + bytes(100)), says="EtherCAT is not decoded"),
-    Kind("a pickle", put("a.pkl", b"\x80\x04\x95" + bytes(20)), says="save the arrays with numpy.savez"),
-    Kind("a PDF", put("a.pdf", b"%PDF-1.7\n1 0 obj\n"), says="is a PDF document"),
-    Kind("a picture named .csv", put("a.csv", b"\x89PNG\r\n\x1a\n" + bytes(50)), says="is a picture"),
-    Kind("a LeCroy waveform", put("C1.trc", b"#9000001234WAVEDESC" + bytes(100)), says="save the waveform as CSV on the instrument"),
-    Kind("an XML document", put("a.xml", '<?xml version="1.0"?>\n<Scope><Channel/></Scope>\n'), says="is an XML document"),
-    Kind("a Dewesoft file", put("a.dxd", b"DEWE\0\0\0\0" + bytes(100)), says="is a Dewesoft file; export the signals as CSV in DewesoftX"),
-    Kind(
-        "a DBC file",
-        put("a.dbc", 'VERSION "1"\n\nBO_ 385 TPDO1: 8 Drive\n SG_ pos : 0|32@1- (1,0) [0|0] "" X\n'),
-        says="give the log itself, and this with --dbc",
-    ),
-    Kind(
-        "a letter",
-        put("a.txt", "Dear colleague,\n\nthe axis squeaks since Monday, please have a look.\nIt does so at night as well.\n\nYours\n"),
-        says="is no table of numbers",
-    ),
-]

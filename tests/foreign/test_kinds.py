@@ -1,4 +1,4 @@
-"""Every kind of file that :mod:`foreign.makers` makes: read right without a question, or refused with what it is and what to do.
+"""Every kind of file in :mod:`foreign.kinds`: read right without a question, or refused with what it is and what to do.
 
 ``pytest tests/foreign/test_kinds.py -s`` prints the table.
 """
@@ -14,7 +14,8 @@ from click.testing import CliRunner
 
 from beltcomm.cli.main import cli
 from beltcomm.recording import load_recording
-from foreign.makers import ANGLE, KINDS, TORQUE, Kind, T
+from foreign.kinds import KINDS
+from foreign.makers import ANGLE, TORQUE, Kind, T
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)

@@ -1,0 +1,151 @@
+"""The format of a text table: separator, decimal mark and columns of numbers, under which its lines make the most regular rows."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from beltcomm.errors import DataError
+from beltcomm.foreign.heading import Line
+from beltcomm.foreign.table import Decimal, Separator
+from beltcomm.outside import check_columns
+
+_SEPARATORS: dict[Separator, str] = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " "}
+#: What stands for a missing value.
+MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "inf", "-inf", "+inf"}
+#: Lines looked at to recognise the format, and the share of them that must be rows of one length.
+_SAMPLED_LINES = 60
+_REGULAR_SHARE = 0.8
+#: Thousands in groups of three under a decimal comma, and under a decimal point.
+_GROUPED = {
+    True: re.compile(r"[-+]?\d{1,3}(\.\d{3})+(,\d*)?([eE][-+]?\d+)?"),
+    False: re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d*([eE][-+]?\d+)?"),
+}
+
+
+class Format(NamedTuple):
+    """numeric, blank : of each column, whether it holds numbers, or nothing at all.   grouped : thousands are parted."""
+
+    separator: str
+    decimal_comma: bool
+    width: int
+    numeric: tuple[bool, ...]
+    blank: tuple[bool, ...] = ()
+    grouped: bool = False
+
+    def fields(self, line: str) -> list[str]:
+        """The cells of a line."""
+        return _split(line, self.separator)
+
+    def number(self, text: str) -> float | None:
+        """The number in a cell, None for text."""
+        return _number(text, self.decimal_comma, self.grouped)
+
+    def is_row(self, fields: Sequence[str]) -> bool:
+        """Whether the numeric columns hold numbers or nothing, and one of them a number."""
+        if len(fields) != self.width:
+            return False
+        if any(cell and empty for cell, empty in zip(fields, self.blank, strict=True)):
+            return False
+        cells = [cell for cell, numeric in zip(fields, self.numeric, strict=True) if numeric]
+        values = [self.number(cell) for cell in cells]
+        return any(value is not None and np.isfinite(value) for value in values) and all(
+            value is not None or cell.lower() in MISSING for cell, value in zip(cells, values, strict=True)
+        )
+
+    def words(self) -> str:
+        """For a note."""
+        name = next(name for name, mark in _SEPARATORS.items() if mark == self.separator)
+        return f"columns separated by {name}, decimal {'comma' if self.decimal_comma else 'point'}{', thousands parted' * self.grouped}"
+
+
+def _split(line: str, separator: str) -> list[str]:
+    if separator == " ":
+        return line.split()
+    if '"' in line:
+        return [cell.strip() for cell in next(csv.reader([line.strip()], delimiter=separator, skipinitialspace=True))]
+    return [cell.strip() for cell in line.split(separator)]
+
+
+def _number(text: str, decimal_comma: bool, grouped: bool = False) -> float | None:
+    """The number in a cell, None for text.   grouped : the file parts thousands; else a mark that could part them is text."""
+    if grouped and _GROUPED[decimal_comma].fullmatch(text):
+        text = text.replace("." if decimal_comma else ",", "")
+    if decimal_comma:
+        if "." in text:
+            return None
+        text = text.replace(",", ".")
+    try:
+        return float(text) if "_" not in text else None
+    except ValueError:
+        return None
+
+
+def recognised(path: Path, content: Sequence[Line], separator: Separator | None, decimal: Decimal | None) -> Format:
+    """The format under which the most of the file's cells are numbers, in rows of one length."""
+    body = content[len(content) // 4 :]  # a preamble stands at the beginning
+    sample = [body[i].text for i in np.unique(np.linspace(0, len(body) - 1, _SAMPLED_LINES).astype(int))]
+    marks = [_SEPARATORS[separator]] if separator else [",", ";", "\t", " "]
+    best: tuple[float, Format] | None = None
+    for mark in marks:
+        for comma in [False, True] if decimal is None else [decimal == "comma"]:
+            if mark == "," and comma:
+                continue
+            found = _tried(str(path), sample, mark, comma, _parts_thousands(body, mark, comma))
+            if found is not None and (best is None or found[0] > best[0] + 1e-9):
+                best = found
+    if best is None and (len(content) < 3 or all(_number(line.replace(",", "."), False) is not None for line in sample)):
+        what = "holds no rows" if len(content) < 3 else "has one column only"
+        raise DataError(f"{path} {what}; torque and position are needed, one row per sample")
+    if best is None and (separator or decimal):
+        given = " ".join(f"--{name} {word}" for name, word in (("separator", separator), ("decimal", decimal)) if word)
+        raise DataError(f"{path} has no rows of one length under {given}; leave it out, and the format is recognised")
+    if best is None:
+        raise DataError(
+            f"{path} is no table of numbers: no separator (comma, semicolon, tab, space) gives rows of one length. It begins with "
+            f"{content[0].text.strip()[:60]!r}. Export the signals as CSV: a row of names, then one row for each sample"
+        )
+    return _looked_through(best[1], content)
+
+
+def _looked_through(form: Format, content: Sequence[Line]) -> Format:
+    """The format with what only many lines show: columns that seldom hold a value, and those that never do."""
+    body = content[len(content) // 4 :]
+    rows = [row for row in (form.fields(line.text) for line in body) if len(row) == form.width]
+    numeric, blank = list(form.numeric), [False] * form.width
+    for j, column in enumerate(zip(*rows, strict=True)):
+        filled = [cell for cell in column if cell.lower() not in MISSING]
+        blank[j] = not any(column)
+        numeric[j] = numeric[j] or (bool(filled) and sum(form.number(cell) is not None for cell in filled) > 0.5 * len(filled))
+    return form._replace(numeric=tuple(numeric), blank=tuple(blank))
+
+
+def _parts_thousands(body: Sequence[Line], mark: str, comma: bool) -> bool:
+    """Whether some cell has both marks, which only a number with parted thousands has."""
+    both = _GROUPED[comma]
+    lines = (line.text for line in body if "." in line.text and "," in line.text)
+    return any("." in cell and "," in cell and both.fullmatch(cell) for line in lines for cell in _split(line, mark))
+
+
+def _tried(file: str, sample: Sequence[str], mark: str, comma: bool, grouped: bool) -> tuple[float, Format] | None:
+    """Share of numbers among the cells under one format, None when the lines make no rows."""
+    rows = [_split(line, mark) for line in sample]
+    width, count = Counter(len(row) for row in rows).most_common(1)[0]
+    if width < 2 or count < _REGULAR_SHARE * len(rows):
+        return None
+    check_columns(file, width)
+    rows = [row for row in rows if len(row) == width]
+    filled = [[cell for cell in column if cell.lower() not in MISSING] for column in zip(*rows, strict=True)]
+    numbers = [[_number(cell, comma, grouped) is not None for cell in column] for column in filled]
+    # some cells may be damaged; a column of states or dates holds hardly any number
+    numeric = tuple(sum(column) > 0.5 * len(column) for column in numbers)
+    cells = sum(map(len, filled))
+    if not any(numeric):
+        return None
+    return sum(map(sum, numbers)) / cells, Format(mark, comma, width, numeric, (False,) * width, grouped)
