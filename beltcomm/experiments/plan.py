@@ -80,7 +80,7 @@ class Plan:
     def written(self) -> str:
         """What becomes of the drive's parameters."""
         if self.types_gains:
-            return tr("drive parameters: limits and modes only, restored; it moves with the gains that stand in the drive")
+            return tr("gains cannot be written on this drive: it moves with those that stand in it")
         if self.verb == "commission":
             return tr("drive parameters: backed up, restored at the end unless you keep the gains")
         return tr("drive parameters: backed up and restored at the end")

@@ -31,6 +31,7 @@ CLEAR = 4.0
 CURVATURE_STEP = 0.01
 #: m; records nearer to each other than this cannot tell a law of the stiffness along the travel.
 PLACES_APART_M = 0.05
+ONE_PLACE = "rows come too seldom to compare places: stiffness taken as constant"
 
 
 @dataclass(frozen=True)
@@ -75,13 +76,18 @@ def final_model(
     start = as_constant(start, float(np.median(at)) if at else 0.0)
     if (seldom := fit_seldom(recordings, start, counts_per_rev=counts_per_rev)) is not None and not seldom.suspect:
         progress(1.0)
-        return FinalModel(seldom, None, "rows come too seldom to compare places: stiffness taken as constant")
+        return FinalModel(seldom, None, ONE_PLACE)
     share = 0.5 if apart else 1.0
     sheet = data_sheet(axis, recordings)
-    constant = fit_model(recordings, start, counts_per_rev=counts_per_rev, sheet=sheet, progress=lambda f: progress(share * f))
+    try:
+        constant = fit_model(recordings, start, counts_per_rev=counts_per_rev, sheet=sheet, progress=lambda f: progress(share * f))
+    except DataError:
+        if seldom is None:
+            raise
+        return FinalModel(seldom, None, ONE_PLACE)
     refuse_jumps(recordings, constant, counts_per_rev)
     if seldom is not None and seldom.misfit < constant.misfit:
-        return FinalModel(seldom, constant, "rows come too seldom to compare places: stiffness taken as constant")
+        return FinalModel(seldom, constant, ONE_PLACE)
     places = stiffness_by_record(recordings, constant.model, counts_per_rev, constant.noise_nm, constant.path)
     spread = clear_spread(places)
     if spread < STIFFNESS_SPREAD or not apart:

@@ -264,7 +264,7 @@ def _jitter_fault(found: Sequence[tuple[Recording, Jitter]], axis: Axis) -> Data
         f"{names_of(r for r, _ in found)}: the samples were taken unevenly: in {worst.name} the steps of t_s deviate by up to "
         f"{100.0 * jitter.largest:.2g} % from {1e3 * jitter.period_s:.4g} ms, the motion follows them, and this makes "
         f"{rough if jitter.share > MOST_UNEVEN else loud}: it would pose as torque. "
-        "Let the drive sample by its own clock (trace, SYNC) and record again"
+        "Let the drive sample by its own clock (trace, SYNC) and record again, or import with --resample, which evens the rows out"
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from beltcomm.configfiles import write_text
 from beltcomm.errors import UsageError
-from beltcomm.pages import axis, changes, first, gains, loops, missing, model, model_error, safety, tracking
+from beltcomm.pages import axis, changes, diagnosed, first, gains, loops, missing, model, model_error, safety, tracking
 from beltcomm.pages.gather import Gathered, gathered
 from beltcomm.report.page import Page, render
 from beltcomm.result import Result, jsonable, plain
@@ -20,6 +20,7 @@ from beltcomm.talk import Silence, Talk
 NAME = "report.html"
 #: Every part of the page, in the order shown.
 PARTS = (
+    diagnosed.section,
     tracking.section,
     gains.section,
     model.section,

@@ -17,7 +17,7 @@ BANDS = 96
 
 
 @dataclass(frozen=True)
-class Row:
+class GridRow:
     """Samples of one stretch on their grid of time.   at : place of each of its samples, (n,).   length : of the grid.   step_s : of it."""
 
     at: NDArray[np.intp]
@@ -25,21 +25,23 @@ class Row:
     step_s: float
 
 
-def rows_of(judged: Sequence[Judged]) -> tuple[Row, ...]:
+def rows_of(judged: Sequence[Judged]) -> tuple[GridRow, ...]:
     """One for each stretch, in their order."""
     rows = []
     for item in judged:
         piece = item.piece
-        rows.append(Row(piece.value_samples // piece.group, piece.motion.samples // piece.group + 1, piece.group * piece.motion.sample_s))
+        rows.append(
+            GridRow(piece.value_samples // piece.group, piece.motion.samples // piece.group + 1, piece.group * piece.motion.sample_s)
+        )
     return tuple(rows)
 
 
-def edges_of(rows: Sequence[Row]) -> Array:
+def edges_of(rows: Sequence[GridRow]) -> Array:
     """Edges of the bands, Hz: up to half the rate of the fastest stretch."""
     return np.asarray(np.linspace(0.0, 0.5 / min(row.step_s for row in rows), BANDS + 1))
 
 
-def power(rows: Sequence[Row], values: Array, edges: Array, chosen: NDArray[np.bool_] | None = None) -> Array:
+def power(rows: Sequence[GridRow], values: Array, edges: Array, chosen: NDArray[np.bool_] | None = None) -> Array:
     """Mean power by band, 1 at the noise, nan where nothing tells.   values : whitened, of all rows behind each other or of the first.
 
     chosen : samples that count.
@@ -60,7 +62,7 @@ def power(rows: Sequence[Row], values: Array, edges: Array, chosen: NDArray[np.b
     return np.asarray(np.where(weight > 0.0, total / np.maximum(weight, 1.0), np.nan))
 
 
-def filtered(rows: Sequence[Row], values: Array, low_hz: float, high_hz: float) -> Array:
+def filtered(rows: Sequence[GridRow], values: Array, low_hz: float, high_hz: float) -> Array:
     """The part of the values that lies in a band, sample by sample."""
     parts = []
     for row, own, _ in _each(rows, values, None):
@@ -73,7 +75,7 @@ def filtered(rows: Sequence[Row], values: Array, low_hz: float, high_hz: float) 
     return np.concatenate(parts)
 
 
-def _each(rows: Sequence[Row], values: Array, chosen: NDArray[np.bool_] | None) -> list[tuple[Row, Array, NDArray[np.bool_]]]:
+def _each(rows: Sequence[GridRow], values: Array, chosen: NDArray[np.bool_] | None) -> list[tuple[GridRow, Array, NDArray[np.bool_]]]:
     """Each row that the values reach, with its own of them and of the choice."""
     found, begin = [], 0
     for row in rows:

@@ -72,32 +72,101 @@ class OpenedRun:
         return cascade_from_dict(saved_design(self._folder))
 
     def fit(self) -> Result:
-        """Model of motor, belt and carriage from all records, see :func:`beltcomm.api.fit`."""
+        """Model of motor, belt and carriage from all records, see :func:`beltcomm.api.fit`.
+
+        Returns
+        -------
+        Result
+            Model and its intervals.
+        """
         result: Result = _api().fit(self.path, talk=self._talk)
         return result
 
     def compare(self, *, pictures: bool = False) -> Result:
-        """Model against measurement, see :func:`beltcomm.api.compare`."""
+        """Model against measurement, see :func:`beltcomm.api.compare`.
+
+        Parameters
+        ----------
+        pictures : bool
+            Draw what is found into ``RUN/pictures``.
+
+        Returns
+        -------
+        Result
+            Ratios to the noise, and where the model fails.
+        """
         result: Result = _api().compare(self.path, pictures=pictures, talk=self._talk)
         return result
 
     def diagnose(self, *, cost: bool = False, following: bool = False) -> Result:
-        """Which effect is missing, see :func:`beltcomm.api.diagnose`; the model stays as it is."""
+        """Which effect is missing, see :func:`beltcomm.api.diagnose`; the model stays as it is.
+
+        Parameters
+        ----------
+        cost : bool
+            Say what not knowing an effect costs in tracking.
+        following : bool
+            Write the plan of the records that would tell more.
+
+        Returns
+        -------
+        Result
+            What is named, with its evidence.
+        """
         result: Result = _api().diagnose(self.path, cost=cost, following=following, talk=self._talk)
         return result
 
     def add(self, effect: str, *, cost: bool = False, pictures: bool = False) -> Result:
-        """Everything fitted again with one more effect, as a new revision, see :func:`beltcomm.api.add`."""
+        """Everything fitted again with one more effect, as a new revision, see :func:`beltcomm.api.add`.
+
+        Parameters
+        ----------
+        effect : str
+            Name of an effect, see ``beltcomm effects``.
+        cost : bool
+            Say what not knowing an effect costs in tracking.
+        pictures : bool
+            Draw what is found into ``RUN/pictures``.
+
+        Returns
+        -------
+        Result
+            Error before and after.
+        """
         result: Result = _api().add(effect, self.path, cost=cost, pictures=pictures, talk=self._talk)
         return result
 
     def remove(self, effect: str, *, pictures: bool = False) -> Result:
-        """Everything fitted again without an effect, as a new revision, see :func:`beltcomm.api.remove`."""
+        """Everything fitted again without an effect, as a new revision, see :func:`beltcomm.api.remove`.
+
+        Parameters
+        ----------
+        effect : str
+            Name of an effect, see ``beltcomm effects``.
+        pictures : bool
+            Draw what is found into ``RUN/pictures``.
+
+        Returns
+        -------
+        Result
+            Error before and after.
+        """
         result: Result = _api().remove(effect, self.path, pictures=pictures, talk=self._talk)
         return result
 
     def ladder(self, *, pictures: bool = False) -> Result:
-        """All revisions of the model, see :func:`beltcomm.api.ladder`."""
+        """All revisions of the model, see :func:`beltcomm.api.ladder`.
+
+        Parameters
+        ----------
+        pictures : bool
+            Draw what is found into ``RUN/pictures``.
+
+        Returns
+        -------
+        Result
+            The revisions.
+        """
         result: Result = _api().ladder(self.path, pictures=pictures)
         return result
 
@@ -108,20 +177,49 @@ class OpenedRun:
         ----------
         payload_kg : float, optional
             Heaviest load beyond what is mounted.
-        **options
+        **options : Any
             Of :class:`beltcomm.api.Options`.
+
+        Returns
+        -------
+        Result
+            Gains, margins and their proof; exit code 1 for a design that is not to be used.
         """
         given = {"payload_kg": None if payload_kg is None else number(payload_kg, "payload_kg", "kg"), **options}
         result: Result = _api().design(self.path, options=options_of(given), talk=self._talk)
         return result
 
     def verify(self, drive: str, **options: Any) -> Result:
-        """Drive a move with the run's design, see :func:`beltcomm.api.verify`; it moves the axis, and only with ``yes=True``."""
+        """Drive a move with the run's design, see :func:`beltcomm.api.verify`; it moves the axis, and only with ``yes=True``.
+
+        Parameters
+        ----------
+        drive : str
+            As the commands take it: ``virtual``, ``can0``.
+        **options : Any
+            Of :class:`beltcomm.api.Options`.
+
+        Returns
+        -------
+        Result
+            Predicted and measured error; exit code 1 for a missed target.
+        """
         result: Result = _api().verify(drive, self.path, options=options_of(options), talk=self._talk)
         return result
 
     def report(self, out: Place | None = None) -> Result:
-        """The page on the run, see :func:`beltcomm.api.report`."""
+        """The page on the run, see :func:`beltcomm.api.report`.
+
+        Parameters
+        ----------
+        out : Place or None
+            Of the page; ``RUN/report.html`` unless told.
+
+        Returns
+        -------
+        Result
+            Where the page is.
+        """
         result: Result = _api().report(self.path, out=out)
         return result
 

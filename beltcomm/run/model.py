@@ -102,7 +102,20 @@ class RunModel(Mapping[str, Value]):
         )
 
     def linear(self, position: float, *, speed: float = SLIDING_RAD_S) -> StateSpace:
-        """The same as matrices.   position : m.   speed : rad/s, at the motor."""
+        """The same as matrices.
+
+        Parameters
+        ----------
+        position : float
+            Of the carriage, m.
+        speed : float
+            Of the motor, rad/s.
+
+        Returns
+        -------
+        StateSpace
+            ``A``, ``B``, ``C``, ``D`` and the names of the states.
+        """
         at, sliding = number(position, "position", "m"), number(speed, "speed", "rad/s")
         if not sliding:
             raise UsageError("speed is 0: friction that sticks has no linear law; give the speed at which the axis moves, in rad/s")

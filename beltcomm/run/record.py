@@ -198,7 +198,18 @@ class Drawing:
     figure: Figure
 
     def save(self, path: Place) -> None:
-        """Write it as PNG.   Raises UsageError for a file that exists: delete it, or give another name."""
+        """Write it as PNG.
+
+        Parameters
+        ----------
+        path : Place
+            Of the file; one that exists is not overwritten.
+
+        Raises
+        ------
+        UsageError
+            The file exists.
+        """
         from beltcomm.report import style
 
         file = place(path, "picture")

@@ -174,5 +174,8 @@ def test_a_speed_in_no_unit_at_all_is_refused() -> None:
     learner = SpeedUnit(TURN / 65536)
     for _ in range(400):
         learner(60, 3, 1e-3)
-    with pytest.raises(DriveError, match="no unit that makers use; state velocity_unit"):
+    with pytest.raises(
+        DriveError,
+        match=r"no unit that makers use; in min⁻¹ one turn would be 1200000 position units: state position_unit or velocity_unit",
+    ):
         learner.found_rad_s()

@@ -44,7 +44,7 @@ def profile(tmp_path: Path) -> str:
 def test_the_plan_says_beforehand_that_gains_are_not_written(make_bench: Callable[..., Bench], tmp_path: Path) -> None:
     bench = make_bench("g_a", profile="cia402")
     result = api.commission(bench.name, "egc-70-600", tmp_path / "run", options=api.Options(dry_run=True))
-    said = " ".join(" ".join(map(str, result.text)).split())
+    said = " ".join(" ".join(map(str, [*result.text, *result.details])).split())
     assert "gains cannot be written" in said
     assert "no gain" in said
 
@@ -57,7 +57,7 @@ def test_the_job_ends_with_model_design_move_and_what_to_type(
     typed_in(bench, tuned)
     run = tmp_path / "run"
     result = api.commission(bench.name, "egc-70-600", run, options=api.Options(quick=True, **YES), talk=Listener())
-    text = "\n".join(map(str, result.text))
+    text = "\n".join(map(str, [*result.text, *result.details]))
     assert "can only be typed in" in text
     assert "To be typed into the maker's tool" in text
     folder = RunFolder.open(run)
@@ -69,11 +69,11 @@ def test_the_job_ends_with_model_design_move_and_what_to_type(
         api.apply(bench.name, run, options=api.Options(yes=True, force=True))
     # with other gains than those of the design the move tells, and with those of the design, typed in, too
     other = api.verify(bench.name, run, options=api.Options(**YES), talk=Listener())
-    assert "not what stands in it" in "\n".join(map(str, other.text))
+    assert "not what stands in it" in "\n".join(map(str, [*other.text, *other.details]))
     assert "no verification move was driven with these gains" in doubts(folder)
     typed_in(bench, folder.load("designs", "final")["parameters"])
     verified = api.verify(bench.name, run, options=api.Options(**YES), talk=Listener())
-    assert "did as predicted" in "\n".join(map(str, verified.text))
+    assert "did as predicted" in "\n".join(map(str, [*verified.text, *verified.details]))
     bench.profile = None
     assert bench.parameters()["kp_nm_s_rad"] == pytest.approx(folder.load("designs", "final")["parameters"]["kp_nm_s_rad"])
 
@@ -83,7 +83,7 @@ def test_a_loop_that_does_not_follow_ends_with_model_and_design_too(make_bench: 
     run = tmp_path / "run"
     result = api.commission(bench.name, "egc-70-600", run, options=api.Options(quick=True, **YES), talk=Listener())
     assert result.exit_code == 1
-    text = "\n".join(map(str, result.text))
+    text = "\n".join(map(str, [*result.text, *result.details]))
     assert "own loop was not used" in text
     assert "To be typed into the maker's tool" in text
     assert bench.stands_disabled()
