@@ -77,7 +77,7 @@ def sync(folder: Path) -> None:
 
 
 def is_draft(name: str) -> bool:
-    """Whether this is the name of a file on its way."""
+    """True if this is the name of a file on its way."""
     return _DRAFT.fullmatch(name) is not None
 
 

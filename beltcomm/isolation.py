@@ -85,8 +85,26 @@ def children_apart() -> Iterator[None]:
 
 
 @contextmanager
-def apart(folder: Path) -> Iterator[None]:
-    """Be in a folder of an installed package meanwhile: for the import of a library that reads settings from the working directory."""
+def apart(folder: Path, *without: str) -> Iterator[None]:
+    """Be in a folder of an installed package meanwhile: for the import of a library that reads settings from the working directory.
+
+    without : variables of the environment that are not there meanwhile.
+    """
+    with _without(without), _inside(folder):
+        yield
+
+
+@contextmanager
+def _without(names: Sequence[str]) -> Iterator[None]:
+    before = {name: os.environ.pop(name) for name in names if name in os.environ}
+    try:
+        yield
+    finally:
+        os.environ.update(before)
+
+
+@contextmanager
+def _inside(folder: Path) -> Iterator[None]:
     with ExitStack() as back:
         try:
             if hasattr(os, "fchdir"):

@@ -20,6 +20,7 @@ from platformdirs import user_cache_path
 from beltcomm import atomic, isolation
 from beltcomm.caches import tell
 
+os.environ.pop("NUMBA_NUM_THREADS", None)  # none are used, and a number that cannot be ends every command
 with isolation.apart(Path(__file__).parent):
     from numba.core import caching, config
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 import can
 import numpy as np
 
-from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Guarding, Limits, Motion, Nameplate, Sink
+from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Guarding, KnownMotor, Limits, Motion, Sink
 from beltcomm.drive.finding import Finding
 from beltcomm.drive.objects import DictionaryEntry
 from beltcomm.errors import BusError, DriveError, Refused, UsageError
@@ -75,7 +75,7 @@ class CanopenDrive(ObjectDrive):
         bitrate: int | None,
         release: Callable[[], None],
         sample_period_s: float | None = None,
-        nameplate: Nameplate | None = None,
+        nameplate: KnownMotor | None = None,
     ) -> None:
         self._guarding: Guarding | None = None
         self._arrangement = 0  # of the drive's answers: what it has refused once is not asked for again
@@ -303,7 +303,7 @@ def connect(
     bitrate: int | None,
     release: Callable[[], None],
     sample_period_s: float | None = None,
-    nameplate: Nameplate | None = None,
+    nameplate: KnownMotor | None = None,
 ) -> CanopenDrive:
     """The drive on an open bus; without ``node``, the only one there.  On failure the bus is released.
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
-from beltcomm.drive import Capabilities, Nameplate
+from beltcomm.drive import Capabilities, KnownMotor
 from beltcomm.drive.objects import ParameterObject
 from beltcomm.drive.parameters import gain_access
 from beltcomm.errors import BusError, ObjectRefused
@@ -105,7 +105,7 @@ def read_capabilities(
     parameters: Mapping[str, ParameterObject],
     uncalibrated: frozenset[str],
     wanted_s: float | None = None,
-    nameplate: Nameplate | None = None,
+    nameplate: KnownMotor | None = None,
 ) -> Capabilities:
     """Capabilities of the drive.
 
@@ -116,7 +116,7 @@ def read_capabilities(
     loop_s = _loop_period_s(objects, profile)
     exchange = plan_exchange(bitrate, fullest(profile, modes), *sync_steps(objects, profile), wanted_s)
     period_s = exchange.period_s
-    plate, steps = nameplate or Nameplate(), max(round(math.tau / abs(scaling.position_rad)), 1)
+    plate, steps = nameplate or KnownMotor(), max(round(math.tau / abs(scaling.position_rad)), 1)
     peak_permille = objects.read_if_there(0x6073, 0, "uint16") or objects.read_if_there(0x6072, 0, "uint16")
     peak_nm = plate.peak_torque_nm or scaling.rated_torque_nm if peak_permille is None else peak_permille * 1e-3 * scaling.rated_torque_nm
     fastest = read_top_speed_rad_s(objects) or plate.max_speed_rad_s or FASTEST_RAD_S

@@ -90,7 +90,7 @@ class TunedDesign:
     """
 
     def __init__(self, run: Path, *, payload_kg: float = 0.0, move: Path | None = None, seed: int = 0) -> None:
-        self._basis = basis_of(run)
+        self._basis = basis_of(run, Silence())
         self._saved_design = saved_design(self._basis.folder)
         self._seed = seed
         self.bench = Bench(ground_of(self._basis, self._saved_design, move))

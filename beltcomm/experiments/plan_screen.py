@@ -24,7 +24,13 @@ WHOLE = 0.98
 
 
 def plan_screen(plan: Plan, axis: Axis, capabilities: Capabilities, drive: str = "") -> list[Line]:
-    """Up to 22 lines of 80 columns.   drive : as it was asked for."""
+    """Up to 22 lines of 80 columns.
+
+    Parameters
+    ----------
+    drive : str
+        As it was asked for.
+    """
     name = axis.name or tr("axis without a name")
     what = f"{drive} ({capabilities.name})" if drive else capabilities.name
     title = Line(" ", (f"beltcomm {plan.verb}".rstrip(), "title"), "   ", (name, "title"), f"   {tr('drive')}: {what}"[:WIDE])

@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 from beltcomm.errors import DataError
 from beltcomm.fit.base import fit_base
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import ParameterSpread, spread_of, unbounded_estimates, with_intervals
+from beltcomm.fit.intervals import ParameterSpread, parameter_spread, unbounded_estimates, with_intervals
 from beltcomm.fit.noise_level import noise_colour, torque_noise
 from beltcomm.fit.nuisance import held_remarks
 from beltcomm.fit.records import Data, apparent_step, prepare_records
@@ -87,12 +87,12 @@ class ModelFit:
 
     @property
     def suspect(self) -> bool:
-        """Whether so much is left unexplained that the numbers should not be trusted."""
+        """True if so much is left unexplained that the numbers should not be trusted."""
         return self.misfit > SUSPECT_MISFIT
 
     @cached_property
     def _spread(self) -> ParameterSpread:
-        return spread_of(self.fitted)
+        return parameter_spread(self.fitted)
 
     @property
     def freedom(self) -> int:

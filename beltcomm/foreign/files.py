@@ -46,6 +46,13 @@ class Part:
 
 def parts_of(path: Path, reading: Reading, axis: Axis) -> list[Part]:
     """All recordings that a file holds.   axis : gives units that a log of frames does not show.   Raises UsageError, DataError."""
+    try:
+        return _parts_of(path, reading, axis)
+    except OSError as error:  # a disk that fails, a stick that is pulled
+        raise DataError(f"{path} cannot be read: {error.strerror or error}; copy it to another disk, or export it again") from error
+
+
+def _parts_of(path: Path, reading: Reading, axis: Axis) -> list[Part]:
     _check_there(path)
     sha256 = sha256_of(path)
     if kind_of_log(path) is None:

@@ -193,10 +193,14 @@ def _pieces(path: Path, encoding: str) -> Iterator[str]:
     return text_blocks(path, encoding, "strict" if encoding == "utf-8-sig" else "replace")
 
 
+#: Letters of a line up to which quotes count; the reader of such lines takes no longer cell.
+_QUOTED = 100_000
+
+
 def _split(line: str, separator: str) -> list[str]:
     if separator == " ":
         return line.split()
-    if '"' in line:
+    if '"' in line and len(line) <= _QUOTED:
         return [cell.strip() for cell in next(csv.reader([line.strip()], delimiter=separator, skipinitialspace=True))]
     return [cell.strip() for cell in line.split(separator)]
 

@@ -54,7 +54,13 @@ def final_model(
     """Fit all recordings with a constant belt stiffness, and by position where the places disagree; keep the better.
 
     ``start`` replaces the start values found from the excited records.
-    Raises DataError when there is no excited record to start from, or none is usable; DamagedRecord when the angle of one jumps.
+
+    Raises
+    ------
+    DataError
+        When there is no excited record to start from, or none is usable.
+    DamagedRecord
+        When the angle of one jumps.
     """
     excited = [r for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
     if start is None:
@@ -198,7 +204,10 @@ def as_constant(model: Model, position_m: float) -> Model:
 def by_position(model: Model, axis: Axis, recordings: Sequence[Recording], places: Mapping[str, PlaceStiffness]) -> Model:
     """The model with the belt law (2.26) instead of a constant stiffness, started from the stiffness of each place.
 
-    Raises UsageError when the axis file does not say how far the pulleys are apart.
+    Raises
+    ------
+    UsageError
+        When the axis file does not say how far the pulleys are apart.
     """
     axis.require("the law of the belt's stiffness along the travel", "belt.pulley_distance_m")
     distance = float(axis.get("belt.pulley_distance_m") or 0.0)

@@ -15,11 +15,13 @@ from beltcomm.experiments import phases, referencing
 from beltcomm.given import pasted
 from beltcomm.laboratory.cross_checks import sheet_doubts
 from beltcomm.language import tr
+from beltcomm.locks import at_work, occupied
 from beltcomm.model import Model
 from beltcomm.pages import pictures as drawn
 from beltcomm.recording import Recording
 from beltcomm.result import Line, Result, plain
 from beltcomm.rundata import offline
+from beltcomm.rundata.behind import unfitted
 from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.design_proof import grounds_of, prove
 from beltcomm.rundata.findings import Findings
@@ -27,10 +29,12 @@ from beltcomm.rundata.fitted_run import records_of
 from beltcomm.rundata.headline import OF, following, hashes_of, headline_of
 from beltcomm.rundata.kept_path import kept_path
 from beltcomm.rundata.proof import SUSPECT, doubts, error_of, same_gains, suspect, thin_margins
+from beltcomm.rundata.revisions import current_revision
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import outcome, screens, typed_gains, words
 from beltcomm.sentences.cross_checks import sheet_lines
 from beltcomm.sentences.design_proof import proof_lines
+from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory, load_move, plan_trajectory
 
 #: m/s and m/s² of a move for an axis that states no limits of its own.
@@ -50,21 +54,36 @@ class Basis:
     recordings: Sequence[Recording]
 
 
-def basis_of(run: Path) -> Basis:
-    """The trusted model of a run, its drive, delay and damping.   Raises DataError."""
+def basis_of(run: Path, talk: Talk) -> Basis:
+    """The trusted model of a run, its drive, delay and damping; fitted anew where the run has records since.   Raises DataError."""
     folder = RunFolder.open(run)
     if not folder.axis.has_belt:
         raise UsageError(
             f"{folder.axis} has neither belt nor pulley; the controller is designed for a motor that drives a carriage by a belt. What the "
             f"laboratory knows of this axis: `beltcomm report {pasted(run)}`"
         )
-    model, revision, which = offline.trusted(folder)
+    since = unfitted(folder)
+    if since and current_revision(folder) is None:
+        with occupied(folder.path, talk, refusal=lambda holder: at_work(folder.path, holder)):
+            talk.phase(1, 1, "fit")
+            outcome.save(folder, offline.fit_run(folder, "lm", talk))
+    model, revision, which = offline.trusted_revision(folder)
     findings = Findings(kept_path=kept_path(folder))
+    findings.remarks += [_since(folder, since)] if since else []
     records = records_of(folder)
     recordings = records.recordings
     findings.remarks += records.remarks
     measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
     return Basis(folder, model, revision, which, findings, offline.structure_of(folder, findings), recordings)
+
+
+def _since(folder: RunFolder, names: Sequence[str]) -> str:
+    if unfitted(folder):
+        return (
+            f"{', '.join(names)} was recorded since the model's last revision, which was not fitted to it: `beltcomm compare "
+            f"{pasted(folder.path)}` says whether the model holds there too"
+        )
+    return f"the model was fitted anew, for {', '.join(names)} was recorded since"
 
 
 def delivered(
@@ -131,7 +150,7 @@ def delivered(
         *sheet_lines(sheets),
         *words.remarks_lines(findings.remarks),
     ]
-    unfit = findings.design.relaxed or proof.failed or unexplained
+    unfit = findings.design.relaxed or proof.has_failed or unexplained
     return Result(
         {"run": str(folder.path), **mapping, "data_sheet": plain(sheets), "pictures": made, "replaced": kept},
         text,

@@ -204,7 +204,7 @@ def result(
         Line(""),
         screens.friction_line(found.friction),
         *screens.warning_lines(warnings),
-        f"Next: beltcomm fit {pasted(folder.path)}   (a model of all records)",
+        f"Next: beltcomm design {pasted(folder.path)}   (gains, by a model of all records)",
     ]
     details = [
         "Driven by a loop designed from the run's model:",

@@ -57,7 +57,7 @@ def plain_of(found: Diagnosis) -> tuple[Plain, Plain]:
     """Errors of the first and of the last model of a search in plain units, in the band of the first."""
     band = band_of(found.published_base[0], found.base.model)
     before = of_run(*found.published_base, band)
-    return before, before if found.after is found.base else of_run(found.data, found.after, band)
+    return before, before if found.final_fit is found.base else of_run(found.data, found.final_fit, band)
 
 
 def less(after: PlainError | None, trusted: PlainError | None) -> bool:

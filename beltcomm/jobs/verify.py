@@ -23,7 +23,7 @@ from beltcomm.machine import stops
 from beltcomm.machine.machine import Machine
 from beltcomm.result import Line, Result
 from beltcomm.rundata import analyse, offline
-from beltcomm.rundata.headline import OF, Following, drive_of, following, hashes_of, headline_of
+from beltcomm.rundata.headline import OF, Following, behind, drive_of, following, hashes_of, headline_of
 from beltcomm.rundata.proof import proof
 from beltcomm.rundata.store import saved_design, verdict_to_dict
 from beltcomm.runfolder import RunFolder
@@ -90,10 +90,12 @@ def verify_with(
     folder, feedforward = RunFolder.open(run), options.feedforward
     axis = asked_of(folder.axis, options.targets)
     saved = saved_design(folder)
-    model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
+    model = offline.trusted_revision(folder, str(saved.get("revision") or ""))[0]
     claim(folder, drive.capabilities, options, talk)
     if planned is None:
         admit_edited("final.yaml of the run", folder.edited("designs", "final"), options, talk)
+    for line in behind(folder):
+        talk.say(line)
     structure = drive.capabilities.structure
     leads = rungs or feedforward == "compliant"
     if leads and not (structure.torque_feedforward and structure.velocity_feedforward):
@@ -102,7 +104,7 @@ def verify_with(
             "use nonlinear, linear or none"
         )
     own: FeedforwardKind | None = "nonlinear" if feedforward == "compliant" else feedforward
-    analyse.offered(structure, None, own)
+    analyse.require_offered(structure, None, own)
     cascade, delay_s = offline.cascade_of(saved, model, structure, own)
     along = bool(saved.get("compensated")) and structure.torque_feedforward and feedforward in (None, "nonlinear")
     sending: Sending = "compliant" if feedforward == "compliant" else "rigid" if along else "nothing"

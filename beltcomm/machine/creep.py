@@ -13,7 +13,7 @@ from beltcomm.errors import DriveError, Refused, SafetyStop
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.machine.host_loss import guard_times_s
 from beltcomm.rundata.first_motions import MOVED_M, SLIDING_SHARE
-from beltcomm.simulate.stopping import Braking, HostLoss, first_deceleration, run_on
+from beltcomm.simulate.stopping import Braking, HostLoss, first_deceleration, run_on_distance
 
 #: Share of the torque that axis and motor allow at which an axis that does not move is given up.
 BREAKAWAY_SHARE = 0.6
@@ -64,7 +64,7 @@ def run_on_m(axis: Axis, torque_nm: float, held_s: float) -> float:
     ratio, friction = axis.transmission_m_rad, SLIDING_SHARE * torque_nm
     inertia = axis.motor_side_inertia_kg_m2 + ratio**2 * max(UNKNOWN_MASSES_KG[0], axis.payload.mass_kg or 0.0)
     loss = HostLoss(held_s, Braking(ratio * friction / inertia, 0.0))
-    return float(run_on(np.zeros(1), torque_nm, friction, inertia, ratio, loss)[0])
+    return float(run_on_distance(np.zeros(1), torque_nm, friction, inertia, ratio, loss)[0])
 
 
 def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float, about_nm: float = 0.0, left_m: float = math.inf) -> Crept:

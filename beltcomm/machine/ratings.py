@@ -6,18 +6,18 @@ import math
 from dataclasses import dataclass
 
 from beltcomm.axis import Axis
-from beltcomm.drive import Capabilities, Nameplate
+from beltcomm.drive import Capabilities, KnownMotor
 from beltcomm.errors import UsageError
 
 #: Rated values of the drive may differ by this share from axis.yaml: rounding of data sheets.
 RATED_TOLERANCE = 0.05
 
 
-def nameplate_of(axis: Axis) -> Nameplate:
+def nameplate_of(axis: Axis) -> KnownMotor:
     """What the axis file knows of its motor, for a drive that does not tell it."""
     motor, speed = axis.motor, axis.limits.speed_m_s
     fastest = speed / axis.transmission_m_rad if speed is not None and axis.get("pulley.effective_radius_m") is not None else None
-    return Nameplate(
+    return KnownMotor(
         motor.rated_torque_nm,
         motor.peak_torque_nm,
         motor.torque_constant_nm_a,

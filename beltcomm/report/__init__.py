@@ -13,5 +13,5 @@ from beltcomm import isolation
 
 os.environ.setdefault("MPLCONFIGDIR", str(user_cache_path("beltcomm") / "matplotlib"))
 _found = find_spec("matplotlib")
-with isolation.apart(Path(str(_found and _found.origin)).parent / "mpl-data"):  # which holds the settings that it is shipped with
+with isolation.apart(Path(str(_found and _found.origin)).parent / "mpl-data", "MPLBACKEND"):  # its shipped settings; pictures are files
     import matplotlib  # noqa: F401

@@ -20,8 +20,8 @@ from beltcomm.axis import Axis
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, AxisSummary, Effect
 from beltcomm.fit.estimate import Fitted
+from beltcomm.laboratory.forward_selection import bic_penalty, may_add
 from beltcomm.laboratory.score import Scored, Scorer, amplitude_columns, ground_of
-from beltcomm.laboratory.stage import bic_penalty, may_add
 from beltcomm.residuals.cells import Cells
 from beltcomm.residuals.law import LawCurve, curve_of
 
@@ -33,7 +33,15 @@ TRIALS, DRAWN = 3, 15.0
 
 @dataclass(frozen=True)
 class TrialSums:
-    """One way to switch an effect on.   b : (cells, k).   m : (cells, k, k).   signed : amounts below 0 count."""
+    """One way to switch an effect on.
+
+    Attributes
+    ----------
+    b : ndarray (cells, k)
+    m : ndarray (cells, k, k)
+    signed : bool
+        Amounts below 0 count.
+    """
 
     b: Array
     m: Array
@@ -52,8 +60,15 @@ class TrialSums:
 class CandidateEffect:
     """An effect that the model could take.
 
-    evidence : fall of O over all less its price, by the score.   values : own parameters at its best.   left : whitened residual of the
-    fitted samples with it, everything fitted giving way to first order; none where only an observer of its own would tell.
+    Attributes
+    ----------
+    evidence : float
+        Fall of O over all less its price, by the score.
+    values : dict of str to float
+        Own parameters at its best.
+    left : ndarray of float32
+        Whitened residual of the fitted samples with it, everything fitted giving way to first order; none where only an observer of its own
+        would tell.
     """
 
     effect: str

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 
 from beltcomm.laboratory.samples import Judged
 
@@ -18,7 +19,17 @@ BANDS = 96
 
 @dataclass(frozen=True)
 class GridRow:
-    """Samples of one stretch on their grid of time.   at : place of each of its samples, (n,).   length : of the grid.   step_s : of it."""
+    """Samples of one stretch on their grid of time.
+
+    Attributes
+    ----------
+    at : ndarray of int
+        Place of each of its samples, (n,).
+    length : int
+        Of the grid.
+    step_s : float
+        Of it.
+    """
 
     at: NDArray[np.intp]
     length: int
@@ -42,19 +53,25 @@ def edges_of(rows: Sequence[GridRow]) -> Array:
 
 
 def power(rows: Sequence[GridRow], values: Array, edges: Array, chosen: NDArray[np.bool_] | None = None) -> Array:
-    """Mean power by band, 1 at the noise, nan where nothing tells.   values : whitened, of all rows behind each other or of the first.
+    """Mean power by band, 1 at the noise, nan where nothing tells.
 
-    chosen : samples that count.
+    Parameters
+    ----------
+    values : ndarray
+        Whitened, of all rows behind each other or of the first.
+    chosen : ndarray of bool or None
+        Samples that count.
     """
     total, weight = np.zeros((2, len(edges) - 1))
     for row, own, mask in _each(rows, values, chosen):
         count = int(mask.sum())
         if not count:
             continue
-        grid = np.zeros(row.length)
+        length = next_fast_len(row.length, real=True)
+        grid = np.zeros(length)
         grid[row.at] = own * mask
         lines = np.abs(np.fft.rfft(grid)) ** 2 / count
-        number = np.searchsorted(edges, np.fft.rfftfreq(row.length, row.step_s), side="right") - 1
+        number = np.searchsorted(edges, np.fft.rfftfreq(length, row.step_s), side="right") - 1
         number = np.clip(number, 0, len(edges) - 2)
         there = np.bincount(number, minlength=len(edges) - 1)
         total += count * np.bincount(number, lines, minlength=len(edges) - 1) / np.maximum(there, 1)
@@ -66,12 +83,13 @@ def filtered(rows: Sequence[GridRow], values: Array, low_hz: float, high_hz: flo
     """The part of the values that lies in a band, sample by sample."""
     parts = []
     for row, own, _ in _each(rows, values, None):
-        grid = np.zeros(row.length)
+        length = next_fast_len(row.length, real=True)
+        grid = np.zeros(length)
         grid[row.at] = own
         spectrum = np.fft.rfft(grid)
-        freq = np.fft.rfftfreq(row.length, row.step_s)
+        freq = np.fft.rfftfreq(length, row.step_s)
         spectrum[(freq < low_hz) | (freq > high_hz)] = 0.0
-        parts.append(np.fft.irfft(spectrum, row.length)[row.at])
+        parts.append(np.fft.irfft(spectrum, length)[row.at])
     return np.concatenate(parts)
 
 

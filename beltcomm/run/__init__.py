@@ -59,7 +59,13 @@ class OpenedRun:
 
     @property
     def model(self) -> RunModel:
-        """The present model.   Raises DataError where nothing was fitted yet."""
+        """The present model.
+
+        Raises
+        ------
+        DataError
+            Where nothing was fitted yet.
+        """
         model = current_model(self._folder)
         if model is None:
             self._folder.file("models", "final")  # says what makes one
@@ -68,7 +74,13 @@ class OpenedRun:
 
     @property
     def gains(self) -> Cascade:
-        """The controller of the present design.   Raises DataError where there is none."""
+        """The controller of the present design.
+
+        Raises
+        ------
+        DataError
+            Where there is none.
+        """
         return cascade_from_dict(saved_design(self._folder))
 
     def fit(self) -> Result:
@@ -83,89 +95,89 @@ class OpenedRun:
         return result
 
     def compare(self, *, pictures: bool = False) -> Result:
-        """Model against measurement, see :func:`beltcomm.api.compare`.
+        """Compare model and measurement; see :func:`beltcomm.api.compare`.
 
         Parameters
         ----------
         pictures : bool
-            Draw what is found into ``RUN/pictures``.
+            Pictures into ``RUN/pictures``.
 
         Returns
         -------
         Result
-            Ratios to the noise, and where the model fails.
+            Ratios and places.
         """
         result: Result = _api().compare(self.path, pictures=pictures, talk=self._talk)
         return result
 
     def diagnose(self, *, cost: bool = False, following: bool = False) -> Result:
-        """Which effect is missing, see :func:`beltcomm.api.diagnose`; the model stays as it is.
+        """Find which effect is missing; see :func:`beltcomm.api.diagnose`; the model stays as it is.
 
         Parameters
         ----------
         cost : bool
-            Say what not knowing an effect costs in tracking.
+            Say what it costs, in tracking error.
         following : bool
-            Write the plan of the records that would tell more.
+            Write the plan of what to record next.
 
         Returns
         -------
         Result
-            What is named, with its evidence.
+            The evidence for each effect.
         """
         result: Result = _api().diagnose(self.path, cost=cost, following=following, talk=self._talk)
         return result
 
     def add(self, effect: str, *, cost: bool = False, pictures: bool = False) -> Result:
-        """Everything fitted again with one more effect, as a new revision, see :func:`beltcomm.api.add`.
+        """Fit everything again with one more effect, as a new revision; see :func:`beltcomm.api.add`.
 
         Parameters
         ----------
         effect : str
-            Name of an effect, see ``beltcomm effects``.
+            Name of the effect.
         cost : bool
-            Say what not knowing an effect costs in tracking.
+            Say what not knowing it costs, in tracking error.
         pictures : bool
-            Draw what is found into ``RUN/pictures``.
+            Pictures into ``RUN/pictures``.
 
         Returns
         -------
         Result
-            Error before and after.
+            Values before and after.
         """
         result: Result = _api().add(effect, self.path, cost=cost, pictures=pictures, talk=self._talk)
         return result
 
     def remove(self, effect: str, *, pictures: bool = False) -> Result:
-        """Everything fitted again without an effect, as a new revision, see :func:`beltcomm.api.remove`.
+        """Fit everything again without an effect, as a new revision; see :func:`beltcomm.api.remove`.
 
         Parameters
         ----------
         effect : str
-            Name of an effect, see ``beltcomm effects``.
+            Name of the effect.
         pictures : bool
-            Draw what is found into ``RUN/pictures``.
+            Pictures into ``RUN/pictures``.
 
         Returns
         -------
         Result
-            Error before and after.
+            Values before and after.
         """
         result: Result = _api().remove(effect, self.path, pictures=pictures, talk=self._talk)
         return result
 
     def ladder(self, *, pictures: bool = False) -> Result:
-        """All revisions of the model, see :func:`beltcomm.api.ladder`.
+        """Show all revisions of the model; see :func:`beltcomm.api.ladder`.
 
         Parameters
         ----------
         pictures : bool
-            Draw what is found into ``RUN/pictures``.
+            Pictures into ``RUN/pictures``.
 
         Returns
         -------
         Result
-            The revisions.
+            The steps, with their gain.
         """
         result: Result = _api().ladder(self.path, pictures=pictures)
         return result
@@ -178,12 +190,12 @@ class OpenedRun:
         payload_kg : float, optional
             Heaviest load beyond what is mounted.
         **options : Any
-            Of :class:`beltcomm.api.Options`.
+            Settings beside the main arguments; None for the safe defaults.
 
         Returns
         -------
         Result
-            Gains, margins and their proof; exit code 1 for a design that is not to be used.
+            Gains, margins, and what binds them.
         """
         given = {"payload_kg": None if payload_kg is None else number(payload_kg, "payload_kg", "kg"), **options}
         result: Result = _api().design(self.path, options=options_of(given), talk=self._talk)
@@ -195,30 +207,30 @@ class OpenedRun:
         Parameters
         ----------
         drive : str
-            As the commands take it: ``virtual``, ``can0``.
+            Name of the drive, as for ``--drive``.
         **options : Any
             Of :class:`beltcomm.api.Options`.
 
         Returns
         -------
         Result
-            Predicted and measured error; exit code 1 for a missed target.
+            Tracking error, measured and predicted.
         """
         result: Result = _api().verify(drive, self.path, options=options_of(options), talk=self._talk)
         return result
 
     def report(self, out: Place | None = None) -> Result:
-        """The page on the run, see :func:`beltcomm.api.report`.
+        """Write the page on the run; see :func:`beltcomm.api.report`.
 
         Parameters
         ----------
         out : Place or None
-            Of the page; ``RUN/report.html`` unless told.
+            Of the page; None for ``report.html`` in the run.
 
         Returns
         -------
         Result
-            Where the page is.
+            Path and numbers of the page.
         """
         result: Result = _api().report(self.path, out=out)
         return result
@@ -247,7 +259,13 @@ def _api() -> Any:
 
 
 def options_of(given: dict[str, Any]) -> Options:
-    """The options by name.   Raises UsageError for one that there is not."""
+    """The options by name.
+
+    Raises
+    ------
+    UsageError
+        For one that there is not.
+    """
     from beltcomm.api import Options
 
     try:

@@ -35,7 +35,13 @@ class RunModel(Mapping[str, Value]):
         return self.model.effects
 
     def __getitem__(self, name: str) -> Value:
-        """A parameter by its full name.   Raises UsageError, naming the nearest."""
+        """A parameter by its full name.
+
+        Raises
+        ------
+        UsageError
+            Naming the nearest.
+        """
         if name not in self.model.parameters:
             known = list(self.model.parameters)
             raise UsageError(f"the model has no parameter {name!r}{did_you_mean(name, known)}; it has {', '.join(known)}")
@@ -102,19 +108,18 @@ class RunModel(Mapping[str, Value]):
         )
 
     def linear(self, position: float, *, speed: float = SLIDING_RAD_S) -> StateSpace:
-        """The same as matrices.
+        """The model as matrices, linearised at a place.
 
         Parameters
         ----------
-        position : float
-            Of the carriage, m.
-        speed : float
-            Of the motor, rad/s.
+        position : float, m
+            Carriage on the axis.
+        speed : float, rad/s, motor shaft
 
         Returns
         -------
         StateSpace
-            ``A``, ``B``, ``C``, ``D`` and the names of the states.
+            State space from motor torque to motor angle and carriage.
         """
         at, sliding = number(position, "position", "m"), number(speed, "speed", "rad/s")
         if not sliding:

@@ -15,8 +15,9 @@ from beltcomm.errors import BeltcommError
 from beltcomm.given import Reached, pasted
 from beltcomm.language import tr
 from beltcomm.model import Model
+from beltcomm.rundata.behind import unfitted
 from beltcomm.rundata.proof import same_gains, suspect
-from beltcomm.rundata.revisions import trusted_model
+from beltcomm.rundata.revisions import current_revision, trusted_model
 from beltcomm.runfolder import RunFolder
 
 State = Literal["pass", "fail", "doubt", "stale", "open"]
@@ -37,9 +38,20 @@ UNEXPLAINED = "the model does not explain what was measured"
 
 @dataclass(frozen=True)
 class Headline:
-    """state : what the axis is.   sentence : without the state's word.   move : name of the result it rests on, "" without one.
+    """First lines of a result.
 
-    errors : following and settled error, m, at motor and carriage.   targets : that count, as stated or by default.
+    Attributes
+    ----------
+    state : State
+        What the axis is.
+    sentence : str
+        Without the state's word.
+    move : str
+        Name of the result it rests on, "" without one.
+    errors : dict of str to Any or None
+        Following and settled error, m, at motor and carriage.
+    targets : AxisTargets
+        That count, as stated or by default.
     """
 
     state: State
@@ -77,7 +89,13 @@ class Headline:
 
 @dataclass(frozen=True)
 class Following:
-    """The command to type next.   why : what it does, a few words."""
+    """The command to type next.
+
+    Attributes
+    ----------
+    why : str
+        What it does, a few words.
+    """
 
     command: str
     why: str
@@ -139,7 +157,13 @@ def headline_of(folder: RunFolder) -> Headline:
 
 
 def targets_of(result: Mapping[str, Any], asked: AxisTargets) -> AxisTargets:
-    """What a move was judged by.   asked : of the axis, for a result that does not tell."""
+    """What a move was judged by.
+
+    Parameters
+    ----------
+    asked : AxisTargets
+        Of the axis, for a result that does not tell.
+    """
     told = result.get("targets")
     if not isinstance(told, Mapping):
         return asked
@@ -148,9 +172,16 @@ def targets_of(result: Mapping[str, Any], asked: AxisTargets) -> AxisTargets:
 
 
 def following(folder: RunFolder, headline: Headline, drive: str = "", *, applied: str = "restore", called: str = "") -> Following:
-    """The one command that helps most now.   drive : that of the run unless told.   applied : what became of the gains.
+    """The one command that helps most now.
 
-    called : the folder as a terminal takes it.
+    Parameters
+    ----------
+    drive : str
+        That of the run unless told.
+    applied : str
+        What became of the gains.
+    called : str
+        The folder as a terminal takes it.
     """
     run = pasted(called or folder.path)
     drive = drive or drive_of(folder)
@@ -162,8 +193,7 @@ def following(folder: RunFolder, headline: Headline, drive: str = "", *, applied
     if suspect(folder):
         return Following(f"beltcomm improve {run}", tr("names what the model lacks, adds it, designs again"))
     design, model = folder.load("designs", "final") if "final" in folder.names("designs") else {}, _model_of(folder)
-    of = design.get(OF)
-    if not design or (isinstance(of, Mapping) and of.get("model") != hashes_of({}, model)["model"]):
+    if not design or _outdated(design, model) or (unfitted(folder) and current_revision(folder) is None):
         return Following(
             f"beltcomm design {run}", tr("gains with margins, of the model as it is now") if design else tr("gains with margins")
         )
@@ -182,6 +212,21 @@ def following(folder: RunFolder, headline: Headline, drive: str = "", *, applied
     if applied == "keep":
         return Following(f"beltcomm apply {with_drive} --save", tr("keeps the gains beyond power-off"))
     return Following(f"beltcomm report {run}", tr("the page for the file of this machine"))
+
+
+def behind(folder: RunFolder) -> list[str]:
+    """In sentences, what should be made anew before the run's design is driven."""
+    found, again = [], tr("`beltcomm design {run}` makes it anew", run=pasted(folder.path))
+    if (names := unfitted(folder)) and current_revision(folder) is None:
+        found.append(tr("The run's model was not fitted to {names}, recorded since; {again}.", names=", ".join(names), again=again))
+    if _outdated(folder.load("designs", "final") if "final" in folder.names("designs") else {}, _model_of(folder)):
+        found.append(tr("The run's design was made from an earlier model; {again}.", again=again))
+    return found
+
+
+def _outdated(design: Mapping[str, Any], model: Model | None) -> bool:
+    of = design.get(OF)
+    return isinstance(of, Mapping) and of.get("model") != hashes_of({}, model)["model"]
 
 
 def drive_of(folder: RunFolder) -> str:

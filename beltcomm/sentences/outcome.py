@@ -14,6 +14,7 @@ from beltcomm.identify.final import FinalModel
 from beltcomm.language import tr
 from beltcomm.result import Line, plain
 from beltcomm.rundata import analyse, offline
+from beltcomm.rundata.behind import RECORDS
 from beltcomm.rundata.delays import delay
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.headline import OF, OWN, following, hashes_of, headline_of
@@ -30,7 +31,7 @@ def save(folder: RunFolder, findings: Findings) -> None:
     model = findings.final.fit.model if findings.final is not None else None
     if findings.final is not None:
         folder.save_model("final", findings.final.fit.model.to_dict())
-        folder.save_result("fit", fit_dict(findings.final, findings))
+        folder.save_result("fit", {**fit_dict(findings.final, findings), RECORDS: folder.finished_names()})
         keep_fit(folder, findings.final.fit.data, findings.final.fit.fitted, findings.final.fit.model)
     if findings.friction is not None:
         folder.save_result("friction", plain(findings.friction))

@@ -113,3 +113,17 @@ def test_only_one_module_starts_processes() -> None:
     starts = ("subprocess.run(", "subprocess.Popen(", "subprocess.check", "os.system", "os.popen", "os.exec", "os.spawn", "os.fork")
     found = {path.name for path in others for word in starts if word in path.read_text(encoding="utf-8")}
     assert found == {"isolation.py"}
+
+
+@pytest.mark.parametrize("entries", [".", "", os.pathsep, f"/nonexistent{os.pathsep}"])
+def test_an_entry_of_pythonpath_that_means_here_is_none(hostile: Path, entries: str) -> None:
+    (hostile / "sitecustomize.py").unlink()  # which Python itself imports first
+    done = beltcomm(hostile, "effects", PYTHONPATH=entries)
+    assert done.returncode == 0, done.stderr
+    assert executed(hostile) == ""
+
+
+def test_settings_of_the_environment_that_cannot_be_end_no_command(tmp_path: Path) -> None:
+    wrong = {"MPLBACKEND": "nothing", "NUMBA_NUM_THREADS": "0"}
+    done = python(tmp_path, "import beltcomm.report, beltcomm.machine_code, os; print(os.environ['MPLBACKEND'])", **wrong)
+    assert (done.stdout, done.returncode) == ("nothing\n", 0), done.stderr

@@ -1,0 +1,62 @@
+"""What was recorded after the model was fitted: the next command takes it in, or says what is still to be done."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from beltcomm import api
+from beltcomm.model import load_model
+from beltcomm.rundata.behind import RECORDS, unfitted
+from beltcomm.rundata.headline import behind
+from beltcomm.rundata.revisions import CURRENT, new_revision
+from beltcomm.runfolder import RunFolder
+
+Copy = Callable[..., Path]
+
+
+def before_its_sweep(run: Path) -> RunFolder:
+    """The run as if its sweep had been made after the fit: not noted there, and a friction that no sweep was asked for."""
+    folder = RunFolder.open(run)
+    fit: dict[str, Any] = folder.load("results", "fit")
+    folder.save_result("fit", {**fit, RECORDS: [name for name in fit[RECORDS] if not name.startswith("sweep")]})
+    model = load_model(folder.file("models", CURRENT))
+    folder.save_model(CURRENT, model.with_values({"coulomb.level": 0.5 * model["coulomb.level"]}).to_dict())
+    return RunFolder.open(run)
+
+
+def test_a_commissioned_run_is_not_behind(copy_of_complete: Copy) -> None:
+    folder = RunFolder.open(copy_of_complete())
+    assert unfitted(folder) == []
+    assert behind(folder) == []
+
+
+def test_a_design_takes_in_what_was_recorded_since(copy_of_complete: Copy) -> None:
+    run = copy_of_complete()
+    wanted = RunFolder.open(run).load("designs", "final")["parameters"]
+    folder = before_its_sweep(run)
+    names = unfitted(folder)
+    assert names
+    assert all(name.startswith("sweep") for name in names)
+    assert [line for line in behind(folder) if f"was not fitted to {', '.join(names)}" in line]
+    assert [line for line in behind(folder) if "from an earlier model" in line]
+    found = api.design(run)
+    assert f"the model was fitted anew, for {', '.join(names)} was recorded since" in "\n".join([*found.text, *found.details])
+    for name, value in wanted.items():
+        assert found.data["parameters"][name] == pytest.approx(value, rel=0.02), name
+    assert behind(RunFolder.open(run)) == []
+
+
+def test_a_revision_is_kept_and_that_is_said(copy_of_complete: Copy) -> None:
+    run = copy_of_complete()
+    folder = RunFolder.open(run)
+    model = load_model(folder.file("models", CURRENT))
+    new_revision(folder, model, "base", ratio=1.0, held_out=None, confirmed=None, command="x", when="y")
+    (sweep,) = [name for name in folder.finished_names() if name == "sweep"]
+    for kind in ("csv", "yaml"):
+        (folder.recordings_folder / f"later.{kind}").write_bytes((folder.recordings_folder / f"{sweep}.{kind}").read_bytes())
+    found = api.design(run)
+    assert "later was recorded since the model's last revision" in "\n".join([*found.text, *found.details])
