@@ -35,7 +35,9 @@ LOADERS: dict[str, Callable[[str], Any]] = {
 CONFIGS = sorted((CHECKOUT / "configs").rglob("*.*"))
 
 #: Files of more than 400 lines beside their docstrings, and why each is one thing.
-LONG: dict[str, str] = {}
+LONG: dict[str, str] = {
+    "beltcomm/experiments/commission.py": "the whole sequence, step after step",
+}
 
 RUN = "python3 -m venv .venv && .venv/bin/pip install -q . && .venv/bin/beltcomm commission --drive virtual --yes"
 TEST = "python3 -m venv .venv && .venv/bin/pip install -q -e '.[dev]' && .venv/bin/python -m pytest"

@@ -332,6 +332,8 @@ class Effect:
         Of its first parameter; up to this it is nothing to be named, because every axis has as much or no sensor shows it.
     completed_by : tuple of str
         Effects that belong to it and mean nothing without it; put on trial once it is named.
+    record_sets : tuple of str
+        Sets of records that show it (:data:`beltcomm.schedule.next_plan.SETS`), where they are others than its slot's.
     behind_gap : bool
         Put on trial only where the carriage may move free of the motor; without that it is the same as one of its twins.
     untried : str
@@ -367,6 +369,7 @@ class Effect:
     linear: bool = False
     least: float = 0.0
     completed_by: tuple[str, ...] = ()
+    record_sets: tuple[str, ...] = ()
     behind_gap: bool = False
     untried: str = ""
     unlikely: Callable[[Mapping[str, float]], str] | None = None

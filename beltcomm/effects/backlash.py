@@ -28,6 +28,7 @@ def trials(ground: AxisSummary) -> list[Trial]:
 
 EFFECT = Effect(
     name="backlash",
+    record_sets=("places", "quiet", "reversals"),
     slot="belt_law",
     title="backlash",
     parameters=(

@@ -96,6 +96,7 @@ def on(body: str) -> Effect:
         remedy=_REMEDY[body],
         alike=_ALIKE[body],
         trials=_TRIALS.get(body),
+        record_sets=("places", "quiet") if body == "cart" else (),  # at the carriage it shows at the antiresonance
         causes="guide and its seals" if body == "cart" else "bearings, seals",
         linear=True,
         source="(2.21), (2.23); measured by (3.36)",

@@ -31,6 +31,7 @@ def trials(ground: AxisSummary) -> list[Trial]:
 
 EFFECT = Effect(
     name="quadratic_drag",
+    record_sets=("sweep", "fast"),
     slot="force",
     title="drag with the square of speed",
     parameters=(Parameter("factor", "N s2/m2", "cart", 1.0, 0.0, 200.0, "force over speed squared"),),

@@ -32,6 +32,7 @@ def trials(ground: AxisSummary) -> list[Trial]:
 
 EFFECT = Effect(
     name="warmup",
+    record_sets=("sweep", "places", "sweep again"),
     slot="force",
     title="warming up",
     parameters=(

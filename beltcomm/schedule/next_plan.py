@@ -31,13 +31,6 @@ BY_SLOT: Mapping[str, tuple[str, ...]] = {
     "kinematics": ("sweep", "places"),
     "sensor": ("sweep",),
 }
-#: Exceptions: friction at the carriage shows at the antiresonance, warming up between a first and a last sweep, drag at full speed.
-BY_NAME: Mapping[str, tuple[str, ...]] = {
-    "cart_friction": ("places", "quiet"),
-    "warmup": ("sweep", "places", "sweep again"),
-    "quadratic_drag": ("sweep", "fast"),
-    "backlash": ("places", "quiet", "reversals"),
-}
 #: Share of the belt's force that fast moves use.
 FAST_SHARE = 0.9
 #: Steps of one plan: with all sets of records there are some 20.
@@ -181,7 +174,7 @@ def by_hand_of(name: str) -> list[dict[str, Any]]:
 
 def records_showing(effect: Effect) -> tuple[str, ...]:
     """Sets of records that show an effect."""
-    return BY_NAME.get(effect.name) or BY_SLOT.get(effect.slot, ("places", "sweep"))
+    return effect.record_sets or BY_SLOT.get(effect.slot, ("places", "sweep"))
 
 
 def steps_of(name: str) -> list[Step]:
