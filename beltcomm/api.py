@@ -83,7 +83,15 @@ def _axis_in(run: Path) -> Axis | None:
 
 @changes_run(waits=False)
 @early_end.searched
-def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
+def commission(
+    drive: str,
+    axis: Axis | Place,
+    run: Place,
+    *,
+    specification: Specification | None = None,
+    options: Options | None = None,
+    talk: Talk | None = None,
+) -> Result:
     """The whole job: identify, fit, friction, design, verify.
 
     Parameters
@@ -94,6 +102,8 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
         The axis, its ``axis.yaml``, or the name of a shipped one.
     run : Place
         Run folder.
+    specification : Specification or None
+        What is asked of the design; None for what every axis is asked for.
     options : Options or None
         Settings beside the main arguments; None for the safe defaults.
     talk : Talk or None
@@ -115,7 +125,7 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
     """
     options, talk, axis, run = given(options), talk or Silence(), axis_of(axis), place(run)
     referencing.suitable(axis)
-    agreed = Agreement(options, talk, partial(commission, axis=axis), goes_on=False)
+    agreed = Agreement(options, talk, partial(commission, axis=axis, specification=specification), goes_on=False)
     with able(open_drive(drive, options.for_drive(axis)), "torque") as opened, supervise(opened, drive, run, options, talk) as connected:
         analyse.require_offered(connected.capabilities.structure, options.prefilter, options.feedforward)
         if options.window_m is not None:
@@ -129,7 +139,7 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
         folder = new_folder(run, axis, connected, options, talk, drive)
         findings = Findings()
         with Machine(connected, axis, folder, talk) as machine:
-            settings = settings_of(options)
+            settings = replace(settings_of(options), specification=specification)
             referencing.reference(machine, settings)
             agreed(plan, machine)
             with early_end.kept(machine, findings):

@@ -20,6 +20,7 @@ from beltcomm.cli.frame import Invocation, api, axis_for, run_folder
 @shared.payload_option
 @shared.prefilter_option
 @shared.feedforward_option
+@shared.specification_options
 @shared.apply_option
 @shared.target_option
 @click.option("--quick", is_flag=True, help="Fewer records: one position, a shorter sweep; wider intervals.")
@@ -39,5 +40,6 @@ def command(
     """
     known = shared.with_targets(axis_for(axis, drive, run, resume), targets)
     frame.run = run_folder(run, known.name)
+    asked = shared.specification_of(given)
     options = frame.options(resume=resume, search=True, **given)
-    return frame.show(api().commission(drive, known, frame.run, options=options, talk=frame.talk()))
+    return frame.show(api().commission(drive, known, frame.run, specification=asked, options=options, talk=frame.talk()))

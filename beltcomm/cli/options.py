@@ -19,6 +19,7 @@ from beltcomm.quantities import parse_quantity, unit_of
 
 if TYPE_CHECKING:
     from beltcomm.axis import Axis
+    from beltcomm.design.specification import Specification
 
     Numbers = click.ParamType[float]
     Pairs = click.ParamType[tuple[float, float]]
@@ -313,6 +314,50 @@ payload_option = click.option(
 prefilter_option = click.option(
     "--prefilter", type=WordChoice(["none", "notch", "butterworth"]), help="Of the velocity loop; the best one when left out."
 )
+#: What is asked of a design: names of the specification's fields.
+ASKED = ("phase_margin_deg", "suppression_db", "position_phase_margin_deg", "notch_db", "butterworth_db", "velocity_filters_s")
+
+
+def specification_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The three knobs of the design source (4.4), all at once or one by one, the depths of its prefilters and T_R."""
+    demand = click.option(
+        "--demand",
+        type=WordChoice(["robust", "balanced", "fast"]),
+        help="The three knobs at once: robust 60°, -12 dB, 80°; balanced 45°, -10 dB, 70°, as without it; fast 35°, -8 dB, 60°.",
+    )
+    knobs = [
+        click.option(option, name, type=float, metavar=unit, help=text)
+        for option, name, unit, text in (
+            ("--phase-margin", ASKED[0], "DEG", "Knob 1: of the velocity loop, on every variant; 45."),
+            ("--suppression", ASKED[1], "DB", "Knob 2: open loop at the resonance at most, dB; -10."),
+            ("--position-phase-margin", ASKED[2], "DEG", "Knob 3: of the position loop; 70."),
+            ("--notch-depth", ASKED[3], "DB", "A_Notch: of a notch at the antiresonance, dB; -6."),
+            ("--butterworth-depth", ASKED[4], "DB", "A_bw: of a Butterworth low-pass at the antiresonance, dB; -3."),
+        )
+    ]
+    lag = click.option("--velocity-filter", ASKED[5], type=QuantityType("velocity_filter_s"), help="T_R; the best of six when left out.")
+    for option in reversed([demand, *knobs, lag]):
+        command = option(command)
+    return command
+
+
+def specification_of(given: dict[str, Any]) -> Specification | None:
+    """What these options ask for, taken out of what was given; None where nothing was.   Raises UsageError."""
+    demand = given.pop("demand")
+    asked = {name: value for name in ASKED if (value := given.pop(name)) is not None}
+    if not asked and demand is None:
+        return None
+    from dataclasses import asdict
+
+    from beltcomm.design.specification import PRODUCT_SPECIFICATION
+    from beltcomm.tuning.presets import PACES
+
+    knobs = asdict(next(one.asked for one in PACES if one.key == demand)) if demand else {}
+    if "velocity_filters_s" in asked:
+        asked["velocity_filters_s"] = (asked["velocity_filters_s"],)
+    return replace(PRODUCT_SPECIFICATION, **{**knobs, **asked})
+
+
 feedforward_option = click.option(
     "--feedforward",
     type=WordChoice(["nonlinear", "linear", "none"]),

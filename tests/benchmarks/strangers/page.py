@@ -1,4 +1,4 @@
-"""Attacks on the tuning page: foreign sites and names, guessed addresses, broken requests, values, two pages at once, markup in names."""
+"""Attacks on the page of a run: foreign sites and names, guessed addresses, broken requests, values, two pages at once, markup in names."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ JSON = "application/json"
 
 @dataclass
 class Page:
-    """A page that ``beltcomm tune`` serves for a run."""
+    """A page that ``beltcomm open`` serves for a run."""
 
     run: Path
     port: int
@@ -77,8 +77,8 @@ class Page:
         return self.raw(head.encode("latin-1") + body, patience_s)
 
     def answer(self, name: str, asked: Any, patience_s: float = PATIENCE_S) -> tuple[int, Any]:
-        """An answer of the page to a question."""
-        status, whole = self.ask(f"{{token}}/{name}", body=json.dumps(asked).encode(), patience_s=patience_s)
+        """An answer of the page's design tab to a question."""
+        status, whole = self.ask(f"{{token}}/design-{name}", body=json.dumps(asked).encode(), patience_s=patience_s)
         text = whole.partition(b"\r\n\r\n")[2].decode("utf-8", "replace")
         try:
             return status, json.loads(text)
@@ -101,8 +101,8 @@ class Page:
 
 @contextmanager
 def served(run: Path, *words: str) -> Iterator[Page]:
-    """``beltcomm tune`` on a run, ended by Ctrl-C."""
-    command = [sys.executable, "-m", "beltcomm", "tune", str(run), "--no-browser", *words]
+    """``beltcomm open`` on a run, ended by Ctrl-C."""
+    command = [sys.executable, "-m", "beltcomm", "open", str(run), "--no-browser", *words]
     with subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,
@@ -208,7 +208,7 @@ def requests(own: Page) -> dict[str, tuple[Attack, tuple[int, ...]]]:
         "other bytes": b"\xff\xfe\x00",
         "empty": b"",
     }.items():
-        found[f"JSON {name}"] = (lambda page, body=body: page.ask("{token}/update", body=body)), (400, 422)  # type: ignore[misc]
+        found[f"JSON {name}"] = (lambda page, body=body: page.ask("{token}/design-update", body=body)), (400, 422)  # type: ignore[misc]
     found["head of 1 MB"] = (lambda page: page.ask(headers={"X": "a" * 1_000_000})), (400, 431, 0)
     found["websocket"] = (
         (lambda page: page.ask(method="GET", headers={"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Key": "eA=="})),
