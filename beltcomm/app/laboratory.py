@@ -215,7 +215,7 @@ class LaboratoryTab:
     def _start(self, job: str, asked: Any) -> dict[str, Any]:
         """A job for the worker.   Raises UsageError for one that there is not, or while another one changes the run."""
         effect = asked.get("effect") if isinstance(asked, dict) else None
-        if job != "evidence" and effect not in {one.name for one in EFFECTS}:
+        if job != "evidence" and effect not in [one.name for one in EFFECTS]:
             raise UsageError(f"there is no effect {effect!r}; `beltcomm effects` lists them")
         if self._moving():
             raise UsageError(SESSION)

@@ -67,10 +67,15 @@ def look(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
     from beltcomm.app.view import stamp_of, view_of
     from beltcomm.residuals.candidates import candidates_of
     from beltcomm.rundata.fitted_run import open_fitted
+    from beltcomm.rundata.kept_fit import FILE
 
     tell = _teller(pipe)
     stamp = stamp_of(run)
-    here = open_fitted(run, TellingTalk(tell, "reading the records"))
+    kept, talk = run.joinpath(*FILE), TellingTalk(tell, "reading the records")
+    before = kept.stat().st_mtime_ns if kept.is_file() else 0
+    here = open_fitted(run, talk)
+    if kept.is_file() and kept.stat().st_mtime_ns != before:  # fitted anew: shown as every later command reads it, to the last digit
+        here = open_fitted(run, talk)
     tell("comparing model and records", None)
     view = view_of(here, stamp)
     pipe.send(("view", view))

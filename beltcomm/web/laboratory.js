@@ -13,7 +13,7 @@ const bits = (text, count) => { const bytes = Uint8Array.from(atob(text), (c) =>
 window.timings = { segment: [], add: [], update: [], track: [] };
 
 export function laboratory(ask) {
-  let found = null, cells = null, plots = {}, chosen = null, candidates = [], version = -1, known = -1, searched = false, cards = new Map(), began = 0, evidence = null, busy = false, failed = false, rungs = 0;
+  let found = null, cells = null, plots = {}, chosen = null, candidates = [], version = -1, known = -1, searched = false, cards = new Map(), began = 0, evidence = null, busy = false, failed = false, rungs = 0, choice = 0;
 
   // ---- what comes
 
@@ -27,7 +27,7 @@ export function laboratory(ask) {
     if (found && (state.candidates !== known || state.searched !== searched)) {
       known = state.candidates;
       searched = state.searched;
-      if (chosen) await mark(chosen.along, chosen.low, chosen.high);
+      if (chosen) await mark(chosen.along, chosen.low, chosen.high, true);
       else await whole();
     }
     if (found && state.rungs !== rungs) await drawStairs();
@@ -65,21 +65,25 @@ export function laboratory(ask) {
     drawCandidates(told.candidates.filter((one) => one.share > 0.01).slice(0, 6), told.searched ? "" : "still weighing the others …");
   }
 
-  async function mark(along, low, high) {
-    const clicked = performance.now();
+  // again : more has been weighed meanwhile; what somebody types is left alone, and so is another choice made while this was asked.
+  async function mark(along, low, high, again = false) {
+    const clicked = performance.now(), mine = again ? choice : ++choice;
     const told = await ask("laboratory-segment", { along, low, high });
+    if (mine !== choice) return;
     chosen = { along, low, high, mask: bits(told.chosen, cells.count.length), spectrum: told.spectrum };
     for (const one of Object.values(plots)) one.mark();
-    $("along").value = along;
-    $("low").value = Number(low.toPrecision(4));
-    $("high").value = Number(high.toPrecision(4));
+    if (!again) {
+      $("along").value = along;
+      $("low").value = Number(low.toPrecision(4));
+      $("high").value = Number(high.toPrecision(4));
+    }
     $("clear").disabled = false;
     const unit = unitOf(along), most = Object.entries(told.records).sort((a, b) => b[1] - a[1])[0], share = Math.round(100 * Math.max(told.share, 0));
     $("explain-title").textContent = `What could explain ${TITLES[along]} ${number(low)} to ${number(high)} ${unit}?`;
     $("explain-words").textContent = told.samples ? `${number(told.ratio)} times the noise there, ${number(found.units.factor * told.force)} ${found.units.small} rms; it holds ${share} % of all that lies above the noise` +
       (most ? `, most of it in ${most[0]}` : "") + `. Mean: ${told.mean.map((v, i) => `${v === null ? "–" : number(found.units.factor * v)} ${found.units.small} ${["forward", "backward"][i]}`).join(", ")}.` : "No sample lies there.";
     drawCandidates(told.candidates.filter((one) => told.searched || one.likely), told.searched ? (told.candidates.length ? "" : "None of the known effects explains a hundredth of it.") : "still weighing the others …");
-    requestAnimationFrame(() => window.timings.segment.push(performance.now() - clicked));
+    if (!again) requestAnimationFrame(() => window.timings.segment.push(performance.now() - clicked));
   }
 
   // ---- model, records, staircase
@@ -295,6 +299,7 @@ export function laboratory(ask) {
   });
   $("clear").addEventListener("click", async () => {
     chosen = null;
+    choice += 1;
     for (const one of Object.values(plots)) one.mark();
     $("clear").disabled = true;
     $("explain-words").textContent = "";

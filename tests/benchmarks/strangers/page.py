@@ -169,7 +169,7 @@ def requests(own: Page) -> dict[str, tuple[Attack, tuple[int, ...]]]:
 
     token = own.token
     for name, path in {
-        "no token": "begin",
+        "no token": "design-begin",
         "wrong token": "x" * len(token) + "/begin",
         "half a token": token[:-1] + "/begin",
         "longer token": token + "a/begin",
@@ -184,8 +184,8 @@ def requests(own: Page) -> dict[str, tuple[Attack, tuple[int, ...]]]:
         "{token}/..%2f..%2fpyproject.toml",
         "{token}/%2e%2e/%2e%2e/etc/passwd",
         "{token}/..\\..\\axis.yaml",
-        "{token}/tune.js/../../../etc/passwd",
-        "{token}/tune.js%00.css",
+        "{token}/open.js/../../../etc/passwd",
+        "{token}/open.js%00.css",
         "//etc/passwd",
         "{token}//etc/passwd",
     ):
@@ -221,15 +221,15 @@ def requests(own: Page) -> dict[str, tuple[Attack, tuple[int, ...]]]:
 
 def values(page: Page) -> dict[str, tuple[str, Any]]:
     """By name: what no control holds; each is answered 422 with a sentence."""
-    setting = page.answer("begin", {})[1]["setting"]
+    setting = page.answer("design-begin", {})[1]["setting"]
     wrong: dict[str, tuple[str, Any]] = {
-        "nothing": ("update", None),
-        "a list": ("track", [setting]),
-        "one more control": ("update", {**setting, "__class__": "x"}),
-        "one less": ("reach", {k: v for k, v in setting.items() if k != "payload_kg"}),
-        "preset that is none": ("preset", {"setting": setting, "kind": "__init__", "pace": MARKUP}),
-        "unhashable preset": ("preset", {"setting": setting, "kind": [], "pace": {}}),
-        "saved beyond its range": ("save", {**setting, "payload_kg": 1e300}),
+        "nothing": ("design-update", None),
+        "a list": ("design-track", [setting]),
+        "one more control": ("design-update", {**setting, "__class__": "x"}),
+        "one less": ("design-reach", {k: v for k, v in setting.items() if k != "payload_kg"}),
+        "preset that is none": ("design-preset", {"setting": setting, "kind": "__init__", "pace": MARKUP}),
+        "unhashable preset": ("design-preset", {"setting": setting, "kind": [], "pace": {}}),
+        "saved beyond its range": ("design-save", {**setting, "payload_kg": 1e300}),
     }
     for name, value in {
         "phase_margin_deg": float("nan"),
@@ -241,7 +241,10 @@ def values(page: Page) -> dict[str, tuple[str, Any]]:
         "loaded": 1,
         "position_phase_margin_deg": True,
     }.items():
-        wrong[f"{name} = {str(value)[:12]}"] = ("save" if name in ("prefilter", "loaded") else "update", {**setting, name: value})
+        wrong[f"{name} = {str(value)[:12]}"] = (
+            "design-save" if name in ("prefilter", "loaded") else "design-update",
+            {**setting, name: value},
+        )
     return wrong
 
 
@@ -290,9 +293,9 @@ def slow(page: Page) -> Outcome:
 
 def at_once(page: Page) -> Iterator[Outcome]:
     """Two pages of one run, and another command at work on it."""
-    setting = page.answer("begin", {})[1]["setting"]
+    setting = page.answer("design-begin", {})[1]["setting"]
     with served(page.run) as other, concurrent.futures.ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(lambda one: one.answer("save", setting, PROOF_S), (page, other, page, other)))
+        found = list(pool.map(lambda one: one.answer("design-save", setting, PROOF_S), (page, other, page, other)))
     replaced = sorted(str(said.get("replaced", said)) for _, said in found)
     refused = [said for status, said in found if status == 422]
     kept = [name for name in replaced if name.startswith("designs/") and not (page.run / name).is_file()]
@@ -301,18 +304,18 @@ def at_once(page: Page) -> Iterator[Outcome]:
     command = [sys.executable, "-m", "beltcomm", "fit", str(page.run)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as busy:
         time.sleep(1.5)
-        status, said = page.answer("save", setting, PROOF_S)
+        status, said = page.answer("design-save", setting, PROOF_S)
         busy.wait()
     yield judged(GROUP, "saved while another command is at work", "" if status in (200, 422) else f"{status} {said}")
 
 
 def removed(page: Page) -> Outcome:
     """The run goes while its page is open."""
-    setting = page.answer("begin", {})[1]["setting"]
+    setting = page.answer("design-begin", {})[1]["setting"]
     gone = page.run.with_name("gone")
     page.run.rename(gone)
     try:
-        status, said = page.answer("save", setting, PROOF_S)
+        status, said = page.answer("design-save", setting, PROOF_S)
         sentence = isinstance(said, dict) and isinstance(said.get("error"), str)
         left = page.run.exists()
     finally:
@@ -333,7 +336,7 @@ def names(base: Path, folder: Path) -> Iterator[Outcome]:
     rows = [f"{0.002 * k:.3f},{0.1 + 0.1 * (1 - math.cos(0.00628 * k)):.6f}" for k in range(501)]
     move.write_text("t_s,position_m\n" + "\n".join(rows) + "\n", encoding="utf-8")
     with served(run, "--move", str(move)) as page:
-        status, said = page.answer("begin", {})
+        status, said = page.answer("design-begin", {})
         told = isinstance(said, dict) and said["axis"].startswith("<img")
         yield judged(GROUP, "names travel as JSON", "" if status == 200 and told else f"{status} {said}")
         browser = shutil.which("chromium")
