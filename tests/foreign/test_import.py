@@ -48,7 +48,7 @@ def test_a_run_folder_is_made_and_the_original_kept(log: Path, tmp_path: Path) -
     assert outcome.exit_code == 0, outcome.output
     assert "torque_nm     Iq           0.65" in outcome.stdout
     assert "no data can tell this error of 1 ms from a real dead time" in outcome.stdout
-    assert outcome.stdout.strip().endswith(f"Next: beltcomm fit {run}")
+    assert outcome.stdout.strip().endswith(f"beltcomm fit {run}")
     folder = RunFolder.open(run)
     assert folder.axis.fingerprint() == load_axis("egc-70-600").fingerprint()
     record = folder.recording("log_1")

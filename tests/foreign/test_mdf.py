@@ -68,7 +68,7 @@ def test_a_damaged_file_is_said_to_be_one(measured: Path, tmp_path: Path) -> Non
     with pytest.raises(DataError, match="is it cut off"):
         read_table(tmp_path / "cut.mf4")
     (tmp_path / "no.mf4").write_bytes(b"0123456789")
-    with pytest.raises(DataError, match="does not begin as an MDF file does"):
+    with pytest.raises(DataError, match="cannot be read as an MDF file"):
         read_table(tmp_path / "no.mf4")
 
 
