@@ -65,7 +65,7 @@ class Motor:
     name: str = ""
     inertia_kg_m2: float | None = _known("inertia of the rotor, with encoder and brake", above=0.0, at_least=1e-9, at_most=1.0)
     torque_constant_nm_a: float | None = _known("torque per ampere (rms)", above=0.0, at_least=1e-4, at_most=100.0)
-    rated_torque_nm: float | None = _known("torque the motor holds for ever", above=0.0, at_least=1e-3, at_most=1e4)
+    rated_torque_nm: float | None = _known("continuous rating (S1): torque it holds all the time", above=0.0, at_least=1e-3, at_most=1e4)
     peak_torque_nm: float | None = _known("largest torque of the motor", above=0.0, at_least=1e-3, at_most=1e5)
     encoder_counts_per_rev: int | None = _known("encoder counts per motor revolution", above=0.0, at_most=2.0**32, whole=True)
     brake_torque_nm: float | None = _known(

@@ -215,7 +215,7 @@ def plan_of(machine: Machine, job: LoopJob) -> Plan:
     text = (
         f"The carriage of {axis.name or 'the axis'} will {sign_words(axis)}{what}, in {loop}: "
         f"{RISES} short records with rising amplitude and a long one, "
-        f"bound by {job.step.binds}. {job.why[0].upper()}{job.why[1:]}."
+        f"limited by {job.step.binds}. {job.why[0].upper()}{job.why[1:]}."
     )
     short, long = (period * len(job.motion(job.step.amplitude, rising=rising).added) for rising in (True, False))
     travel, torque = told.high_m - told.low_m, machine.full_room().torque_nm

@@ -203,7 +203,7 @@ def planned_response(
     excitation = choice.excitation(step.amplitude_nm, period, torque_step_nm=machine.drive.capabilities.torque_step_nm)
     run_on = exciting.run_on_words(machine, step.prediction, motion_limits(machine, at).ends_m)
     machine.folder.journal(
-        f"{name}: {choice.reason}; ±{step.amplitude_nm:.3f} N m, bound by {step.binds}; a stop takes up to "
+        f"{name}: {choice.reason}; ±{step.amplitude_nm:.3f} N m, limited by {step.binds}; stopping distance at most "
         f"{1e3 * step.prediction.stop_m:.1f} mm; {run_on}"
     )
     exposed, room = (

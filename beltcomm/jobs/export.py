@@ -178,7 +178,7 @@ def _apart(cascade: Cascade, structure: CascadeStructure, saved: Mapping[str, An
     if structure.prefilters == ("none",):
         found.append(f"the drive {name} has no prefilter: the one here passes the error on as it is")
     if cascade.ki_nm_rad == 0.0:
-        found.append("there is no integrator (K_I is 0): a static error stays")
+        found.append("there is no integrator (K_I is 0): a lasting position error stays")
     if math.isfinite(structure.output_limit_rad_s):
         bound = f"{structure.output_limit_rad_s:.6g} rad/s"
         found.append(f"the drive {name} bounds the output of its position controller to {bound}; the text does not")

@@ -177,7 +177,7 @@ def _lines(file: Path, motion: SevenPhases, fastest: SevenPhases, bounds: Motion
         bound = [getattr(bounds, key) for key in ALONG if key.startswith(name)]
         word = "speed" if name == "velocity" else name
         lines.append(f"  {word:18} {low:.4g} to {high:.4g} {unit}, allowed {min(bound):g} to {max(bound):g}")
-    lines.append(f"  bound by           {', '.join(binding)}")
+    lines.append(f"  limited by         {', '.join(binding)}")
     lines.append(f"  phases 1 to 7      {', '.join(f'{1e3 * t:.4g}' for t in motion.durations_s)} ms")
     low, high = extremes.position_m
     if min(start.position_m, end.position_m) - low > 1e-9 or high - max(start.position_m, end.position_m) > 1e-9:

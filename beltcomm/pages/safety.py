@@ -71,8 +71,8 @@ def _heat(plan: Mapping[str, Any]) -> list[Paragraphs | PageTable]:
     return [
         Paragraphs(
             [
-                f"Heat: {whole} of what the motor bears for ever over the whole session, {hottest} in its hottest experiment, {store} of "
-                f"{overload}; rated {thermal['rated_nm']:.3g} N m ({thermal['source']})."
+                f"Thermal load (I²t): {whole} of the continuous rating (S1) over the whole session, {hottest} in its hottest "
+                f"experiment, {store} of {overload}; rated {thermal['rated_nm']:.3g} N m ({thermal['source']})."
             ]
         )
     ]

@@ -32,12 +32,16 @@ def section(run: Gathered) -> Section:
             "tracking", title, missing=f"No move was driven; beltcomm verify --drive DRIVE --run {pasted(run.place)} drives one."
         )
     rows = [_row(r.name, run.verifications[r.name]) for r in moves]
-    head = ("move", "result", "motor, dynamic µm", "predicted", "range", "motor, static µm", "predicted")
+    head = ("move", "result", "following error, motor, µm", "predicted", "range", "settled error, µm", "predicted")
     shown = [moves[0], moves[-1]][-min(SHOWN, len(moves)) :]
     caption = Caption(run.command, f"{run.name}/recordings: {', '.join(r.name for r in shown)}")
     parts: list[Paragraphs | PageTable | Picture] = [
         picture_of(tracking_figure([_tracked(run, r) for r in shown], caption)),
-        PageTable(head, rows, "At the motor: largest while the reference moves (dynamic), and from 0.5 to 1.5 s after its end (static)."),
+        PageTable(
+            head,
+            rows,
+            "At the motor: the largest while it moves (following error), and from the settling time to 1.5 s after (settled).",
+        ),
         Paragraphs(run.verifications[moves[-1].name].get("reasons") or (), listed=True),
     ]
     return Section("tracking", title, parts)

@@ -117,7 +117,7 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
     Raises UsageError for fewer than two runs, unknown limits, dates that cannot be read, and runs of different axes.
     """
     if len(runs) < 2:
-        raise UsageError("a trend needs at least two runs of one axis, and three to tell a course from chance")
+        raise UsageError("a trend needs at least two runs of one axis, and three to tell a trend from scatter")
     if dates and len(dates) != len(runs):
         raise UsageError(f"{len(dates)} dates for {len(runs)} runs; give --date once for each run, in the same order")
     dated = sorted((_dated(run, dates[i] if dates else None) for i, run in enumerate(runs)), key=lambda one: one.t_s)
@@ -247,7 +247,7 @@ def _said(
             return "reached", f"{last.words} {word}: {last.shown()}, limit {_number(last, bound)}", None
     if course is None:
         change = 100.0 * (last.value / first.value - 1.0) if first.value else math.nan
-        few = f"cannot tell a course from chance yet ({_days(t_s)} days, {FEWEST} are needed)"
+        few = f"cannot tell a trend from scatter yet ({_days(t_s)} days, {FEWEST} are needed)"
         return "unsure", f"{last.words}: {change:+.2g} % from {first.shown()} to {last.shown()}; {few}", None
     if not course.drifts:
         seen = 100.0 * course.sure_interval * 365.25 * DAY_S / abs(course.level) if course.level else 0.0
@@ -297,7 +297,7 @@ def _page(axis: str, followed: Sequence[TrendLine], dated: Sequence[Dated], path
         if drifting
         else "Nothing drifts that these runs show."
         if any(one.course is not None for one in followed)
-        else "Cannot tell: runs of three different days are needed to tell a course from chance."
+        else "Cannot tell: runs of three different days are needed to tell a trend from scatter."
     )
     days = (dated[-1].t_s - dated[0].t_s) / DAY_S
     facts = [

@@ -138,10 +138,10 @@ def cost_lines(cost: Cost | None, reason: str, name: str) -> list[str]:
         return [f"{name} costs nothing that matters in the move from {cost.move}: {either} at the motor with it and without."]
     lines = [
         f"What {name} costs, predicted for the move from {cost.move}, controller without it → with it:",
-        f"  at the motor    dynamic {_um(cost.unaware.dynamic_m)} → {_um(cost.aware.dynamic_m)}, "
-        f"static {_um(cost.unaware.static_m)} → {_um(cost.aware.static_m)}",
-        f"  at the carriage dynamic {_um(cost.unaware_cart.dynamic_m)} → {_um(cost.aware_cart.dynamic_m)}, "
-        f"static {_um(cost.unaware_cart.static_m)} → {_um(cost.aware_cart.static_m)}",
+        f"  at the motor    following error {_um(cost.unaware.dynamic_m)} → {_um(cost.aware.dynamic_m)}, "
+        f"settled {_um(cost.unaware.static_m)} → {_um(cost.aware.static_m)}",
+        f"  at the carriage following error {_um(cost.unaware_cart.dynamic_m)} → {_um(cost.aware_cart.dynamic_m)}, "
+        f"settled {_um(cost.unaware_cart.static_m)} → {_um(cost.aware_cart.static_m)}",
     ]
     if cost.unaware_margins:
         lines.append(f"  but the controller without it does not hold on such a machine: {cost.unaware_margins}; knowing it costs gain")

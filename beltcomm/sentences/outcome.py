@@ -163,7 +163,7 @@ def keep_text(folder: RunFolder, text: list[str]) -> None:
     write_text(folder.path / "verdict.txt", "\n".join(text) + "\n")
 
 
-class Ended(Protocol):
+class ReportWords(Protocol):
     """What a report tells of a run that was just commissioned: see :class:`beltcomm.pages.Ended`."""
 
     @property
@@ -198,7 +198,7 @@ class Ending:
         return [*self.screen, *closing, "", "Details:", *self.details]
 
 
-def commission_text(folder: RunFolder, findings: Findings, ended: Ended | None = None) -> Ending:
+def commission_text(folder: RunFolder, findings: Findings, ended: ReportWords | None = None) -> Ending:
     """The answer on a screen, and everything behind it.   ended : what the report says of the run; None where there is none yet."""
     error = ended.error if ended is not None else None
     final = findings.final

@@ -133,18 +133,18 @@ def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
     lines = [
         "Controller:",
         f"  position gain (K_PP) {cascade.kpp_1_s:.3g} 1/s, velocity gain (K_P) {cascade.kp_nm_s_rad:.4g} N m s/rad, integral gain (K_I) "
-        f"{cascade.ki_nm_rad:.4g} N m/rad, filter of the speed (T_R) {1e3 * cascade.velocity_filter_s:.2g} ms, prefilter {shown}",
+        f"{cascade.ki_nm_rad:.4g} N m/rad, velocity feedback filter (T_R) {1e3 * cascade.velocity_filter_s:.2g} ms, prefilter {shown}",
         f"  feedforward at the motor: inertia {1e4 * feedforward.inertia_kg_m2:.2f} kg cm², viscous "
         f"{1e3 * feedforward.viscous_nm_s_rad:.2f} mN m s/rad, Coulomb {1e3 * feedforward.coulomb_nm:.1f} mN m, "
-        f"velocity {feedforward.velocity:g}, {1e3 * feedforward.advance_s:.2f} ms ahead"
+        f"velocity {100 * feedforward.velocity:.0f} %, preview {1e3 * feedforward.advance_s:.2f} ms"
         if feedforward.inertia_kg_m2 or feedforward.coulomb_nm or feedforward.viscous_nm_s_rad or feedforward.velocity
         else "  feedforward: none" + ("" if design.structure.velocity_feedforward else ", this drive has none"),
         f"  stable by calculation on {len(design.plants)} variants of the model (both ends, payloads, damping down to none)",
-        f"    with this to spare: phase margin {worst.phase_margin_deg:.0f}° in the velocity loop and "
+        f"    stability margins, worst of them: phase margin {worst.phase_margin_deg:.0f}° in the velocity loop and "
         f"{slowest.position_phase_margin_deg:.0f}° in the position loop, resonance at "
-        f"{max(m.suppression_db for m in design.margins):.1f} dB; what disturbs is amplified by {sensitivity:.1f} dB at most (sensitivity)",
+        f"{max(m.suppression_db for m in design.margins):.1f} dB; peak sensitivity Ms {sensitivity:.1f} dB",
     ]
-    lines += [f"  gains cannot be higher: {reason}" for reason in design.binding]
+    lines += [f"  limited by: {reason}" for reason in design.binding]
     return lines + [f"  {remark}" for remark in design.remarks]
 
 
@@ -164,7 +164,7 @@ def knowledge_lines(model: Model, along: Sequence[str], which: str) -> list[str]
 
 
 #: What the two errors are.
-_ERRORS = "dynamic: the largest error while it moves; static: the largest from 0.5 to 1.5 s after its end"
+_ERRORS = "following error: the largest while it moves; settled error: the largest from the settling time to 1.5 s after its end"
 
 
 def verdict_lines(verdict: Verdict, demand: Demand | None, feedforward: str | None = None) -> list[str]:
@@ -180,7 +180,7 @@ def verdict_lines(verdict: Verdict, demand: Demand | None, feedforward: str | No
         ("at the carriage", verdict.measured_cart, verdict.predicted_cart, None),
     ):
         parts = []
-        for what, name, unit, factor in (("dynamic", "dynamic_m", "mm", 1e3), ("static", "static_m", "µm", 1e6)):
+        for what, name, unit, factor in (("following error", "dynamic_m", "mm", 1e3), ("settled", "static_m", "µm", 1e6)):
             between = f", range {' to '.join(_short(factor * getattr(end, name)) for end in spread)}" if spread else ""
             guess = f"{_short(factor * getattr(expected, name))} {unit}"
             if measured is None:

@@ -35,7 +35,7 @@ def test_the_move_of_the_thesis(tmp_path: Path) -> None:
     assert outcome.exit_code == 0, outcome.stderr
     assert "0 to 0.5 m in 0.737 s, 738 rows" in outcome.stdout
     assert "fastest possible   0.736806 s; 0.194 ms more let it end on a sample of 1 ms" in outcome.stdout
-    assert "bound by           jerk, jerk down\n" in outcome.stdout
+    assert "limited by         jerk, jerk down\n" in outcome.stdout
     assert f"beltcomm verify --drive DRIVE --run RUN --move {file}" in outcome.stdout
     rows = columns(file)
     assert list(rows) == ["t_s", "position_m", "velocity_m_s", "acceleration_m_s2", "jerk_m_s3"]

@@ -130,7 +130,7 @@ def test_an_open_loop_record_is_stopped_on_the_way_that_was_told(connect: Connec
     places = bench.plant.cart_m(0, len(bench.plant.torque_nm))
     tick = bench.signal_tick
     way = float(np.abs(places[tick:] - places[tick]).max())
-    told = re.findall(r"a stop takes up to ([\d.]+) mm", "\n".join(talk.said))
+    told = re.findall(r"stopping distance at most ([\d.]+) mm", "\n".join(talk.said))
     assert way <= 1e-3 * float(told[-1])
     truth = RIGS[rig].truth()
     inertia = truth["inertia_kg_m2"] + 0.01242**2 * truth["mass_kg"]
