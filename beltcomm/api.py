@@ -13,19 +13,19 @@ from typing import Any
 from beltcomm.app.serve import open_page as open_page
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
-from beltcomm.design.compensation import compensated
+from beltcomm.design.compensation import compensated_effects
 from beltcomm.design.specification import Specification
 from beltcomm.drive import Drive, open_drive
 from beltcomm.drive.access import able
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.experiments import commission as sequence
 from beltcomm.experiments import referencing
-from beltcomm.experiments.agreement import Agreement, planned
-from beltcomm.experiments.detectability import foretold
+from beltcomm.experiments.agreement import Agreement, plan_result
+from beltcomm.experiments.detectability import with_detectability
 from beltcomm.experiments.options import Options, axis_of, claim, given, new_folder, settings_of
 from beltcomm.experiments.plan import commission_plan, identify_plan
 from beltcomm.experiments.sign import check_sign
-from beltcomm.experiments.supervised import supervised
+from beltcomm.experiments.supervised import supervise
 from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.job import check_imports, import_recordings
 from beltcomm.given import Place, number, pasted, place
@@ -62,10 +62,10 @@ from beltcomm.pages import report as report
 from beltcomm.pages import trend as trend
 from beltcomm.result import Result, plain
 from beltcomm.rundata import analyse, offline
-from beltcomm.rundata.backups import chosen
+from beltcomm.rundata.backups import choose_backup
 from beltcomm.rundata.findings import Findings
 from beltcomm.runfolder import RunFolder
-from beltcomm.schedule.orders import wanted as wanted_sweeps
+from beltcomm.schedule.orders import sweep_orders as wanted_sweeps
 from beltcomm.sentences import outcome, words
 from beltcomm.study.job import one_member, study_of
 from beltcomm.study.members import Doing
@@ -126,16 +126,16 @@ def commission(
     options, talk, axis, run = given(options), talk or Silence(), axis_of(axis), place(run)
     referencing.suitable(axis)
     agreed = Agreement(options, talk, partial(commission, axis=axis, specification=specification), goes_on=False)
-    with able(open_drive(drive, options.for_drive(axis)), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
-        analyse.offered(connected.capabilities.structure, options.prefilter, options.feedforward)
+    with able(open_drive(drive, options.for_drive(axis)), "torque") as opened, supervise(opened, drive, run, options, talk) as connected:
+        analyse.require_offered(connected.capabilities.structure, options.prefilter, options.feedforward)
         if options.window_m is not None:
-            referencing.only_here(connected.capabilities, options.position_m, home=options.home)
+            referencing.refuse_window(connected.capabilities, options.position_m, home=options.home)
             return _identify(connected, drive, axis, run, options, talk, whole=True)
-        plan = foretold(commission_plan(axis, connected.capabilities, options.extent), axis, connected.capabilities, options)
+        plan = with_detectability(commission_plan(axis, connected.capabilities, options.extent), axis, connected.capabilities, options)
         if options.dry_run and options.resume:
             RunFolder.create(run, axis, resume=True)  # says whether it could go on
         if options.dry_run:
-            return planned(plan, connected.capabilities, options, axis)
+            return plan_result(plan, connected.capabilities, options, axis)
         folder = new_folder(run, axis, connected, options, talk, drive)
         findings = Findings()
         with Machine(connected, axis, folder, talk) as machine:
@@ -156,7 +156,7 @@ def commission(
     outcome.keep_text(folder, answer.whole(closing))
     found = {**outcome.data(folder, findings), "visible": plan.visible, "page": ended.page if ended is not None else None}
     told = len(answer.screen) if asked else 0
-    return Result(found, [*answer.screen, *closing], 0 if findings.succeeded else 1, details=answer.details, told=told)
+    return Result(found, [*answer.screen, *closing], 0 if findings.meets_targets else 1, details=answer.details, told=told)
 
 
 @changes_run(waits=False)
@@ -187,7 +187,7 @@ def identify(drive: str, axis: Axis | Place, run: Place, *, options: Options | N
     options, talk, axis, run = given(options), talk or Silence(), axis_of(axis), place(run)
     referencing.suitable(axis)
     closed = options.in_loop
-    with able(open_drive(drive, options.for_drive(axis)), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
+    with able(open_drive(drive, options.for_drive(axis)), "torque") as opened, supervise(opened, drive, run, options, talk) as connected:
         if closed:
             again = Agreement(options, talk, partial(identify, axis=axis))
             return identify_in_loop(connected, axis, run, options, again, talk)
@@ -203,7 +203,7 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
         The whole job was asked for, so that this is not success.
     """
     if options.dry_run:
-        return planned(identify_plan(axis, connected.capabilities, options.window_m), connected.capabilities, options, axis)
+        return plan_result(identify_plan(axis, connected.capabilities, options.window_m), connected.capabilities, options, axis)
     folder = new_folder(run, axis, connected, options, talk, drive)
     findings = Findings()
     with Machine(connected, axis, folder, talk) as machine:
@@ -246,7 +246,7 @@ def follow(drive: str, run: Place, plan: Place, *, options: Options | None = Non
     """
     options, talk, run, plan = given(options), talk or Silence(), place(run), place(plan, "plan")
     named = RunFolder.open(run).axis
-    with able(open_drive(drive, options.for_drive(named)), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
+    with able(open_drive(drive, options.for_drive(named)), "torque") as opened, supervise(opened, drive, run, options, talk) as connected:
         agreed = Agreement(options, talk, partial(follow, plan=plan))
         return follow_plan(connected, run, plan, options, agreed, talk)
 
@@ -282,12 +282,12 @@ def friction(
     folder = RunFolder.open(run)
     model = offline.saved_model(folder)
     friction_job.check_payload(folder, model, asked)
-    with open_drive(drive, options.for_drive(folder.axis)) as opened, supervised(opened, drive, run, options, talk) as connected:
+    with open_drive(drive, options.for_drive(folder.axis)) as opened, supervise(opened, drive, run, options, talk) as connected:
         plan = friction_job.plan_of(folder.axis, connected.capabilities, model, asked)
         if options.dry_run:
-            return planned(plan, connected.capabilities, options, folder.axis)
+            return plan_result(plan, connected.capabilities, options, folder.axis)
         claim(folder, connected.capabilities, options, talk)
-        findings = offline.fitted(folder, "lm", Silence(), model)
+        findings = offline.fit_run(folder, "lm", Silence(), model)
         with Machine(connected, folder.axis, folder, talk) as machine:
             referencing.reference(machine, settings_of(options))
             Agreement(options, talk, friction)(plan, machine)
@@ -338,12 +338,12 @@ def design(
     """
     options, talk = given(options), talk or Silence()
     basis = basis_of(place(run), talk)
-    analyse.offered(basis.structure, options.prefilter, options.feedforward)
+    analyse.require_offered(basis.structure, options.prefilter, options.feedforward)
     settings = replace(settings_of(options), specification=specification)
     found = basis.findings
     found.design, found.cascade = sequence.design_for(basis.folder.axis, basis.model, basis.structure, found, settings)
     compensating = basis.structure.torque_feedforward and settings.feedforward == "nonlinear"
-    along = compensated(basis.model) if compensating else ()
+    along = compensated_effects(basis.model) if compensating else ()
     return delivered(basis, along, options.payload_kg, seed=options.seed or 0, pictures=pictures, command=command)
 
 
@@ -392,7 +392,7 @@ def verify(
     how: dict[str, Any] = {"move": move, "trajectory": trajectory, "rungs": rungs, "over_belt": over_belt}
     with (
         able(open_drive(drive, options.for_drive(_axis_in(run))), "position") as opened,
-        supervised(opened, drive, run, options, talk) as connected,
+        supervise(opened, drive, run, options, talk) as connected,
     ):
         return verify_with(
             connected,
@@ -402,7 +402,7 @@ def verify(
             Agreement(options, talk, partial(verify, **how)),
             talk,
             **how,
-            planned=(lambda plan, axis: planned(plan, connected.capabilities, options, axis)) if options.dry_run else None,
+            planned=(lambda plan, axis: plan_result(plan, connected.capabilities, options, axis)) if options.dry_run else None,
         )
 
 
@@ -441,7 +441,7 @@ def apply(
     dcf, folder = None if dcf is None else place(dcf, "file"), RunFolder.open(run)
     admitted(folder, options, talk, dcf, shown)
     agreed = Agreement(options, talk, partial(apply, dcf=dcf, shown=shown))
-    with open_drive(drive, options.for_drive(_axis_in(run))) as opened, supervised(opened, drive, run, options, talk) as connected:
+    with open_drive(drive, options.for_drive(_axis_in(run))) as opened, supervise(opened, drive, run, options, talk) as connected:
         return apply_to(connected, drive, folder, options, talk, agreed, dcf=dcf, shown=shown)
 
 
@@ -487,11 +487,11 @@ def rollback(drive: str, run: Place, *, backup: str | None = None, options: Opti
     """
     options, talk, run = given(options), talk or Silence(), place(run)
     folder = RunFolder.open(run)
-    chosen(folder, backup)  # before anything is connected
+    choose_backup(folder, backup)  # before anything is connected
     # a rollback is what an unfinished session needs: it is not offered one
     with (
         open_drive(drive, options.for_drive(_axis_in(run))) as opened,
-        supervised(opened, drive, run, options, talk, settles=False) as connected,
+        supervise(opened, drive, run, options, talk, settles=False) as connected,
     ):
         return roll_back(connected, drive, folder, backup, options, talk)
 
@@ -521,10 +521,10 @@ def calibrate(drive: str, axis: Axis | Place | None, run: Place, *, options: Opt
     options, talk, run = given(options), talk or Silence(), place(run)
     agreed = Agreement(options, talk, partial(calibrate, axis=axis), goes_on=axis is None)
     of_axis = RunFolder.open(run).axis if axis is None else axis_of(axis)
-    with open_drive(drive, options.for_drive(of_axis)) as opened, supervised(opened, drive, run, options, talk) as connected:
+    with open_drive(drive, options.for_drive(of_axis)) as opened, supervise(opened, drive, run, options, talk) as connected:
         plan = calibrate_job.plan_of(of_axis, connected.capabilities)
         if options.dry_run:
-            return planned(plan, connected.capabilities, options, of_axis)
+            return plan_result(plan, connected.capabilities, options, of_axis)
         folder = RunFolder.open(run) if axis is None else new_folder(run, of_axis, connected, options, talk, drive)
         return calibrate_job.calibrate_on(connected, drive, folder, settings_of(options), partial(agreed, plan), talk)
 
@@ -561,7 +561,7 @@ def move(drive: str, axis: Axis | Place, by_m: float, *, options: Options | None
         raise UsageError(
             "a creep without a loop is not played on a twin: only the axis itself shows where it breaks away; leave --simulate-first out"
         )
-    with open_drive(drive, options.for_drive(axis)) as opened, supervised(opened, drive, None, options, talk) as connected:
+    with open_drive(drive, options.for_drive(axis)) as opened, supervise(opened, drive, None, options, talk) as connected:
         return short_move.moved(connected, drive, axis, by_m, options, talk)
 
 

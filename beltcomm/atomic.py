@@ -13,6 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
+from beltcomm.posix import is_alive
+
 #: A file on its way, and the process that writes it.
 _DRAFT = re.compile(r"\.beltcomm-(\d+)-[0-9a-f]{8}\.tmp")
 
@@ -75,7 +77,7 @@ def sync(folder: Path) -> None:
 
 
 def is_draft(name: str) -> bool:
-    """Whether this is the name of a file on its way."""
+    """True if this is the name of a file on its way."""
     return _DRAFT.fullmatch(name) is not None
 
 
@@ -83,7 +85,7 @@ def sweep(folder: Path) -> None:
     """Take away what killed processes have left of files on their way, in a folder and the ones inside it."""
     for place in (folder, *_folders(folder)):
         for name in _names(place):
-            if (found := _DRAFT.fullmatch(name)) and not _alive(int(found[1])):
+            if (found := _DRAFT.fullmatch(name)) and not is_alive(int(found[1])):
                 with contextlib.suppress(OSError):
                     (place / name).unlink()
 
@@ -97,13 +99,3 @@ def _names(folder: Path) -> list[str]:
 
 def _folders(folder: Path) -> list[Path]:
     return [path for name in _names(folder) if (path := folder / name).is_dir() and not path.is_symlink()]
-
-
-def _alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):
-        return True
-    return True

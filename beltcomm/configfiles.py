@@ -67,7 +67,7 @@ def shipped_file(kind: str, name: str) -> Path:
 
 
 def named_file(name: str) -> bool:
-    """Whether a name means a file of the user's and no shipped one."""
+    """True if a name means a file of the user's and no shipped one."""
     return "/" in name or os.sep in name or name.endswith((".yaml", ".yml"))
 
 

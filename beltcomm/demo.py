@@ -40,7 +40,17 @@ SPREAD = 0.25
 
 @dataclass(frozen=True)
 class DemoStep:
-    """command : as one would type it.   why : what it is for, one line.   lines, data : what it said."""
+    """A step of the demonstration.
+
+    Attributes
+    ----------
+    command : str
+        As one would type it.
+    why : str
+        What it is for, one line.
+    lines, data
+        What it said.
+    """
 
     command: str
     why: str
@@ -73,7 +83,12 @@ def hidden(seed: int) -> tuple[str, Model]:
 def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[DemoStep]:
     """Measure, compare, diagnose, add, look, in less than a minute, one :class:`DemoStep` after the other; the last tells what was hidden.
 
-    seed : of the fault.   Raises what the commands raise.
+    Raises what the commands raise.
+
+    Parameters
+    ----------
+    seed : int
+        Of the fault.
     """
     talk = _Progress(talk or Silence())
     name, model = hidden(seed)

@@ -21,7 +21,18 @@ Place = str | Path | PathLike[str]
 
 
 def place(value: Place, what: str = "run folder") -> Path:
-    """The path that was given.   what : is meant by it.   Raises UsageError for what is no path."""
+    """The path that was given.
+
+    Parameters
+    ----------
+    what : str
+        Is meant by it.
+
+    Raises
+    ------
+    UsageError
+        For what is no path.
+    """
     if isinstance(value, (str, PathLike)) and str(value):
         path = Path(value)
         if "\0" in str(path):
@@ -35,7 +46,12 @@ def place(value: Place, what: str = "run folder") -> Path:
 
 
 def places(values: Place | Iterable[Place], what: str = "run folder") -> list[Path]:
-    """Several paths; a single one counts as one and not as its letters.   Raises UsageError."""
+    """Several paths; a single one counts as one and not as its letters.
+
+    Raises
+    ------
+    UsageError
+    """
     if isinstance(values, (str, PathLike)):
         return [place(values, what)]
     if not isinstance(values, Iterable):
@@ -44,7 +60,13 @@ def places(values: Place | Iterable[Place], what: str = "run folder") -> list[Pa
 
 
 def number(value: object, what: str, unit: str) -> float:
-    """A finite number.   Raises UsageError: units stand in names here, never in values."""
+    """A finite number.
+
+    Raises
+    ------
+    UsageError
+        Units stand in names here, never in values.
+    """
     try:
         found = math.nan if isinstance(value, bool) or not isinstance(value, Real) else float(value)
         shown = repr(value)[:LONGEST_PART]
@@ -56,14 +78,24 @@ def number(value: object, what: str, unit: str) -> float:
 
 
 def whole(value: object, what: str) -> int:
-    """A whole number.   Raises UsageError."""
+    """A whole number.
+
+    Raises
+    ------
+    UsageError
+    """
     if isinstance(value, bool) or not isinstance(value, Integral):
         raise UsageError(f"{what} is {value!r}; give a whole number")
     return int(value)
 
 
 def word(value: object, what: str) -> str:
-    """A text that is not empty.   Raises UsageError."""
+    """A text that is not empty.
+
+    Raises
+    ------
+    UsageError
+    """
     if not isinstance(value, str) or not value:
         raise UsageError(f"the {what} is {value!r}; give its name as text")
     return value
@@ -77,7 +109,13 @@ def choice(value: object, what: str, known: Sequence[str]) -> None:
 
 
 class Reached(str):
-    """The name of a drive for the next command.   options : those that it is reached by, as the command line takes them."""
+    """The name of a drive for the next command.
+
+    Attributes
+    ----------
+    options
+        Those that it is reached by, as the command line takes them.
+    """
 
     options = ""
 
@@ -90,7 +128,15 @@ def pasted(value: object) -> str:
 
 
 def may_write(file: Path, yes: bool, talk: Talk) -> None:
-    """Ask before a file is overwritten, unless told not to.   Raises UsageError for a folder, Refused for a no."""
+    """Ask before a file is overwritten, unless told not to.
+
+    Raises
+    ------
+    UsageError
+        For a folder.
+    Refused
+        For a no.
+    """
     if file.is_dir():
         raise UsageError(f"{file} is a folder; give the name of the file to write")
     if file.exists() and not yes and not talk.confirm(f"{file} exists. Overwrite it?"):

@@ -11,7 +11,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -105,17 +105,19 @@ def _without(names: Sequence[str]) -> Iterator[None]:
 
 @contextmanager
 def _inside(folder: Path) -> Iterator[None]:
-    try:
-        here = os.open(".", getattr(os, "O_PATH", os.O_RDONLY))
-    except OSError:  # no way back, which is also the case in a folder that is no more
-        yield
-        return
-    try:
+    with ExitStack() as back:
+        try:
+            if hasattr(os, "fchdir"):
+                here = os.open(".", getattr(os, "O_PATH", os.O_RDONLY))
+                back.callback(os.close, here)
+                back.callback(os.fchdir, here)
+            else:
+                back.callback(os.chdir, os.getcwd())
+        except OSError:  # no way back, which is also the case in a folder that is no more
+            yield
+            return
         os.chdir(folder)
         yield
-    finally:
-        os.fchdir(here)
-        os.close(here)
 
 
 def _search_path() -> list[str]:

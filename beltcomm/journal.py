@@ -19,14 +19,31 @@ Event = Literal["note", "connected", "rehearsed", "restored", "gains kept", "not
 
 
 def append(folder: Path, line: str, event: Event, at: str) -> None:
-    """Append one line to both files.   at : when, "" where nobody knows.   Raises UsageError when they cannot be written."""
+    """Append one line to both files.
+
+    Parameters
+    ----------
+    at : str
+        When, "" where nobody knows.
+
+    Raises
+    ------
+    UsageError
+        When they cannot be written.
+    """
     text = " ".join(line.split())
     _append(folder / TEXT, f"{at}  {text}" if at else text)
     _append(folder / EVENTS, json.dumps({"at": at, "event": event}))
 
 
 def lines_of(folder: Path) -> list[str]:
-    """What the journal says; nothing where there is none.   Raises DataError when it cannot be read."""
+    """What the journal says; nothing where there is none.
+
+    Raises
+    ------
+    DataError
+        When it cannot be read.
+    """
     path = folder / TEXT
     try:
         return read_text(path, KEPT_BYTES, errors="replace").splitlines() if path.is_file() else []

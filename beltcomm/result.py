@@ -82,7 +82,10 @@ class Row(str):
 class Line(str):
     """A line of a screen: as text what stands in files and pipes, and its parts, which a terminal colours and sets below each other.
 
-    parts : text and style: "good", "bad", "note", "title", "soft", "command" (kept whole, to be copied), "bar" (dropped first) or "".
+    Attributes
+    ----------
+    parts : tuple of tuple of str
+        Text and style: "good", "bad", "note", "title", "soft", "command" (kept whole, to be copied), "bar" (dropped first) or "".
     """
 
     parts: tuple[tuple[str, str], ...]

@@ -149,7 +149,7 @@ class RunFolder:
 
     @classmethod
     def broken_off(cls, path: Path) -> bool:
-        """Whether a run stands here whose first record was begun and never finished.
+        """True if a run stands here whose first record was begun and never finished.
 
         Parameters
         ----------
@@ -195,7 +195,7 @@ class RunFolder:
 
     @property
     def has_axis(self) -> bool:
-        """Whether it has an ``axis.yaml``."""
+        """True if it has an ``axis.yaml``."""
         return self._axis is not None
 
     @property
@@ -207,6 +207,11 @@ class RunFolder:
     def drive(self) -> Mapping[str, str]:
         """Identity of the drive that the run was made on; empty when there was none."""
         return dict(self._about().get("drive") or {})
+
+    @property
+    def made_by(self) -> str:
+        """Version of the tool that began the run; "" where nobody knows it."""
+        return str(self._about().get("beltcomm") or "")
 
     @property
     def began_s(self) -> float | None:
@@ -563,7 +568,7 @@ class RunFolder:
         return self._unsealed(kind, name)[0]
 
     def edited(self, kind: str, name: str) -> bool:
-        """Whether ``KIND/NAME.yaml`` was edited since this tool wrote it.
+        """True if ``KIND/NAME.yaml`` was edited since this tool wrote it.
 
         Parameters
         ----------
@@ -673,7 +678,7 @@ class RunFolder:
 
 
 def is_new(path: Path) -> bool:
-    """Whether nothing is lost when a run begins in this folder: it is empty, or the run in it ended before anything was recorded or
+    """True if nothing is lost when a run begins in this folder: it is empty, or the run in it ended before anything was recorded or
     written to a drive, as after a no.
     """
     if not path.is_dir():

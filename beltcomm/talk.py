@@ -9,7 +9,13 @@ from typing import Protocol
 
 @dataclass(frozen=True)
 class Gauge:
-    """A quantity against its limit.   value : the largest of the last moments.   torque has a sign, the others have none."""
+    """A quantity against its limit.
+
+    Attributes
+    ----------
+    value : float
+        The largest of the last moments. torque has a sign, the others have none.
+    """
 
     name: str
     value: float
@@ -26,8 +32,16 @@ class Gauge:
 class CarriagePosition:
     """Where the carriage is while a record is made.
 
-    record : its name.   position_m, window_m : on the axis, m; from where it stood when it is not ``known``.   left_s : s on the machine
-    that the whole job takes from now on at most; None when not known.   gauges : torque, belt force and speed against their limits.
+    Attributes
+    ----------
+    record : str
+        Its name.
+    position_m, window_m
+        On the axis, m; from where it stood when it is not ``known``.
+    left_s : float or None
+        s on the machine that the whole job takes from now on at most; None when not known.
+    gauges : tuple of Gauge
+        Torque, belt force and speed against their limits.
     """
 
     record: str
@@ -46,7 +60,13 @@ class Talk(Protocol):
         ...
 
     def progress(self, fraction: float, seconds_left: float | None) -> None:
-        """The present phase is done to ``fraction``, 0 to 1.   seconds_left : s on the machine, None when not known."""
+        """The present phase is done to ``fraction``, 0 to 1.
+
+        Parameters
+        ----------
+        seconds_left : float or None
+            s on the machine, None when not known.
+        """
         ...
 
     def moving(self, place: CarriagePosition) -> None:
@@ -60,18 +80,25 @@ class Talk(Protocol):
     def confirm(self, text: str) -> bool:
         """Ask a question that states what will happen; True only for an explicit yes.
 
-        Raises UsageError when nobody can answer."""
+        Raises
+        ------
+        UsageError
+            When nobody can answer.
+        """
         ...
 
     def attended(self) -> bool:
-        """Whether a person sits at the other end who sees the machine: a terminal, not a pipe."""
+        """True if a person sits at the other end who sees the machine: a terminal, not a pipe."""
         ...
 
 
 def choose(talk: Talk, question: str, choices: Mapping[str, str]) -> str:
     """Which of some keys was chosen, the first for a yes, the last for a no; a talk that can only ask yes or no is asked that.
 
-    choices : key -> word, in the order shown.
+    Parameters
+    ----------
+    choices : dict of str to str
+        Key -> word, in the order shown.
     """
     keys = list(choices)
     if ask := getattr(talk, "choose", None):
@@ -85,7 +112,13 @@ def detail(talk: Talk, *lines: str) -> None:
 
 
 def found(talk: Talk, name: str, value: str) -> None:
-    """A number that was found on the way, kept in sight by a talk that can.   name : one word; said again it takes the place of the old."""
+    """A number that was found on the way, kept in sight by a talk that can.
+
+    Parameters
+    ----------
+    name : str
+        One word; said again it takes the place of the old.
+    """
     if tell := getattr(talk, "found", None):
         tell(name, value)
 
@@ -98,7 +131,7 @@ class Hold(Protocol):
         ...
 
     def held(self) -> bool:
-        """Whether it is held now; asked every few rows of a motion, so it must answer at once."""
+        """True if it is held now; asked every few rows of a motion, so it must answer at once."""
         ...
 
     def end(self) -> None:

@@ -38,8 +38,14 @@ REST_S = 1.6
 class Demand:
     """What a move asks of the axis, rigid carriage.
 
-    speed_m_s, acceleration_m_s2 : largest values.   feed_force_n : m_c (a + g sin tilt), the net force of data sheets, which list
-    guide friction apart.   torque_nm : motor shaft, with inertia and all friction (4.15).
+    Attributes
+    ----------
+    speed_m_s, acceleration_m_s2 : float
+        Largest values.
+    feed_force_n : float
+        m_c (a + g sin tilt), the net force of data sheets, which list guide friction apart.
+    torque_nm : float, motor shaft
+        With inertia and all friction (4.15).
     """
 
     speed_m_s: float
@@ -50,10 +56,18 @@ class Demand:
 
 @dataclass(frozen=True)
 class TrackingError:
-    """dynamic_m : following error, the largest |reference - position| while the reference moves.   static_m : the largest once settled.
+    """Tracking error of a move.
 
-    overshoot_m : how far the position went beyond its goal.   settling_s : from the end of the reference until the error stays within
-    the settled target; None where it never does.
+    Attributes
+    ----------
+    dynamic_m : float
+        Following error, the largest |reference - position| while the reference moves.
+    static_m : float
+        The largest once settled.
+    overshoot_m : float
+        How far the position went beyond its goal.
+    settling_s : float or None
+        From the end of the reference until the error stays within the settled target; None where it never does.
     """
 
     dynamic_m: float
@@ -66,8 +80,12 @@ class TrackingError:
 class Verdict:
     """Measured against predicted, at the motor and, where something measures it, at the carriage; with reasons in words.
 
-    predicted_range : smallest and largest error at the motor for what is not known beforehand, see :func:`predict_range`.
-    targets : that it was judged by.
+    Attributes
+    ----------
+    predicted_range : tuple of TrackingError or None
+        Smallest and largest error at the motor for what is not known beforehand, see :func:`predict_range`.
+    targets : AxisTargets
+        That it was judged by.
     """
 
     passed: bool
@@ -82,7 +100,13 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Loop:
-    """What a drive adds to the controller in it.   delay_s : from torque setpoint to acting torque."""
+    """What a drive adds to the controller in it.
+
+    Attributes
+    ----------
+    delay_s : float
+        From torque setpoint to acting torque.
+    """
 
     structure: CascadeStructure
     delay_s: float
@@ -94,7 +118,12 @@ class Loop:
 class PredictedMove:
     """Simulated closed loop at the samples of its reference: motor position over i_t and carriage, m; torque N m; largest belt force, N.
 
-    reference_m : that the loop had at these samples.   saturated : in words, which bounds of the drive were reached.
+    Attributes
+    ----------
+    reference_m : ndarray
+        That the loop had at these samples.
+    saturated : tuple of str
+        In words, which bounds of the drive were reached.
     """
 
     t_s: Array
@@ -145,10 +174,20 @@ def predict_move(
 ) -> PredictedMove:
     """Simulate the drive's own cascade on the model along a reference motion, which the drive interpolates for its loop.
 
-    trajectory : at whatever period it is sent.   belt_stretch_m : at the start.   plant : that the loop is closed on, not the model's.
-    extra_torque_nm : ndarray (n,), sent along with the reference and added to the drive's torque, held until the next comes.
-    time_s : session's clock.
     The encoder counts as the drive sees them; the measurement noise of the torque signal does not enter the loop.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        At whatever period it is sent.
+    belt_stretch_m : float
+        At the start.
+    plant : SimulatedPlant or None
+        That the loop is closed on, not the model's.
+    extra_torque_nm : ndarray (n,) or None
+        Sent along with the reference and added to the drive's torque, held until the next comes.
+    time_s : float
+        Session's clock.
     """
     ratio, structure = model["transmission.ratio"], drive.structure
     start_m = float(trajectory.position_m[0])
@@ -184,7 +223,12 @@ def predict_range(model: Model, predict: Callable[[Model, float], TrackingError]
     """Smallest and largest error over the model and ``RANGE_DRAWS`` machines it may stand for; None where it stands for hardly any.
 
     Parameters are drawn from their intervals, each by itself, and the belt's stretch at the start from what friction can hold,
-    min(F_c, τ_c/i_t)/c either way: the move before leaves it so, and no motor encoder sees it.   predict : of a model and a stretch.
+    min(F_c, τ_c/i_t)/c either way: the move before leaves it so, and no motor encoder sees it.
+
+    Parameters
+    ----------
+    predict : callable
+        Of a model and a stretch.
     """
     random = np.random.default_rng(0)
     held = _held_stretch_m(model)
@@ -230,7 +274,12 @@ def _held_stretch_m(model: Model) -> float:
 def tracking_error(t_s: Array, reference_m: Array, position_m: Array, targets: AxisTargets = NO_TARGETS) -> TrackingError:
     """Errors of one move, with its overshoot and settling time by the ``targets``.
 
-    The reference moves from its first to its last change.  Raises DataError when the record ends too early for the settled error.
+    The reference moves from its first to its last change.
+
+    Raises
+    ------
+    DataError
+        When the record ends too early for the settled error.
     """
     moving = np.flatnonzero(np.diff(reference_m) != 0.0)
     if len(moving) == 0:
@@ -271,9 +320,17 @@ def judge(
 ) -> Verdict:
     """Measured tracking against the prediction and the targets, which count at the carriage as predicted where nothing measures there.
 
-    ratio : i_t, m/rad.   carriage_m : ndarray (n,), where the carriage should be at the samples of the prediction, m, when that is not the
-    motor's reference.
-    Raises DataError when the recording has no reference position.
+    Parameters
+    ----------
+    ratio : float
+        i_t, m/rad.
+    carriage_m : ndarray (n,) or None
+        Where the carriage should be at the samples of the prediction, m, when that is not the motor's reference.
+
+    Raises
+    ------
+    DataError
+        When the recording has no reference position.
     """
     if recording.reference_position is None:
         raise DataError(f"recording {recording.name!r} has no reference_position_rad; tracking cannot be judged")

@@ -164,6 +164,12 @@ SYMPTOMS: Mapping[str, Callable[[], Symptom]] = {
     "tilt": lambda: strokes(calm(), having("tilt", calm(), angle=0.03)),
     "constant_offset": lambda: strokes(calm(), having("constant_offset", calm(), torque=0.04)),
     "cable_chain": lambda: strokes(calm(), having("cable_chain", calm(), rate=15.0, offset=-3.0)),
+    "unbalance": lambda: by_angle(
+        shaft_rig(),
+        having("unbalance", shaft_rig(), sine=0.05, cosine=0.02),
+        {"slowly": (0.1, 0.0)},
+        "a motor that turns slowly: torque over its angle",
+    ),
     "cogging": lambda: strokes(calm(), having("cogging", calm(), order=12.0, sine=0.012, cosine=0.009), 0.02, 0.2, 0.3),
     "tooth_ripple": lambda: strokes(calm(), having("tooth_ripple", calm(), teeth=26.0, sine=0.01, cosine=0.006), 0.02, 0.2, 0.26),
     "travel_ripple": lambda: strokes(calm(), having("travel_ripple", calm(), period=0.01, sine=0.8, cosine=0.5), 0.02, 0.2, 0.3),

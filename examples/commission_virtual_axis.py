@@ -19,8 +19,8 @@ def main() -> int:
     print(f"The plan takes {plan.data['seconds']:.0f} s on the machine.")
 
     result = api.commission(DRIVE, AXIS, RUN, options=api.Options(quick=True, yes=True, seed=1))
-    measured = result.to_json()["verdict"]["measured"]
-    print(result.lines()[0])
+    headline, measured = result.to_json()["headline"], result.to_json()["verdict"]["measured"]
+    print(headline["word"], headline["sentence"])
     print(f"Largest error while moving {1e3 * measured['dynamic_m']:.3f} mm, at rest {1e6 * measured['static_m']:.1f} µm.")
 
     model = load_model(RunFolder.open(RUN).file("models", "final"))

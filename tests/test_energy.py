@@ -26,7 +26,7 @@ WITHOUT_A_FORCE = {
     "encoder_interpolation": "what is read of an angle; moves nothing",
 }
 #: Forces of the place alone: what they give on the way out they take on the way back.
-OF_PLACE = {"tilt", "constant_offset", "cable_chain", "tooth_ripple", "travel_ripple"} | {
+OF_PLACE = {"tilt", "constant_offset", "cable_chain", "unbalance", "tooth_ripple", "travel_ripple"} | {
     e.name for e in EFFECTS if e.name.startswith("cogging")
 }
 #: Levels that may stand below those of others; the sum of a body's levels is never below nothing, which the simulation shows.

@@ -14,7 +14,7 @@ from scipy.optimize import linprog
 from beltcomm.axis import TrajectoryLimits
 from beltcomm.errors import Refused, UsageError
 from beltcomm.trajectory import plan_trajectory
-from beltcomm.trajectory.seven_phases import MotionBounds, MotionState, SevenPhases, fastest_motion, on_grid, reached
+from beltcomm.trajectory.seven_phases import MotionBounds, MotionState, SevenPhases, bounds_reached, fastest_motion, on_grid
 
 T_A = MotionBounds(-5.0, 5.0, -45.0, 45.0, -40.0, 40.0)
 T_B = MotionBounds(-5.0, 5.0, -50.0, 50.0, -50.0, 50.0)
@@ -201,7 +201,7 @@ def test_moves_of_the_thesis() -> None:
         quarter = math.cbrt(0.5 / (2.0 * bounds.jerk_max_m_s3))
         motion = fastest_motion(MotionState(0.0), MotionState(0.5), bounds)
         assert motion.durations_s == pytest.approx([quarter, 0.0, quarter, 0.0, quarter, 0.0, quarter], abs=1e-14)
-        assert reached(motion, bounds) == ("jerk_min_m_s3", "jerk_max_m_s3")
+        assert bounds_reached(motion, bounds) == ("jerk_min_m_s3", "jerk_max_m_s3")
     extremes = fastest_motion(MotionState(0.0), MotionState(0.5), T_A).extremes()
     assert [round(v, 2) for v in (extremes.velocity_m_s[1], extremes.acceleration_m_s2[1])] == [1.36, 7.37]
 
@@ -227,7 +227,7 @@ def test_every_phase_in_closed_form() -> None:
     down = [8.0 / 100.0, 0.0, 8.0 / 50.0]
     down[1] = (1.0 - 0.5 * 8.0 * (down[0] + down[2])) / 8.0
     np.testing.assert_allclose(motion.durations_s[[0, 1, 2, 4, 5, 6]], [*up, *down], atol=1e-12)
-    assert reached(motion, bounds) == (
+    assert bounds_reached(motion, bounds) == (
         "velocity_max_m_s", "acceleration_min_m_s2", "acceleration_max_m_s2", "jerk_min_m_s3", "jerk_max_m_s3",
     )  # fmt: skip
     assert motion.at(np.array([motion.duration_s]))[0][0] == pytest.approx(2.0, abs=1e-14)

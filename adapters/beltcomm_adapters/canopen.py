@@ -11,7 +11,7 @@ from typing import Any, Final
 import can
 import numpy as np
 
-from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Guarding, Limits, Motion, Nameplate, Sink
+from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Guarding, KnownMotor, Limits, Motion, Sink
 from beltcomm.drive.finding import Finding
 from beltcomm.drive.objects import DictionaryEntry
 from beltcomm.errors import BusError, DriveError, Refused, UsageError
@@ -22,7 +22,14 @@ from beltcomm_adapters.consistency import SpeedUnit
 from beltcomm_adapters.examination.can import examine_can
 from beltcomm_adapters.examination.surroundings import surroundings
 from beltcomm_adapters.exchange import Exchange
-from beltcomm_adapters.identification import HOMING_MODE, read_capabilities, read_identity, supported_modes, sync_period_s
+from beltcomm_adapters.identification import (
+    HOMING_MODE,
+    as_the_drive_is,
+    read_capabilities,
+    read_identity,
+    supported_modes,
+    sync_period_s,
+)
 from beltcomm_adapters.interrupts import deferred_interrupt
 from beltcomm_adapters.link import NMT_PRE_OPERATIONAL, Link, find_nodes
 from beltcomm_adapters.logged import LoggedBus
@@ -68,7 +75,7 @@ class CanopenDrive(ObjectDrive):
         bitrate: int | None,
         release: Callable[[], None],
         sample_period_s: float | None = None,
-        nameplate: Nameplate | None = None,
+        nameplate: KnownMotor | None = None,
     ) -> None:
         self._guarding: Guarding | None = None
         self._arrangement = 0  # of the drive's answers: what it has refused once is not asked for again
@@ -79,8 +86,7 @@ class CanopenDrive(ObjectDrive):
         where = f"{bus.channel_info}, node {node}" + (f", {bitrate // 1000} kbit/s" if bitrate else "")
         identity = read_identity(self._objects, where)
         self._link.restarted = False  # it may just have been switched on; from here on it must stay so
-        chosen = choose_profile(identity, profile)
-        self._take_over(self._link, chosen.with_modes(supported_modes(self._objects, chosen)), nameplate)
+        self._take_over(self._link, as_the_drive_is(self._objects, choose_profile(identity, profile)), nameplate)
         self._speed_unit = None if self._scaling.speed_told else SpeedUnit(self._scaling.position_rad)
         try:
             self.capabilities = read_capabilities(
@@ -297,7 +303,7 @@ def connect(
     bitrate: int | None,
     release: Callable[[], None],
     sample_period_s: float | None = None,
-    nameplate: Nameplate | None = None,
+    nameplate: KnownMotor | None = None,
 ) -> CanopenDrive:
     """The drive on an open bus; without ``node``, the only one there.  On failure the bus is released.
 

@@ -22,6 +22,9 @@ _RPM_TURN: Final = 60.0
 #: rad of the motor after which a unit of speed that nobody tells is known; position units of a change that is a motion.
 _LEARNT_RAD: Final = 0.25
 _CLEAR_STEPS: Final = 2
+#: Factor by which a unit may be off what was measured; s between two samples of one record at most.
+_NEAR: Final = 1.25
+_APART_S: Final = 0.1
 
 
 class Odometer:
@@ -61,34 +64,53 @@ class Odometer:
         self._way = self._time_s = self._both = self._square = 0.0
 
 
-class SpeedUnit:
-    """What one raw number of a reported speed is, by the way that the position goes meanwhile, over whole records.
+#: Units that a record does not tell apart: within this factor of each other.
+_ALIKE: Final = 1.2
 
-    Nothing is smoothed: over a motion that begins and ends at rest a filter of the drive changes no sum.   position_rad : per raw unit.
+
+class SpeedUnit:
+    """What one raw number of a reported speed is, by the rate of the position meanwhile, over whole records:  u = Σ φ' v Δt / Σ v² Δt.
+
+    Both are smoothed alike, as in :class:`Odometer`, and a speed that the drive has filtered leaves u as it is.
+    position_rad : per raw unit.
     """
 
     def __init__(self, position_rad: float) -> None:
         self._position_rad = abs(position_rad)
-        self._way_rad = self._sum = 0.0
+        self._rate = self._speed = 0.0
+        self._way_rad = self._both = self._square = 0.0
 
     def __call__(self, travel: int, speed: int, elapsed_s: float) -> None:
         """One sample, as :class:`Odometer`."""
-        if 0.0 < elapsed_s < math.inf and abs(travel) > _CLEAR_STEPS:
-            self._way_rad += abs(travel) * self._position_rad
-            self._sum += abs(speed) * elapsed_s
+        if not 0.0 < elapsed_s < _APART_S:  # another record
+            self._rate = self._speed = 0.0
+            return
+        share = elapsed_s / (_SMOOTH_S + elapsed_s)
+        self._rate = rate = self._rate + share * (travel * self._position_rad / elapsed_s - self._rate)
+        self._speed = v = self._speed + share * (speed - self._speed)
+        if abs(travel) > _CLEAR_STEPS:
+            self._way_rad += abs(rate) * elapsed_s
+            self._both += rate * v * elapsed_s
+            self._square += v * v * elapsed_s
 
     def found_rad_s(self) -> float | None:
-        """Of what makers use the unit that fits; None while the motor has not gone far enough.   Raises DriveError where none does."""
-        if self._way_rad < _LEARNT_RAD or self._sum <= 0.0:
+        """Of what makers use the unit that fits, position units per second first; None while the motor has not gone far enough.
+
+        Raises DriveError where none does.
+        """
+        if self._way_rad < _LEARNT_RAD or self._square <= 0.0:
             return None
-        unit = self._way_rad / self._sum
-        usual = [_RPM * 10.0**-power for power in range(5)] + [self._position_rad * 10.0**-power for power in range(3)]
-        nearest = min(usual, key=lambda one: abs(math.log(one / unit)))
-        if abs(math.log(nearest / unit)) > math.log(_MOST):
+        unit = abs(self._both) / self._square
+        if unit > 0.0 and _LEAST < unit / self._position_rad < _MOST:
+            return self._position_rad
+        usual = [_RPM * 10.0**-power for power in range(5)] + [self._position_rad * 10.0**-power for power in range(1, 3)]
+        nearest = min(usual, key=lambda one: abs(math.log(one / unit))) if unit > 0.0 else 0.0
+        if unit <= 0.0 or abs(math.log(nearest / unit)) > math.log(_NEAR):
             per_turn = _RPM_TURN * unit / self._position_rad
             raise DriveError(
                 f"the drive does not tell what its speeds (606Ch) count in, and by what its position does one is {unit:.4g} rad/s, "
                 f"which is no unit that makers use; in min⁻¹ one turn would be {per_turn:.0f} position units: state "
                 "position_unit or velocity_unit in a drive profile (--profile)"
             )
-        return nearest
+        # 0.001 min⁻¹ and a count of 65536 per turn differ by 9 %, less than a filter makes of a shaken axis: then as CiA 402 says
+        return self._position_rad if abs(math.log(nearest / self._position_rad)) < math.log(_ALIKE) else nearest

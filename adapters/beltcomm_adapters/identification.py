@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import Final
 
-from beltcomm.drive import Capabilities, Nameplate
+from beltcomm.drive import Capabilities, KnownMotor
 from beltcomm.drive.objects import ParameterObject
 from beltcomm.drive.parameters import gain_access
 from beltcomm.errors import BusError, ObjectRefused
@@ -17,6 +19,8 @@ from beltcomm_adapters.sdo import ABSENT, Objects
 from beltcomm_adapters.setpoints import OFFSET_MODES
 
 HOMING_MODE = 6
+#: Velocity and torque offset.
+OFFSETS: Final[tuple[tuple[int, int, str], ...]] = ((0x60B1, 0, "int32"), (0x60B2, 0, "int16"))
 _MODE_BITS = {1: 0, 2: 1, 3: 2, 4: 3, 6: 5, 7: 6, 8: 7, 9: 8, 10: 9}  # 6502h
 #: s: periods are whole numbers of this.   s: no drive's velocity loop is slower, where it does not tell.
 _GRID_S = 1e-6
@@ -61,6 +65,14 @@ def supported_modes(objects: Objects, profile: Profile) -> frozenset[int]:
     return frozenset(mode for mode, bit in _MODE_BITS.items() if bits >> bit & 1)
 
 
+def as_the_drive_is(objects: Objects, profile: Profile) -> Profile:
+    """The profile with the modes that the drive has, and without the offsets 60B1h and 60B2h where it lacks one: no motion needs them."""
+    profile = profile.with_modes(supported_modes(objects, profile))
+    if not profile.offsets or all(objects.read_if_there(*offset) is not None for offset in OFFSETS):
+        return profile
+    return replace(profile, offsets=False, structure={**profile.structure, "velocity_feedforward": False, "torque_feedforward": False})
+
+
 def sync_period_s(objects: Objects) -> float | None:
     """60C2h in s, None when the drive has no such object or does not use it (0)."""
     value = objects.read_if_there(0x60C2, 1, "uint8")
@@ -93,7 +105,7 @@ def read_capabilities(
     parameters: Mapping[str, ParameterObject],
     uncalibrated: frozenset[str],
     wanted_s: float | None = None,
-    nameplate: Nameplate | None = None,
+    nameplate: KnownMotor | None = None,
 ) -> Capabilities:
     """Capabilities of the drive.
 
@@ -104,7 +116,7 @@ def read_capabilities(
     loop_s = _loop_period_s(objects, profile)
     exchange = plan_exchange(bitrate, fullest(profile, modes), *sync_steps(objects, profile), wanted_s)
     period_s = exchange.period_s
-    plate, steps = nameplate or Nameplate(), max(round(math.tau / abs(scaling.position_rad)), 1)
+    plate, steps = nameplate or KnownMotor(), max(round(math.tau / abs(scaling.position_rad)), 1)
     peak_permille = objects.read_if_there(0x6073, 0, "uint16") or objects.read_if_there(0x6072, 0, "uint16")
     peak_nm = plate.peak_torque_nm or scaling.rated_torque_nm if peak_permille is None else peak_permille * 1e-3 * scaling.rated_torque_nm
     fastest = read_top_speed_rad_s(objects) or plate.max_speed_rad_s or FASTEST_RAD_S

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Self
 
-from beltcomm.drive import Capabilities, Clock, Nameplate
+from beltcomm.drive import Capabilities, Clock, KnownMotor
 from beltcomm.drive.objects import ObjectValue
 from beltcomm.drive.parameters import gain_access
 from beltcomm.errors import BeltcommError, BusError, DriveError, UsageError
@@ -36,7 +36,7 @@ class ObjectDrive:
         self._open = True
         self._homed = False
 
-    def _take_over(self, wire: Wire, profile: Profile, nameplate: Nameplate | None = None) -> None:
+    def _take_over(self, wire: Wire, profile: Profile, nameplate: KnownMotor | None = None) -> None:
         """Axis disabled, units and parameters known.  On failure nothing stays lent.   nameplate : see :func:`read_scaling`."""
         self._profile, self._nameplate = profile, nameplate
         self._objects.locks.add(profile.never_write)

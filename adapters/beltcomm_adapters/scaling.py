@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
-from beltcomm.drive import Nameplate
+from beltcomm.drive import KnownMotor
 from beltcomm.errors import DriveError
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.sdo import Lending, Objects
-from beltcomm_adapters.units import Ground, Unit, coded, named
+from beltcomm_adapters.units import Ground, RawUnit, coded, named
 
 _TURN: Final = 2.0 * math.pi
 _RPM: Final = _TURN / 60.0
@@ -73,7 +73,7 @@ class Scaling:
         )
 
 
-def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, nameplate: Nameplate | None = None) -> Scaling:
+def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, nameplate: KnownMotor | None = None) -> Scaling:
     """Ask the drive for its units.
 
     Factor group: internal = user * numerator / divisor; the speed factor is set to 1/1, 1/4096 min⁻¹, for the session, because
@@ -82,7 +82,7 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
     nameplate : what axis.yaml knows of the motor, for what the drive does not tell.
     Raises DriveError when a divisor is zero, a unit is not known or nobody tells a rating; ObjectRefused, BusError.
     """
-    plate, said = nameplate or Nameplate(), list[str]()
+    plate, said = nameplate or KnownMotor(), list[str]()
     torque_nm = _rated_torque_nm(objects, profile, plate, said)
     current_a = _rated_current_a(objects, plate, torque_nm, said)
     if profile.units == "factor_group":
@@ -91,9 +91,9 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
     counts = _counts(objects, profile, plate, said)
     position, metres = _position(objects, profile, counts, said)
     ground = Ground(position, _TURN / counts if counts else None, metres)
-    speed_unit, speed_told = _told(objects, 0x60A9, profile.velocity_unit, 1, Unit(1.0, "unit", 1), said)
+    speed_unit, speed_told = _told(objects, 0x60A9, profile.velocity_unit, 1, RawUnit(1.0, "unit", 1), said)
     speed = ground.si(speed_unit, "speed (60A9h)")
-    same = Unit(speed_unit.value, speed_unit.of, 2)  # what most makers mean who tell nothing: the unit of speed, per second
+    same = RawUnit(speed_unit.value, speed_unit.of, 2)  # what most makers mean who tell nothing: the unit of speed, per second
     acceleration_unit, acceleration_told = _told(objects, 0x60AA, profile.acceleration_unit, 2, same, said)
     if not acceleration_told and speed_told and speed_unit.of == "rad":
         said.append(
@@ -107,7 +107,7 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
     )  # fmt: skip
 
 
-def _rated_torque_nm(objects: Objects, profile: Profile, plate: Nameplate, said: list[str]) -> float:
+def _rated_torque_nm(objects: Objects, profile: Profile, plate: KnownMotor, said: list[str]) -> float:
     """6076h, in the unit of the profile, or that which agrees with axis.yaml, N m."""
     raw, expected = objects.read_if_there(0x6076, 0, "uint32"), plate.rated_torque_nm
     if not raw:
@@ -136,7 +136,7 @@ def _alike(one: float, other: float) -> bool:
     return 1.0 / _SAME_RATING < one / other < _SAME_RATING
 
 
-def _rated_current_a(objects: Objects, plate: Nameplate, torque_nm: float, said: list[str]) -> float:
+def _rated_current_a(objects: Objects, plate: KnownMotor, torque_nm: float, said: list[str]) -> float:
     """6075h, A; where the drive does not tell it, by the torque constant, and without that so many ampere as newton metres."""
     raw = objects.read_if_there(0x6075, 0, "uint32")
     if raw:
@@ -158,7 +158,7 @@ def _factor_group(objects: Objects, lending: Lending | None) -> tuple[float, flo
     return position, speed, acceleration, _INTERNAL_POSITION
 
 
-def _counts(objects: Objects, profile: Profile, plate: Nameplate, said: list[str]) -> int | None:
+def _counts(objects: Objects, profile: Profile, plate: KnownMotor, said: list[str]) -> int | None:
     """Increments of the encoder per revolution: 608Fh, unless it stands as from the factory; else axis.yaml's; None where nobody tells."""
     found = None if objects.read_if_there(0x608F, 1, "uint32") is None else _ratio(objects, 0x608F)
     if found is not None and found > 1.0:
@@ -194,7 +194,7 @@ def _position(objects: Objects, profile: Profile, counts: int | None, said: list
     return _TURN * gear / counts, None
 
 
-def _told(objects: Objects, index: int, by_profile: str | None, per: int, otherwise: Unit, said: list[str]) -> tuple[Unit, bool]:
+def _told(objects: Objects, index: int, by_profile: str | None, per: int, otherwise: RawUnit, said: list[str]) -> tuple[RawUnit, bool]:
     """The unit that the drive tells in an object, or its profile; else ``otherwise``, and whether somebody tells it."""
     code = objects.read_if_there(index, 0, "uint32")
     unit = coded(code) if code else _dimension(objects, per)
@@ -211,7 +211,7 @@ def _told(objects: Objects, index: int, by_profile: str | None, per: int, otherw
     return otherwise, False
 
 
-def _dimension(objects: Objects, per: int) -> Unit | None:
+def _dimension(objects: Objects, per: int) -> RawUnit | None:
     """As drives of CiA 402 version 2 tell it: notation 608Bh or 608Dh, dimension 608Ch or 608Eh; None where they do not tell a unit."""
     notation, dimension = (0x608B, 0x608C) if per == 1 else (0x608D, 0x608E)
     what = objects.read_if_there(dimension, 0, "uint8")

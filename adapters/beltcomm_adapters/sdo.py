@@ -31,10 +31,10 @@ SAVE_TIME_S: Final = 15.0
 #: s: a bus that is off or a plug that is loose may come back within this time, tried again after every such pause.
 RECOVERY_S: Final = 5.0
 RETRY_S: Final = 0.2
-#: A transfer that nobody answers is begun anew, with more patience each time: a lost frame is no reason to give up, and some servers take
-#: 300 ms and more.  A node that has never answered is given up sooner.
-_PATIENCE: Final = (1.0, 2.0, 4.0, 4.0, 4.0)
-_FIRST_ATTEMPTS: Final = 3
+#: A transfer that nobody answers is begun anew: a lost frame is no reason to give up, and some servers take 300 ms and more, so that the
+#: answer to the first attempt comes in the second.  Waits over the usual one: of a node that has answered, and of one that never has.
+_PATIENCE: Final = (1.0, 1.0, 1.0, 1.0, 1.0)
+_FIRST_PATIENCE: Final = (1.0, 2.0, 4.0)
 #: An answer is waited for as long as the slowest so far took, times this; at most so long, s.
 _OVER_SLOWEST, _LONGEST_ANSWER_S = 3.0, 3.0
 #: Client commands that begin a transfer, and answers that name its object (CiA 301, 7.2.4.3); an abort names it too.
@@ -213,7 +213,8 @@ class SdoObjects(Objects):
     def _transfer(self, index: int, subindex: int, verb: str, transfer: Callable[[], _Result]) -> _Result:
         unanswered = out_of_step = 0
         while True:
-            self._client.patience = _PATIENCE[unanswered]
+            patience = _PATIENCE if self._client.answered else _FIRST_PATIENCE
+            self._client.patience = patience[min(unanswered, len(patience) - 1)]
             try:
                 found = transfer()
                 self._client.follow(again=bool(unanswered))
@@ -224,8 +225,8 @@ class SdoObjects(Objects):
                     raise refusal(index, subindex, verb, error.code) from error
             except SdoCommunicationError as error:
                 unanswered += 1
-                if unanswered == (len(_PATIENCE) if self._client.answered else _FIRST_ATTEMPTS):
-                    waited_s = sum(_PATIENCE[:unanswered]) * self._client.answer_time_s
+                if unanswered >= len(patience):
+                    waited_s = sum(patience) * self._client.answer_time_s
                     raise BusError(
                         f"node {self.node} gave no valid answer to {verb} of object {name_of(index, subindex)} in {unanswered} attempts "
                         f"over {waited_s:.1f} s ({error}); "

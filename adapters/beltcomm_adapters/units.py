@@ -50,7 +50,7 @@ _NAMED: Final = re.compile(r"^(?:(?P<factor>[0-9.eE+-]+) )?(?P<what>[a-z]+)(?P<o
 
 
 @dataclass(frozen=True)
-class Unit:
+class RawUnit:
     """One raw number: ``value`` of what it counts, per second to the power ``per``.
 
     ramp : a raw number n is the time of a ramp, so that the acceleration is ``value``/n.
@@ -62,7 +62,7 @@ class Unit:
     ramp: bool = False
 
 
-def coded(code: int) -> Unit | None:
+def coded(code: int) -> RawUnit | None:
     """What an object 60A8h to 60AAh says; None for a code that is not known."""
     power = (code >> 24 & 0xFF ^ 0x80) - 0x80
     numerator = _NUMERATORS.get(code >> 16 & 0xFF)
@@ -73,15 +73,15 @@ def coded(code: int) -> Unit | None:
     for one in over:
         assert one is not None
         value, per = value / one[0], per + one[1]
-    return Unit(value * 10.0**power, of, per)
+    return RawUnit(value * 10.0**power, of, per)
 
 
-def named(text: str, per: int) -> Unit:
+def named(text: str, per: int) -> RawUnit:
     """A unit by its name, per second to the power ``per``: 0 of a position, 1 of a speed, 2 of an acceleration.   Raises ValueError."""
     if ramp := _RAMP.match(text):
         if per != 2:
             raise ValueError(f"{text!r} is an acceleration")
-        return Unit(float(ramp["speed"]) * _RPM / _TIMES[ramp["time"]][0], "rad", 2, ramp=True)
+        return RawUnit(float(ramp["speed"]) * _RPM / _TIMES[ramp["time"]][0], "rad", 2, ramp=True)
     found = _NAMED.match(text)
     if found is None or found["what"] not in _NAMES:
         raise ValueError(f"{text!r} is no unit; write a number and one of {', '.join(_NAMES)} over {', '.join(_TIMES)}, such as 0.1 rpm")
@@ -93,7 +93,7 @@ def named(text: str, per: int) -> Unit:
         value, powers = value / _TIMES[time][0], powers + _TIMES[time][1]
     if powers != per or not (math.isfinite(value) and value > 0.0):
         raise ValueError(f"{text!r} is no {('position', 'speed', 'acceleration')[per]}")
-    return Unit(value, of, per)
+    return RawUnit(value, of, per)
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class Ground:
     count_rad: float | None
     m_per_rad: float | None = None
 
-    def si(self, unit: Unit, what: str) -> float:
+    def si(self, unit: RawUnit, what: str) -> float:
         """One raw number in rad of the motor, per second to its power.   Raises DriveError where what it counts is not known."""
         if unit.of == "rad":
             return unit.value

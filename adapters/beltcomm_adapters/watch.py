@@ -15,6 +15,7 @@ STOP_TIME_S: Final = 3.0  # beyond the ramp of the quick stop
 #: A reported torque may exceed the limit, at which the drive itself clamps, by its noise and its current ripple.
 _TORQUE_SHARE: Final = 1.1
 _TORQUE_NOISE_OF_RATED: Final = 0.02
+_BELIEVED: Final = 0.5
 
 
 class Watch:
@@ -23,7 +24,7 @@ class Watch:
     Speed is watched twice: as the drive reports it, and as the difference of positions.  A difference is divided by the
     elapsed time, but never by less than a period: stamps jitter, the drive's sampling does not.  ``differences`` False: only
     as reported, for homing, which moves the zero.   speed_unit : learns what the reported one counts in, where nobody tells; then
-    the difference alone counts.
+    it counts only where the difference is half of it.
     """
 
     def __init__(
@@ -40,7 +41,9 @@ class Watch:
         self._strongest = (_TORQUE_SHARE * limits.torque_nm + _TORQUE_NOISE_OF_RATED * scaling.rated_torque_nm) / scaling.torque_nm
         self._before: Sample | None = None
         self._odometer = speed_unit or Odometer(scaling.position_rad, scaling.speed_rad_s)
-        self._fastest_told = math.inf if speed_unit else limits.speed_rad_s / scaling.speed_rad_s
+        self._fastest = limits.speed_rad_s / scaling.speed_rad_s
+        #: Of the speed by difference beyond which the reported one counts: where nobody tells its unit, it alone stops nothing.
+        self._believed = _BELIEVED if speed_unit else 0.0
 
     def check(self, sample: Sample) -> None:
         """Raises SafetyStop when ``sample`` breaks a limit, DriveError when its position and speed cannot be of one motion."""
@@ -57,7 +60,7 @@ class Watch:
             self._stop("speed", speed, "reduce the amplitude, or look at the encoder if its position jumped")
         if not self._lowest <= position <= self._highest:
             self._stop("position", position * self._scaling.position_rad, "shorten the motion; if it swings, look at the gains")
-        if abs(velocity) > self._fastest_told:
+        if abs(velocity) > self._fastest and abs(travel) >= self._believed * self._travel_per_s * min(elapsed_s, 1.0):
             self._stop("speed", velocity * self._scaling.speed_rad_s, "reduce the amplitude; if the axis swings, look at the gains")
         if abs(torque) > self._strongest:
             self._stop("torque", torque * self._scaling.torque_nm, "reduce the amplitude or soften the gains")

@@ -29,6 +29,8 @@ from beltcomm.runfolder import RunFolder
 
 #: Candidates told of a segment, and share of its squares above the noise below which one is not.
 TOLD, LEAST_SHARE = 6, 0.01
+#: Sums in bands that are kept.
+MOST_BANDS = 400
 
 
 class LaboratoryTab:
@@ -47,6 +49,9 @@ class LaboratoryTab:
         self._failed, self._searched, self._asked_for = "", False, ""
         self._change: Mapping[str, Any] | None = None
         self._rungs = 0
+        self._static: dict[str, dict[str, Any]] = {}
+        self._banded: dict[tuple[str, int, tuple[float, float]], float] = {}
+        self._above: tuple[str, NDArray[np.float64]] | None = None
         self._pipe: Connection | None = None
         self._process: BaseProcess | None = None
         self._closed = False
@@ -170,38 +175,32 @@ class LaboratoryTab:
         self, one: CandidateEffect, view: ResidualView, chosen: NDArray[np.bool_], band: tuple[float, float] | None
     ) -> dict[str, Any]:
         """A candidate, and the share of the squares above the noise in some cells that it would explain."""
-        cells, fitted = view.cells, view.white[: view.fitted]
-        excess = float((cells.sums(fitted**2) - cells.sums(np.ones(view.fitted)))[chosen].sum())
+        if one.effect not in self._static:
+            self._static[one.effect] = _static(one, view)
+        excess = float(self._excess(view)[chosen].sum())
         fall = max((trial.fall(chosen) for trial in one.trials), default=0.0)
         if band is not None and len(one.left):
-            was, left = (float(np.sum(filtered(view.rows, x.astype(np.float64), *band) ** 2)) for x in (fitted, one.left))
+            was, left = (self._in_band(view, values, band) for values in (view.white[: view.fitted], one.left))
             share_of_noise = (band[1] - band[0]) / float(view.edges[-1])
             fall, excess = was - left, was - share_of_noise * view.fitted
-        after = {}
-        if len(one.left):
-            squares, count = cells.sums(one.left.astype(np.float64) ** 2), cells.sums(np.ones(view.fitted))
-            for i, name in enumerate(cells.names):
-                own = cells.record == i
-                if count[own].sum() > 0.0:
-                    after[name] = math.sqrt(float(squares[own].sum() / count[own].sum()))
-        effect = effect_named(one.effect)
-        law = None
-        if one.law is not None and one.law.along != "frequency":
-            law = {name: _shown(value) if isinstance(value, np.ndarray) else value for name, value in vars(one.law).items()}
-        return {
-            "effect": one.effect,
-            "title": one.title,
-            "seen": effect.seen,
-            "check": effect.check,
-            "evidence": one.evidence,
-            "likely": one.evidence > EVIDENCE,
-            "share": max(0.0, min(fall / max(excess, math.sqrt(2.0 * max(float(chosen.sum()), 1.0))), 1.0)),
-            "values": {name: [value, _unit(one.effect, name)] for name, value in one.values.items()},
-            "after": after,
-            "ratio": math.sqrt(float(np.mean(one.left.astype(np.float64) ** 2))) if len(one.left) else None,
-            "law": law,
-            "along": one.law.along if one.law is not None else "",
-        }
+        least = math.sqrt(2.0 * max(float(chosen.sum()), 1.0))
+        return {**self._static[one.effect], "share": max(0.0, min(fall / max(excess, least), 1.0))}
+
+    def _in_band(self, view: ResidualView, values: NDArray[Any], band: tuple[float, float]) -> float:
+        """Sum of squares in a band; worked out once for the same values."""
+        key = (view.stamp, values.ctypes.data, band)
+        if key not in self._banded:
+            if len(self._banded) > MOST_BANDS:
+                self._banded.clear()
+            self._banded[key] = float(np.sum(filtered(view.rows, values.astype(np.float64), *band) ** 2))
+        return self._banded[key]
+
+    def _excess(self, view: ResidualView) -> NDArray[np.float64]:
+        """Squares of the fitted records above the noise, by cell; worked out once for a view."""
+        if self._above is None or self._above[0] != view.stamp:
+            fitted = view.white[: view.fitted]
+            self._above = (view.stamp, view.cells.sums(fitted**2) - view.cells.sums(np.ones(view.fitted)))
+        return self._above[1]
 
     def _shown(self) -> ResidualView:
         view = self._view
@@ -256,7 +255,7 @@ class LaboratoryTab:
             self._before, self._change = self._view, {**self._change, "fresh": False}
         elif self._view is not None and self._view.stamp != view.stamp:
             self._before = self._change = None
-        self._view, self._candidates, self._searched = view, {}, False
+        self._view, self._candidates, self._static, self._searched = view, {}, {}, False
         self._version += 1
         self._gives_way = self._pending == 1  # what follows is a search, which ends when something else is asked for
 
@@ -296,6 +295,31 @@ HEARD: Mapping[str, Callable[..., None]] = {
     "failed": LaboratoryTab._heard_failed,
     "free": LaboratoryTab._heard_free,
 }
+
+
+def _static(one: CandidateEffect, view: ResidualView) -> dict[str, Any]:
+    """What of a candidate does not depend on what is chosen."""
+    cells, effect, after = view.cells, effect_named(one.effect), {}
+    if len(one.left):
+        squares, count = cells.sums(one.left.astype(np.float64) ** 2), cells.sums(np.ones(view.fitted))
+        by_record = [np.bincount(cells.record, values, minlength=len(cells.names)) for values in (squares, count)]
+        after = {name: math.sqrt(float(s / n)) for name, s, n in zip(cells.names, *by_record, strict=True) if n > 0.0}
+    law = None
+    if one.law is not None and one.law.along != "frequency":
+        law = {name: _shown(value) if isinstance(value, np.ndarray) else value for name, value in vars(one.law).items()}
+    return {
+        "effect": one.effect,
+        "title": one.title,
+        "seen": effect.seen,
+        "check": effect.check,
+        "evidence": one.evidence,
+        "likely": one.evidence > EVIDENCE,
+        "values": {name: [value, _unit(one.effect, name)] for name, value in one.values.items()},
+        "after": after,
+        "ratio": math.sqrt(float(np.mean(one.left.astype(np.float64) ** 2))) if len(one.left) else None,
+        "law": law,
+        "along": one.law.along if one.law is not None else "",
+    }
 
 
 def _unit(effect: str, name: str) -> str:

@@ -16,7 +16,7 @@ from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.samples import Units
 from beltcomm.pages import pictures as drawn
 from beltcomm.residuals.cells import Cells, cells_of
-from beltcomm.residuals.spectra import Row, edges_of, power, rows_of
+from beltcomm.residuals.spectra import GridRow, edges_of, power, rows_of
 from beltcomm.result import plain
 from beltcomm.rundata.fitted_run import Opened, explainable
 from beltcomm.rundata.revisions import CURRENT
@@ -53,7 +53,7 @@ class ResidualView:
     cells: Cells
     white: Array
     fitted: int
-    rows: tuple[Row, ...]
+    rows: tuple[GridRow, ...]
     edges: Array
     spectrum: Array
 

@@ -66,11 +66,11 @@ def look(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
     """The view of the present model, then what could explain what it leaves; the search gives way to another job."""
     from beltcomm.app.view import stamp_of, view_of
     from beltcomm.residuals.candidates import candidates_of
-    from beltcomm.rundata.fitted_run import opened
+    from beltcomm.rundata.fitted_run import open_fitted
 
     tell = _teller(pipe)
     stamp = stamp_of(run)
-    here = opened(run, TellingTalk(tell, "reading the records"))
+    here = open_fitted(run, TellingTalk(tell, "reading the records"))
     tell("comparing model and records", None)
     view = view_of(here, stamp)
     pipe.send(("view", view))

@@ -184,7 +184,7 @@ class Axis:
 
     @property
     def has_belt(self) -> bool:
-        """Whether this is a belt axis; otherwise one rigid mass on the load side, whatever its records are in.
+        """True if this is a belt axis; otherwise one rigid mass on the load side, whatever its records are in.
 
         Those of a linear motor hold N and m, those of a motor alone N m or A and rad: :attr:`beltcomm.recording.Recording.side`.
         """

@@ -18,7 +18,13 @@ def parts(kind: Kind) -> dict[str, dict[str, Any]]:
 
 
 def with_part(data: Mapping[str, Any], kind: Kind, name: str) -> dict[str, Any]:
-    """``data``, in the shape of axis.yaml, with an axis or a motor of the catalogue.   Raises UsageError for a name that is not there."""
+    """``data``, in the shape of axis.yaml, with an axis or a motor of the catalogue.
+
+    Raises
+    ------
+    UsageError
+        For a name that is not there.
+    """
     known = parts(kind)
     if name not in known:
         word = "motor" if kind == "motors" else "axis"

@@ -158,7 +158,7 @@ class Mounting:
 
     @property
     def tilted(self) -> bool:
-        """Whether gravity must be held: it is steeper than friction can be hoped to hold."""
+        """True if gravity must be held: it is steeper than friction can be hoped to hold."""
         return abs(self.tilt_deg) > LEVEL_DEG
 
 
@@ -173,7 +173,12 @@ class Payload:
 class AxisTargets:
     """What the user asks of the axis: errors of a move, where they count, and the move.  None is not stated: a default holds.
 
-    at : "motor", "carriage" or "both"; what nothing measures is judged as predicted.   move : limits under ``trajectories``.
+    Attributes
+    ----------
+    at : str
+        "motor", "carriage" or "both"; what nothing measures is judged as predicted.
+    move : str
+        Limits under ``trajectories``.
     """
 
     following_error_m: float | None = _known("largest following error while it moves", above=0.0, at_least=1e-7, at_most=1.0)

@@ -32,7 +32,13 @@ WORDS = {
 
 
 def commented(axis: Axis, source: str = "") -> str:
-    """The text of a file.   source : a line on where the numbers are from."""
+    """The text of a file.
+
+    Parameters
+    ----------
+    source : str
+        A line on where the numbers are from.
+    """
     lines = ["# SI units, the unit in each name; what is not known is commented out. Made by `beltcomm init`."]
     lines += [f"# {source}"] if source else []
     lines += [f"name: {_scalar(axis.name)}"]

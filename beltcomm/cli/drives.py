@@ -88,12 +88,15 @@ def _show_file(frame: Invocation, path: Path) -> int:
 
 def _show_profile(frame: Invocation, name: str) -> int:
     """Print what a profile says, and where each field is from."""
-    from beltcomm.configfiles import find_config, read_yaml
+    from beltcomm.configfiles import find_config, named_file, read_yaml
     from beltcomm.result import table
 
     path = find_config("drives", name)
     raw = read_yaml(path)
     sources = raw.pop("sources", None) or {}
+    if named_file(name):
+        said = {key: {"source": "this file", "confidence": "read"} for key in raw if key not in ("name", "title", "like")}
+        sources = {**said, **sources}
     rows = [
         [key, _short(value), *_told(sources.get(key))]
         for key, value in raw.items()

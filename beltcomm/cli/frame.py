@@ -212,18 +212,23 @@ class Invocation:
         self.ended = True
 
     def _interrupted(self) -> int:
-        return self._failed(f"interrupted{self._left_behind()}{self._kept()}", INTERRUPTED)
+        return self._failed(f"interrupted{self._left_behind()}{self._kept()}", INTERRUPTED, self._goes_on())
+
+    def _goes_on(self) -> dict[str, str]:
+        """The command that goes on with an interrupted run; only a verb that can resume promises that."""
+        verb = self.words[0] if self.words else ""
+        if verb not in RESUMABLE or not self.run or not any((self.run / "recordings").glob("*.csv*")):
+            return {}
+        return {"next": f"{again_command(self.words, self.run, resumes=True)}   (goes on where it stopped)"}
 
     def _kept(self) -> str:
-        """What is left of an interrupted run, in words: only a verb that can resume promises to go on."""
+        """What is left of an interrupted run, in words."""
         verb = self.words[0] if self.words else ""
         if not self.run or not self.run.is_dir() or verb not in RECORDING:
             return ""
         if verb in RESUMABLE and not any((self.run / "recordings").glob("*.csv*")):
             return "; nothing was recorded yet"
-        return f"; what was recorded is kept in {self.run}" + (
-            f"; it goes on with: {again_command(self.words, self.run, resumes=True)}" if verb in RESUMABLE else ""
-        )
+        return f"; what was recorded is kept in {self.run}"
 
     def _aftermath(self, error: BeltcommError) -> Mapping[str, str]:
         """State of drive and run folder after a failed command; empty without a run folder, or where a wrong option stopped it."""

@@ -7,11 +7,11 @@ import select
 import sys
 import time
 from collections.abc import Callable
-from typing import Any
 
 import click
 
 from beltcomm.errors import UsageError
+from beltcomm.posix import keys_one_by_one
 
 #: s: without a sign of the key for so long it counts as released.
 RELEASED_S = 0.5
@@ -29,7 +29,7 @@ class HeldKey:
     def __init__(self, fd: int, key: bytes | None, say: Callable[[str], None], clock: Callable[[], float] = time.monotonic) -> None:
         self._fd, self._key, self._say, self._clock = fd, key, say, clock
         self._last_s = -1.0
-        self._settings: list[Any] | None = None
+        self._give_back: Callable[[], None] | None = None
         self._told = False
 
     def begin(self) -> bool:
@@ -64,22 +64,17 @@ class HeldKey:
 
     def end(self) -> None:
         """Give the terminal its lines back; what was typed meanwhile answers no question."""
-        if self._settings is not None:
-            import termios
-
-            termios.tcsetattr(self._fd, termios.TCSAFLUSH, self._settings)
-            self._settings = None
+        if self._give_back is not None:
+            self._give_back()
+            self._give_back = None
 
     def _without_lines(self) -> None:
         """Keys one by one and unseen; Ctrl-C stays what it is."""
-        if self._key is None or not os.isatty(self._fd) or self._settings is not None:
+        if self._key is None or not os.isatty(self._fd) or self._give_back is not None:
             return
-        import termios
-
-        self._settings = termios.tcgetattr(self._fd)
-        changed = termios.tcgetattr(self._fd)
-        changed[3] &= ~(termios.ICANON | termios.ECHO)
-        termios.tcsetattr(self._fd, termios.TCSAFLUSH, changed)
+        self._give_back = keys_one_by_one(self._fd)
+        if self._give_back is None:
+            raise UsageError("this system's terminal gives no key while it is held; hold to run by a script: --hold-to-run=FD")
 
     def _look(self, wait_s: float) -> bool | None:
         """Whether the key gave a sign within this time; None when nothing will ever come."""

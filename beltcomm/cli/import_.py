@@ -61,6 +61,7 @@ class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic 
 @click.option("--name", help="Of the recording; the file's name when left out.")
 @click.option("--rate", metavar="HZ", help="Rows per second, when there is no time column (1000Hz, 2kHz).")
 @click.option("--period", metavar="S", help="The same as time between rows (1ms).")
+@click.option("--resample", metavar="HZ", help="Take uneven rows at so many even ones per second; no more than there are.")
 @click.option(
     "--experiment", type=shared.WordChoice(_EXPERIMENTS), default="free", show_default=True, help="What was done; a log of frames tells it."
 )
@@ -249,12 +250,13 @@ def _reading(given: dict[str, Any]) -> Any:
         **{key: given[key] for key in same},
         dbc=str(given["dbc"]) if given["dbc"] else None,
         period_s=_period_s(given["rate"], given["period"]),
+        even_s=_period_s(given["resample"], None, "--resample"),
         first_row=first,
         last_row=last,
     )
 
 
-def _period_s(rate: str | None, period: str | None) -> float | None:
+def _period_s(rate: str | None, period: str | None, option: str = "--rate") -> float | None:
     """The time between rows from --rate or --period.  Raises UsageError for both, or what is no positive number."""
     if rate is not None and period is not None:
         raise UsageError("--rate and --period say the same; give one of them")
@@ -264,7 +266,7 @@ def _period_s(rate: str | None, period: str | None) -> float | None:
         return None
     value = parse_quantity(rate, "rate_hz")
     if value <= 0.0:
-        raise UsageError(f"--rate is {value:g} Hz; it must be positive")
+        raise UsageError(f"{option} is {value:g} Hz; it must be positive")
     return 1.0 / value
 
 

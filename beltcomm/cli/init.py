@@ -55,6 +55,7 @@ _OTHERWISE = {
 _ONLY_WITH = {"brake_time_s": "brake_torque_nm"}
 #: Behind the name of the file: what was answered when the questions were broken off.
 UNFINISHED = ".unfinished"
+_YES = ("", "y", "yes", "j", "ja")
 _NONE, _BACK = ("none", "no", "-"), ("back", "<")
 _TEETH = re.compile(r"(\d+)\s*(?:teeth)?\s*[x×*]\s*(.+)", re.IGNORECASE)
 _BELT_SECTIONS = ("gearbox", "coupling", "pulley", "belt")
@@ -340,8 +341,10 @@ def _ask_number(
     """
     unit, needed, meaning = unit_of(name), COMMISSION_NEEDS.get(key, ""), tr(entry.meaning)
     shown = ", ".join(filter(None, [unit or tr("number"), tr(_OTHERWISE.get(name, ""))]))
+    kept, given = "" if default is None else f"{default:.10g}", ""
     while True:
-        text = _answer(f"{where}{meaning[0].upper()}{meaning[1:]} [{shown}]", "" if default is None else f"{default:.10g}", back=True)
+        text = given or _answer(f"{where}{meaning[0].upper()}{meaning[1:]} [{shown}]", kept, back=True)
+        given = ""
         if not text and needed:
             click.echo(
                 f"    {key} is needed for {needed}; without it commissioning refuses to begin. Enter once more: not known yet", err=True
@@ -360,13 +363,20 @@ def _ask_number(
             click.echo(f"    {key} is {value:g}{unit and f' {unit}'}; {wrong}", err=True)
         elif wrong := contradicts(value):
             click.echo(f"    {wrong}; give another value, or 'back' to change what was answered before", err=True)
-        elif text == f"{default:.10g}" if default is not None else False:
+        elif text == kept:
             return default, text
-        elif not usual(key, value) and not _yes(f"    = {in_words(name, value)}: {tr('really?')} {tr('usual are')} {usual_words(key)}"):
-            continue
+        elif not usual(key, value) and (other := _really(key, name, value)) is not None:
+            given = other
         else:
             click.echo(f"    = {in_words(name, value)}", err=True)
             return value, text
+
+
+def _really(key: str, name: str, value: float) -> str | None:
+    """Of an unusual value: None to keep it, else another answer to the same question, "" to be asked it again."""
+    told = f"    = {in_words(name, value)}: {tr('really?')} {tr('usual are')} {usual_words(key)}; {tr('Enter keeps it, or give another')}"
+    answer = _answer(told, "")
+    return None if answer.lower() in _YES else "" if answer.lower() in (*_BACK, "n", "no", "nein") else answer
 
 
 def _ask_word(question: str, known: Sequence[str], default: str) -> str:

@@ -1,4 +1,4 @@
-"""Which gains K let every loop K L1 keep its margins: each condition at each frequency forbids one interval of K."""
+"""Gains K with which every loop K L1 keeps its margins: each condition at each frequency forbids one interval of K."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def allowed_gains(unit: ComplexArray, shape: LoopShape, phase_margin_deg: float,
     lows, highs = np.empty((2, 3 * unit.size))
     below = shape.omega_rad_s < shape.antiresonance_rad_s
     top, number = _forbidden(np.ascontiguousarray(unit), below, *bounds, lows, highs)
-    return AllowedGains(top, *_merged(lows[:number], highs[:number])) if top > 0.0 else None
+    return AllowedGains(top, *_union(lows[:number], highs[:number])) if top > 0.0 else None
 
 
 @compiled
@@ -135,7 +135,7 @@ def _forbidden(
     return top, kept
 
 
-def _merged(lows: Array, highs: Array) -> tuple[Array, Array]:
+def _union(lows: Array, highs: Array) -> tuple[Array, Array]:
     """The union of the intervals as sorted, disjoint ones."""
     if not len(lows):
         return lows, highs

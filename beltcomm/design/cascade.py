@@ -17,7 +17,7 @@ from beltcomm.design.loops import SampledPlants, loop_shape, open_loops, open_ve
 from beltcomm.design.margins import PROOF_POINTS, Margins, margins_on
 from beltcomm.design.prefilters import butterworth_cutoff_rad_s, notch_width
 from beltcomm.design.search import best_gains, highest_position_gain
-from beltcomm.design.specification import GROUPS, Infeasible, Specification, describe, relaxed
+from beltcomm.design.specification import GROUPS, Infeasible, Specification, describe, relax
 from beltcomm.errors import UsageError
 
 #: Grid points per plant of the search, and what it keeps in reserve for the finer grid of the proof.
@@ -34,9 +34,16 @@ _LACKABLE: tuple[PrefilterKind, ...] = ("notch", "butterworth")
 class DesignResult:
     """A cascade with its proof.
 
-    margins : one per plant, in the order of ``plants``.   binding : the conditions that stopped the gains from growing.
-    remarks : what a drive with more of the thesis's cascade would have reached, in words.
-    relaxed : it has less than the margins that were asked for at first.
+    Attributes
+    ----------
+    margins : tuple of Margins
+        One per plant, in the order of ``plants``.
+    binding : tuple of str
+        The conditions that stopped the gains from growing.
+    remarks : tuple of str
+        What a drive with more of the thesis's cascade would have reached, in words.
+    relaxed : bool
+        It has less than the margins that were asked for at first.
     """
 
     cascade: Cascade
@@ -61,14 +68,20 @@ class DesignResult:
 def design_cascade(plants: Sequence[DesignPlant], structure: CascadeStructure, specification: Specification | None = None) -> DesignResult:
     """The cascade with the largest K_I K_PP that meets the specification on every plant, in the drive's own form.
 
-    plants : positions, payloads and damping values the loop must hold for (``with_friction_fractions`` for the last).
-    structure : what the drive offers; its period, prefilters, bounds and steps are those of the result.
     Prefilters are laid out on the plant with the lowest resonance (4.2.1); gains are quantised, then proven.
+
     Raises Infeasible (a Refused) with what binds and the nearest feasible request; UsageError without plants.
+
+    Parameters
+    ----------
+    plants : sequence of DesignPlant
+        Positions, payloads and damping values the loop must hold for (``with_friction_fractions`` for the last).
+    structure : CascadeStructure
+        What the drive offers; its period, prefilters, bounds and steps are those of the result.
     """
     specification = specification or Specification()
-    search, proof = _sampled(plants, structure)
-    found = _designed(search, proof, structure, specification)
+    search, proof = _sample_plants(plants, structure)
+    found = _best_design(search, proof, structure, specification)
     if found is None:
         raise _infeasible(search, proof, structure, specification)
     return found
@@ -76,17 +89,17 @@ def design_cascade(plants: Sequence[DesignPlant], structure: CascadeStructure, s
 
 def feasible_cascade(plants: Sequence[DesignPlant], structure: CascadeStructure, specification: Specification) -> DesignResult | None:
     """As :func:`design_cascade`; None, without looking for the reason, when nothing meets the specification."""
-    return _designed(*_sampled(plants, structure), structure, specification)
+    return _best_design(*_sample_plants(plants, structure), structure, specification)
 
 
-def _sampled(plants: Sequence[DesignPlant], structure: CascadeStructure) -> tuple[SampledPlants, SampledPlants]:
+def _sample_plants(plants: Sequence[DesignPlant], structure: CascadeStructure) -> tuple[SampledPlants, SampledPlants]:
     """The plants for the search, and for the proof."""
     if not plants:
         raise UsageError("the design has no plant; state at least one position and payload")
     return sample_plants(plants, structure.period_s, _SEARCH_POINTS), sample_plants(plants, structure.period_s, PROOF_POINTS)
 
 
-def _designed(
+def _best_design(
     search: SampledPlants, proof: SampledPlants, structure: CascadeStructure, specification: Specification
 ) -> DesignResult | None:
     found = best_cascade(search, proof, structure, specification)
@@ -105,7 +118,7 @@ def _designed(
 
 
 def meets(achieved: Sequence[Margins], specification: Specification) -> bool:
-    """Whether the margins of every plant meet the specification and both loops are stable."""
+    """True if the margins of every plant meet the specification and both loops are stable."""
     return all(
         one.stable
         and one.velocity_stable
@@ -206,7 +219,13 @@ def with_reserve(specification: Specification, factor: float) -> Specification:
 
 
 def quantised_pi(kp: float, tn: float, structure: CascadeStructure) -> list[tuple[float, float]]:
-    """K_P and K_I on the drive's steps, rounded each way, within its bounds.   tn : K_P/K_I, s."""
+    """K_P and K_I on the drive's steps, rounded each way, within its bounds.
+
+    Parameters
+    ----------
+    tn : float
+        K_P/K_I, s.
+    """
     kps = {on_step(kp, structure.steps.get("kp_nm_s_rad", 0.0), way) for way in (math.floor, math.ceil)}
     pairs = []
     for kp, way in itertools.product(sorted(kps), (math.floor, math.ceil)):
@@ -215,7 +234,7 @@ def quantised_pi(kp: float, tn: float, structure: CascadeStructure) -> list[tupl
             ki = kp / time if structure.lowest.get("integral_time_s", 0.0) <= time <= structure.highest["integral_time_s"] else 0.0
         else:
             ki = on_step(kp / tn, structure.steps.get("ki_nm_rad", 0.0), way)
-        if ki > 0.0 and _within(kp, "kp_nm_s_rad", structure) and _within(ki, "ki_nm_rad", structure):
+        if ki > 0.0 and _is_within(kp, "kp_nm_s_rad", structure) and _is_within(ki, "ki_nm_rad", structure):
             pairs.append((kp, ki))
     return sorted(set(pairs))
 
@@ -228,7 +247,7 @@ def on_step(value: float, step: float, way: object) -> float:
     return step * (math.floor(value / step + 1e-9) if way is math.floor else math.ceil(value / step - 1e-9))
 
 
-def _within(value: float, name: str, structure: CascadeStructure) -> bool:
+def _is_within(value: float, name: str, structure: CascadeStructure) -> bool:
     return structure.lowest.get(name, 0.0) <= value * (1.0 + 1e-12) and value <= structure.highest.get(name, math.inf)
 
 
@@ -286,7 +305,7 @@ def _remarks(
     structure: CascadeStructure,
     specification: Specification,
 ) -> tuple[str, ...]:
-    """What the parts of the thesis's cascade that this drive lacks would have brought."""
+    """Remarks on what the parts of the thesis's cascade that this drive lacks would have brought."""
     remarks = []
     lacking = tuple(k for k in _LACKABLE if k not in structure.prefilters)
     for kind in lacking:
@@ -311,7 +330,7 @@ def _remarks(
 
 
 def _infeasible(search: SampledPlants, proof: SampledPlants, structure: CascadeStructure, specification: Specification) -> Infeasible:
-    """Which group of conditions alone stands in the way, and the nearest request that is feasible."""
+    """Refusal naming the group of conditions that alone stands in the way, and the nearest feasible request."""
     if not candidate_prefilters(search.plants, structure, specification):
         offered = ", ".join(structure.prefilters)
         return Infeasible(
@@ -360,16 +379,16 @@ def _nearest(
     Bisected on the search grid; what is returned has been proven.
     """
     low, high = 0.0, 1.0
-    if not _within_reach(search, structure, relaxed(specification, groups, high)):
+    if not _within_reach(search, structure, relax(specification, groups, high)):
         return None
     while high - low > 0.02:
         middle = 0.5 * (low + high)
-        if _within_reach(search, structure, relaxed(specification, groups, middle)):
+        if _within_reach(search, structure, relax(specification, groups, middle)):
             high = middle
         else:
             low = middle
     while high <= 1.0:
-        request = relaxed(specification, groups, high)
+        request = relax(specification, groups, high)
         if best_cascade(search, proof, structure, request) is not None:
             return high, request
         high += 0.04
@@ -377,7 +396,7 @@ def _nearest(
 
 
 def _within_reach(search: SampledPlants, structure: CascadeStructure, specification: Specification) -> bool:
-    """Whether the search finds gains with any prefilter and T_R, steps and proof aside."""
+    """True if the search finds gains with any prefilter and T_R, steps and proof aside."""
     inside = with_reserve(specification, 1.0)
     return any(
         best_gains(loop_shape(search, prefilter, lag), structure.period_s, structure, inside, zooms=0) is not None

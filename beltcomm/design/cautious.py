@@ -32,7 +32,11 @@ def uncertain_plants(plant: DesignPlant, uncertainty: float = 0.3) -> list[Desig
 
     The damping of a first frequency response is mostly Coulomb friction in disguise.  A plant that states no belt damper gets
     the one that makes a third of the resonance's damping, and ``LEAST_RESONANCE_DAMPING`` at least.
-    Raises UsageError for an uncertainty not between 0 and 1.
+
+    Raises
+    ------
+    UsageError
+        For an uncertainty not between 0 and 1.
     """
     if not 0.0 < uncertainty < 1.0:
         raise UsageError(f"the uncertainty of the first plant is {uncertainty}; give a share between 0 and 1, such as 0.3")
@@ -61,8 +65,17 @@ def cautious_cascade(
 ) -> DesignResult:
     """A cascade with large margins on the plant and on all its uncertain neighbours (:func:`uncertain_plants`).
 
-    plant : fitted to the first frequency response, damping as it shows.   structure : what the drive offers.
-    uncertainty : of mass and stiffness; friction moves the fit, and the axis was measured at one position only.
-    specification : default :func:`cautious_specification`.   Raises Infeasible with the nearest feasible request.
+    Raises Infeasible with the nearest feasible request.
+
+    Parameters
+    ----------
+    plant : DesignPlant
+        Fitted to the first frequency response, damping as it shows.
+    structure : CascadeStructure
+        What the drive offers.
+    uncertainty : float
+        Of mass and stiffness; friction moves the fit, and the axis was measured at one position only.
+    specification : Specification or None
+        Default :func:`cautious_specification`.
     """
     return design_cascade(uncertain_plants(plant, uncertainty), structure, specification or cautious_specification())

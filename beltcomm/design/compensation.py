@@ -27,7 +27,7 @@ OWN = frozenset({"viscous", "viscous_cart", "coulomb", "cart_friction", "constan
 INVERSIONS = 8
 
 
-def compensated(model: Model) -> tuple[str, ...]:
+def compensated_effects(model: Model) -> tuple[str, ...]:
     """Effects of a model whose torque is sent along; () where the drive's own feedforward says everything."""
     return tuple(e.name for e in model.effect_list() if e.slot in SLOTS and e.name not in OWN)
 
@@ -35,7 +35,10 @@ def compensated(model: Model) -> tuple[str, ...]:
 def compensation(model: Model, feedforward: Feedforward, trajectory: Trajectory, period_s: float, time_s: float = 0.0) -> Array:
     """The torque, N m at the motor shaft, (n,), computed ``feedforward.advance_s`` ahead, as the drive computes its own.
 
-    time_s : session's clock at the start, for friction that warms up.
+    Parameters
+    ----------
+    time_s : float
+        Session's clock at the start, for friction that warms up.
     """
     ratio = model["transmission.ratio"]
     ahead = np.arange(len(trajectory.t_s)) * period_s + feedforward.advance_s
@@ -52,13 +55,13 @@ def compensation(model: Model, feedforward: Feedforward, trajectory: Trajectory,
     extra = np.zeros(len(place))
     for k in range(len(place)):
         now = time_s + float(ahead[k])
-        torque, force = beyond(model, float(place[k]), float(speed[k]), now)
+        torque, force = demand_of_effects(model, float(place[k]), float(speed[k]), now)
         extra[k] = through_path(model, float(known[k]) + torque + ratio * force, float(place[k]), now) - known[k]
     return extra
 
 
-def beyond(model: Model, place: float, speed: float, time_s: float) -> tuple[float, float]:
-    """What effects beyond (4.16) need at an instant: torque at the motor shaft, N m, and force at the carriage, N."""
+def demand_of_effects(model: Model, place: float, speed: float, time_s: float) -> tuple[float, float]:
+    """Demand of effects beyond (4.16) at an instant: torque at the motor shaft, N m, and force at the carriage, N."""
     ratio = model["transmission.ratio"]
     torque = force = 0.0
     for effect in model.effect_list():

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.control import Feedforward, feedforward_torque
-from beltcomm.design.compensation import beyond, through_path
+from beltcomm.design.compensation import demand_of_effects, through_path
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import UsageError
 from beltcomm.model import Model
@@ -41,9 +41,18 @@ PLACES = 25
 
 @dataclass(frozen=True)
 class Leading:
-    """What the motor has to do.   trajectory : u of the module, m along the belt.   carriage : y on the same grid, with a rest before it.
+    """Motion of the motor.
 
-    torque_nm : τ, N m at the motor shaft, (n,).   held_m : stretch by which friction holds the carriage at the end.
+    Attributes
+    ----------
+    trajectory : Trajectory
+        u of the module, m along the belt.
+    carriage : Trajectory
+        y on the same grid, with a rest before it.
+    torque_nm : ndarray
+        τ, N m at the motor shaft, (n,).
+    held_m : float
+        Stretch by which friction holds the carriage at the end.
     """
 
     trajectory: Trajectory
@@ -57,18 +66,28 @@ class Leading:
         return float(np.max(np.abs(self.trajectory.position_m - self.carriage.position_m)))
 
 
-def leading(model: Model, carriage: Trajectory, advance_s: float = 0.0, *, friction: bool = True, time_s: float = 0.0) -> Leading:
+def lead_motion(model: Model, carriage: Trajectory, advance_s: float = 0.0, *, friction: bool = True, time_s: float = 0.0) -> Leading:
     """The motor's reference and torque for a motion of the carriage that begins and ends at rest.
 
-    advance_s : by which the torque will be sent ahead; there is as much more rest before the motion.   friction : the carriage's Coulomb
-    friction stretches the belt; False: it acts on the motor, as (4.16) has it.   time_s : session's clock at the start.
-    Raises UsageError for a model without a belt.
+    Parameters
+    ----------
+    advance_s : float
+        By which the torque will be sent ahead; there is as much more rest before the motion.
+    friction : bool
+        The carriage's Coulomb friction stretches the belt; False: it acts on the motor, as (4.16) has it.
+    time_s : float
+        Session's clock at the start.
+
+    Raises
+    ------
+    UsageError
+        For a model without a belt.
     """
     if "cart" not in model.base_bodies:
         raise UsageError("the model has no belt that could stretch, so a compliant feedforward says nothing; use nonlinear")
     period = carriage.sample_period_s
-    window = smoothing(model, carriage)
-    y = rested(carriage, 2 * window + math.ceil(advance_s / period))
+    window = smoothing_window(model, carriage)
+    y = with_rest_before(carriage, 2 * window + math.ceil(advance_s / period))
     ratio, inertia, mass = model["transmission.ratio"], motor_side_inertia(model), moved_mass(model)
     damping, level = model.get("belt_damping.damping"), model.get("cart_friction.level")
     speed = np.where(np.abs(y.velocity_m_s) > REST_M_S, y.velocity_m_s, 0.0)
@@ -79,7 +98,7 @@ def leading(model: Model, carriage: Trajectory, advance_s: float = 0.0, *, frict
     soft = compliance(model, y.position_m)
     stretch = soft * (force - damping * soft * np.gradient(force, period))
     for _ in range(2):
-        stretch = smoothed(stretch, window)
+        stretch = centred_mean(stretch, window)
     place = y.position_m + stretch
     rate = np.gradient(place, period)
     rate = np.where(np.abs(rate) > REST_M_S, rate, 0.0)
@@ -94,9 +113,14 @@ def leading(model: Model, carriage: Trajectory, advance_s: float = 0.0, *, frict
 
 
 def torque_along(led: Leading, feedforward: Feedforward, ratio: float) -> Array:
-    """What the host sends along with the motor's reference, N m at the motor shaft, (n,): τ less the drive's own feedforward (4.16).
+    """Torque that the host sends along with the motor's reference, N m at the motor shaft, (n,): τ less the drive's own feedforward (4.16).
 
-    Both ``feedforward.advance_s`` ahead of the reference.   ratio : i_t, m/rad.
+    Both ``feedforward.advance_s`` ahead of the reference.
+
+    Parameters
+    ----------
+    ratio : float
+        i_t, m/rad.
     """
     path = led.trajectory
     needed = np.interp(path.t_s + feedforward.advance_s, path.t_s, led.torque_nm)
@@ -104,7 +128,7 @@ def torque_along(led: Leading, feedforward: Feedforward, ratio: float) -> Array:
 
 
 def compliance(model: Model, places_m: Array) -> Array:
-    """How far the carriage gives way with the motor held, 1/c, m/N, by place, (n,); gaps and slack strands are taken as closed."""
+    """Compliance of the carriage with the motor locked, 1/c, m/N, by place, (n,); gaps and slack strands are taken as closed."""
     low, high = float(np.min(places_m)), float(np.max(places_m))
     grid = np.linspace(low, high, PLACES) if high > low else np.array([low])
     soft = []
@@ -115,7 +139,7 @@ def compliance(model: Model, places_m: Array) -> Array:
     return np.interp(places_m, grid, soft)
 
 
-def smoothing(model: Model, carriage: Trajectory) -> int:
+def smoothing_window(model: Model, carriage: Trajectory) -> int:
     """Samples over which the stretch is averaged: an odd number near ``WINDOW_SHARE`` of a period of the resonance."""
     middle = 0.5 * float(np.min(carriage.position_m) + np.max(carriage.position_m))
     lowest = min(m.freq_hz for m in modes(model, operating_point(model, middle, 1.0)) if m.freq_hz > LOWEST_HZ)
@@ -123,13 +147,13 @@ def smoothing(model: Model, carriage: Trajectory) -> int:
     return max(FEWEST, 2 * half + 1)
 
 
-def smoothed(values: Array, window: int) -> Array:
+def centred_mean(values: Array, window: int) -> Array:
     """Centred mean over so many samples, an odd number; the ends are continued.   (n,) -> (n,)."""
     beside = window // 2
     return np.asarray(np.convolve(np.pad(values, beside, mode="edge"), np.ones(window) / window, "valid"))
 
 
-def rested(path: Trajectory, samples: int) -> Trajectory:
+def with_rest_before(path: Trajectory, samples: int) -> Trajectory:
     """The motion with so many samples of rest before it."""
     still = np.zeros(samples)
     return Trajectory(
@@ -159,4 +183,6 @@ def _lasting_sign(speed: Array) -> Array:
 
 def _effects(model: Model, path: Trajectory, speed: Array, time_s: float) -> list[tuple[float, float]]:
     """Per sample: torque at the motor, N m, and force at the carriage, N, that effects beyond (4.16) need."""
-    return [beyond(model, float(x), float(v), time_s + float(t)) for x, v, t in zip(path.position_m, speed, path.t_s, strict=True)]
+    return [
+        demand_of_effects(model, float(x), float(v), time_s + float(t)) for x, v, t in zip(path.position_m, speed, path.t_s, strict=True)
+    ]

@@ -30,10 +30,26 @@ SAME_WEIGHT = 1e-6
 class Pid:
     """A PID position controller, motor side.
 
-    kp_nm_rad : P.   ki_nm_rad_s : I.   kd_nm_s_rad : D, on the measured velocity; below 0 where T_N < T_R + T.
-    setpoint_weight : b.   velocity_nm_s_rad : B, on the reference velocity; B − D is the thesis's K_v of the PID (B.6b).
-    derivative_filter_s : T_R of (6.1).   filter_reference : the reference velocity passes that filter too.
-    prefilter : of all but the feedforward torque.   feedforward : torque terms as in the cascade, K_a of (B.6a) among them.
+    Attributes
+    ----------
+    kp_nm_rad : float
+        P.
+    ki_nm_rad_s : float
+        I.
+    kd_nm_s_rad : float
+        D, on the measured velocity; below 0 where T_N < T_R + T.
+    setpoint_weight : float
+        b.
+    velocity_nm_s_rad : float or None
+        B, on the reference velocity; B − D is the thesis's K_v of the PID (B.6b).
+    derivative_filter_s : float
+        T_R of (6.1).
+    filter_reference : bool
+        The reference velocity passes that filter too.
+    prefilter : Prefilter
+        Of all but the feedforward torque.
+    feedforward : Feedforward
+        Torque terms as in the cascade, K_a of (B.6a) among them.
     """
 
     kp_nm_rad: float
@@ -61,9 +77,14 @@ class Pid:
 class Cascades:
     """The cascades of one PID: the same closed position loop, the zeros −K_PP and −K_I/K_P exchanged (T_R = 0).
 
-    slow : the smaller K_PP and the larger K_I, as in all gains of the thesis.   fast : the larger K_PP, None where that root has no
-    cascade or is the same.
-    discriminant : (P − (T_R + T) I)² − 4 D I, (N m/rad)².
+    Attributes
+    ----------
+    slow : Cascade
+        The smaller K_PP and the larger K_I, as in all gains of the thesis.
+    fast : Cascade or None
+        The larger K_PP, None where that root has no cascade or is the same.
+    discriminant : float
+        (P − (T_R + T) I)² − 4 D I, (N m/rad)².
     """
 
     slow: Cascade
@@ -74,8 +95,17 @@ class Cascades:
 def to_pid(cascade: Cascade, period_s: float = 0.0) -> Pid:
     """The PID of a cascade; it always exists.
 
-    period_s : T of the discrete loops, s; 0 is the continuous form.   T_R = T = 0: appendix B, (B.6).
-    Raises UsageError for a gain that is negative or not finite, and for K_PP = 0, which holds no position.
+    T_R = T = 0: appendix B, (B.6).
+
+    Parameters
+    ----------
+    period_s : float
+        T of the discrete loops, s; 0 is the continuous form.
+
+    Raises
+    ------
+    UsageError
+        For a gain that is negative or not finite, and for K_PP = 0, which holds no position.
     """
     _check({"K_P": cascade.kp_nm_s_rad, "K_I": cascade.ki_nm_rad, "K_PP": cascade.kpp_1_s, "T_R": cascade.velocity_filter_s, "T": period_s})
     kp, ki, kpp, kv = cascade.kp_nm_s_rad, cascade.ki_nm_rad, cascade.kpp_1_s, cascade.feedforward.velocity
@@ -97,12 +127,22 @@ def to_pid(cascade: Cascade, period_s: float = 0.0) -> Pid:
 
 
 def to_cascades(pid: Pid, period_s: float = 0.0) -> Cascades:
-    """The one or two cascades of a PID.   period_s : as in :func:`to_pid`.
+    """The one or two cascades of a PID.
 
     Take ``slow`` unless the other is known to be meant: its velocity loop is the stiffer one, its position loop the slower one, and
     without velocity feedforward it overshoots less; where the velocity loop is also used alone, ``fast`` has the larger phase margin.
-    Raises Refused, with the number, where the roots are complex or negative, or where the weights b and B are those of no cascade;
-    UsageError for gains that are negative or not finite.
+
+    Parameters
+    ----------
+    period_s : float
+        As in :func:`to_pid`.
+
+    Raises
+    ------
+    Refused
+        With the number, where the roots are complex or negative, or where the weights b and B are those of no cascade.
+    UsageError
+        For gains that are negative or not finite.
     """
     _check({"P": pid.kp_nm_rad, "I": pid.ki_nm_rad_s, "T_R": pid.derivative_filter_s, "T": period_s})
     weights = {"D": pid.kd_nm_s_rad, "setpoint weight b": pid.setpoint_weight, "B": pid.reference_gain_nm_s_rad}

@@ -23,15 +23,34 @@ ComplexArray = NDArray[np.complex128]
 class DesignPlant:
     """Two-mass model (2.25) at one operating point, friction as viscous damping, and the dead time of the torque path.
 
-    inertia_kg_m2 : Θ_e, kg m², motor side.   transmission_m_rad : i_t, m/rad (pulley radius over gear ratio).
-    mass_kg : m_c, kg, carriage.   stiffness_n_m : c, N/m, belt.
-    motor_damping_nm_s_rad : d_m, N m s/rad at the motor shaft (the thesis's transfer functions print d_m/i_t², N s/m).
-    cart_damping_ns_m : d_c, N s/m, carriage.   belt_damping_ns_m : d, N s/m, belt.
-    dead_time_s : from torque setpoint to acting torque, without the hold of the sampling, s.
-    bodies : equations of motion where there are more than motor and carriage; then mass, stiffness and belt damping above are those of the
-    two-mass model that stands for it in (2.42) to (2.45), and friction is added to motor and carriage.
-    name : for messages, such as "0.55 m, 13.4 kg, no friction".
-    Raises UsageError for a number that is not finite, a negative damping or dead time, a mass or stiffness not above 0.
+    Attributes
+    ----------
+    inertia_kg_m2 : float
+        Θ_e, kg m², motor side.
+    transmission_m_rad : float
+        i_t, m/rad (pulley radius over gear ratio).
+    mass_kg : float
+        m_c, kg, carriage.
+    stiffness_n_m : float
+        c, N/m, belt.
+    motor_damping_nm_s_rad : float
+        d_m, N m s/rad at the motor shaft (the thesis's transfer functions print d_m/i_t², N s/m).
+    cart_damping_ns_m : float
+        d_c, N s/m, carriage.
+    belt_damping_ns_m : float
+        d, N s/m, belt.
+    dead_time_s : float
+        From torque setpoint to acting torque, without the hold of the sampling, s.
+    bodies : Bodies or None
+        Equations of motion where there are more than motor and carriage; then mass, stiffness and belt damping above are those of the
+        two-mass model that stands for it in (2.42) to (2.45), and friction is added to motor and carriage.
+    name : str
+        For messages, such as "0.55 m, 13.4 kg, no friction".
+
+    Raises
+    ------
+    UsageError
+        For a number that is not finite, a negative damping or dead time, a mass or stiffness not above 0.
     """
 
     inertia_kg_m2: float
@@ -129,12 +148,17 @@ class DesignPlant:
         Returns Φ (4, 4), Γ0 (4,), Γ1 (4,) (2n with n bodies), n: whole periods of the dead time; Γ1 carries its fraction.
         Source: modified z-transform (hold split at the fraction of the dead time).
         """
-        return _sampled(self, period_s)
+        return _sample_cached(self, period_s)
 
     def sampled_response(self, omega_rad_s: Array, period_s: float) -> ComplexArray:
         """Exact response of the full model (2.38) from torque setpoint to sampled motor angle, rad/(N m).
 
-        omega_rad_s : ndarray (n,), rad/s, above 0, at most π/T.   period_s : T, s, hold and sampling of the loop.
+        Parameters
+        ----------
+        omega_rad_s : ndarray (n,), rad/s
+            Above 0, at most π/T.
+        period_s : float
+            T, s, hold and sampling of the loop.
         """
         advance, new, old, whole = self.sampled(period_s)
         z = np.exp(1j * omega_rad_s * period_s)
@@ -171,9 +195,9 @@ def with_friction_fractions(plant: DesignPlant, fractions: Sequence[float]) -> l
 
 
 @lru_cache(maxsize=512)
-def _sampled(plant: DesignPlant, period_s: float) -> tuple[Array, Array, Array, int]:
-    """See :meth:`DesignPlant.sampled`; kept, because search, proof and poles ask for the same plants."""
-    advance, new, old, whole = sampled_together([plant], period_s)
+def _sample_cached(plant: DesignPlant, period_s: float) -> tuple[Array, Array, Array, int]:
+    """Exact sampling as :meth:`DesignPlant.sampled`; kept, because search, proof and poles ask for the same plants."""
+    advance, new, old, whole = sample_plants([plant], period_s)
     result = advance[0], new[0], old[0]
     for array in result:
         array.flags.writeable = False
@@ -181,7 +205,7 @@ def _sampled(plant: DesignPlant, period_s: float) -> tuple[Array, Array, Array, 
 
 
 @in_one_thread
-def sampled_together(plants: Sequence[DesignPlant], period_s: float) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+def sample_plants(plants: Sequence[DesignPlant], period_s: float) -> tuple[Array, Array, Array, NDArray[np.int64]]:
     """:meth:`DesignPlant.sampled` of p plants with equally many bodies at once: Φ (p, n, n), Γ0 (p, n), Γ1 (p, n), whole periods (p,)."""
     dead = np.array([plant.dead_time_s for plant in plants])
     whole = np.floor(dead / period_s + 1e-9).astype(np.int64)

@@ -31,12 +31,26 @@ def feedforward_from(
                over-compensates on the moving axis (thesis 5.2; sheet, errata 7);
     none:      the offset alone, which holds a tilted axis, and no velocity feedforward.
 
-    inertia_kg_m2 : m_e = Θ_e + i_t² m_c, kg m².   viscous_nm_s_rad, coulomb_nm : friction of the moving axis, motor and
-    carriage together.   apparent_viscous_nm_s_rad : d_a, needed for "linear".   offset_nm : + i_t m_c g sin(tilt).
-    dead_time_s : from torque setpoint to acting torque; the feedforward is computed that much and half a period ahead.
     All at the motor shaft.   Terms the drive lacks are 0: torque terms without ``structure.torque_feedforward``, K_v without
     ``structure.velocity_feedforward``.
-    Raises UsageError for a number that is not finite, a negative inertia or friction, or a linear kind without d_a.
+
+    Parameters
+    ----------
+    inertia_kg_m2 : float
+        m_e = Θ_e + i_t² m_c, kg m².
+    viscous_nm_s_rad, coulomb_nm : float
+        Friction of the moving axis, motor and carriage together.
+    apparent_viscous_nm_s_rad : float or None
+        d_a, needed for "linear".
+    offset_nm : float
+        + i_t m_c g sin(tilt).
+    dead_time_s : float
+        From torque setpoint to acting torque; the feedforward is computed that much and half a period ahead.
+
+    Raises
+    ------
+    UsageError
+        For a number that is not finite, a negative inertia or friction, or a linear kind without d_a.
     """
     if kind == "linear":
         if apparent_viscous_nm_s_rad is None:

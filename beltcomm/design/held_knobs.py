@@ -32,7 +32,13 @@ Limit = Literal["velocity", "position", "drive"]
 
 
 class OutOfReach(Refused):
-    """No gains stand for these knobs.   limit : the loop whose margins stand in the way, or the drive's own bounds."""
+    """No gains stand for these knobs.
+
+    Parameters
+    ----------
+    limit : Limit
+        The loop whose margins stand in the way, or the drive's own bounds.
+    """
 
     def __init__(self, message: str, limit: Limit) -> None:
         super().__init__(message)
@@ -59,17 +65,22 @@ def specification_of(knobs: Knobs, prefilter: Prefilter, velocity_filter_s: floa
     )
 
 
-def held(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: float, knobs: Knobs) -> DesignResult:
+def gains_of_knobs(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: float, knobs: Knobs) -> DesignResult:
     """The gains that the knobs stand for on all plants, on the drive's steps, with their proof.
 
-    velocity_filter_s : T_R, s.   Raises OutOfReach where there are none, with the limit in words.
+    Raises OutOfReach where there are none, with the limit in words.
+
+    Parameters
+    ----------
+    velocity_filter_s : float
+        T_R, s.
     """
     asked = specification_of(knobs, prefilter, velocity_filter_s)
     shape = loop_shape(plants.search, prefilter, velocity_filter_s)
     refusal: OutOfReach | None = None
     for reserve in (1.0, 3.0, 10.0, 40.0):
         try:
-            cascades = _quantised(plants, shape, prefilter, velocity_filter_s, with_reserve(asked, reserve))
+            cascades = _quantised_cascades(plants, shape, prefilter, velocity_filter_s, with_reserve(asked, reserve))
         except OutOfReach as problem:
             refusal = refusal or problem
             break  # more in reserve only asks for more
@@ -82,7 +93,7 @@ def held(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: float, kno
 
 
 def suppression_range(shape: LoopShape, structure: CascadeStructure, specification: Specification, values_db: Array) -> NDArray[np.bool_]:
-    """Which suppressions the velocity loop can have with the phase margin of ``specification``, at any T_N; shape of ``values_db``."""
+    """Suppressions that the velocity loop can have with the phase margin of ``specification``, at any T_N; shape of ``values_db``."""
     possible = np.zeros(len(values_db), dtype=bool)
     for time in _times(shape, structure):
         unit = unit_loop(shape, time)
@@ -112,7 +123,7 @@ def highest_position_margin(shape: LoopShape, structure: CascadeStructure, speci
     return low
 
 
-def _quantised(
+def _quantised_cascades(
     plants: KnobPlants, shape: LoopShape, prefilter: Prefilter, velocity_filter_s: float, inside: Specification
 ) -> list[Cascade]:
     """The cascade of these bounds on the drive's steps, rounded each way, the stiffest first.   Raises OutOfReach."""

@@ -3,7 +3,7 @@
 On a plant, behind a prefilter and with T_R the three numbers fix the three gains:  A_sup is |G_PI G_ω| at the undamped resonance ω_r
 (4.7),  φ_ωr the distance to −180° at the first crossover of the open velocity loop (4.8), (4.9),  φ_φr the same of the open position
 loop (4.13), all on the continuous plant (2.42) with its dead time.   :func:`knobs_of` reads them off given gains,
-:func:`gains_for` goes the other way, :func:`turned` moves one of them alone.
+:func:`gains_for` goes the other way, :func:`designs_along_knob` moves one of them alone.
 """
 
 from __future__ import annotations
@@ -33,10 +33,14 @@ class Knobs:
 
 @dataclass(frozen=True)
 class KnobSetting:
-    """Where the knobs must stand for given gains.
+    """Positions of the knobs for given gains.
 
-    again : the design from these knobs, None when the equations refuse them (``refusal`` says why).
-    same : it has the given gains; otherwise they are another solution of the same equations.
+    Attributes
+    ----------
+    again : ThesisDesign or None
+        The design from these knobs, None when the equations refuse them (``refusal`` says why).
+    same : bool
+        It has the given gains; otherwise they are another solution of the same equations.
     """
 
     knobs: Knobs
@@ -57,7 +61,12 @@ class Turn:
 def knobs_of(plant: DesignPlant, cascade: Cascade) -> KnobSetting:
     """The knobs that give these gains on this plant, exactly, and whether turning them there gives the gains back.
 
-    The prefilter and T_R of ``cascade`` count as given.   Raises Refused when a loop of these gains has no crossover.
+    The prefilter and T_R of ``cascade`` count as given.
+
+    Raises
+    ------
+    Refused
+        When a loop of these gains has no crossover.
     """
     achieved = thesis_margins(plant, cascade)
     knobs = Knobs(achieved.phase_margin_deg, achieved.position_phase_margin_deg, achieved.suppression_db)
@@ -74,11 +83,22 @@ def knobs_of(plant: DesignPlant, cascade: Cascade) -> KnobSetting:
 
 
 def gains_for(plant: DesignPlant, prefilter: PrefilterKind | Prefilter, knobs: Knobs, velocity_filter_s: float = 0.002) -> ThesisDesign:
-    """The gains that the knobs stand for.   velocity_filter_s : T_R, s.   Raises Refused as ``thesis.thesis_design``."""
+    """The gains that the knobs stand for.
+
+    Parameters
+    ----------
+    velocity_filter_s : float
+        T_R, s.
+
+    Raises
+    ------
+    Refused
+        As ``thesis.thesis_design``.
+    """
     return thesis_design(plant, prefilter, velocity_filter_s, knobs.phase_margin_deg, knobs.suppression_db, knobs.position_phase_margin_deg)
 
 
-def turned(
+def designs_along_knob(
     plant: DesignPlant, prefilter: PrefilterKind | Prefilter, knob: Knob, values: Sequence[float], knobs: Knobs | None = None
 ) -> tuple[Turn, ...]:
     """The designs with one knob at each of ``values`` and the others where ``knobs`` has them, T_R 2 ms."""

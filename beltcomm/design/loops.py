@@ -30,8 +30,16 @@ _LOWEST_RAD_S = 0.3
 class SampledPlants:
     """Several plants on one frequency grid each, refined around their own resonance and antiresonance.
 
-    plants : tuple of p plants.   period_s : T, s.   omega_rad_s : ndarray (p, n), increasing along the rows, up to π/T.
-    response : ndarray (p, n), torque setpoint to sampled motor angle, rad/(N m).
+    Attributes
+    ----------
+    plants : tuple of DesignPlant
+        Tuple of p plants.
+    period_s : float
+        T, s.
+    omega_rad_s : ndarray (p, n)
+        Increasing along the rows, up to π/T.
+    response : ComplexArray, (p, n)
+        Torque setpoint to sampled motor angle, rad/(N m).
     """
 
     plants: tuple[DesignPlant, ...]
@@ -44,9 +52,15 @@ class SampledPlants:
 class LoopShape:
     """The velocity loop without its PI controller, and what is needed to close it.
 
-    without_pi : ndarray (p, n), prefilter × plant × velocity estimator, rad/s per N m.
-    integrator : T/(z − 1), s.   estimator : motor angle to measured velocity, 1/s.
-    resonance_rad_s, antiresonance_rad_s : ndarray (p, 1), rad/s.
+    Attributes
+    ----------
+    without_pi : ComplexArray, (p, n)
+        Prefilter × plant × velocity estimator, rad/s per N m.
+    integrator : ComplexArray
+        T/(z − 1), s.
+    estimator : ComplexArray
+        Motor angle to measured velocity, 1/s.
+    resonance_rad_s, antiresonance_rad_s : ndarray (p, 1), rad/s
     """
 
     omega_rad_s: Array
@@ -80,7 +94,13 @@ def sample_plants(plants: Sequence[DesignPlant], period_s: float, points: int) -
 
 
 def loop_shape(sampled: SampledPlants, prefilter: Prefilter, velocity_filter_s: float) -> LoopShape:
-    """The shape of the velocity loop with this prefilter and T_R.  Raises UsageError for a prefilter above π/T."""
+    """The shape of the velocity loop with this prefilter and T_R.
+
+    Raises
+    ------
+    UsageError
+        For a prefilter above π/T.
+    """
     omega, period = sampled.omega_rad_s, sampled.period_s
     estimator = velocity_filter_response(omega, velocity_filter_s, period)
     return LoopShape(
@@ -106,7 +126,12 @@ def position_path(velocity_loop: ComplexArray, estimator: ComplexArray) -> Compl
 def open_loops(plant: DesignPlant, cascade: Cascade, period_s: float, omega_rad_s: Array) -> tuple[ComplexArray, ComplexArray]:
     """Open velocity loop and open position loop at given frequencies, for plots: two ndarray (n,).
 
-    omega_rad_s : ndarray (n,), rad/s, above 0, at most π/T.   Margins are read where they equal −1.
+    Margins are read where they equal −1.
+
+    Parameters
+    ----------
+    omega_rad_s : ndarray (n,), rad/s
+        Above 0, at most π/T.
     """
     sampled = SampledPlants((plant,), period_s, omega_rad_s[None, :], plant.sampled_response(omega_rad_s, period_s)[None, :])
     shape = loop_shape(sampled, cascade.prefilter, cascade.velocity_filter_s)
@@ -182,13 +207,18 @@ def _period(advance: Array, new: Array, old: Array, whole: int, cascade: Cascade
 
 def frequencies(plants: Sequence[DesignPlant], period_s: float, points: int) -> Array:
     """Grids (p, k), rad/s: a log-spaced base for all, and around ω_r, ω_z and further modes of each plant offsets that grow from a tenth
-    of the half width to a fifth of the frequency.   plants : with equally many bodies.
+    of the half width to a fifth of the frequency.
+
+    Parameters
+    ----------
+    plants : sequence of DesignPlant
+        With equally many bodies.
     """
     # A hair below π/T, where the Butterworth filter has a zero and no logarithm.
     nyquist = 0.999 * math.pi / period_s
     modes = np.array([[plant.resonance_rad_s, plant.antiresonance_rad_s, *plant.modes_rad_s] for plant in plants])
     damping = np.array([plant.resonance_damping for plant in plants])
-    centre = _folded(modes, period_s)[..., None]
+    centre = _folded_frequency(modes, period_s)[..., None]
     nearest = np.broadcast_to(0.1 * np.maximum(damping, 1e-4)[:, None], modes.shape)
     width = centre * np.moveaxis(np.geomspace(nearest, 0.2, points // 4), 0, -1)
     base = np.broadcast_to(np.geomspace(_LOWEST_RAD_S, nyquist, points), (len(plants), points))
@@ -196,7 +226,7 @@ def frequencies(plants: Sequence[DesignPlant], period_s: float, points: int) -> 
     return np.sort(np.clip(np.concatenate([base, around], axis=1), _LOWEST_RAD_S, nyquist), axis=1)
 
 
-def _folded(omega_rad_s: Array, period_s: float) -> Array:
-    """Where frequencies appear after sampling, rad/s."""
+def _folded_frequency(omega_rad_s: Array, period_s: float) -> Array:
+    """Alias frequencies after sampling, rad/s."""
     rate = 2.0 * math.pi / period_s
     return np.asarray(np.abs((omega_rad_s + 0.5 * rate) % rate - 0.5 * rate))

@@ -1,4 +1,4 @@
-"""What a given cascade achieves on given plants: the proof of a design, and the judgement of foreign gains."""
+"""Margins of a given cascade on given plants: the proof of a design, and the judgement of foreign gains."""
 
 from __future__ import annotations
 
@@ -31,12 +31,22 @@ PROOF_POINTS = 1600
 class Margins:
     """Margins of one plant with one cascade, sampled, delayed and filtered as it runs.
 
-    stable, velocity_stable : all poles of the cascade, and of the velocity loop alone, inside the unit circle.
-    phase_margin_deg : smallest over all crossovers of the velocity loop; inf without any.   crossover_rad_s : highest; nan.
-    gain_margin_db : smallest gain factor above 1 to a crossing of the negative axis.
-    suppression_db : largest open-loop gain at and above the resonance and at any local peak.
-    sensitivity_db : max |1/(1 + L)|.    position_* : the same of the position loop.
-    damping : smallest damping ratio of the poles of the cascade (a resonance that the loop leaves alone counts too).
+    Attributes
+    ----------
+    stable, velocity_stable : bool
+        All poles of the cascade, and of the velocity loop alone, inside the unit circle.
+    phase_margin_deg : float
+        Smallest over all crossovers of the velocity loop; inf without any.
+    crossover_rad_s : float
+        Highest; nan.
+    gain_margin_db : float
+        Smallest gain factor above 1 to a crossing of the negative axis.
+    suppression_db : float
+        Largest open-loop gain at and above the resonance and at any local peak.
+    sensitivity_db : float
+        Max |1/(1 + L)|. position_* : the same of the position loop.
+    damping : float
+        Smallest damping ratio of the poles of the cascade (a resonance that the loop leaves alone counts too).
     """
 
     plant: str
@@ -57,7 +67,15 @@ class Margins:
 def margins(cascade: Cascade, plants: Sequence[DesignPlant], period_s: float) -> tuple[Margins, ...]:
     """Margins of ``cascade`` on every plant.
 
-    period_s : s, sampling period of the drive's loops.   Raises UsageError for a prefilter above π/T.
+    Parameters
+    ----------
+    period_s : float, s
+        Sampling period of the drive's loops.
+
+    Raises
+    ------
+    UsageError
+        For a prefilter above π/T.
     """
     return margins_on(cascade, sample_plants(plants, period_s, PROOF_POINTS))
 
@@ -96,7 +114,7 @@ def margins_on(cascade: Cascade, sampled: SampledPlants) -> tuple[Margins, ...]:
 
 
 def resonance_or_peak(loop: ComplexArray, omega_rad_s: Array, resonance_rad_s: Array) -> NDArray[np.bool_]:
-    """Where the suppression is asked: at and above the resonance, and at every local peak of the gain; shape of ``loop``."""
+    """Frequencies at which the suppression is asked: at and above the resonance, and at every local peak of the gain; shape of ``loop``."""
     level = np.abs(loop)
     peak = np.zeros(loop.shape, dtype=bool)
     peak[..., 1:-1] = (level[..., 1:-1] > level[..., :-2]) & (level[..., 1:-1] >= level[..., 2:])

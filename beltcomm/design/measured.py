@@ -43,10 +43,14 @@ SAME_PERIOD = 1e-3
 class LoopMargin:
     """One open loop over the measured band, read from the lines, and what holds with 95 %.
 
-    phase_margin_deg, crossover_hz : as in ``margins.Margins``; inf and nan where no crossover lies in the band.
-    gain_margin_db.   sensitivity_db : max |1/(1 + L)|, met at ``nearest_hz``, where L is nearest to -1.
-    least_phase_margin_deg, least_gain_margin_db, most_sensitivity_db : the same at the edge of the tube; inf for the last where the
-    tube reaches -1.
+    Attributes
+    ----------
+    phase_margin_deg, crossover_hz : float
+        As in ``margins.Margins``; inf and nan where no crossover lies in the band. gain_margin_db.
+    sensitivity_db : float
+        Max |1/(1 + L)|, met at ``nearest_hz``, where L is nearest to -1.
+    least_phase_margin_deg, least_gain_margin_db, most_sensitivity_db : float
+        The same at the edge of the tube; inf for the last where the tube reaches -1.
     """
 
     phase_margin_deg: float
@@ -63,10 +67,22 @@ class LoopMargin:
 class MeasuredMargins:
     """A cascade on one measured response.
 
-    stable : of the closed cascade, None where the tube reaches -1 or the band does not show it; velocity_stable : of its velocity loop.
-    lowest_hz, highest_hz : lines used.   hidden_hz : ranges in which noise hides ``hidden_lines`` of them.   gaps_hz : without lines.
-    hidden_gain_db : the most that |velocity loop| can be at the hidden lines; -inf without any.
-    scatter : median relative difference of a line from its neighbours, standard deviation.   noise : that of the noise between periods.
+    Attributes
+    ----------
+    stable : bool or None
+        Of the closed cascade, None where the tube reaches -1 or the band does not show it; velocity_stable : of its velocity loop.
+    lowest_hz, highest_hz : float
+        Lines used.
+    hidden_hz : tuple of tuple of float
+        Ranges in which noise hides ``hidden_lines`` of them.
+    gaps_hz : tuple of tuple of float
+        Without lines.
+    hidden_gain_db : float
+        The most that |velocity loop| can be at the hidden lines; -inf without any.
+    scatter : float
+        Median relative difference of a line from its neighbours, standard deviation.
+    noise : float
+        That of the noise between periods.
     """
 
     record: str
@@ -89,8 +105,16 @@ class MeasuredMargins:
 class MeasuredLoop:
     """The open loops at the lines used, for margins and pictures.
 
-    freq_hz (k,), Hz.   velocity, position : L, (k,).   radius : of the velocity loop's discs (k,).   hidden : FrequencyResponse's lines
-    left out, (n,) bool, at ``all_hz``; all_gain : the most that |velocity loop| can be at every line, (n,).
+    freq_hz (k,), Hz.
+
+    Attributes
+    ----------
+    velocity, position : ComplexArray
+        L, (k,).
+    radius : ndarray
+        Of the velocity loop's discs (k,).
+    hidden : ndarray of bool
+        FrequencyResponse's lines left out, (n,) bool, at ``all_hz``; all_gain : the most that |velocity loop| can be at every line, (n,).
     """
 
     freq_hz: Array
@@ -107,8 +131,22 @@ def measured_loop(response: FrequencyResponse, cascade: Cascade, period_s: float
 
     L = C_ω G_R Ĝ e^{-jω t_T},   L_φ = K_PP L/((1 + L) G_R);   Ĝ held over the loop's period, where the record was held over another one.
 
-    response : rad/(N m), motor shaft.   period_s : of the drive's loops.   dead_time_s : where the response is that from the acting torque.
-    Raises DataError when too few lines are left.     Source: figure 4.1, (4.10).
+    Parameters
+    ----------
+    response : FrequencyResponse, rad/(N m), motor shaft
+    period_s : float
+        Of the drive's loops.
+    dead_time_s : float
+        Where the response is that from the acting torque.
+
+    Raises
+    ------
+    DataError
+        When too few lines are left.
+
+    References
+    ----------
+    Figure 4.1, (4.10).
     """
     below = response.freq_hz < 0.5 / period_s
     if not below.any():
@@ -185,7 +223,7 @@ def _between(loop: MeasuredLoop) -> tuple[Array, ComplexArray, Array]:
 
 
 def _margin(freq_hz: Array, loop: ComplexArray, tube: Array, hidden_gain: float) -> LoopMargin:
-    """What a curve and the tube around it have of margins.   hidden_gain : |L| is at most this where it is hidden."""
+    """Margins of a curve and of the tube around it.   hidden_gain : |L| is at most this where it is hidden."""
     margin, crossover = phase_margin(2.0 * np.pi * freq_hz, loop)
     distance = np.abs(1.0 + loop)
     nearest = int(np.argmin(distance))

@@ -17,7 +17,20 @@ def notch_width(resonance_rad_s: float, antiresonance_rad_s: float, attenuation_
 
     With x = ω_z/ω_r and a = 10^(attenuation_db/20):  ((1 − x²)² + 4 x²/d_n²) = a² ((1 − x²)² + 4 d_n² x²), solved for d_n².
 
-    attenuation_db : dB, below 0, such as −6.   Returns d_n > 1.   Raises UsageError for other frequencies or attenuations.
+    Parameters
+    ----------
+    attenuation_db : float, dB
+        Below 0, such as −6.
+
+    Returns
+    -------
+    float
+        d_n > 1.
+
+    Raises
+    ------
+    UsageError
+        For other frequencies or attenuations.
     """
     _check(resonance_rad_s, antiresonance_rad_s, attenuation_db)
     gain_squared = 10.0 ** (attenuation_db / 10.0)

@@ -75,7 +75,15 @@ def integral_time_bounds(structure: CascadeStructure, period_s: float) -> tuple[
 def highest_position_gain(path: ComplexArray, shape: LoopShape, specification: Specification, limit: float) -> float:
     """Largest K_PP up to ``limit`` for which all position loops K_PP × path meet phase margin, gain margin and sensitivity.
 
-    path : ndarray (p, n), see ``loops.position_path``.   Returns K_PP, 1/s; 0 where no K_PP does.
+    Parameters
+    ----------
+    path : ComplexArray, (p, n)
+        See ``loops.position_path``.
+
+    Returns
+    -------
+    float
+        K_PP, 1/s; 0 where no K_PP does.
     """
     allowed = allowed_gains(path, shape, specification.position_phase_margin_deg, specification)
     return allowed.highest(limit) if allowed is not None else 0.0

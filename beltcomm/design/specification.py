@@ -1,4 +1,4 @@
-"""What is asked of a cascade, and the refusal when no cascade has it."""
+"""Requirements on a cascade, and the refusal when no cascade meets them."""
 
 from __future__ import annotations
 
@@ -13,15 +13,32 @@ from beltcomm.errors import Refused, UsageError
 class Specification:
     """Conditions on both loops, as inequalities that hold for every plant of the design.
 
-    phase_margin_deg : velocity loop, at every crossover (4.9).   suppression_db : A_sup, bound on the velocity loop's open-loop
-        gain at and above the resonance and at every local peak (4.7).
-    gain_margin_db : both loops.   sensitivity_db : bound on max |1/(1 + L)| of both loops.
-    position_phase_margin_deg : position loop (4.13).
-    notch_db, butterworth_db : A_Notch, A_bw, the prefilter's attenuation at the antiresonance (4.2), (4.4).
-    velocity_filters_s : T_R to try, s; a drive that bounds T_R gets the nearest it has.
-    prefilters : kinds to try; None: all that the drive offers.
     Defaults are the thesis's; gain margin and sensitivity, which it does not state, are 6 dB, what a phase margin of 29
-    degrees implies.   Raises UsageError for a number outside its range.
+    degrees implies.
+
+    Attributes
+    ----------
+    phase_margin_deg : float
+        Velocity loop, at every crossover (4.9).
+    suppression_db : float
+        A_sup, bound on the velocity loop's open-loop gain at and above the resonance and at every local peak (4.7).
+    gain_margin_db : float
+        Both loops.
+    sensitivity_db : float
+        Bound on max |1/(1 + L)| of both loops.
+    position_phase_margin_deg : float
+        Position loop (4.13).
+    notch_db, butterworth_db : float
+        A_Notch, A_bw, the prefilter's attenuation at the antiresonance (4.2), (4.4).
+    velocity_filters_s : tuple of float
+        T_R to try, s; a drive that bounds T_R gets the nearest it has.
+    prefilters : tuple of PrefilterKind or None
+        Kinds to try; None: all that the drive offers.
+
+    Raises
+    ------
+    UsageError
+        For a number outside its range.
     """
 
     phase_margin_deg: float = 60.0
@@ -62,7 +79,12 @@ PRODUCT_SPECIFICATION = Specification(
 class Infeasible(Refused):
     """No cascade of the drive meets the request.
 
-    binding : the conditions that stand in the way, in words.   nearest : the nearest request that is feasible, or None.
+    Parameters
+    ----------
+    binding : tuple of str
+        The conditions that stand in the way, in words.
+    nearest : Specification or None
+        The nearest request that is feasible, or None.
     """
 
     def __init__(self, message: str, binding: tuple[str, ...], nearest: Specification | None) -> None:
@@ -79,7 +101,7 @@ GROUPS = {
 }
 
 
-def relaxed(specification: Specification, groups: tuple[str, ...], share: float) -> Specification:
+def relax(specification: Specification, groups: tuple[str, ...], share: float) -> Specification:
     """The specification with the named groups moved by ``share`` (0: as asked, 1: hardly any margin left).
 
     Margins and sensitivity of the velocity loop move together, because |1/(1 + L)| at a crossover is 1/(2 sin(margin/2)).

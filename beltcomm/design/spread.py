@@ -1,4 +1,4 @@
-"""How far margins move with what is not known exactly: every closed loop of every draw of the parameters, all at once."""
+"""Spread of the margins by what is not known exactly: every closed loop of every draw of the parameters, all at once."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.control import Cascade, pi_response, prefilter_response, velocity_filter_response
-from beltcomm.design.design_plant import DesignPlant, sampled_together
+from beltcomm.design.design_plant import DesignPlant, sample_plants
 from beltcomm.design.loops import closed_loop_matrix, frequencies
 from beltcomm.design.margins import margins
 from beltcomm.errors import UsageError
@@ -28,10 +28,18 @@ WORST_SHARE = 0.025
 class MarginSpread:
     """Of every draw the smallest margin over its plants, (draws,): velocity loop, position loop, both.
 
-    phase_margin_deg, position_phase_margin_deg, gain_margin_db, sensitivity_db (the largest).   plants : per draw.
-    unstable : closed loops with a pole on or outside the unit circle, of draws × plants.
-    worst_values : what 97.5 % of the draws exceed, and the sensitivity that they stay below, on the grid of a proof.
-    worst : plant of that sensitivity; ``worst_at`` its number in its draw.
+    phase_margin_deg, position_phase_margin_deg, gain_margin_db, sensitivity_db (the largest).
+
+    Attributes
+    ----------
+    plants : int
+        Per draw.
+    unstable : int
+        Closed loops with a pole on or outside the unit circle, of draws × plants.
+    worst_values : dict of str to float
+        What 97.5 % of the draws exceed, and the sensitivity that they stay below, on the grid of a proof.
+    worst : DesignPlant
+        Plant of that sensitivity; ``worst_at`` its number in its draw.
     """
 
     phase_margin_deg: Array
@@ -46,19 +54,29 @@ class MarginSpread:
 
     @property
     def draws(self) -> int:
-        """How many sets of parameters."""
+        """Number of sets of parameters."""
         return len(self.sensitivity_db)
 
 
 def margin_spread(draws: Sequence[Sequence[DesignPlant]], cascade: Cascade, period_s: float) -> MarginSpread:
     """Margins and stability of a cascade on every plant of every draw.
 
-    draws : equally many plants each, equally many bodies.   period_s : of the drive's loops.   Raises UsageError without plants.
+    Parameters
+    ----------
+    draws : sequence of sequence of DesignPlant
+        Equally many plants each, equally many bodies.
+    period_s : float
+        Of the drive's loops.
+
+    Raises
+    ------
+    UsageError
+        Without plants.
     """
     plants = [plant for draw in draws for plant in draw]
     if not plants or len({len(draw) for draw in draws}) != 1:
         raise UsageError("margins spread over draws with equally many plants each, at least one")
-    advance, new, old, whole = sampled_together(plants, period_s)
+    advance, new, old, whole = sample_plants(plants, period_s)
     omega = frequencies(plants, period_s, GRID_POINTS)
     response = responses_together(advance, new, old, whole, omega, period_s)
     estimator = velocity_filter_response(omega, cascade.velocity_filter_s, period_s)

@@ -1,4 +1,4 @@
-"""What of a model the loop sees: bodies and springs for the margins, late torque as dead time; and what it does not see."""
+"""The part of a model that the loop sees: bodies and springs for the margins, late torque as dead time; and what it does not see."""
 
 from __future__ import annotations
 
@@ -28,7 +28,12 @@ MOVING_RAD_S = 1.0
 class Bodies:
     """Equations of motion of more than motor and carriage:  M q'' + D q' + K q = (τ, 0, ..., 0), without friction.
 
-    names : the driven one first.   mass, damping, stiffness : rows, SI; motor in rad, others in m along the belt.
+    Attributes
+    ----------
+    names : tuple of str
+        The driven one first.
+    mass, damping, stiffness
+        Rows, SI; motor in rad, others in m along the belt.
     """
 
     names: tuple[str, ...]
@@ -41,7 +46,7 @@ class Bodies:
         return np.array(self.mass), np.array(self.damping), np.array(self.stiffness)
 
     def with_carriage(self, mass_kg: float) -> Bodies:
-        """The same with another carriage mass, kg."""
+        """Bodies with another carriage mass, kg."""
         at = self.names.index("cart")
         return Bodies(self.names, (*self.mass[:at], mass_kg, *self.mass[at + 1 :]), self.damping, self.stiffness)
 
@@ -57,10 +62,15 @@ class Bodies:
 
 @dataclass(frozen=True)
 class LoopModel:
-    """What the plants of a design are made of, at one place.
+    """Parameters of the plants of a design, at one place.
 
     inertia kg m², motor side; transmission m/rad; mass kg; stiffness N/m between motor and carriage, other bodies following without
-    inertia; belt_damping N s/m.   bodies : None for motor and carriage alone.
+    inertia; belt_damping N s/m.
+
+    Attributes
+    ----------
+    bodies : Bodies or None
+        None for motor and carriage alone.
     """
 
     inertia_kg_m2: float
@@ -81,7 +91,13 @@ def in_loop(model: Model) -> Model:
 
 
 def loop_model(model: Model, position_m: float) -> LoopModel:
-    """Bodies and springs of a model with the carriage there.   Raises UsageError for an axis without motor and carriage."""
+    """Bodies and springs of a model with the carriage there.
+
+    Raises
+    ------
+    UsageError
+        For an axis without motor and carriage.
+    """
     reduced = in_loop(model)
     m = matrices(reduced, operating_point(reduced, position_m, MOVING_RAD_S))
     ratio = model["transmission.ratio"]

@@ -35,10 +35,14 @@ class ThesisDesign:
 
 @dataclass(frozen=True)
 class ThesisMargins:
-    """What given gains achieve on the continuous plant.
+    """Margins of given gains on the continuous plant.
 
-    phase_margin_deg at crossover_rad_s of the velocity loop;   suppression_db : |G_PI G_ω| at ω_r (4.7);
-    position_phase_margin_deg at position_crossover_rad_s.
+    phase_margin_deg at crossover_rad_s of the velocity loop;
+
+    Attributes
+    ----------
+    suppression_db : float
+        |G_PI G_ω| at ω_r (4.7); position_phase_margin_deg at position_crossover_rad_s.
     """
 
     phase_margin_deg: float
@@ -58,8 +62,17 @@ def thesis_design(
 ) -> ThesisDesign:
     """Solve (4.7) to (4.9) for K_P, K_I, ω_c and (4.13), (4.14) for K_PP.
 
-    kind : of the prefilter, laid out by −6 dB (notch) or −3 dB (Butterworth) at the antiresonance; or a prefilter as it is.
-    Of several solutions the one with the largest K_I K_PP.  Raises Refused when none exists, with the reason.
+    Of several solutions the one with the largest K_I K_PP.
+
+    Parameters
+    ----------
+    kind : PrefilterKind or Prefilter
+        Of the prefilter, laid out by −6 dB (notch) or −3 dB (Butterworth) at the antiresonance; or a prefilter as it is.
+
+    Raises
+    ------
+    Refused
+        When none exists, with the reason.
     """
     prefilter = kind if isinstance(kind, Prefilter) else thesis_prefilter(plant, kind)
     omega = np.geomspace(0.02 * plant.antiresonance_rad_s, plant.antiresonance_rad_s, 4000)
@@ -112,7 +125,12 @@ def thesis_prefilter(plant: DesignPlant, kind: PrefilterKind) -> Prefilter:
 def thesis_margins(plant: DesignPlant, cascade: Cascade) -> ThesisMargins:
     """Margins of given gains on (2.42) with dead time and (6.1): the check of tables A.6 and A.7.
 
-    The first crossover counts.  Raises Refused when a loop has none between 0.1 rad/s and the resonance.
+    The first crossover counts.
+
+    Raises
+    ------
+    Refused
+        When a loop has none between 0.1 rad/s and the resonance.
     """
     at = np.array([plant.resonance_rad_s])
     margin, crossover = _first_margin(lambda omega: velocity_loop(plant, cascade, omega), plant.resonance_rad_s)
@@ -122,7 +140,17 @@ def thesis_margins(plant: DesignPlant, cascade: Cascade) -> ThesisMargins:
 
 
 def velocity_loop(plant: DesignPlant, cascade: Cascade, omega_rad_s: Array) -> ComplexArray:
-    """Open velocity loop G_PI G_ω of figure 4.5, s = jω.   omega_rad_s : ndarray (n,), rad/s, above 0.   Source: (4.5), (4.6)."""
+    """Open velocity loop G_PI G_ω of figure 4.5, s = jω.
+
+    Parameters
+    ----------
+    omega_rad_s : ndarray (n,), rad/s
+        Above 0.
+
+    References
+    ----------
+    (4.5), (4.6).
+    """
     return _velocity_loop(plant, cascade.prefilter, cascade.velocity_filter_s, cascade.kp_nm_s_rad, cascade.ki_nm_rad, omega_rad_s)
 
 

@@ -182,7 +182,7 @@ class Guarding:
 
 
 @dataclass(frozen=True)
-class Nameplate:
+class KnownMotor:
     """What is known of a motor beforehand, for what a drive does not tell; None where nobody knows it.
 
     Attributes
@@ -562,7 +562,7 @@ class Adapter:
     logs : bool
         ``open`` takes the option ``log``, which is called with every frame of its bus.
     nameplates : bool
-        ``open`` and ``examine`` take the option ``nameplate``, a :class:`Nameplate`, for what the drive does not tell.
+        ``open`` and ``examine`` take the option ``nameplate``, a :class:`KnownMotor`, for what the drive does not tell.
     new_profile : callable or None
         ``new_profile(address, options, device, entries) -> text`` of a profile, from the drive at an address, None for none, and from what
         an EDS says: its device section and its objects.
@@ -581,7 +581,18 @@ class Adapter:
     new_profile: Callable[[str | None, Mapping[str, object], Mapping[str, str], Sequence[DictionaryEntry]], str] | None = None
 
     def taken(self, options: Mapping[str, object]) -> dict[str, object]:
-        """Of what programs add to every adapter's options what this one takes."""
+        """Options that this adapter takes, of those that programs add for every adapter.
+
+        Parameters
+        ----------
+        options : dict of str to object
+            By name.
+
+        Returns
+        -------
+        dict of str to object
+            Without logs or name plates where it takes none.
+        """
         refused = {name for name, takes in (("log", self.logs), ("nameplate", self.nameplates)) if not takes}
         return {name: value for name, value in options.items() if name not in refused}
 

@@ -31,7 +31,9 @@ def able(drive: Drive, kind: MotionKind) -> Drive:
         return drive
     drive.close()
     why = has.refused.get(kind) or f"it offers motions of kind {', '.join(sorted(has.kinds)) or 'none'}, not {kind}"
-    raise Refused(f"{has.name} cannot do this: {why}; nothing was moved")
+    raise Refused(
+        f"{has.name} cannot do this: {why}; nothing was moved. `beltcomm doctor` shows its modes, a profile can name others (--profile)"
+    )
 
 
 def serve_drive(name: str, on: str, options: Mapping[str, object] | None = None) -> Service:

@@ -1,4 +1,4 @@
-"""What an effect is: one physical law, the slot it fills, its parameters, and what a technician should know of it."""
+"""Effects: one physical law each, the slot it fills, its parameters, and what a technician should know of it."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class AxisSummary:
-    """What is known of an axis when an effect is put on trial: the base model around a record and the data sheets.
+    """Summary of an axis for effects that are put on trial: the base model around a record and the data sheets.
 
     inertia kg m², motor side; mass kg; stiffness N/m; damping N s/m; coulomb N m, motor side; ratio m/rad; low_m, high_m : m, where
     the records went; antiresonance_hz : Hz; teeth : of the driving pulley that pass per turn of the motor, 0 when not known; peak_nm : N m,
@@ -146,7 +146,7 @@ Carried = Literal["end", "clock", "no"]
 
 @dataclass(frozen=True)
 class EffectState:
-    """What an effect remembers.
+    """State of an effect.
 
     Attributes
     ----------
@@ -243,7 +243,7 @@ class Point:
 
 @dataclass(frozen=True)
 class ManualCheck:
-    """What a person does where no motion of the axis tells two effects apart.
+    """Check by hand, where no motion of the axis tells two effects apart.
 
     Attributes
     ----------
@@ -388,12 +388,12 @@ class Effect:
 
     @property
     def rattles(self) -> bool:
-        """Whether the carriage is free at times, within a gap that is the first parameter, m: only the torque says where it is then."""
+        """True if the carriage is free at times, within a gap that is the first parameter, m: only the torque says where it is then."""
         return any(state.start == "estimated" for state in self.states)
 
     @property
     def needs_observer(self) -> bool:
-        """Whether only an observer of its own shows what it does: it frees the carriage, or pushes it to one side where it is free."""
+        """True if only an observer of its own shows what it does: it frees the carriage, or pushes it to one side where it is free."""
         return self.rattles or self.behind_gap
 
 
@@ -414,7 +414,7 @@ def body_units(body: str) -> tuple[str, str, Side]:
 
 
 def is_plain_belt(effect: Effect) -> bool:
-    """Whether an effect is nothing but a spring or damper between driving end and carriage, which others may share.
+    """True if an effect is nothing but a spring or damper between driving end and carriage, which others may share.
 
     Parameters
     ----------

@@ -20,7 +20,13 @@ MIDDLE, ENDS = 0.5, (0.12, 0.88)
 
 
 def wide(*places: float) -> tuple[Record, ...]:
-    """Loud, long excitations up to ``WIDE_HZ``.   places : shares of the travel."""
+    """Loud, long excitations up to ``WIDE_HZ``.
+
+    Parameters
+    ----------
+    places : float
+        Shares of the travel.
+    """
     return tuple({"kind": "response", "place": place, "seconds": LONG_S, "up_to_hz": WIDE_HZ} for place in places)
 
 
@@ -30,7 +36,13 @@ def tiny() -> tuple[Record, ...]:
 
 
 def slow(*places: float) -> tuple[Record, ...]:
-    """Strokes below the speed at which grease carries, and far below.   places : shares of the travel."""
+    """Strokes below the speed at which grease carries, and far below.
+
+    Parameters
+    ----------
+    places : float
+        Shares of the travel.
+    """
     return tuple({"kind": "strokes", "place": place, "speeds_m_s": [0.003, 0.006, 0.015, 0.04]} for place in places)
 
 

@@ -8,7 +8,18 @@ from beltcomm.effects._effect import DRIVING_END, AxisSummary, Effect, Element, 
 
 
 def force(stretch: float, rate: float, x: float, damping: float) -> float:
-    """Force in the damper:  force = d rate, N.   rate : m/s.   damping : N s/m at the belt line.   Source: (2.25)."""
+    """Force in the damper:  force = d rate, N.
+
+    Parameters
+    ----------
+    rate : float, m/s
+    damping : float
+        N s/m at the belt line.
+
+    References
+    ----------
+    (2.25).
+    """
     return damping * rate
 
 

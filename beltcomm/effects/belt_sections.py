@@ -11,7 +11,7 @@ def front(stretch: float, rate: float, x: float, ea: float, l3: float, offset: f
     return (ea * stretch + da * rate) / (offset + x)
 
 
-def back(stretch: float, rate: float, x: float, ea: float, l3: float, offset: float, da: float) -> float:
+def return_section(stretch: float, rate: float, x: float, ea: float, l3: float, offset: float, da: float) -> float:
     """Section 2, end pulley to carriage:  (EA stretch + DA rate)/l2, N, with l2 = l3 - l1.   Source: (2.10), (2.14)."""
     return (ea * stretch + da * rate) / (l3 - offset - x)
 
@@ -26,7 +26,7 @@ def front_slope(x: float, ea: float, l3: float, offset: float, da: float) -> tup
     return ea / (offset + x), da / (offset + x)
 
 
-def back_slope(x: float, ea: float, l3: float, offset: float, da: float) -> tuple[float, float]:
+def return_section_slope(x: float, ea: float, l3: float, offset: float, da: float) -> tuple[float, float]:
     """(stiffness c2, damping d2)."""
     return ea / (l3 - offset - x), da / (l3 - offset - x)
 
@@ -47,7 +47,7 @@ EFFECT = Effect(
     bodies=(Body("end_pulley", Parameter("mass", "kg", "belt", 0.2, 1e-3, 100.0, "inertia of the end pulley over r²")),),
     elements=(
         Element((DRIVING_END, "cart"), front, front_slope),
-        Element(("end_pulley", "cart"), back, back_slope),
+        Element(("end_pulley", "cart"), return_section, return_section_slope),
         Element((DRIVING_END, "end_pulley"), span, span_slope),
     ),
     group=BELT_SPRING,

@@ -16,8 +16,15 @@ def stretch_law(stretch: float, limit: float, share: float, balance: float, roun
     """Stretch that loads the belt, m: beyond +limit/(2(1 - balance)) and below -limit/(2 balance) one strand has lost its pretension.
 
     A strand that carries the part a of the stiffness takes (1 - share) 2 a of it away when it goes slack: with equal strands
-    (balance = 1/2) only ``share`` is left beyond ±limit.   limit : m.   balance : part of the strand that goes slack in the negative
-    direction.   rounding : width of the corners as a share of the limit.
+    (balance = 1/2) only ``share`` is left beyond ±limit.
+
+    Parameters
+    ----------
+    limit : float, m
+    balance : float
+        Part of the strand that goes slack in the negative direction.
+    rounding : float
+        Width of the corners as a share of the limit.
     """
     plus, minus = 0.5 * limit / (1.0 - balance), 0.5 * limit / balance
     lost = 2.0 * (1.0 - share)

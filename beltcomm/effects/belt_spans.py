@@ -18,7 +18,14 @@ def stiffness(x: float, specific_stiffness: float, pulley_distance: float, offse
 
     c(x) = EA/l1 + EA/(2 l3 - l1),   l1 = offset + x
 
-    x : m, carriage position.   Source: (2.10), (2.26) with the end pulley taken as massless.
+    Parameters
+    ----------
+    x : float, m
+        Carriage position.
+
+    References
+    ----------
+    (2.10), (2.26) with the end pulley taken as massless.
     """
     l1 = offset + x
     return specific_stiffness * (1.0 / l1 + 1.0 / (2.0 * pulley_distance - l1))

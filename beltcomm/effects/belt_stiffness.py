@@ -6,7 +6,18 @@ from beltcomm.effects._effect import BELT_SPRING, DRIVING_END, Effect, Element, 
 
 
 def force(stretch: float, rate: float, x: float, stiffness: float) -> float:
-    """Force in the spring:  force = c stretch, N.   stretch : m.   stiffness : N/m at the belt line.   Source: (2.25)."""
+    """Force in the spring:  force = c stretch, N.
+
+    Parameters
+    ----------
+    stretch : float, m
+    stiffness : float
+        N/m at the belt line.
+
+    References
+    ----------
+    (2.25).
+    """
     return stiffness * stretch
 
 

@@ -8,7 +8,12 @@ from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 def force(position: float, speed: float, t: float, rate: float, offset: float, bend: float, twist: float) -> float:
     """Force on the carriage:  -(offset + rate x + bend x² + twist x³), N,  x : position, m.
 
-    offset, rate : N, N/m, at carriage position 0.   bend, twist : N/m², N/m³, of a chain that hardens or softens as it rolls.
+    Parameters
+    ----------
+    offset, rate : float, N, N/m
+        At carriage position 0.
+    bend, twist : float, N/m², N/m³
+        Of a chain that hardens or softens as it rolls.
     """
     return -(offset + position * (rate + position * (bend + position * twist)))
 

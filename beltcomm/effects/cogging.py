@@ -27,7 +27,7 @@ def trials(ground: AxisSummary) -> list[Trial]:
     return [Trial({"order": float(n), **size}, amplitudes=("sine", "cosine"), signed=True) for n in orders]
 
 
-def numbered(index: int) -> Effect:
+def harmonic_effect(index: int) -> Effect:
     """``cogging``, ``cogging_2``, ...: the same law for one more order."""
     return Effect(
         name="cogging" if index == 1 else f"cogging_{index}",
@@ -57,4 +57,4 @@ def numbered(index: int) -> Effect:
     )
 
 
-EFFECTS = tuple(numbered(index) for index in range(1, COUNT + 1))
+EFFECTS = tuple(harmonic_effect(index) for index in range(1, COUNT + 1))

@@ -7,9 +7,18 @@ from beltcomm.effects._records import AGAIN
 
 
 def force(position: float, speed: float, t: float, torque: float) -> float:
-    """Torque on the motor:  -torque, N m.   torque : what the axis needs more in positive direction than on average.
+    """Torque on the motor:  -torque, N m.
 
-    (F_c ± a) sign(v) = F_c sign(v) + a: friction by direction is the same law.   Source: (2.22) at one payload; errata 11.
+    (F_c ± a) sign(v) = F_c sign(v) + a: friction by direction is the same law.
+
+    Parameters
+    ----------
+    torque : float
+        What the axis needs more in positive direction than on average.
+
+    References
+    ----------
+    (2.22) at one payload; errata 11.
     """
     return -torque
 

@@ -43,7 +43,14 @@ def level(speed: float, position: float, t: float, level_: float) -> float:
 
     |force| <= level at standstill,  force = -level sign(speed) otherwise
 
-    level_ : N m at the motor shaft, or N at the carriage and the end pulley (belt line).   Source: (2.21), (2.23).
+    Parameters
+    ----------
+    level_ : float, N m at the motor shaft
+        Or N at the carriage and the end pulley (belt line).
+
+    References
+    ----------
+    (2.21), (2.23).
     """
     return level_
 
@@ -64,7 +71,7 @@ def cart_trials(ground: AxisSummary) -> list[Trial]:
 
 
 def load_trials(ground: AxisSummary) -> list[Trial]:
-    """The same for a load that turns."""
+    """Trials of Coulomb friction for a load that turns."""
     return [Trial({"level": 0.5 * ground.coulomb})]
 
 

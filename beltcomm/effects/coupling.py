@@ -6,8 +6,17 @@ from beltcomm.effects._effect import Body, Effect, Element, Parameter
 
 
 def torque(twist: float, rate: float, x: float, stiffness: float, damping: float) -> float:
-    """Torque in the coupling:  K twist + D rate, N m at the motor shaft.   twist : rad, motor angle minus pulley angle times
-    gear ratio.   Source: data sheet; (2.7) without the assumption of a rigid coupling."""
+    """Torque in the coupling:  K twist + D rate, N m at the motor shaft.
+
+    Parameters
+    ----------
+    twist : float, rad
+        Motor angle minus pulley angle times gear ratio.
+
+    References
+    ----------
+    Data sheet; (2.7) without the assumption of a rigid coupling.
+    """
     return stiffness * twist + damping * rate
 
 

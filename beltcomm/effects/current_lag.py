@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 @compiled
-def lagged(cells: Array, h: float, time: float) -> Array:
+def lag_torque(cells: Array, h: float, time: float) -> Array:
     """Torque averaged over cells of ``h`` seconds, behind a lag 1/(1 + time s); cells : ndarray (n,), N m, constant in each cell.
 
     y' = (u - y)/time;   mean of y over a cell = u + (y_0 - u) (1 - e^{-h/time}) time/h
@@ -46,7 +46,7 @@ EFFECT = Effect(
     slot="torque_delay",
     title="lag of the current loop",
     parameters=(Parameter("time", "s", "drive", 0.0, 0.0, 2e-2, "time constant from reported to acting torque"),),
-    law=lagged,
+    law=lag_torque,
     slope=response,
     group=TORQUE_LAG,
     trials=trials,

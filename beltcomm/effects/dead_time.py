@@ -15,10 +15,15 @@ Array = NDArray[np.float64]
 
 
 @compiled
-def delayed(cells: Array, h: float, time: float) -> Array:
+def delay_torque(cells: Array, h: float, time: float) -> Array:
     """Torque averaged over cells of ``h`` seconds, ``time`` seconds later (earlier when negative).
 
-    cells : ndarray (n,), N m, mean over each cell.   Before the first cell the torque is taken as that of the first.
+    Before the first cell the torque is taken as that of the first.
+
+    Parameters
+    ----------
+    cells : ndarray (n,), N m
+        Mean over each cell.
     """
     whole = math.floor(time / h)
     part, last = time / h - whole, cells.shape[0] - 1
@@ -43,7 +48,7 @@ EFFECT = Effect(
     slot="torque_delay",
     title="dead time between reported and acting torque",
     parameters=(Parameter("time", "s", "drive", 0.0, -5e-3, 0.2, "time by which torque acts later than it is reported"),),
-    law=delayed,
+    law=delay_torque,
     slope=response,
     trials=trials,
     twins=("current_lag",),

@@ -12,7 +12,13 @@ SHARES = (0.4, 1.0, 2.5)
 
 
 def torque(twist: float, rate: float, x: float, stiffness: float, damping: float) -> float:
-    """Torque in the shaft:  stiffness twist + damping rate, N m.   twist : rad, motor angle minus load angle."""
+    """Torque in the shaft:  stiffness twist + damping rate, N m.
+
+    Parameters
+    ----------
+    twist : float, rad
+        Motor angle minus load angle.
+    """
     return stiffness * twist + damping * rate
 
 

@@ -18,7 +18,7 @@ def slope(theta: float, sine: float, cosine: float) -> float:
 
 
 def oval_correction(theta: float, sine: float, cosine: float) -> float:
-    """The same twice per turn:  -(sine sin 2θ + cosine cos 2θ), rad."""
+    """Correction of the angle twice per turn:  -(sine sin 2θ + cosine cos 2θ), rad."""
     return -(sine * math.sin(2.0 * theta) + cosine * math.cos(2.0 * theta))
 
 
@@ -32,7 +32,7 @@ def trials(ground: AxisSummary) -> list[Trial]:
     return [Trial({"sine": 0.003, "cosine": 0.003}, amplitudes=("sine", "cosine"), signed=True)]
 
 
-def numbered(index: int) -> Effect:
+def harmonic_effect(index: int) -> Effect:
     """``encoder_eccentricity``, and ``encoder_eccentricity_2`` for twice per turn."""
     oval = index == 2
     return Effect(
@@ -59,4 +59,4 @@ def numbered(index: int) -> Effect:
     )
 
 
-EFFECTS = (numbered(1), numbered(2))
+EFFECTS = (harmonic_effect(1), harmonic_effect(2))

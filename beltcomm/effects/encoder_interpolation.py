@@ -63,7 +63,7 @@ def trials(ground: AxisSummary) -> list[Trial]:
     ]
 
 
-def unlikely(values: Mapping[str, float]) -> str:
+def implausible(values: Mapping[str, float]) -> str:
     """An angle that runs back while the shaft turns on is no interpolation error."""
     steepest = values["lines"] * (math.hypot(values["sine"], values["cosine"]) + 2.0 * math.hypot(values["sine_2"], values["cosine_2"]))
     return "" if steepest < 1.0 else f"an error that moves {steepest:.2g} times as fast as the shaft"
@@ -98,6 +98,6 @@ EFFECT = Effect(
         "encoder_eccentricity": "look at the order: an encoder off centre errs once or twice per turn, its interpolation once or "
         "twice per line",
     },
-    unlikely=unlikely,
+    unlikely=implausible,
     source="data sheet of the encoder (position error within one signal period)",
 )

@@ -38,7 +38,7 @@ def near_slope(x: float, share: float, split: float, stiffness: float, damping: 
 
 
 def direct(stretch: float, rate: float, x: float, share: float, split: float, stiffness: float, damping: float) -> float:
-    """What the direct span does not carry any more:  -share (stiffness stretch + damping rate), N."""
+    """Force that the direct span does not carry any more:  -share (stiffness stretch + damping rate), N."""
     return -share * (stiffness * stretch + damping * rate)
 
 

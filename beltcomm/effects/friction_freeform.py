@@ -12,7 +12,12 @@ def level(
     speed: float, position: float, t: float, fastest: float,
     f1: float, f2: float, f3: float, f4: float, f5: float, b1: float, b2: float, b3: float, b4: float, b5: float,
 ) -> float:  # fmt: skip
-    """Additional level of friction, N m: straight lines between f1..f5 at the knots forward, b1..b5 backward.   fastest : rad/s."""
+    """Additional level of friction, N m: straight lines between f1..f5 at the knots forward, b1..b5 backward.
+
+    Parameters
+    ----------
+    fastest : float, rad/s
+    """
     share = abs(speed) / fastest
     if speed >= 0.0:
         c1, c2, c3, c4, c5 = f1, f2, f3, f4, f5

@@ -13,7 +13,9 @@ _SPACING_M, _WIDTHS_M = 0.04, (0.045,)
 def level(speed: float, position: float, t: float, amount: float, place: float, width: float, flatness: float) -> float:
     """Additional level of friction:  amount exp(-|(position - place)/width|^flatness), N m at the motor or N at the carriage.
 
-    position, place, width : m.
+    Parameters
+    ----------
+    position, place, width : float, m
     """
     return amount * math.exp(-math.pow(abs((position - place) / width), flatness))
 

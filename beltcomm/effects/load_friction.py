@@ -7,7 +7,13 @@ from beltcomm.effects._records import moves
 
 
 def level(load: float, share: float) -> float:
-    """Additional level of friction of the motor:  share |load|, N m.   load : N m at the motor shaft, pull of the belt on its lever."""
+    """Additional level of friction of the motor:  share |load|, N m.
+
+    Parameters
+    ----------
+    load : float, N m at the motor shaft
+        Pull of the belt on its lever.
+    """
     return share * abs(load)
 
 

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 @compiled
 def read(torque: Array, start: float, h: float, time: float) -> Array:
-    """What the drive shows of a torque, behind a lag 1/(1 + time s); torque : (n,), N m, every ``h`` seconds, straight between.
+    """Reading of a torque, behind a lag 1/(1 + time s); torque : (n,), N m, every ``h`` seconds, straight between.
 
     time y' = u - y,   y_0 = start.   Exact for a torque that is straight between the samples.
     """

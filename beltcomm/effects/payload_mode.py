@@ -37,7 +37,7 @@ def trials(ground: AxisSummary) -> list[Trial]:
     return found
 
 
-def unlikely(values: Mapping[str, float]) -> str:
+def implausible(values: Mapping[str, float]) -> str:
     """Whether it does not swing at all: a belt that creeps was imitated by such a payload with a damping ratio of 1.8."""
     ratio = values["damping"] / (2.0 * math.sqrt(values["stiffness"] * values["payload.mass"]))
     return f"a payload that creeps back instead of swinging (damping ratio {ratio:.2g})" if ratio > SWINGING else ""
@@ -57,7 +57,7 @@ EFFECT = Effect(
     ),
     elements=(Element(("cart", "payload"), force, slope),),
     trials=trials,
-    unlikely=unlikely,
+    unlikely=implausible,
     seen="a second notch and peak in the frequency response; ringing after moves at low frequency",
     causes="soft gripper, mast, liquid",
     check="mounting screws; knock on the payload and listen",

@@ -10,12 +10,18 @@ from beltcomm.effects._records import reversals, tiny
 
 
 @compiled
-def turned(step: float, z: float, length: float) -> float:
+def friction_share(step: float, z: float, length: float) -> float:
     """Share of the friction level that acts after a small step, -1 to 1 (Dahl, distance driven).
 
     z' = s + (z - s) exp(-|step|/length),   s = sign(step)
 
-    step, length : m at the belt.   Source: effects-and-diagnosis sheet, section 2; Dahl 1968.
+    Parameters
+    ----------
+    step, length : float, m at the belt
+
+    References
+    ----------
+    Effects-and-diagnosis sheet, section 2; Dahl 1968.
     """
     side = 1.0 if step > 0.0 else -1.0
     if step == 0.0 or z == side:  # all of it has turned: the same to the last digit, and no exponential
@@ -23,9 +29,9 @@ def turned(step: float, z: float, length: float) -> float:
     return side + (z - side) * math.exp(-abs(step) / length)
 
 
-def turned_at_carriage(step: float, z: float, length: float, level: float) -> float:
-    """The same at the carriage; ``level`` : N, the friction that turns round, is not needed for it."""
-    return turned(step, z, length)
+def friction_share_at_carriage(step: float, z: float, length: float, level: float) -> float:
+    """Share of the friction level at the carriage; ``level`` : N, the friction that turns round, is not needed for it."""
+    return friction_share(step, z, length)
 
 
 def trials(ground: AxisSummary) -> list[Trial]:
@@ -43,7 +49,7 @@ MOTOR = Effect(
     slot="friction_onset",
     title="friction that builds up over a distance",
     parameters=(Parameter("length", "m", "motor", 3e-5, 2e-7, 2e-3, "travel over which friction turns round"),),
-    law=turned,
+    law=friction_share,
     body="motor",
     trials=trials,
     least=3e-6,  # every rolling contact gives way by 1 to 2 um before it rolls: two counts of the encoder
@@ -62,7 +68,7 @@ CART = Effect(
     slot="friction_onset",
     title="friction of the carriage that builds up over a distance",
     parameters=(Parameter("length", "m", "cart", 5e-6, 5e-7, 2e-3, "travel over which the carriage's friction turns round"),),
-    law=turned_at_carriage,
+    law=friction_share_at_carriage,
     uses=("cart_friction.level",),
     body="cart",
     trials=cart_trials,

@@ -11,7 +11,12 @@ from beltcomm.effects._records import belt_off, moves, sweep
 def travel(theta: float, sine: float, cosine: float) -> float:
     """Angle by which the belt runs ahead:  sine sin θ + cosine cos θ, rad, so that u = i_t (θ + this).   θ : rad, absolute.
 
-    sine, cosine : run-out over radius.   With a gearbox the pulley turns slower than the motor: only ratio 1 is described.
+    With a gearbox the pulley turns slower than the motor: only ratio 1 is described.
+
+    Parameters
+    ----------
+    sine, cosine : float
+        Run-out over radius.
     """
     return sine * math.sin(theta) + cosine * math.cos(theta)
 
@@ -22,7 +27,7 @@ def slope(theta: float, sine: float, cosine: float) -> float:
 
 
 def oval_travel(theta: float, sine: float, cosine: float) -> float:
-    """The same twice per turn:  sine sin 2θ + cosine cos 2θ, rad."""
+    """Travel error twice per turn:  sine sin 2θ + cosine cos 2θ, rad."""
     return sine * math.sin(2.0 * theta) + cosine * math.cos(2.0 * theta)
 
 
@@ -38,7 +43,7 @@ def trials(ground: AxisSummary) -> list[Trial]:
     return [Trial({"sine": 0.01, "cosine": 0.01}, amplitudes=("sine", "cosine"), signed=True)]
 
 
-def numbered(index: int) -> Effect:
+def harmonic_effect(index: int) -> Effect:
     """``pulley_eccentricity``, and ``pulley_eccentricity_2`` for twice per turn."""
     oval = index == 2
     return Effect(
@@ -73,4 +78,4 @@ def numbered(index: int) -> Effect:
     )
 
 
-EFFECTS = (numbered(1), numbered(2))
+EFFECTS = (harmonic_effect(1), harmonic_effect(2))

@@ -6,7 +6,16 @@ from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 
 def force(position: float, speed: float, t: float, factor: float) -> float:
-    """Force on the carriage:  -factor speed |speed|, N.   factor : N s²/m².   Source: data sheet of covers; air drag."""
+    """Force on the carriage:  -factor speed |speed|, N.
+
+    Parameters
+    ----------
+    factor : float, N s²/m²
+
+    References
+    ----------
+    Data sheet of covers; air drag.
+    """
     return -factor * speed * abs(speed)
 
 

@@ -30,8 +30,16 @@ def change(x: float, share: float, offset: float, pulley_distance: float, middle
 
     h is the compliance of the two strands side by side, l1 = offset + x; clamps and teeth are as soft everywhere, in series.  Together
     every parabola that bends down:  with them, offset is no length to be measured any more.
-    x, middle, offset, pulley_distance : m.   share : of the compliance at ``middle`` that follows the carriage; 1 when nothing but the
-    belt gives way.   Source: (2.10), (2.26).
+
+    Parameters
+    ----------
+    x, middle, offset, pulley_distance : float, m
+    share : float
+        Of the compliance at ``middle`` that follows the carriage; 1 when nothing but the belt gives way.
+
+    References
+    ----------
+    (2.10), (2.26).
     """
     here, there = offset + x, offset + middle
     soft = here * (2.0 * pulley_distance - here) / (there * (2.0 * pulley_distance - there))
@@ -49,9 +57,14 @@ def force(
     stiffness: float,
     damping: float,
 ) -> float:
-    """What the belt pulls more than at ``middle``:  change(x) (stiffness stretch + damping rate), N.
+    """Force that the belt pulls more than at ``middle``:  change(x) (stiffness stretch + damping rate), N.
 
-    A strand half as long is twice as stiff and damps twice as much.   stiffness, damping : N/m, N s/m at ``middle``.
+    A strand half as long is twice as stiff and damps twice as much.
+
+    Parameters
+    ----------
+    stiffness, damping : float, N/m
+        N s/m at ``middle``.
     """
     return change(x, share, offset, pulley_distance, middle) * (stiffness * stretch + damping * rate)
 
@@ -65,7 +78,7 @@ def slope(
 
 
 def trials(ground: AxisSummary) -> list[Trial]:
-    """What the stiffness at each place says; with the geometry of the data sheet where there is one, else three free lengths."""
+    """Trials from the stiffness at each place; with the geometry of the data sheet where there is one, else three free lengths."""
     middle = 0.5 * (ground.low_m + ground.high_m)
     distance = ground.pulley_distance_m or 1.2 * (ground.high_m - min(ground.low_m, 0.0)) + 0.1
     offsets = [ground.offset_m] if ground.offset_m > 0.0 else []
@@ -73,10 +86,10 @@ def trials(ground: AxisSummary) -> list[Trial]:
     geometry = {"pulley_distance": distance, "middle": middle}
     offsets = [max(offset, 0.02 - ground.low_m) for offset in offsets]
     plain = [Trial({"share": 0.6, "offset": offset, **geometry}, signed=True) for offset in offsets]
-    return [*shown(ground, geometry, offsets[0]), *plain]
+    return [*compliance_trials(ground, geometry, offsets[0]), *plain]
 
 
-def shown(ground: AxisSummary, geometry: Mapping[str, float], offset: float) -> list[Trial]:
+def compliance_trials(ground: AxisSummary, geometry: Mapping[str, float], offset: float) -> list[Trial]:
     """The law through the compliance seen at three places or more, or with the strands of ``offset``, m, through that seen at two."""
     if not ground.stiffness_at:
         return []
@@ -106,7 +119,7 @@ def _of_strands(lengths: Array, length: float, distance: float, compliance: Arra
 
 
 def _of_parabola(places: Array, distance: float, compliance: Array, weights: Array) -> tuple[float, float, float] | None:
-    """The same of the parabola through places, m from ``middle``; where no two strands bend like it, of the nearest that rise alike."""
+    """Geometry of the parabola through places, m from ``middle``; where no two strands bend like it, of the nearest that rise alike."""
     curve, rise, whole = np.polyfit(places, compliance, 2, w=weights)
     if not whole > 0.0:
         return None

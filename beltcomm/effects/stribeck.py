@@ -28,7 +28,14 @@ def slope(speed: float, position: float, t: float, amount: float, speed_scale: f
 
 
 def level_at_carriage(speed: float, position: float, t: float, amount: float, speed_scale: float, exponent: float, ratio: float) -> float:
-    """The same at the carriage, N.   speed : m/s.   speed_scale : rad/s of the motor.   ratio : m/rad."""
+    """Additional level of friction at the carriage, N.
+
+    Parameters
+    ----------
+    speed : float, m/s
+    speed_scale : float, rad/s of the motor
+    ratio : float, m/rad
+    """
     return amount * math.exp(-math.pow(abs(speed / (ratio * speed_scale)), exponent))
 
 
@@ -42,7 +49,7 @@ def trials(ground: AxisSummary) -> list[Trial]:
     return [Trial({"amount": 0.4 * ground.coulomb, "speed_scale": v / ground.ratio}) for v in (0.012, 0.03, 0.07)]
 
 
-def unlikely(values: Mapping[str, float]) -> str:
+def implausible(values: Mapping[str, float]) -> str:
     """Whether it falls more slowly than any that was measured: so does friction that grows with the logarithm of the time of contact."""
     return "friction that falls with the logarithm of the speed" if values["exponent"] < LEAST + MET else ""
 
@@ -62,7 +69,7 @@ MOTOR = Effect(
     body="motor",
     trials=trials,
     completed_by=("stribeck_cart",),
-    unlikely=unlikely,
+    unlikely=implausible,
     seen="slow strokes need more torque than the friction of faster ones says; stick-slip at creeping speed",
     causes="boundary lubrication, new seals, carriage preload",
     check="grease, seals, preload of the carriage",

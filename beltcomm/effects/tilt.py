@@ -13,8 +13,16 @@ GRAVITY_M_S2 = 9.80665
 def force(position: float, speed: float, t: float, angle: float, mass: float) -> float:
     """Force on the carriage:  f_g = -m_c g sin(angle), N.
 
-    angle : rad, positive when the axis rises in positive direction.   mass : kg, carriage with payload.   Source: (2.22).
-    The torque that holds the axis is + i_t m_c g sin(angle) (errata 11).
+    Parameters
+    ----------
+    angle : float, rad
+        Positive when the axis rises in positive direction.
+    mass : float, kg
+        Carriage with payload.
+
+    References
+    ----------
+    (2.22). The torque that holds the axis is + i_t m_c g sin(angle) (errata 11).
     """
     return -mass * GRAVITY_M_S2 * math.sin(angle)
 

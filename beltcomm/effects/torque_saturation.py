@@ -8,7 +8,13 @@ from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 
 def torque_path(torque: float, theta: float, t: float, loss: float, peak: float, exponent: float) -> float:
-    """Acting torque:  torque (1 - loss |torque/peak|^exponent), N m.   loss : share lost at the torque ``peak``."""
+    """Acting torque:  torque (1 - loss |torque/peak|^exponent), N m.
+
+    Parameters
+    ----------
+    loss : float
+        Share lost at the torque ``peak``.
+    """
     return torque * (1.0 - loss * math.pow(abs(torque / peak), exponent))
 
 

@@ -27,8 +27,14 @@ _ALIKE = {
 def force(position: float, speed: float, t: float, damping: float) -> float:
     """Force on the body:  force = -damping speed.
 
-    damping : N m s/rad at the motor shaft; N s/m at the carriage and the end pulley (belt line).   Source: (2.21), (2.23).
-    The thesis also writes d_m in N s/m at the belt: d_m[N m s/rad] = i_t² d_m[N s/m] (errata).
+    Parameters
+    ----------
+    damping : float, N m s/rad at the motor shaft
+        N s/m at the carriage and the end pulley (belt line).
+
+    References
+    ----------
+    (2.21), (2.23). The thesis also writes d_m in N s/m at the belt: d_m[N m s/rad] = i_t² d_m[N s/m] (errata).
     """
     return -damping * speed
 

@@ -6,9 +6,14 @@ from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 
 def force(position: float, speed: float, t: float, share: float, damping: float) -> float:
-    """Torque on the motor:  -share damping |speed|, N m.   damping : N m s/rad, mean of both directions.
+    """Torque on the motor:  -share damping |speed|, N m.
 
     With ``viscous`` it is damping (1 + share) forward and damping (1 - share) backward: never negative, so it only takes energy.
+
+    Parameters
+    ----------
+    damping : float, N m s/rad
+        Mean of both directions.
     """
     return -share * damping * abs(speed)
 

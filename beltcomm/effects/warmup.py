@@ -8,7 +8,15 @@ from beltcomm.effects._effect import AxisSummary, Effect, EffectState, Parameter
 
 
 def force(position: float, speed: float, t: float, amount: float, time: float, damping: float) -> float:
-    """Torque on the motor:  -damping amount exp(-t/time) speed, N m.   t, time : s, session clock.   damping : N m s/rad, when warm."""
+    """Torque on the motor:  -damping amount exp(-t/time) speed, N m.
+
+    Parameters
+    ----------
+    t, time : float, s
+        Session clock.
+    damping : float, N m s/rad
+        When warm.
+    """
     return -damping * amount * math.exp(-t / time) * speed
 
 

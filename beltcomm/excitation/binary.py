@@ -18,7 +18,7 @@ from beltcomm.excitation.record import (
     WIDEST_LINE_SPACING_HZ,
     Excitation,
     check_band,
-    finished,
+    finish,
 )
 
 #: Delays i with a_i = 1 in (3.2) that give the longest sequence, by order: one primitive polynomial over GF(2) each.
@@ -121,7 +121,7 @@ def prbs(
 
     u((P k + i) T_s) = A (s(k) - 1/2) - A / (2 M),   i = 0 ... P - 1,   M = 2^n - 1
 
-    The second term takes away the mean of (3.4); see :func:`beltcomm.excitation.record.finished` for drift, start and rounding.
+    The second term takes away the mean of (3.4); see :func:`beltcomm.excitation.record.finish` for drift, start and rounding.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def prbs(
         raise UsageError(f"clock {clock}: a bit must last at least 1 sample")
     if not peak_to_peak_nm > 0 or not sample_period_s > 0:
         raise UsageError(f"peak to peak {peak_to_peak_nm} N m, sample period {sample_period_s} s: both must be positive")
-    return finished(
+    return finish(
         "prbs",
         np.repeat(peak_to_peak_nm * (prbs_bits(order) - 0.5), clock),
         repeats,

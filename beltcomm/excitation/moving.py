@@ -21,9 +21,18 @@ REST_S, TAIL_S = 0.15, 0.02
 class MovingExcitation:
     """Strokes with an excitation in each; arrays (n,), read-only.
 
-    base_m, base_m_s : where and how fast the carriage travels without the excitation, from where it begins.   added : what is added, in the
-    unit of the excitation.   period_samples : of the excitation.   starts : first samples of the periods that count.
-    excited : (n,), bool: the excitation's run-in and periods.
+    Attributes
+    ----------
+    base_m, base_m_s : ndarray
+        Where and how fast the carriage travels without the excitation, from where it begins.
+    added : ndarray
+        What is added, in the unit of the excitation.
+    period_samples : int
+        Of the excitation.
+    starts : tuple of int
+        First samples of the periods that count.
+    excited : ndarray (n,) of bool
+        Bool: the excitation's run-in and periods.
     """
 
     base_m: Array
@@ -52,11 +61,20 @@ def stroke_m(speed_m_s: float, ramp: float, settle: float, excited: float) -> fl
     return abs(speed_m_s) * (ramp + settle + excited + TAIL_S)
 
 
-def moving(excitation: Excitation, speed_m_s: float, strokes: int, ramp: float, settle: float) -> MovingExcitation:
+def moving_excitation(excitation: Excitation, speed_m_s: float, strokes: int, ramp: float, settle: float) -> MovingExcitation:
     """Strokes at ``speed_m_s`` (its sign: the first one's), each with the run-in and all periods of ``excitation``.
 
     Each stroke: rest, raised-cosine ramp, constant speed for ``settle``, lead-in, run-in and periods, tail, ramp.  With speed 0 the
-    carriage stands.   ramp, settle : s.   Raises UsageError for less than one stroke.
+    carriage stands.
+
+    Parameters
+    ----------
+    ramp, settle : float, s
+
+    Raises
+    ------
+    UsageError
+        For less than one stroke.
     """
     if strokes < 1:
         raise UsageError(f"{strokes} strokes hold no excitation; at least one is needed")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beltcomm.errors import UsageError
-from beltcomm.excitation.record import Excitation, finished
+from beltcomm.excitation.record import Excitation, finish
 
 #: A period with fewer changes than this is no random signal.
 FEWEST_CHANGES = 8
@@ -112,7 +112,7 @@ def gprbs(
         raise UsageError(f"peak to peak {peak_to_peak_nm} N m, sample period {sample_period_s} s: both must be positive")
     rng = np.random.default_rng(seed)
     signs = np.where(np.cumsum(rng.random(period_samples) < 1.0 / mean_hold) % 2, 1.0, -1.0)
-    return finished(
+    return finish(
         "gprbs",
         0.5 * peak_to_peak_nm * signs,
         repeats,

@@ -30,10 +30,24 @@ SELDOM_S, SLOW_TOP_HZ, SLOW_LOW_SHARE = 2e-3, 15.0, 0.6
 
 
 def visible_band(sample_period_s: float, lowest_hz: float, highest_hz: float) -> tuple[float, float]:
-    """What of a band is to be excited where samples come with this period, Hz.
+    """Part of a band that an excitation can show where samples come with this period.
 
     Rows that come seldom say what a motion took only while it goes on in one direction for several of them: then the excitation must be
     slow, whatever is to be seen.  Of a resonance beyond its band a response says nothing; below, the axis is as heavy all the same.
+
+    Parameters
+    ----------
+    sample_period_s : float, s
+        Of the records.
+    lowest_hz : float, Hz
+        Lower end of the band.
+    highest_hz : float, Hz
+        Upper end of the band.
+
+    Returns
+    -------
+    tuple of float
+        Lowest and highest frequency to be excited, Hz.
     """
     top = (1.0 - _ROUNDING) * 0.5 / (sample_period_s * NYQUIST_OVER_HIGHEST)
     if sample_period_s > SELDOM_S:
@@ -116,7 +130,7 @@ class Excitation:
         return float(np.max(np.abs(self.period)) / np.sqrt(np.mean(self.period**2)))
 
 
-def finished(
+def finish(
     kind: str,
     period: Array,
     repeats: int,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import UsageError
-from beltcomm.excitation.record import Excitation, finished
+from beltcomm.excitation.record import Excitation, finish
 
 #: Odd lines of which one, chosen by chance, is left out for detection.
 GROUP = 4
@@ -127,7 +127,7 @@ def multisine(
         groups = [excited[i : i + GROUP] for i in range(0, len(excited), GROUP)]
         excited = np.concatenate([np.delete(g, rng.integers(len(g))) if len(g) == GROUP else g for g in groups])
     period = min((_sum(period_samples, excited, rng) for _ in range(TRIALS)), key=lambda p: float(np.max(np.abs(p))))
-    return finished(
+    return finish(
         "multisine",
         amplitude_nm / float(np.max(np.abs(period))) * period,
         repeats,

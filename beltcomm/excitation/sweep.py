@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from beltcomm.errors import UsageError
-from beltcomm.excitation.record import Excitation, finished
+from beltcomm.excitation.record import Excitation, finish
 
 #: Share of a period over which the trapezoid rises, and falls.
 FADE = 0.05
@@ -61,7 +61,7 @@ def chirp(
     u(t) = A w(t/t_1) sin φ(t), less its mean,   φ' = 2π f_1 (f_2/f_1)^(t/t_1)  (logarithmic)  or  2π (f_1 + (f_2 - f_1) t/t_1)  (linear)
 
     w rises from 0 to 1 over the share ``fade`` of the period t_1, and falls so at its end.   It is begun within the period where the
-    carriage then stays about its place (:func:`beltcomm.excitation.record.finished`).
+    carriage then stays about its place (:func:`beltcomm.excitation.record.finish`).
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def chirp(
 
     sine = np.asarray(chirp(t_s, lowest_hz, period_s, highest_hz, method=spacing, phi=-90.0))
     period = window * sine - np.mean(window * sine)
-    return finished(
+    return finish(
         "chirp",
         amplitude_nm / float(np.max(np.abs(period))) * period,
         repeats,

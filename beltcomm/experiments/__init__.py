@@ -1,1 +1,1 @@
-"""What is done with a machine: the plan, each record, the sequences, the whole commissioning."""
+"""Experiments on a machine: the plan, each record, the sequences, the whole commissioning."""

@@ -31,9 +31,14 @@ KEPT = "Finished records are kept; what stands below is the most that is driven 
 
 @dataclass(frozen=True)
 class Agreement:
-    """How a command asks before anything moves: call it with the plan and the machine.
+    """Question of a command before anything moves: call it with the plan and the machine.
 
-    job : the command once more on another drive, for ``--simulate-first``.   goes_on : it needs what is in its run folder.
+    Attributes
+    ----------
+    job : Job
+        The command once more on another drive, for ``--simulate-first``.
+    goes_on : bool
+        It needs what is in its run folder.
     """
 
     options: Options
@@ -55,11 +60,20 @@ def agree(
     machine: Machine | None = None,
     agreement: Agreement | None = None,
 ) -> None:
-    """Say what will happen and ask, unless told not to; then let the drive home if it shall.   Raises Refused for a no.
+    """Say what will happen and ask, unless told not to; then let the drive home if it shall.
 
-    machine, agreement : of a command with records, which can be played on a twin first.
     The first motion of a drive that this computer has not moved so far yet is a question of its own, which ``yes`` does not answer, as
     it does not for a plan longer than ``longest_s``.
+
+    Parameters
+    ----------
+    machine, agreement
+        Of a command with records, which can be played on a twin first.
+
+    Raises
+    ------
+    Refused
+        For a no.
     """
     if machine is not None and options.home:
         plan = with_homing(plan, axis, drive.capabilities)
@@ -113,11 +127,11 @@ def _asked(plan: Plan, options: Options, talk: Talk, machine: Machine | None, ag
             return chosen == "y"
 
 
-def planned(plan: Plan, capabilities: Capabilities | None = None, options: Options | None = None, axis: Axis | None = None) -> Result:
+def plan_result(plan: Plan, capabilities: Capabilities | None = None, options: Options | None = None, axis: Axis | None = None) -> Result:
     """A plan that is only shown."""
     if capabilities and axis and options:
         plan = _whole(plan, axis, capabilities, options)
-        referencing.inside(axis, options.position_m)
+        referencing.require_inside(axis, options.position_m)
         plan = with_homing(plan, axis, capabilities) if options.home else plan
     wrong = fault_of(axis, capabilities) if capabilities and axis else ""
     refused = [f"This plan will be refused: {fault}." for fault in (wrong, plan.heat_fault(axis)) if fault]

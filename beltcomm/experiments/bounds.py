@@ -36,9 +36,17 @@ SLOWEST_HZ = 10.0
 
 @dataclass(frozen=True)
 class Experiment:
-    """One line of the plan; every number is an upper bound.   travel_m : either way.   torque_nm : motor shaft.
+    """One line of the plan; every number is an upper bound.
 
-    reach_m : travel either way with the way of a stop at any moment.   rms_nm : torque that heats, None for ``torque_nm`` all the time.
+    Attributes
+    ----------
+    travel_m : float
+        Either way.
+    torque_nm : float, motor shaft
+    reach_m : float
+        Travel either way with the way of a stop at any moment.
+    rms_nm : float or None
+        Torque that heats, None for ``torque_nm`` all the time.
     """
 
     title: str
@@ -62,7 +70,7 @@ def friction_before_nm(axis: Axis) -> float:
 
 
 def held_before_nm(axis: Axis) -> float:
-    """What a tilted axis holds all the time, N m, as axis.yaml has it."""
+    """Holding torque of a tilted axis by axis.yaml, N m."""
     return abs(gravity.expected(axis).torque_nm) if axis.mounting.tilted else 0.0
 
 
@@ -75,7 +83,7 @@ def stroking_nm(axis: Axis, share: float = 1.0 / 3.0) -> float:
 
 
 def course_before(axis: Axis, capabilities: Capabilities, mass_kg: float) -> Course:
-    """What motions may use with a carriage of this mass, from the data sheets alone."""
+    """Limits of motions with a carriage of this mass, from the data sheets alone."""
     low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
     margin = phases.stroke_share(capabilities) * (high - low)
     top = phases.SPEED_SHARE * top_speed_m_s(axis, capabilities)
@@ -104,7 +112,7 @@ def masses_kg(axis: Axis, model: Model | None = None) -> tuple[float, float]:
 
 
 def seconds_of(step: Step, course: Course) -> float:
-    """How long a step takes with these limits, bringing the carriage there from the step before included, s."""
+    """Duration of a step with these limits, bringing the carriage there from the step before included, s."""
     low, high = course.window_m
     speed = min(phases.POSITIONING_SPEED_M_S, course.gentle.speed_m_s)
     bring = BETWEEN_SHARE * (high - low) / speed + speed / course.gentle.acceleration_m_s2 + BRING_REST_S
@@ -114,7 +122,7 @@ def seconds_of(step: Step, course: Course) -> float:
 
 
 def has_room(step: Step, course: Course) -> bool:
-    """Whether a step can be made within a travel at all."""
+    """True if a step can be made within a travel at all."""
     try:
         seconds_of(step, course)
     except Refused:
@@ -123,7 +131,13 @@ def has_room(step: Step, course: Course) -> bool:
 
 
 def bounds_of(axis: Axis, capabilities: Capabilities, step: Step, model: Model | None = None) -> Experiment:
-    """One line of the plan.   model : of the axis; without one the slowest and the fastest carriage that is thought of count."""
+    """One line of the plan.
+
+    Parameters
+    ----------
+    model : Model or None
+        Of the axis; without one the slowest and the fastest carriage that is thought of count.
+    """
     light, heavy = (course_before(axis, capabilities, mass) for mass in masses_kg(axis, model))
     whole = heavy.window_m[1] - heavy.window_m[0]
     torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
@@ -154,7 +168,13 @@ def fastest_m_s(axis: Axis, capabilities: Capabilities, steps: Sequence[Step], m
 
 
 def lines_of(axis: Axis, capabilities: Capabilities, steps: Sequence[Step], model: Model | None = None) -> list[Experiment]:
-    """The plan's lines of several steps.   Raises BeltcommError naming the step that cannot be."""
+    """The plan's lines of several steps.
+
+    Raises
+    ------
+    BeltcommError
+        Naming the step that cannot be.
+    """
     lines = []
     for number, step in enumerate(steps, start=1):
         try:

@@ -32,7 +32,7 @@ from beltcomm.experiments import (
     verification,
 )
 from beltcomm.experiments.proving import verify_move
-from beltcomm.experiments.recentre import MOST_STOPS, brought_back, exhausted, stands, stands_after
+from beltcomm.experiments.recentre import MOST_STOPS, bring_back, may_not_excite, stands, stands_after
 from beltcomm.fit.acting import acting_recording
 from beltcomm.identify.amplitude import AmplitudeStep, family_around, unknown_masses_kg
 from beltcomm.identify.final import FinalModel, evidence, final_model
@@ -72,7 +72,7 @@ LATE_S, CLEAR_EVIDENCE = 5e-4, 150.0
 #: Names of the phases, as shown to the user.
 TITLES = (
     "connect and check",
-    "direction and breakaway",
+    "direction + breakaway",
     "excitation in place, rising",
     "frequency response here",
     "first safe loop",
@@ -86,7 +86,10 @@ TITLES = (
 def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) -> Model:
     """Phases 1 to 3: sign, rising excitation, one open-loop frequency response at the present place; returns a first model.
 
-    brief : fewer steps and a shorter response.
+    Parameters
+    ----------
+    brief : bool
+        Fewer steps and a shorter response.
     """
     machine.begin(TITLES[1])
     masses = unknown_masses_kg(machine.axis.payload.mass_kg)
@@ -120,8 +123,12 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
 def first_response(machine: Machine, findings: Findings, excited: Excited, seconds: float) -> None:
     """The frequency response at the present place; where the carriage wanders too far again where it then stands, with less torque.
 
-    Then no response after it is louder, either.   One that does not move the axis is made louder.   Raises SafetyStop when stops have
-    used up what the session goes on after, NoMotion when no torque allowed moves the axis.
+    Then no response after it is louder, either.   One that does not move the axis is made louder.
+
+    Raises
+    ------
+    SafetyStop
+        When stops have used up what the session goes on after, NoMotion when no torque allowed moves the axis.
     """
     above_nm = 0.0
     while True:
@@ -133,7 +140,7 @@ def first_response(machine: Machine, findings: Findings, excited: Excited, secon
             phases.planned_response(machine, "frf_1", excited.model, choice, step)
             return
         except SafetyStop as problem:
-            if not stands_after(machine, problem) or exhausted(machine):
+            if not stands_after(machine, problem) or may_not_excite(machine):
                 raise
             most_nm = QUIETER * step.amplitude_nm
             excited = findings.excited = replace(excited, step=replace(step, amplitude_nm=most_nm), at_most_nm=most_nm)
@@ -168,7 +175,13 @@ def first_model(machine: Machine, findings: Findings) -> Model:
 
 
 def tell_model(machine: Machine, model: Model, at_m: float) -> None:
-    """What the model says of the axis so far.   at_m : where its resonance is told for."""
+    """What the model says of the axis so far.
+
+    Parameters
+    ----------
+    at_m : float
+        Where its resonance is told for.
+    """
     machine.found("mass", f"{model['cart.mass']:.3g} kg")
     resonance = analyse.characteristic_hz(model, at_m)[1]
     if np.isfinite(resonance):
@@ -203,14 +216,27 @@ def from_records_alone(found: FinalModel, recordings: Sequence[Recording], axis:
 def close_first_loop(machine: Machine, findings: Findings, model: Model, *, ask: bool = False) -> Cascade:
     """Phase 4: a cautious loop for the uncertain first model, written into the drive.
 
-    ask : before a loop with thin margins is closed.   Raises Refused for a no.
+    Parameters
+    ----------
+    ask : bool
+        Before a loop with thin margins is closed.
+
+    Raises
+    ------
+    Refused
+        For a no.
     """
     machine.begin(TITLES[4])
     return close_loop(machine, findings, model, *first_cascade(machine, findings, model, machine.position_m), ask=ask)
 
 
 def closed_for(machine: Machine, findings: Findings, model: Model, *, ask: bool = False) -> None:
-    """A loop for strokes: a first one, or where nobody can write the gains the one that stands in the drive.   Raises Refused."""
+    """A loop for strokes: a first one, or where nobody can write the gains the one that stands in the drive.
+
+    Raises
+    ------
+    Refused
+    """
     if machine.drive.capabilities.gains != "unknown":
         close_first_loop(machine, findings, model, ask=ask)
         return
@@ -246,17 +272,23 @@ def close_loop(machine: Machine, findings: Findings, model: Model, cascade: Casc
 
 
 def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Cascade | None, extent: Extent) -> None:
-    """Phase 5: the records of the programme, as many as the time allows.   cascade : that is in the drive, None where nobody knows it."""
+    """Phase 5: the records of the programme, as many as the time allows.
+
+    Parameters
+    ----------
+    cascade : Cascade or None
+        That is in the drive, None where nobody knows it.
+    """
     machine.begin(TITLES[5])
     loop = execute_step.Closed(model, cascade, delay(findings))
     course = execute_step.course_of(machine, model)
     items = [
         i
         for i in record_schedule.BY_EXTENT[extent]
-        if not execute_step.measured_already(machine, i.step) and (i.rank == 0 or bounds.has_room(i.step, course))
+        if not execute_step.is_measured(machine, i.step) and (i.rank == 0 or bounds.has_room(i.step, course))
     ]
     for item in record_schedule.BY_EXTENT[extent]:
-        if execute_step.measured_already(machine, item.step):
+        if execute_step.is_measured(machine, item.step):
             machine.detail(f"{item.step.title(course.place_m(item.step))}: frf_1 was recorded near there, and stands for it")
     kept = VERIFYING_S
     if machine.stroking() == "velocity":  # which drifts, and does not turn within a millimetre; its last move is a slow one
@@ -265,7 +297,7 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
     first = [machine.folder.recording(n) for n in machine.folder.finished_names() if n.startswith("amplitude_") or n == "frf_1"]
     spent = CREPT_S + findings.calibrating_s + sum(float(np.ptp(r.t_s)) for r in first)
     left = record_schedule.BUDGET_S[extent] - spent - kept
-    steps, without = record_schedule.fitting(items, lambda step: bounds.seconds_of(step, course), left)
+    steps, without = record_schedule.fitting_records(items, lambda step: bounds.seconds_of(step, course), left)
     if without:
         names = "; ".join(step.title(course.place_m(step)) for step in without)
         longer = "; --thorough has time for more" if extent == "standard" else ""
@@ -275,9 +307,9 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
     loudest = findings.excited.step.amplitude_nm if findings.excited else machine.axis.torque_limit_nm
     share = pace = 1.0
     needed = [item.step for item in items if item.rank == 0]
-    for name, step in record_schedule.named(steps, ("frf_1",)):
+    for name, step in record_schedule.named_steps(steps, ("frf_1",)):
         left_out = f"{name} ({step.title(course.place_m(step))}) was left out"
-        if step.kind == "response" and exhausted(machine):
+        if step.kind == "response" and may_not_excite(machine):
             findings.remarks.append(f"{left_out}: the carriage went too far {MOST_STOPS} times before")
             continue
         while True:
@@ -288,9 +320,9 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
                     pace *= SLOWER
                     findings.remarks.append(f"{name} and what follows are driven at {pace:.2g} times their speed, after this: {problem}")
                     continue  # the model does not quite know how far this machine goes: again, and all that follow, quieter
-                if not brought_back(machine, model, step, problem):
+                if not bring_back(machine, model, step, problem):
                     raise
-                if not exhausted(machine):
+                if not may_not_excite(machine):
                     share *= QUIETER
                     findings.remarks.append(f"{name} is made with {share:.2g} times the torque, after this: {problem}")
                     continue
@@ -301,7 +333,7 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
                 findings.remarks.append(f"{left_out}: {problem}")
             break
         if name == execute_step.SWEEP:
-            loop = friction_feedforward.sent_ahead(machine, findings, loop)
+            loop = friction_feedforward.with_measured_friction(machine, findings, loop)
 
 
 def lags_behind(machine: Machine, kind: str, problem: SafetyStop) -> bool:
@@ -333,9 +365,16 @@ def measure_friction(
     longest_s: float = SWEEP_LONGEST_S,
     held_out: bool = False,
 ) -> Recording:
-    """The constant-speed sweep alone, three of its speeds twice.   speeds_m_s : instead of the usual seven, each once.
+    """The constant-speed sweep alone, three of its speeds twice.
 
-    longest_s : s, that a plateau counts at most.   held_out : it judges, nothing is fitted to it.
+    Parameters
+    ----------
+    speeds_m_s : sequence of float
+        Instead of the usual seven, each once.
+    longest_s : float, s
+        That a plateau counts at most.
+    held_out : bool
+        It judges, nothing is fitted to it.
     """
     machine.begin(TITLES[5])
     if machine.folder.finished(name) is None and not sweeping.room_to_sweep(machine, model, speeds_m_s):
@@ -399,7 +438,13 @@ def design_for(
 
 
 def known_model(findings: Findings) -> Model:
-    """The model so far.   Raises Refused when nothing was fitted yet."""
+    """The model so far.
+
+    Raises
+    ------
+    Refused
+        When nothing was fitted yet.
+    """
     if findings.final is None:
         raise Refused("there is no model yet; run `beltcomm fit` first")
     return findings.final.fit.model
@@ -451,7 +496,7 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
 def asks(machine: Machine, settings: Settings, findings: Findings) -> bool:
     """Whether a person decides about the gains: they are good, nothing was said of them, and this drive keeps what is written."""
     lasting = not Hardware.of("", machine.drive.capabilities).virtual
-    return settings.apply is None and settings.ask and findings.succeeded and lasting and not findings.own_loop
+    return settings.apply is None and settings.ask and findings.meets_targets and lasting and not findings.own_loop
 
 
 def dispose(machine: Machine, settings: Settings, findings: Findings) -> None:
@@ -461,7 +506,7 @@ def dispose(machine: Machine, settings: Settings, findings: Findings) -> None:
         keys = {"k": tr("keep until power-off"), "s": tr("save for good"), "r": tr("restore old gains")}
         chosen = choose(machine.talk, "Keep the new gains in the drive until power-off?", keys)
         wanted = "keep" if chosen == "k" else "save" if chosen == "s" else "restore"
-    if wanted in ("keep", "save") and not findings.succeeded:
+    if wanted in ("keep", "save") and not findings.meets_targets:
         missed = findings.verdict is None or not findings.verdict.passed
         why = "the verification missed its target" if missed else "; ".join(findings.reservations)
         findings.remarks.append(

@@ -70,7 +70,19 @@ SUBSTEPS = 20
 
 @dataclass(frozen=True)
 class Foresight:
-    """sights : of every effect.   assumed : in words.   records : how many were simulated.   extent : of the session."""
+    """Detection limits that the records of a plan will have.
+
+    Attributes
+    ----------
+    sights : tuple of DetectionLimit
+        Of every effect.
+    assumed : str
+        In words.
+    records : int
+        How many were simulated.
+    extent : Extent
+        Of the session.
+    """
 
     sights: tuple[DetectionLimit, ...]
     assumed: str
@@ -85,7 +97,12 @@ class Foresight:
 def lines_of(found: Mapping[str, Any], whole: bool) -> list[str]:
     """For people: the weakest strength of every effect that could be named, then those that could not.
 
-    found : :meth:`Foresight.to_dict`.   whole : a line for each, with its parameter and how much of a typical one that is.
+    Parameters
+    ----------
+    found : dict of str to Any
+        :meth:`Foresight.to_dict`.
+    whole : bool
+        A line for each, with its parameter and how much of a typical one that is.
     """
     seen = sorted((e for e in found["effects"] if e["seen"]), key=lambda e: str(e["effect"]))
     blind = [e for e in found["effects"] if not e["seen"]]
@@ -137,7 +154,13 @@ def _remedy(entry: Mapping[str, Any], extent: Extent) -> str:
 
 
 def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight:
-    """What the records of an extent could show.   Raises BeltcommError where no record can be simulated."""
+    """Detection limits of the records of an extent.
+
+    Raises
+    ------
+    BeltcommError
+        Where no record can be simulated.
+    """
     model = sheet_model(axis)
     noise = NOISE_SHARE * (axis.motor.rated_torque_nm or capabilities.rated_torque_nm)
     recordings = list(records(axis, capabilities, model, extent, noise))
@@ -150,7 +173,7 @@ def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight
     return Foresight(tuple(sights), assumed, len(recordings), extent)
 
 
-def foretold(plan: Plan, axis: Axis, capabilities: Capabilities, options: Options) -> Plan:
+def with_detectability(plan: Plan, axis: Axis, capabilities: Capabilities, options: Options) -> Plan:
     """The plan with what its records could show.
 
     1.5 s of calculation, kept for the next time; a quick session leaves it out and says what shows it.   The first time on a machine
@@ -159,7 +182,7 @@ def foretold(plan: Plan, axis: Axis, capabilities: Capabilities, options: Option
     if options.quick and not options.visible:
         return replace(plan, notes=(*plan.notes, UNSAID))
     try:
-        seen = kept(axis, capabilities, options.extent, lambda: plain(foresee(axis, capabilities, options.extent).to_dict()))
+        seen = kept_or_new(axis, capabilities, options.extent, lambda: plain(foresee(axis, capabilities, options.extent).to_dict()))
     except BeltcommError as problem:
         return replace(plan, notes=(*plan.notes, f"What these records could name cannot be said beforehand: {problem}"))
     return replace(plan, notes=(*plan.notes, *lines_of(seen, whole=options.visible)), visible=seen)
@@ -182,9 +205,12 @@ def records(axis: Axis, capabilities: Capabilities, model: Model, extent: Extent
     """The records of an extent as a machine like the model would give them."""
     course, noise, clock_s = course_before(axis, capabilities, model["cart.mass"]), np.random.default_rng(SEED), 0.0
     left = record_schedule.BUDGET_S[extent] - FIRST_AND_LAST_S
-    steps = [Step("response"), *record_schedule.fitting(record_schedule.BY_EXTENT[extent], lambda step: seconds_of(step, course), left)[0]]
+    steps = [
+        Step("response"),
+        *record_schedule.fitting_records(record_schedule.BY_EXTENT[extent], lambda step: seconds_of(step, course), left)[0],
+    ]
     simulated = _Simulated(axis, capabilities, model, course)
-    for name, step in record_schedule.named(steps):
+    for name, step in record_schedule.named_steps(steps):
         motion = simulated.response(step) if step.kind == "response" else simulated.stroke(step)
         sidecar = replace(motion.sidecar, session_time_s=clock_s, held_out=step.held_out)
         torque = motion.torque_nm + noise.normal(0.0, noise_nm, len(motion.torque_nm))
@@ -215,8 +241,8 @@ class _Simulated:
         design = analyse.first_loop(model, capabilities.structure, middle, self.period_s, 0.0)
         self.cascade = analyse.with_feedforward(design.cascade, model, capabilities.structure, self.period_s)
 
-    def counted(self, position_rad: Array) -> Array:
-        """What the encoder shows."""
+    def encoder_angle(self, position_rad: Array) -> Array:
+        """Angle that the encoder shows."""
         return np.floor(position_rad / self.step_rad + 0.5) * self.step_rad
 
     def response(self, step: Step) -> _Motion:
@@ -236,7 +262,7 @@ class _Simulated:
         simulate = simulate_torque if is_exact(self.model) else integrate_torque
         moved = simulate(self.model, torque, self.period_s, at, substeps=SUBSTEPS)
         note = ExcitationNote("prbs", amplitude, shape.period_samples, shape.first_sample)
-        return _Motion(moved.t_s, torque, self.counted(moved.position_rad), Sidecar("frf", at, excitation=note))
+        return _Motion(moved.t_s, torque, self.encoder_angle(moved.position_rad), Sidecar("frf", at, excitation=note))
 
     def loudest(self, unit: Array, at_m: float) -> float:
         """Largest amplitude of a shape within travel, speed and belt force, N m; the way of a stop is left out."""
@@ -261,10 +287,10 @@ class _Simulated:
         ratio = self.model["transmission.ratio"]
         acting = np.concatenate(([0.0], moved.torque_nm[:-1]))  # one period late, as assumed
         sidecar = Sidecar(EXPERIMENT[step.kind], start, closed_loop=True)
-        return _Motion(moved.t_s, acting, start / ratio + self.counted((moved.motor_m - start) / ratio), sidecar)
+        return _Motion(moved.t_s, acting, start / ratio + self.encoder_angle((moved.motor_m - start) / ratio), sidecar)
 
 
-def kept(axis: Axis, capabilities: Capabilities, extent: Extent, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+def kept_or_new(axis: Axis, capabilities: Capabilities, extent: Extent, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     """The last answer of this extent where everything is as it was, else a new one.   Raises what ``make`` raises."""
     path, key = user_cache_path("beltcomm") / f"foresight_{extent}.json", key_of(axis, capabilities, extent)
     if found := caches.found(path, key):

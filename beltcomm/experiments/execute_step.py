@@ -47,7 +47,13 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True)
 class Closed:
-    """The loop that is in the drive, None where nobody knows it, and the axis' model.   delay_s : torque setpoint to acting torque."""
+    """The loop that is in the drive, None where nobody knows it, and the axis' model.
+
+    Attributes
+    ----------
+    delay_s : float
+        Torque setpoint to acting torque.
+    """
 
     model: Model
     cascade: Cascade | None
@@ -57,8 +63,14 @@ class Closed:
 def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: float, share: float = 1.0, pace: float = 1.0) -> None:
     """Record one step; a record that a resumed run has already is left alone.
 
-    loudest_nm : N m, largest excitation to try.   share : of the torque that an excitation would have.
     Raises what the machine raises.
+
+    Parameters
+    ----------
+    loudest_nm : float, N m
+        Largest excitation to try.
+    share : float
+        Of the torque that an excitation would have.
     """
     if machine.folder.finished(name) is not None:
         machine.detail(f"{name}: kept from the earlier run")
@@ -82,7 +94,13 @@ def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: floa
 
 
 def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: float, share: float) -> None:
-    """A frequency response at a place of its own.   share : of its torque; below 1 after a carriage that went too far."""
+    """A frequency response at a place of its own.
+
+    Parameters
+    ----------
+    share : float
+        Of its torque; below 1 after a carriage that went too far.
+    """
     phases.move_to(machine, step.at_m(machine.full_room().window_m), model)
     if machine.folder.finished(SWEEP) is not None and machine.stroking() == "position":
         held = holding_at(machine.folder.recording(SWEEP), machine.ratio, machine.position_m)
@@ -124,7 +142,7 @@ def short_if_possible(respond_for: Callable[[float], Answer], wanted_s: float) -
 
 
 def holding_at(sweep: Recording, ratio: float, position_m: float) -> float | None:
-    """What holds the carriage at a place beside friction, N m, 0 within the scatter of friction; None when the strokes do not tell.
+    """Torque that holds the carriage at a place beside friction, N m, 0 within the scatter of friction; None when the strokes do not tell.
 
     τ = a + b x + τ_c sign v + d v  over the strokes of a sweep: a tilt is a, a cable chain b.
     """
@@ -156,7 +174,7 @@ def quieter(loud_nm: float, friction_nm: float, share: float) -> float:
 
 
 def course_of(machine: Machine, model: Model) -> Course:
-    """What motions of this axis may use."""
+    """Limits of motions of this axis."""
     gentle = phases.gentle_limits(machine, model, np.inf)
     room, ends, period = machine.full_room(), phases.stroke_ends(machine), machine.drive.capabilities.sample_period_s
     if machine.stroking() != "position":  # a velocity loop lags, nobody predicts what the belt would carry
@@ -178,7 +196,10 @@ def hard_acceleration_m_s2(machine: Machine, model: Model) -> float:
 def stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, at_m: float, pace: float = 1.0) -> Trajectory:
     """The path of a step, slowed down until every stop ends inside the travel and moves keep the belt's force.
 
-    Raises Refused when even the slowest one does not.
+    Raises
+    ------
+    Refused
+        When even the slowest one does not.
     """
     shares: Sequence[float] = [pace * share for share in phases.STOPPABLE_SHARES]
     path = path_of(step, course, at_m)
@@ -191,7 +212,7 @@ def stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, a
 
 
 def within_belt(machine: Machine, loop: Closed, step: Step, path: Trajectory) -> bool:
-    """Whether a motion with more than gentle acceleration is predicted to load the belt no more than it may."""
+    """True if a motion with more than gentle acceleration is predicted to load the belt no more than it may."""
     if step.kind != "moves" or machine.stroking() != "position":
         return True
     if loop.cascade is None:
@@ -201,8 +222,8 @@ def within_belt(machine: Machine, loop: Closed, step: Step, path: Trajectory) ->
     return force <= verification.belt_force_limit_n(machine, loop.model, top, verification.BELT_SWING)
 
 
-def measured_already(machine: Machine, step: Step) -> bool:
-    """Whether the first response stands for that of a step."""
+def is_measured(machine: Machine, step: Step) -> bool:
+    """True if the first response stands for that of a step."""
     here = machine.folder.recording("frf_1").sidecar.start_position_m
     loud = step.kind == "response" and step.share >= LOUD and not step.held_out
     return loud and here is not None and abs(step.at_m(machine.full_room().window_m) - here) < SAME_PLACE_M

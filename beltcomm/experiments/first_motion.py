@@ -43,9 +43,14 @@ SAME_PLAN = 0.05
 
 @dataclass(frozen=True)
 class Extent:
-    """How much motion: of one plan on one axis, or of all that were confirmed.
+    """Upper bounds of motion: of one plan on one axis, or of all that were confirmed.
 
-    machine : what tells the machine.   most : the upper bounds, by entry of axis.yaml or quantity of a plan; inf where there is none.
+    Attributes
+    ----------
+    machine : dict of str to str
+        What tells the machine.
+    most : dict of str to float
+        The upper bounds, by entry of axis.yaml or quantity of a plan; inf where there is none.
     """
 
     machine: Mapping[str, str]
@@ -53,7 +58,13 @@ class Extent:
 
     @classmethod
     def of(cls, axis: Axis, plan: Plan, profile: str | None) -> Extent:
-        """Of a plan.   profile : as given: one that is not shipped is part of the machine."""
+        """Of a plan.
+
+        Parameters
+        ----------
+        profile : str or None
+            As given: one that is not shipped is part of the machine.
+        """
         machine = {entry: _word(axis.get(entry)) for entry in MACHINE} | {"profile": _profile(profile)}
         low = axis.travel.min_m
         most = {f"{LOWER}travel.min_m": math.inf if low is None else -low}
@@ -61,7 +72,7 @@ class Extent:
         return cls(machine, most | {name: max(getattr(e, name) for e in plan.experiments) for name in ASKED})
 
     @classmethod
-    def remembered(cls, entry: Any) -> Extent:
+    def from_dict(cls, entry: Any) -> Extent:
         """As :meth:`to_dict` has it; nothing at all for what cannot be read."""
         try:
             return cls(dict(entry["machine"]), {str(name): float(value) for name, value in entry["most"].items()})
@@ -72,8 +83,8 @@ class Extent:
         """For a file."""
         return {"machine": dict(self.machine), "most": dict(self.most)}
 
-    def beyond(self, confirmed: Extent) -> list[str]:
-        """What of this was not confirmed, in words."""
+    def unconfirmed_entries(self, confirmed: Extent) -> list[str]:
+        """Entries that were not confirmed, in words."""
         found = []
         for name, here in self.machine.items():
             if (before := confirmed.machine.get(name)) != here:
@@ -82,7 +93,8 @@ class Extent:
             before_most = confirmed.most.get(name, -math.inf)
             share = SAME_PLAN if name in ASKED else 1e-9
             if not most <= before_most + share * abs(before_most):
-                found.append(f"{ASKED.get(name, name.removeprefix(LOWER))} {_shown(name, most)}, was {_shown(name, before_most)}")
+                now, then = (_confirmation_words(name, value) for value in (most, before_most))
+                found.append(f"{ASKED.get(name, name.removeprefix(LOWER))} {now}, was {then}")
         return found
 
     def with_(self, confirmed: Extent) -> Extent:
@@ -96,7 +108,11 @@ def confirm_first_motion(hardware: Hardware, axis: Axis, plan: Plan, options: Op
     """Ask a person, or take ``options.first_motion``, where this computer has not moved this drive on this axis as far as ``plan`` does.
 
     A virtual drive moves nothing.  A drive without a serial number is never known: another one of its kind may hang there today.
-    Raises Refused for a no, for another drive than the one confirmed, and where there is nobody to ask.
+
+    Raises
+    ------
+    Refused
+        For a no, for another drive than the one confirmed, and where there is nobody to ask.
     """
     if hardware.virtual:
         return
@@ -107,8 +123,8 @@ def confirm_first_motion(hardware: Hardware, axis: Axis, plan: Plan, options: Op
         )
     known = hardware.remembered() if hardware.unique else {}
     before = bool(known.get("moved")) and known.get("axis") == axis.name
-    extent, confirmed = Extent.of(axis, plan, options.profile), Extent.remembered(known.get("confirmed") if before else None)
-    beyond = extent.beyond(confirmed)
+    extent, confirmed = Extent.of(axis, plan, options.profile), Extent.from_dict(known.get("confirmed") if before else None)
+    beyond = extent.unconfirmed_entries(confirmed)
     if before and not beyond:
         return
     what = f"{hardware.words} (on {hardware.name}) was never moved by beltcomm on this computer"
@@ -143,7 +159,7 @@ def _word(value: Any) -> str:
     return "" if value is None else f"{value:.9g}"
 
 
-def _shown(name: str, value: float) -> str:
+def _confirmation_words(name: str, value: float) -> str:
     value = -value if name.startswith(LOWER) else value
     return f"{value:.4g} {unit_of(name)}".rstrip() if math.isfinite(value) else "not stated" if value > 0 else "not confirmed"
 

@@ -20,7 +20,7 @@ from beltcomm.rundata import analyse
 from beltcomm.rundata.findings import Findings
 
 
-def sent_ahead(machine: Machine, findings: Findings, loop: execute_step.Closed) -> execute_step.Closed:
+def with_measured_friction(machine: Machine, findings: Findings, loop: execute_step.Closed) -> execute_step.Closed:
     """The loop, in the drive too, with the friction of the sweep sent ahead, where the first fit leaves its records unexplained."""
     if (
         loop.cascade is None
@@ -39,7 +39,12 @@ def sent_ahead(machine: Machine, findings: Findings, loop: execute_step.Closed) 
 def with_sliding_friction(cascade: Cascade, model: Model, sweep: Recording) -> Cascade:
     """The cascade with the friction of ``sweep`` in its feedforward, where that tells it; else as it is.
 
-    Gains and inertia stay: no pole moves.   model : that the cascade was designed for.
+    Gains and inertia stay: no pole moves.
+
+    Parameters
+    ----------
+    model : Model
+        That the cascade was designed for.
     """
     sent = cascade.feedforward
     if not (sent.viscous_nm_s_rad or sent.coulomb_nm):

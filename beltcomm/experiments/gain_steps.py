@@ -22,7 +22,7 @@ from beltcomm.experiments.bounds import Experiment
 from beltcomm.identify.loop_gain import RISE, Gain, Steps, VelocityLaw, position_gain, velocity_law
 from beltcomm.machine.machine import Machine, Room
 from beltcomm.rundata.backups import renew
-from beltcomm.rundata.calibration import RESULT, Calibration, GainUnit, check, known_of
+from beltcomm.rundata.calibration import RESULT, Calibration, GainUnit, calibration_of, check
 from beltcomm.rundata.store import drive_to_dict
 
 Array = NDArray[np.float64]
@@ -67,9 +67,18 @@ def experiment(axis: Axis, capabilities: Capabilities) -> Experiment:
 
 
 def ensure(machine: Machine, breakaway_nm: float) -> float:
-    """Before a gain is written for the first time: find out what they mean, unless it is known.  Returns the s that it took.
+    """Before a gain is written for the first time: find out what they mean, unless it is known.
 
-    Raises Refused, DataError, SafetyStop.
+    Returns
+    -------
+    float
+        The s that it took.
+
+    Raises
+    ------
+    Refused
+    DataError
+    SafetyStop
     """
     if not machine.drive.capabilities.uncalibrated:
         return 0.0
@@ -81,9 +90,20 @@ def ensure(machine: Machine, breakaway_nm: float) -> float:
 
 
 def adopt(machine: Machine, found: Calibration) -> list[str]:
-    """Believe a measurement: tell the drive, keep it in the run.  Returns remarks.   Raises Refused when it contradicts what is known."""
+    """Believe a measurement: tell the drive, keep it in the run.
+
+    Returns
+    -------
+    list of str
+        Remarks.
+
+    Raises
+    ------
+    Refused
+        When it contradicts what is known.
+    """
     drive = machine.drive
-    remarks = check(found, not drive.capabilities.uncalibrated, known_of(found.kind))
+    remarks = check(found, not drive.capabilities.uncalibrated, calibration_of(found.kind))
     drive.calibrate({name: one.value for name, one in found.units.items() if name in drive.capabilities.uncalibrated})
     machine.folder.save_result(RESULT, {"drive": dict(drive.capabilities.identity), **found.to_dict()})
     machine.folder.save_result("drive", drive_to_dict(drive.capabilities))
@@ -97,7 +117,17 @@ def adopt(machine: Machine, found: Calibration) -> list[str]:
 def measure(machine: Machine, breakaway_nm: float) -> Calibration:
     """Velocity and position gain of the drive by steps; the gains that stood there are back afterwards.
 
-    breakaway_nm : friction at standstill.   Raises Refused (no such gains, a tilted axis, nothing to be seen), DataError, SafetyStop.
+    Parameters
+    ----------
+    breakaway_nm : float
+        Friction at standstill.
+
+    Raises
+    ------
+    Refused
+        No such gains, a tilted axis, nothing to be seen.
+    DataError
+    SafetyStop
     """
     capabilities, axis = machine.drive.capabilities, machine.axis
     if not {GAIN, _TOLD} <= set(capabilities.parameters) or "velocity" not in capabilities.kinds:
@@ -158,20 +188,26 @@ class _Probe:
         return velocity_law(self._steps("velocity", amplitude, REPEATS)), raw
 
     def position(self, units: Mapping[str, GainUnit]) -> tuple[Gain, float]:
-        """The position gain, 1/s, and the raw value that it stood for.   units : of the velocity loop, just found."""
+        """The position gain, 1/s, and the raw value that it stood for.
+
+        Parameters
+        ----------
+        units : dict of str to GainUnit
+            Of the velocity loop, just found.
+        """
         inertia, entry = self.machine.axis.motor_side_inertia_kg_m2, self.parameters["kpp_1_s"]
         raw = self._gains(POSITION_BANDWIDTH * inertia / units[GAIN].value)
         kp = units[GAIN].value * raw[GAIN]
         tn = units[_TOLD].value * raw[_TOLD] if self.parameters[_TOLD].law == "integral_time" else kp / (units[_TOLD].value * raw[_TOLD])
         law = VelocityLaw(Gain(kp, units[GAIN].interval * raw[GAIN]), Gain(tn, 0.0), 0)
-        position = [_within(entry, POSITION_GAIN / entry.scale)]
+        position = [_check_within(entry, POSITION_GAIN / entry.scale)]
         self._write({"kpp_1_s": position[0]})
         room = self.machine.full_room()
         most = min(LARGEST_STEP_M, SPEED_SHARE * room.speed_m_s * self.period_s) / self.machine.ratio
         first = self.torque_nm / (kp * entry.scale * position[0] * CAUTION)
 
         def raise_gain(factor: float) -> bool:
-            before, position[0] = position[0], _within(entry, position[0] * min(factor, 4.0))
+            before, position[0] = position[0], _check_within(entry, position[0] * min(factor, 4.0))
             self._write({"kpp_1_s": position[0]})
             return position[0] > before
 
@@ -181,11 +217,11 @@ class _Probe:
     def _gains(self, gain: float) -> dict[str, float]:
         """Raw gain nearest to ``gain`` with the slowest integral part, nothing fed forward, nothing filtered; written."""
         kp, ki = self.parameters[GAIN], self.parameters[_TOLD]
-        raw = {GAIN: _within(kp, gain)}
+        raw = {GAIN: _check_within(kp, gain)}
         if ki.law == "integral_time":
             raw[_TOLD] = float(ki.range[1])
         else:  # as slow as the pulses let it be seen
-            raw[_TOLD] = _within(ki, raw[GAIN] * kp.scale / (2.0 * self.samples * self.period_s * ki.scale))
+            raw[_TOLD] = _check_within(ki, raw[GAIN] * kp.scale / (2.0 * self.samples * self.period_s * ki.scale))
         idle = {n: 0.0 for n in self.parameters if n.startswith(("ff_", "prefilter_")) or n == "filter_reference"}
         self._write({**idle, **raw})
         return raw
@@ -264,7 +300,7 @@ class _Probe:
         return rows
 
 
-def _within(entry: ParameterObject, raw: float) -> float:
+def _check_within(entry: ParameterObject, raw: float) -> float:
     """A raw value that the object takes."""
     if entry.type == "real32":
         return float(np.float32(raw))
@@ -287,7 +323,7 @@ def _unit(entry: ParameterObject, value: float, interval: float) -> GainUnit:
 
 
 def _velocity_units(parameters: Mapping[str, ParameterObject], law: VelocityLaw, raw: Mapping[str, float]) -> dict[str, GainUnit]:
-    """What one unit of velocity gain and integral part means."""
+    """Units of velocity gain and integral part."""
     kp, ki = parameters[GAIN], parameters[_TOLD]
     gain, time = law.gain, law.integral_time_s
     if ki.law == "integral_time":

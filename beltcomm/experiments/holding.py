@@ -67,7 +67,12 @@ def masses_kg(machine: Machine, torque_nm: float) -> tuple[float, ...]:
 def sign_and_scale(machine: Machine) -> tuple[Breakaway, Holding]:
     """Find a torque that holds the carriage, then breakaway in both directions from it; check direction and stopping.
 
-    Raises Refused when no torque of those expected holds it or too little is left for a motion, DriveError, SafetyStop.
+    Raises
+    ------
+    Refused
+        When no torque of those expected holds it or too little is left for a motion.
+    DriveError
+    SafetyStop
     """
     guess = gravity.expected(machine.axis)
     phases.room_to_creep(machine)
@@ -239,9 +244,14 @@ def _creep(machine: Machine) -> Recording:
 
 
 def half_sums(recording: Recording, ratio: float) -> tuple[HoldingTorque, float]:
-    """Holding torque by half sums, and half differences, N m, of the strokes at constant speed.   Raises DataError without two pairs.
+    """Holding torque by half sums, and half differences, N m, of the strokes at constant speed.
 
     τ_g = (τ_up + τ_down)/2  of each pair over the same way; their scatter gives the interval.
+
+    Raises
+    ------
+    DataError
+        Without two pairs.
     """
     speed = recording.reference_velocity
     if speed is None:

@@ -1,4 +1,4 @@
-"""What an identification in closed loop will do: loop, base speed, strokes and amplitude, worked out on the model before anything moves."""
+"""Plan of an identification in closed loop: loop, base speed, strokes and amplitude, worked out on the model before anything moves."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from beltcomm.drive import Capabilities
 from beltcomm.drive.parameters import LOOP_GAINS
 from beltcomm.errors import Refused
 from beltcomm.excitation import Choice, choose, visible_band
-from beltcomm.excitation.moving import TAIL_S, MovingExcitation, moving, ramp_s, stroke_m
+from beltcomm.excitation.moving import TAIL_S, MovingExcitation, moving_excitation, ramp_s, stroke_m
 from beltcomm.experiments import commission as sequence
 from beltcomm.experiments import phases
 from beltcomm.experiments.bounds import Experiment, stroking_nm
@@ -58,11 +58,29 @@ TITLES = ("first loop", "excitation, rising", "frequency response in closed loop
 
 @dataclass(frozen=True, eq=False)
 class LoopJob:
-    """What will be recorded.   way : by which the response is wanted.   cascade : as it travels; with ``loop.cascade`` it is excited.
+    """The record to be made.
 
-    margin_deg : smallest phase margin.   choice : signal but for amplitude and length.   speed_m_s : base speed, 0 at rest.   why : of it.
-    ramp, settle : s.   periods, strokes : measured periods of each stroke, and strokes.   step : largest amplitude.   prediction : of the
-    record with it.
+    Attributes
+    ----------
+    way : Way
+        By which the response is wanted.
+    cascade : Cascade
+        As it travels; with ``loop.cascade`` it is excited.
+    margin_deg : float
+        Smallest phase margin.
+    choice : Any
+        Signal but for amplitude and length.
+    speed_m_s : float
+        Base speed, 0 at rest.
+    why : str
+        Of it.
+    ramp, settle : float, s
+    periods, strokes : int
+        Measured periods of each stroke, and strokes.
+    step : LoopStep
+        Largest amplitude.
+    prediction : MovingPrediction
+        Of the record with it.
     """
 
     way: Way
@@ -86,7 +104,7 @@ class LoopJob:
         signal = replace(self.choice, repeats=1 if rising else self.periods)
         step = self.torque_step_nm if self.loop.into == "torque" else 0.0
         excitation = signal.excitation(amplitude, self.loop.sample_period_s, torque_step_nm=step)
-        return moving(excitation, sign * self.speed_m_s, 1 if rising else self.strokes, self.ramp, self.settle)
+        return moving_excitation(excitation, sign * self.speed_m_s, 1 if rising else self.strokes, self.ramp, self.settle)
 
     @property
     def unit(self) -> str:
@@ -94,10 +112,18 @@ class LoopJob:
         return "N m" if self.loop.into == "torque" else "rad/s"
 
 
-def offered(capabilities: Capabilities, way: Way, parameters: frozenset[str]) -> tuple[LoopKind, Into]:
-    """Which loop is closed and where the excitation goes in.   parameters : names that the drive offers.
+def require_offered(capabilities: Capabilities, way: Way, parameters: frozenset[str]) -> tuple[LoopKind, Into]:
+    """The loop that is closed and the place where the excitation goes in.
 
-    Raises Refused with what this drive lacks.
+    Parameters
+    ----------
+    parameters : frozenset of str
+        Names that the drive offers.
+
+    Raises
+    ------
+    Refused
+        With what this drive lacks.
     """
     missing = [name for name in LOOP_GAINS if name not in parameters]
     if missing:
@@ -119,10 +145,18 @@ def offered(capabilities: Capabilities, way: Way, parameters: frozenset[str]) ->
 def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_speed_m_s: float | None) -> LoopJob:
     """Loop, base speed, strokes and the largest amplitude, worked out on the model; nothing moves and nothing is written.
 
-    base_speed_m_s : None is chosen here, 0 stands.   Raises Refused with what binds.
+    Parameters
+    ----------
+    base_speed_m_s : float or None
+        None is chosen here, 0 stands.
+
+    Raises
+    ------
+    Refused
+        With what binds.
     """
     capabilities = machine.drive.capabilities
-    kind, into = offered(capabilities, way, frozenset(machine.drive.backup()))
+    kind, into = require_offered(capabilities, way, frozenset(machine.drive.backup()))
     cascade, margin = sequence.first_cascade(machine, findings, model, sum(machine.full_room().window_m) / 2.0)
     excited = cascade
     if into == "velocity":  # what the drive feeds forward would pass the excitation on beside the controller
@@ -154,7 +188,7 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
         phases.BELT_SHARE * machine.axis.belt_force_limit_n,
     )
     signal = cast("Any", choice)
-    shape = moving(replace(signal, repeats=1).excitation(1.0, loop.sample_period_s), speed, 1, ramp, settle)
+    shape = moving_excitation(replace(signal, repeats=1).excitation(1.0, loop.sample_period_s), speed, 1, ramp, settle)
     shape = shape.louder(1.0 / float(np.max(np.abs(shape.added))))
     family = family_around(model)
     start = near if speed else min(max(machine.position_m, near), far)
@@ -164,13 +198,13 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
         way, model, loop, cascade, margin, signal, speed, why, ramp, settle, periods, strokes, step, found, capabilities.torque_step_nm
     )
     prediction = predict_moving(family, loop, job.motion(step.amplitude), start)
-    inside(machine, prediction)
+    check_inside(machine, prediction)
     _moves(job, step.amplitude, start)
     return replace(job, prediction=prediction)
 
 
 def plan_of(machine: Machine, job: LoopJob) -> Plan:
-    """What the user is shown."""
+    """The plan that the user is shown."""
     axis, told, period = machine.axis, job.prediction, job.loop.sample_period_s
     low, high = machine.full_room().window_m
     signal = f"±{job.step.amplitude:.3g} {job.unit} of {'torque' if job.loop.into == 'torque' else 'speed setpoint'}"
@@ -204,7 +238,7 @@ def plan_of(machine: Machine, job: LoopJob) -> Plan:
 
 
 def is_moved(job: LoopJob, amplitude: float, at_m: float) -> bool:
-    """Whether the model of a standing axis is moved by an excitation."""
+    """True if the model of a standing axis is moved by an excitation."""
     run = simulate_record(job.model, job.loop, job.motion(amplitude, rising=True), at_m)
     return float(np.ptp(run.position_rad)) > MOVED_COUNTS * 2.0 * math.pi / job.loop.drive.counts_per_rev
 
@@ -218,7 +252,7 @@ def _moves(job: LoopJob, amplitude: float, at_m: float) -> None:
         )
 
 
-def inside(machine: Machine, prediction: MovingPrediction) -> None:
+def check_inside(machine: Machine, prediction: MovingPrediction) -> None:
     """Raise Refused when a record with its stops is predicted to leave the travel."""
     low, high = machine.full_room().window_m
     if prediction.low_m < low or prediction.high_m > high:
@@ -283,7 +317,9 @@ def _settling(model: Model, loop: ClosedLoop, choice: Choice, speed: float, ramp
         return SETTLE_S
     signal = choice.excitation(1.0, loop.sample_period_s)
     length = signal.period_samples * loop.sample_period_s
-    path = moving(replace(cast("Any", choice), repeats=1).excitation(1.0, loop.sample_period_s), speed, 2, ramp, LONGEST_SETTLE_S)
+    path = moving_excitation(
+        replace(cast("Any", choice), repeats=1).excitation(1.0, loop.sample_period_s), speed, 2, ramp, LONGEST_SETTLE_S
+    )
     held = max(1, round(loop.sample_period_s / loop.drive.period_s))
     run = simulate_record(model, loop, path.louder(0.0), start_m)
     base = np.repeat(path.base_m_s, held)

@@ -11,7 +11,7 @@ from beltcomm.drive import Motion, Row
 from beltcomm.errors import SafetyStop
 from beltcomm.experiments import commission as sequence
 from beltcomm.experiments import phases
-from beltcomm.experiments.loop_plan import RISES, TITLES, LoopJob, inside, is_moved
+from beltcomm.experiments.loop_plan import RISES, TITLES, LoopJob, check_inside, is_moved
 from beltcomm.experiments.raising import GROWTH
 from beltcomm.identify.amplitude import family_around
 from beltcomm.identify.loop_amplitude import (
@@ -40,7 +40,7 @@ def record_all(machine: Machine, findings: Findings, job: LoopJob, *, ask: bool)
         if not job.speed_m_s and not is_moved(job, amplitude, machine.position_m):
             amplitude = job.step.amplitude  # what friction holds shows nothing
         recording = _record(machine, job, _free(machine, f"{job.way}_{number}_rise_{rise}"), amplitude, rising=True)
-        amplitude = min(GROWTH * amplitude, allowed(recording, amplitude, job.loop.drive.counts_per_rev), job.step.amplitude)
+        amplitude = min(GROWTH * amplitude, allowed_gains(recording, amplitude, job.loop.drive.counts_per_rev), job.step.amplitude)
     machine.begin(TITLES[2])
     return _record(machine, job, _free(machine, f"{job.way}_{number}"), amplitude, rising=False)
 
@@ -58,7 +58,7 @@ def slowest_share(recording: Recording, counts_per_rev: int) -> float:
     return found
 
 
-def allowed(recording: Recording, amplitude: float, counts_per_rev: int) -> float:
+def allowed_gains(recording: Recording, amplitude: float, counts_per_rev: int) -> float:
     """The amplitude at which the motor is slowed down as much as it may, by what a record with a smaller one showed."""
     share = slowest_share(recording, counts_per_rev)
     return amplitude * (1.0 - SLOWEST_SHARE) / max(1.0 - share, 1e-6) if math.isfinite(share) else math.inf
@@ -82,7 +82,7 @@ def _record(machine: Machine, job: LoopJob, name: str, amplitude: float, *, risi
     running = machine.write_cascade(loop.cascade)
     exactly = replace(loop, cascade=running)
     predicted = predict_moving(family_around(model), exactly, motion, at, machine.braking)
-    inside(machine, predicted)
+    check_inside(machine, predicted)
     low_word = f", the motor never slower than {100 * predicted.slowest:.0f} % of that" if math.isfinite(predicted.slowest) else ""
     machine.talk.say(
         f"{name}: ±{amplitude:.3g} {job.unit} at {1e3 * job.speed_m_s:.4g} mm/s{low_word}; {predicted.belt_force_n:.0f} N in the belt, "
@@ -115,7 +115,12 @@ def _record(machine: Machine, job: LoopJob, name: str, amplitude: float, *, risi
 
 
 class MovingWatch:
-    """Call it with every row of a record: the motor stays near the base motion and below the predicted speed.   Raises SafetyStop."""
+    """Call it with every row of a record: the motor stays near the base motion and below the predicted speed.
+
+    Raises
+    ------
+    SafetyStop
+    """
 
     def __init__(self, base_m: np.ndarray, ratio: float, zero_rad: float, period_s: float, predicted: MovingPrediction) -> None:
         self.base_m, self.ratio, self.zero_rad, self.period_s = base_m.tolist(), ratio, zero_rad, period_s
@@ -123,7 +128,12 @@ class MovingWatch:
         self.fastest_m_s = SURPRISE * predicted.speed_m_s
 
     def __call__(self, row: Row) -> None:
-        """One row as the drive gives it.   Raises SafetyStop."""
+        """One row as the drive gives it.
+
+        Raises
+        ------
+        SafetyStop
+        """
         place = min(round(row[0] / self.period_s), len(self.base_m) - 1)
         off = abs(self.ratio * (row[3] - self.zero_rad) - self.base_m[place])
         speed = abs(self.ratio * row[4])

@@ -1,4 +1,4 @@
-"""What a command line gives beside its main arguments."""
+"""Options of a command line beside its main arguments."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ LONGEST_S = 900.0
 
 @dataclass(frozen=True)
 class Options:
-    """What a command line gives beside its main arguments; every default is the safe choice.
+    """Options beside the main arguments of a command; every default is the safe choice.
 
     Attributes
     ----------
@@ -190,7 +190,7 @@ class Options:
 
     @property
     def extent(self) -> Extent:
-        """How much a commissioning records.
+        """Extent of a commissioning's records.
 
         Raises
         ------
@@ -203,7 +203,7 @@ class Options:
 
     @property
     def in_loop(self) -> bool:
-        """Whether the identification closes a loop.
+        """True if the identification closes a loop.
 
         Raises
         ------
@@ -223,14 +223,36 @@ class Options:
         return True
 
     def reached(self, drive: str) -> Reached:
-        """The drive's name for the next command, with the options that it is reached by."""
+        """The drive's name for the next command, with the options that it is reached by.
+
+        Parameters
+        ----------
+        drive : str
+            Name of the drive, as for ``--drive``.
+
+        Returns
+        -------
+        Reached
+            Name and options, for the next command in words.
+        """
         given = {"as": self.slave, "profile": self.profile, "node": self.node, "bitrate": self.bitrate}
         found = Reached(drive)
         found.options = " ".join(f"--{name} {pasted(value)}" for name, value in given.items() if value is not None)
         return found
 
     def for_drive(self, axis: Axis | None = None) -> dict[str, object]:
-        """The adapter's options: those that were given, and what the axis file knows of the motor."""
+        """The adapter's options: those that were given, and what the axis file knows of the motor.
+
+        Parameters
+        ----------
+        axis : Axis or None
+            The axis, its ``axis.yaml``, or the name of a shipped one.
+
+        Returns
+        -------
+        dict of str to object
+            By the names that adapters know.
+        """
         given = {
             "seed": self.seed,
             "profile": self.profile,
@@ -248,7 +270,7 @@ class Options:
 
 
 def settings_of(options: Options) -> Settings:
-    """What of them the sequence on the machine needs.
+    """Settings that the sequence on the machine needs.
 
     Raises
     ------

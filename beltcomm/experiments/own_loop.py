@@ -132,7 +132,10 @@ def verify_own(
 ) -> tuple[Verdict, Demand] | None:
     """Drive a move with the loop that stands in the drive; its error, and in place of a prediction what the design is predicted to have.
 
-    asked : the user's own move, or None for the standard one; None is returned where no share of its speed could be driven.
+    Parameters
+    ----------
+    asked : Trajectory or None
+        The user's own move, or None for the standard one; None is returned where no share of its speed could be driven.
     """
     if machine.folder.finished(MOVE) is not None:
         machine.folder.withdraw(MOVE)

@@ -28,7 +28,7 @@ HANDING_OVER, SLOW_M_S = 12, 0.05
 
 
 def unguarded_words(capabilities: Capabilities) -> str:
-    """What happens when the host is gone, as a sentence for a plan; nothing where the drive is guarded."""
+    """Sentence for a plan on the loss of the host; nothing where the drive is guarded."""
     if stroking(capabilities) != "profile":
         return ""
     return (
@@ -38,7 +38,7 @@ def unguarded_words(capabilities: Capabilities) -> str:
 
 
 def lags(capabilities: Capabilities) -> bool:
-    """Whether strokes are followed late."""
+    """True if strokes are followed late."""
     return stroking(capabilities) == "profile" and not capabilities.structure.velocity_feedforward
 
 
@@ -48,7 +48,13 @@ def kpp_1_s(machine: Machine) -> float:
 
 
 def settle_s(machine: Machine) -> float:
-    """Time after which a stroke is as fast as its reference, s.   Raises Refused for a loop that is too slow."""
+    """Time after which a stroke is as fast as its reference, s.
+
+    Raises
+    ------
+    Refused
+        For a loop that is too slow.
+    """
     kpp = kpp_1_s(machine)
     if kpp * LONGEST_S < CONSTANTS:
         raise Refused(
@@ -64,7 +70,7 @@ def note(machine: Machine) -> dict[str, Any]:
 
 
 def longest_sweep_s(axis: Axis, capabilities: Capabilities) -> float:
-    """What a sweep may take longer than one in step with the host, s: longer plateaus, handing over, arriving, and settling."""
+    """Time that a sweep may take beyond one in step with the host, s: longer plateaus, handing over, arriving, and settling."""
     if stroking(capabilities) != "profile":
         return 0.0
     period_s = capabilities.sample_period_s

@@ -29,9 +29,16 @@ SLOWEST_M_S, LONGEST_MOVE_S, SHORTEST_SHARE = 0.01, 2.0, 0.3
 
 @dataclass(frozen=True)
 class Course:
-    """What motions may use.   window_m : travel.   ends_m : between which strokes turn.
+    """Limits of motions.
 
-    gentle, hard : limits of strokes, and of moves with all of the belt's force; hard is slowed down by a step's share.
+    Attributes
+    ----------
+    window_m : tuple of float
+        Travel.
+    ends_m : tuple of float
+        Between which strokes turn.
+    gentle, hard : TrajectoryLimits
+        Limits of strokes, and of moves with all of the belt's force; hard is slowed down by a step's share.
     """
 
     window_m: tuple[float, float]
@@ -41,12 +48,18 @@ class Course:
     period_s: float
 
     def place_m(self, step: Step) -> float:
-        """Where a step happens, m."""
+        """Position of a step, m."""
         return step.at_m(self.window_m)
 
 
 def start_of(step: Step, course: Course) -> float:
-    """Where the carriage is brought before a closed-loop step, m.   Raises Refused where there is no room."""
+    """Start position of a closed-loop step, m.
+
+    Raises
+    ------
+    Refused
+        Where there is no room.
+    """
     low, high = course.ends_m
     if step.kind == "strokes":
         start, end = _around(step, course)
@@ -65,7 +78,13 @@ def start_of(step: Step, course: Course) -> float:
 
 
 def path_of(step: Step, course: Course, at_m: float) -> Trajectory:
-    """The reference of a closed-loop step from where the carriage stands.   Raises UsageError, Refused."""
+    """The reference of a closed-loop step from where the carriage stands.
+
+    Raises
+    ------
+    UsageError
+    Refused
+    """
     if step.kind == "sweep":
         which: Which = "again" if step.again else "once"
         return sweep_strokes(at_m, course.ends_m[1], course.gentle, course.period_s, which, step.speeds_m_s).trajectory

@@ -14,7 +14,7 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.margins import margins
-from beltcomm.effects.payload_mode import unlikely
+from beltcomm.effects.payload_mode import implausible
 from beltcomm.errors import DataError, Refused
 from beltcomm.fit.segment import OUTLIER, segments, whitened_residual
 from beltcomm.identify.final import FinalModel, evidence, final_model
@@ -48,7 +48,7 @@ def with_swing(found: FinalModel, recordings: Sequence[Recording], axis: Axis, c
         except DataError:
             continue
         values = {name.removeprefix(f"{SWING}."): item.value for name, item in other.model.parameters.items()}
-        if not other.suspect and evidence(other, found.fit) > CLEAR_EVIDENCE and not unlikely(values):
+        if not other.suspect and evidence(other, found.fit) > CLEAR_EVIDENCE and not implausible(values):
             return other.model
     return None
 
@@ -65,12 +65,12 @@ def _starts(model: Model) -> Iterator[Model]:
 
 
 def as_one(model: Model) -> Model:
-    """The same with the payload fixed to the carriage."""
+    """Model with the payload fixed to the carriage."""
     return model.without_effect(SWING).with_values({"cart.mass": model["cart.mass"] + model["payload.mass"]})
 
 
 def swing_words(model: Model) -> str:
-    """What is counted with, in words."""
+    """The payload mode that is counted with, in words."""
     freq_hz = math.sqrt(model["payload_mode.stiffness"] / model["payload.mass"]) / (2.0 * math.pi)
     return (
         f"a payload of {model['payload.mass']:.2g} kg seems to swing on the carriage at {freq_hz:.3g} Hz; the first loop counts with it as "
@@ -81,7 +81,13 @@ def swing_words(model: Model) -> str:
 def proven_margin_deg(
     swing: Model, cascade: Cascade, structure: CascadeStructure, at_m: float, dead_time_s: float, apparent_damping_nm_s_rad: float
 ) -> float:
-    """Smallest phase margin of a loop on the axis whose payload swings, deg.   Raises Refused where that is not stable with some margin."""
+    """Smallest phase margin of a loop on the axis whose payload swings, deg.
+
+    Raises
+    ------
+    Refused
+        Where that is not stable with some margin.
+    """
     plants = analyse.design_plants(swing, [at_m], [swing["cart.mass"]], dead_time_s, apparent_damping_nm_s_rad)
     found = margins(cascade, plants, structure.period_s)
     least = min(m.phase_margin_deg for m in found)

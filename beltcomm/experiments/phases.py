@@ -77,7 +77,13 @@ def room_around(machine: Machine, position_m: float, travel_m: float) -> Room:
 
 
 def room_to_creep(machine: Machine) -> float:
-    """Where the carriage stands, m.   Raises UsageError when that is too near to an end to creep both ways."""
+    """Position of the carriage, m.
+
+    Raises
+    ------
+    UsageError
+        When that is too near to an end to creep both ways.
+    """
     at = machine.position_m
     low, high = machine.full_room().window_m
     if min(at - low, high - at) < 2.0 * SIGN_TRAVEL_M:
@@ -91,7 +97,12 @@ def room_to_creep(machine: Machine) -> float:
 def sign_and_scale(machine: Machine) -> Breakaway:
     """Let the torque rise until the carriage creeps a few millimetres, both ways; check direction and stopping.
 
-    Raises Refused when nothing moves, DriveError when positive torque drives to negative position or the axis does not stop.
+    Raises
+    ------
+    Refused
+        When nothing moves.
+    DriveError
+        When positive torque drives to negative position or the axis does not stop.
     """
     low, high = machine.full_room().window_m
     at = room_to_creep(machine)
@@ -111,7 +122,7 @@ def sign_and_scale(machine: Machine) -> Breakaway:
 
 
 def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
-    """What an excitation at a place may use."""
+    """Limits of an excitation at a place."""
     full = machine.full_room()
     low, high = full.window_m
     space = min(position_m - low, high - position_m) - END_MARGIN_M
@@ -152,10 +163,18 @@ def frequency_response(
 ) -> tuple[Recording, Excitation, AmplitudeStep]:
     """Excite at the present place with an amplitude that the limits allow there, long enough for a frequency response.
 
-    share : of that amplitude.   held_out : only to judge with; another sequence than those that are fitted, and one measured period of it.
-    loud : where friction hardly lets the carriage move, the sequence may leave the resonance out to be louder.
-    up_to_hz : power up to there at least, also above the resonance.   above_nm : what did not move the axis: raises NoMotion where the
-    limits allow no more.
+    Parameters
+    ----------
+    share : float
+        Of that amplitude.
+    held_out : bool
+        Only to judge with; another sequence than those that are fitted, and one measured period of it.
+    loud : bool
+        Where friction hardly lets the carriage move, the sequence may leave the resonance out to be louder.
+    up_to_hz : float
+        Power up to there at least, also above the resonance.
+    above_nm : float
+        What did not move the axis: raises NoMotion where the limits allow no more.
     """
     chosen = partial(response_to_come, machine, model, seconds=seconds, held_out=held_out, loud=loud, up_to_hz=up_to_hz)
     choice, step = chosen(amplitude_nm=amplitude_nm)
@@ -179,7 +198,7 @@ def louder(machine: Machine, step: AmplitudeStep, above_nm: float) -> None:
 def planned_response(
     machine: Machine, name: str, model: Model, choice: Choice, step: AmplitudeStep, *, held_out: bool = False
 ) -> tuple[Recording, Excitation, AmplitudeStep]:
-    """The same with what :func:`response_to_come` has chosen."""
+    """Long frequency response with the excitation that :func:`response_to_come` has chosen."""
     at, period = machine.position_m, machine.drive.capabilities.sample_period_s
     excitation = choice.excitation(step.amplitude_nm, period, torque_step_nm=machine.drive.capabilities.torque_step_nm)
     run_on = exciting.run_on_words(machine, step.prediction, motion_limits(machine, at).ends_m)
@@ -188,7 +207,7 @@ def planned_response(
         f"{1e3 * step.prediction.stop_m:.1f} mm; {run_on}"
     )
     exposed, room = (
-        exciting.Exposed(step.prediction, family_around(balanced(model)), host_loss.losses_of(machine)),
+        exciting.Exposed(step.prediction, family_around(without_offset(model)), host_loss.losses_of(machine)),
         excitation_room(machine, at),
     )
     return exciting.excite(machine, name, excitation, at, room, exposed, held_out), excitation, step
@@ -231,23 +250,26 @@ def _loudest(machine: Machine, model: Model, choice: Choice, at_most_nm: float, 
     shape = choice.excitation(1.0, period)
     unit = shape.torque / shape.amplitude_nm
     counted = stops.braking_of(machine), host_loss.losses_of(machine)
-    return largest_amplitude(family_around(balanced(model)), unit, period, at, limits, at_most_nm, *counted)
+    return largest_amplitude(family_around(without_offset(model)), unit, period, at, limits, at_most_nm, *counted)
 
 
-def balanced(model: Model) -> Model:
+def without_offset(model: Model) -> Model:
     """The model without the constant torque that open-loop records hold."""
     return model.with_values({name: 0.0 for name in ("constant_offset.torque", "tilt.angle") if name in model.parameters})
 
 
 def excitation_room(machine: Machine, at: float) -> Room:
-    """Where an excitation at a place may go at most."""
+    """Envelope of an excitation at a place."""
     return room_around(machine, at, excitation_travel_m(machine.drive.capabilities.sample_period_s) + END_MARGIN_M)
 
 
 def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = POSITIONING_SPEED_M_S) -> None:
     """Bring the carriage somewhere with the loop that is in the drive; gentle: a third of the belt's force at most.
 
-    Raises SafetyStop when it does not arrive within ``ASTRAY_M``.
+    Raises
+    ------
+    SafetyStop
+        When it does not arrive within ``ASTRAY_M``.
     """
     for _ in range(POSITIONING_TRIES):  # the velocity loop ends a little beside its goal
         if abs(machine.position_m - target_m) < ARRIVED_M:
@@ -298,7 +320,7 @@ def slower(limits: TrajectoryLimits, share: float) -> TrajectoryLimits:
 
 
 def stroke_ends(machine: Machine) -> tuple[float, float]:
-    """Where strokes may turn: near the ends of the travel in a position loop, well inside in a velocity loop, which drifts."""
+    """Turning points of strokes: near the ends of the travel in a position loop, well inside in a velocity loop, which drifts."""
     low, high = machine.full_room().window_m
     margin = stroke_share(machine.drive.capabilities) * (high - low)
     return low + margin, high - margin

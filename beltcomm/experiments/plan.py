@@ -1,4 +1,4 @@
-"""What will happen to the machine, before it happens: experiments with travel, speed, torque, belt force and seconds."""
+"""Plan shown before anything moves: experiments with travel, speed, torque, belt force and seconds."""
 
 from __future__ import annotations
 
@@ -47,13 +47,26 @@ HOW_FAR = 2
 
 @dataclass(frozen=True)
 class Plan:
-    """All experiments of a job.   text : a sentence or a paragraph on what the machine will do.   points : more on it, label and sentence.
+    """All experiments of a job.
 
-    budget_s : machine time that is kept, whatever the single experiments may take; what does not fit is left out.
-    notes : lines after the table.   visible : what the records could show, where that was worked out.
-    thermal : of motor and drive, for the heat of the plan.   verb : that it is the plan of.   window_m : to be kept, from where it stands.
-    host_loss : s until the drive stops by itself when its host is silent, and how far it coasts then at most, m.
-    types_gains : the gains of its drive are set by a person only.
+    Attributes
+    ----------
+    budget_s : float
+        Machine time that is kept, whatever the single experiments may take; what does not fit is left out.
+    notes : tuple of str
+        Lines after the table.
+    visible : dict of str to Any or None
+        What the records could show, where that was worked out.
+    thermal : Thermal or None
+        Of motor and drive, for the heat of the plan.
+    verb : str
+        That it is the plan of.
+    window_m : tuple of float or None
+        To be kept, from where it stands.
+    host_loss : tuple of float or None
+        s until the drive stops by itself when its host is silent, and how far it coasts then at most, m.
+    types_gains : bool
+        The gains of its drive are set by a person only.
     """
 
     text: str
@@ -80,7 +93,7 @@ class Plan:
     def written(self) -> str:
         """What becomes of the drive's parameters."""
         if self.types_gains:
-            return tr("drive parameters: limits and modes only, restored; it moves with the gains that stand in the drive")
+            return tr("gains cannot be written on this drive: it moves with those that stand in it")
         if self.verb == "commission":
             return tr("drive parameters: backed up, restored at the end unless you keep the gains")
         return tr("drive parameters: backed up and restored at the end")
@@ -96,7 +109,13 @@ class Plan:
         return heat_plan(self.thermal, ((e.heating_nm, e.seconds) for e in self.experiments)) if self.thermal else None
 
     def heat_fault(self, axis: Axis | None = None) -> str:
-        """Why the motor would not bear the plan, in words; "" when it does.   axis : whose file the remedy is looked for in."""
+        """Reason in words why the motor would not bear the plan; "" when it does.
+
+        Parameters
+        ----------
+        axis : Axis or None
+            Whose file the remedy is looked for in.
+        """
         if self.heat is None or self.thermal is None or self.heat.fullest <= 1.0:
             return ""
         hottest = max(self.experiments, key=lambda e: e.heating_nm**2 * e.seconds)
@@ -162,9 +181,9 @@ class Plan:
         if whole > self.budget_s:
             rows.append(["all of them, if each took its longest", "", "", "", "", "", f"{whole} s"])
         rows.append(["on the machine, at most", "", "", "", "", "", f"{self.seconds:.0f} s"])
-        return [self.text, *self.told(), "", *table(columns, rows), *self.heat_lines(), *self.notes]
+        return [self.text, *self.table(), "", *table(columns, rows), *self.heat_lines(), *self.notes]
 
-    def told(self) -> list[Row]:
+    def table(self) -> list[Row]:
         """The points, and after how far it moves how fast, how hard and how long, by the table."""
         if not self.points:
             return []
@@ -178,7 +197,13 @@ class Plan:
 
 
 def identify_plan(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> Plan:
-    """Sign check, rising excitation and one frequency response at the present place.   window_m : to be kept, from where it stands."""
+    """Sign check, rising excitation and one frequency response at the present place.
+
+    Parameters
+    ----------
+    window_m : tuple of float or None
+        To be kept, from where it stands.
+    """
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will move by itself.",
         _here(axis, capabilities, window_m),
@@ -249,7 +274,7 @@ def _sweep(axis: Axis, capabilities: Capabilities, seconds: float) -> Experiment
 
 
 def gentle_force_n(axis: Axis) -> float:
-    """What strokes load the belt with, N: a third of its limit, and on a tilted axis the weight it carries all the time."""
+    """Belt force of strokes, N: a third of its limit, and on a tilted axis the weight it carries all the time."""
     held = abs(gravity.expected(axis).torque_nm) / axis.transmission_m_rad if axis.mounting.tilted else 0.0
     return axis.belt_force_limit_n / 3.0 + held
 
@@ -275,7 +300,15 @@ def move_plan(
 
 
 def verification_plan(axis: Axis, model: Model, path: Trajectory, braking: Braking, times: int = 1) -> Plan:
-    """The move that verifies a design, with the positioning before it and the rest after it.   braking : of its loop.   times : driven."""
+    """The move that verifies a design, with the positioning before it and the rest after it.
+
+    Parameters
+    ----------
+    braking : Braking
+        Of its loop.
+    times : int
+        Driven.
+    """
     asked = demand(path, model)
     travel = float(np.ptp(path.position_m))
     lowest, highest = braking.span_m(path.position_m, path.velocity_m_s, path.sample_period_s)
@@ -348,7 +381,7 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
     binary = math.hypot(phases.excitation_torque_nm(axis, capabilities, held), held)
     return (
         Experiment(
-            "direction and breakaway",
+            "direction + breakaway",
             phases.SIGN_TRAVEL_M,
             min(phases.SIGN_REACH_M, widest),
             min(creep.CREEP_SPEED_M_S, top),

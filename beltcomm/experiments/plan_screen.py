@@ -24,7 +24,13 @@ WHOLE = 0.98
 
 
 def plan_screen(plan: Plan, axis: Axis, capabilities: Capabilities, drive: str = "") -> list[Line]:
-    """Up to 22 lines of 80 columns.   drive : as it was asked for."""
+    """Up to 22 lines of 80 columns.
+
+    Parameters
+    ----------
+    drive : str
+        As it was asked for.
+    """
     name = axis.name or tr("axis without a name")
     what = f"{drive} ({capabilities.name})" if drive else capabilities.name
     title = Line(" ", (f"beltcomm {plan.verb}".rstrip(), "title"), "   ", (name, "title"), f"   {tr('drive')}: {what}"[:WIDE])
@@ -43,7 +49,7 @@ def plan_screen(plan: Plan, axis: Axis, capabilities: Capabilities, drive: str =
         *_records(plan),
         Line(""),
         *_stops(plan),
-        *(Line("  ", (f"! {line}", "note")) for line in _doubts(plan, capabilities.torque_scale)),
+        *(Line("  ", (f"! {line}", "note")) for line in _doubts(plan, capabilities)),
     ]
 
 
@@ -98,7 +104,7 @@ def _gravity(plan: Plan, axis: Axis) -> list[Line]:
     if not axis.mounting.tilted:
         return []
     held = tr("held with about {torque:.2g} N m", torque=abs(gravity.expected(axis).torque_nm))
-    slip = tr("may slip {slip:.0f} mm in all while that is found", slip=1e3 * phases.SIGN_REACH_M) if plan.host_loss else ""
+    slip = tr("may slip {slip:.0f} mm while that is found", slip=1e3 * phases.SIGN_REACH_M) if plan.host_loss else ""
     brake = "" if axis.motor.brake_torque_nm else tr("NO BRAKE STATED: only friction holds it without torque")
     rows = [Line("   ", (f"{tr('gravity'):<13}", "title"), ", ".join(filter(None, [held, slip])))]
     return [*rows, Line("   ", " " * 13, (brake, "bad"))] if brake else rows
@@ -113,7 +119,7 @@ def _records(plan: Plan) -> list[Line]:
         count, travel_m, seconds = groups.get(kind, [0, 0.0, 0.0])
         groups[kind] = [count + 1, max(travel_m, one.travel_m), seconds + one.seconds]
     cells = [
-        f"{number:2} {(tr(title) + (f' x{count:.0f}' if count > 1 else ''))[:22]:<22}{1e3 * travel_m:4.0f} mm{seconds:4.0f} s"
+        f"{number:2} {(tr(title) + (f' x{count:.0f}' if count > 1 else ''))[:21]:<21}{1e3 * travel_m:4.0f} mm{seconds:4.0f} s"
         for number, (title, (count, travel_m, seconds)) in enumerate(groups.items(), start=1)
     ]
     rows = math.ceil(len(cells) / 2)
@@ -139,7 +145,8 @@ def _stops(plan: Plan) -> list[Line]:
     return [*rows, Line("  ", plan.written())]
 
 
-def _doubts(plan: Plan, scale: str) -> Sequence[str]:
-    """What speaks against the plan's records, a line each as far as it goes.   scale : what is in doubt of the drive's torque."""
-    doubts = [note for note in plan.notes if "not be seen" in note or (scale and note.startswith(scale))]
+def _doubts(plan: Plan, capabilities: Capabilities) -> Sequence[str]:
+    """What speaks against the plan's records, a line each as far as it goes."""
+    scale = capabilities.torque_scale
+    doubts = [*capabilities.cautions, *(note for note in plan.notes if "not be seen" in note or (scale and note.startswith(scale)))]
     return [f"{note[: WIDE - 12]} ... [d]" if len(note) > WIDE - 6 else note for note in doubts[:2]]

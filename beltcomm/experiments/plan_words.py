@@ -1,4 +1,4 @@
-"""What a technician reads before agreeing: labelled lines on what moves, how far, how fast, how hard, how long, what stops it."""
+"""Plan in words for a technician who is to agree: labelled lines on what moves, how far, how fast, how hard, how long, what stops it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,12 @@ def point_rows(points: Sequence[Point]) -> list[Row]:
 def commission_points(axis: Axis, capabilities: Capabilities, lightest_kg: float, heaviest: tuple[float, float]) -> tuple[Point, ...]:
     """The whole job: what moves and how far first, then how it stops and what is written.
 
-    lightest_kg : carriage of the plan's speeds.   heaviest : carriage that is thought of, kg, and how fast it is driven, m/s.
+    Parameters
+    ----------
+    lightest_kg : float
+        Carriage of the plan's speeds.
+    heaviest : tuple of float
+        Carriage that is thought of, kg, and how fast it is driven, m/s.
     """
     lightest = f"{lightest_kg:g} kg, the stated payload alone" if axis.payload.mass_kg else f"{lightest_kg:g} kg (worst case for speed)"
     return (
@@ -54,7 +59,13 @@ def commission_points(axis: Axis, capabilities: Capabilities, lightest_kg: float
 
 
 def identify_points(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None) -> tuple[Point, ...]:
-    """Sign check, rising excitation and one frequency response.   window_m : to be kept, from where it stands."""
+    """Sign check, rising excitation and one frequency response.
+
+    Parameters
+    ----------
+    window_m : tuple of float or None
+        To be kept, from where it stands.
+    """
     far = "see 'incl. stop' below, from where it stands: keep people and tools out of its travel"
     if window_m is not None:
         far = (
@@ -80,7 +91,7 @@ def host_loss(axis: Axis, capabilities: Capabilities) -> tuple[float, float]:
 
 
 def gain_points(capabilities: Capabilities) -> tuple[Point, ...]:
-    """What is written in the whole job, by what can be done with the gains of this drive."""
+    """Parameters written in the whole job, by what can be done with the gains of this drive."""
     if capabilities.gains == "unknown":
         return (
             (
@@ -100,7 +111,7 @@ def gain_points(capabilities: Capabilities) -> tuple[Point, ...]:
 
 
 def _stops(axis: Axis, capabilities: Capabilities) -> tuple[Point, ...]:
-    """What stops it, and within which way."""
+    """Means that stop it, and the stopping distance."""
     first = first_deceleration(axis, capabilities.peak_torque_nm)
     guard_s, crept_m = host_loss(axis, capabilities)
     held = (

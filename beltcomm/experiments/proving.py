@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from beltcomm.control import Cascade, Feedforward
 from beltcomm.design.compensation import compensation
-from beltcomm.design.compliant import Leading, leading, torque_along
+from beltcomm.design.compliant import Leading, lead_motion, torque_along
 from beltcomm.errors import Refused
 from beltcomm.experiments import phases
 from beltcomm.experiments.verification import belt_force_limit_n, in_drive, refuse_broken
@@ -51,9 +51,18 @@ Sending = Literal["nothing", "rigid", "stretch", "compliant"]
 
 @dataclass(frozen=True)
 class Sent:
-    """What goes to the drive.   motor, carriage : what each is to follow, m.   torque_nm : along with it, (n,), or None.
+    """Reference and torque sent to the drive.
 
-    demanded_nm : largest torque at the motor that this will take.   led : how the motor leads, where it does.
+    Attributes
+    ----------
+    motor, carriage : Trajectory
+        What each is to follow, m.
+    torque_nm : ndarray or None
+        Along with it, (n,), or None.
+    demanded_nm : float
+        Largest torque at the motor that this will take.
+    led : Leading or None
+        How the motor leads, where it does.
     """
 
     motor: Trajectory
@@ -63,10 +72,18 @@ class Sent:
     led: Leading | None = None
 
 
-def sent_for(model: Model, feedforward: Feedforward, path: Trajectory, sending: Sending, time_s: float = 0.0) -> Sent:
-    """Reference and torque for a motion of the carriage that ends with a rest.   time_s : session's clock at its start.
+def reference_for(model: Model, feedforward: Feedforward, path: Trajectory, sending: Sending, time_s: float = 0.0) -> Sent:
+    """Reference and torque for a motion of the carriage that ends with a rest.
 
-    Raises UsageError for a motor that should lead without a belt.
+    Parameters
+    ----------
+    time_s : float
+        Session's clock at its start.
+
+    Raises
+    ------
+    UsageError
+        For a motor that should lead without a belt.
     """
     asked = demand(path, model).torque_nm
     if sending == "nothing":
@@ -74,7 +91,7 @@ def sent_for(model: Model, feedforward: Feedforward, path: Trajectory, sending: 
     if sending == "rigid":
         along = compensation(model, feedforward, path, path.sample_period_s, time_s)
         return Sent(path, path, along, asked + float(np.max(np.abs(along))))
-    led = leading(model, path, feedforward.advance_s, friction=sending == "compliant", time_s=time_s)
+    led = lead_motion(model, path, feedforward.advance_s, friction=sending == "compliant", time_s=time_s)
     along = torque_along(led, feedforward, model["transmission.ratio"])
     return Sent(led.trajectory, led.carriage, along, float(np.max(np.abs(led.torque_nm))), led)
 
@@ -89,14 +106,22 @@ def verify_move(
     payloads_kg: Sequence[float] = (),
     sending: Sending = "nothing",
 ) -> tuple[Verdict, Demand]:
-    """Phase 7: run the move with the new gains and compare with its prediction.   Raises Refused when it would break a limit.
+    """Phase 7: run the move with the new gains and compare with its prediction.
 
-    payloads_kg : further ones that the design holds for, noted with the record, see :mod:`beltcomm.rundata.proof`.
+    Parameters
+    ----------
+    payloads_kg : sequence of float
+        Further ones that the design holds for, noted with the record, see :mod:`beltcomm.rundata.proof`.
+
+    Raises
+    ------
+    Refused
+        When it would break a limit.
     """
     refuse_broken(machine, model, trajectory)
     running = machine.write_cascade(cascade)
     clock_s = machine.session_time_s
-    sent, drive = sent_for(model, running.feedforward, held(trajectory, REST_S), sending, clock_s), in_drive(machine, delay_s)
+    sent, drive = reference_for(model, running.feedforward, held(trajectory, REST_S), sending, clock_s), in_drive(machine, delay_s)
     grid = SetpointGrid(trajectory.sample_period_s, drive.structure.period_s, len(sent.motor.t_s))
     if sent.torque_nm is not None:
         sent = replace(sent, torque_nm=grid.along(sent.torque_nm))

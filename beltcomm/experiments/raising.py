@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import NoMotion, Refused, SafetyStop
-from beltcomm.experiments.phases import BELT_SHARE, balanced, excitation_room, motion_limits
+from beltcomm.experiments.phases import BELT_SHARE, excitation_room, motion_limits, without_offset
 from beltcomm.experiments.recentre import stands_after
 from beltcomm.fit.acting import acting_recording
 from beltcomm.fit.first_estimate import data_sheet_model, moves_enough, stiffness_range
@@ -71,11 +71,20 @@ def raise_amplitude(
     *,
     response: Callable[[Model, float], AmplitudeStep] | None = None,
 ) -> Excited:
-    """Excite at the present place with rising amplitude; each step is predicted from the model so far.   masses_kg : to count with.
+    """Excite at the present place with rising amplitude; each step is predicted from the model so far.
 
-    response : the frequency response that would follow, from a model and the most that growth allows, N m.  Where it is given, it is the
-    last step as soon as a limit binds it, or the next step, instead of the growth.   Raises Refused when friction leaves no room below the
-    limits.
+    Parameters
+    ----------
+    masses_kg : sequence of float
+        To count with.
+    response : callable or None
+        The frequency response that would follow, from a model and the most that growth allows, N m. Where it is given, it is the last step
+        as soon as a limit binds it, or the next step, instead of the growth.
+
+    Raises
+    ------
+    Refused
+        When friction leaves no room below the limits.
     """
     counts = machine.drive.capabilities.counts_per_rev
     sheet, family = unknown_axis(machine, breakaway, masses_kg)
@@ -89,7 +98,7 @@ def raise_amplitude(
         name = f"amplitude_{len(recordings) + 1}"
         kept = machine.folder.finished(name) is not None
         try:
-            recordings.append(_made(machine, name, following, kept))
+            recordings.append(_record_of_step(machine, name, following, kept))
         except SafetyStop as problem:
             if found is None or not stands_after(machine, problem):
                 raise
@@ -126,7 +135,7 @@ def raise_amplitude(
         )
         model = scale.check_first(machine, model, acting_recording(recordings[-1], first.path))
         stops.lend_brake(machine, model, following.at_m)
-        family = family_around(balanced(model))
+        family = family_around(without_offset(model))
         at_most = GROWTH * step.amplitude_nm
         last = _louder(machine, family, following, at_most)
         bound = last.amplitude_nm < 1.1 * step.amplitude_nm
@@ -141,7 +150,7 @@ def _next(machine: Machine, breakaway: Breakaway, family: Sequence[Model], shape
     """The first of the sequences that may be louder than friction, as loud as it may be.   Raises Refused when none may."""
     at, period = machine.position_m, machine.drive.capabilities.sample_period_s  # every excitation leaves the carriage a little aside
     limits = motion_limits(machine, at)
-    braking, losses = stops.braking_of(machine, breakaway.sliding_nm), host_loss.losses_of(machine, breakaway.sliding_nm)
+    braking, losses = stops.braking_of(machine, breakaway.least_friction_nm), host_loss.losses_of(machine, breakaway.least_friction_nm)
     for order, clock in shapes:
         shape = short_sequence(order, clock, 1.0, period)
         unit = shape.torque / shape.amplitude_nm
@@ -154,7 +163,7 @@ def _next(machine: Machine, breakaway: Breakaway, family: Sequence[Model], shape
     )
 
 
-def _made(machine: Machine, name: str, wanted: _Next, kept: bool) -> Recording:
+def _record_of_step(machine: Machine, name: str, wanted: _Next, kept: bool) -> Recording:
     """The record of a step.   kept : it is there from an earlier run."""
     own, step = machine.drive.capabilities, wanted.step
     if not kept:
@@ -176,7 +185,7 @@ def _louder(machine: Machine, family: Sequence[Model], made: _Next, at_most_nm: 
 
 
 def _bound(response: Callable[[Model, float], AmplitudeStep], model: Model, at_most_nm: float) -> bool:
-    """Whether a limit binds a response already, so that another step before it would not make it louder."""
+    """True if a limit binds a response already, so that another step before it would not make it louder."""
     try:
         return response(model, at_most_nm).binds != "step"
     except Refused:  # by a model of which the next step may think better
@@ -204,7 +213,7 @@ def believable(model: Model, sheet: Model) -> Model:
 
 
 def _remedy(machine: Machine, step: AmplitudeStep, breakaway: Breakaway) -> str:
-    """What to do about a limit that lets no excitation move the axis, in words."""
+    """Remedy for a limit that lets no excitation move the axis, in words."""
     by_travel = "travel" in step.binds
     if (by_travel or step.binds == "speed") and not machine.axis.payload.mass_kg:
         room = f"{machine.more_room}, or " if by_travel else ""

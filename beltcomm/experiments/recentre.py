@@ -19,13 +19,13 @@ LOOK_S, STANDS_M = 0.2, 5e-5
 BACK_M_S = 0.05
 
 
-def exhausted(machine: Machine) -> bool:
-    """Whether stops have used up what the session goes on after: then no further open-loop record is begun."""
+def may_not_excite(machine: Machine) -> bool:
+    """True if stops have used up what the session goes on after: then no further open-loop record is begun."""
     return machine.wanderings >= MOST_STOPS
 
 
 def stands_after(machine: Machine, problem: BeltcommError) -> bool:
-    """Whether a record was stopped because the carriage went too far, and it stands inside the travel now; such a stop is counted.
+    """True if a record was stopped because the carriage went too far, and it stands inside the travel now; such a stop is counted.
 
     Torque and speed beyond their limits would come again, and a key that was let go is a will: for those the answer is no.
     """
@@ -40,7 +40,7 @@ def stands_after(machine: Machine, problem: BeltcommError) -> bool:
 
 
 def stands(machine: Machine) -> bool:
-    """Whether the carriage stands still inside the travel."""
+    """True if the carriage stands still inside the travel."""
     low, high = machine.full_room().window_m
     before = machine.position_m
     machine.drive.clock.sleep_until(machine.drive.clock.now() + LOOK_S)
@@ -48,10 +48,15 @@ def stands(machine: Machine) -> bool:
     return abs(at - before) <= STANDS_M and low < at < high
 
 
-def brought_back(machine: Machine, model: Model, step: Step, problem: SafetyStop) -> bool:
-    """Whether the session goes on after the stop of an open-loop step; then the carriage is at its place again.
+def bring_back(machine: Machine, model: Model, step: Step, problem: SafetyStop) -> bool:
+    """True if the session goes on after the stop of an open-loop step; then the carriage is at its place again.
 
-    model : of the loop in the drive.   Raises what bringing the carriage back raises.
+    Raises what bringing the carriage back raises.
+
+    Parameters
+    ----------
+    model : Model
+        Of the loop in the drive.
     """
     if step.kind != "response" or not stands_after(machine, problem):
         return False

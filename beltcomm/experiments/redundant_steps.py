@@ -1,4 +1,4 @@
-"""Which record of a run shows already what a step of a plan would show: made again it would tell nothing new."""
+"""Steps of a plan whose result a record of the run shows already: made again they would tell nothing new."""
 
 from __future__ import annotations
 
@@ -24,7 +24,16 @@ IN_BAND, UNDER_WAY = 0.9, 0.02
 
 @dataclass(frozen=True)
 class Before:
-    """What is known of a run.   window_m : of the travel.   ratio : m/rad.   friction_nm : N m, which a quiet excitation lies above."""
+    """Known quantities of a run.
+
+    Attributes
+    ----------
+    window_m : tuple of float
+        Of the travel.
+    ratio : float, m/rad
+    friction_nm : float, N m
+        Which a quiet excitation lies above.
+    """
 
     recordings: Sequence[Recording]
     window_m: tuple[float, float]
@@ -32,13 +41,13 @@ class Before:
     friction_nm: float
 
 
-def shown_already(step: Step, before: Before) -> str:
+def record_showing(step: Step, before: Before) -> str:
     """Name of the record that shows what the step would, "" for none."""
     return next((r.name for r in before.recordings if shows(r, step, before)), "")
 
 
 def shows(recording: Recording, step: Step, before: Before) -> bool:
-    """Whether one record has the step's kind, place, size and length.  A longer one would tell more, so a shorter does not count."""
+    """True if one record has the step's kind, place, size and length.  A longer one would tell more, so a shorter does not count."""
     sidecar = recording.sidecar
     if (
         sidecar.experiment != EXPERIMENT[step.kind]
@@ -47,18 +56,18 @@ def shows(recording: Recording, step: Step, before: Before) -> bool:
     ):
         return False
     if step.kind == "response":
-        return excited_so(recording, step, before)
+        return excitation_suffices(recording, step, before)
     if step.kind == "reversals":
         return abs(before.ratio) * float(np.ptp(recording.position)) <= 2.0 * ROUNDED * max(step.amplitudes_m)
     if step.kind == "moves":
-        return moved_so(recording, step, before)
+        return moves_suffice(recording, step, before)
     if step.kind == "sweep" and not goes_across(recording, before):
         return False
-    return made_later(recording, before) if step.again else has_speeds(recording, step, before)
+    return is_later(recording, before) if step.again else has_speeds(recording, step, before)
 
 
 def is_there(recording: Recording, step: Step, before: Before) -> bool:
-    """Whether a record stays around the place of a step: strokes begin beside theirs, a sweep only passes."""
+    """True if a record stays around the place of a step: strokes begin beside theirs, a sweep only passes."""
     start_m = recording.sidecar.start_position_m
     if start_m is None:
         return False
@@ -68,18 +77,18 @@ def is_there(recording: Recording, step: Step, before: Before) -> bool:
 
 
 def goes_across(recording: Recording, before: Before) -> bool:
-    """Whether strokes are a sweep, and not around one place."""
+    """True if strokes are a sweep, and not around one place."""
     return abs(before.ratio) * float(np.ptp(recording.position)) > ACROSS * (before.window_m[1] - before.window_m[0])
 
 
-def made_later(recording: Recording, before: Before) -> bool:
-    """Whether strokes came ``LATER_S`` after the first ones, as for what warms up."""
+def is_later(recording: Recording, before: Before) -> bool:
+    """True if strokes came ``LATER_S`` after the first ones, as for what warms up."""
     when = [r.sidecar.session_time_s or 0.0 for r in before.recordings if r.sidecar.experiment == "friction_sweep"]
     return (recording.sidecar.session_time_s or 0.0) - min(when) > LATER_S
 
 
-def moved_so(recording: Recording, step: Step, before: Before) -> bool:
-    """Whether moves go on as long as the step asks for; of fast ones, whether they are as hard, the run's hardest being all it may do."""
+def moves_suffice(recording: Recording, step: Step, before: Before) -> bool:
+    """True if moves go on as long as the step asks for; of fast ones, whether they are as hard, the run's hardest being all it may do."""
     if step.seconds:
         return bool(recording.t_s[-1] - recording.t_s[0] >= REACHED * step.seconds)
     moves = [r for r in before.recordings if r.sidecar.experiment == EXPERIMENT["moves"] and not r.sidecar.held_out]
@@ -87,8 +96,8 @@ def moved_so(recording: Recording, step: Step, before: Before) -> bool:
     return own > 0.0 and REACHED <= own / (step.share * hardest) <= 1.0 / REACHED
 
 
-def excited_so(recording: Recording, step: Step, before: Before) -> bool:
-    """Whether an excitation is as loud or as quiet, as long and as wide as the step asks for."""
+def excitation_suffices(recording: Recording, step: Step, before: Before) -> bool:
+    """True if an excitation is as loud or as quiet, as long and as wide as the step asks for."""
     if recording.t_s[-1] - recording.t_s[0] < REACHED * (step.seconds or RESPONSE_S) or band_hz(recording) < REACHED * step.up_to_hz:
         return False
     excited = [r for r in before.recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
@@ -97,7 +106,7 @@ def excited_so(recording: Recording, step: Step, before: Before) -> bool:
 
 
 def has_speeds(recording: Recording, step: Step, before: Before) -> bool:
-    """Whether strokes are as slow and as fast as the step asks for; of a sweep without speeds any will do."""
+    """True if strokes are as slow and as fast as the step asks for; of a sweep without speeds any will do."""
     if not step.speeds_m_s:
         return True
     if recording.reference_velocity is None:

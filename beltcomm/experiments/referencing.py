@@ -23,11 +23,26 @@ SLOW_M_S2 = 1.0
 
 
 def reference(machine: Machine, settings: Settings, *, needed: bool = True) -> tuple[float, float] | None:
-    """Make the zero of the axis known: the drive knows it, or the operator's word, or later :func:`home`.  Returns the window kept, if any.
+    """Make the zero of the axis known: the drive knows it, or the operator's word, or later :func:`home`.
 
     Nothing moves.
-    needed : False when a record at the present place will do, inside a window that the operator states or confirms.
-    Raises Refused without any, UsageError for a window that cannot be, or for a drive that contradicts axis.yaml.
+
+    Parameters
+    ----------
+    needed : bool
+        False when a record at the present place will do, inside a window that the operator states or confirms.
+
+    Returns
+    -------
+    tuple of float or None
+        The window kept, if any.
+
+    Raises
+    ------
+    Refused
+        Without any.
+    UsageError
+        For a window that cannot be, or for a drive that contradicts axis.yaml.
     """
     machine.check_scaling()
     window = settings.window_m
@@ -91,7 +106,7 @@ def _stand_anywhere(machine: Machine, settings: Settings, needed: bool) -> tuple
     return window
 
 
-def inside(axis: Axis, position_m: float | None) -> None:
+def require_inside(axis: Axis, position_m: float | None) -> None:
     """Raise UsageError for a stated position outside the travel."""
     low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
     if position_m is not None and not low <= position_m <= high:
@@ -99,7 +114,13 @@ def inside(axis: Axis, position_m: float | None) -> None:
 
 
 def slow_payload(axis: Axis, mass_kg: float, payload_kg: float | None) -> str | None:
-    """In words, that the belt can hardly accelerate a further payload; None when it can.   mass_kg : of the carriage as it is."""
+    """In words, that the belt can hardly accelerate a further payload; None when it can.
+
+    Parameters
+    ----------
+    mass_kg : float
+        Of the carriage as it is.
+    """
     allowed = axis.belt_force_limit_n / (mass_kg + (payload_kg or 0.0))
     if not payload_kg or allowed >= SLOW_M_S2:
         return None
@@ -109,7 +130,7 @@ def slow_payload(axis: Axis, mass_kg: float, payload_kg: float | None) -> str | 
     )
 
 
-def only_here(capabilities: Capabilities, position_m: float | None, *, home: bool) -> None:
+def refuse_window(capabilities: Capabilities, position_m: float | None, *, home: bool) -> None:
     """Raise UsageError for a window where the whole travel will be used."""
     if position_m is not None or home or capabilities.referenced:
         raise UsageError(

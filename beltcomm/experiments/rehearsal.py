@@ -50,7 +50,17 @@ class Job(Protocol):
 
 @dataclass(frozen=True)
 class Played:
-    """One record on the twin.   low_m, high_m : of the carriage, by the encoder.   torque_nm : motor.   belt_force_n : with friction."""
+    """One record on the twin.
+
+    Attributes
+    ----------
+    low_m, high_m : float, of the carriage
+        By the encoder.
+    torque_nm : float
+        Motor.
+    belt_force_n : float
+        With friction.
+    """
 
     record: str
     low_m: float
@@ -62,7 +72,7 @@ class Played:
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a record may use: as :class:`Played`."""
+    """Limits of a record: as :class:`Played`."""
 
     low_m: float
     high_m: float
@@ -86,7 +96,15 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """What the twin did.   twin : in words.   whole : of everything, moves between the records included, by the twin's own state."""
+    """Motion of the twin.
+
+    Attributes
+    ----------
+    twin : str
+        In words.
+    whole : Played
+        Of everything, moves between the records included, by the twin's own state.
+    """
 
     twin: str
     records: tuple[Played, ...]
@@ -137,8 +155,15 @@ class _Twin(SimulatedPlant):
 def rehearse(machine: Machine, options: Options, talk: Talk, job: Job, goes_on: bool) -> Rehearsal:
     """Play a job on a twin of the connected axis and show what it did; nothing real moves.
 
-    goes_on : the job needs what is in its run folder; else it begins a new one.
-    Raises Refused when the twin leaves a limit, or when the job ends badly on it, with the reason.
+    Parameters
+    ----------
+    goes_on : bool
+        The job needs what is in its run folder; else it begins a new one.
+
+    Raises
+    ------
+    Refused
+        When the twin leaves a limit, or when the job ends badly on it, with the reason.
     """
     talk.say("The plan is played on a twin first; nothing moves yet.")
     axis, folder = machine.axis, machine.folder
@@ -157,7 +182,7 @@ def rehearse(machine: Machine, options: Options, talk: Talk, job: Job, goes_on: 
             ) from problem
         played = RunFolder.open(run)
         names = [name for name in played.finished_names() if name not in before]
-        records = tuple(played_of(played.recording(name), axis, place) for name in sorted(names, key=lambda n: _clock(played, n)))
+        records = tuple(play_record(played.recording(name), axis, place) for name in sorted(names, key=lambda n: _clock(played, n)))
     whole = Played("everything, ways included", twin.low_m, twin.high_m, twin.fastest_m_s, twin.strongest_nm, twin.belt_n)
     found = Rehearsal(what, records, whole, bounds_of(machine, model))
     talk.say(*found.lines())
@@ -171,7 +196,7 @@ def rehearse(machine: Machine, options: Options, talk: Talk, job: Job, goes_on: 
 def twin_of(axis: Axis, folder: RunFolder) -> tuple[Model, str]:
     """The model behind the twin, and what it is in words."""
     if "final" in folder.names("models"):
-        return offline.trusted(folder)[0], "the run's model"
+        return offline.trusted_revision(folder)[0], "the run's model"
     model = sheet_model(axis)
     if axis.mounting.tilted:
         guess = gravity.expected(axis)
@@ -182,8 +207,8 @@ def twin_of(axis: Axis, folder: RunFolder) -> tuple[Model, str]:
     )
 
 
-def played_of(recording: Recording, axis: Axis, otherwise_m: float) -> Played:
-    """What a record of the twin shows; the belt's force as the motor shows it,  F = (τ - Θ_e φ̈)/i_t,  mean of ``BELT_ROWS`` rows."""
+def play_record(recording: Recording, axis: Axis, otherwise_m: float) -> Played:
+    """Largest values of a record of the twin; the belt's force as the motor shows it,  F = (τ - Θ_e φ̈)/i_t,  mean of ``BELT_ROWS`` rows."""
     ratio, inertia = axis.transmission_m_rad, axis.motor_side_inertia_kg_m2
     begun = otherwise_m if recording.sidecar.start_position_m is None else recording.sidecar.start_position_m
     places = begun + ratio * (recording.position - recording.position[0])
@@ -203,7 +228,7 @@ def played_of(recording: Recording, axis: Axis, otherwise_m: float) -> Played:
 
 
 def bounds_of(machine: Machine, model: Model) -> Bounds:
-    """What the real axis is stopped at."""
+    """Limits at which the real axis is stopped."""
     room, axis = machine.full_room(), machine.axis
     low, high = room.window_m if machine.place_known else (-math.inf, math.inf)
     belt = math.inf if machine.over_belt else BELT_BEYOND * axis.belt_force_limit_n + total_friction(model) / axis.transmission_m_rad
@@ -239,7 +264,7 @@ def _linked_folders(at: str, names: list[str]) -> list[str]:
 
 
 def _options_for(options: Options, machine: Machine, twin: _Twin, place_m: float) -> Options:
-    """The same job on the twin, with nobody to ask."""
+    """Options of the job on the twin, with nobody to ask."""
     with_feedforward = machine.drive.capabilities.structure.torque_feedforward
     return replace(
         options,

@@ -18,7 +18,7 @@ from beltcomm.schedule.next_plan import NextPlan
 
 
 def motion_plan(machine: Machine, model: Model, wanted: NextPlan) -> Plan:
-    """What will happen to the machine, before it happens."""
+    """Plan shown before anything moves."""
     axis = machine.axis
     low, high = machine.full_room().window_m
     text = (

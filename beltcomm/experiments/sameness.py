@@ -41,8 +41,12 @@ def repeat_first_excitation(machine: Machine, breakaway: Breakaway, masses_kg: S
     """Repeat the first recorded excitation and compare how fast the motor turned, rms over the record.
 
     Nothing is kept; it is predicted, bounded and watched as every excitation of an axis of which only the data sheets are known.
-    Raises Refused when the limits do not allow it where the carriage stands, when the speed differs by more than ``GROSSLY``, or as
-    soon as the motor turns that much faster than it ever did.
+
+    Raises
+    ------
+    Refused
+        When the limits do not allow it where the carriage stands, when the speed differs by more than ``GROSSLY``, or as soon as the motor
+        turns that much faster than it ever did.
     """
     if machine.folder.finished("amplitude_1") is None:
         return
@@ -84,7 +88,7 @@ def _as_then(
     """
     own, at = machine.drive.capabilities, machine.position_m
     _, family = unknown_axis(machine, breakaway, masses_kg)
-    braking, losses = stops.braking_of(machine, breakaway.sliding_nm), host_loss.losses_of(machine, breakaway.sliding_nm)
+    braking, losses = stops.braking_of(machine, breakaway.least_friction_nm), host_loss.losses_of(machine, breakaway.least_friction_nm)
     one = short_sequence(*shape, 1.0, own.sample_period_s)
     unit = one.torque / one.amplitude_nm
     step = largest_amplitude(family, unit, own.sample_period_s, at, phases.motion_limits(machine, at), amplitude_nm, braking, losses)

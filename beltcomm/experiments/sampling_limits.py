@@ -1,4 +1,4 @@
-"""What records at a drive's sampling period can show, and whether its unit of torque is right: before and after the identification."""
+"""Limits of records at a drive's sampling period, and whether its unit of torque is right: before and after the identification."""
 
 from __future__ import annotations
 
@@ -72,7 +72,13 @@ def notes_before(axis: Axis, capabilities: Capabilities) -> tuple[str, ...]:
 
 
 def remark_after(resonance_hz: float, capabilities: Capabilities, *, told: bool = False) -> str | None:
-    """In words, that the resonance found is beyond what the records can claim; None when it is not.   told : it is known well."""
+    """In words, that the resonance found is beyond what the records can claim; None when it is not.
+
+    Parameters
+    ----------
+    told : bool
+        It is known well.
+    """
     top = claimed_hz(capabilities.sample_period_s)
     if not (math.isfinite(resonance_hz) and resonance_hz > top):
         return None
@@ -116,7 +122,13 @@ def torque_remark(model: Model, axis: Axis, capabilities: Capabilities) -> str |
 
 
 def note_after(remarks: list[str], model: Model, axis: Axis, capabilities: Capabilities, at_m: float) -> None:
-    """Put both remarks on a fitted model into ``remarks``, in place of those on an earlier one.   at_m : where the carriage is."""
+    """Put both remarks on a fitted model into ``remarks``, in place of those on an earlier one.
+
+    Parameters
+    ----------
+    at_m : float
+        Where the carriage is.
+    """
     remarks[:] = [one for one in remarks if not one.startswith((_RESONANCE, _INERTIA))]
     stiffness = model.parameters.get("belt_stiffness.stiffness")
     told = stiffness is not None and stiffness.interval is not None and stiffness.interval < WELL_KNOWN * stiffness.value

@@ -1,4 +1,4 @@
-"""Which way the encoder counts, before a loop is closed on it: with the wrong sign each loop runs away, the quick stop's too."""
+"""Direction in which the encoder counts, before a loop is closed on it: with the wrong sign each loop runs away, the quick stop's too."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _WORDS = f"creep some {1e3 * SIGN_TRAVEL_M:.0f} mm without a loop to check which
 
 
 def is_crept(axis: Axis, kinds: Collection[str] = ("torque",)) -> bool:
-    """Whether :func:`check_sign` moves this axis with a drive that runs motions of these kinds.
+    """True if :func:`check_sign` moves this axis with a drive that runs motions of these kinds.
 
     Without torque setpoints it cannot.  A tilted axis: its torque is felt for when it is identified, and a creep from zero torque would
     let it fall.
@@ -38,7 +38,13 @@ def check_sign(machine: Machine) -> None:
     """Let the carriage creep a little towards the middle of its travel under slowly rising torque.
 
     Nothing moves where :func:`is_crept` says so.
-    Raises DriveError when it moves against the torque, UsageError too near to an end, and as :func:`creep`.
+
+    Raises
+    ------
+    DriveError
+        When it moves against the torque.
+    UsageError
+        Too near to an end, and as :func:`creep`.
     """
     if not is_crept(machine.axis, machine.drive.capabilities.kinds):
         return

@@ -1,6 +1,6 @@
 """A connected drive as a command may use it: nothing moves before it was agreed to, a key must stay held, the motor stays cool enough.
 
-Wraps any :class:`beltcomm.drive.Drive`; every command opens its drive through :func:`supervised`.
+Wraps any :class:`beltcomm.drive.Drive`; every command opens its drive through :func:`supervise`.
 """
 
 from __future__ import annotations
@@ -31,8 +31,16 @@ WARM_S, FULL = 0.05, 0.9
 class Supervised:
     """The drive behind a command.   Use as a context manager, inside that of the drive.
 
-    hardware : which drive it is.   run : folder of the command, for the note on what is not restored.   settles : an earlier session's
-    debt is offered first.   moved : whether anything moved.
+    Parameters
+    ----------
+    hardware : Hardware
+        Which drive it is.
+    run : Path or None
+        Folder of the command, for the note on what is not restored.
+    settles : bool
+        An earlier session's debt is offered first.
+    moved
+        Whether anything moved.
     """
 
     def __init__(self, drive: Drive, hardware: Hardware, run: Path | None, options: Options, talk: Talk, *, settles: bool = True) -> None:
@@ -84,7 +92,13 @@ class Supervised:
         return self._drive.backup()
 
     def write(self, values: Mapping[str, float]) -> dict[str, float]:
-        """See :meth:`beltcomm.drive.Drive.write`; from now on a killed session leaves a note.   Raises ObjectLocked, too."""
+        """See :meth:`beltcomm.drive.Drive.write`; from now on a killed session leaves a note.
+
+        Raises
+        ------
+        ObjectLocked
+            Too.
+        """
         self._writable.check_named(values, self.capabilities)
         self._put_note()
         self._failed = True
@@ -125,7 +139,7 @@ class Supervised:
         self._drive.close()
 
     def __getattr__(self, name: str) -> Any:
-        """What only this adapter has."""
+        """Attributes that only this adapter has."""
         return getattr(self._drive, name)
 
     # -- motion -----------------------------------------------------------------------------------------------------------
@@ -135,7 +149,13 @@ class Supervised:
         self._allowed = True
 
     def home(self, limits: Limits) -> None:
-        """See :meth:`beltcomm.drive.Drive.home`.   Raises Refused while a key is to be held: the drive homes by itself."""
+        """See :meth:`beltcomm.drive.Drive.home`.
+
+        Raises
+        ------
+        Refused
+            While a key is to be held: the drive homes by itself.
+        """
         self._check_allowed()
         if self._hold is not None:
             raise Refused("the drive homes by itself and asks nobody whether a key is held; leave --hold-to-run or --home out")
@@ -152,7 +172,10 @@ class Supervised:
     def record(self, motion: Motion, limits: Limits, sink: Sink) -> ExchangeReport:
         """See :meth:`beltcomm.drive.Drive.record`.   Waits until the motor has given off what it was overloaded with.
 
-        Raises SafetyStop with the reason "released" when the key is let go, "heat" when the motor's overload store is full.
+        Raises
+        ------
+        SafetyStop
+            With the reason "released" when the key is let go, "heat" when the motor's overload store is full.
         """
         self._check_allowed()
         self._cool()
@@ -174,12 +197,12 @@ class Supervised:
                 )
             rows += 1
             if hold is not None and rows % HOLD_ROWS == 0 and not hold.held():
-                raise _released()
+                raise _released_stop()
 
         if hold is None:
             return self._recorded(motion, limits, watched)
         if not hold.begin():
-            raise _released()
+            raise _released_stop()
         try:
             return self._recorded(motion, limits, watched)
         finally:
@@ -214,7 +237,7 @@ class Supervised:
             self._noted = True
 
     def _as_found(self) -> bool:
-        """Whether the drive has the settings that it had at the beginning.
+        """True if the drive has the settings that it had at the beginning.
 
         What is told since then only, as the mode of a drive that began in none, had no value that a rollback could write back.
         """
@@ -230,10 +253,16 @@ class Supervised:
             self._talk.say("This drive could not be remembered: its first motion will be asked for again.")
 
 
-def _released() -> SafetyStop:
+def _released_stop() -> SafetyStop:
     return SafetyStop("the key was let go; the axis was stopped; hold it as long as the axis may move, --resume goes on", "released")
 
 
-def supervised(drive: Drive, name: str, run: Path | None, options: Options, talk: Talk, *, settles: bool = True) -> Supervised:
-    """The drive called ``name`` as a command on ``run`` may use it.   settles : as in :class:`Supervised`."""
+def supervise(drive: Drive, name: str, run: Path | None, options: Options, talk: Talk, *, settles: bool = True) -> Supervised:
+    """The drive called ``name`` as a command on ``run`` may use it.
+
+    Parameters
+    ----------
+    settles : bool
+        As in :class:`Supervised`.
+    """
     return Supervised(drive, Hardware.of(name, drive.capabilities), run, options, talk, settles=settles)

@@ -1,4 +1,4 @@
-"""Where a friction sweep goes from where the carriage stands."""
+"""Path of a friction sweep from where the carriage stands."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from beltcomm.trajectory import Strokes
 
 
 def farther_end_m(machine: Machine) -> float:
-    """Where strokes from here turn at the latest, m: of the two ends the farther one."""
+    """Last turning point of strokes from here, m: of the two ends the farther one."""
     low, high = phases.stroke_ends(machine)
     return high if high - machine.position_m > machine.position_m - low else low
 
 
 def room_to_sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float]) -> bool:
-    """Whether strokes at these speeds can begin where the carriage stands; those at the usual seven use the whole travel."""
+    """True if strokes at these speeds can begin where the carriage stands; those at the usual seven use the whole travel."""
     limits = phases.gentle_limits(machine, model, np.inf)
     way_m = abs(farther_end_m(machine) - machine.position_m)
     plateau_s = SWEEP_SHORTEST_S + own_strokes.settle_s(machine)
@@ -28,7 +28,13 @@ def room_to_sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float]) -
 
 
 def sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float] = (), longest_s: float = SWEEP_LONGEST_S) -> Strokes:
-    """:func:`sweep_strokes` from where the carriage stands to the farther end.   speeds_m_s : instead of the usual seven."""
+    """:func:`sweep_strokes` from where the carriage stands to the farther end.
+
+    Parameters
+    ----------
+    speeds_m_s : sequence of float
+        Instead of the usual seven.
+    """
     at, period = machine.position_m, machine.drive.capabilities.sample_period_s
     far = farther_end_m(machine)
     limits, settle_s = phases.gentle_limits(machine, model, np.inf), own_strokes.settle_s(machine)

@@ -39,7 +39,14 @@ BESIDE_M = 2e-3
 class StandardMove:
     """The move of the targets (0 to 0.5 m with limits T_A unless stated), or what of it travel and limits of this axis allow.
 
-    start_m, end_m : carriage.   limits : of speed, acceleration, jerk.   remark : in words what was taken away, or "".
+    Attributes
+    ----------
+    start_m, end_m : float
+        Carriage.
+    limits : TrajectoryLimits
+        Of speed, acceleration, jerk.
+    remark : str
+        In words what was taken away, or "".
     """
 
     start_m: float
@@ -53,14 +60,20 @@ class StandardMove:
 
 
 def standard_move(machine: Machine, model: Model) -> StandardMove:
-    """The standard move of this axis, admissible for its model.   Raises Refused when there is none."""
+    """The standard move of this axis, admissible for its model.
+
+    Raises
+    ------
+    Refused
+        When there is none.
+    """
     start, end = _way(machine)
     limits = machine.axis.trajectories.get(machine.axis.targets.limits) or phases.gentle_limits(machine, model, math.inf)
     return StandardMove(start, end, *admissible(machine, model, start, end, limits))
 
 
 def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: float) -> float:
-    """What the belt may carry in a move, N: the feed force of the data sheet, which lists friction of the guide apart, and its swing.
+    """Belt force limit of a move, N: the feed force of the data sheet, which lists friction of the guide apart, and its swing.
 
     F_max = s (F_feed + F_c + d_c v)
     """
@@ -127,7 +140,7 @@ def admissible(machine: Machine, model: Model, start: float, end: float, limits:
 
 
 def in_drive(machine: Machine, delay_s: float) -> Loop:
-    """What this drive adds to a controller that runs in it."""
+    """Loop of a controller in this drive."""
     capabilities = machine.drive.capabilities
     return Loop(capabilities.structure, delay_s, capabilities.peak_torque_nm, capabilities.counts_per_rev)
 
@@ -199,7 +212,13 @@ def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
 
 
 def broken_limits(machine: Machine, model: Model, trajectory: Trajectory, spare_m: float = 0.0) -> list[str]:
-    """Limits of axis, motor and drive that a move would break, each with value and limit.   spare_m : that a stop leaves of the travel."""
+    """Limits of axis, motor and drive that a move would break, each with value and limit.
+
+    Parameters
+    ----------
+    spare_m : float
+        That a stop leaves of the travel.
+    """
     asked, axis, room = demand(trajectory, model), machine.axis.limits, machine.full_room()
     pairs = [
         ("the speed", asked.speed_m_s, phases.SPEED_SHARE * room.speed_m_s, "m/s"),
@@ -225,7 +244,7 @@ def refuse_broken(machine: Machine, model: Model, trajectory: Trajectory) -> Non
 
 
 def _fastest(machine: Machine, model: Model, trajectory: Trajectory) -> str:
-    """Which uniformly slower version of a refused move would be admissible, in words."""
+    """Uniformly slower version of a refused move that would be admissible, in words."""
     low, high = 0.0, 1.0
     for _ in range(20):
         middle = 0.5 * (low + high)

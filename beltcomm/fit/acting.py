@@ -32,7 +32,7 @@ def acting_recording(recording: Recording, path: TorquePath | None) -> Recording
     parts = []
     for first, last in pairwise([0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]):
         setpoint = None if recording.torque_setpoint is None else recording.torque_setpoint[first:last]
-        parts.append(path.acting(recording.torque[first:last], setpoint, recording.sample_period_s)[0])
+        parts.append(path.acting_torque(recording.torque[first:last], setpoint, recording.sample_period_s)[0])
     torque = np.concatenate(parts)
     torque.flags.writeable = False
     acting = copy(recording)  # what was read has been checked; a noise-free torque that is worked out would pass for a clipped one

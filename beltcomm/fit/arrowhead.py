@@ -18,7 +18,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ArrowheadJacobian:
-    """columns : (n, k + 1), A and b.   ends : (m + 1,), rows between which the segments lie; (1,) where none has an unknown of its own."""
+    """Jacobian with shared columns and one border column per segment.
+
+    Attributes
+    ----------
+    columns : ndarray (n, k + 1)
+        A and b.
+    ends : ndarray (m + 1,) of int
+        Rows between which the segments lie; (1,) where none has an unknown of its own.
+    """
 
     columns: Array
     ends: NDArray[np.intp]
@@ -28,7 +36,7 @@ class ArrowheadJacobian:
         """Number of unknowns that all segments share, k."""
         return int(self.columns.shape[1]) - 1
 
-    def scaled(self, weights: Array) -> ArrowheadJacobian:
+    def weighted_rows(self, weights: Array) -> ArrowheadJacobian:
         """Every row times its weight, (n,)."""
         return ArrowheadJacobian(self.columns * weights[:, None], self.ends)
 

@@ -73,9 +73,18 @@ def fit_base(
 ) -> tuple[Data, Fitted]:
     """The start model fitted to records, and the records as it sees them.
 
-    data : with the reading taken for the torque that acts.   fixed : parameters that stay.   path : where it is known already.
-    sheet : the data sheets, for what the records do not tell.   publish : with the finest steps, and reversals, for numbers that are
-    shown; else as a search goes on from it.
+    Parameters
+    ----------
+    data : Data
+        With the reading taken for the torque that acts.
+    fixed : sequence of str
+        Parameters that stay.
+    path : TorquePath or None
+        Where it is known already.
+    sheet : Model or None
+        The data sheets, for what the records do not tell.
+    publish : bool
+        With the finest steps, and reversals, for numbers that are shown; else as a search goes on from it.
     """
     found = _fit_base(data, start, fixed, path, publish, progress)
     while sheet is not None and (name := next_to_hold(found[1], sheet)) is not None:

@@ -21,7 +21,13 @@ FINE_STEP_RAD_S, LONGEST_BELT_S, LONGEST_S = 2.0, 1e-3, 2e-3
 def decimation(sample_s: float, step_rad: float, belt: bool) -> int:
     """Every which sample of a coarse encoder's angle is taken, a power of two: then rounding is white, and the torque's mean exact.
 
-    sample_s : s.   step_rad : of the encoder, rad at the motor.   belt : whether a carriage swings behind it.
+    Parameters
+    ----------
+    sample_s : float, s
+    step_rad : float
+        Of the encoder, rad at the motor.
+    belt : bool
+        Whether a carriage swings behind it.
     """
     longest, every = LONGEST_BELT_S if belt else LONGEST_S, 1
     while step_rad > FINE_STEP_RAD_S * every * sample_s and 2 * every * sample_s <= longest * (1.0 + 1e-9):
@@ -37,15 +43,20 @@ def decimated_noise(every: int) -> float:
     return math.sqrt((4.0 / 3.0 - 1.0 / (3.0 * every**2)) / every)
 
 
-def decimated(row: Array, every: int) -> Array:
+def decimate(row: Array, every: int) -> Array:
     """Mean of a row, (n,), over so many samples, without the rest at the end; (n // every,)."""
     return np.asarray(row[: len(row) // every * every].reshape(-1, every).mean(axis=1))
 
 
-def decimated_torque(torque: Array, within: Intersample | None, every: int) -> tuple[Array, Intersample]:
+def decimate_torque(torque: Array, within: Intersample | None, every: int) -> tuple[Array, Intersample]:
     """Mean of the torque over so many periods, (n // every,), N m at the motor, and how it is spread over them.
 
-    torque : mean over each period, (n,), N m at the motor.   within : its spread inside; None: it is held.
+    Parameters
+    ----------
+    torque : ndarray
+        Mean over each period, (n,), N m at the motor.
+    within : Intersample or None
+        Its spread inside; None: it is held.
     """
     number = len(torque) // every
     cells = torque[:, None] + (np.zeros((1, CELLS)) if within is None else within.above)

@@ -44,8 +44,20 @@ MISSES, ASTRAY = 2, 1.2
 class Fitted:
     """A model at its minimum; two are the same where they are one object.
 
-    problem, x : unknowns.   residual : whitened, (n,), of the fitted records.   objective : O.   held_residual : of those held out,
-    piece by piece.   held_objective : O there, 0 without any.   onward : with which the search would go on, where its iterations ended it.
+    Attributes
+    ----------
+    problem, x
+        Unknowns.
+    residual : ndarray
+        Whitened, (n,), of the fitted records.
+    objective : float
+        O.
+    held_residual : tuple of ndarray
+        Of those held out, piece by piece.
+    held_objective : float
+        O there, 0 without any.
+    onward : Model or None
+        With which the search would go on, where its iterations ended it.
     """
 
     model: Model
@@ -64,7 +76,7 @@ class Fitted:
 
     @property
     def held_ratio(self) -> float | None:
-        """The same on the held-out records; None without any."""
+        """Ratio of residual to noise on the held-out records; None without any."""
         joined = np.concatenate(self.held_residual) if self.held_residual else np.zeros(0)
         return float(np.sqrt(np.mean(joined**2))) if len(joined) else None
 
@@ -80,7 +92,7 @@ class Fitted:
         return self.problem.offsets(self.x) if self.problem.movable else np.zeros(len(self.problem.pieces))
 
     @cached_property
-    def nearby(self) -> LocalQuadratic:
+    def local_quadratic(self) -> LocalQuadratic:
         """The neighbourhood of this minimum, worked out once: several questions in a row ask for it."""
         return LocalQuadratic(self.problem, self.x, self.residual)
 
@@ -97,8 +109,14 @@ def fit(
 ) -> Fitted:
     """All free parameters of the model fitted to the records.
 
-    offsets : scaled start offsets to begin with.   enough : gain of O that is not worth another iteration, nats.   goal : O above which
-    the fit does not matter: it ends where it does not get there.
+    Parameters
+    ----------
+    offsets : ndarray or None
+        Scaled start offsets to begin with.
+    enough : float
+        Gain of O that is not worth another iteration, nats.
+    goal : float
+        O above which the fit does not matter: it ends where it does not get there.
     """
     return fit_of(problem_of(data, model, fixed), data, iterations, offsets=offsets, fixed=fixed, enough=enough, goal=goal)
 
@@ -113,10 +131,10 @@ def fit_of(
     enough: float = ENOUGH,
     goal: float = math.inf,
 ) -> Fitted:
-    """The same of a problem made already by :func:`problem_of`."""
+    """Fit of a problem made by :func:`problem_of`."""
     if needs_observer(problem.model):  # then an observer knows itself how the carriage may stand at first
         return _fit_with_observers(problem, data, iterations, fixed, enough, goal)
-    return _fitted_at(problem, problem.minimise(problem.start(offsets), iterations, enough=enough, goal=goal), data)
+    return _fit_result(problem, problem.minimise(problem.start(offsets), iterations, enough=enough, goal=goal), data)
 
 
 def resume_fit(data: Data, begun: Fitted, iterations: int) -> Fitted:
@@ -156,7 +174,7 @@ def _fit_with_observers(
         lost |= hopeless(best[1].objective - goal, least - best[1].objective, math.ceil(left / AT_A_TIME))
         through = not gain >= FOLLOWED_ENOUGH  # also where a body flew off, and it is no number
         if left <= 0 or through or lost:
-            return _fitted_at(*best, data, None if through or lost else problem.model)
+            return _fit_result(*best, data, None if through or lost else problem.model)
         found = problem.minimise(x, min(left, AT_A_TIME), enough=enough)
         left, gain = left - AT_A_TIME, here.objective - found.objective
         if best[0] is not problem:
@@ -164,7 +182,7 @@ def _fit_with_observers(
         problem = problem_of(data, problem.model_at(found.x, "laboratory"), fixed)
 
 
-def _fitted_at(problem: Problem, at: Minimum, data: Data, onward: Model | None = None) -> Fitted:
+def _fit_result(problem: Problem, at: Minimum, data: Data, onward: Model | None = None) -> Fitted:
     """A minimum, and what its model makes of the records held out."""
     problem.forget()  # most fits are only compared; what they looked at would be kept with each of them
     best = problem.model_at(at.x, "laboratory")
@@ -173,7 +191,7 @@ def _fitted_at(problem: Problem, at: Minimum, data: Data, onward: Model | None =
 
 
 def escape_local_minimum(data: Data, fitted: Fitted, iterations: int) -> Fitted:
-    """The same model fitted from the best end of a fit in which each segment has one weight, also begun with a lighter motor.
+    """Fit of the same model from the best end of a fit in which each segment has one weight, also begun with a lighter motor.
 
     Far from the truth nearly every block is bad, and a bad one costs its logarithm: each has valleys of its own, and the fit stays where
     some blocks are suited well, however long it goes on.  A machine with an end pulley ended so at 8 times the noise.
@@ -193,11 +211,17 @@ def evaluate_at(data: Data, model: Model, offsets: Array | None = None, fixed: S
     problem = problem_of(data, model, fixed)
     x = problem.start(offsets)
     residual = problem.residual(x)
-    return _fitted_at(problem, Minimum(x, residual, problem.objective(residual, x)), data)
+    return _fit_result(problem, Minimum(x, residual, problem.objective(residual, x)), data)
 
 
 def problem_of(data: Data, model: Model, fixed: Sequence[str] = (), block_s: float = BLOCK_S) -> Problem:
-    """The free parameters of a model as unknowns.   block_s : s, segments of time with one weight."""
+    """The free parameters of a model as unknowns.
+
+    Parameters
+    ----------
+    block_s : float, s
+        Segments of time with one weight.
+    """
     pieces = with_observers(data.fitted, [model] * len(data.fitted))
     return Problem(pieces, model, free_parameters(model, ("transmission.ratio", *fixed)), block_s)
 

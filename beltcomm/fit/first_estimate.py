@@ -176,7 +176,7 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
     noise = torque_noise(recordings)
     pieces = [p for r in recordings for p in legible_stretches(r, start, step, noise, path)]
     if _moving(pieces) < FEWEST_SAMPLES:
-        raise DataError(_still(recordings, pieces, step))
+        raise DataError(_no_motion_words(recordings, pieces, step))
     search = _Search(pieces, start)
     friction = max(start["cart_friction.level"], LEAST_FRICTION_N)
     stiffnesses = STIFFNESS_SHARES * start["belt_stiffness.stiffness"]
@@ -205,8 +205,8 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
     return FirstEstimate(search.model(np.exp(best.x)), float(best.fun), _moving(pieces))
 
 
-def _still(recordings: Sequence[Recording], pieces: Sequence[Segment], step_rad: float) -> str:
-    """Why too few samples count, in words: the axis hardly moved, or its encoder is too coarse to show how."""
+def _no_motion_words(recordings: Sequence[Recording], pieces: Sequence[Segment], step_rad: float) -> str:
+    """Reason in words why too few samples count: the axis hardly moved, or its encoder is too coarse to show how."""
     total, way = sum(len(p.keep) for p in pieces), max(float(np.ptp(r.position)) for r in recordings)
     counted = f"{_moving(pieces)} of {total} samples"
     if way < CLEARLY_MOVED_RAD:
@@ -225,7 +225,7 @@ def _lowest(rests: Array, number: int) -> list[tuple[int, int]]:
 
 
 def moves_enough(recording: Recording, model: Model, counts_per_rev: int) -> bool:
-    """Whether a record has enough moving samples for a first estimate."""
+    """True if a record has enough moving samples for a first estimate."""
     if comes_seldom(recording):
         return clearly_moves(recording, counts_per_rev)
     noise = torque_noise([recording])
@@ -249,7 +249,7 @@ def legible_stretches(
     for first, last in pairwise([0, *(int(i) + 1 for i in recording.gaps()), len(torque)]):
         piece = slice(first, last)
         setpoint = None if recording.torque_setpoint is None else recording.torque_setpoint[piece]
-        acting = torque[piece] if path is None else path.acting(torque[piece], setpoint, sample)[0]
+        acting = torque[piece] if path is None else path.acting_torque(torque[piece], setpoint, sample)[0]
         torque[piece], angle[piece] = smooth(acting, width), smooth(angle[piece], width)
     calm = replace(recording, position=angle, torque=torque, torque_setpoint=None, velocity=None)
     # a smooth torque does not bend a smooth angle between two rows, whatever the motor's inertia

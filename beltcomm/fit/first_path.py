@@ -59,7 +59,7 @@ def first_path(recording: Recording, start: Model, counts_per_rev: int) -> First
     others = _by_motion(chain.law) if commands(chain, [recording]) else splits(chain.law, chain.at_end)
     trials = [(path, first_estimate([recording], start, counts_per_rev, path)) for path in others if path != faithful]
     path, best = min(trials, key=lambda trial: trial[1].rest, default=(faithful, first))
-    return FirstPath(path, best.model) if _clearly(first, best) else FirstPath(faithful, first.model)
+    return FirstPath(path, best.model) if _is_clearly_better(first, best) else FirstPath(faithful, first.model)
 
 
 def _least(recording: Recording, inertia_kg_m2: float, step_rad: float) -> float:
@@ -67,8 +67,8 @@ def _least(recording: Recording, inertia_kg_m2: float, step_rad: float) -> float
     return 0.5 * (torque_noise([recording], 0.0) ** 2 + (inertia_kg_m2 * step_rad / recording.sample_period_s**2) ** 2)
 
 
-def _clearly(first: FirstEstimate, other: FirstEstimate) -> bool:
-    """Whether another path leaves so much less than the reading that it is no chance, and no small part of what is left."""
+def _is_clearly_better(first: FirstEstimate, other: FirstEstimate) -> bool:
+    """True if another path leaves so much less than the reading that it is no chance, and no small part of what is left."""
     if not 0.0 < other.rest < (1.0 - EXPLAINED) * first.rest:
         return False
     return first.samples * math.log(first.rest / other.rest) > math.log(first.samples) + CLEAR

@@ -44,8 +44,17 @@ REACH, LINES = 4.0, 400
 
 @dataclass(frozen=True)
 class Banded:
-    """A stretch in the band.   error, torque : (n,), N m.   keep : (n,) bool, samples that count.   noise : predicted rms, N m.
-    sample_s : s."""
+    """A stretch in the band.
+
+    Attributes
+    ----------
+    error, torque : ndarray (n,), N m
+    keep : ndarray of bool, (n,) bool
+        Samples that count.
+    noise : float
+        Predicted rms, N m.
+    sample_s : float, s
+    """
 
     record: str
     held_out: bool
@@ -57,7 +66,13 @@ class Banded:
 
 
 def band_of(data: Data, model: Model) -> float:
-    """Edge of the band for the records of a run, Hz.   model : as a fit has it, for inertia and belt."""
+    """Edge of the band for the records of a run, Hz.
+
+    Parameters
+    ----------
+    model : Model
+        As a fit has it, for inertia and belt.
+    """
     pieces = data.fitted
     rate = min(1.0 / piece.motion.sample_s for piece in pieces)
     bands = [band for band in BANDS_HZ if band <= RATE_SHARE * rate] or [RATE_SHARE * rate]
@@ -103,7 +118,12 @@ def in_band(piece: Segment, model: Model, vector: Array, band_hz: float) -> Band
 def changes(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None) -> tuple[tuple[float, float], tuple[float, float]]:
     """:func:`change` on the fitted records and on those held out, in the band of the model before.
 
-    data : records as that model sees them.   ahead : as the model after does; the same without it.
+    Parameters
+    ----------
+    data : Data
+        Records as that model sees them.
+    ahead : Data or None
+        As the model after does; the same without it.
     """
     band = band_of(data, before.model)
     pairs = list(zip(band_limited_errors(data, before, band), band_limited_errors(ahead or data, after, band), strict=True))

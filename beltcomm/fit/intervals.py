@@ -55,13 +55,25 @@ SCALED = ("motor.inertia", "cart.mass", *(f"{effect}." for effect in EXACT))
 
 @dataclass(frozen=True)
 class ParameterSpread:
-    """How sure the parameters of a fit are, in their units.
+    """Covariance of the parameters of a fit, in their units.
 
-    names : of those that the data see.   bound : of those of them at a bound.   covariance, freedom : over time, (n, n).
-    moved : by leaving out each record, (records, n).
-    shares : information of each record, carried to the parameters, A⁻¹ A_r A⁻¹, (records, n, n).   systematic : what no record tells,
-    half a 95 % interval of every independent cause in each parameter, (causes, n).   unexplained : factor on all of it, the error over the
-    noise where something is left that is no noise: what pulls everywhere the same way shows neither over time nor among records.
+    Attributes
+    ----------
+    names : tuple of str
+        Of those that the data see.
+    bound : frozenset of str
+        Of those of them at a bound.
+    covariance, freedom
+        Over time, (n, n).
+    moved : ndarray
+        By leaving out each record, (records, n).
+    shares : ndarray
+        Information of each record, carried to the parameters, A⁻¹ A_r A⁻¹, (records, n, n).
+    systematic : ndarray
+        What no record tells, half a 95 % interval of every independent cause in each parameter, (causes, n).
+    unexplained : float
+        Factor on all of it, the error over the noise where something is left that is no noise: what pulls everywhere the same way shows
+        neither over time nor among records.
     """
 
     names: tuple[str, ...]
@@ -96,9 +108,22 @@ _KNOWN: WeakKeyDictionary[Fitted, tuple[Nuisance | None, Model]] = WeakKeyDictio
 class Information:
     """Gradients and information of some parameters around a minimum, in units of ``scale``.
 
-    names : of the parameters.   scores : gradient of each group, (groups, n).   pulls, parts : gradient, (records, n), and information,
-    (records, n, n), of each record.   inverse : of the information of all, (n, n).   unknown : variance of what is told by nothing, (n, n).
-    level : mean square of what is left, weighted.   elsewhere : variance by what comes from there, (n, n).
+    Attributes
+    ----------
+    names : tuple of str
+        Of the parameters.
+    scores : ndarray
+        Gradient of each group, (groups, n).
+    pulls, parts : ndarray
+        Gradient, (records, n), and information, (records, n, n), of each record.
+    inverse : ndarray
+        Of the information of all, (n, n).
+    unknown : ndarray
+        Variance of what is told by nothing, (n, n).
+    level : float
+        Mean square of what is left, weighted.
+    elsewhere : ndarray
+        Variance by what comes from there, (n, n).
     """
 
     names: tuple[str, ...]
@@ -133,7 +158,7 @@ def information_of(fitted: Fitted) -> Information:
     """
     problem = fitted.problem
     weights, own = problem.weights(fitted.residual), len(problem.free)
-    jacobian, left = problem.jacobian(fitted.x).scaled(weights), fitted.residual * weights
+    jacobian, left = problem.jacobian(fitted.x).weighted_rows(weights), fitted.residual * weights
     # What a start offset can take up says nothing.
     columns = jacobian.columns[:, :own]
     for here in jacobian.segments():
@@ -181,7 +206,7 @@ def at_bound(fitted: Fitted) -> NDArray[np.bool_]:
     return found
 
 
-def spread_of(fitted: Fitted) -> ParameterSpread:
+def parameter_spread(fitted: Fitted) -> ParameterSpread:
     """The spread of a fit."""
     told, model = information_of(fitted), fitted.model
     moved, shares = without_each(told)
@@ -199,7 +224,7 @@ def spread_of(fitted: Fitted) -> ParameterSpread:
 
 
 def unbounded_estimates(fitted: Fitted) -> dict[str, tuple[float, float]]:
-    """Where the data alone, without bounds, would have each parameter at a bound, and one standard deviation of it, in its unit.
+    """Unbounded estimate of each parameter at a bound, by the data alone, and its standard deviation, in its unit.
 
     One of which the residual does not depend is missing.
     """
@@ -250,7 +275,7 @@ def with_intervals(fitted: Fitted) -> Model:
     """The model with half widths of 95 %, worked out once: several answers in a row ask for it; None where a parameter sits at a bound."""
     nuisance, known = _KNOWN.get(fitted, (None, None))
     if known is None or nuisance is not fitted.problem.nuisance:
-        spread = spread_of(fitted)
+        spread = parameter_spread(fitted)
         parameters = dict(fitted.model.parameters)
         for name in fitted.problem.free:
             parameters[name] = replace(parameters[name], interval=spread.half_width({name: 1.0}))

@@ -43,7 +43,13 @@ class Jump:
 
 
 def largest_step(recording: Recording, inertia_kg_m2: float, step_rad: float, striking: float) -> tuple[int, float] | None:
-    """(first sample after it, rad) of the step that stands out most, None when none stands out.   striking : see ``CERTAIN``."""
+    """(first sample after it, rad) of the step that stands out most, None when none stands out.
+
+    Parameters
+    ----------
+    striking : float
+        See ``CERTAIN``.
+    """
     torque, steps = recording.torque, np.diff(recording.position)
     if len(steps) < 4:
         return None

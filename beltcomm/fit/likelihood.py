@@ -22,7 +22,7 @@ from beltcomm.fit.observer import Perturbation, slopes
 from beltcomm.fit.reversals import LEVEL
 from beltcomm.fit.rounding_bias import RoundingBias
 from beltcomm.fit.segment import Segment, in_noise, observed_residuals, with_observers
-from beltcomm.fit.touches import Touch, touched_by, touches_noise
+from beltcomm.fit.touches import Touch, part_touched, touches_noise
 from beltcomm.model import Model, expected_parameters
 from beltcomm.simulate.inverse import (
     FineMotion,
@@ -53,7 +53,12 @@ PACE = 3.0
 class Parts:
     """The torque balance of one segment, N m, (n,) each:  residual = inertia + motor + belt, as read, - acting.
 
-    motion : true.   lags : of the torque's reading.
+    Attributes
+    ----------
+    motion : FineMotion
+        True.
+    lags : Lags
+        Of the torque's reading.
     """
 
     inertia: Array
@@ -66,7 +71,7 @@ class Parts:
 
     @property
     def residual(self) -> Array:
-        """What is left over, N m, (n,)."""
+        """Residual, N m, (n,)."""
         return as_read(self.inertia + self.motor + self.belt, float(self.acting[1]), self.motion.sample_s, self.lags) - self.acting
 
 
@@ -82,7 +87,17 @@ class Nuisance:
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where a search ended.   x : scaled unknowns.   residual : whitened, (n,).   objective : O."""
+    """End of a search.
+
+    Attributes
+    ----------
+    x : ndarray
+        Scaled unknowns.
+    residual : ndarray
+        Whitened, (n,).
+    objective : float
+        O.
+    """
 
     x: Array
     residual: Array
@@ -110,7 +125,7 @@ class Problem:
         self.low = np.concatenate([np.array([v.low for v in values]) / own, -held])
         self.high = np.concatenate([np.array([v.high for v in values]) / own, held])
         self.inertia = model.index("motor.inertia")
-        self.touches = [touched_by(model, name) for name in self.free]
+        self.touches = [part_touched(model, name) for name in self.free]
         self.touches_noise = [touches_noise(model, name) for name in self.free]
         self.ends = np.cumsum([0, *(len(piece.value_samples) for piece in self.pieces)])
         self.blocks = time_blocks(self.pieces, block_s)
@@ -255,7 +270,7 @@ class Problem:
             # An observer knows itself how the carriage may stand at first.
             offset_of = [own + i] if own + i in asked and piece.observer is None else []
             for j in [j for j in shared if j not in observed] + offset_of:
-                step, ahead = self.perturbed(x, j)
+                step, ahead = self.perturb(x, j)
                 touch: Touch = self.touches[j] if j < own else "belt"
                 offset = OFFSET_M * float(ahead[own + i]) if self.movable else 0.0
                 if touch == "belt":
@@ -269,7 +284,7 @@ class Problem:
             changes: dict[int, Array] = {}
             own_white = in_noise(piece, self.model, vector, here) if piece.own_noise else np.zeros(0)
             for j, beside in neighbours.items():
-                step, ahead = self.perturbed(x, j)
+                step, ahead = self.perturb(x, j)
                 if piece.own_noise and j < own and self.touches_noise[j]:
                     columns[self.ends[i] : self.ends[i + 1], j] = (in_noise(piece, self.model, self.full(ahead), beside) - own_white) / step
                 else:
@@ -283,12 +298,12 @@ class Problem:
         """Columns of unknowns behind the observers of the pieces, (n, numbers)."""
         steps = []
         for j in numbers:
-            length, ahead = self.perturbed(x, j)
+            length, ahead = self.perturb(x, j)
             steps.append(Perturbation(length, self.full(ahead), self.touches[j] == "all"))
         found = slopes([one for piece in self.pieces for one in piece.observations], self.model, self.full(x), steps)
         return np.concatenate([piece.group_sums(white[piece.keep]) for piece, white in zip(self.pieces, found, strict=True)])
 
-    def perturbed(self, x: Array, j: int) -> tuple[float, Array]:
+    def perturb(self, x: Array, j: int) -> tuple[float, Array]:
         """A small step of one unknown, to the side where there is room, and the unknowns there."""
         step = 1e-3 * max(abs(x[j]), 0.1)
         if x[j] + step > self.high[j]:
@@ -322,7 +337,7 @@ class Problem:
         moved = [j for j in range(own) if self.touches_noise[j]]
         steps, others = [], []
         for j in moved:
-            step, ahead = self.perturbed(x, j)
+            step, ahead = self.perturb(x, j)
             steps.append(step)
             others.append(self.full(ahead))
         slope, curvature = self.bias.responses(self.full(x), others, np.array(steps))
@@ -336,14 +351,21 @@ class Problem:
     def minimise(self, x: Array, iterations: int, held: Sequence[int] = (), enough: float = 0.02, goal: float = math.inf) -> Minimum:
         """Levenberg-Marquardt on O with the weights of each place; unknowns that push against a bound stay there.
 
-        held : unknowns that do not move.   enough : a step that gains less than this ends the search, nats.   goal : see :func:`hopeless`.
+        Parameters
+        ----------
+        held : sequence of int
+            Unknowns that do not move.
+        enough : float
+            A step that gains less than this ends the search, nats.
+        goal : float
+            See :func:`hopeless`.
         """
         residual = self.residual(x)
         value, damping = self.objective(residual, x), 1e-3
         asked = [j for j in range(len(x)) if j not in set(held)]
         for left in reversed(range(iterations if math.isfinite(value) else 0)):
             weights = self.weights(residual)
-            jacobian = self.jacobian(x, asked).scaled(weights)
+            jacobian = self.jacobian(x, asked).weighted_rows(weights)
             gradient, information = jacobian.transpose_times(residual * weights), jacobian.information()
             unit, own = np.diag(information).copy(), len(self.free)
             of_block = np.zeros(len(self.count))
@@ -376,10 +398,16 @@ class Problem:
 
 
 def hopeless(above: float, gain: float, left: int) -> bool:
-    """Whether a search that must come down to a goal to matter does not get there.
+    """True if a search that must come down to a goal to matter does not get there.
 
-    above : how far O is above it, nats.   gain : by how much O fell in the last iteration, nats; later ones rarely gain more.
-    left : iterations.
+    Parameters
+    ----------
+    above : float
+        How far O is above it, nats.
+    gain : float
+        By how much O fell in the last iteration, nats; later ones rarely gain more.
+    left : int
+        Iterations.
     """
     return above > PACE * gain * left
 

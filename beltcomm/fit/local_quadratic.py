@@ -30,7 +30,17 @@ PASSES, ENOUGH = 12, 0.05
 
 @dataclass(frozen=True)
 class Near:
-    """A minimum in the neighbourhood.   objective : O.   amounts : a, (k,).   step : δ in the units of the problem's unknowns, (p,)."""
+    """A minimum in the neighbourhood.
+
+    Attributes
+    ----------
+    objective : float
+        O.
+    amounts : ndarray
+        A, (k,).
+    step : ndarray
+        δ in the units of the problem's unknowns, (p,).
+    """
 
     objective: float
     amounts: Array
@@ -67,15 +77,15 @@ class LocalQuadratic:
 
     def _prepare_screening(self, here: Near) -> None:
         """Everything fitted, weighted as at the minimum, for :meth:`rough_gains`."""
-        rest = self.residual + self._moved(here.step[self.moving] * self.norms)
+        rest = self.residual + self._residual_change(here.step[self.moving] * self.norms)
         means = np.add.reduceat(rest**2, self.starts[:-1]) / self.count
         self.weights = np.repeat(1.0 / np.maximum(means, 1.0), np.diff(self.starts))
-        self.weighted = self.jacobian.scaled(self.weights)
+        self.weighted = self.jacobian.weighted_rows(self.weights)
         inner, _ = self._summed(1.0 / np.maximum(means, 1.0), self.products, np.zeros(self.products.shape[:2]))
         self.inverse = np.linalg.inv(inner + 1e-12 * np.diag(np.diag(inner)))
-        self.rest = rest - self._moved(self.inverse @ self.weighted.transpose_times(rest)[self.used])
+        self.rest = rest - self._residual_change(self.inverse @ self.weighted.transpose_times(rest)[self.used])
 
-    def _moved(self, place: Array) -> Array:
+    def _residual_change(self, place: Array) -> Array:
         """Change of the residual by everything fitted, (p,) -> (n,)."""
         every = np.zeros(self.jacobian.own + len(self.jacobian.ends) - 1)
         every[self.used] = place
@@ -95,7 +105,7 @@ class LocalQuadratic:
         return whole[np.ix_(order, order)], np.concatenate((ahead, borders))[order]
 
     def _by_block(self, place: Array) -> Array:
-        """What of the unknowns, (p + k,), acts in each block: (blocks, c)."""
+        """Unknowns that act in each block, of (p + k,): (blocks, c)."""
         k, p = self.jacobian.own, len(self.moving)
         of_stretch = np.zeros(max(len(self.jacobian.ends) - 1, 1))
         of_stretch[self.used[k:] - k] = place[k:p]
@@ -107,7 +117,10 @@ class LocalQuadratic:
         """Roughly how far O falls with each group of neighbouring columns, weights as they stand, no bounds; and how far it would fall if
         the group were there, with the phase that shows least; (n, k) -> (k/group,) each.
 
-        signed : amounts below 0 count as well.
+        Parameters
+        ----------
+        signed : bool
+            Amounts below 0 count as well.
         """
         weighted = columns * self.weights[:, None]
         shared = self.weighted.transpose_times(columns)[self.used]
@@ -129,11 +142,11 @@ class LocalQuadratic:
     def beside(self, columns: Array) -> Array:
         """What of columns, (n, k), is left when everything fitted gives way to them, weights as they stand."""
         ways = self.inverse @ self.weighted.transpose_times(columns)[self.used]
-        return columns - np.stack([self._moved(way) for way in ways.T], axis=1)
+        return columns - np.stack([self._residual_change(way) for way in ways.T], axis=1)
 
     def followed(self, change: Array, step: Array) -> Array:
         """The residual, (n,), with a change of it and the step of everything fitted that :meth:`best` answers it with."""
-        return self.residual + change + self._moved(step[self.moving] * self.norms)
+        return self.residual + change + self._residual_change(step[self.moving] * self.norms)
 
     def information(self, columns: Array) -> Array:
         """Information on amounts of columns beside everything fitted, weights as they stand, (n, k) -> (k, k)."""
@@ -175,7 +188,7 @@ class LocalQuadratic:
         value = _robust(self.count, means)
         for _ in range(PASSES):
             weights = 1.0 / np.maximum(means, 1.0)
-            ahead = _bounded(*self._summed(weights, system, slope), low, high, p)
+            ahead = _bounded_minimum(*self._summed(weights, system, slope), low, high, p)
             acts = self._by_block(ahead)
             pulled = 2.0 * slope + np.matmul(system, acts[:, :, None])[:, :, 0]
             means_ahead = np.maximum((square + np.sum(pulled * acts, axis=1)) / self.count, 0.0)
@@ -191,7 +204,7 @@ class LocalQuadratic:
         return Near(value, place[p:] / np.maximum(sizes, 1e-300), step)
 
 
-def _bounded(system: Array, slope: Array, low: Array, high: Array, p: int) -> Array:
+def _bounded_minimum(system: Array, slope: Array, low: Array, high: Array, p: int) -> Array:
     """Minimum of a quadratic form with what runs into a bound held there; columns after the first p that say nothing stay 0."""
     place = np.zeros(len(slope))
     free = np.diag(system) > 0.0

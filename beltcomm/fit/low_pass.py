@@ -1,4 +1,4 @@
-"""How far an angle must be smoothed before its second derivative is motion and not the rounding of the encoder.
+"""Low-pass for an angle whose second derivative shall be motion and not the rounding of the encoder.
 
 Torque and angle behind one Gaussian low-pass obey the same linear equation of motion, so the filter biases nothing but the friction's
 reversals, over its own width.
@@ -44,5 +44,5 @@ def legible(position: Array, sample_s: float, step: float, share: float = ROUNDI
 
 
 def fine(position: Array, step: float) -> bool:
-    """Whether the angle needs no smoothing: the rounding of its second differences, σ² = q²/2, is less than a tenth of them."""
+    """True if the angle needs no smoothing: the rounding of its second differences, σ² = q²/2, is less than a tenth of them."""
     return step * math.sqrt(0.5) < ROUNDING_SHARE * float(np.std(np.diff(position, 2)))

@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 from beltcomm.errors import DataError
 from beltcomm.fit.base import fit_base
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import ParameterSpread, spread_of, unbounded_estimates, with_intervals
+from beltcomm.fit.intervals import ParameterSpread, parameter_spread, unbounded_estimates, with_intervals
 from beltcomm.fit.noise_level import noise_colour, torque_noise
 from beltcomm.fit.nuisance import held_remarks
 from beltcomm.fit.records import Data, apparent_step, prepare_records
@@ -25,8 +25,9 @@ from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]
 
-#: Samples for each parameter, and s of records for each beside some more, without which nothing is fitted.
-FEWEST_SAMPLES, GROUP_S, MORE = 50, 0.2, 12
+#: s in which the axis moves and samples of them, for each parameter, and s of records for each beside some more, without which nothing is
+#: fitted.  Seconds, since half the rate has half the samples of the same motion.
+FEWEST_S, FEWEST_SAMPLES, GROUP_S, MORE = 0.05, 12, 0.2, 12
 #: Mean square of the whitened residual above which a fit is called suspect; healthy virtual axes lie between 0.9 and 1.1.
 SUSPECT_MISFIT = 1.5
 
@@ -86,12 +87,12 @@ class ModelFit:
 
     @property
     def suspect(self) -> bool:
-        """Whether so much is left unexplained that the numbers should not be trusted."""
+        """True if so much is left unexplained that the numbers should not be trusted."""
         return self.misfit > SUSPECT_MISFIT
 
     @cached_property
     def _spread(self) -> ParameterSpread:
-        return spread_of(self.fitted)
+        return parameter_spread(self.fitted)
 
     @property
     def freedom(self) -> int:
@@ -209,9 +210,10 @@ def _of_fit(model: Model) -> Model:
 def _check_enough(data: Data, free: int) -> None:
     """Raise DataError when too few samples move, with the seconds that are needed."""
     samples = sum(int(piece.keep.sum()) for piece in data.fitted)
+    moving_s = sum(int(piece.keep.sum()) * piece.motion.sample_s for piece in data.fitted)
     span = sum(piece.motion.samples * piece.motion.sample_s for piece in data.fitted)
     least_s = GROUP_S * (free + MORE)
-    if samples < FEWEST_SAMPLES * free or span < least_s:
+    if moving_s < FEWEST_S * free or samples < FEWEST_SAMPLES * free or span < least_s:
         raise DataError(
             f"only {samples} moving samples in {span:.1f} s are usable for {free} parameters; record at least {least_s:.0f} s in which "
             "the axis keeps moving"

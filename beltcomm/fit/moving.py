@@ -63,7 +63,7 @@ def creeping_samples(position: Array, sample_s: float, step_rad: float) -> tuple
     return found, even
 
 
-def crept(motion: FineMotion, position: Array, creeps: NDArray[np.bool_]) -> tuple[Array, Array] | None:
+def creep_motion(motion: FineMotion, position: Array, creeps: NDArray[np.bool_]) -> tuple[Array, Array] | None:
     """Angle, rad, and speed, rad/s, on the fine grid, even over the span of time in which the motor creeps; None where it does nowhere.
 
     Between two steps of the encoder the angle stands, and friction would seem to turn with every step.
@@ -84,13 +84,18 @@ def crept(motion: FineMotion, position: Array, creeps: NDArray[np.bool_]) -> tup
 def samples_between_counts(angle: Array, position: Array, step_rad: float) -> NDArray[np.bool_]:
     """Samples around which an angle swings further than its counts tell, (n,): a slow motion that steps now and then looks so.
 
-    angle : the likeliest, rad, (n,).   position : as it was counted, rad, (n,).
+    Parameters
+    ----------
+    angle : ndarray
+        The likeliest, rad, (n,).
+    position : ndarray
+        As it was counted, rad, (n,).
     """
     ways = [uniform_filter1d(np.abs(np.diff(row, prepend=row[0])), AROUND, mode="nearest") * AROUND for row in (angle, position)]
     return np.asarray(ways[0] > MOST_WAY * (ways[1] + step_rad))
 
 
-def ran_in(motion: FineMotion, ratio: float) -> NDArray[np.bool_]:
+def run_in_samples(motion: FineMotion, ratio: float) -> NDArray[np.bool_]:
     """Samples after the carriage has first moved far enough to have forgotten where it stuck."""
     travel = np.abs(motion.theta[:: motion.substeps] - motion.theta[0]) * ratio
     moved = np.flatnonzero(travel > RUN_IN_TRAVEL_M)

@@ -23,14 +23,19 @@ Array = NDArray[np.float64]
 def noise_information(problem: Problem, x: Array, weights: Array) -> Array:
     """Expected sum of squares of the module, (p, p), in nats per scaled unknown squared.
 
-    x : scaled unknowns, p of them shared by all segments.   weights : of the values of the whitened residual, (n,).
+    Parameters
+    ----------
+    x : ndarray
+        Scaled unknowns, p of them shared by all segments.
+    weights : ndarray
+        Of the values of the whitened residual, (n,).
     """
     own = len(problem.free)
     found = np.zeros((own, own))
     moved = [j for j in range(own) if problem.touches_noise[j]]
     if not moved:
         return found
-    ahead = [problem.perturbed(x, j) for j in moved]
+    ahead = [problem.perturb(x, j) for j in moved]
     here = problem.model.with_vector(problem.full(x))
     beside = [problem.model.with_vector(problem.full(other)) for _, other in ahead]
     at = np.array(moved, dtype=np.intp)
@@ -53,11 +58,11 @@ def draw_of_noise(piece: Segment, model: Model, seed: int) -> Array:
     f, g, h, d = (np.stack([getattr(path, name) for path, _, _ in levels]) for name in "FGHD")
     variances = levels[0][1]
     drawn = np.random.default_rng(seed).standard_normal((len(piece.keep), len(variances))) * np.sqrt(variances)
-    return piece.group_sums(whitener_of(piece, model)(_driven(f, g, h, d, along.level, drawn), piece.keep))
+    return piece.group_sums(whitener_of(piece, model)(_noise_response(f, g, h, d, along.level, drawn), piece.keep))
 
 
 @compiled
-def _driven(f: Array, g: Array, h: Array, d: Array, level: NDArray[np.int64], drawn: Array) -> Array:
+def _noise_response(f: Array, g: Array, h: Array, d: Array, level: NDArray[np.int64], drawn: Array) -> Array:
     """e[n], N m at the motor shaft, of drawn noises ε, rad, and w, N m; (n, m) -> (n,)."""
     size = h.shape[1]
     s, moved, out = np.zeros(size), np.zeros(size), np.zeros(drawn.shape[0])

@@ -1,4 +1,4 @@
-"""How noisy a torque signal is: from its setpoint, from an excitation that repeats, or from what is rough between its jumps."""
+"""Noise of a torque signal: from its setpoint, from an excitation that repeats, or from what is rough between its jumps."""
 
 from __future__ import annotations
 
@@ -47,7 +47,17 @@ _REMEDY = (
 
 @dataclass(frozen=True)
 class Level:
-    """nm : N m rms.   told : whether it is surely noise, not excitation.   colour : correlation of neighbours, 0 of white noise."""
+    """Noise level of a torque signal.
+
+    Attributes
+    ----------
+    nm : float
+        N m rms.
+    told : bool
+        Whether it is surely noise, not excitation.
+    colour : float
+        Correlation of neighbours, 0 of white noise.
+    """
 
     nm: float
     told: bool
@@ -65,7 +75,7 @@ def torque_noise(recordings: Sequence[Recording], quiet_nm: float = 1e-3) -> flo
 def repeats_itself(recordings: Sequence[Recording]) -> bool:
     """True for a torque that repeats from period to period as no measured one does: most values the same, others a step or two apart."""
     for recording in recordings:
-        repeated, note = _repeated(recording), recording.sidecar.excitation
+        repeated, note = _period_difference(recording), recording.sidecar.excitation
         if repeated is None or note is None or len(repeated) < (note.period_samples or 0):
             continue
         if np.mean(repeated == 0.0) > SAME and float(np.std(repeated)) < NO_NOISE * float(np.std(recording.torque)):
@@ -92,14 +102,20 @@ def correlation(rests: Sequence[Array], samples: int = 1) -> float:
 
 
 def robust_rms(rest: Array, step_nm: float = 0.0) -> float:
-    """rms of a normal bulk about 0, N m: what lies far outside is no noise.   step_nm : in which it was read, a bulk has one more of it."""
+    """rms of a normal bulk about 0, N m: what lies far outside is no noise.
+
+    Parameters
+    ----------
+    step_nm : float
+        In which it was read, a bulk has one more of it.
+    """
     size = NORMAL * float(np.median(np.abs(rest)))
     inside = np.abs(rest) < OUTLIER * size + step_nm * (1.0 + 1e-9)
     return float(np.sqrt(np.mean(rest[inside] ** 2))) if inside.any() and size > 0.0 else float(np.std(rest))
 
 
 def noise_untold(recordings: Sequence[Recording]) -> str:
-    """Why the torque's noise cannot be told from records over time, with what to do; "" where it can."""
+    """Reason in words why records over time do not tell the torque's noise, with what to do; "" where they do."""
     to_fit = [r for r in recordings if not (r.sidecar.held_out or r.is_static_map)]
     if not to_fit or _level(to_fit).told:
         return ""
@@ -109,8 +125,8 @@ def noise_untold(recordings: Sequence[Recording]) -> str:
     )
 
 
-def too_little(ratio: float) -> str:
-    """Why an error over the noise is none; "" for one that noise can leave."""
+def error_floor_words(ratio: float) -> str:
+    """Reason in words why a ratio to the noise means nothing; "" for one that noise can leave."""
     if ratio >= TOO_LITTLE:
         return ""
     return (
@@ -120,8 +136,8 @@ def too_little(ratio: float) -> str:
 
 
 def noise_doubt(ratio: float, recordings: Sequence[Recording]) -> str:
-    """Why an error over the noise says nothing of a model; "" where it does."""
-    return noise_untold(recordings) or too_little(ratio)
+    """Reason in words why the ratio to the noise says nothing of a model; "" where it does."""
+    return noise_untold(recordings) or error_floor_words(ratio)
 
 
 def _level(recordings: Sequence[Recording]) -> Level:
@@ -139,13 +155,13 @@ def _level(recordings: Sequence[Recording]) -> Level:
         levels.append(robust_rms(rest, step) if step > size else size)
     if levels:
         return Level(float(np.median(levels)), True)
-    coloured = [level for r in recordings if (level := _coloured(r)) is not None]  # what differences of a high order hardly show
+    coloured = [level for r in recordings if (level := _coloured_noise(r)) is not None]  # what differences of a high order hardly show
     return min(coloured or map(_without_setpoint, recordings), key=lambda level: level.nm, default=Level(0.0, True))
 
 
-def _coloured(recording: Recording) -> Level | None:
+def _coloured_noise(recording: Recording) -> Level | None:
     """Noise of first order, by what two whole periods of a record differ by; None where they differ by white noise or something else."""
-    repeated, note = _repeated(recording), recording.sidecar.excitation
+    repeated, note = _period_difference(recording), recording.sidecar.excitation
     if repeated is None or note is None or len(repeated) < (note.period_samples or 0):
         return None
     number = np.arange(len(repeated))
@@ -159,7 +175,7 @@ def _coloured(recording: Recording) -> Level | None:
 def _without_setpoint(recording: Recording) -> Level:
     """From the difference of repeated periods, where a record holds any, else from what is rough between jumps or behind the excitation."""
     rough = [nm for nm in (_between_jumps(recording.torque), _floor(recording)) if nm is not None]
-    repeated = _repeated(recording)
+    repeated = _period_difference(recording)
     if repeated is not None:
         nm = _rough(np.diff(repeated, ORDER), ORDER)
         if not rough or nm <= REPEATING * min(rough):
@@ -170,8 +186,8 @@ def _without_setpoint(recording: Recording) -> Level:
     return Level(min(rough), not restless or min(rough) < MOSTLY * float(np.std(recording.torque)))
 
 
-def _repeated(recording: Recording) -> Array | None:
-    """What samples one period apart differ by, over √2; None where too few are."""
+def _period_difference(recording: Recording) -> Array | None:
+    """Difference of samples one period apart, over √2; None where there are too few."""
     torque, note = recording.torque, recording.sidecar.excitation
     if note is None or note.period_samples is None:
         return None
@@ -189,7 +205,7 @@ def _repeated(recording: Recording) -> Array | None:
 
 
 def _across_gaps(recording: Recording, length: int, first: int) -> Array | None:
-    """The same of a record that lost samples: two belong together by their time, not by their row."""
+    """Difference of samples one period apart in a record that lost samples: pairs by their time, not by their row."""
     number = np.round((recording.t_s - recording.t_s[0]) / recording.sample_period_s).astype(np.int64)
     later = np.minimum(np.searchsorted(number, number + length), len(number) - 1)
     whole = (int(number[-1]) + 1 - first) // length

@@ -1,4 +1,4 @@
-"""How the noises of a record reach the residual of a model: the encoder's rounding through inertia and belt, the torque's own.
+"""Path of a record's noises to the residual of a model: the encoder's rounding through inertia and belt, the torque's own.
 
 With x the displacements and speeds of the bodies behind the motor, q the rounding and w the torque's noise,
 
@@ -56,12 +56,21 @@ KEPT = 512
 
 @dataclass(frozen=True)
 class NoisePath:
-    """How the noises reach the residual:  s[n+1] = F s[n] + G (ε[n], w[n]),   e[n] = H s[n] + D (ε[n], w[n]).
+    """Path of the noises to the residual:  s[n+1] = F s[n] + G (ε[n], w[n]),   e[n] = H s[n] + D (ε[n], w[n]).
 
-    s = (x[n], c[n-1], c[n], c[n+1], what x and c of the period before leave of e[n], w[n-1]).   F : (k, k), zero in its last two columns.
-    G : (k, 2).   H : (k,).   D : (2,).   begins : (k, k, 4), covariance of s at the first sample: by motion that the record does not show,
-    and in units of the variances of a rounding that is white, of one that is slow, and of w.
-    e in N m, c and ε in rad, both at the motor shaft, w in N m.   sample_s : s.
+    s = (x[n], c[n-1], c[n], c[n+1], what x and c of the period before leave of e[n], w[n-1]).
+
+    Attributes
+    ----------
+    F : ndarray (k, k)
+        Zero in its last two columns.
+    G : ndarray (k, 2)
+    H : ndarray (k,)
+    D : ndarray (2,)
+    begins : ndarray (k, k, 4)
+        Covariance of s at the first sample: by motion that the record does not show, and in units of the variances of a rounding that is
+        white, of one that is slow, and of w. e in N m, c and ε in rad, both at the motor shaft, w in N m.
+    sample_s : float, s
     """
 
     F: Array
@@ -74,7 +83,15 @@ class NoisePath:
 
 @dataclass(frozen=True)
 class NoiseSchedule:
-    """Noise paths along the way of a segment.   paths : of all levels.   level : (n,), which of them holds at each sample."""
+    """Noise paths along the way of a segment.
+
+    Attributes
+    ----------
+    paths : tuple of NoisePath
+        Of all levels.
+    level : ndarray (n,) of int
+        Which of them holds at each sample.
+    """
 
     paths: tuple[NoisePath, ...]
     level: NDArray[np.int64]
@@ -84,8 +101,12 @@ def way(model: Model, places_m: Array, sample_s: float, left: Array | None = Non
     """The paths at the places of the carriage, (n,), m: one in the middle of the way, several where the belt's stiffness changes on it
     and is known everywhere, or where a strand goes slack.
 
-    Levels are even in the logarithm of the stiffness that holds the carriage, :data:`LEVEL` apart at most.   left : (n,), share of the
-    belt's stiffness at each sample; all of it without.
+    Levels are even in the logarithm of the stiffness that holds the carriage, :data:`LEVEL` apart at most.
+
+    Parameters
+    ----------
+    left : ndarray (n,) or None
+        Share of the belt's stiffness at each sample; all of it without.
     """
     low, high = float(places_m.min()), float(places_m.max())
     at, stiffness = stiffness_levels(model, low, high)
@@ -131,16 +152,21 @@ def stiffness_to_ground(model: Model, position_m: float) -> float:
 
 
 def noise_path(model: Model, position_m: float, sample_s: float, closed: float = 1.0) -> NoisePath:
-    """The path of a model linearised with the carriage sliding at a place, m; ``sample_s`` : s.   closed : see ``matrices``.
+    """The path of a model linearised with the carriage sliding at a place, m; ``sample_s`` : s.
 
     The load's triangular mean is exact for rounding linear between the samples:  ∫_0^1 u load du before and ∫_0^1 (1-u) load du after
     a sample, from the first and the second integral of the load.
+
+    Parameters
+    ----------
+    closed : float
+        See ``matrices``.
     """
     return path_of(model, matrices(model, operating_point(model, position_m, 1.0), closed=closed), sample_s)
 
 
 def path_of(model: Model, linear: Matrices, sample_s: float) -> NoisePath:
-    """The same of a model linearised already."""
+    """Noise path of a model linearised already."""
     lags = [(e, model[f"{e.name}.time"]) for e in model.effect_list() if e.slot in ("torque_reading", "torque_delay")]
     reading = sum(time for e, time in lags if e.slot == "torque_reading")
     dead, lag = (sum(time for e, time in lags if e.name == name) for name in ("dead_time", "current_lag"))

@@ -25,8 +25,15 @@ FORGOTTEN_S = 0.04
 
 
 class Perturbation(NamedTuple):
-    """A small step of one unknown.   vector : of the model at its end.   moves : whether the motor's angle, or what the torque leaves for
-    the bodies, is another there."""
+    """A small step of one unknown.
+
+    Attributes
+    ----------
+    vector : ndarray
+        Of the model at its end.
+    moves : bool
+        Whether the motor's angle, or what the torque leaves for the bodies, is another there.
+    """
 
     length: float
     vector: Array
@@ -35,9 +42,14 @@ class Perturbation(NamedTuple):
 
 @dataclass(frozen=True)
 class Observer:
-    """The observer of one segment.   watch : its filter, with gains, deviations and shares as worked out near the right model.
+    """The observer of one segment.
 
-    model, motion, torque : those it was worked out with; what it found on the way stands in ``watch`` as well.
+    Attributes
+    ----------
+    watch : ObserverState
+        Its filter, with gains, deviations and shares as worked out near the right model.
+    model, motion, torque
+        Those it was worked out with; what it found on the way stands in ``watch`` as well.
     """
 
     watch: ObserverState
@@ -46,20 +58,26 @@ class Observer:
     torque: Array
 
     def white(self, torque: Array, keep: NDArray[np.bool_]) -> Array:
-        """What changes of the residual, N m, (n,) or (n, k), change of the innovations to first order, over their deviation."""
+        """First-order change of the innovations, over their deviation, by changes of the residual, N m, (n,) or (n, k)."""
         w = self.watch
         columns = np.ascontiguousarray(torque if torque.ndim == 2 else torque[:, None])
         out = filter_columns(columns, keep, w.F, w.H, w.gains, w.deviations, w.shares)
         return out if torque.ndim == 2 else out[:, 0]
 
     def knows(self, seen: Observation, model: Model, vector: Array) -> bool:
-        """Whether this is what it was worked out with."""
+        """True if this is what it was worked out with."""
         same = seen.motion is self.motion and seen.torque is self.torque and model.effects == self.model.effects
         return same and np.allclose(vector, self.model.vector(), rtol=1e-12, atol=0.0)
 
 
 class Observation(NamedTuple):
-    """What is looked at behind an observer.   torque : ndarray (n,), N m, as reported."""
+    """A motion and a torque judged behind an observer.
+
+    Attributes
+    ----------
+    torque : ndarray (n,), N m
+        As reported.
+    """
 
     observer: Observer
     motion: FineMotion
@@ -95,20 +113,26 @@ def slopes(seen: Sequence[Observation], model: Model, vector: Array, steps: Sequ
 
 
 def needs_observer(model: Model) -> bool:
-    """Whether the model's bodies are to be followed: a carriage, a gap, and no lag between what the motor needs and what is read."""
+    """True if the model's bodies are to be followed: a carriage, a gap, and no lag between what the motor needs and what is read."""
     effects = model.effect_list()
     loose = "cart" in model.base_bodies and any(e.rattles for e in effects)
     return loose and not any(e.slot == "torque_reading" for e in effects)
 
 
 def load_beyond_motor(model: Model, motion: FineMotion, torque: Array, vector: Array) -> Array:
-    """Load that the torque leaves for everything beyond the motor, N m, (n,).   motion : true."""
+    """Load that the torque leaves for everything beyond the motor, N m, (n,).
+
+    Parameters
+    ----------
+    motion : FineMotion
+        True.
+    """
     left = acting_torque(model, motion, torque, vector) - motor_load(model, motion, vector)
     left[1:-1] -= vector[model.index("motor.inertia")] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
     return left
 
 
-def forgotten(keep: NDArray[np.bool_], sample_s: float) -> NDArray[np.bool_]:
+def settling_samples(keep: NDArray[np.bool_], sample_s: float) -> NDArray[np.bool_]:
     """Samples that do not count, behind so many of them that the carriage may be anywhere in its gap when the next one does; (n,)."""
     number = np.arange(len(keep))
     since = number - np.maximum.accumulate(np.where(keep, number, -1))
@@ -117,7 +141,7 @@ def forgotten(keep: NDArray[np.bool_], sample_s: float) -> NDArray[np.bool_]:
 
 
 def stiffest(model: Model, low_m: float, high_m: float, places_m: Array) -> tuple[float, Array]:
-    """Where between two places the carriage is held stiffest, m, and the stiffness at places over the one there, (n,).
+    """Place between two others where the carriage is held stiffest, m, and the stiffness at places over the one there, (n,).
 
     A filter whose gains are worked out for a belt less than half as stiff as it is overshoots and flies off.
     """
@@ -137,11 +161,17 @@ def untuned_observer(
     process_noise: float,
     freedom_m: float = 0.0,
 ) -> Observer:
-    """The observer of a segment for a model, before it is :func:`tuned_observers`.   start_m : rms stretch of the belt at first, m.
+    """The observer of a segment for a model, before it is :func:`tuned_observers`.
 
-    process_noise : by how much the speed of the carriage changes in each sample as no model tells, rms, as a share of that at which it
-    would swing through half the gap on its belt: in its gap it strikes rough ends at an angle, and rubs.
-    freedom_m : width of the gap, m, whose freedom the carriage is given, whatever the model's; 0 for the model's own.
+    Parameters
+    ----------
+    start_m : float
+        rms stretch of the belt at first, m.
+    process_noise : float
+        By how much the speed of the carriage changes in each sample as no model tells, rms, as a share of that at which it would swing
+        through half the gap on its belt: in its gap it strikes rough ends at an angle, and rubs.
+    freedom_m : float
+        Width of the gap, m, whose freedom the carriage is given, whatever the model's; 0 for the model's own.
     """
     ratio = model["transmission.ratio"]
     low, high = (float(end) * ratio for end in (motion.theta.min(), motion.theta.max()))
@@ -176,7 +206,7 @@ def untuned_observer(
         held=held,
         spread=np.array([(0.5 * free) ** 2, swing**2]),
         lost=np.zeros(motion.samples, dtype=np.bool_),
-        forgets=forgotten(keep, motion.sample_s),
+        forgets=settling_samples(keep, motion.sample_s),
         learning=True,
         F=np.stack([opened.F, shut.F]),
         G=np.concatenate([np.stack([opened.G, shut.G]), by_chance], axis=2),

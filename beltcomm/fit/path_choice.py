@@ -1,4 +1,4 @@
-"""Which of setpoint and reading says what torque acts: told by the motion, before any effect is looked for.
+"""Choice between setpoint and reading as the torque that acts: by the motion, before any effect is looked for.
 
 Setpoint and reading tell the chain of drive and reading together (``reading_fit``); each filter, and what of the delay is no whole
 sample, may lie before the acting torque or behind it.  Each such split is fitted to the liveliest records, and the one that explains the
@@ -62,9 +62,18 @@ EXPLAINED = 0.3
 
 @dataclass(frozen=True)
 class PathChoice:
-    """path : the one taken.   reading : the chain of setpoint and reading, None without setpoint.   fitted : what the path was tried with.
+    """The chosen torque path, and how it was chosen.
 
-    rivals : the others, with -2 ln L above that of the one taken.
+    Attributes
+    ----------
+    path : TorquePath
+        The one taken.
+    reading : ReadingFit or None
+        The chain of setpoint and reading, None without setpoint.
+    fitted : Fitted or None
+        What the path was tried with.
+    rivals : tuple of tuple[TorquePath, float]
+        The others, with -2 ln L above that of the one taken.
     """
 
     path: TorquePath
@@ -74,7 +83,7 @@ class PathChoice:
 
 
 def commands(chain: ReadingFit | None, recordings: Sequence[Recording]) -> bool:
-    """Whether the readings are the setpoint that comes back, without noise."""
+    """True if the readings are the setpoint that comes back, without noise."""
     if chain is None:
         return repeats_itself(recordings)
     scale = max(float(np.sqrt(np.mean(r.torque**2))) for r in recordings)
@@ -82,7 +91,15 @@ def commands(chain: ReadingFit | None, recordings: Sequence[Recording]) -> bool:
 
 
 def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | None) -> PathChoice:
-    """The path of the records.   fitted : by the reading, or the command, taken for the torque that acts.   chain : :func:`fit_reading`."""
+    """The path of the records.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        By the reading, or the command, taken for the torque that acts.
+    chain : ReadingFit or None
+        :func:`fit_reading`.
+    """
     to_fit = [r for r in data.recordings if not r.sidecar.held_out]
     if chain is not None and commands(chain, to_fit):
         return _by_motion(data, fitted.model, to_fit, chain)
@@ -131,7 +148,10 @@ def _split_second_order(law: DriveLaw) -> list[DriveLaw]:
 def splits(law: DriveLaw, at_end: bool = False) -> Iterator[TorquePath]:
     """Every way to divide a chain between drive and reading; first the one that leaves the reading faithful, if it can be.
 
-    at_end : whether the reading is the torque at the end of the period.
+    Parameters
+    ----------
+    at_end : bool
+        Whether the reading is the torque at the end of the period.
     """
     whole = math.floor(law.delay + WHOLE)
     part = max(law.delay - whole, 0.0)
@@ -171,7 +191,7 @@ def _best_shape(data: Data, recordings: Sequence[Recording], choice: PathChoice)
 
 
 def _values(law: DriveLaw) -> int:
-    """How many numbers a law has."""
+    """Number of parameters of a law."""
     return sum(len(lag.values) for lag in law.lags) + (abs(law.delay - round(law.delay)) > WHOLE)
 
 
@@ -245,7 +265,7 @@ def _best(
 
 
 def _differ(one: TorquePath, other: TorquePath, sample_s: float) -> bool:
-    """Whether by two paths the torque acts at different times."""
+    """True if by two paths the torque acts at different times."""
     if one.drive is None or other.drive is None:
         return one.reading != other.reading
     return abs(one.drive.delay_s(sample_s) - other.drive.delay_s(sample_s)) > WHOLE * sample_s
@@ -312,8 +332,8 @@ def _motion_asks_for_path(data: Data, fitted: Fitted) -> bool:
     for path in (TorquePath(loop_s=LOOP_SHARES[0] * sample_s), TorquePath(None, late), TorquePath(None, filtered)):
         columns = columns_of(replace(data, path=path), fitted)
         if columns is not None and np.any(columns):
-            near = fitted.nearby.best(columns=columns)
-            gain = fitted.nearby.objective - near.objective
+            near = fitted.local_quadratic.best(columns=columns)
+            gain = fitted.local_quadratic.objective - near.objective
             if near.amounts[0] > 0.0 and gain > math.log(max(fitted.problem.samples, 2)) + CLEAR:
                 return True
     return False

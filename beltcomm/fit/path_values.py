@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.fit.decimation import decimated_torque
+from beltcomm.fit.decimation import decimate_torque
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.likelihood import Nuisance
 from beltcomm.fit.noise_level import robust_rms, torque_step
@@ -44,8 +44,8 @@ def refine_path(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
         columns = columns_of(data, fitted)
         if columns is None:
             break
-        near, told = fitted.nearby.best(columns=columns), by_reading(data, values)
-        known = fitted.nearby.information(columns)
+        near, told = fitted.local_quadratic.best(columns=columns), by_reading(data, values)
+        known = fitted.local_quadratic.information(columns)
         step = np.linalg.solve(known + told.information, known @ near.amounts + told.pull)
         step *= min(1.0, float(np.min(_most(data.path, values) / np.maximum(np.abs(step), 1e-300))))  # what one loses another gains
         path = _with_values(data.path, values + step)
@@ -65,7 +65,7 @@ def _with_half_widths(data: Data, fitted: Fitted) -> Data:
     columns = columns_of(data, fitted) if len(values) else None
     if columns is None:
         return data
-    known = fitted.nearby.information(columns) + by_reading(data, values).information
+    known = fitted.local_quadratic.information(columns) + by_reading(data, values).information
     halves = NORMAL_95 * np.sqrt(np.maximum(np.diag(np.linalg.pinv(known, hermitian=True)), 0.0))
     return replace(data, path=_with_values(data.path, values, halves))
 
@@ -121,7 +121,7 @@ def by_path(data: Data, model: Model, path: TorquePath) -> Data:
 
 
 def _free_delays(path: TorquePath) -> tuple[int, ...]:
-    """Which of both delays are values: one that is not whole, and both where the reading's is not, for it hides a part of the drive's."""
+    """Delays that are fitted: one that is not whole, and both where the reading's is not, for it hides a part of the drive's."""
     delays = _delays(path)
     late = [abs(delay - round(delay)) > WHOLE for delay in delays]
     return tuple(place for place in (0, 1) if late[place] or (place == 0 and late[1] and delays[0] > WHOLE))
@@ -192,9 +192,9 @@ def columns_of(data: Data, fitted: Fitted) -> Array | None:
                 ahead = values.copy()
                 ahead[k] += STEP * value
                 path = _with_values(data.path, ahead)
-                torque, within = path.acting(recording.torque, recording.torque_setpoint, recording.sample_period_s)
+                torque, within = path.acting_torque(recording.torque, recording.torque_setpoint, recording.sample_period_s)
                 if every > 1:
-                    torque, within = decimated_torque(torque, within, every)
+                    torque, within = decimate_torque(torque, within, every)
                 changes[:, k] = -(acting_torque(fitted.model, replace(motion, within=within), torque, vector) - here) / (STEP * value)
         parts.append(piece.white(changes))
     return np.concatenate(parts)

@@ -1,4 +1,4 @@
-"""How a torque reading follows its setpoint: the chain of drive and reading together, by least squares; nobody asks the motion here.
+"""Fit of the chain from torque setpoint to reading: the chain of drive and reading together, by least squares; nobody asks the motion here.
 
 reading[n] = g R(setpoint)[n] + offset + noise,   R : a delay and up to two filters, mean over a period or value at its end
 """

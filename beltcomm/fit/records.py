@@ -65,10 +65,24 @@ ROUNDED = 3.0
 class Data:
     """Stretches of the records to fit and of those held out.
 
-    recordings : all of them.   noise_nm : rms of the torque's noise, N m.   step_rad : step of the encoder, rad.   path : from setpoint and
-    reading to the torque that acts.   substeps : usual fine steps a sample.   reversals : whether samples count in which the motor
-    passes through a reversal.   colour : of the torque's noise.   single : whether each value is one by itself, see
-    :func:`is_mostly_rounding`.
+    Attributes
+    ----------
+    recordings : tuple of Recording
+        All of them.
+    noise_nm : float
+        rms of the torque's noise, N m.
+    step_rad : float
+        Step of the encoder, rad.
+    path : TorquePath
+        From setpoint and reading to the torque that acts.
+    substeps : int
+        Usual fine steps a sample.
+    reversals : bool
+        Whether samples count in which the motor passes through a reversal.
+    colour : float
+        Of the torque's noise.
+    single : bool
+        Whether each value is one by itself, see :func:`is_mostly_rounding`.
     """
 
     recordings: tuple[Recording, ...]
@@ -86,7 +100,10 @@ class Data:
 def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
     """Stretches of all records for a model that is near enough to say how the motor moves between the samples.
 
-    Raises DataError when nothing is left to fit.
+    Raises
+    ------
+    DataError
+        When nothing is left to fit.
     """
     timed = tuple(r for r in recordings if not r.is_static_map)
     to_fit = [r for r in timed if not r.sidecar.held_out]
@@ -112,10 +129,16 @@ def prepare_records(
     colour: float = 0.0,
     single: bool = False,
 ) -> Data:
-    """The same with known noise and step.
+    """Segments of the records, with known noise and encoder step.
 
-    shares : by record, :func:`rounding_shares`; all of it white where it is missing.   usual : fine steps a sample.   path : of the torque;
-    None takes the reading.
+    Parameters
+    ----------
+    shares : dict of str to tuple of float
+        By record, :func:`rounding_shares`; all of it white where it is missing.
+    usual : int
+        Fine steps a sample.
+    path : TorquePath or None
+        Of the torque; None takes the reading.
     """
     path = path or FAITHFUL
     pieces = []
@@ -180,9 +203,14 @@ def with_whitener(piece: Segment, model: Model) -> Segment:
 
 
 def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS, *, reversals: bool = False) -> Data:
-    """The same records with the motion between the samples rebuilt, and the noise calibrated, by a better model.
+    """Records with the motion between the samples rebuilt, and the noise calibrated, by a better model.
 
-    offsets_m : start offsets of the fitted segments, m.   substeps : fine steps a sample, where nothing rattles and nothing creeps.
+    Parameters
+    ----------
+    offsets_m : ndarray
+        Start offsets of the fitted segments, m.
+    substeps : int
+        Fine steps a sample, where nothing rattles and nothing creeps.
     """
     pieces = (*data.fitted, *data.held_out)
     if needs_observer(model):  # what an observer leaves says nothing of the rounding; the shares found before stay
@@ -264,7 +292,12 @@ def apparent_step(recordings: Sequence[Recording], step_rad: float, noise_nm: fl
     """Step whose rounding would be as rough as the angle is where the torque is calmest, rad: more than the encoder's where it is noisy.
 
     Rounding of a step q has the variance q²/12; noise of the angle adds its own.  Where the torque changes by more than its noise does,
-    the motion is rough itself.   noise_nm : N m rms.
+    the motion is rough itself.
+
+    Parameters
+    ----------
+    noise_nm : float
+        N m rms.
     """
     calm: list[tuple[float, float]] = []
     for recording in recordings:
@@ -342,7 +375,7 @@ def white_step(position: Array) -> float:
 
 
 def repeat_noise(recordings: Sequence[Recording], step_rad: float) -> float:
-    """What no model of the motion can explain, N m rms: torque at the same place in records of the same slow motion, 0 without any."""
+    """Torque that no model can explain, N m rms: torque at the same place in records of the same slow motion, 0 without any."""
     found = []
     creeps = [(r, creeping_samples(r.position, r.sample_period_s, step_rad)[0]) for r in recordings]
     for (one, first), (two, second) in itertools.combinations(creeps, 2):

@@ -1,4 +1,4 @@
-"""How sure a fit is in words: limits of parameters at a bound, what is known badly; and draws of parameters as uncertain as that."""
+"""Uncertainty of a fit in words: limits of parameters at a bound, what is known badly; and draws of parameters as uncertain as that."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BEYOND = 3.0
 
 
 def upper_limit(estimate: float, deviation: float) -> float:
-    """What a quantity that cannot be negative stays below with 95 %, seen as estimate ± deviation (normal, cut off at 0).
+    """Upper 95 % limit of a quantity that cannot be negative, seen as estimate ± deviation (normal, cut off at 0).
 
     Φ((estimate - limit)/deviation) = 0.05 Φ(estimate/deviation)
     """
@@ -30,10 +30,16 @@ def upper_limit(estimate: float, deviation: float) -> float:
 
 
 def remark_on(name: str, item: Value, wanted: float, deviation: float) -> str:
-    """What is to be said of one parameter; "" when it is known well.
+    """Remark on one parameter; "" when it is known well.
 
-    item : the result, without interval at a bound.   wanted : where the data alone, without bounds, would have it.
-    deviation : one standard deviation, 0 where the data do not see the parameter at all.
+    Parameters
+    ----------
+    item : Value
+        The result, without interval at a bound.
+    wanted : float
+        Where the data alone, without bounds, would have it.
+    deviation : float
+        One standard deviation, 0 where the data do not see the parameter at all.
     """
     side = "lower" if item.value - item.low < item.high - item.value else "upper"
     if deviation == 0.0:
@@ -80,8 +86,17 @@ def remarks_on_pairs(names: Sequence[str], items: Sequence[Value], correlation: 
 def joint_draws(mean: Array, covariance: Array, low: Array, high: Array, count: int, *, freedom: float = math.inf, seed: int) -> Array:
     """Sets of parameters as uncertain as a fit leaves them, (count, k): multivariate Student t, cut off at the bounds.
 
-    x = mean + C^(1/2) n √(f/χ²_f),   n standard normal (k,), one χ² per draw.   covariance : C, (k, k), of the fit, with f degrees of
-    ``freedom``; inf is normal.   low, high : (k,).     Source: the intervals' own law; Gelman et al., Bayesian Data Analysis, A.1.
+    x = mean + C^(1/2) n √(f/χ²_f),   n standard normal (k,), one χ² per draw.
+
+    Parameters
+    ----------
+    covariance : ndarray
+        C, (k, k), of the fit, with f degrees of ``gap_evidence``; inf is normal.
+    low, high : ndarray (k,)
+
+    References
+    ----------
+    The intervals' own law; Gelman et al., Bayesian Data Analysis, A.1.
     """
     random = np.random.default_rng(seed)
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))

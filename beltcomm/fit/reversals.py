@@ -43,7 +43,7 @@ TURNED = 4
 
 
 def turns_at_once(model: Model) -> bool:
-    """Whether the motor's friction, as the model has it, has one level and turns round where the speed does."""
+    """True if the motor's friction, as the model has it, has one level and turns round where the speed does."""
     rubbing = {e.name for e in model.effect_list() if e.body == "motor" and e.slot in ("friction_level", "friction_onset")}
     return "cart" in model.base_bodies and rubbing <= {"coulomb"}
 
@@ -53,7 +53,10 @@ def motion_through_reversals(
 ) -> tuple[FineMotion, NDArray[np.bool_], Array | None]:
     """The motion with friction that turns at the right instants, samples that count, (n,), and what the kernel's friction of level 1 lacks.
 
-    rebuilt : motion between the samples made anew; ``lacking`` : a load more, N m, mean over each fine step.
+    Parameters
+    ----------
+    rebuilt : callable
+        Motion between the samples made anew; ``lacking`` : a load more, N m, mean over each fine step.
     """
     level = model.get(LEVEL)
     if not level:  # nothing holds this motor anywhere
@@ -79,7 +82,12 @@ def motion_through_reversals(
 def find_passages(motion: FineMotion, slow_rad_s: float, least_rad_s2: float) -> tuple[NDArray[np.bool_], Array]:
     """Points of the fine grid, (fine,), at which the motor may have stuck; and instants at which it surely did not, in fine steps.
 
-    slow_rad_s : speed above which it is surely moving.   least_rad_s2 : with this much, before and after, it goes through a reversal.
+    Parameters
+    ----------
+    slow_rad_s : float
+        Speed above which it is surely moving.
+    least_rad_s2 : float
+        With this much, before and after, it goes through a reversal.
     """
     doubtful = np.zeros(len(motion.omega), dtype=np.bool_)
     instants = np.empty(len(motion.omega))
@@ -131,8 +139,12 @@ def samples_at(doubtful: NDArray[np.bool_], substeps: int) -> NDArray[np.bool_]:
 
 
 def reversal_correction(motion: FineMotion, instants: Array, ratio: float) -> tuple[Array, Array]:
-    """What the kernel's friction of level 1 N m lacks around these instants: mean over each fine step, (fine - 1,), and over each
-    sample with its triangular weight, (n,), ends 0.   ratio : m/rad.
+    """Friction that the kernel, at level 1 N m, lacks around these instants: mean over each fine step, (fine - 1,), and over each
+    sample with its triangular weight, (n,), ends 0.
+
+    Parameters
+    ----------
+    ratio : float, m/rad
     """
     points = _directions(motion.theta, ratio / motion.bristle_m)
     kernel = _between(points)
@@ -150,7 +162,12 @@ def reversal_correction(motion: FineMotion, instants: Array, ratio: float) -> tu
 
 
 def kernel_directions(motion: FineMotion, ratio: float) -> Array:
-    """Direction of the motor's friction as the kernel has it, mean over each fine step, (fine - 1,).   ratio : m/rad."""
+    """Direction of the motor's friction as the kernel has it, mean over each fine step, (fine - 1,).
+
+    Parameters
+    ----------
+    ratio : float, m/rad
+    """
     return _between(_directions(motion.theta, ratio / motion.bristle_m))
 
 

@@ -1,4 +1,4 @@
-"""What rounding alone adds to the mean square of a whitened residual: taken off, so that it pulls at no parameter.
+"""Bias by rounding of the mean square of a whitened residual: taken off, so that it pulls at no parameter.
 
 The whitening filter W of a segment is worked out once, for a model near the right one.  With the noises' path T(x) of the model at x,
 
@@ -84,7 +84,7 @@ class RoundingBias:
         return self._last[1]
 
     def _paths(self, model: Model) -> dict[tuple[float, float], NoisePath]:
-        """How the noises reach the residual, by place and sampling period."""
+        """Noise paths by place and sampling period."""
         return {where: noise_path(model, *where) for where in {kind.where for kind in self.kinds}}
 
     def _values(self, model: Model) -> Array:
@@ -94,7 +94,10 @@ class RoundingBias:
     def responses(self, vector: Array, others: Sequence[Array], steps: Array) -> tuple[Array, Array]:
         """Slope and curvature of v at x: (segments, k) and (segments, k, k), the latter ½ ∂²v to first order in the response.
 
-        others : neighbours of x, each ``steps`` away along one unknown.
+        Parameters
+        ----------
+        others : sequence of ndarray
+            Neighbours of x, each ``steps`` away along one unknown.
         """
         k = len(others)
         slope, curvature = np.zeros((len(self.kinds) + 1, k)), np.zeros((len(self.kinds) + 1, k, k))
@@ -105,9 +108,9 @@ class RoundingBias:
                 continue
             here, *beside = (kind.response(path) for path in own)
             long = max(r.shape[1] for r in (here, *beside))
-            base, ahead = _padded(here, long).reshape(-1), np.zeros((k, len(here) * long))
+            base, ahead = _pad(here, long).reshape(-1), np.zeros((k, len(here) * long))
             for i, (response, step) in enumerate(zip(beside, steps, strict=True)):
-                ahead[i] = (_padded(response, long).reshape(-1) - base) / step
+                ahead[i] = (_pad(response, long).reshape(-1) - base) / step
             slope[number], curvature[number] = (0.0 if kind.segment.own_noise else 2.0 * ahead @ base), ahead @ ahead.T
         return slope[self.of_segment], curvature[self.of_segment]
 
@@ -157,7 +160,7 @@ class _Kind:
         return found if found < ABSURD else math.inf
 
 
-def _padded(rows: Array, length: int) -> Array:
+def _pad(rows: Array, length: int) -> Array:
     return rows if rows.shape[1] == length else np.pad(rows, ((0, 0), (0, length - rows.shape[1])))
 
 

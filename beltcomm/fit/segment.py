@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.compiled import compiled
-from beltcomm.fit.decimation import decimated, decimated_noise, decimated_torque, decimation, smallest_step
-from beltcomm.fit.moving import creeping_samples, crept, ran_in, resting_samples, samples_between_counts
+from beltcomm.fit.decimation import decimate, decimate_torque, decimated_noise, decimation, smallest_step
+from beltcomm.fit.moving import creep_motion, creeping_samples, resting_samples, run_in_samples, samples_between_counts
 from beltcomm.fit.noise_path import NoiseSchedule, way
 from beltcomm.fit.observer import Observation, Observer, innovations, needs_observer, tuned_observers, untuned_observer
 from beltcomm.fit.reversals import LEVEL, motion_through_reversals, turns_at_once
@@ -146,7 +146,7 @@ class Segment:
 
     @property
     def observations(self) -> list[Observation]:
-        """What is looked at behind its observer; nothing without one."""
+        """The segment behind its observer; nothing without one."""
         return [] if self.observer is None else [Observation(self.observer, self.motion, self.torque)]
 
     def middle_m(self, model: Model) -> float:
@@ -199,7 +199,7 @@ class Segment:
             return single
         rows = single.reshape(len(single), -1)
         out = np.empty((len(self.firsts), rows.shape[1]))
-        _together(rows, self.firsts, self.group, out)
+        _sum_groups(rows, self.firsts, self.group, out)
         return out.reshape(-1, *single.shape[1:])
 
 
@@ -256,11 +256,11 @@ def segments(
         push = torque
         if path is not None:
             setpoint = recording.torque_setpoint
-            torque, within = path.acting(torque, None if setpoint is None else setpoint[part], own)
+            torque, within = path.acting_torque(torque, None if setpoint is None else setpoint[part], own)
             push = path.likeliest(torque, None if setpoint is None else setpoint[part], own)
         if every > 1:
-            position, push = position[::every][: len(position) // every], decimated(push, every)
-            torque, within = decimated_torque(torque, within, every)
+            position, push = position[::every][: len(position) // every], decimate(push, every)
+            torque, within = decimate_torque(torque, within, every)
         # Without a start position the recorded angle is the absolute one: a phase of cogging holds for all records of a run.
         place = float(recording.position[first]) if start is None else start / ratio + recording.position[first] - recording.position[0]
         time = (recording.sidecar.session_time_s or 0.0) + recording.t_s[first] - recording.t_s[0]
@@ -294,12 +294,12 @@ def segments(
             sure = 0.0 if "cart" in model.base_bodies else SURE_STEPS * step_rad / sample
             keep = ~resting_samples(motion, max(stick_speed, sure))
         if "cart" in model.base_bodies:
-            keep &= ran_in(motion, ratio)
+            keep &= run_in_samples(motion, ratio)
         else:
             # Nothing rings behind the motor: what creeps on counts as well, and friction that turns within a step of the encoder is noise.
             if smooth is None:
                 creeps, even = creeping_samples(position, sample, step_rad)
-                creep = crept(motion, position, even)
+                creep = creep_motion(motion, position, even)
                 motion = replace(motion, bristle_m=max(motion.bristle_m, ratio * step_rad), creep=creep)
                 keep |= even | (creeps & ~resting_samples(motion, 0.0))
         pieces.append(
@@ -450,7 +450,7 @@ def group_starts(keep: NDArray[np.bool_], size: int) -> NDArray[np.intp]:
 
 
 @compiled
-def _together(single: Array, firsts: NDArray[np.intp], size: int, out: Array) -> None:
+def _sum_groups(single: Array, firsts: NDArray[np.intp], size: int, out: Array) -> None:
     """Sums of so many rows from each of the places on, over √size; (n, k) -> (groups, k)."""
     scale = 1.0 / math.sqrt(size)
     for g in range(firsts.shape[0]):
@@ -462,7 +462,7 @@ def _together(single: Array, firsts: NDArray[np.intp], size: int, out: Array) ->
 
 
 def noise_paths_of(segment: Segment, model: Model) -> NoiseSchedule:
-    """How torque noise and rounding reach the residual of a segment."""
+    """Paths of torque noise and rounding to the residual of a segment."""
     motion = segment.motion
     places = motion.theta[:: motion.substeps] * model["transmission.ratio"]
     return way(model, places, motion.sample_s, stiffness_left(model, motion))

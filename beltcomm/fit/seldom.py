@@ -61,23 +61,32 @@ LAW = 0.003
 
 
 def comes_seldom(recording: Recording) -> bool:
-    """Whether the rows of a record do not show how the motor swings between them, and it tells the torque that was asked for."""
+    """True if the rows of a record do not show how the motor swings between them, and it tells the torque that was asked for."""
     return recording.sample_period_s > SELDOM_S and recording.torque_setpoint is not None and not recording.sidecar.closed_loop
 
 
 def clearly_moves(recording: Recording, counts_per_rev: int) -> bool:
-    """Whether enough rows of a record show a motion."""
+    """True if enough rows of a record show a motion."""
     step = 2.0 * math.pi / counts_per_rev
     return int(np.sum(np.abs(np.diff(recording.position)) > CLEAR_STEPS * step)) >= FEWEST_ROWS
 
 
 @dataclass(frozen=True, eq=False)
-class Simulated:
-    """A model whose simulated rows are most like the recorded ones.   names : of what was fitted.   covariance : of that, (k, k).
+class SeldomEstimate:
+    """A model whose simulated rows are most like the recorded ones.
 
-    late_s, late_half_s : torque setpoint to acting torque, s, and half its 95 % interval.
-    left_nm : torque, N m rms, that would make what is left from row to row.
-    samples : how many rows.
+    Attributes
+    ----------
+    names : tuple of str
+        Of what was fitted.
+    covariance : ndarray
+        Of that, (k, k).
+    late_s, late_half_s : float
+        Torque setpoint to acting torque, s, and half its 95 % interval.
+    left_nm : float
+        Torque, N m rms, that would make what is left from row to row.
+    samples : int
+        How many rows.
     """
 
     model: Model
@@ -89,7 +98,7 @@ class Simulated:
     samples: int
 
 
-class _Rows:
+class _OpenLoop:
     """One record in open loop."""
 
     def __init__(self, recording: Recording) -> None:
@@ -101,7 +110,13 @@ class _Rows:
         self._time_s = recording.sidecar.session_time_s or 0.0
 
     def left(self, model: Model, late_s: float) -> Array:
-        """From row to row, measured motion less simulated, rad, (n - 1,).   late_s : torque setpoint to acting torque, s."""
+        """From row to row, measured motion less simulated, rad, (n - 1,).
+
+        Parameters
+        ----------
+        late_s : float
+            Torque setpoint to acting torque, s.
+        """
         rate = fastest_rate(model, operating_point(model, self._place_m))
         cells = math.ceil(self.sample_s * max(rate / (STEP * SUBSTEPS), 1.0 / CELL_S))
         held = np.repeat(self._asked, cells)
@@ -113,10 +128,18 @@ class _Rows:
         return np.nan_to_num(self.measured - rows, nan=ABSURD_RAD, posinf=ABSURD_RAD, neginf=-ABSURD_RAD)
 
 
-def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names: Sequence[str] = tuple(BEFORE)) -> Simulated:
+def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names: Sequence[str] = tuple(BEFORE)) -> SeldomEstimate:
     """The parameters ``names`` of a model that begins at ``start`` from records in open loop.
 
-    late_s : torque setpoint to acting torque, s, as thought of before.   Raises DataError when no row moves.
+    Parameters
+    ----------
+    late_s : float
+        Torque setpoint to acting torque, s, as thought of before.
+
+    Raises
+    ------
+    DataError
+        When no row moves.
     """
     start = start.with_values({n: usual for n, usual in USUAL.items() if n in start.parameters and start[n] < LEAST})
     names = tuple(n for n in (*names, *SIGNED) if n in start.parameters)
@@ -125,7 +148,7 @@ def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names
     names = (*logarithms, *names[k:])
     before = np.array([*(math.log(start[n]) for n in logarithms), *(start[n] / SIGNED[n] for n in names[k:]), late_s / LATE_S])
     width = np.array([*(BEFORE[n] for n in logarithms), *(1.0 for _ in names[k:]), 1.0])
-    rows = [_Rows(recording) for recording in recordings]
+    rows = [_OpenLoop(recording) for recording in recordings]
     scatter = float(np.std(np.concatenate([one.measured for one in rows])))
     if scatter == 0.0:
         raise DataError("the motor does not move in these records; raise the excitation or look for a brake")
@@ -165,7 +188,7 @@ def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names
     inertia = model["motor.inertia"] + model["transmission.ratio"] ** 2 * model["cart.mass"]
     parts = np.split(rest, np.cumsum([len(one.measured) for one in rows])[:-1])
     torque = np.concatenate([np.diff(part) * inertia / one.sample_s**2 for part, one in zip(parts, rows, strict=True)])
-    return Simulated(
+    return SeldomEstimate(
         replace(model, parameters={**model.parameters, **told}),
         names,
         np.asarray(covariance),

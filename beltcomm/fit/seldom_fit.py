@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.fit.model_fit import ModelFit, fit_model
-from beltcomm.fit.seldom import LATE_S, Simulated, comes_seldom, estimate
+from beltcomm.fit.seldom import LATE_S, SeldomEstimate, comes_seldom, estimate
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -29,10 +29,13 @@ ONE_PLACE_M = 0.05
 class SeldomFit(ModelFit):
     """A fit whose numbers are those of the simulated rows; ``fitted`` has what the records in closed loop add.
 
-    count_rad : of the encoder.
+    Attributes
+    ----------
+    count_rad : float
+        Of the encoder.
     """
 
-    simulated: Simulated
+    simulated: SeldomEstimate
     count_rad: float
 
     @property
@@ -66,7 +69,7 @@ class SeldomFit(ModelFit):
 
     @cached_property
     def remarks(self) -> tuple[str, ...]:
-        """How these numbers were found."""
+        """Remarks on how these numbers were found."""
         period_ms = 1e3 * max(r.sample_period_s for r in self.data.recordings)
         return (
             f"rows every {period_ms:g} ms do not show how the motor swings between them: these numbers are those with which a simulation "
@@ -77,7 +80,10 @@ class SeldomFit(ModelFit):
 def fit_seldom(recordings: Sequence[Recording], start: Model, *, counts_per_rev: int) -> SeldomFit | None:
     """The model by the open-loop records of the place where most was measured first; None where there is none whose rows come seldom.
 
-    Raises DataError when nothing moves.
+    Raises
+    ------
+    DataError
+        When nothing moves.
     """
     told = [r for r in recordings if comes_seldom(r) and not r.sidecar.held_out and not len(r.gaps())]
     if not told:

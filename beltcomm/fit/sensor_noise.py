@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.fit.decimation import decimated
+from beltcomm.fit.decimation import decimate
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.noise_level import LEAST_COLOUR, MOST_COLOUR, correlation, robust_rms, torque_step
 from beltcomm.fit.records import Data
@@ -33,7 +33,17 @@ COLOURED = 4.0
 
 @dataclass(frozen=True)
 class NoiseSplit:
-    """sensor_nm, process_nm : N m rms.   deviation_nm : of the first, one standard deviation.   colour : ρ of the sensor's noise."""
+    """Split of the torque's noise by its sources.
+
+    Attributes
+    ----------
+    sensor_nm, process_nm : float
+        N m rms.
+    deviation_nm : float
+        Of the first, one standard deviation.
+    colour : float
+        ρ of the sensor's noise.
+    """
 
     sensor_nm: float
     process_nm: float
@@ -56,7 +66,7 @@ def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
             continue
         rests.append(rest)
         every = round(piece.motion.sample_s / by_name[piece.record].sample_period_s)
-        rest = decimated(rest, every)
+        rest = decimate(rest, every)
         mean = np.zeros(len(rest))
         mean[1:-1] = 0.5 * (rest[:-2] + rest[1:-1])
         white, left, weight = piece.white(mean), fitted.residual[here], weights[here]

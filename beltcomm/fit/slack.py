@@ -1,4 +1,4 @@
-"""How much of the belt's stiffness holds the carriage at each sample, where a strand goes slack at large force."""
+"""Share of the belt's stiffness that holds the carriage at each sample, where a strand goes slack at large force."""
 
 from __future__ import annotations
 

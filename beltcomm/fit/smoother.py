@@ -98,7 +98,7 @@ def smooth_motion(model: Model, motion: FineMotion, torque: Array, step_rad: flo
         except (LinAlgError, ValueError):
             return None
         push = torque[:, None] * G - (_direction(speeds) * levels) @ each.T
-        x = _smoothed(np.ascontiguousarray(F), np.ascontiguousarray(push), gain, np.ascontiguousarray(back), shown - shown[0])
+        x = _smooth_states(np.ascontiguousarray(F), np.ascontiguousarray(push), gain, np.ascontiguousarray(back), shown - shown[0])
         if not np.all(np.isfinite(x)):
             return None
         speeds = x[:, n:] * units[n:]
@@ -117,7 +117,7 @@ def _direction(speeds: Array) -> Array:
 
 
 @compiled
-def _smoothed(F: Array, push: Array, gain: Array, back: Array, shown: Array) -> Array:
+def _smooth_states(F: Array, push: Array, gain: Array, back: Array, shown: Array) -> Array:
     """States from angles, (n,), with constant gains, forwards and backwards; (n, states)."""
     n, size = push.shape
     found, ahead = np.zeros((n, size)), np.zeros((n, size))

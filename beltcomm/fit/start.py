@@ -37,7 +37,13 @@ ANCHOR_OFF, ANCHOR_ERROR, ANCHOR_DYNAMIC, ANCHOR_LOST = 1.2, 0.1, 0.5, 2.0
 
 
 def start_model(axis: Axis, recordings: Sequence[Recording]) -> Model:
-    """The base model with start values found from the records to be fitted.   Raises DataError when none can be used."""
+    """The base model with start values found from the records to be fitted.
+
+    Raises
+    ------
+    DataError
+        When none can be used.
+    """
     usable = [r for r in recordings if not (r.is_static_map or r.sidecar.held_out)]
     if not usable:
         raise DataError("no recording is left to fit: all are held out or static maps")
@@ -115,7 +121,7 @@ def correct_by_slow_motion(found: Model, sheet: Model, recordings: Sequence[Reco
 
 
 def is_belt_axis(axis: Axis, recordings: Sequence[Recording]) -> bool:
-    """Whether the records are taken at a motor that drives a belt."""
+    """True if the records are taken at a motor that drives a belt."""
     return axis.get("pulley.effective_radius_m") is not None and all(r.side == "motor" for r in recordings)
 
 

@@ -24,9 +24,14 @@ _MOST_SUBSTEPS = 1000
 
 
 def key_of(records: Mapping[str, str], axis: Axis, start: Model | None) -> str:
-    """Equal only where the same programs would fit the same model to the same records.   records : name -> SHA-256, sidecars too.
+    """Equal only where the same programs would fit the same model to the same records.
 
-    start : None where it follows from records and axis.
+    Parameters
+    ----------
+    records : dict of str to str
+        Name -> SHA-256, sidecars too.
+    start : Model or None
+        None where it follows from records and axis.
     """
     began = start.to_dict() if start is not None else None
     text = json.dumps([dict(sorted(records.items())), axis.fingerprint(), began, source_hash()], sort_keys=True)
@@ -34,7 +39,7 @@ def key_of(records: Mapping[str, str], axis: Axis, start: Model | None) -> str:
 
 
 def store_fit(data: Data, fitted: Fitted) -> dict[str, Any] | None:
-    """What :func:`restore_fit` needs; None for a model with an observer, whose gains go with the way of the search."""
+    """Mapping for :func:`restore_fit`; None for a model with an observer, whose gains go with the way of the search."""
     if needs_observer(fitted.model):
         return None
     return {
@@ -53,7 +58,13 @@ def store_fit(data: Data, fitted: Fitted) -> dict[str, Any] | None:
 
 
 def restore_fit(recordings: Sequence[Recording], found: Mapping[str, Any]) -> tuple[Data, Fitted]:
-    """The fit at its minimum: one evaluation, no search.   Raises BeltcommError, or what Python says of damaged values."""
+    """The fit at its minimum: one evaluation, no search.
+
+    Raises
+    ------
+    BeltcommError
+        Or what Python says of damaged values.
+    """
     model = model_from_dict(found["made_by"])
     shares = {str(name): (float(white), float(slow)) for name, (white, slow) in found["shares"].items()}
     timed = [r for r in recordings if not r.is_static_map]

@@ -56,7 +56,7 @@ class Lag:
     values: tuple[float, ...]
     intervals: tuple[float, ...] = field(default=(), compare=False)
 
-    def filtered(self, cells: Array, sample_s: float) -> Array:
+    def answer(self, cells: Array, sample_s: float) -> Array:
         """The lag's answer to a torque, at rest before.
 
         Parameters
@@ -79,7 +79,7 @@ class Lag:
             return np.asarray(lfilter([share], [1.0, share - 1.0], cells, axis=0, zi=before)[0])
         u, h = cells.reshape(-1), sample_s / cells.shape[1]
         if self.kind == "slew rate":
-            return np.asarray(_slewed(np.ascontiguousarray(u), self.values[0] * h).reshape(cells.shape))
+            return np.asarray(_limit_slew(np.ascontiguousarray(u), self.values[0] * h).reshape(cells.shape))
         if self.kind == "first order":
             keeps = math.exp(-h / self.values[0])
             ends = lfilter([1.0 - keeps], [1.0, -keeps], u, zi=[keeps * u[0]])[0]
@@ -151,7 +151,7 @@ class DriveLaw:
         old = np.clip((self.delay - whole) * number - np.arange(number), 0.0, 1.0)
         cells = self.gain * (now[:, None] + (before - now)[:, None] * old)
         for lag in self.lags:
-            cells = lag.filtered(cells, sample_s)
+            cells = lag.answer(cells, sample_s)
         return np.asarray(cells)
 
     def delay_s(self, sample_s: float) -> float:
@@ -171,7 +171,7 @@ class DriveLaw:
 
 @dataclass(frozen=True)
 class ReadingLaw:
-    """How the reading follows the acting torque.
+    """Law from acting torque to reading.
 
     Attributes
     ----------
@@ -189,7 +189,7 @@ class ReadingLaw:
 
     @property
     def faithful(self) -> bool:
-        """Whether the reading is the mean of the torque that acted from its sample to the next."""
+        """True if the reading is the mean of the torque that acted from its sample to the next."""
         return self.late == 0.0 and not self.lags and not self.at_end
 
     def read(self, cells: Array, sample_s: float) -> Array:
@@ -207,7 +207,7 @@ class ReadingLaw:
         ndarray (n,), N m
         """
         for lag in self.lags:
-            cells = lag.filtered(cells, sample_s)
+            cells = lag.answer(cells, sample_s)
         if self.at_end:
             whole = math.floor(self.late)
             return _later(torque_at(cells, 1.0 - (self.late - whole)), whole)
@@ -259,7 +259,7 @@ class TorquePath:
 
     @property
     def read_as_acts(self) -> bool:
-        """Whether the reading is the torque that acts."""
+        """True if the reading is the torque that acts."""
         return self.reading.faithful and not self.commanded
 
     def likeliest(self, acting: Array, setpoint: Array | None, sample_s: float) -> Array:
@@ -268,7 +268,7 @@ class TorquePath:
         Parameters
         ----------
         acting : ndarray (n,), N m
-            Of :meth:`acting`.
+            Of :meth:`acting_torque`.
         setpoint : ndarray (n,) or None, N m
             None where it was not recorded.
         sample_s : float, s
@@ -285,7 +285,7 @@ class TorquePath:
         offset = float(np.median(acting - means))
         return np.asarray(means + offset + self.acts * (acting - means - offset))
 
-    def acting(self, torque: Array, setpoint: Array | None, sample_s: float) -> tuple[Array, Intersample | None]:
+    def acting_torque(self, torque: Array, setpoint: Array | None, sample_s: float) -> tuple[Array, Intersample | None]:
         """The torque that acts, from the reading and the setpoint.
 
         Parameters
@@ -303,7 +303,7 @@ class TorquePath:
             Mean over each period, (n,), N m, and its spread inside.
         """
         if self.drive is None or setpoint is None:
-            torque = self._unfiltered(torque, sample_s)
+            torque = self._undo_filter(torque, sample_s)
             return torque, None if self.loop_s == 0.0 else Intersample(_behind_loop(torque, self.loop_s, sample_s))
         cells = self.drive.cells(setpoint, sample_s)
         means = cells.mean(axis=1)
@@ -337,7 +337,7 @@ class TorquePath:
         c = (1.0 - larger) / larger
         return 1.0 / (larger * math.sqrt(1.0 - c**2)), colour if colour else -c
 
-    def _unfiltered(self, torque: Array, sample_s: float) -> Array:
+    def _undo_filter(self, torque: Array, sample_s: float) -> Array:
         """The reading with its filter undone, as one of samples."""
         undone = torque
         for lag in self.reading.lags:
@@ -345,7 +345,7 @@ class TorquePath:
             undone = (undone - (1.0 - share) * _later(undone, 1)) / share
         whole = math.floor(self.reading.late)
         undone = np.append(undone[whole:], np.full(whole, undone[-1])) if whole else undone
-        return _unmixed(undone, self.reading.late - whole)
+        return _undo_mixing(undone, self.reading.late - whole)
 
 
 #: The reading is the torque that acts.
@@ -430,7 +430,7 @@ def path_from_dict(data: Mapping[str, Any]) -> TorquePath:
 
 
 def _behind_loop(means: Array, time_s: float, sample_s: float) -> Array:
-    """What a torque is above its mean in each cell of every period, (n, CELLS), N m, behind a loop of first order whose input is held.
+    """Torque above its mean in each cell of every period, (n, CELLS), N m, behind a loop of first order whose input is held.
 
     y' = (u[n] - y)/τ;  from the means over the periods, (n,):  u[n] = (m[n] - μ y[n])/(1 - μ),  y[n+1] = (1 - e) u[n] + e y[n],
     e = exp(-T/τ),  μ = τ (1 - e)/T.
@@ -476,7 +476,7 @@ def torque_at(cells: Array, share: float) -> Array:
     return here if part == 0.0 else here + part * (beginning(whole + 1) - here)
 
 
-def _unmixed(read: Array, part: float) -> Array:
+def _undo_mixing(read: Array, part: float) -> Array:
     """Torque m of a reading (1 - part) m[n] + part m[n-1], (n,): solved forwards, or backwards where more of it is of the sample before."""
     from scipy.signal import lfilter  # takes a second to import, and most drives have no filter
 
@@ -495,7 +495,7 @@ def _later(row: Array, samples: int) -> Array:
 
 
 @compiled
-def _slewed(u: Array, most: float) -> Array:
+def _limit_slew(u: Array, most: float) -> Array:
     """Mean over each cell of a torque that follows u, (n,), and changes by at most so much a cell."""
     out, y = np.empty_like(u), u[0]
     for i in range(len(u)):

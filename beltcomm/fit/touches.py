@@ -1,4 +1,4 @@
-"""Which parameters a fit moves, and what of the torque balance, and of its noise, goes with each."""
+"""Parameters that a fit moves, and the part of the torque balance, and of its noise, that goes with each."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from beltcomm.simulate.kernels.writer import acts_on_motor
 Touch = Literal["inertia", "motor", "belt", "path", "all"]
 
 
-def touched_by(model: Model, name: str) -> Touch:
+def part_touched(model: Model, name: str) -> Touch:
     """Part of the equation of motion in which a parameter stands."""
     if name == "motor.inertia":
         return "inertia"
@@ -34,7 +34,7 @@ def touched_by(model: Model, name: str) -> Touch:
 
 
 def touches_noise(model: Model, name: str) -> bool:
-    """Whether the noise's path to the residual goes with a parameter: all but those of friction that has one level while it slides."""
+    """True if the noise's path to the residual goes with a parameter: all but those of friction that has one level while it slides."""
     slots = {effect.slot for effect in model.effect_list() if name in (*effect.full_names(), *effect.uses)}
     return not slots or not slots <= {"friction_level", "sensor", "external"}
 

@@ -39,8 +39,15 @@ ONE_BODY_FULL[[1, 2, 6], :6] = ONE_BODY_FULL[[0, 3, 4, 5, 5, 5], [0, 4, 5, 0, 4,
 class Whitener:
     """The filter of one segment with its gains worked out: they depend on the noises and on what is kept, not on the residual.
 
-    F : (levels, k, k) and H : (levels, k), of the noise paths.   level : (n,), which of them holds.   gains : (n, k).
-    deviations : (n,), N m, of the innovations.
+    Attributes
+    ----------
+    F : ndarray
+        (levels, k, k) and H : (levels, k), of the noise paths.
+    level : ndarray (n,) of int
+        Which of them holds.
+    gains : ndarray (n, k)
+    deviations : ndarray (n,), N m
+        Of the innovations.
     """
 
     F: Array
@@ -57,7 +64,9 @@ class Whitener:
         kept = np.count_nonzero(keep)
         if residual.ndim == 1:
             out = np.empty(kept)
-            _filtered(residual, keep, self.F, self.H, self.level, self.gains, self.deviations, np.zeros((2, self.H.shape[1])), out)
+            _filter_innovations(
+                residual, keep, self.F, self.H, self.level, self.gains, self.deviations, np.zeros((2, self.H.shape[1])), out
+            )
             return out
         levels, slow = len(self.H), self.H.shape[1] - ONE_BODY
         if slow in (0, 1):
@@ -81,9 +90,15 @@ def whitener(
     shares: tuple[float, float] = (1.0, 0.0),
     colour: float = 0.0,
 ) -> Whitener:
-    """Gains for the kept samples of a segment.   step_rad : rad.   noise_nm : N m rms.
+    """Gains for the kept samples of a segment.
 
-    shares : of the rounding's variance step²/12 that is white, and that is slow: decaying with ``SLOW_HZ``.
+    Parameters
+    ----------
+    step_rad : float, rad
+    noise_nm : float
+        N m rms.
+    shares : tuple of float
+        Of the rounding's variance step²/12 that is white, and that is slow: decaying with ``SLOW_HZ``.
     """
     levels = [noises(path, step_rad, noise_nm, shares, colour) for path in way.paths]
     _, variances, start = levels[way.level[0]]
@@ -97,7 +112,14 @@ def gains_of(
 ) -> tuple[Array, Array]:
     """Gains, (n, k), and deviations of the innovations, (n,), N m.
 
-    variances : of the noises.   start : (k, k), covariance of the state at the first sample.   level : (n,), which path holds.
+    Parameters
+    ----------
+    variances : ndarray
+        Of the noises.
+    start : ndarray (k, k)
+        Covariance of the state at the first sample.
+    level : ndarray (n,) of int
+        Which path holds.
     """
     f, g, h, d = (np.stack([getattr(path, name) for path in paths]) for name in "FGHD")
     size = h.shape[1]
@@ -116,7 +138,10 @@ def noises(
 ) -> tuple[NoisePath, Array, Array]:
     """The path with its own states for slow rounding and coloured noise, variances of the noises, covariance of s at the first sample.
 
-    alike : whether it has that state in any case, so that the paths of all records have one size.
+    Parameters
+    ----------
+    alike : bool
+        Whether it has that state in any case, so that the paths of all records have one size.
     """
     fast, slow, torque = shares[0] * step_rad**2 / 12.0, shares[1] * step_rad**2 / 12.0, noise_nm**2
     variances = np.array([fast, torque])
@@ -161,7 +186,7 @@ def with_slow_rounding(path: NoisePath) -> NoisePath:
 
 
 @compiled
-def _filtered(
+def _filter_innovations(
     e: Array,
     keep: NDArray[np.bool_],
     f: Array,

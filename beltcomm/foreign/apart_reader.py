@@ -16,6 +16,7 @@ from beltcomm.errors import DataError
 from beltcomm.foreign.apart import Kind, instead_of
 from beltcomm.foreign.table import Table, words_of
 from beltcomm.outside import check_columns, check_count, in_words, opened
+from beltcomm.posix import bound_this_process
 
 
 def table_in(kind: Kind, path: Path) -> Table:
@@ -104,19 +105,10 @@ _READERS: Final[dict[Kind, Callable[[Path], Table]]] = {
 
 def _bounded(kind: str, memory: int, limit_s: int) -> None:
     """Bounds for this process, where the system knows them."""
-    try:
-        import resource
-    except ImportError:
-        return
     bounds = {"RLIMIT_AS": memory, "RLIMIT_CPU": limit_s, "RLIMIT_CORE": 0}
     if kind != "mdf":  # asammdf keeps what it unpacks in temporary files
         bounds["RLIMIT_FSIZE"] = 0
-    for name, bound in bounds.items():
-        number = getattr(resource, name, None)
-        if number is not None:
-            _, hard = resource.getrlimit(number)
-            most = bound if hard == resource.RLIM_INFINITY else min(bound, hard)
-            resource.setrlimit(number, (most, hard))
+    bound_this_process(bounds)
 
 
 def _answer(kind: Kind, path: Path, given: str, memory: int, limit_s: int) -> None:

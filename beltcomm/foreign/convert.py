@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.mapping import Source, kept_columns, sources_for
-from beltcomm.foreign.rasters import on_one_raster
+from beltcomm.foreign.rasters import on_one_raster, resampled
 from beltcomm.foreign.table import Decimal, Separator, Table
 from beltcomm.foreign.timestamps import checked_time, rough_stamps, seconds_of
 from beltcomm.quantities import in_other_unit, parse_quantity, unit_of
@@ -52,6 +52,8 @@ class Reading:
         Only these rows, counted from 1.
     from_s, until_s : float or None
         Only this part, s after its first row.
+    even_s : float or None, s
+        Between the rows at which a table with uneven stamps is taken anew; None as it is.
     torque_acts : {'after', 'before'} or None
         "after" the time stamp of its row, or "before" it: then the row's torque is moved to the row before; None: "after" in a table, in a
         log of frames as the drive's profile says.
@@ -75,6 +77,7 @@ class Reading:
     last_row: int | None = None
     from_s: float | None = None
     until_s: float | None = None
+    even_s: float | None = None
     torque_acts: Literal["after", "before"] | None = None
     unwrap: str | None = None
     drop_incomplete: bool = False
@@ -88,6 +91,8 @@ class Reading:
     def __post_init__(self) -> None:
         if self.period_s is not None and not 0.0 < self.period_s < np.inf:
             raise UsageError(f"the time between rows is {self.period_s:g} s; it must be positive")
+        if self.even_s is not None and not 0.0 < self.even_s < np.inf:
+            raise UsageError(f"--resample gives {self.even_s:g} s between rows; it must be positive")
         first = 1 if self.first_row is None else self.first_row
         if first < 1 or (self.last_row is not None and self.last_row <= first):
             raise UsageError(f"the rows {first} to {self.last_row} are none; rows are counted from 1")
@@ -199,6 +204,9 @@ def convert(table: Table, reading: Reading, *, timed: bool = True) -> Converted:
         if not reading.period_s and (rough := rough_stamps(_as_written(table, sources, len(columns["t_s"])))):
             notes.append(rough)
         columns = _cut(table.file, columns, reading)
+        if reading.even_s is not None:
+            columns, said = resampled(table.file, _integrated(columns, notes), reading.even_s)
+            notes.append(said)
     if timed:
         columns = _integrated(columns, notes)
     for name in _POSITIONS:

@@ -159,18 +159,16 @@ def _by_numbers(table: Table, found: list[Guess], sources: Mapping[str, Source],
         return found
     known = next((_theirs(guess, table) for guess in found if guess.column == "t_s" and guess.choices), "")
     seen = relations(table, sources["t_s"].theirs if "t_s" in sources else known)
-    columns = {"t_s": seen.time, channels["torque"]: seen.torque, channels["position"]: seen.position}
+    columns: dict[str, tuple[str, ...]] = {"t_s": (seen.time,), channels["torque"]: seen.torques, channels["position"]: (seen.position,)}
     made = []
     for guess in found:
-        name = columns.get(guess.column, "")
-        if guess.choices or not guess.needed or not name:
+        names = [name for name in columns.get(guess.column, ()) if name]
+        if guess.choices or not guess.needed or not names:
             made.append(guess)
             continue
-        step = _step(table, name)
-        units = {"t_s": _units_of_time(step)}.get(guess.column, ("1",))
-        made.append(
-            replace(guess, choices=tuple(_written(guess.column, name, unit) for unit in units), why=f"by its numbers: {seen.why(name)}")
-        )
+        units = _units_of_time(_step(table, names[0])) if guess.column == "t_s" else ("1",)
+        choices = tuple(_written(guess.column, name, unit) for name in names for unit in units)
+        made.append(replace(guess, choices=choices, why=f"by its numbers: {'; '.join(filter(None, map(seen.why, names)))}"))
     return made
 
 

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
-from beltcomm.errors import DataError
+from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.mapping import Source
 from beltcomm.foreign.names import meaning_of
 from beltcomm.foreign.table import Table
@@ -127,3 +129,29 @@ def _means(own: Array, values: Array, stamps: Array) -> Array:
     at = np.interp(edges, np.append(own, ends[-1]), integral)
     means: Array = np.diff(at) / np.diff(edges)
     return means
+
+
+def resampled(file: str, columns: Mapping[str, Any], period_s: float) -> tuple[dict[str, Any], str]:
+    """All columns at even stamps, and a sentence: torque as its mean over each step, which is what acts there, position and speed on a
+    smooth curve through theirs, all else as it was last.   Raises UsageError for steps shorter than the file's own.
+    """
+    own = columns["t_s"]
+    usual = float(np.median(np.diff(own)))
+    if period_s < (1.0 - _SAME) * usual:
+        raise UsageError(
+            f"{file}: its rows are {1e3 * usual:.4g} ms apart; rows every {1e3 * period_s:.4g} ms would be made up: --resample at most "
+            f"{1.0 / usual:.4g}Hz"
+        )
+    stamps = np.arange(own[0], own[-1], period_s)
+    found: dict[str, Any] = {}
+    for name, column in columns.items():
+        if name == "t_s":
+            found[name] = stamps
+        elif name in _TORQUES:
+            found[name] = _means(own, column, stamps)
+        elif name in _CONTINUOUS:
+            found[name] = CubicSpline(own, column)(stamps)
+        else:
+            found[name] = column[np.clip(np.searchsorted(own, stamps * (1.0 + 1e-12), side="right") - 1, 0, None)]
+    words = f"resampled to even rows every {1e3 * period_s:.6g} ms: torque is its mean over each, position and speed lie on a smooth curve"
+    return found, words

@@ -18,20 +18,20 @@ Array = NDArray[np.float64]
 #: Rows looked at, columns compared, windows over which a change is held against an integral, and their likeness.
 _ROWS, _MOST_COLUMNS, _WINDOWS, _ALIKE = 20_000, 24, 100, 0.98
 #: Share of a column that a motion explains, from which it is said to drive it.
-_DRIVES = 0.6
-#: Deviation of a step from the usual one that a time has.
-_EVEN = 0.2
+_DRIVES, _MOST_DRIVERS = 0.6, 4
+#: Times the usual step that nearly all steps of a time stay below.
+_EVEN = 2.5
 
 
 @dataclass(frozen=True)
 class Relations:
-    """time, position, velocity, torque : names of columns, "" where the numbers do not tell.   factor : velocity over the derivative of the
-    position, per unit of the time column.   words : column -> what was seen."""
+    """time, position, velocity : names of columns, "" where the numbers do not tell.   torques : that may drive it, the likeliest first.
+    factor : velocity over the derivative of the position, per unit of the time column.   words : column -> what was seen."""
 
     time: str = ""
     position: str = ""
     velocity: str = ""
-    torque: str = ""
+    torques: tuple[str, ...] = ()
     factor: float = 1.0
     words: tuple[tuple[str, str], ...] = ()
 
@@ -50,7 +50,7 @@ def relations(table: Table, time: str = "", step: float = 1.0) -> Relations:
     clock = time or next((name for name in names if _is_even(values[name])), "")
     if clock and clock in values:
         step = float(np.median(np.diff(values[clock])))
-        words.append((clock, f"it rises evenly, by {step:.6g} per row"))
+        words.append((clock, f"it rises, by {step:.6g} per row"))
         stamps = values[clock]
     else:
         stamps = step * np.arange(max((len(column) for column in values.values()), default=0))
@@ -63,8 +63,8 @@ def relations(table: Table, time: str = "", step: float = 1.0) -> Relations:
         place = list(table.columns).index
         words.append((velocity, f"column {place(velocity) + 1} looks like the derivative of column {place(position) + 1}{_times(factor)}"))
         words.append((position, f"column {place(velocity) + 1} looks like its derivative"))
-    torque, position = _driver(table, values, [name for name in moving if name != velocity], position, stamps, words)
-    return Relations(clock, position, velocity, torque, factor, tuple(words))
+    torques, position = _drivers(table, values, [name for name in moving if name != velocity], position, stamps, words)
+    return Relations(clock, position, velocity, torques, factor, tuple(words))
 
 
 def _times(factor: float) -> str:
@@ -79,7 +79,7 @@ def _is_even(values: Array) -> bool:
     steps = np.diff(values)
     if len(steps) < 3 or not np.all(steps > 0.0):
         return False
-    return bool(np.mean(np.abs(steps / np.median(steps) - 1.0) < _EVEN) > 0.99)
+    return bool(np.percentile(steps, 95.0) < _EVEN * np.median(steps))
 
 
 def _derivative(values: dict[str, Array], names: Sequence[str], stamps: Array) -> tuple[str, str, float] | None:
@@ -102,10 +102,10 @@ def _derivative(values: dict[str, Array], names: Sequence[str], stamps: Array) -
     return best[1] if best else None
 
 
-def _driver(
+def _drivers(
     table: Table, values: dict[str, Array], names: Sequence[str], position: str, stamps: Array, words: list[tuple[str, str]]
-) -> tuple[str, str]:
-    """The column that the motion explains best as its torque, and the position: that with a derivative, else the smoothest that does."""
+) -> tuple[tuple[str, ...], str]:
+    """The columns that the motion explains best as its torque, and the position: that with a derivative, else the smoothest that does."""
     motions = [position] if position else sorted(names, key=lambda name: _rough(values[name]))[:3]
     found: list[tuple[float, str, str]] = []
     for motion in motions:
@@ -115,15 +115,17 @@ def _driver(
                 if told is not None and told.together and told.explained > _DRIVES:
                     found.append((told.explained, name, motion))
     if not found:
-        return "", position
-    explained, torque, motion = max(found)
+        return (), position
+    motion = max(found)[2]
+    drivers = sorted(((explained, name) for explained, name, other in found if other == motion), reverse=True)[:_MOST_DRIVERS]
     place = list(table.columns).index
-    words.append(
-        (torque, f"column {place(torque) + 1} looks like what drives column {place(motion) + 1}, {100.0 * explained:.0f} % explained")
-    )
+    for explained, name in drivers:
+        words.append(
+            (name, f"column {place(name) + 1} looks like what drives column {place(motion) + 1}, {100.0 * explained:.0f} % explained")
+        )
     if not position:
-        words.append((motion, f"column {place(torque) + 1} looks like what drives it"))
-    return torque, motion
+        words.append((motion, f"column {place(drivers[0][1]) + 1} looks like what drives it"))
+    return tuple(name for _, name in drivers), motion
 
 
 def _rough(signal: Array) -> float:

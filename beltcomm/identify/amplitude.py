@@ -1,4 +1,4 @@
-"""How large an excitation may be: predicted before every step from what is known of the axis so far.
+"""Largest excitation that the limits allow: predicted before every step from what is known of the axis so far.
 
 The amplitude rises step by step (thesis 3.4).  Before each step the record is simulated for a family of models that
 stands for what is not known yet; travel, speed, motor torque and belt force, the resonance included, must stay inside
@@ -19,7 +19,7 @@ from beltcomm.model import Model
 from beltcomm.model.linear import fastest_rate, operating_point
 from beltcomm.recording import Recording
 from beltcomm.simulate.forward import integrate_torque
-from beltcomm.simulate.stopping import HEAVIEST_KG, Braking, HostLoss, run_on, total_friction, total_inertia
+from beltcomm.simulate.stopping import HEAVIEST_KG, Braking, HostLoss, run_on_distance, total_friction, total_inertia
 
 Array = NDArray[np.float64]
 
@@ -47,10 +47,16 @@ _BISECTIONS = 12
 
 @dataclass(frozen=True)
 class MotionLimits:
-    """What a record may use.  travel_m : m either way from the start.   speed_m_s, torque_nm (motor shaft), belt_force_n.
+    """Limits of a record.
 
-    window_m : m either way from the start, which a stop must not leave.   ends_m : m to the nearest end, beyond which nothing may go even
-    when the host dies.
+    Attributes
+    ----------
+    travel_m : float
+        m either way from the start. speed_m_s, torque_nm (motor shaft), belt_force_n.
+    window_m : float
+        m either way from the start, which a stop must not leave.
+    ends_m : float
+        m to the nearest end, beyond which nothing may go even when the host dies.
     """
 
     travel_m: float
@@ -65,9 +71,15 @@ class MotionLimits:
 class Prediction:
     """Largest travel from the start, carriage speed, motor torque and belt force of a record, over a family of models.
 
-    stop_m : way of a stop from ``SPEED_RESERVE`` times the carriage's speed.   motor_m_s : motor speed times i_t; it rings more.
-    run_on_m, died_m : when the host dies at the worst instant, one entry for each way in which the drive may take that (least demanding
-    last): how far the carriage runs on, and how far from the start it comes.
+    Attributes
+    ----------
+    stop_m : float
+        Way of a stop from ``SPEED_RESERVE`` times the carriage's speed.
+    motor_m_s : float
+        Motor speed times i_t; it rings more.
+    run_on_m, died_m : tuple of float
+        When the host dies at the worst instant, one entry for each way in which the drive may take that (least demanding last): how far the
+        carriage runs on, and how far from the start it comes.
     """
 
     travel_m: float
@@ -98,7 +110,13 @@ class Prediction:
 
 @dataclass(frozen=True)
 class AmplitudeStep:
-    """The amplitude chosen for one record.  binds : the limit that it reaches, or "step" when it is only the next step."""
+    """The amplitude chosen for one record.
+
+    Attributes
+    ----------
+    binds : str
+        The limit that it reaches, or "step" when it is only the next step.
+    """
 
     amplitude_nm: float
     prediction: Prediction
@@ -129,25 +147,29 @@ def unknown_payload(
 ) -> list[Model]:
     """Family for an axis of which only the data sheets are known: light and heavy carriages, belt 25 % softer and stiffer.
 
-    stiffness_shares : the softest and the stiffest belt thought of, as shares of the model's.
     Friction is taken at half its breakaway value: it takes energy from the resonance and holds the carriage back.
+
+    Parameters
+    ----------
+    stiffness_shares : tuple of float
+        The softest and the stiffest belt thought of, as shares of the model's.
     """
     family = []
     for mass in masses_kg:
         for factor in (0.75 * stiffness_shares[0], 1.25 * stiffness_shares[1]):
-            family.append(_half_friction(model.with_values({"cart.mass": mass, **_scaled(model, _stiffness_names(model), factor)})))
+            family.append(_half_friction(model.with_values({"cart.mass": mass, **_scale_values(model, _stiffness_names(model), factor)})))
     return family
 
 
 def family_around(model: Model, spread: float = FIRST_ESTIMATE_SPREAD) -> list[Model]:
     """Family around an estimate: mass and stiffness apart by ``spread``, friction and belt damping lowered by it."""
     lossy = [n for n in model.parameters if n.endswith((".damping", ".level")) and not n.startswith("coupling")]
-    calmer = model.with_values(_scaled(model, lossy, 1.0 - spread))
+    calmer = model.with_values(_scale_values(model, lossy, 1.0 - spread))
     stiff = _stiffness_names(model)
     return [
         model,
         *(
-            calmer.with_values({"cart.mass": model["cart.mass"] * (1 + a * spread), **_scaled(model, stiff, 1 + b * spread)})
+            calmer.with_values({"cart.mass": model["cart.mass"] * (1 + a * spread), **_scale_values(model, stiff, 1 + b * spread)})
             for a in (-1, 1)
             for b in (-1, 1)
         ),
@@ -158,13 +180,18 @@ def not_ruled_out(family: Sequence[Model], recording: Recording, ratio: float, p
     """The members of a family of light and heavy carriages that a record may be of, or the heaviest ones.
 
     Ruled out is one that the recorded torque would have moved ``RULED_OUT`` times as far as the motor went, even if friction were all that
-    the carriage broke away at (the family counts with half of that).   ratio : i_t, m/rad.
+    the carriage broke away at (the family counts with half of that).
+
+    Parameters
+    ----------
+    ratio : float
+        i_t, m/rad.
     """
     sample_s, torque = recording.sample_period_s, recording.torque if recording.torque_setpoint is None else recording.torque_setpoint
     went_m = ratio * float(np.ptp(recording.position))
 
     def way_m(model: Model) -> float:
-        held = model.with_values(_scaled(model, _friction_names(model), 2.0))
+        held = model.with_values(_scale_values(model, _friction_names(model), 2.0))
         gone = integrate_torque(held, torque, sample_s, position_m, substeps=_substeps(held, sample_s, position_m))
         return float(np.ptp(gone.cart_position_m))
 
@@ -182,8 +209,14 @@ def predict(
 ) -> Prediction:
     """Worst case of one record over a family of models, starting at rest at ``position_m``.
 
-    torque : ndarray (n,), N m at the motor shaft, held for ``sample_s`` each.   braking : what stops each of the models.
-    losses : what the death of the host means for each of them, in the ways in which the drive may be made to take it.
+    Parameters
+    ----------
+    torque : ndarray (n,), N m at the motor shaft
+        Held for ``sample_s`` each.
+    braking : callable
+        What stops each of the models.
+    losses : callable
+        What the death of the host means for each of them, in the ways in which the drive may be made to take it.
     """
     peak = float(np.max(np.abs(torque)))
     ways: list[tuple[float, ...]] = []
@@ -194,7 +227,7 @@ def predict(
         travel = max(travel, float(np.max(np.abs(result.cart_position_m - result.cart_position_m[0]))))
         speeds = np.diff(result.cart_position_m) / sample_s
         fastest = float(np.max(np.abs(speeds)))
-        died = [_died(model, result.cart_position_m, DIED_RESERVE * speeds, peak, loss) for loss in losses(model)]
+        died = [_run_on_of_record(model, result.cart_position_m, DIED_RESERVE * speeds, peak, loss) for loss in losses(model)]
         ways.append(tuple(way for way, _ in died))
         places.append(tuple(place for _, place in died))
         speed, stop = max(speed, fastest), max(stop, braking(model).way_m(SPEED_RESERVE * fastest))
@@ -204,11 +237,11 @@ def predict(
     return Prediction(travel, speed, peak, force, stop, motor, *farthest)
 
 
-def _died(model: Model, place_m: Array, speed_m_s: Array, torque_nm: float, loss: HostLoss) -> tuple[float, float]:
+def _run_on_of_record(model: Model, place_m: Array, speed_m_s: Array, torque_nm: float, loss: HostLoss) -> tuple[float, float]:
     """Longest run-on at any instant of a record, m, and the farthest place from its start.   place_m : (n,).   speed_m_s : (n - 1,)."""
     axis = (torque_nm, total_friction(model), total_inertia(model), model["transmission.ratio"], loss)
     gone = place_m[1:] - place_m[0]
-    up, down = run_on(speed_m_s, *axis), run_on(-speed_m_s, *axis)
+    up, down = run_on_distance(speed_m_s, *axis), run_on_distance(-speed_m_s, *axis)
     return float(np.max([up, down])), float(np.max([gone + up, down - gone]))
 
 
@@ -224,8 +257,17 @@ def largest_amplitude(
 ) -> AmplitudeStep:
     """The largest amplitude, up to ``at_most_nm``, for which every member of the family stays inside all limits.
 
-    shape : ndarray (n,), the record with unit amplitude.   braking, losses : as :func:`predict`.
-    Raises Refused when even a fiftieth of ``at_most_nm`` is too much.
+    Parameters
+    ----------
+    shape : ndarray (n,)
+        The record with unit amplitude.
+    braking, losses : callable
+        As :func:`predict`.
+
+    Raises
+    ------
+    Refused
+        When even a fiftieth of ``at_most_nm`` is too much.
     """
     full = predict(family, at_most_nm * shape, sample_s, position_m, braking, losses)
     if max(full.use_of(limits).values()) <= 1.0:
@@ -263,12 +305,12 @@ def _stiffness_names(model: Model) -> list[str]:
     return [n for n in model.parameters if n.startswith(("belt_stiffness.stiffness", "belt_spans.specific", "belt_sections.specific_s"))]
 
 
-def _scaled(model: Model, names: Sequence[str], factor: float) -> dict[str, float]:
+def _scale_values(model: Model, names: Sequence[str], factor: float) -> dict[str, float]:
     return {name: model[name] * factor for name in names}
 
 
 def _half_friction(model: Model) -> Model:
-    return model.with_values(_scaled(model, _friction_names(model), 0.5))
+    return model.with_values(_scale_values(model, _friction_names(model), 0.5))
 
 
 def _friction_names(model: Model) -> list[str]:

@@ -23,10 +23,13 @@ NORMAL = 1.96
 class LinearTrend:
     """y = level + slope (t - middle_s).   half widths : 95 %, of level and slope, which are independent of each other.
 
-    sure_interval : of the slope, so wide that of all quantities looked at together hardly one seems to drift by chance.
-
-    scatter : rms of the values around the line over what their intervals let expect; 1 where they scatter as these say, nan where no
-    interval is known.
+    Attributes
+    ----------
+    sure_interval : float
+        Of the slope, so wide that of all quantities looked at together hardly one seems to drift by chance.
+    scatter : float
+        rms of the values around the line over what their intervals let expect; 1 where they scatter as these say, nan where no interval is
+        known.
     """
 
     middle_s: float
@@ -39,7 +42,7 @@ class LinearTrend:
 
     @property
     def drifts(self) -> bool:
-        """Whether the slope differs from none, however many others were looked at."""
+        """True if the slope differs from none, however many others were looked at."""
         return abs(self.slope) > self.sure_interval
 
     def at(self, t_s: Array) -> tuple[Array, Array]:
@@ -66,10 +69,18 @@ class LinearTrend:
 def course_of(t_s: Array, values: Array, intervals: Array, looked_at: int = 1) -> LinearTrend:
     """A line by weighted least squares.   t_s, values (n,); intervals (n,): half widths, 95 %, nan where they are not known.
 
-    looked_at : quantities of which this is one; a drift is sure with 1 - 0.05/looked_at (Bonferroni).
-
     Where the values scatter more than their intervals say, runs differ by more than one run knows of itself: then their own scatter makes
-    the intervals, by Student's t with n - 2 degrees of freedom.   Raises DataError for fewer than three runs or for one and the same time.
+    the intervals, by Student's t with n - 2 degrees of freedom.
+
+    Parameters
+    ----------
+    looked_at : int
+        Quantities of which this is one; a drift is sure with 1 - 0.05/looked_at (Bonferroni).
+
+    Raises
+    ------
+    DataError
+        For fewer than three runs or for one and the same time.
     """
     if len(values) < FEWEST or float(np.ptp(t_s)) <= 0.0:
         raise DataError(f"a course needs {FEWEST} runs at different times; there are {len(values)}")

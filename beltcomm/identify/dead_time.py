@@ -27,9 +27,19 @@ LEAST_PHASE_NOISE_RAD = 1e-3
 class DeadTime:
     """A dead time and how well a dead time explains the phase.
 
-    value_s : t_T, s.     interval_s : half width at 95 %, from the scatter about the straight line.     samples : n_T = t_T/T_s.
-    freq_hz : ndarray (n,), Hz.     residual_rad : ndarray (n,), rad, phase difference minus that of the dead time.
-    remarks : sentences on what else the phase shows.
+    Attributes
+    ----------
+    value_s : float
+        t_T, s.
+    interval_s : float
+        Half width at 95 %, from the scatter about the straight line.
+    samples : float
+        n_T = t_T/T_s.
+    freq_hz : ndarray (n,), Hz
+    residual_rad : ndarray (n,), rad
+        Phase difference minus that of the dead time.
+    remarks : tuple of str
+        Sentences on what else the phase shows.
     """
 
     value_s: float
@@ -52,9 +62,23 @@ def dead_time_between(
 
     J(n_T) = Σ w_i (arg Ĝ_τi,φm(f_i) - arg Ĝ_τm,φm(f_i) + 2π f_i n_T T_s)²  →  min
 
-    setpoint, torque : responses to torque setpoint and to acting torque, of one record.     lowest_hz, highest_hz : Hz, the
-    range of interest, in general up to the resonance.     longest_s : s, dead times from minus to plus this are considered.
-    Raises DataError when the responses share too few lines.     Source: thesis (3.25) to (3.30).
+    Parameters
+    ----------
+    setpoint, torque : FrequencyResponse
+        Responses to torque setpoint and to acting torque, of one record.
+    lowest_hz, highest_hz : float, Hz
+        The range of interest, in general up to the resonance.
+    longest_s : float, s
+        Dead times from minus to plus this are considered.
+
+    Raises
+    ------
+    DataError
+        When the responses share too few lines.
+
+    References
+    ----------
+    Thesis (3.25) to (3.30).
     """
     common, at_setpoint, at_torque = np.intersect1d(np.rint(setpoint.freq_hz * 1e6), np.rint(torque.freq_hz * 1e6), return_indices=True)
     if len(common) == 0:
@@ -83,8 +107,20 @@ def dead_time_against(
     Arguments as :func:`dead_time_between`; model_h : ndarray (k,), complex, rad/(N m), at the lines of ``response``.  It
     must be the *sampled* response to a held torque: against a continuous one half a sample more is found, the delay of
     the hold.
-    model_noise : ndarray (k,), rad/(N m), its standard deviation, None for a model.
-    Raises DataError when lengths differ or too few lines lie within.     Source: thesis (3.25) to (3.30).
+
+    Parameters
+    ----------
+    model_noise : ndarray (k,) or None, rad/(N m)
+        Its standard deviation, None for a model.
+
+    Raises
+    ------
+    DataError
+        When lengths differ or too few lines lie within.
+
+    References
+    ----------
+    Thesis (3.25) to (3.30).
     """
     if model_h.shape != response.h.shape:
         raise DataError(f"the model has {len(model_h)} values, the response {len(response.h)} lines; evaluate it at these lines")

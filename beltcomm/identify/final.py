@@ -31,6 +31,7 @@ CLEAR = 4.0
 CURVATURE_STEP = 0.01
 #: m; records nearer to each other than this cannot tell a law of the stiffness along the travel.
 PLACES_APART_M = 0.05
+ONE_PLACE = "rows come too seldom to compare places: stiffness taken as constant"
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,13 @@ def final_model(
     """Fit all recordings with a constant belt stiffness, and by position where the places disagree; keep the better.
 
     ``start`` replaces the start values found from the excited records.
-    Raises DataError when there is no excited record to start from, or none is usable; DamagedRecord when the angle of one jumps.
+
+    Raises
+    ------
+    DataError
+        When there is no excited record to start from, or none is usable.
+    DamagedRecord
+        When the angle of one jumps.
     """
     excited = [r for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
     if start is None:
@@ -75,13 +82,18 @@ def final_model(
     start = as_constant(start, float(np.median(at)) if at else 0.0)
     if (seldom := fit_seldom(recordings, start, counts_per_rev=counts_per_rev)) is not None and not seldom.suspect:
         progress(1.0)
-        return FinalModel(seldom, None, "rows come too seldom to compare places: stiffness taken as constant")
+        return FinalModel(seldom, None, ONE_PLACE)
     share = 0.5 if apart else 1.0
     sheet = data_sheet(axis, recordings)
-    constant = fit_model(recordings, start, counts_per_rev=counts_per_rev, sheet=sheet, progress=lambda f: progress(share * f))
+    try:
+        constant = fit_model(recordings, start, counts_per_rev=counts_per_rev, sheet=sheet, progress=lambda f: progress(share * f))
+    except DataError:
+        if seldom is None:
+            raise
+        return FinalModel(seldom, None, ONE_PLACE)
     refuse_jumps(recordings, constant, counts_per_rev)
     if seldom is not None and seldom.misfit < constant.misfit:
-        return FinalModel(seldom, constant, "rows come too seldom to compare places: stiffness taken as constant")
+        return FinalModel(seldom, constant, ONE_PLACE)
     places = stiffness_by_record(recordings, constant.model, counts_per_rev, constant.noise_nm, constant.path)
     spread = clear_spread(places)
     if spread < STIFFNESS_SPREAD or not apart:
@@ -192,7 +204,10 @@ def as_constant(model: Model, position_m: float) -> Model:
 def by_position(model: Model, axis: Axis, recordings: Sequence[Recording], places: Mapping[str, PlaceStiffness]) -> Model:
     """The model with the belt law (2.26) instead of a constant stiffness, started from the stiffness of each place.
 
-    Raises UsageError when the axis file does not say how far the pulleys are apart.
+    Raises
+    ------
+    UsageError
+        When the axis file does not say how far the pulleys are apart.
     """
     axis.require("the law of the belt's stiffness along the travel", "belt.pulley_distance_m")
     distance = float(axis.get("belt.pulley_distance_m") or 0.0)

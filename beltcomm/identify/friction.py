@@ -29,8 +29,17 @@ LARGEST_SPEED_ERROR = 0.1
 class Plateau:
     """One pass at constant reference velocity, run-in discarded, motor side.
 
-    reference_rad_s : rad/s.     speed_rad_s : rad/s, slope of the measured angle.     torque_nm : N m, mean.
-    error_nm : N m, standard deviation of that mean, from its batches.     start_s, duration_s : s, of what was used.
+    Attributes
+    ----------
+    reference_rad_s : float, rad/s
+    speed_rad_s : float, rad/s
+        Slope of the measured angle.
+    torque_nm : float, N m
+        Mean.
+    error_nm : float, N m
+        Standard deviation of that mean, from its batches.
+    start_s, duration_s : float, s
+        Of what was used.
     """
 
     reference_rad_s: float
@@ -42,7 +51,7 @@ class Plateau:
 
     @property
     def reached_speed(self) -> bool:
-        """Whether the motor turned about as fast as it was asked to."""
+        """True if the motor turned about as fast as it was asked to."""
         return abs(self.speed_rad_s - self.reference_rad_s) <= LARGEST_SPEED_ERROR * abs(self.reference_rad_s)
 
 
@@ -60,10 +69,24 @@ class FrictionPoint:
 class FrictionFit:
     """Friction of the whole axis referred to the motor shaft; every ``interval`` is a half width at 95 %.
 
-    viscous : d̃_v, N m s/rad.     coulomb : τ̃_c, N m.     offset : N m, what does not change sign with direction.
-    forward, backward : (viscous, coulomb) of each direction alone, both positive for friction; None with fewer than two speeds.
-    points : per reference velocity, rising.     repeat_scatter_nm : N m, standard deviation of one pass beyond its own noise, None
-    without repeats.     rms_nm : N m, root mean square of what (3.36) leaves.     remarks : sentences.
+    Attributes
+    ----------
+    viscous : Value
+        d̃_v, N m s/rad.
+    coulomb : Value
+        τ̃_c, N m.
+    offset : Value, N m
+        What does not change sign with direction.
+    forward, backward : tuple of Value or None
+        (viscous, coulomb) of each direction alone, both positive for friction; None with fewer than two speeds.
+    points : tuple of FrictionPoint
+        Per reference velocity, rising.
+    repeat_scatter_nm : float or None, N m
+        Standard deviation of one pass beyond its own noise, None without repeats.
+    rms_nm : float, N m
+        Root mean square of what (3.36) leaves.
+    remarks : tuple of str
+        Sentences.
     """
 
     viscous: Value
@@ -77,7 +100,18 @@ class FrictionFit:
     remarks: tuple[str, ...]
 
     def torque_nm(self, speed_rad_s: Array) -> Array:
-        """d̃_v ω + τ̃_c sign(ω) + offset, N m.   speed_rad_s : ndarray (n,).   Raises nothing.   Source: thesis (3.36)."""
+        """d̃_v ω + τ̃_c sign(ω) + offset, N m.
+
+        Raises nothing.
+
+        Parameters
+        ----------
+        speed_rad_s : ndarray (n,)
+
+        References
+        ----------
+        Thesis (3.36).
+        """
         return np.asarray(
             self.viscous.value * speed_rad_s + self.coulomb.value * np.sign(speed_rad_s) + self.offset.value, dtype=np.float64
         )
@@ -95,11 +129,29 @@ def find_plateaus(
 ) -> tuple[Plateau, ...]:
     """Stretches of constant, non-zero reference velocity, without their first ``run_in_s``.
 
-    t_s : ndarray (n,), s.     torque_nm, position_rad, reference_velocity_rad_s : ndarray (n,), motor shaft; rows that are not
-    finite are skipped.     run_in_s : s, discarded at the start of each.     shortest_s : s, least that must be left.
-    inertia_kg_m2 : of all that moves, at the motor: what still accelerates is taken off the torque, J Δω/Δt; 0 leaves it in, which
-    makes the viscous friction of a loop that settles slowly some permille too large.
-    Raises DataError when arrays do not match, UsageError for times that are not positive.     Source: thesis 3.6.
+    Parameters
+    ----------
+    t_s : ndarray (n,), s
+    torque_nm, position_rad, reference_velocity_rad_s : ndarray (n,), motor shaft
+        Rows that are not finite are skipped.
+    run_in_s : float, s
+        Discarded at the start of each.
+    shortest_s : float, s
+        Least that must be left.
+    inertia_kg_m2 : float
+        Of all that moves, at the motor: what still accelerates is taken off the torque, J Δω/Δt; 0 leaves it in, which makes the viscous
+        friction of a loop that settles slowly some permille too large.
+
+    Raises
+    ------
+    DataError
+        When arrays do not match.
+    UsageError
+        For times that are not positive.
+
+    References
+    ----------
+    Thesis 3.6.
     """
     arrays = (t_s, torque_nm, position_rad, reference_velocity_rad_s)
     if any(a.shape != t_s.shape for a in arrays) or t_s.ndim != 1:
@@ -131,9 +183,23 @@ def fit_friction(plateaus: Sequence[Plateau], *, slowest_rad_s: float = 0.0) -> 
     without it the long slow passes would outvote all others.  τ_0 is half the sum of both directions: gravity, an offset of
     the current, or friction that differs by direction, which this sweep cannot tell apart.  Intervals: scatter about the law.
 
-    plateaus : from :func:`find_plateaus`, of one or more records.     slowest_rad_s : rad/s, slower passes are shown but not fitted
-    (Stribeck effect).     Passes whose speed misses the reference by over 10 % are left out and named.
-    Raises DataError with fewer than two speeds, or only one direction.     Source: thesis (3.36), 3.6.
+    Passes whose speed misses the reference by over 10 % are left out and named.
+
+    Parameters
+    ----------
+    plateaus : sequence of Plateau
+        From :func:`find_plateaus`, of one or more records.
+    slowest_rad_s : float, rad/s
+        Slower passes are shown but not fitted (Stribeck effect).
+
+    Raises
+    ------
+    DataError
+        With fewer than two speeds, or only one direction.
+
+    References
+    ----------
+    Thesis (3.36), 3.6.
     """
     followed = [p for p in plateaus if p.reached_speed]
     used = [p for p in followed if abs(p.speed_rad_s) >= slowest_rad_s]
@@ -151,7 +217,7 @@ def fit_friction(plateaus: Sequence[Plateau], *, slowest_rad_s: float = 0.0) -> 
     # An error of nothing, as a simulation without noise has, is no infinite weight.
     weight = 1.0 / np.maximum(variance, max(1e-6 * float(variance.max()), 1e-30))
     regressor = np.stack([speed, np.sign(speed), np.ones(len(speed))], axis=1)
-    estimate, half = _weighted(regressor, torque, weight)
+    estimate, half = _weighted_estimate(regressor, torque, weight)
     fit = FrictionFit(
         viscous=_viscous(estimate[0], half[0]),
         coulomb=_coulomb(estimate[1], half[1]),
@@ -222,7 +288,7 @@ def _repeat_scatter(plateaus: Sequence[Plateau]) -> float | None:
     return float(np.sqrt(max(squares - own, 0.0) / freedom)) if freedom else None
 
 
-def _weighted(regressor: Array, torque: Array, weight: Array) -> tuple[Array, Array]:
+def _weighted_estimate(regressor: Array, torque: Array, weight: Array) -> tuple[Array, Array]:
     """Estimate and half widths at 95 % from the scatter about it; infinite when no pass is left over to judge by."""
     root = np.sqrt(weight)
     estimate = np.asarray(np.linalg.lstsq(regressor * root[:, None], torque * root, rcond=None)[0], dtype=np.float64)
@@ -239,7 +305,7 @@ def _one_direction(sign: float, speed: Array, torque: Array, weight: Array) -> t
     if rows.sum() < 2 or np.ptp(speed[rows]) < LARGEST_SPEED_ERROR * np.max(np.abs(speed[rows])):
         return None
     regressor = np.stack([np.abs(speed[rows]), np.ones(int(rows.sum()))], axis=1)
-    estimate, half = _weighted(regressor, sign * torque[rows], weight[rows])
+    estimate, half = _weighted_estimate(regressor, sign * torque[rows], weight[rows])
     return _viscous(estimate[0], half[0]), _coulomb(estimate[1], half[1])
 
 
@@ -252,7 +318,7 @@ def _coulomb(value: float, half: float) -> Value:
 
 
 def _remarks(fit: FrictionFit, left_out_rad_s: Sequence[float], speed: Array, torque: Array, variance: Array) -> tuple[str, ...]:
-    """What was left out, what the sweep does not determine, and where the law does not hold, in words."""
+    """Remarks: plateaus left out, parameters that the sweep does not determine, and where the law does not hold."""
     remarks = []
     if left_out_rad_s:
         named = ", ".join(f"{v:.3g}" for v in left_out_rad_s)

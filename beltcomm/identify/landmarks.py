@@ -42,7 +42,13 @@ class Landmark:
 
 @dataclass(frozen=True)
 class Landmarks:
-    """Of one response.   None where it cannot be told.   scatter : of the lines about the fit, relative, standard deviation."""
+    """Of one response.   None where it cannot be told.
+
+    Attributes
+    ----------
+    scatter : float
+        Of the lines about the fit, relative, standard deviation.
+    """
 
     antiresonance: Landmark | None
     resonance: Landmark | None
@@ -70,7 +76,15 @@ class Pair:
 
 @dataclass(frozen=True)
 class Shape:
-    """The motor's response as  rigid axis · Π pairs.   belt : in which the carriage swings on the belt.   beside : what else swings."""
+    """The motor's response as  rigid axis · Π pairs.
+
+    Attributes
+    ----------
+    belt : Pair
+        In which the carriage swings on the belt.
+    beside : tuple of Pair
+        What else swings.
+    """
 
     belt: Pair
     beside: tuple[Pair, ...]
@@ -82,7 +96,7 @@ class Shape:
 
 
 def shape_of(model: Model, position_m: float) -> Shape | None:
-    """How a model's sliding axis swings with the carriage at a place, m; None where nothing does, as on a belt that is too soft.
+    """Swinging of a model's sliding axis with the carriage at a place, m; None where nothing does, as on a belt that is too soft.
 
     K v = λ M v of all bodies, and with the motor held:  λ_1 <= μ_1 <= λ_2 <= μ_2 ... <= λ_n  (Cauchy).  λ_1 is the axis as a whole, free
     or on what depends on its place (cogging, a cable).  To the belt belong the μ_a and the λ_b above it with the largest
@@ -90,14 +104,22 @@ def shape_of(model: Model, position_m: float) -> Shape | None:
         s_a log(f_b/f_a) - 2 Σ widths of the pairs that the others make,   s : share of the carriage in the kinetic energy of mode a
 
     Payload, coupling or end pulley take less inertia along than the carriage, or move in its place.
-    Raises UsageError and Refused as :func:`beltcomm.model.linear.matrices`.
-    Source: Golub, Van Loan, Matrix Computations, 4th ed., 8.1.7.
+
+    Raises
+    ------
+    UsageError
+    Refused
+        As :func:`beltcomm.model.linear.matrices`.
+
+    References
+    ----------
+    Golub, Van Loan, Matrix Computations, 4th ed., 8.1.7.
     """
     m = matrices(model, operating_point(model, position_m, 1.0))
     if "motor" not in m.bodies or len(m.bodies) < 2:
         return None
     held = m.hold(("motor",))
-    (mu, low, vectors), (lam, high, _) = _undamped(held), _undamped(m)
+    (mu, low, vectors), (lam, high, _) = _undamped_modes(held), _undamped_modes(m)
     shares = vectors[held.bodies.index("cart")] ** 2 if "cart" in held.bodies else np.ones(len(mu))
     kept = [i for i in range(len(mu)) if mu[i] > 0.0]
 
@@ -115,7 +137,7 @@ def shape_of(model: Model, position_m: float) -> Shape | None:
     return best if best is not None and best.belt.antiresonance_hz > LOWEST_HZ and max(best.belt.damping) < MOST_DAMPING else None
 
 
-def _undamped(m: Matrices) -> tuple[Array, Array, Array]:
+def _undamped_modes(m: Matrices) -> tuple[Array, Array, Array]:
     """Eigenvalues, (rad/s)², ascending, the damping of each, 2 ζ ω, rad/s, and the eigenvectors in mass-normalised coordinates."""
     scale = 1.0 / np.sqrt(np.diag(m.M))
     values, vectors = np.linalg.eigh(m.K * np.outer(scale, scale))
@@ -128,8 +150,21 @@ def find_landmarks(response: FrequencyResponse, expected: Pair, beside: Sequence
     a complex and n real take up the rigid part, whose damping friction decides.  Friction's wrong lines scatter about the fit and widen the
     intervals (linearised, variance J*/(n - p)); a bias that all lines share they do not hold.
 
-    expected : where about.   beside : what else the model has, taken out of h first.   Raises DataError when too few lines lie around it.
-    Source: (2.42), 3.5.
+    Parameters
+    ----------
+    expected : Pair
+        Where about.
+    beside : sequence of Pair
+        What else the model has, taken out of h first.
+
+    Raises
+    ------
+    DataError
+        When too few lines lie around it.
+
+    References
+    ----------
+    (2.42), 3.5.
     """
     antiresonance_hz, resonance_hz = expected.antiresonance_hz, expected.resonance_hz
     if not antiresonance_hz < resonance_hz:

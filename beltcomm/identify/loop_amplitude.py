@@ -1,4 +1,4 @@
-"""How large an excitation of a moving axis in closed loop may be: predicted on a family of models before every record.
+"""Largest excitation of a moving axis in closed loop: predicted on a family of models before every record.
 
 Beside the limits of open loop there is one more: neither motor nor carriage may turn round, or friction changes its sign and is no constant
 any more (thesis 3.3.2).  While it does not, everything grows in proportion with the excitation, so few predictions find the largest one.
@@ -35,7 +35,17 @@ FIRST_SHARE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoop:
-    """What runs the excitation.   cascade : in the drive.   kind : of its loop.   into : the controller's torque or the speed setpoint."""
+    """The excited loop.
+
+    Attributes
+    ----------
+    cascade : Cascade
+        In the drive.
+    kind : LoopKind
+        Of its loop.
+    into : Into
+        The controller's torque or the speed setpoint.
+    """
 
     cascade: Cascade
     drive: LoopDrive
@@ -46,9 +56,18 @@ class ClosedLoop:
 
 @dataclass(frozen=True)
 class MovingPrediction:
-    """Worst case over a family.   slowest : least speed of motor and carriage over base speed, while excited; nan at rest.
+    """Worst case over a family.
 
-    low_m, high_m : the carriage with a stop at any moment.   speed_m_s : motor times i_t.   deviation_m : motor from the base motion.
+    Attributes
+    ----------
+    slowest : float
+        Least speed of motor and carriage over base speed, while excited; nan at rest.
+    low_m, high_m : float
+        The carriage with a stop at any moment.
+    speed_m_s : float
+        Motor times i_t.
+    deviation_m : float
+        Motor from the base motion.
     """
 
     slowest: float
@@ -60,7 +79,13 @@ class MovingPrediction:
     deviation_m: float
 
     def use_of(self, limits: MotionLimits) -> dict[str, float]:
-        """Share of each limit that is used.   limits : ``travel_m`` counts where the carriage stands."""
+        """Share of each limit that is used.
+
+        Parameters
+        ----------
+        limits : MotionLimits
+            ``travel_m`` counts where the carriage stands.
+        """
         moving = math.isfinite(self.slowest)
         return {
             "turning round": (1.0 - self.slowest) / (1.0 - SLOWEST_SHARE) if moving else 0.0,
@@ -73,7 +98,13 @@ class MovingPrediction:
 
 @dataclass(frozen=True)
 class LoopStep:
-    """The amplitude found, N m or rad/s.   binds : the limit it reaches, or "what was asked for"."""
+    """The amplitude found, N m or rad/s.
+
+    Attributes
+    ----------
+    binds : str
+        The limit it reaches, or "what was asked for".
+    """
 
     amplitude: float
     prediction: MovingPrediction
@@ -81,7 +112,13 @@ class LoopStep:
 
 
 def simulate_record(model: Model, loop: ClosedLoop, motion: MovingExcitation, start_m: float) -> LoopRun:
-    """One record on one model; an exchange slower than the loop holds its setpoints.   start_m : carriage, m."""
+    """One record on one model; an exchange slower than the loop holds its setpoints.
+
+    Parameters
+    ----------
+    start_m : float
+        Carriage, m.
+    """
     ratio = model["transmission.ratio"]
     held = max(1, round(loop.sample_period_s / loop.drive.period_s))
     base, speed, added = (np.repeat(v, held) for v in (motion.base_m / ratio, motion.base_m_s / ratio, motion.added))
@@ -93,7 +130,13 @@ def simulate_record(model: Model, loop: ClosedLoop, motion: MovingExcitation, st
 def predict_moving(
     family: Sequence[Model], loop: ClosedLoop, motion: MovingExcitation, start_m: float, braking: Braking | None = None
 ) -> MovingPrediction:
-    """Worst case of one record.   braking : counted into the travel, where given."""
+    """Worst case of one record.
+
+    Parameters
+    ----------
+    braking : Braking or None
+        Counted into the travel, where given.
+    """
     ratio = family[0]["transmission.ratio"]
     held = max(1, round(loop.sample_period_s / loop.drive.period_s))
     base, speed = np.repeat(motion.base_m, held), np.repeat(motion.base_m_s, held)
@@ -120,7 +163,17 @@ def largest_moving(
 ) -> LoopStep:
     """The largest amplitude up to ``at_most`` that keeps every member of the family inside all limits.
 
-    shape : with unit amplitude.   least : below it nothing is seen.   Raises Refused with what binds.
+    Parameters
+    ----------
+    shape : MovingExcitation
+        With unit amplitude.
+    least : float
+        Below it nothing is seen.
+
+    Raises
+    ------
+    Refused
+        With what binds.
     """
     low, high = 0.0, math.inf
     best: LoopStep | None = None
@@ -142,11 +195,11 @@ def largest_moving(
             aimed = 0.5 * (low + high) if math.isfinite(high) else at_most
         trial = max(min(aimed, at_most), least)
     if best is None:
-        raise Refused(_too_much(binds, least, loop.into))
+        raise Refused(_excess_words(binds, least, loop.into))
     return best
 
 
-def _too_much(binds: str, least: float, into: Into) -> str:
+def _excess_words(binds: str, least: float, into: Into) -> str:
     unit = "N m" if into == "torque" else "rad/s"
     remedy = "travel faster (--base-speed)" if binds == "turning round" else "look at that limit in axis.yaml, or travel more slowly"
     what = "the motor would turn round" if binds == "turning round" else f"the limit on {binds} would be broken"

@@ -1,4 +1,4 @@
-"""What the gains of a drive's cascade mean, from small steps of its setpoints: no model of the axis is needed.
+"""Meaning of the gains of a drive's cascade, from small steps of its setpoints: no model of the axis is needed.
 
 The law of the controller itself is fitted to what it was given and what it answered, all at the motor shaft:
 
@@ -51,7 +51,13 @@ class Gain:
 
 @dataclass(frozen=True)
 class VelocityLaw:
-    """K_P, N m s/rad, and T_n = K_P/K_I, s, of a velocity loop.   samples_late : from the setpoint to the torque that answers it."""
+    """K_P, N m s/rad, and T_n = K_P/K_I, s, of a velocity loop.
+
+    Attributes
+    ----------
+    samples_late : int
+        From the setpoint to the torque that answers it.
+    """
 
     gain: Gain
     integral_time_s: Gain
@@ -62,7 +68,12 @@ class VelocityLaw:
 class Steps:
     """Rows of a record at a fixed period: setpoint (rad/s of the velocity loop, rad of the position loop), position, speed, torque.
 
-    repeat : rows of one repeat of the steps.   noise_nm : of the torque signal at rest.
+    Attributes
+    ----------
+    repeat : int
+        Rows of one repeat of the steps.
+    noise_nm : float
+        Of the torque signal at rest.
     """
 
     period_s: float
@@ -80,7 +91,13 @@ class Steps:
 
 
 def velocity_law(steps: Steps) -> VelocityLaw:
-    """The law of a velocity loop.   Raises DataError when the torque does not follow one, or too little of it is seen to tell."""
+    """The law of a velocity loop.
+
+    Raises
+    ------
+    DataError
+        When the torque does not follow one, or too little of it is seen to tell.
+    """
 
     def regressors(late: int) -> list[Array]:
         error = _later(steps.setpoint, late) - _later(steps.velocity_rad_s, 1)
@@ -105,7 +122,13 @@ def velocity_law(steps: Steps) -> VelocityLaw:
 
 
 def position_gain(steps: Steps, law: VelocityLaw) -> Gain:
-    """K_PP, 1/s, of the position loop above a velocity loop whose law is known.   Raises DataError as :func:`velocity_law`."""
+    """K_PP, 1/s, of the position loop above a velocity loop whose law is known.
+
+    Raises
+    ------
+    DataError
+        As :func:`velocity_law`.
+    """
     kp, ki = law.gain.value, law.gain.value / law.integral_time_s.value if math.isfinite(law.integral_time_s.value) else 0.0
 
     def through(error: Array) -> Array:

@@ -36,9 +36,16 @@ RIGID_SHARE = 0.4
 
 @dataclass(frozen=True)
 class KnownController:
-    """What stands in the sidecar's ``controller``.   loop : which is closed.   period_s : of the drive's loops.
+    """The controller as the sidecar's ``controller`` states it.
 
-    delay_s : torque setpoint to acting torque.
+    Attributes
+    ----------
+    loop : Loop
+        Which is closed.
+    period_s : float
+        Of the drive's loops.
+    delay_s : float
+        Torque setpoint to acting torque.
     """
 
     cascade: Cascade
@@ -56,7 +63,13 @@ class KnownController:
 
 
 def controller_of(entry: Mapping[str, Any], record: str) -> KnownController:
-    """The controller of a record.   Raises DataError, naming the record, when its sidecar does not state one."""
+    """The controller of a record.
+
+    Raises
+    ------
+    DataError
+        Naming the record, when its sidecar does not state one.
+    """
     try:
         numbers = {str(k): float(v) for k, v in entry.items() if k != "loop"}
         loop: Loop = entry["loop"]
@@ -71,10 +84,16 @@ def controller_of(entry: Mapping[str, Any], record: str) -> KnownController:
 
 @dataclass(frozen=True)
 class Biased:
-    """What a gain that is wrong by ``DOUBT`` does to an indirect result.   lowest_hz, shift_db : at the lowest line.
+    """Bias of an indirect result by a gain that is wrong by ``DOUBT``.
 
-    crossover_hz : where |G C| falls below 1, 0 where it never reaches it.   harmless_hz : from there on less than ``NO_BIAS_DB``, below the
-    antiresonance, at which the loop gain is smallest.
+    Attributes
+    ----------
+    lowest_hz, shift_db : float
+        At the lowest line.
+    crossover_hz : float
+        Where |G C| falls below 1, 0 where it never reaches it.
+    harmless_hz : float
+        From there on less than ``NO_BIAS_DB``, below the antiresonance, at which the loop gain is smallest.
     """
 
     lowest_hz: float
@@ -98,7 +117,10 @@ def ways_of(recording: Recording) -> tuple[Way, ...]:
 def plant_response(recording: Recording, way: Way) -> FrequencyResponse:
     """Acting torque to motor angle, rad/(N m), by one way; whole periods in the steady parts only.
 
-    Raises DataError when the record has no periodic excitation, fewer than two whole periods, or cannot be read that way.
+    Raises
+    ------
+    DataError
+        When the record has no periodic excitation, fewer than two whole periods, or cannot be read that way.
     """
     if way not in ways_of(recording):
         raise DataError(f"{recording.name} cannot be read by the way {way}: it has {', '.join(ways_of(recording))}")
@@ -118,7 +140,12 @@ def plant_response(recording: Recording, way: Way) -> FrequencyResponse:
 
 
 def response_to_signal(recording: Recording, signal: Array) -> FrequencyResponse:
-    """Response of the motor angle to one of a record's signals.   Raises DataError."""
+    """Response of the motor angle to one of a record's signals.
+
+    Raises
+    ------
+    DataError
+    """
     note = recording.sidecar.excitation
     if note is None or not note.period_samples:
         raise DataError(f"{recording.name} has no periodic excitation; its sidecar must say excitation.period_samples")
@@ -164,7 +191,11 @@ def rigid_damping(response: FrequencyResponse, antiresonance_hz: float) -> tuple
 
     Re{e^(-jωT/2)/(jω Ĝ)} = d,  Ĝ the response to a held torque, which lags by half a sample; weighted mean over the lines below
     ``RIGID_SHARE`` of the antiresonance, the width by their own scatter where that is more than the noise.
-    Raises DataError when fewer than three lines lie there.
+
+    Raises
+    ------
+    DataError
+        When fewer than three lines lie there.
     """
     low = response.freq_hz < RIGID_SHARE * antiresonance_hz
     if low.sum() < 3:

@@ -52,12 +52,27 @@ N_START_LINES = 30
 class MagnitudeFit:
     """Parameters of (2.42) that explain a measured magnitude.
 
-    parameters : by field name of :class:`TwoMass`; ``interval`` is the half width at 95 %, inflated by the misfit, infinite
-    when the record does not determine it, None when it was given.     names : those that were fitted, in order.
-    correlation : ndarray (p, p), in that order.     freq_hz : ndarray (n,), Hz, the lines used.
-    residual_db : ndarray (n,), dB, measured minus model.     noise_db : dB, rms that noise alone would leave.
-    transmission_m_rad : i_t.     sampled : fitted to the sampled response, else to the continuous one.
-    remarks : sentences on bias, bounds, and what this record cannot determine.
+    Attributes
+    ----------
+    parameters : dict of str to Value
+        By field name of :class:`TwoMass`; ``interval`` is the half width at 95 %, inflated by the misfit, infinite when the record does not
+        determine it, None when it was given.
+    names : tuple of str
+        Those that were fitted, in order.
+    correlation : ndarray (p, p)
+        In that order.
+    freq_hz : ndarray (n,), Hz
+        The lines used.
+    residual_db : ndarray (n,), dB
+        Measured minus model.
+    noise_db : float, dB
+        rms that noise alone would leave.
+    transmission_m_rad : float
+        i_t.
+    sampled : bool
+        Fitted to the sampled response, else to the continuous one.
+    remarks : tuple of str
+        Sentences on bias, bounds, and what this record cannot determine.
     """
 
     parameters: Mapping[str, Value]
@@ -89,11 +104,23 @@ def product_form(freq_hz: Array, theta: Mapping[str, Array | float], transmissio
     G = 1/(s² (Θ_e + i_t² m_c) + s i_t² (d_m + d_c)) · (m_c s² + d_c s + c)/(μ s² + δ s + c)
     μ = Θ_e m_c/(Θ_e + i_t² m_c),   δ = (i_t² m_c d_m + Θ_e d_c)/(Θ_e + i_t² m_c)
 
-    freq_hz : ndarray (n,), > 0.     theta : the names of :data:`PARAMETERS`; shapes that broadcast with (n,); d_m and d_c in
-    N s/m at the belt.     transmission_m_rad : i_t, m/rad.     Raises nothing.     Source: thesis (2.42), errata 1 and 2.
+    Raises nothing.
+
+    Parameters
+    ----------
+    freq_hz : ndarray (n,)
+        > 0.
+    theta : dict of str to ndarray | float
+        The names of :data:`PARAMETERS`; shapes that broadcast with (n,); d_m and d_c in N s/m at the belt.
+    transmission_m_rad : float
+        i_t, m/rad.
+
+    References
+    ----------
+    Thesis (2.42), errata 1 and 2.
     """
     s = 2j * np.pi * freq_hz
-    total, rigid_damping, mu, delta = _combined(theta, transmission_m_rad)
+    total, rigid_damping, mu, delta = _combined_coefficients(theta, transmission_m_rad)
     c, d_c, m_c = theta["stiffness_n_m"], theta["cart_damping_n_s_m"], theta["mass_kg"]
     rigid = s * (s * total + rigid_damping)
     return np.asarray((m_c * s**2 + d_c * s + c) / (rigid * (mu * s**2 + delta * s + c)), dtype=np.complex128)
@@ -102,14 +129,14 @@ def product_form(freq_hz: Array, theta: Mapping[str, Array | float], transmissio
 def sampled_product_form(
     freq_hz: Array, theta: Mapping[str, float], transmission_m_rad: float, sample_period_s: float
 ) -> NDArray[np.complex128]:
-    """What (2.42) answers at the sampling instants to a torque held from each to the next, exactly; rad/(N m).
+    """Exact sampled response of (2.42) to a torque held from each instant to the next, rad/(N m).
 
     G(z) = C (zI - e^(A T_s))^-1 ∫ e^(Aτ) dτ B,   z = exp(Iω T_s)
 
     Arguments as :func:`product_form`, one parameter set.  The flexible part stands before the rigid one, time in units of
     1/ω_r, so that a double integrator (no damping) is no special case.  Raises nothing.
     """
-    total, rigid_damping, mu, delta = (float(v) for v in _combined(theta, transmission_m_rad))
+    total, rigid_damping, mu, delta = (float(v) for v in _combined_coefficients(theta, transmission_m_rad))
     c, d_c, m_c = theta["stiffness_n_m"], theta["cart_damping_n_s_m"], theta["mass_kg"]
     omega = np.sqrt(c / mu)
     # Flexible part in s' = s/ω_r: (β s'^2 + γ s' + 1)/(s'^2 + ε s' + 1), states 2 and 3; rigid part: states 0 and 1.
@@ -148,13 +175,31 @@ def fit_magnitude(
     Start values come from a grid over antiresonance, resonance and damping; the best three are refined.  Intervals are
     those of the linearised problem with the variance J*/(n - p), so a misfit widens them.
 
-    transmission_m_rad : i_t = r/i_g, m/rad.     inertia_kg_m2 : Θ_e at the motor shaft, kg m²; None fits it too.
-    solver : "lm" Levenberg-Marquardt (bounds by a sine transform), "trf" trust region reflective, "nelder-mead".
-    sampled : compare with the exactly sampled response; the thesis compares with the continuous one.
-    n_lines : at most this many lines.     lowest_hz, highest_hz : Hz, lines within; by default up to 0.2/T_s, sampled
-    up to 0.45/T_s.
-    Raises DataError when too few lines are left, UsageError for numbers that cannot be meant.
-    Source: thesis (3.32) to (3.34), figure 3.9.
+    Parameters
+    ----------
+    transmission_m_rad : float
+        i_t = r/i_g, m/rad.
+    inertia_kg_m2 : float or None
+        Θ_e at the motor shaft, kg m²; None fits it too.
+    solver : Solver
+        "lm" Levenberg-Marquardt (bounds by a sine transform), "trf" trust region reflective, "nelder-mead".
+    sampled : bool
+        Compare with the exactly sampled response; the thesis compares with the continuous one.
+    n_lines : int
+        At most this many lines.
+    lowest_hz, highest_hz : Hz
+        Lines within; by default up to 0.2/T_s, sampled up to 0.45/T_s.
+
+    Raises
+    ------
+    DataError
+        When too few lines are left.
+    UsageError
+        For numbers that cannot be meant.
+
+    References
+    ----------
+    Thesis (3.32) to (3.34), figure 3.9.
     """
     if not transmission_m_rad > 0 or (inertia_kg_m2 is not None and not inertia_kg_m2 > 0):
         raise UsageError(f"i_t = {transmission_m_rad} m/rad and Θ_e = {inertia_kg_m2} kg m² must be positive")
@@ -285,7 +330,7 @@ def _inverse(jacobian: Array) -> tuple[Array, Array]:
     return deviation, correlation
 
 
-def _combined(theta: Mapping[str, Array | float], transmission_m_rad: float) -> tuple[Array | float, ...]:
+def _combined_coefficients(theta: Mapping[str, Array | float], transmission_m_rad: float) -> tuple[Array | float, ...]:
     """Θ_e + i_t² m_c, i_t² (d_m + d_c), μ and δ of (2.42)."""
     i2, inertia, m_c = transmission_m_rad**2, theta["inertia_kg_m2"], theta["mass_kg"]
     d_m, d_c = theta["motor_damping_n_s_m"], theta["cart_damping_n_s_m"]

@@ -1,4 +1,4 @@
-"""Why a frequency response around standstill shows much more damping than a sweep at constant speed has viscous friction.
+"""Apparent damping at standstill: why a frequency response shows much more than a sweep at constant speed has viscous friction.
 
 Coulomb friction M sign(ω) answers a motion that reverses with a force in phase with the speed.  Of all gains the one that is nearest to
 it in the mean square is
@@ -40,12 +40,27 @@ COULOMB = ("coulomb.level", "cart_friction.level")
 class Standstill:
     """Damping of one record around standstill, seen and predicted, beside the viscous friction of a sweep; all N m s/rad at the motor.
 
-    seen : i_t² (d_m + d_c) of the log-magnitude fit.   seen_parts : of motor and carriage.   sweep : viscous friction of (3.36).
-    speed_rad_s : Ω of motor and of carriage, at the motor: amplitude of the sine with the same E ω²/E|ω|.   coulomb_nm : of both.
-    predicted : viscous friction and 4 M/(π Ω) of both parts; its interval knows the friction's, not how good one gain is.
-    predicted_parts : 4 M/(π Ω) of motor and carriage.   at_motor : viscous friction and 4 M/(π Ω) of all of it at the motor's speed.
-    modelled, without_coulomb : what the same fit shows of the model, under the record's torque, with and without its Coulomb friction;
-    None where it could not be simulated.
+    Attributes
+    ----------
+    seen : Value
+        i_t² (d_m + d_c) of the log-magnitude fit.
+    seen_parts : tuple of float
+        Of motor and carriage.
+    sweep : Value
+        Viscous friction of (3.36).
+    speed_rad_s : tuple of float
+        Ω of motor and of carriage, at the motor: amplitude of the sine with the same E ω²/E|ω|.
+    coulomb_nm : tuple of float
+        Of both.
+    predicted : Value
+        Viscous friction and 4 M/(π Ω) of both parts; its interval knows the friction's, not how good one gain is.
+    predicted_parts : tuple of float
+        4 M/(π Ω) of motor and carriage.
+    at_motor : float
+        Viscous friction and 4 M/(π Ω) of all of it at the motor's speed.
+    modelled, without_coulomb : float or None
+        What the same fit shows of the model, under the record's torque, with and without its Coulomb friction; None where it could not be
+        simulated.
     """
 
     record: str
@@ -67,14 +82,22 @@ class Standstill:
 
     @property
     def contradiction(self) -> bool:
-        """Whether the response shows more damping than the sweep, beyond both intervals."""
+        """True if the response shows more damping than the sweep, beyond both intervals."""
         return self.seen.value - (self.seen.interval or 0.0) > self.sweep.value + (self.sweep.interval or 0.0)
 
 
 def sine_amplitude(speed: Array) -> float:
     """Ω = (4/π) E ω²/E|ω| : the amplitude of the sine for which Coulomb friction is the same damper as for this motion.
 
-    speed : (n,), rad/s or m/s.   Raises DataError for no motion.
+    Parameters
+    ----------
+    speed : ndarray (n,)
+        rad/s or m/s.
+
+    Raises
+    ------
+    DataError
+        For no motion.
     """
     mean = float(np.mean(np.abs(speed)))
     if not mean > 0.0:
@@ -83,14 +106,27 @@ def sine_amplitude(speed: Array) -> float:
 
 
 def friction_as_damping(level: float, amplitude: float) -> float:
-    """d = 4 M/(π Ω), describing function of Coulomb friction.   level : N m, or N.   amplitude : Ω, rad/s, or m/s."""
+    """d = 4 M/(π Ω), describing function of Coulomb friction.
+
+    Parameters
+    ----------
+    level : float, N m
+        Or N.
+    amplitude : float
+        Ω, rad/s, or m/s.
+    """
     return 4.0 * level / (np.pi * amplitude)
 
 
 def motion_of(recording: Recording, model: Model) -> tuple[Array, Array]:
     """Speed of motor and of carriage, both rad/s at the motor, on a fine grid, from the first measured period on.
 
-    The carriage follows the measured motor angle through the model's belt.   Raises DataError for a record too short.
+    The carriage follows the measured motor angle through the model's belt.
+
+    Raises
+    ------
+    DataError
+        For a record too short.
     """
     note = recording.sidecar.excitation
     first = float(recording.t_s[note.first_sample if note is not None else 0])
@@ -111,8 +147,17 @@ def motion_of(recording: Recording, model: Model) -> tuple[Array, Array]:
 def standstill_of(recording: Recording, fit: MagnitudeFit, model: Model, sweep: FrictionFit) -> Standstill:
     """Both dampings of one record, and what Coulomb friction explains of their difference.
 
-    fit : of the record's response.   model : with the split of the friction between motor and carriage, as far as it knows it; its sum
-    is that of the sweep.   Raises DataError for a record that is not around standstill.
+    Parameters
+    ----------
+    fit : MagnitudeFit
+        Of the record's response.
+    model : Model
+        With the split of the friction between motor and carriage, as far as it knows it; its sum is that of the sweep.
+
+    Raises
+    ------
+    DataError
+        For a record that is not around standstill.
     """
     motor, cart = motion_of(recording, model)
     if abs(float(np.mean(motor))) > MOVING_SHARE * float(np.sqrt(np.mean(motor**2))):
@@ -135,8 +180,8 @@ def standstill_of(recording: Recording, fit: MagnitudeFit, model: Model, sweep: 
         Value(predicted, "N m s/rad", "motor", 0.0, np.inf, uncertain, "describing function"),
         (float(gains[0] * coulomb.value), float(gains[1] * coulomb.value)),
         viscous.value + friction_as_damping(coulomb.value, amplitudes[0]),
-        _shown_by(model, recording, fit),
-        _shown_by(model.with_values({name: 0.0 for name in COULOMB if name in model.parameters}), recording, fit),
+        _apparent_damping(model, recording, fit),
+        _apparent_damping(model.with_values({name: 0.0 for name in COULOMB if name in model.parameters}), recording, fit),
     )
 
 
@@ -157,7 +202,7 @@ def apparent(fit: MagnitudeFit) -> Value:
     return Value(sum(parts(fit)), "N m s/rad", "motor", 0.0, np.inf, interval, "log-magnitude fit")
 
 
-def _shown_by(model: Model, recording: Recording, fit: MagnitudeFit) -> float | None:
+def _apparent_damping(model: Model, recording: Recording, fit: MagnitudeFit) -> float | None:
     """The apparent damping of a model under the torque of a record; None where it cannot be simulated or fitted."""
     note = recording.sidecar.excitation
     if note is None or not note.period_samples or len(recording.gaps()):

@@ -40,7 +40,13 @@ NORMAL = 1.96
 
 @dataclass(frozen=True)
 class SweepNote:
-    """What a sidecar says of its sweep.   measurement : counts the calls that recorded, 0 where none is noted: a clock of its own."""
+    """A sidecar's note on its sweep.
+
+    Attributes
+    ----------
+    measurement : int
+        counts the calls that recorded, 0 where none is noted: a clock of its own.
+    """
 
     measurement: int
     order: str
@@ -53,10 +59,20 @@ class SweepNote:
 
 @dataclass(frozen=True)
 class Sweep:
-    """One sweep.   records : names.   plateaus : passes, ``start_s`` on the session's clock.   payload_kg : stated, None when not.
+    """One sweep.
 
-    from_s, to_s : of its passes on that clock; None when the records do not know it.   fit : (3.36) from ``slowest_rad_s`` on, None with
-    too few speeds.
+    Attributes
+    ----------
+    records : tuple of str
+        Names.
+    plateaus : tuple of Plateau
+        Passes, ``start_s`` on the session's clock.
+    payload_kg : float or None
+        Stated, None when not.
+    from_s, to_s : float or None
+        Of its passes on that clock; None when the records do not know it.
+    fit : FrictionFit or None
+        (3.36) from ``slowest_rad_s`` on, None with too few speeds.
     """
 
     note: SweepNote
@@ -76,10 +92,22 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Drift:
-    """What friction did per minute of the session's clock; every interval is a half width at 95 %.
+    """Drift of friction per minute of the session's clock; every interval is a half width at 95 %.
 
-    viscous : N m s/rad per minute.   coulomb : N m per minute.   minutes : between the first pass and the last.
-    rms_nm : what is left of passes at one speed, N m.   speeds : driven at least twice, either way counted alone.   passes : at them.
+    Attributes
+    ----------
+    viscous : Value
+        N m s/rad per minute.
+    coulomb : Value
+        N m per minute.
+    minutes : float
+        Between the first pass and the last.
+    rms_nm : float
+        What is left of passes at one speed, N m.
+    speeds : int
+        Driven at least twice, either way counted alone.
+    passes : int
+        At them.
     """
 
     viscous: Value
@@ -92,7 +120,17 @@ class Drift:
 
 @dataclass(frozen=True)
 class Loaded:
-    """The sweeps with one load.   load_kg : mounted, or the moving mass.   sweeps : how many.   viscous, coulomb : their mean."""
+    """The sweeps with one load.
+
+    Attributes
+    ----------
+    load_kg : float
+        Mounted, or the moving mass.
+    sweeps : int
+        How many.
+    viscous, coulomb : Value
+        Their mean.
+    """
 
     name: str
     load_kg: float
@@ -103,10 +141,17 @@ class Loaded:
 
 @dataclass(frozen=True)
 class LoadDependence:
-    """Friction against load, by a straight line.   viscous : N m s/rad per kg.   coulomb : N m per kg; half widths at 95 %.
+    """Friction against load, by a straight line.
 
-    repeats : degrees of freedom of the scatter between sweeps of one load; 0 where none was repeated, so that the intervals know
-    the scatter within a sweep only.
+    Attributes
+    ----------
+    viscous : Value
+        N m s/rad per kg.
+    coulomb : Value
+        N m per kg; half widths at 95 %.
+    repeats : int
+        Degrees of freedom of the scatter between sweeps of one load; 0 where none was repeated, so that the intervals know the scatter
+        within a sweep only.
     """
 
     groups: tuple[Loaded, ...]
@@ -116,7 +161,18 @@ class LoadDependence:
 
 
 def note_of(sidecar: Sidecar, name: str) -> SweepNote:
-    """Which sweep a record is part of.   name : of the record.   Raises DataError for a sidecar that says it wrongly."""
+    """The sweep that a record is part of.
+
+    Parameters
+    ----------
+    name : str
+        Of the record.
+
+    Raises
+    ------
+    DataError
+        For a sidecar that says it wrongly.
+    """
     found = sidecar.extra.get(KEY)
     if found is None:
         return SweepNote(0, "", 1)
@@ -130,11 +186,19 @@ def note_of(sidecar: Sidecar, name: str) -> SweepNote:
 
 
 def sweeps_of(recordings: Sequence[Recording], slowest_rad_s: float = 0.0, inertia_kg_m2: float = 0.0) -> tuple[Sweep, ...]:
-    """All constant-speed sweeps, in the order of measurement and clock.   slowest_rad_s : as in :func:`fit_friction`.
+    """All constant-speed sweeps, in the order of measurement and clock.
 
-    inertia_kg_m2 : as in :func:`find_plateaus`.
+    Parameters
+    ----------
+    slowest_rad_s : float
+        As in :func:`fit_friction`.
+    inertia_kg_m2 : float
+        As in :func:`find_plateaus`.
 
-    Raises DataError for a damaged sidecar, or records of one sweep that state different payloads.
+    Raises
+    ------
+    DataError
+        For a damaged sidecar, or records of one sweep that state different payloads.
     """
     parts: dict[tuple[Any, ...], list[Recording]] = {}
     for recording in recordings:
@@ -188,14 +252,22 @@ def measurements(sweeps: Sequence[Sweep]) -> Mapping[int, tuple[Sweep, ...]]:
 
 
 def drift_of(plateaus: Sequence[Plateau]) -> Drift:
-    """How friction changes with time, from speeds that were driven more than once; no law of friction over speed is assumed.
+    """Drift of friction over time, from speeds that were driven more than once; no law of friction over speed is assumed.
 
     τ = f(ω_k) + (ċ sign ω + ḋ ω + ȯ) (t - t̄),   f : one free number for each speed and direction
 
     So neither a Stribeck effect nor the order of the speeds poses as drift.  ȯ, of an offset, is only taken out.  Intervals from what
     is left over; a change that slows down (warming up) is the mean over the time measured, and widens them.
 
-    plateaus : on one clock.   Raises DataError where too few speeds were repeated.
+    Parameters
+    ----------
+    plateaus : sequence of Plateau
+        On one clock.
+
+    Raises
+    ------
+    DataError
+        Where too few speeds were repeated.
     """
     groups = [g for g in _same_speed([p for p in plateaus if p.reached_speed]) if len(g) > 1]
     passes = [p for group in groups for p in group]
@@ -255,7 +327,15 @@ def load_dependence(groups: Mapping[str, tuple[float, Sequence[FrictionFit]]]) -
     θ = a + b load;   variance of a load's mean: the pooled scatter between sweeps of one load over their number, at least what each
     sweep says of its own.  With more than two loads the intervals also know how far the means are off the line.
 
-    groups : load in kg and the fits of its sweeps, by name.   Raises DataError with fewer than two loads.
+    Parameters
+    ----------
+    groups : dict of str to tuple[float, Sequence[FrictionFit]]
+        Load in kg and the fits of its sweeps, by name.
+
+    Raises
+    ------
+    DataError
+        With fewer than two loads.
     """
     loads = np.array([load for load, _ in groups.values()])
     if len(groups) < 2 or float(np.ptp(loads)) <= 0.0:
@@ -291,5 +371,5 @@ def load_dependence(groups: Mapping[str, tuple[float, Sequence[FrictionFit]]]) -
 
 
 def clear(value: Value) -> bool:
-    """Whether a value is above its scatter: its 95 % interval leaves out zero."""
+    """True if a value is above its scatter: its 95 % interval leaves out zero."""
     return value.interval is not None and abs(value.value) > value.interval

@@ -49,9 +49,19 @@ USUAL_DAMPING_N_S = 8.0
 
 @dataclass(frozen=True)
 class ResponseBand:
-    """What one excited record shows.   place_m : carriage, None where nobody knows.   highest_hz : last frequency with a response
-    above the noise.   nyquist_hz : half the sampling frequency.   mode_hz, noise_ratio : of the end pulley's mode there, Hz, and response
-    over noise around it; 0 beyond the lines."""
+    """Response and band of one excited record.
+
+    Attributes
+    ----------
+    place_m : float or None
+        Carriage, None where nobody knows.
+    highest_hz : float
+        Last frequency with a response above the noise.
+    nyquist_hz : float
+        Half the sampling frequency.
+    mode_hz, noise_ratio : float
+        Of the end pulley's mode there, Hz, and response over noise around it; 0 beyond the lines.
+    """
 
     record: str
     place_m: float | None
@@ -62,14 +72,24 @@ class ResponseBand:
 
     @property
     def shows(self) -> bool:
-        """Whether the mode lies among what it shows."""
+        """True if the mode lies among what it shows."""
         return self.mode_hz < self.highest_hz and self.noise_ratio >= SHOWN
 
 
 @dataclass(frozen=True)
 class ThreeMass:
-    """Two masses and three on the same records.   evidence : nats, for three.   reach : by excited record.   against : in words, why the
-    third mass is not identified; () when it is.   heavier_kg : end pulley whose mode these records would show, 0 where this one's is.
+    """Two masses and three on the same records.
+
+    Attributes
+    ----------
+    evidence : float
+        Nats, for three.
+    reach : tuple of ResponseBand
+        By excited record.
+    against : tuple of str
+        In words, why the third mass is not identified; () when it is.
+    heavier_kg : float
+        End pulley whose mode these records would show, 0 where this one's is.
     """
 
     two: FinalModel
@@ -81,7 +101,7 @@ class ThreeMass:
 
     @property
     def identified(self) -> bool:
-        """Whether the records hold a third mass."""
+        """True if the records hold a third mass."""
         return not self.against
 
     @property
@@ -99,9 +119,19 @@ def compare_masses(
     *,
     progress: Callable[[float], None] = lambda _fraction: None,
 ) -> ThreeMass:
-    """Both models fitted to all recordings, and the judgement.   responses : of the excited records with repeated periods, by name.
+    """Both models fitted to all recordings, and the judgement.
 
-    Raises UsageError when the axis file lacks the belt's data, DataError as :func:`beltcomm.identify.final.final_model`.
+    Parameters
+    ----------
+    responses : dict of str to FrequencyResponse
+        Of the excited records with repeated periods, by name.
+
+    Raises
+    ------
+    UsageError
+        When the axis file lacks the belt's data.
+    DataError
+        As :func:`beltcomm.identify.final.final_model`.
     """
     axis.require("the three-mass model", "belt.specific_stiffness_n", "belt.pulley_distance_m")
     two = final_model(recordings, axis, counts_per_rev, progress=lambda f: progress(0.4 * f))
@@ -138,7 +168,17 @@ def fit_three_mass(
 ) -> ModelFit:
     """The three-mass model fitted to the excited records from the start values that rank best, until it explains them, then to all.
 
-    two : the fitted two-mass model.   Raises DataError when no start value is possible, Refused when no fit stays finite.
+    Parameters
+    ----------
+    two : ModelFit
+        The fitted two-mass model.
+
+    Raises
+    ------
+    DataError
+        When no start value is possible.
+    Refused
+        When no fit stays finite.
     """
     excited = [r for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
     ranked = _ranked(list(_starts(axis, two.model, recordings, two.suspect)), excited, counts_per_rev, two.noise_nm)
@@ -228,7 +268,7 @@ def _ranked(starts: Sequence[Model], excited: Sequence[Recording], counts_per_re
 
 
 def _bounds(axis: Axis, recordings: Sequence[Recording]) -> dict[str, tuple[float, float]]:
-    """What the belt and the end pulley can be: EA by the data sheet, no section shorter than ``SHORTEST_SPAN`` of l3 in the records, or
+    """Bounds of belt and end pulley: EA by the data sheet, no section shorter than ``SHORTEST_SPAN`` of l3 in the records, or
     half of what the data sheet says, where that is less, and no end pulley whose mode lies above the sampling frequency, which would
     show as compliance alone:
 
@@ -322,7 +362,7 @@ def _middle_m(recordings: Sequence[Recording]) -> float:
 
 
 def _badly_known(three: ModelFit) -> str:
-    """What the records say of a mass that they do not tell."""
+    """Remark on a mass that the records do not determine."""
     item = three.model.parameters[MASS]
     if item.interval is None:
         return (
@@ -335,7 +375,7 @@ def _badly_known(three: ModelFit) -> str:
 
 
 def _out_of_reach(mass_kg: float, reach: Sequence[ResponseBand], mode_hz: float, recordings: Sequence[Recording]) -> tuple[str, float]:
-    """Why no record shows the mode, what would, and the end pulley whose mode they would show, kg."""
+    """Reason why no record shows the mode, with what would, and the end pulley whose mode they would show, kg."""
     nearest = min(reach, key=lambda one: one.mode_hz / max(one.highest_hz, 1e-3), default=None)
     if nearest is None:
         nyquist = 0.5 / min(r.sample_period_s for r in recordings)

@@ -40,9 +40,16 @@ ENOUGH = 1e-5
 
 @dataclass(frozen=True)
 class ThreeMassMagnitude:
-    """parameters : by name, with 95 % intervals of the linearised problem, as wide as the misfit asks.   rms_db : of what is left, dB.
+    """Log-magnitude fit of three masses.
 
-    coupled : the coupling counts as a spring, from the data sheet.
+    Attributes
+    ----------
+    parameters : dict of str to Value
+        By name, with 95 % intervals of the linearised problem, as wide as the misfit asks.
+    rms_db : float
+        Of what is left, dB.
+    coupled : bool
+        The coupling counts as a spring, from the data sheet.
     """
 
     parameters: Mapping[str, Value]
@@ -58,7 +65,12 @@ def fit_magnitudes(
 
     J = Σ (20 lg |Ĝ(f_i)| - 20 lg |G(f_i)|)²   with G sampled exactly at each place, Θ_e and the belt's geometry given
 
-    start : three-mass model; its Coulomb friction is left out.   places_m : of the responses, m.
+    Parameters
+    ----------
+    start : Model
+        Three-mass model; its Coulomb friction is left out.
+    places_m : dict of str to float
+        Of the responses, m.
     """
     chosen = {name: chosen_lines(r, LINES, 0.0, None, True) for name, r in responses.items()}
     if not chosen:
@@ -78,7 +90,7 @@ def linear_model(model: Model, axis: Axis) -> Model:
 
 
 def with_coupling(model: Model, axis: Axis) -> Model:
-    """The same with the data sheet's coupling as a spring at the motor shaft: half of it turns with the motor, half with the pulley."""
+    """The model with the data sheet's coupling as a spring at the motor shaft: half of it turns with the motor, half with the pulley."""
     behind = ((axis.get("pulley.inertia_kg_m2") or 0.0) + axis.gearbox.inertia_kg_m2) / axis.gearbox.ratio**2
     behind += 0.5 * axis.coupling.inertia_kg_m2
     values = {"stiffness": float(axis.coupling.stiffness_nm_rad or 0.0), "damping": COUPLING_DAMPING, "driving_pulley.inertia": behind}

@@ -10,7 +10,7 @@ from beltcomm.axis import Axis
 from beltcomm.drive.finding import Finding
 from beltcomm.errors import BeltcommError
 from beltcomm.experiments.referencing import suitable
-from beltcomm.machine.ratings import counts_rating
+from beltcomm.machine.ratings import counts_rating, limit_ratings
 
 AREA: Final = "axis.yaml"
 #: Ratings of drive and axis file may differ by this share: nameplates are rounded.
@@ -28,8 +28,9 @@ def compared(findings: Sequence[Finding], axis: Axis) -> list[Finding]:
         return []
     gear = list(_gear(seen, axis))
     if any(finding.state == "wrong" for finding in gear):  # feed and position follow from it
-        return [*_entries(axis), *_ratings(seen, axis), *_encoder(seen, axis), *gear]
-    return [*_entries(axis), *_ratings(seen, axis), *_encoder(seen, axis), *gear, *_feed(seen, axis), *_position(seen, axis)]
+        return [*_entries(axis), *_ratings(seen, axis), *_limits(seen, axis), *_encoder(seen, axis), *gear]
+    rest = (*_encoder(seen, axis), *gear, *_feed(seen, axis), *_position(seen, axis))
+    return [*_entries(axis), *_ratings(seen, axis), *_limits(seen, axis), *rest]
 
 
 def _entries(axis: Axis) -> Iterator[Finding]:
@@ -65,6 +66,15 @@ def _ratings(seen: dict[str, float], axis: Axis) -> Iterator[Finding]:
         else:
             words = f"{text}: every torque, mass and gain would be wrong by the factor {share:.2f}"
             yield Finding(AREA, what, "wrong", words, _REMEDY, {"share": share})
+
+
+def _limits(seen: dict[str, float], axis: Axis) -> Iterator[Finding]:
+    """Only a limit above what the motor bears is worth a line."""
+    if {"peak_torque_nm", "max_speed_rad_s"} <= set(seen):
+        for rating in limit_ratings(axis, seen["peak_torque_nm"], seen["max_speed_rad_s"]):
+            if rating.wrong:
+                text, _, remedy = rating.words().partition("; ")
+                yield Finding(AREA, rating.what, "wrong", text, remedy)
 
 
 def _ratio(seen: dict[str, float], over: str, under: str) -> float | None:

@@ -26,7 +26,7 @@ def plan_of(axis: Axis, capabilities: Capabilities) -> Plan:
     axis.require("calibrate", "pulley.effective_radius_m", "motor.inertia_kg_m2", "travel.min_m", "travel.max_m", "limits.speed_m_s")
     torque = BREAKAWAY_SHARE * min(axis.torque_limit_nm, capabilities.peak_torque_nm)
     creeping = Experiment(
-        "direction and breakaway",
+        "direction + breakaway",
         phases.SIGN_TRAVEL_M,
         phases.SIGN_REACH_M,
         phases.EXCITATION_SPEED_M_S,
@@ -54,7 +54,7 @@ def calibrate_on(drive: Drive, name: str, folder: RunFolder, settings: Settings,
         machine.check_scaling()
         referencing.reference(machine, settings, needed=False)
         agree(machine)
-        machine.titles = ("direction and breakaway", "small steps")
+        machine.titles = ("direction + breakaway", "small steps")
         machine.begin(machine.titles[0])
         breakaway = phases.sign_and_scale(machine)
         machine.begin(machine.titles[1])

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import spread_of
+from beltcomm.fit.intervals import parameter_spread
 
 #: Delays in a row: what they do to a phase adds up, at low frequency only as their sum.
 DELAYS = ("dead_time", "current_lag", "measurement_lag")
@@ -44,7 +44,7 @@ def delays_of(fitted: Fitted, named: Sequence[str]) -> list[Together]:
     if len(present) < 2 or not set(present) & set(named):
         return []
     value = sum(model[f"{name}.time"] for name in present)
-    width = spread_of(fitted).half_width({f"{name}.time": 1.0 for name in present})
+    width = parameter_spread(fitted).half_width({f"{name}.time": 1.0 for name in present})
     known = f"{1e6 * value:.0f}" + ("" if width is None else f" ± {1e6 * width:.0f}")
     alone = " and ".join(f"{name} ({1e6 * model[f'{name}.time']:.0f} us)" for name in present)
     text = f"The sum of the delays is known to be {known} us; each alone is not, whatever its interval says: {alone}."

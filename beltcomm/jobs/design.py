@@ -66,8 +66,8 @@ def basis_of(run: Path, talk: Talk) -> Basis:
     if since and current_revision(folder) is None:
         with occupied(folder.path, talk, refusal=lambda holder: at_work(folder.path, holder)):
             talk.phase(1, 1, "fit")
-            outcome.save(folder, offline.fitted(folder, "lm", talk))
-    model, revision, which = offline.trusted(folder)
+            outcome.save(folder, offline.fit_run(folder, "lm", talk))
+    model, revision, which = offline.trusted_revision(folder)
     findings = Findings(kept_path=kept_path(folder))
     findings.remarks += [_since(folder, since)] if since else []
     records = records_of(folder)
@@ -150,7 +150,7 @@ def delivered(
         *sheet_lines(sheets),
         *words.remarks_lines(findings.remarks),
     ]
-    unfit = findings.design.relaxed or proof.failed or unexplained
+    unfit = findings.design.relaxed or proof.has_failed or unexplained
     return Result(
         {"run": str(folder.path), **mapping, "data_sheet": plain(sheets), "pictures": made, "replaced": kept},
         text,

@@ -119,10 +119,10 @@ def _search(folder: RunFolder, talk: Talk) -> dict[str, Any]:
         records, found, remarks = search_of(folder, talk, MOST_NAMED)
     except BeltcommError as trouble:
         return {"found": f"cannot tell: {trouble}", "check": "", "verdict": "", "named": []}
-    model = with_intervals(found.after)
-    sheets = () if found.added_effects else doubts_of(found.after, folder.axis, records.recordings)
+    model = with_intervals(found.final_fit)
+    sheets = () if found.added_effects else doubts_of(found.final_fit, folder.axis, records.recordings)
     odd = [str(line) for line in sheet_lines(sheets)]
-    error = f"the error falls from {found.base.ratio:.3g} to {found.after.ratio:.3g} times the noise"
+    error = f"the error falls from {found.base.ratio:.3g} to {found.final_fit.ratio:.3g} times the noise"
     if found.added_effects:
         said = []
         for name in found.added_effects:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from beltcomm.laboratory.diagnosis import MOST_EFFECTS, Diagnosis, diagnose
-from beltcomm.laboratory.prepared import last_compiled
+from beltcomm.laboratory.precompile import last_compiled
 from beltcomm.laboratory.run_checks import Checked
 from beltcomm.laboratory.scope import restrict_to_scope
 from beltcomm.rundata.fitted_run import explainable, records_of
-from beltcomm.rundata.kept_fit import fitted_to
+from beltcomm.rundata.kept_fit import fit_base
 from beltcomm.rundata.reading_time import foretell
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
@@ -27,7 +27,7 @@ def search_of(folder: RunFolder, talk: Talk, most: int = MOST_EFFECTS) -> tuple[
     foretell(folder, talk)
     records = records_of(folder)
     talk.phase(1, 0, "search for missing effects")
-    start, seen_so, base = fitted_to(folder, records.recordings, current_model(folder))
+    start, seen_so, base = fit_base(folder, records.recordings, current_model(folder))
     found = diagnose(
         records.recordings,
         folder.axis,

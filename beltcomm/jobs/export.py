@@ -82,7 +82,7 @@ def export(
         return _dcf(folder, saved, out, when, options, talk)
     cascade, structure = cascade_from_dict(saved), structure_from_dict(saved)
     limit = _torque_limit_nm(folder, structure, torque_limit_nm)
-    model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
+    model = offline.trusted_revision(folder, str(saved.get("revision") or ""))[0]
     provenance = {
         "model": model.name,
         "run": folder.path.name,

@@ -71,7 +71,7 @@ def fit(
         return fit_three_masses(run, command=command, when=when, talk=talk)
     folder = RunFolder.open(run)
     talk.phase(1, 1, "fit")
-    findings = offline.fitted(folder, solver or "lm", talk)
+    findings = offline.fit_run(folder, solver or "lm", talk)
     outcome.save(folder, findings)
     friction = words.friction_lines(findings.friction) if findings.friction else []
     friction += friction_words.standstill_lines(findings.standstill)

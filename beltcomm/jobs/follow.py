@@ -25,11 +25,11 @@ def follow_plan(drive: Drive, run: Path, file: Path, options: Options, agree: Ca
     """Run the records of a plan file into an existing run.   agree : shows what will move, raises Refused for a no, and homes if asked."""
     wanted = load_plan(file)
     folder = RunFolder.open(run)
-    model = offline.trusted(folder)[0]
+    model = offline.trusted_revision(folder)[0]
     claim(folder, drive.capabilities, options, talk)
     if not options.dry_run:
         admit_edited(str(file), wanted.edited, options, talk)
-    findings = offline.fitted(folder, "lm", Silence(), model)
+    findings = offline.fit_run(folder, "lm", Silence(), model)
     with Machine(drive, folder.axis, folder, talk) as machine:
         referencing.reference(machine, settings_of(options))
         shown = motion_plan(machine, model, wanted)

@@ -9,7 +9,7 @@ from typing import Any
 
 from beltcomm.effects import EFFECTS, effect_named, stands_for
 from beltcomm.errors import BeltcommError, UsageError
-from beltcomm.experiments.redundant_steps import Before, shown_already
+from beltcomm.experiments.redundant_steps import Before, record_showing
 from beltcomm.fit.acting import acting_recordings
 from beltcomm.fit.base import NEXT_ITERATIONS, refit_with_rebuilt_motion
 from beltcomm.fit.estimate import Fitted, fit
@@ -24,23 +24,23 @@ from beltcomm.jobs.rungs import base_revision, plain_of, revision_of
 from beltcomm.laboratory.acceptance import drop_by, is_confirmed
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.diagnosis import Diagnosis, Stage, final_refit
-from beltcomm.laboratory.forms import assign_body, fit_law_shapes, fixed_forms
-from beltcomm.laboratory.freedom import is_replaceable_gap
+from beltcomm.laboratory.forward_selection import MISSING, may_add, with_effect
+from beltcomm.laboratory.gap_evidence import is_replaceable_gap
+from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes, fixed_forms
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.plain_error import of_run
 from beltcomm.laboratory.scope import missing_records, not_named
 from beltcomm.laboratory.score import ground_of
-from beltcomm.laboratory.stage import MISSING, may_add, with_effect
 from beltcomm.laboratory.visible import detection_limits
 from beltcomm.locks import changes_run
 from beltcomm.model import Model
 from beltcomm.pages import pictures as drawn
 from beltcomm.recording import Recording
 from beltcomm.result import Result, plain
-from beltcomm.rundata.cost import cost_and_words, priced
-from beltcomm.rundata.fitted_run import Opened, explainable, opened
+from beltcomm.rundata.cost import cost_and_words, with_costs
+from beltcomm.rundata.fitted_run import Opened, explainable, open_fitted
 from beltcomm.rundata.kept_path import KEY
-from beltcomm.rundata.kept_result import answered
+from beltcomm.rundata.kept_result import kept_or_new
 from beltcomm.rundata.revisions import (
     Revision,
     as_mapping,
@@ -83,12 +83,12 @@ def compare_run(run: Place, *, pictures: bool = True, command: str = "", talk: T
     """
     run = place(run)
     folder, question = RunFolder.open(run), (pictures, command)
-    return answered(folder, "comparison", question, lambda: compared(run, pictures, command, talk or Silence()), drawn=pictures)
+    return kept_or_new(folder, "comparison", question, lambda: compared(run, pictures, command, talk or Silence()), drawn=pictures)
 
 
 def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     """:func:`compare_run` with everything worked out."""
-    here = opened(run, talk)
+    here = open_fitted(run, talk)
     comparison = compare(here.data, here.fitted)
     explainable(comparison.ratio, run)
     chosen, doubt = worst(comparison), noise_doubt(comparison.ratio, here.records.recordings)
@@ -166,7 +166,7 @@ def diagnose_run(
     folder = RunFolder.open(run)
     if auto or following:
         return diagnosed(folder, run, auto, cost, following, command, when, talk)
-    result = answered(folder, "diagnosis", (cost,), lambda: diagnosed(folder, run, auto, cost, following, command, when, talk))
+    result = kept_or_new(folder, "diagnosis", (cost,), lambda: diagnosed(folder, run, auto, cost, following, command, when, talk))
     return with_lines(result, unkept(folder, "diagnosis", result.data))
 
 
@@ -185,13 +185,13 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         "remarks": list(records.remarks),
         "doubts": doubts,
     }
-    belonging = together(found.after, found.added_effects)
+    belonging = together(found.final_fit, found.added_effects)
     data["together"] = [plain(one) for one in belonging]
     text = words.remark_lines(records.remarks) + words.diagnosis_lines(found, before, after) + [one.text for one in belonging] + doubts
     text += [*path_sentences(found.data.path, recordings), *check_lines(crossed)]
     if cost and found.added_effects:
         talk.phase(1, 1, "what it costs in tracking")
-        data["cost"], lines = cost_and_words(folder, found.base.model, with_intervals(found.after), " and ".join(found.added_effects))
+        data["cost"], lines = cost_and_words(folder, found.base.model, with_intervals(found.final_fit), " and ".join(found.added_effects))
         text += lines
     seen, lines, planned = sight(folder, found, recordings, following)
     data |= seen
@@ -201,14 +201,14 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         return Result(data, text + words.after_diagnosis(found, run, planned))
     added = climb(folder, found, model is not None, command, when)
     if cost and added:
-        added = priced(folder, found, added, data.get("cost"))
+        added = with_costs(folder, found, added, data.get("cost"))
     data["revisions"] = [as_mapping(r) for r in added]
     return Result(
         data,
         [
             *text,
-            *words.climb_lines(added, found.added_effects, found.after.held_ratio is not None, run),
-            f"Next: beltcomm design {pasted(run)}",
+            *words.climb_lines(added, found.added_effects, found.final_fit.held_ratio is not None, run),
+            f"Next: beltcomm {'design' if folder.axis.has_belt else 'report'} {pasted(run)}",
         ],
     )
 
@@ -243,7 +243,7 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
         window = (float(folder.axis.travel.min_m or 0.0), float(folder.axis.travel.max_m or 1.0))
         before = Before(recordings, window, model["transmission.ratio"], total_friction(model))
         blind = [one for one in sights if not one.is_detectable]
-        wanted = plan_for(found.twins, blind, found.added_effects, lambda step: shown_already(step, before))
+        wanted = plan_for(found.twins, blind, found.added_effects, lambda step: record_showing(step, before))
         data["next"] = wanted.to_dict()
         folder.save_result(NAME, plain(wanted.to_dict()))
         lines += wanted.lines(folder.path)
@@ -286,6 +286,7 @@ def add_to_run(
     effect: str,
     run: Place,
     *,
+    start: Mapping[str, float] | None = None,
     pictures: bool = True,
     cost: bool = True,
     command: str = "",
@@ -300,6 +301,8 @@ def add_to_run(
         Name of the effect.
     run : Place
         Run folder.
+    start : mapping of str to float, or None
+        Own parameters of the effect by bare name, from which the fit begins; None lets it search.
     pictures : bool
         Before and after, into ``RUN/pictures``.
     cost : bool
@@ -318,11 +321,11 @@ def add_to_run(
     """
     run, asked = place(run), word(effect, "effect")
     effect_named(stands_for(asked))
-    here = opened(run, talk or Silence())
+    here = open_fitted(run, talk or Silence())
     effect = stands_for(asked, behind_gap=needs_observer(here.fitted.model))
     if effect in here.fitted.model.effects:
         raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {pasted(run)}`")
-    grown = with_effect(here.data, here.fitted, ground_of(here.fitted, here.data.fitted, here.folder.axis), effect_named(effect))
+    grown = with_effect(here.data, here.fitted, ground_of(here.fitted, here.data.fitted, here.folder.axis), effect_named(effect), start)
     grown = better(here.folder, here.data, here.fitted, grown, effect)
     data, named = refit_with_rebuilt_motion(here.data, grown, NEXT_ITERATIONS)
     on_body = assign_body(data, named, effect_named(effect))
@@ -368,7 +371,7 @@ def remove_from_run(
         Values before and after.
     """
     run, asked = place(run), word(effect, "effect")
-    here = opened(run, talk or Silence())
+    here = open_fitted(run, talk or Silence())
     effect = stands_for(asked, behind_gap=asked in here.fitted.model.effects)
     if effect not in here.fitted.model.effects:
         raise UsageError(f"the model of {run} has no {effect}; it has {', '.join(here.fitted.model.effects)}")

@@ -40,10 +40,10 @@ def identify_in_loop(drive: Drive, axis: Axis, run: Path, options: Options, agre
     if not run.is_dir():
         raise UsageError(f"--loop {options.loop} goes on with a run that has a model, and {run} does not exist; make one without --loop")
     folder = RunFolder.create(run, axis, resume=True)
-    model = offline.trusted(folder)[0]
-    loop_plan.offered(drive.capabilities, options.loop, frozenset(drive.backup()))
+    model = offline.trusted_revision(folder)[0]
+    loop_plan.require_offered(drive.capabilities, options.loop, frozenset(drive.backup()))
     claim(folder, drive.capabilities, options, talk)
-    findings = offline.fitted(folder, "lm", Silence(), model)
+    findings = offline.fit_run(folder, "lm", Silence(), model)
     findings.remarks.clear()  # of other records
     with Machine(drive, axis, folder, talk) as machine:
         machine.excitation = options.excitation

@@ -9,7 +9,7 @@ from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.drive import Capabilities, Drive, Motion
 from beltcomm.errors import UsageError
 from beltcomm.experiments import own_strokes
-from beltcomm.experiments.agreement import agree, planned
+from beltcomm.experiments.agreement import agree, plan_result
 from beltcomm.experiments.options import Options
 from beltcomm.experiments.plan import Plan, move_plan
 from beltcomm.machine import gravity, scale
@@ -78,7 +78,7 @@ def moved(drive: Drive, name: str, axis: Axis, by_m: float, options: Options, ta
     """The command on a connected drive.   name : of the drive, for what to do next.   Exit code 1 for a move that fell short."""
     plan = plan_of(axis, drive.capabilities, by_m)
     if options.dry_run:
-        return planned(plan)
+        return plan_result(plan)
     agree(plan, options, talk, drive, axis)
     gone, closed = make(drive, axis, by_m, options.position_m), by_drive(drive.capabilities)
     reached = abs(gone - by_m) < max(0.2 * abs(by_m), 2e-3)

@@ -40,7 +40,7 @@ def new_profile(file: Path, drive: str | None, eds: Path | None, options: Option
     lines = [
         *said,
         f"{file} is written: read through it, fill in what the manual says.",
-        f"Next: beltcomm doctor --drive {pasted(drive or 'DRIVE')} --profile {where}",
+        f"Next: beltcomm doctor --drive {pasted(options.reached(drive or 'DRIVE'))} --profile {where}",
     ]
     return Result({"file": str(file), "text": text}, lines)
 

@@ -10,6 +10,7 @@ from beltcomm.laboratory.acceptance import is_confirmed
 from beltcomm.laboratory.diagnosis import Diagnosis
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.plain_error import of_run
+from beltcomm.rundata.kept_fit import keep_fit
 from beltcomm.rundata.revisions import Revision, current_revision, new_revision, not_contradicted, revisions
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.diagnosis_data import Plain
@@ -36,9 +37,10 @@ def revision_of(folder: RunFolder, new: tuple[Data, Fitted], old: tuple[Data, Fi
     if fell and parent is not None and after.held_ratio is not None:
         trusted = not_contradicted(parent, revisions(folder))
         fell = trusted.held_out is None or (after.held_ratio < trusted.held_out and less(plain[1], trusted.plain_held_out))
-    return new_revision(
+    model = with_intervals(after)
+    rung = new_revision(
         folder,
-        with_intervals(after),
+        model,
         change,
         ratio=after.ratio,
         held_out=after.held_ratio,
@@ -47,13 +49,15 @@ def revision_of(folder: RunFolder, new: tuple[Data, Fitted], old: tuple[Data, Fi
         when=when,
         plain=plain,
     )
+    keep_fit(folder, data, after, model)
+    return rung
 
 
 def plain_of(found: Diagnosis) -> tuple[Plain, Plain]:
     """Errors of the first and of the last model of a search in plain units, in the band of the first."""
     band = band_of(found.published_base[0], found.base.model)
     before = of_run(*found.published_base, band)
-    return before, before if found.after is found.base else of_run(found.data, found.after, band)
+    return before, before if found.final_fit is found.base else of_run(found.data, found.final_fit, band)
 
 
 def less(after: PlainError | None, trusted: PlainError | None) -> bool:

@@ -14,7 +14,7 @@ from beltcomm.given import Place, may_write, number, pasted, place
 from beltcomm.recording.signalfile import write_columns
 from beltcomm.result import Result, plain
 from beltcomm.talk import Silence, Talk
-from beltcomm.trajectory.seven_phases import MotionBounds, MotionState, SevenPhases, fastest_motion, on_grid, reached
+from beltcomm.trajectory.seven_phases import MotionBounds, MotionState, SevenPhases, bounds_reached, fastest_motion, on_grid
 
 #: Bounds of a motion upwards -> what they are called along the way, whichever way it leads; as the options of the command line.
 ALONG: Mapping[str, str] = {
@@ -118,7 +118,7 @@ def trajectory(
     may_write(file, options.yes, talk)
     columns = {name: getattr(sampled, name) for name in ("t_s", "position_m", "velocity_m_s", "acceleration_m_s2")}
     write_columns(file, {**columns, "jerk_m_s3": motion.at(sampled.t_s)[3]})
-    touched = reached(fastest.mirrored() if down else fastest, along)
+    touched = bounds_reached(fastest.mirrored() if down else fastest, along)
     binding = [words for name, words in ALONG.items() if name in touched]
     data = {
         "file": str(file),

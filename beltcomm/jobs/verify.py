@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from beltcomm.axis import Axis, axis_from_dict
 from beltcomm.control import Cascade
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.drive import Drive, simulated
-from beltcomm.errors import Refused
+from beltcomm.errors import Refused, SafetyStop
 from beltcomm.experiments import referencing, verification
 from beltcomm.experiments.options import Options, admit_edited, claim, settings_of
 from beltcomm.experiments.plan import Plan, verification_plan
@@ -89,7 +90,7 @@ def verify_with(
     folder, feedforward = RunFolder.open(run), options.feedforward
     axis = asked_of(folder.axis, options.targets)
     saved = saved_design(folder)
-    model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
+    model = offline.trusted_revision(folder, str(saved.get("revision") or ""))[0]
     claim(folder, drive.capabilities, options, talk)
     if planned is None:
         admit_edited("final.yaml of the run", folder.edited("designs", "final"), options, talk)
@@ -103,7 +104,7 @@ def verify_with(
             "use nonlinear, linear or none"
         )
     own: FeedforwardKind | None = "nonlinear" if feedforward == "compliant" else feedforward
-    analyse.offered(structure, None, own)
+    analyse.require_offered(structure, None, own)
     cascade, delay_s = offline.cascade_of(saved, model, structure, own)
     along = bool(saved.get("compensated")) and structure.torque_feedforward and feedforward in (None, "nonlinear")
     sending: Sending = "compliant" if feedforward == "compliant" else "rigid" if along else "nothing"
@@ -124,7 +125,8 @@ def verify_with(
         ways = [(rung.change(cascade), rung.sending) for rung in RUNGS] if rungs else [(cascade, sending)]
         for gains, how in ways:
             record = f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
-            verdict, asked = verify_move(machine, model, gains, delay_s, path, record, sending=how)
+            with set_by_hand(drive, folder):
+                verdict, asked = verify_move(machine, model, gains, delay_s, path, record, sending=how)
             driven_with = proof(gains, path, (), how if how in ("stretch", "compliant") else "")
             shown = {"proof": driven_with, OF: hashes_of(driven_with["gains"], model)}
             if drive.capabilities.gains == "unknown" and not as_predicted(verdict):
@@ -176,6 +178,21 @@ def _result(
     data = {"run": str(folder.path), "recording": record, **verdict_to_dict(verdict), "headline": headline.to_dict()}
     details = [*words.verdict_lines(verdict, asked, feedforward), *words.remarks_lines(notes)]
     return Result(data, text, 0 if verdict.passed else 1, details=details)
+
+
+@contextmanager
+def set_by_hand(drive: Drive, folder: RunFolder) -> Iterator[None]:
+    """Around a move with gains that only a person sets: a stop is first of all a word on those."""
+    try:
+        yield
+    except SafetyStop as problem:
+        if drive.capabilities.gains != "unknown" or problem.reason not in ("lag", "resonance"):
+            raise
+        raise SafetyStop(
+            f"{problem.args[0].partition('; ')[0]}; the axis was stopped. With the gains of the design it would not have been: type them "
+            f"in with the maker's tool first (`beltcomm design {pasted(folder.path)} --details` lists them), and look at the unit of each",
+            problem.reason,
+        ) from problem
 
 
 def as_predicted(verdict: Verdict) -> bool:

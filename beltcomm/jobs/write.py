@@ -81,11 +81,11 @@ def apply_to(
 
 def roll_back(drive: Drive, name: str, folder: RunFolder, which: str | None, options: Options, talk: Talk) -> Result:
     """A backup into its drive.   which : its name or path; None is the one from before the run.   Nothing moves."""
-    backup = backups.chosen(folder, which)
+    backup = backups.choose_backup(folder, which)
     claim(folder, drive.capabilities, options, talk)
     backups.same_drive(backup, drive)
     recall(drive, folder)
-    found = gains.differences(drive, folder, backups.wanted_of(backup, drive))
+    found = gains.differences(drive, folder, backups.values_to_restore(backup, drive))
     if options.dry_run:
         return _planned(folder, found)
     admit_edited(str(backup.path), backup.edited and bool(found.changes), options, talk)
@@ -109,7 +109,7 @@ def admitted(folder: RunFolder, options: Options, talk: Talk, dcf: Path | None, 
 
 def backup_list(folder: RunFolder) -> Result:
     """All backups of a run; no drive is needed."""
-    found = backups.listed(folder)
+    found = backups.list_backups(folder)
     data = [{"name": one.name, "file": str(one.path), "when": one.when, "before": one.before} for one in found]
     text = ["Backups of this run:", *backups.list_lines(found)]
     return Result(
@@ -170,7 +170,7 @@ def _show(
 ) -> Verdict:
     """A small move with what now stands in the drive; otherwise than predicted, and all is put back.   Raises what the move raises."""
     saved = saved_design(folder)
-    model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
+    model = offline.trusted_revision(folder, str(saved.get("revision") or ""))[0]
     cascade, delay_s = offline.cascade_of(saved, model, drive.capabilities.structure)
     try:
         with Machine(drive, folder.axis, folder, talk) as machine:

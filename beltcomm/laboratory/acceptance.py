@@ -57,7 +57,7 @@ def explained_share(drop: float, base: Fitted) -> float:
 
 
 def enough(evidence: float, explained: float, drop: float, held_gain: float, base: Fitted) -> bool:
-    """Whether an effect may be named."""
+    """True if an effect may be named."""
     if evidence <= EVIDENCE or is_refuted(evidence, held_gain):
         return False
     held = sum(len(r) for r in base.held_residual)
@@ -70,18 +70,21 @@ def share_left(before: Fitted, after: Fitted) -> float:
 
     O forgives bad places, which may fall while the error as a whole stays or grows.
     """
-    held = _left(before.held_ratio, after.held_ratio) if before.held_ratio is not None and after.held_ratio is not None else 1.0
-    return held if held < HELD_FALLS else _left(before.ratio, after.ratio)
+    held = _mean_left(before.held_ratio, after.held_ratio) if before.held_ratio is not None and after.held_ratio is not None else 1.0
+    return held if held < HELD_FALLS else _mean_left(before.ratio, after.ratio)
 
 
-def _left(before: float, after: float) -> float:
+def _mean_left(before: float, after: float) -> float:
     return (after**2 - 1.0) / (before**2 - 1.0) if before > 1.0 and after > 1.0 else float(after >= before)
 
 
 def lowers(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None) -> bool:
-    """Whether the plain error falls from one model to the next, on the fitted records and on those held out; see :func:`falls`.
+    """True if the plain error falls from one model to the next, on the fitted records and on those held out; see :func:`falls`.
 
-    ahead : records as the model after sees them, where the one before sees ``data``.
+    Parameters
+    ----------
+    ahead : Data or None
+        Records as the model after sees them, where the one before sees ``data``.
     """
     fitted, held = changes(data, before, after, ahead)
     ratios = (before.held_ratio, after.held_ratio)
@@ -89,9 +92,14 @@ def lowers(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None)
 
 
 def falls(change: tuple[float, float], before: float, after: float) -> bool:
-    """Whether a plain error falls; where it rises by no more than chance, whether the error over the noise does.
+    """True if a plain error falls; where it rises by no more than chance, whether the error over the noise does.
 
-    change : of the squares, and how far they may rise by chance.   before, after : errors over the noise.
+    Parameters
+    ----------
+    change : tuple of float
+        Of the squares, and how far they may rise by chance.
+    before, after : float
+        Errors over the noise.
     """
     rise, chance = change
     return rise <= chance and (rise < 0.0 or after < before)
@@ -120,7 +128,7 @@ def impossible(model: Model) -> list[str]:
 
 
 def exceeds_bounds(model: Model, effect: Effect) -> bool:
-    """Whether what scales an effect, its first fitted parameter, grew until it met its bound: no size of the effect is right."""
+    """True if what scales an effect, its first fitted parameter, grew until it met its bound: no size of the effect is right."""
     scale = next((f"{effect.name}.{p.name}" for p in effect.parameters if p.fitted), "")
     if scale not in model.parameters:
         return False
@@ -132,7 +140,7 @@ def exceeds_bounds(model: Model, effect: Effect) -> bool:
 
 
 def is_negligible(model: Model, effect: Effect) -> bool:
-    """Whether an effect was fitted to less than is one.
+    """True if an effect was fitted to less than is one.
 
     A gap of no width: then what explains is the observer that follows the carriage, which forgives other effects.
     """
@@ -140,7 +148,7 @@ def is_negligible(model: Model, effect: Effect) -> bool:
 
 
 def is_refuted(evidence: float, held_gain: float) -> bool:
-    """Whether the held-out records speak against an effect that the fitted ones speak for."""
+    """True if the held-out records speak against an effect that the fitted ones speak for."""
     return held_gain < -HELD_OUT_LOSS * max(evidence, 0.0)
 
 
@@ -196,12 +204,12 @@ def loudness(pieces: Sequence[Segment]) -> float:
 
 
 def lags(fitted: Fitted) -> bool:
-    """Whether the model's torque reading lags."""
+    """True if the model's torque reading lags."""
     return any(effect.slot == "torque_reading" for effect in fitted.model.effect_list())
 
 
 def base_noise(grown: Fitted) -> float:
-    """What O gains when a model whose reading lags is judged by its own noise, its smaller deviations counted; nats."""
+    """Gain of O when a model whose reading lags is judged by its own noise, its smaller deviations counted; nats."""
     before = [replace(piece, group=1) for piece in grown.problem.pieces]
     after = [replace(with_whitener(piece, grown.model), group=1) for piece in before]
     old, new = (Problem(pieces, grown.model, grown.problem.free, BLOCK_S) for pieces in (before, after))

@@ -30,8 +30,17 @@ WHOLE, LEAST_WEIGHT, CLEAR_CONTRAST = 1.03, 0.01, 1.5
 
 @dataclass(frozen=True)
 class RecordRatio:
-    """One record.   ratio : rms of the residual over rms of the noise, 1 when nothing is missing.   samples : that counted.
-    plain : the same in plain units."""
+    """One record.
+
+    Attributes
+    ----------
+    ratio : float
+        rms of the residual over rms of the noise, 1 when nothing is missing.
+    samples : int
+        That counted.
+    plain : PlainError or None
+        The same in plain units.
+    """
 
     name: str
     held_out: bool
@@ -42,8 +51,17 @@ class RecordRatio:
 
 @dataclass(frozen=True)
 class Comparison:
-    """ratio, held_out : over all fitted and all held-out records.   places : the worst first, over all records.
-    plain, plain_held_out : ratio and held_out in plain units."""
+    """Ratios of model error to noise, over all records and by record.
+
+    Attributes
+    ----------
+    ratio, held_out
+        Over all fitted and all held-out records.
+    places : tuple of ErrorRegion
+        The worst first, over all records.
+    plain, plain_held_out : PlainError or None
+        Ratio and held_out in plain units.
+    """
 
     ratio: float
     held_out: float | None
@@ -55,15 +73,15 @@ class Comparison:
 
 
 def compare(data: Data, fitted: Fitted) -> Comparison:
-    """How far the fitted model is from every record, and where."""
+    """Ratio of the model's error to the noise in every record, and where it is largest."""
     judged: list[Judged] = []
     model, band = fitted.model, band_of(data, fitted.model)
     vector = fitted.problem.full(fitted.x)
     for i, piece in enumerate(fitted.problem.pieces):
         white = fitted.residual[fitted.problem.ends[i] : fitted.problem.ends[i + 1]]
-        judged.append(_judged(piece, fitted, vector, white, OFFSET_M * float(fitted.offsets[i])))
+        judged.append(_judge(piece, fitted, vector, white, OFFSET_M * float(fitted.offsets[i])))
     for piece, white in zip(data.held_out, fitted.held_residual, strict=True):
-        judged.append(_judged(piece, fitted, vector, white, 0.0))
+        judged.append(_judge(piece, fitted, vector, white, 0.0))
     parts = band_limited_errors(data, fitted, band)
     records = []
     for name in dict.fromkeys(j.piece.record for j in judged):
@@ -77,7 +95,7 @@ def compare(data: Data, fitted: Fitted) -> Comparison:
     return Comparison(fitted.ratio, fitted.held_ratio, tuple(records), tuple(worst_places(judged)), tuple(judged), whole, held)
 
 
-def _judged(piece: Segment, fitted: Fitted, vector: Array, white: Array, offset_m: float) -> Judged:
+def _judge(piece: Segment, fitted: Fitted, vector: Array, white: Array, offset_m: float) -> Judged:
     torque = evaluate(piece, fitted.model, vector, offset_m)
     return Judged(piece, white, torque[piece.value_samples], fitted.model["transmission.ratio"], torque, units_of(fitted.model))
 

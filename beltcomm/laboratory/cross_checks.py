@@ -1,4 +1,4 @@
-"""What a fitted model says besides its error: data sheets, resonances, its cogging against a static map, the bound of friction."""
+"""Cross-checks of a fitted model: data sheets, resonances, its cogging against a static map, the bound of friction."""
 
 from __future__ import annotations
 
@@ -42,8 +42,16 @@ ONE_FACTOR, KNOWN_FACTOR = 0.3, 0.15
 class SheetDoubt:
     """A number of axis.yaml that the records contradict.
 
-    entry : its key.   sheet, found, interval : in ``unit``; interval None where it is not known.   factor : found over sheet.
-    common : what may be wrong where inertia and stiffness are off alike, else "".
+    Attributes
+    ----------
+    entry : str
+        Its key.
+    sheet, found, interval
+        In ``unit``; interval None where it is not known.
+    factor : float
+        Found over sheet.
+    common : str
+        What may be wrong where inertia and stiffness are off alike, else "".
     """
 
     entry: str
@@ -56,10 +64,17 @@ class SheetDoubt:
 
 
 def sheet_doubts(model: Model, ratio: float, axis: Axis, recordings: Sequence[Recording]) -> tuple[SheetDoubt, ...]:
-    """Where the fitted model contradicts the data sheets.   model : with intervals.   ratio : its error over the noise.
+    """Contradictions between the fitted model and the data sheets.
 
     Inertia and stiffness are known to the motor only times the scale of the torque and over that of the angle: where both are off by one
     factor, the scale is wrong.  A wrong radius shows in the stiffness alone, k ~ 1/r², and so does a wrong belt.
+
+    Parameters
+    ----------
+    model : Model
+        With intervals.
+    ratio : float
+        Its error over the noise.
     """
     if "cart" not in model.base_bodies or model.side != "motor" or ratio > COMPARABLE:
         return ()
@@ -82,7 +97,7 @@ def sheet_doubts(model: Model, ratio: float, axis: Axis, recordings: Sequence[Re
 
 
 def doubts_of(fitted: Fitted, axis: Axis, recordings: Sequence[Recording]) -> tuple[SheetDoubt, ...]:
-    """What of the data sheets a fitted model contradicts."""
+    """Data-sheet values that a fitted model contradicts."""
     return sheet_doubts(with_intervals(fitted), fitted.ratio, axis, recordings)
 
 
@@ -97,7 +112,7 @@ def _doubt(model: Model, name: str, entry: str, low: float, high: float, toleran
 
 
 def _scale_words(factor: float, axis: Axis) -> str:
-    """What a common factor of inertia and stiffness may be."""
+    """Explanation, in words, of a common factor of inertia and stiffness."""
     constant, rated = axis.get("motor.torque_constant_nm_a"), axis.get("motor.rated_torque_nm")
     known = {math.tau: "the angle in revolutions instead of rad", math.pi / 180.0: "the angle in degrees instead of rad"}
     known |= {1e3: "the torque in mN m", 1e-3: "the torque in kN m"}
@@ -132,14 +147,20 @@ def resonances(model: Model, position_m: float) -> Resonances | None:
 
 
 def amplitudes_fitted(recordings: Sequence[Recording]) -> bool:
-    """Whether the excited records to fit were made at amplitudes that differ: else no dependence on amplitude can be told."""
+    """True if the excited records to fit were made at amplitudes that differ: else no dependence on amplitude can be told."""
     loud = [float(np.std(r.torque)) for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
     return len(loud) > 1 and max(loud) > LOUDER * min(loud)
 
 
 @dataclass(frozen=True)
 class MapOrder:
-    """Amplitudes of one order, N m.   turned_rad : angle by which the map's wave runs ahead of the model's, of the order's own period."""
+    """Amplitudes of one order, N m.
+
+    Attributes
+    ----------
+    turned_rad : float
+        Angle by which the map's wave runs ahead of the model's, of the order's own period.
+    """
 
     order: float
     model: float
@@ -151,7 +172,12 @@ class MapOrder:
 class MapCheck:
     """A map of the holding torque against the model's cogging.
 
-    correlation : of both as waves over one turn.   zero_rad : angle by which the map's zero had to be turned for it.
+    Attributes
+    ----------
+    correlation : float
+        Of both as waves over one turn.
+    zero_rad : float
+        Angle by which the map's zero had to be turned for it.
     """
 
     record: str
@@ -160,8 +186,8 @@ class MapCheck:
     orders: tuple[MapOrder, ...]
 
     @property
-    def confirmed(self) -> bool:
-        """Whether the map shows what the model says."""
+    def is_confirmed(self) -> bool:
+        """True if the map shows what the model says."""
         return self.correlation > CONFIRMED
 
 

@@ -1,4 +1,4 @@
-"""Which effects are missing: stage after stage until nothing is left above the noise, or nothing known explains it."""
+"""Search for missing effects: stage after stage until nothing is left above the noise, or nothing known explains it."""
 
 from __future__ import annotations
 
@@ -18,13 +18,9 @@ from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, prepare
 from beltcomm.fit.start import data_sheet
 from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, impossible, is_refuted, lowers, share_left
+from beltcomm.laboratory.backward_elimination import drop_superfluous
 from beltcomm.laboratory.compare import compare
-from beltcomm.laboratory.forms import assign_body, fit_law_shapes
-from beltcomm.laboratory.freedom import is_replaceable_gap
-from beltcomm.laboratory.masked import gap_with_delay
-from beltcomm.laboratory.plausible import run_away, undetermined_effects, unlikely
-from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of
-from beltcomm.laboratory.stage import (
+from beltcomm.laboratory.forward_selection import (
     MISSING,
     MOSTLY,
     Candidate,
@@ -34,8 +30,12 @@ from beltcomm.laboratory.stage import (
     merge_candidates,
     search,
 )
-from beltcomm.laboratory.structure import structure
-from beltcomm.laboratory.superfluous import drop_superfluous
+from beltcomm.laboratory.gap_behind_delay import gap_with_delay
+from beltcomm.laboratory.gap_evidence import is_replaceable_gap
+from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes
+from beltcomm.laboratory.plausibility import implausible_effects, parameters_at_bounds, undetermined_effects
+from beltcomm.laboratory.residual_structure import structure
+from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -65,9 +65,25 @@ TWIN_GAP, TWIN_SHARE = 50.0, 0.002
 
 @dataclass(frozen=True)
 class Stage:
-    """One stage.   before : the model it began with.   candidates : ranked.   added : the effect taken on trial, "" for none.
-    removed : effects that became superfluous.   after : the model it ended with.   forms : see ``forms``; beside an effect that was
-    added what of it acts on the carriage.   detour : effects that were taken on trial first and became superfluous beside that one."""
+    """One stage.
+
+    Attributes
+    ----------
+    before : Fitted
+        The model it began with.
+    candidates : tuple of Candidate
+        Ranked.
+    added : str
+        The effect taken on trial, "" for none.
+    removed : tuple of str
+        Effects that became superfluous.
+    after : Fitted
+        The model it ended with.
+    forms : tuple of str
+        See ``law_shape``; beside an effect that was added what of it acts on the carriage.
+    detour : tuple of str
+        Effects that were taken on trial first and became superfluous beside that one.
+    """
 
     before: Fitted
     candidates: tuple[Candidate, ...]
@@ -80,8 +96,21 @@ class Stage:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Result of a search.   data : as the last model sees it.   twins : names between which the data cannot tell.
-    scorer : at the base.   first : data as that sees them.   published : records and fit that the search began from, as they were shown."""
+    """Result of a search.
+
+    Attributes
+    ----------
+    data : Data
+        As the last model sees it.
+    twins : tuple of str
+        Names between which the data cannot tell.
+    scorer : Scorer
+        At the base.
+    first : Data
+        Data as that sees them.
+    published : tuple[Data, Fitted] or None
+        Records and fit that the search began from, as they were shown.
+    """
 
     base: Fitted
     data: Data
@@ -100,10 +129,10 @@ class Diagnosis:
     @property
     def published_model(self) -> Fitted:
         """The model whose numbers are told: the base as it was published, where nothing was added."""
-        return self.published_base[1] if self.after is self.base else self.after
+        return self.published_base[1] if self.final_fit is self.base else self.final_fit
 
     @property
-    def after(self) -> Fitted:
+    def final_fit(self) -> Fitted:
         """The model with all effects on trial."""
         return self.steps[-1].after if self.steps else self.base
 
@@ -111,7 +140,7 @@ class Diagnosis:
     def added_effects(self) -> list[str]:
         """Effects that were added and stayed, in that order, each followed by what completes it."""
         every = [name for step in self.steps for name in (step.added, *step.forms)]
-        return [name for name in dict.fromkeys(every) if name in self.after.model.effects]
+        return [name for name in dict.fromkeys(every) if name in self.final_fit.model.effects]
 
 
 def fit_base_of(recordings: Sequence[Recording], axis: Axis, start: Model) -> tuple[Data, Fitted]:
@@ -144,12 +173,21 @@ def diagnose(
     progress: Callable[[int, float], None] = lambda _stage, _fraction: None,
     trying: Callable[[Candidate], None] = lambda _candidate: None,
 ) -> Diagnosis:
-    """The whole search from a start model.   begun : its :func:`fit_base_of`, where known.
+    """The whole search from a start model.
 
-    progress : hears the number of the stage, from 1, and how much of it is done; nobody knows how many there will be.
-    trying : hears of each effect on trial, and again, with what speaks against it, where it is refused.
+    Parameters
+    ----------
+    begun : tuple[Data, Fitted] or None
+        Its :func:`fit_base_of`, where known.
+    progress : callable
+        Hears the number of the stage, from 1, and how much of it is done; nobody knows how many there will be.
+    trying : callable
+        Hears of each effect on trial, and again, with what speaks against it, where it is refused.
 
-    Raises DataError when the records cannot be used.
+    Raises
+    ------
+    DataError
+        When the records cannot be used.
     """
     if begun is None:
         data, base = fit_base(prepare(recordings, axis, start), start, sheet=data_sheet(axis, recordings), publish=False)
@@ -170,7 +208,7 @@ def diagnose(
                 data, current, at_base if current is base else Scorer(current), start, axis, above, in_stage(progress, number)
             )
         # Further orders of a ripple that is there already are no new cause.
-        causes = sum(bool(step.added) and not further(step.added) for step in steps)
+        causes = sum(bool(step.added) and not is_later_member(step.added) for step in steps)
         taken = accept_best(data, current, ranked, trying, causes < most)
         ranked = None
         current.problem.forget()  # observers of a stage that is over: every step keeps its model
@@ -210,7 +248,7 @@ def diagnose(
             first, step = direct
             steps[first:], seen[first + 1 :] = [step], []
         doubted = len(steps) - 1 if strays else None  # what a gap hides may show itself behind it, as a slack strand does
-    twins = next((pair for step in steps if step.added and (pair := twins_of(uncontradicted(step.candidates)))), ())
+    twins = next((pair for step in steps if step.added and (pair := twins_of(without_contradicted(step.candidates)))), ())
     if twins and twins[0] not in current.model.effects:
         twins = ()
     against = base  # what the last model is held against: a base of the same steps of time and groups of samples
@@ -232,10 +270,15 @@ def diagnose(
 def find_candidates(
     data: Data, current: Fitted, scorer: Scorer, start: Model, axis: Axis, above: float, progress: Callable[[float], None]
 ) -> list[Candidate]:
-    """What may be missing, best first.
+    """Candidates for what is missing, best first.
 
     Where the fit strayed from its start values, looked for from there as well, and where nothing explains most even so, for what hides
-    each other (``masked``).   above : O per sample from which on a fit explains little.
+    each other (``gap_behind_delay``).
+
+    Parameters
+    ----------
+    above : float
+        O per sample from which on a fit explains little.
     """
     ground = ground_of(current, data.fitted, axis)
     candidates = search(data, scorer, ground, progress=progress, swallowed_above=above)
@@ -274,7 +317,17 @@ def withdrawn(steps: Sequence[Stage], base: Fitted) -> Stage:
 
 @dataclass(frozen=True)
 class Acceptance:
-    """candidates : with what the fits said of them.   best : the one taken, None for none.   data, grown : with it, all fitted again."""
+    """Result of accepting the best candidates of a stage.
+
+    Attributes
+    ----------
+    candidates : list of Candidate
+        With what the fits said of them.
+    best : Candidate or None
+        The one taken, None for none.
+    data, grown
+        With it, all fitted again.
+    """
 
     candidates: list[Candidate]
     best: Candidate | None
@@ -289,11 +342,14 @@ def accept_best(
 
     Such a one explains only what it does to the noise, as a lag of the reading beside a dead time does.
 
-    causes_left : whether one more cause may be named; else only further orders of one.
+    Parameters
+    ----------
+    causes_left : bool
+        Whether one more cause may be named; else only further orders of one.
     """
     while True:
-        best = next(iter(uncontradicted(candidates)), None)
-        if best is None or not best.accepted or best.fitted is None or not (causes_left or further(best.effect.name)):
+        best = next(iter(without_contradicted(candidates)), None)
+        if best is None or not best.accepted or best.fitted is None or not (causes_left or is_later_member(best.effect.name)):
             return Acceptance(candidates, None, data)
         trying(best)
         ahead, grown = refit_with_rebuilt_motion(data, best.fitted, NEXT_ITERATIONS)
@@ -317,7 +373,7 @@ def escape_if_far_off(data: Data, fitted: Fitted) -> Fitted | None:
     return found if drop > EVIDENCE and not is_refuted(drop, held_gain) and not impossible(found.model) else None
 
 
-def uncontradicted(candidates: Sequence[Candidate]) -> list[Candidate]:
+def without_contradicted(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Candidates that neither the held-out records nor their own values contradict: the others stand in no one's way."""
     return [c for c in candidates if c.stands]
 
@@ -327,8 +383,8 @@ def in_stage(progress: Callable[[int, float], None], number: int) -> Callable[[f
     return lambda fraction: progress(number + 1, 0.5 * fraction)
 
 
-def further(name: str) -> bool:
-    """Whether an effect is the second, third, ... of a numbered family."""
+def is_later_member(name: str) -> bool:
+    """True if an effect is the second, third, ... of a numbered family."""
     return name.rpartition("_")[2].isdigit()
 
 
@@ -337,7 +393,11 @@ def find_shortcut(seen: Sequence[Data], steps: Sequence[Stage]) -> tuple[int, St
 
     Far from the truth the score test does not see every effect, and one that explains a part shows it the way.  Where that one is
     superfluous in the end, the stage is judged again as if both had been tried: the one with more evidence comes first.
-    seen : records as each step began with them.
+
+    Parameters
+    ----------
+    seen : sequence of Data
+        Records as each step began with them.
     """
     last = steps[-1]
     for number, step in enumerate(steps[:-1]):
@@ -346,7 +406,7 @@ def find_shortcut(seen: Sequence[Data], steps: Sequence[Stage]) -> tuple[int, St
         straight = fit(seen[number], last.after.model, FIRST_ITERATIONS, offsets=last.after.offsets)
         found = candidate(seen[number], step.before, effect_named(last.added), 0.0, straight, len(steps) - number)
         candidates = merge_candidates(step.candidates, [found])
-        if uncontradicted(candidates)[0] is found and found.accepted:
+        if without_contradicted(candidates)[0] is found and found.accepted:
             detour = tuple(name for name in last.removed if name not in step.before.model.effects)
             left = {*last.after.model.parameters, *last.after.model.effects}
             forms = tuple(name for other in steps[number:] for name in other.forms if name in left)
@@ -368,17 +428,23 @@ def twins_of(candidates: Sequence[Candidate]) -> tuple[str, ...]:
 
 
 def remaining_structure(data: Data, fitted: Fitted) -> float:
-    """How far the rest is from noise: see ``beltcomm.laboratory.structure``."""
+    """Distance of the residual from noise: see ``beltcomm.laboratory.residual_structure``."""
     return max(structures(data, fitted).values(), default=0.0)
 
 
 def structures(data: Data, fitted: Fitted) -> dict[str, float]:
-    """The same by what it goes with."""
+    """Distance of the residual from noise, by the quantity it goes with."""
     return structure(compare(data, fitted).judged)
 
 
 def verdict_of(base: Fitted, steps: Sequence[Stage], twins: tuple[str, ...], left: float) -> Verdict:
-    """The verdict about the state after adding the best effects on trial.   left : structure of the rest."""
+    """The verdict about the state after adding the best effects on trial.
+
+    Parameters
+    ----------
+    left : float
+        Structure of the rest.
+    """
     after = steps[-1].after if steps else base
     level = after.objective / after.problem.samples
     added = [step.added for step in steps if step.added]
@@ -389,8 +455,8 @@ def verdict_of(base: Fitted, steps: Sequence[Stage], twins: tuple[str, ...], lef
         rounded = any(piece.own_noise or (piece.group == 1 and piece.observer is None) for piece in base.problem.pieces)
         most = STRUCTURED_BESIDE if rounded or level <= QUIET else STRUCTURED
         return "nothing missing" if level < NOISE_KNOWN and left < most else NONE_EXPLAINS
-    if level >= MISSING or left >= STRUCTURED_BESIDE or run_away(after.model, base.model):
+    if level >= MISSING or left >= STRUCTURED_BESIDE or parameters_at_bounds(after.model, base.model):
         return "partly explained"
-    if undetermined_effects(with_intervals(after), base.model) or unlikely(after.model, base.model):
+    if undetermined_effects(with_intervals(after), base.model) or implausible_effects(after.model, base.model):
         return "partly explained"
     return "cannot tell" if twins else "explained"

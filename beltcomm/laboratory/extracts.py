@@ -47,7 +47,17 @@ _NAMES = ("torque_setpoint", "velocity", "reference_position", "reference_veloci
 
 @dataclass(frozen=True, eq=False)
 class Extract:
-    """Rows ``first`` to ``last`` of a record.   told : ndarray (k, k), Σ φφᵀ.   moment : (k,), Σ φ torque.   power : Σ torque²."""
+    """Rows ``first`` to ``last`` of a record.
+
+    Attributes
+    ----------
+    told : ndarray (k, k)
+        Σ φφᵀ.
+    moment : ndarray (k,)
+        Σ φ torque.
+    power : float
+        Σ torque².
+    """
 
     record: int
     first: int
@@ -59,12 +69,12 @@ class Extract:
 
     @property
     def rows(self) -> int:
-        """How many."""
+        """Number of rows."""
         return self.last - self.first
 
 
-def extracted(records: Sequence[Recording], axis: Axis, remarks: list[str]) -> dict[str, list[Recording]]:
-    """What stands for each long record, by its name: stretches of it, each a record of its own, called ``NAME@SECONDSs``.
+def extract_long(records: Sequence[Recording], axis: Axis, remarks: list[str]) -> dict[str, list[Recording]]:
+    """Extracts that stand for each long record, by its name: stretches of it, each a record of its own, called ``NAME@SECONDSs``.
 
     Records to fit and those held out are chosen among themselves.
     """
@@ -136,7 +146,7 @@ def windows_of(records: Sequence[Recording]) -> list[Extract]:
     windows = []
     for number, one in enumerate(signals):
         for first, last in itertools.pairwise(one.cuts()):
-            found = _told(one, first, last, scale, speeds, (low, high), number / len(signals), 1.0 / len(signals))
+            found = _window_information(one, first, last, scale, speeds, (low, high), number / len(signals), 1.0 / len(signals))
             if found is not None:
                 windows.append(Extract(number, first, last, *found))
     return windows
@@ -189,10 +199,10 @@ class _Signals:
         return [*cuts, rows]
 
 
-def _told(
+def _window_information(
     one: _Signals, first: int, last: int, scale: Array, speeds: Array, places: tuple[float, float], begin: float, share: float
 ) -> tuple[Array, Array, float, int] | None:
-    """What a window tells, see :class:`Extract`; None where it is too short."""
+    """Information of a window, see :class:`Extract`; None where it is too short."""
     part = slice(max(first - one.width, 0) // one.step + 1, max((last - one.width) // one.step, 0))
     speed, torque = one.speed[part], one.torque[part]
     if len(speed) < 8:
@@ -226,7 +236,7 @@ def best_windows(windows: Sequence[Extract], most_rows: int) -> list[Extract]:
         present, used, free[number] = present + told[number], used + rows[number], False
         taken.append(windows[number])
 
-    for number in np.argsort(-_left(windows), kind="stable"):
+    for number in np.argsort(-_regression_residual(windows), kind="stable"):
         if not taken or used + rows[number] <= ODD_SHARE * most_rows:
             take(int(number))
     while free.any() and used < most_rows:
@@ -235,7 +245,7 @@ def best_windows(windows: Sequence[Extract], most_rows: int) -> list[Extract]:
     return taken
 
 
-def _left(windows: Sequence[Extract]) -> Array:
+def _regression_residual(windows: Sequence[Extract]) -> Array:
     """Mean squared torque that the regression over all windows leaves in each."""
     known = np.arange(len(windows[0].moment)) != _FAST
     told = np.array([w.told for w in windows])[:, known][:, :, known]
@@ -246,7 +256,7 @@ def _left(windows: Sequence[Extract]) -> Array:
 
 
 def certainty(windows: Sequence[Extract], taken: Sequence[Extract]) -> float:
-    """How many times as exactly all windows tell the factor of the acceleration as those that were taken."""
+    """Ratio of the deviations of the inertia by the windows taken and by all windows."""
     whole, chosen = (np.linalg.pinv(np.sum([w.told for w in some], axis=0), rcond=1e-10, hermitian=True) for some in (windows, taken))
     return math.sqrt(max(float(chosen[0, 0] / whole[0, 0]), 1.0))
 

@@ -7,8 +7,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class PlainError:
-    """error, noise, torque : rms in the band, in ``unit`` at the motor shaft (N at the load side).   percent : error of the torque.
-    band_hz : Hz, up to which all of them are."""
+    """Error of a model in plain units.
+
+    Attributes
+    ----------
+    error, noise, torque : float
+        rms in the band, in ``unit`` at the motor shaft (N at the load side).
+    percent : float
+        Error of the torque.
+    band_hz : float, Hz
+        Up to which all of them are.
+    """
 
     error: float
     noise: float

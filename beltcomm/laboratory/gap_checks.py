@@ -1,4 +1,4 @@
-"""What is missing in a record: its end, or rows between others that the time stamps show."""
+"""Missing parts of a record: its end, or rows between others that the time stamps show."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def check_whole(recordings: Sequence[Recording]) -> None:
 
 
 def _gap_words(with_gaps: Sequence[Recording], timed: Sequence[Recording]) -> str:
-    count, lost = sum(len(r.gaps()) for r in with_gaps), sum(map(_lost, with_gaps))
+    count, lost = sum(len(r.gaps()) for r in with_gaps), sum(map(_lost_rows, with_gaps))
     share = lost / (sum(len(r.t_s) for r in timed) + lost)
     longest = max(float(np.diff(r.t_s)[r.gaps()].max()) for r in with_gaps)
     return (
@@ -51,14 +51,14 @@ def _gap_words(with_gaps: Sequence[Recording], timed: Sequence[Recording]) -> st
     )
 
 
-def _lost(record: Recording) -> int:
+def _lost_rows(record: Recording) -> int:
     """Rows that a record lacks."""
     steps = np.diff(record.t_s)[record.gaps()] / record.sample_period_s
     return int(np.sum(np.maximum(np.round(steps) - 1.0, 1.0)))
 
 
 def gap_remarks(timed: Sequence[Recording]) -> list[str]:
-    """What is said of lost samples where each piece counts."""
+    """Remarks on lost samples where each piece counts."""
     with_gaps = [r for r in timed if len(r.gaps())]
     return [f"{_gap_words(with_gaps, timed)}: the pieces between them are judged on their own"] if with_gaps else []
 
@@ -66,7 +66,12 @@ def gap_remarks(timed: Sequence[Recording]) -> list[str]:
 def before_gaps(timed: Sequence[Recording], remarks: list[str]) -> list[Recording]:
     """Records up to their first lost sample: behind it nobody knows how the carriage swings on the belt.
 
-    Those that lose one within the first seconds are left out.   Raises DataError when too little is left.
+    Those that lose one within the first seconds are left out.
+
+    Raises
+    ------
+    DataError
+        When too little is left.
     """
     with_gaps = [r for r in timed if len(r.gaps())]
     if not with_gaps:

@@ -22,7 +22,13 @@ def powers_of(number: int) -> Array:
 
 
 def load_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Array, Array]]:
-    """Triangular means of sin(N θ) and cos(N θ) for the next so many orders N; (n,) each, ends 0.   powers : (2, fine), of the last one."""
+    """Triangular means of sin(N θ) and cos(N θ) for the next so many orders N; (n,) each, ends 0.
+
+    Parameters
+    ----------
+    powers : ndarray (2, fine)
+        Of the last one.
+    """
     theta, m = piece.motion.theta, piece.motion.substeps
     sine, cosine = np.sin(theta), np.cos(theta)
     for _ in range(orders):
@@ -32,7 +38,12 @@ def load_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Arr
 
 
 def gain_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Array, Array]]:
-    """Triangular means of torque sin(N θ) and torque cos(N θ), the torque held from sample n to n+1.   powers : (2, fine - 1)."""
+    """Triangular means of torque sin(N θ) and torque cos(N θ), the torque held from sample n to n+1.
+
+    Parameters
+    ----------
+    powers : ndarray (2, fine - 1)
+    """
     theta, m = piece.motion.theta, piece.motion.substeps
     middle = 0.5 * (theta[:-1] + theta[1:])
     sine, cosine = np.sin(middle), np.cos(middle)
@@ -43,12 +54,15 @@ def gain_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Arr
 
 
 def line_columns(piece: Segment, inertia: float, lines: float) -> Array:
-    """What errors of the angle shown, 1 rad once and twice per line, ask of the inertia alone, N m; (n, 4), ends 0.
+    """Inertia torque by errors of the angle shown, 1 rad once and twice per line, N m; (n, 4), ends 0.
 
         J (θ[n+1] - 2 θ[n] + θ[n-1])/T²  of  -sin Nθ, -cos Nθ, -sin 2Nθ, -cos 2Nθ
 
     A line passes in so short a time that nothing behind the motor follows; at the samples, above half their rate as well.
-    inertia : kg m², motor side.
+
+    Parameters
+    ----------
+    inertia : float, kg m², motor side
     """
     once = lines * piece.motion.theta[:: piece.motion.substeps]
     error = np.stack([np.sin(once), np.cos(once), np.sin(2.0 * once), np.cos(2.0 * once)], axis=1)
@@ -77,7 +91,7 @@ def load_kernel(sine: Array, cosine: Array, power_sine: Array, power_cosine: Arr
 
 @compiled
 def gain_kernel(sine: Array, cosine: Array, power_sine: Array, power_cosine: Array, torque: Array, m: int, means: Array) -> None:
-    """The same for cells of held torque; the middle of a cell weighs it."""
+    """Means of the gain harmonics for cells of held torque; the middle of a cell weighs it."""
     for k in range(sine.shape[0]):
         s, c = power_sine[k], power_cosine[k]
         power_sine[k] = s * cosine[k] + c * sine[k]

@@ -1,4 +1,4 @@
-"""Where along the travel records were made: start positions against the motor's angle, and the carriage's own sensor.  Before any fit."""
+"""Positions of records along the travel: start positions against the motor's angle, and the carriage's own sensor.  Before any fit."""
 
 from __future__ import annotations
 
@@ -33,7 +33,16 @@ def transmission(axis: Axis) -> float | None:
 
 @dataclass(frozen=True)
 class PositionLine:
-    """Start position over angle.   slope : m/rad.   zero_m : m, position at angle 0.   far : (n,) m, distance of each record."""
+    """Start position over angle.
+
+    Attributes
+    ----------
+    slope : float, m/rad
+    zero_m : float, m
+        Position at angle 0.
+    far : ndarray
+        (n,) m, distance of each record.
+    """
 
     slope: float
     zero_m: float
@@ -72,7 +81,7 @@ def checked_positions(timed: Sequence[Recording], axis: Axis, remarks: list[str]
     place = np.array([float(r.sidecar.start_position_m or 0.0) for r in known])
     if len(known) < 3 or np.ptp(angle) * ratio < 10.0 * PLACE_M:
         if unknown:
-            remarks.append(_unplaced(unknown))
+            remarks.append(_unplaced_words(unknown))
         return list(timed)
     line = line_through(angle, place, ratio)
     if line.agree.mean() < MAJORITY:
@@ -80,7 +89,7 @@ def checked_positions(timed: Sequence[Recording], axis: Axis, remarks: list[str]
         if other.agree.sum() >= max(3, MAJORITY * len(known)) and np.ptp(place[other.agree]) > 10.0 * PLACE_M:
             raise _radius_fault(axis, ratio, other.slope, int(other.agree.sum()))
         if unknown:
-            remarks.append(_unplaced(unknown))
+            remarks.append(_unplaced_words(unknown))
         return list(timed)  # the angle began anew now and then: nothing to compare
     wrong = [(r, float(far)) for r, far, good in zip(known, line.far, line.agree, strict=True) if not good]
     if wrong:
@@ -103,7 +112,7 @@ def checked_positions(timed: Sequence[Recording], axis: Axis, remarks: list[str]
     ]
 
 
-def _unplaced(unknown: Sequence[Recording]) -> str:
+def _unplaced_words(unknown: Sequence[Recording]) -> str:
     return (
         f"{names_of(unknown)}: no start_position_m; where along the travel they were made is guessed from the motor "
         "angle, so what depends on "

@@ -12,7 +12,13 @@ ALIKE, LEAST_SMALL = 0.5, 0.05
 
 
 def in_words(place: ErrorRegion, landmarks: Mapping[str, float] | None = None) -> str:
-    """A place as a sentence.   landmarks : frequencies with a name, Hz, such as the antiresonance."""
+    """A place as a sentence.
+
+    Parameters
+    ----------
+    landmarks : dict of str to float or None
+        Frequencies with a name, Hz, such as the antiresonance.
+    """
     if place.dimension == "angle":
         swing = amount(place.swing, place.units)
         return (
@@ -52,7 +58,7 @@ def also_words(place: ErrorRegion) -> str:
 
 
 def landmark_words(place: ErrorRegion, landmarks: Mapping[str, float]) -> str:
-    """Which known frequencies lie within a band."""
+    """Known frequencies within a band, in words."""
     if place.dimension != "frequency":
         return ""
     inside = [f"{name} {hz:.0f} Hz" for name, hz in landmarks.items() if place.low <= hz < place.high]
@@ -60,7 +66,7 @@ def landmark_words(place: ErrorRegion, landmarks: Mapping[str, float]) -> str:
 
 
 def torque_words(place: ErrorRegion) -> str:
-    """How the measured torque (force, current) differs on average; "" where it does not."""
+    """Average difference of the measured torque (force, current), in words; "" where there is none."""
     forward, backward, units = place.forward, place.backward, place.units
     by_load = place.dimension == "amplitude"
     both = "both signs" if by_load else "both directions"

@@ -1,4 +1,4 @@
-"""Where a model fails: the whitened residual by frequency, speed, direction, position, amplitude, time and angle of the motor.
+"""Regions in which a model fails: the whitened residual by frequency, speed, direction, position, amplitude, time and angle of the motor.
 
 A *place* is the worst bin of a dimension with its neighbours that are nearly as bad, compared with the rest of the same dimension: it
 stands out by ratio / elsewhere, not by ratio alone, or an error that is everywhere would be blamed on all dimensions at once.
@@ -48,13 +48,29 @@ ANGLES, ORDERS, TURNS, COVERED, STANDS_OUT = 512, 100, 1.0, 0.9, 6.0
 
 @dataclass(frozen=True)
 class ErrorRegion:
-    """A range of one dimension.   low, high, unit.   ratio, elsewhere : rms of the residual over that of the noise, here and in the rest.
+    """A range of one dimension.   low, high, unit.
 
-    share : of all squares above the noise.   forward, backward : measured minus model's torque in units of the axis, mean over motion in
-    positive and in negative direction (over positive and negative torque for the amplitude); None where the mean does not matter.
-    record : the one that most of it comes from, "" for several.   samples : in it.   swing : amplitude of a ripple.   units : of the axis.
-    weight : sum of its squares above the noise over all samples, what it adds to the square of the overall ratio.   also : other ranges
-    nearly as bad, not in the numbers.
+    Attributes
+    ----------
+    ratio, elsewhere : float
+        rms of the residual over that of the noise, here and in the rest.
+    share : float
+        Of all squares above the noise.
+    forward, backward : float or None
+        Measured minus model's torque in units of the axis, mean over motion in positive and in negative direction (over positive and
+        negative torque for the amplitude); None where the mean does not matter.
+    record : str
+        The one that most of it comes from, "" for several.
+    samples : int
+        In it.
+    swing : float
+        Amplitude of a ripple.
+    units : Units
+        Of the axis.
+    weight : float
+        Sum of its squares above the noise over all samples, what it adds to the square of the overall ratio.
+    also : tuple of tuple of float
+        Other ranges nearly as bad, not in the numbers.
     """
 
     dimension: str
@@ -75,12 +91,12 @@ class ErrorRegion:
 
     @property
     def contrast(self) -> float:
-        """How far it stands out."""
+        """Contrast to the rest."""
         return self.ratio / max(self.elsewhere, 0.5)
 
     @property
     def rank(self) -> float:
-        """What places are sorted by: contrast, or by how much the error falls without what is seen there.
+        """Sort key of places: contrast, or by how much the error falls without what is seen there.
 
         Everything slow lies in the lowest band: that it does says little.
         """
@@ -143,7 +159,13 @@ def worst_span(ratio: Array, count: Array) -> tuple[int, int] | None:
 def place_of(
     dimension: str, low: float, high: float, unit: str, inside: NDArray[np.bool_], outside: NDArray[np.bool_], samples: Samples
 ) -> ErrorRegion:
-    """The samples of a range as a place.   outside : what it is compared with."""
+    """The samples of a range as a place.
+
+    Parameters
+    ----------
+    outside : ndarray of bool
+        What it is compared with.
+    """
     squares = samples.white**2
     here = float(np.mean(squares[inside]))
     rest = squares[outside]

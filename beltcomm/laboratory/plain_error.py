@@ -27,7 +27,13 @@ def plain_error(parts: Sequence[Banded], model: Model, band_hz: float) -> PlainE
 
 
 def of_run(data: Data, fitted: Fitted, band_hz: float | None = None) -> tuple[PlainError | None, PlainError | None]:
-    """Over the fitted records and over those held out; None where there are none.   band_hz : :func:`band_of` without one."""
+    """Over the fitted records and over those held out; None where there are none.
+
+    Parameters
+    ----------
+    band_hz : float or None
+        :func:`band_of` without one.
+    """
     band = band_of(data, fitted.model) if band_hz is None else band_hz
     parts = band_limited_errors(data, fitted, band)
     fitted_parts, held = ([part for part in parts if part.held_out is out] for out in (False, True))

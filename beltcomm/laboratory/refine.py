@@ -97,7 +97,7 @@ def limit_of(model: Model, effect: Effect, name: str) -> tuple[float, float]:
 
 
 def first_step(name: str, value: float, trials: Sequence[Mapping[str, float]]) -> float:
-    """How far a value is moved at first: half the way to the next trial, at most a share of itself."""
+    """First step of a value: half the way to the next trial, at most a share of itself."""
     share = FIRST_STEP * abs(value)
     others = sorted(abs(trial[name] - value) for trial in trials if name in trial and abs(trial[name] - value) > 1e-9 * abs(value))
     near = [0.5 * others[0]] if others else []

@@ -17,7 +17,7 @@ from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.noise_level import torque_noise
 from beltcomm.foreign.checks import check
-from beltcomm.laboratory.extracts import extracted
+from beltcomm.laboratory.extracts import extract_long
 from beltcomm.laboratory.gap_checks import before_gaps, check_whole, gap_remarks
 from beltcomm.laboratory.place_checks import checked_positions, names_of, sensor_remarks
 from beltcomm.recording import Recording
@@ -55,16 +55,32 @@ MOST_COARSE = 16
 
 @dataclass(frozen=True)
 class Checked:
-    """recordings : fit to be analysed together.   remarks : sentences on what is odd, and on what was put right."""
+    """The records of a run after all checks.
+
+    Attributes
+    ----------
+    recordings : tuple of Recording
+        Fit to be analysed together.
+    remarks : tuple of str
+        Sentences on what is odd, and on what was put right.
+    """
 
     recordings: tuple[Recording, ...]
     remarks: tuple[str, ...]
 
 
 def check_run(recordings: Sequence[Recording], axis: Axis, *, foreign: bool) -> Checked:
-    """The recordings of a run, put right where that is beyond doubt.   foreign : not made by a drive of the tool's own.
+    """The recordings of a run, put right where that is beyond doubt.
 
-    Raises DataError for records that cannot be analysed, naming them, with what to do.
+    Parameters
+    ----------
+    foreign : bool
+        Not made by a drive of the tool's own.
+
+    Raises
+    ------
+    DataError
+        For records that cannot be analysed, naming them, with what to do.
     """
     timed = [r for r in recordings if not r.is_static_map]
     if not timed:
@@ -72,7 +88,7 @@ def check_run(recordings: Sequence[Recording], axis: Axis, *, foreign: bool) -> 
     remarks: list[str] = []
     _refuse_short(timed, axis)
     check_whole(timed)
-    evened = _sampled(timed, axis, remarks)
+    evened = _check_sampling(timed, axis, remarks)
     if axis.get("pulley.effective_radius_m") is not None:
         evened = before_gaps(evened, remarks)
     else:
@@ -83,7 +99,7 @@ def check_run(recordings: Sequence[Recording], axis: Axis, *, foreign: bool) -> 
     _refuse_two_axes(evened, axis)
     known = checked_positions(evened, axis, remarks)
     remarks += sensor_remarks(known, axis)
-    parts = {record.name: [record] for record in known} | extracted(known, axis, remarks)
+    parts = {record.name: [record] for record in known} | extract_long(known, axis, remarks)
     return Checked(tuple(part for r in recordings for part in parts.get(r.name, [r] if r.is_static_map else [])), tuple(remarks))
 
 
@@ -120,7 +136,7 @@ def _moving_s(record: Recording) -> float:
     return float(np.count_nonzero(speed > SLOWEST_RAD_S)) * record.sample_period_s
 
 
-def _sampled(timed: Sequence[Recording], axis: Axis, remarks: list[str]) -> list[Recording]:
+def _check_sampling(timed: Sequence[Recording], axis: Axis, remarks: list[str]) -> list[Recording]:
     """Rows that are missing, repeated or uneven."""
     amiss = [(r, uneven_rows(r.t_s, r.position)) for r in timed]
     twice = sum(len(u.repeated) for _, u in amiss) > sum(len(u.missing) for _, u in amiss)
@@ -151,7 +167,7 @@ def _sampled(timed: Sequence[Recording], axis: Axis, remarks: list[str]) -> list
             worst = max(worst, found.largest)
             record = replace(record, t_s=record.t_s[0] + found.period_s * _whole(record, found.period_s), notes=())
         elif uneven_ones and found is not None and found.largest <= MOST_MOVED:  # again, one clock stamps all
-            record = _moved(record, found.period_s)
+            record = _resample(record, found.period_s)
         evened.append(record)
     if worst > 1e-3:
         remarks.append(
@@ -199,7 +215,7 @@ def _whole(record: Recording, period_s: float) -> Array:
     return np.concatenate(([0.0], np.cumsum(counts)))
 
 
-def _moved(record: Recording, period_s: float) -> Recording:
+def _resample(record: Recording, period_s: float) -> Recording:
     """The record with its angle at even times, by a cubic between the samples; lost ones stay lost.
 
     By far less than a period: the rounding of the angle stays what it was, and what acted over an interval stays the torque of its sample.
@@ -264,13 +280,14 @@ def _jitter_fault(found: Sequence[tuple[Recording, Jitter]], axis: Axis) -> Data
         f"{names_of(r for r, _ in found)}: the samples were taken unevenly: in {worst.name} the steps of t_s deviate by up to "
         f"{100.0 * jitter.largest:.2g} % from {1e3 * jitter.period_s:.4g} ms, the motion follows them, and this makes "
         f"{rough if jitter.share > MOST_UNEVEN else loud}: it would pose as torque. "
-        "Let the drive sample by its own clock (trace, SYNC) and record again"
+        "Let the drive sample by its own clock (trace, SYNC) and record again, or import with --resample, which evens the rows out"
     )
 
 
 def _refuse_two_axes(timed: Sequence[Recording], axis: Axis) -> None:
     """Raise DataError for records of an axis with another inertia, or another encoder."""
-    told = [(r, found) for r in timed if (found := rigid_inertia(r.t_s, r.torque, r.position)) is not None]
+    weight = axis.get("pulley.effective_radius_m") is None and timed[0].side != "load"
+    told = [(r, found) for r in timed if (found := rigid_inertia(r.t_s, r.torque, r.position, weight=weight)) is not None]
     sure = [(r, found) for r, found in told if found.inertia > 0.0 and found.error < VAGUE * found.inertia]
     # A record that hardly slides tells its own friction too low: that of the surest record counts as well.
     # And where cogging holds a slow motion up, the torque that it takes poses as that of an inertia many times too large: how much a record

@@ -29,7 +29,15 @@ FEWEST = 150
 
 @dataclass(frozen=True)
 class Units:
-    """What an axis is measured in.   force : "N m", "N" or "A".   length : "m" of the carriage or "rad" of the motor."""
+    """Units in which an axis is measured.
+
+    Attributes
+    ----------
+    force : str
+        "N m", "N" or "A".
+    length : str
+        "m" of the carriage or "rad" of the motor.
+    """
 
     force: str = "N m"
     length: str = "m"
@@ -68,8 +76,19 @@ def units_of(model: Model) -> Units:
 
 @dataclass(frozen=True)
 class Judged:
-    """A stretch with its residual.   white : of the kept samples, in units of the noise.   torque : the same samples, model minus
-    measured.   whole : torque of all samples, kept or not.   units : of the axis, so torque may be a force or a current."""
+    """A stretch with its residual.
+
+    Attributes
+    ----------
+    white : ndarray
+        Of the kept samples, in units of the noise.
+    torque : ndarray
+        The same samples, model minus measured.
+    whole : ndarray
+        Torque of all samples, kept or not.
+    units : Units
+        Of the axis, so torque may be a force or a current.
+    """
 
     piece: Segment
     white: Array
@@ -81,7 +100,15 @@ class Judged:
 
 @dataclass(frozen=True)
 class Samples:
-    """All kept samples of all stretches, (n,) each.   more : measured minus model's torque, N m.   record : number of the record."""
+    """All kept samples of all stretches, (n,) each.
+
+    Attributes
+    ----------
+    more : ndarray
+        Measured minus model's torque, N m.
+    record : ndarray of int
+        Number of the record.
+    """
 
     white: Array
     more: Array
@@ -96,7 +123,15 @@ class Samples:
 
 @dataclass(frozen=True)
 class Bins:
-    """Ratios along one dimension.   edges : (k+1,).   ratio : (k,), nan where there are too few samples.   count : (k,)."""
+    """Ratios along one dimension.
+
+    Attributes
+    ----------
+    edges : ndarray (k+1,)
+    ratio : ndarray (k,)
+        Nan where there are too few samples.
+    count : ndarray (k,)
+    """
 
     dimension: str
     unit: str
@@ -148,8 +183,15 @@ def bins_of(dimension: str, values: Array, edges: Array, unit: str, squares: Arr
 
 @dataclass(frozen=True)
 class Bands:
-    """Power of the whitened residual by record and band, 1 at the noise.   edges : (k+1,), Hz.   power, weight : (records, k); weight
-    counts samples.   sample_s : s."""
+    """Power of the whitened residual by record and band, 1 at the noise.
+
+    Attributes
+    ----------
+    edges : ndarray (k+1,), Hz
+    power, weight : ndarray (records, k)
+        Weight counts samples.
+    sample_s : float, s
+    """
 
     names: tuple[str, ...]
     held_out: tuple[bool, ...]

@@ -1,4 +1,4 @@
-"""What a set of records can decide at all: which kinds it holds, and which effects it must not name.
+"""Scope of a set of records: which kinds it holds, and which effects it must not name.
 
 Belt, delays and lags act at frequencies near the antiresonance and above.  Strokes and moves hardly contain them: there a few per cent of
 wrong noise look like a delay, a lag or a second pulley.  Without an excited record such effects stay hints.
@@ -36,11 +36,11 @@ SLOW_M_S, APART_M = 0.08, 0.1
 
 def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Diagnosis, list[str]]:
     """The diagnosis without names or a verdict that these records cannot bear, and sentences on it."""
-    doubt = noise_doubt(found.after.ratio, recordings)
+    doubt = noise_doubt(found.final_fit.ratio, recordings)
     if doubt and found.verdict != "partly explained":
         return replace(found, verdict="cannot tell"), [doubt]
     if found.data.path.commanded and all(SLOTS.get(name) in DRIVE_SLOTS for name in found.added_effects):
-        return without_names(found), [only_commanded(found)]
+        return without_names(found), [commanded_only_words(found)]
     sentence = "" if found.verdict == "explained" or acts_slowly(found) else undersampling_remark(found.base.model, recordings)
     sentence = sentence or unknown_delivery(found, recordings)
     if sentence and found.verdict != "nothing missing":
@@ -56,9 +56,9 @@ def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tupl
                 "it is not named. Record an excitation (frf) and ask again."
             )
             return replace(found, steps=kept, verdict="cannot tell", twins=()), [sentence]
-    if found.verdict == NONE_EXPLAINS and found.after.ratio < UNDECIDED:
+    if found.verdict == NONE_EXPLAINS and found.final_fit.ratio < UNDECIDED:
         sentence = (
-            f"An error of {found.after.ratio:.2f} times the noise may be the noise itself: it is known to some "
+            f"An error of {found.final_fit.ratio:.2f} times the noise may be the noise itself: it is known to some "
             f"{100.0 * (UNDECIDED - 1.0):.0f} % "
             "where no record is excited. Record an excitation (frf) and ask again."
         )
@@ -78,7 +78,7 @@ def without_names(found: Diagnosis) -> Diagnosis:
     return replace(found, steps=kept, verdict="cannot tell", twins=(), data=found.first)
 
 
-def only_commanded(found: Diagnosis) -> str:
+def commanded_only_words(found: Diagnosis) -> str:
     """That nothing independent tells how noisy a torque is of which only the command was recorded, in words."""
     units = units_of(found.base.model)
     return (
@@ -129,12 +129,18 @@ def not_named(model: Model, recordings: Sequence[Recording]) -> set[str]:
 
 
 def is_excited(recordings: Sequence[Recording]) -> bool:
-    """Whether a record to fit is excited."""
+    """True if a record to fit is excited."""
     return any(r.sidecar.experiment == "frf" and not r.sidecar.held_out for r in recordings)
 
 
 def missing_records(recordings: Sequence[Recording], ratio_m_rad: float) -> list[str]:
-    """Kinds of records that a belt axis' data set lacks, as sentences.   ratio_m_rad : carriage travel per radian of the motor."""
+    """Kinds of records that a belt axis' data set lacks, as sentences.
+
+    Parameters
+    ----------
+    ratio_m_rad : float
+        Carriage travel per radian of the motor.
+    """
     to_fit = [r for r in recordings if not (r.sidecar.held_out or r.is_static_map)]
     lines = []
     if not is_excited(to_fit):

@@ -22,7 +22,7 @@ from beltcomm.fit.records import SUBSTEPS
 from beltcomm.fit.segment import Segment, in_noise, observed_residuals, whitened_residual, with_observers
 from beltcomm.laboratory.acceptance import loudness
 from beltcomm.laboratory.harmonics import gain_means, line_columns, load_means, powers_of
-from beltcomm.laboratory.hints import explained_elongation, stiffness_by_record
+from beltcomm.laboratory.single_record import explained_elongation, stiffness_by_record
 from beltcomm.model import Model, on_side
 from beltcomm.simulate.inverse import (
     ENOUGH_LANES,
@@ -51,9 +51,15 @@ FAR_OFF, BELT_SLOTS = 1.3, ("element", "body", "belt_law")
 class Scored:
     """One way to switch an effect on, and what it promises.
 
-    drop : of the objective.   values : own parameters with the amplitudes that the score test wants, to start a refit from.
-    trial.base : parameters of the base model that change with it.
-    step : how everything fitted gives way, in the units of the problem's unknowns.
+    Attributes
+    ----------
+    drop : float
+        Of the objective.
+    values : dict of str to float
+        Own parameters with the amplitudes that the score test wants, to start a refit from. trial.base : parameters of the base model that
+        change with it.
+    step : ndarray
+        How everything fitted gives way, in the units of the problem's unknowns.
     """
 
     effect: Effect
@@ -73,7 +79,7 @@ class Scorer:
         self.model: Model = fitted.model
         self.vector = fitted.problem.full(fitted.x)
         self.offsets = OFFSET_M * fitted.offsets if fitted.problem.movable else np.zeros(len(fitted.problem.pieces))
-        self.nearby = fitted.nearby
+        self.nearby = fitted.local_quadratic
         # The change by an effect is a difference of two runs: what coarse steps do wrong is in both.
         most = SUBSTEPS if needs_observer(self.model) else ROUGH_SUBSTEPS
         rough_pieces = [replace(p, motion=p.motion.coarser(min(most, p.motion.substeps))) for p in self.problem.pieces]
@@ -138,7 +144,7 @@ class Scorer:
             yield some, self.columns(effect, [self.model_with(effect, v, t) for t in some for v in amplitude_columns(effect, t)])
 
     def harmonics(self, effect: Effect, trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], Array]]:
-        """The same for all orders of an effect that repeats with the motor angle."""
+        """Score columns for all orders of an effect that repeats with the motor angle."""
         key = effect.parameters[0].name
         wanted = {round(trial.values[key]): trial for trial in trials}
         highest = max(wanted)
@@ -233,7 +239,10 @@ class Scorer:
     def columns(self, effect: Effect, extended: Sequence[Model]) -> Array:
         """Changes of the whitened residual of all pieces when the effect is switched on, (n, models).
 
-        extended : models that have the effect, and that may have another belt.
+        Parameters
+        ----------
+        extended : sequence of Model
+            Models that have the effect, and that may have another belt.
         """
         vectors = [model.vector() for model in extended]
         if self.rough[0].observer is not None and not (acts_on_motor(effect) and effect.slot != "friction_onset"):
@@ -242,7 +251,13 @@ class Scorer:
         return np.concatenate(parts)
 
     def torques(self, effect: Effect, extended: Sequence[Model], vectors: Sequence[Array], i: int) -> Array:
-        """Changes of the residual of piece i, N m, (n, models).   extended, vectors : models that have the effect, and their values."""
+        """Changes of the residual of piece i, N m, (n, models).
+
+        Parameters
+        ----------
+        extended, vectors
+            Models that have the effect, and their values.
+        """
         motion = true_motion(self.model, self.rough[i].motion, self.vector)
         if acts_on_motor(effect) or effect.slot in BEFORE_THE_LOAD:
             return np.stack([self.change(effect, m, v, i, motion) for m, v in zip(extended, vectors, strict=True)], axis=1)
@@ -264,7 +279,7 @@ class Scorer:
 
     @cached_property
     def innovations_here(self) -> Array:
-        """The same of the model as it is."""
+        """Innovations of the model as it is."""
         return np.concatenate(observed_residuals(self.rough, self.model, [self.vector] * len(self.rough)))
 
     def change(self, effect: Effect, extended: Model, vector: Array, i: int, motion: FineMotion) -> Array:
@@ -295,7 +310,7 @@ def amplitude_columns(effect: Effect, trial: Trial) -> Iterator[dict[str, float]
 
 
 def ground_of(fitted: Fitted, pieces: Sequence[Segment], axis: Axis) -> AxisSummary:
-    """What the trials need to know of an axis."""
+    """Summary of the axis for the trials."""
     model = fitted.model
     ratio = model["transmission.ratio"]
     places = np.concatenate([piece.motion.theta * ratio for piece in pieces])

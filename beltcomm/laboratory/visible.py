@@ -1,9 +1,9 @@
-"""What these data could show: the weakest strength of every effect that would still be named.
+"""Detection limits of these data: the weakest strength of every effect that would still be named.
 
 At the fitted model, an effect of strength s (1: the size that its trials call typical) changes the weighted residual by s c.  What the
 free parameters would do as well is taken out, c⊥ = c - A (AᵀA)⁻¹ Aᵀ c, so it would lower the objective by s² c⊥ᵀc⊥.  Named it can be where
 
-    s² c⊥ᵀc⊥ - (n ln N + 2 ln ways)  >  EVIDENCE        (laboratory.stage)
+    s² c⊥ᵀc⊥ - (n ln N + 2 ln ways)  >  EVIDENCE        (laboratory.forward_selection)
 
 Two amplitudes (sine and cosine) count with the phase that shows least.  Nothing is refitted: to first order, and a search from the
 same model has worked out most of it.
@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, AxisSummary, Effect, Trial
 from beltcomm.laboratory.acceptance import EVIDENCE
+from beltcomm.laboratory.forward_selection import bic_penalty, may_add
 from beltcomm.laboratory.score import Scorer
-from beltcomm.laboratory.stage import bic_penalty, may_add
 
 Array = NDArray[np.float64]
 
@@ -31,10 +31,15 @@ TYPICAL = 1.0
 
 @dataclass(frozen=True)
 class DetectionLimit:
-    """How well one effect could be seen.
+    """Detection limit of one effect.
 
-    weakest, hardest : strength that can just be named, in the way that shows best (the best place, speed or order) and in the median way;
-    inf where nothing can.   parameter, size, unit : what strength 1 is, by the parameter that scales it.
+    Attributes
+    ----------
+    weakest, hardest : float
+        Strength that can just be named, in the way that shows best (the best place, speed or order) and in the median way; inf where
+        nothing can.
+    parameter, size, unit
+        What strength 1 is, by the parameter that scales it.
     """
 
     effect: Effect
@@ -46,13 +51,19 @@ class DetectionLimit:
 
     @property
     def is_detectable(self) -> bool:
-        """Whether a typical one would be named."""
+        """True if a typical one would be named."""
         return self.hardest <= TYPICAL
 
 
 @in_one_thread
 def detection_limits(scorer: Scorer, ground: AxisSummary) -> list[DetectionLimit]:
-    """Every effect that the model could still take, the least visible first.   scorer : a search from this model has filled most of it."""
+    """Every effect that the model could still take, the least visible first.
+
+    Parameters
+    ----------
+    scorer : Scorer
+        A search from this model has filled most of it.
+    """
     fitted, found = scorer.fitted, []
     for effect in EFFECTS:
         if effect.trials is None or effect.bound or not may_add(fitted, effect):

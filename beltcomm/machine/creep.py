@@ -13,7 +13,7 @@ from beltcomm.errors import DriveError, Refused, SafetyStop
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.machine.host_loss import guard_times_s
 from beltcomm.rundata.first_motions import MOVED_M, SLIDING_SHARE
-from beltcomm.simulate.stopping import Braking, HostLoss, first_deceleration, run_on
+from beltcomm.simulate.stopping import Braking, HostLoss, first_deceleration, run_on_distance
 
 #: Share of the torque that axis and motor allow at which an axis that does not move is given up.
 BREAKAWAY_SHARE = 0.6
@@ -64,7 +64,7 @@ def run_on_m(axis: Axis, torque_nm: float, held_s: float) -> float:
     ratio, friction = axis.transmission_m_rad, SLIDING_SHARE * torque_nm
     inertia = axis.motor_side_inertia_kg_m2 + ratio**2 * max(UNKNOWN_MASSES_KG[0], axis.payload.mass_kg or 0.0)
     loss = HostLoss(held_s, Braking(ratio * friction / inertia, 0.0))
-    return float(run_on(np.zeros(1), torque_nm, friction, inertia, ratio, loss)[0])
+    return float(run_on_distance(np.zeros(1), torque_nm, friction, inertia, ratio, loss)[0])
 
 
 def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float, about_nm: float = 0.0, left_m: float = math.inf) -> Crept:
@@ -120,7 +120,7 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float,
             raise Refused(
                 f"the axis does not move: {top:.2f} N m, {100 * BREAKAWAY_SHARE:.0f} % of what is allowed, did not shift it by "
                 f"{1e6 * MOVED_M:.0f} µm; check brake, clamp and enable inputs, and whether {axis.torque_limit().binds} in axis.yaml is "
-                "right"
+                f"right{_doubted_scale(drive)}"
             )
     drive.clock.sleep_until(drive.clock.now() + STILL_S)  # without torque the stretched belt swings once more
     stopped = drive.read(["position_rad"])["position_rad"]
@@ -137,6 +137,11 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float,
             "position",
         )
     return Crept(onset[0] if onset else top, moved_m, top / RAMP_S)
+
+
+def _doubted_scale(drive: Drive) -> str:
+    """Words for a drive whose unit of torque nobody has confirmed."""
+    return "; or a torque in 6071h is less than the profile says (torque_scale)" if drive.capabilities.torque_scale else ""
 
 
 def _no_more(torque_nm: float, way_m: float, guard_s: float, left_m: float) -> str:

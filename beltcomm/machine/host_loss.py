@@ -17,7 +17,7 @@ from beltcomm.identify.amplitude import Prediction
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.stops import Designed, PassiveBraking, braking_of
 from beltcomm.model import Model
-from beltcomm.simulate.stopping import HostLoss, braked_by_friction, run_on, total_friction, total_inertia
+from beltcomm.simulate.stopping import HostLoss, braked_by_friction, run_on_distance, total_friction, total_inertia
 
 #: s, over which the measured speed is a mean: longer than a swing of a stiff belt, shorter than the carriage takes to get fast.
 SPEED_OVER_S = 0.012
@@ -134,7 +134,7 @@ class RunOnWatch:
         self._step = top_m_s / (GRID - 1)
         speeds = np.linspace(0.0, top_m_s, GRID)
         tables = [
-            run_on(speeds, torque_nm, total_friction(model), total_inertia(model), model["transmission.ratio"], losses(model))
+            run_on_distance(speeds, torque_nm, total_friction(model), total_inertia(model), model["transmission.ratio"], losses(model))
             for model in family
         ]
         self._ways: list[float] = np.max(tables, axis=0).tolist()

@@ -6,18 +6,18 @@ import math
 from dataclasses import dataclass
 
 from beltcomm.axis import Axis
-from beltcomm.drive import Capabilities, Nameplate
+from beltcomm.drive import Capabilities, KnownMotor
 from beltcomm.errors import UsageError
 
 #: Rated values of the drive may differ by this share from axis.yaml: rounding of data sheets.
 RATED_TOLERANCE = 0.05
 
 
-def nameplate_of(axis: Axis) -> Nameplate:
+def nameplate_of(axis: Axis) -> KnownMotor:
     """What the axis file knows of its motor, for a drive that does not tell it."""
     motor, speed = axis.motor, axis.limits.speed_m_s
     fastest = speed / axis.transmission_m_rad if speed is not None and axis.get("pulley.effective_radius_m") is not None else None
-    return Nameplate(
+    return KnownMotor(
         motor.rated_torque_nm,
         motor.peak_torque_nm,
         motor.torque_constant_nm_a,
@@ -75,23 +75,30 @@ def ratings(axis: Axis, capabilities: Capabilities) -> tuple[Rating, ...]:
             "by motor.rated_torque_nm over motor.torque_constant_nm_a; every current, torque and I²t limit would be scaled by that. "
             "Correct the motor data of the drive (6075h) or of axis.yaml",
         ),
+        *limit_ratings(axis, capabilities.peak_torque_nm, capabilities.max_speed_rad_s),
+        counts_rating(axis, capabilities.encoder_counts_per_rev or capabilities.counts_per_rev),
+    )
+
+
+def limit_ratings(axis: Axis, peak_torque_nm: float, max_speed_rad_s: float) -> tuple[Rating, Rating]:
+    """The drive's limits: lower than what the motor bears is right; for doctor and commissioning."""
+    return (
         Rating(
             "largest torque",
-            capabilities.peak_torque_nm,
-            motor.peak_torque_nm,
+            peak_torque_nm,
+            axis.motor.peak_torque_nm,
             "N m",
             "a loop that rings would give the motor more than it bears; lower 6072h or 6073h in the drive, or correct motor.peak_torque_nm",
             most=True,
         ),
         Rating(
             "largest speed",
-            capabilities.max_speed_rad_s,
-            motor.max_speed_rad_s,
+            max_speed_rad_s,
+            axis.motor.max_speed_rad_s,
             "rad/s",
             "a motor that runs away would be stopped too late; lower 6080h in the drive, or correct motor.max_speed_rad_s",
             most=True,
         ),
-        counts_rating(axis, capabilities.encoder_counts_per_rev or capabilities.counts_per_rev),
     )
 
 

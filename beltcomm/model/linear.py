@@ -34,7 +34,11 @@ _FREE = 1e-6
 class Oscillation:
     """Sinusoidal motion around standstill for which friction is replaced by its describing function.
 
-    amplitude_rad : rad, motor angle; the other bodies are taken to follow it rigidly.     omega_rad_s : rad/s.
+    Attributes
+    ----------
+    amplitude_rad : float, rad
+        Motor angle; the other bodies are taken to follow it rigidly.
+    omega_rad_s : float, rad/s
     """
 
     amplitude_rad: float
@@ -56,8 +60,15 @@ Standstill = Literal["refuse", "stuck"] | Oscillation
 class Matrices:
     """Linear equations of motion of the free bodies:  M q'' + D q' + K q = input · torque.
 
-    bodies : names, the driven one first.     q : (n,), rad at the motor shaft for rotary bodies, else m along the belt.
-    M, D, K : (n, n), SI.     input : (n,).     outputs : (2, n), coordinate of the driven body (motor angle), carriage in m.
+    Attributes
+    ----------
+    bodies : tuple of str
+        Names, the driven one first. q : (n,), rad at the motor shaft for rotary bodies, else m along the belt.
+    M, D, K : ndarray (n, n)
+        SI.
+    input : ndarray (n,)
+    outputs : ndarray (2, n)
+        Coordinate of the driven body (motor angle), carriage in m.
     """
 
     bodies: tuple[str, ...]
@@ -79,7 +90,14 @@ class Matrices:
 class StateSpace:
     """x' = A x + B u,  y = C x + D u  with u the motor torque, N m, and y = (motor angle rad, carriage position m).
 
-    A : (2n, 2n).   B : (2n, 1).   C : (2, 2n).   D : (2, 1).   states : position, velocity of each body, as (2.28).
+    Attributes
+    ----------
+    A : ndarray (2n, 2n)
+    B : ndarray (2n, 1)
+    C : ndarray (2, 2n)
+    D : ndarray (2, 1)
+    states : tuple of str
+        Position, velocity of each body, as (2.28).
     """
 
     A: Array
@@ -89,7 +107,18 @@ class StateSpace:
     states: tuple[str, ...]
 
     def response(self, freq_hz: ArrayLike) -> ComplexArray:
-        """C (jω - A)⁻¹ B + D.   freq_hz : (m,), > 0.   Returns (m, 2): motor angle rad/(N m), carriage m/(N m)."""
+        """C (jω - A)⁻¹ B + D.
+
+        Parameters
+        ----------
+        freq_hz : ArrayLike, (m,)
+            > 0.
+
+        Returns
+        -------
+        ComplexArray, (m, 2)
+            Motor angle rad/(N m), carriage m/(N m).
+        """
         freq = _checked_frequencies(freq_hz, math.inf)
         return _resolvent(np.asarray(2j * np.pi * freq), self.A, self.B, self.C)
 
@@ -99,8 +128,23 @@ class StateSpace:
         x[k+1] = Φ x[k] + Γ_1 u[k-m] + Γ_2 u[k-m-1],   delay = m T + δ,   Φ = e^{AT},
         Γ_1 = ∫_0^{T-δ} e^{As} ds B,   Γ_2 = e^{A(T-δ)} ∫_0^δ e^{As} ds B;   H(z) = C (z - Φ)⁻¹ (Γ_1 + Γ_2/z) z^{-m}
 
-        freq_hz : (m,), above 0 and below the sampling frequency.   Returns (m, 2) as :meth:`response`.  Raises UsageError.
-        Source: Åström, Wittenmark, Computer-Controlled Systems, 3rd ed., section 2.3.
+        Parameters
+        ----------
+        freq_hz : ArrayLike, (m,)
+            Above 0 and below the sampling frequency.
+
+        Returns
+        -------
+        ComplexArray
+            (m, 2) as :meth:`response`.
+
+        Raises
+        ------
+        UsageError
+
+        References
+        ----------
+        Åström, Wittenmark, Computer-Controlled Systems, 3rd ed., section 2.3.
         """
         if not (sample_period_s > 0.0 and delay_s >= 0.0):
             raise UsageError(f"sampling period {sample_period_s:g} s must be above zero and delay {delay_s:g} s must not be below")
@@ -123,7 +167,15 @@ class Mode:
 
 
 def operating_point(model: Model, position_m: float, motor_speed_rad_s: float = 0.0, time_s: float = 0.0) -> Point:
-    """Point of a model.   position_m : m, carriage on the axis.   motor_speed_rad_s : 0 means standstill."""
+    """Point of a model.
+
+    Parameters
+    ----------
+    position_m : float, m
+        Carriage on the axis.
+    motor_speed_rad_s : float
+        0 means standstill.
+    """
     return Point(position_m, motor_speed_rad_s, model["transmission.ratio"], time_s)
 
 
@@ -133,9 +185,13 @@ def matrices(model: Model, point: Point, standstill: Standstill = "refuse", clos
     K = Σ k g gᵀ,  D = Σ d g gᵀ  over the elements, with stretch = gᵀ q;  forces add -∂f/∂q to K and -∂f/∂q' to D, friction
     the slope of its level.  Left out: an element's change of stiffness with position times its static stretch.
 
-    standstill : what a body with set-valued friction is at speed zero: "refuse" raises Refused; "stuck" holds it (it is then
-    not among the bodies of the result); an :class:`Oscillation` gives it the damping of :func:`equivalent_damping`.
-    closed : share of the time in which driving end and carriage touch: 0 in the middle of a gap.
+    Parameters
+    ----------
+    standstill : Standstill
+        What a body with set-valued friction is at speed zero: "refuse" raises Refused; "stuck" holds it (it is then not among the bodies of
+        the result); an :class:`Oscillation` gives it the damping of :func:`equivalent_damping`.
+    closed : float
+        Share of the time in which driving end and carriage touch: 0 in the middle of a gap.
     """
     bodies = model.bodies()
     names = tuple(body.name for _, body in bodies)
@@ -188,8 +244,21 @@ def equivalent_damping(level: Callable[..., float], amplitude: float, omega_rad_
 
     d = 4/(π A ω) ∫_0^1 level(A ω √(1 - s²)) ds,   for Coulomb friction F:  d = 4 F/(π A ω)
 
-    level : (speed, *arguments) -> N m or N.   amplitude : rad or m, of the body.   Returns N m s/rad or N s/m.
-    Source: Gelb, Vander Velde, Multiple-Input Describing Functions, 1968, chapter 2; s is the sine of the phase.
+    Parameters
+    ----------
+    level : callable
+        (speed, *arguments) -> N m or N.
+    amplitude : float
+        rad or m, of the body.
+
+    Returns
+    -------
+    float
+        N m s/rad or N s/m.
+
+    References
+    ----------
+    Gelb, Vander Velde, Multiple-Input Describing Functions, 1968, chapter 2; s is the sine of the phase.
     """
     peak = amplitude * omega_rad_s
     speeds = peak * np.sqrt(1.0 - (0.5 * (_NODES + 1.0)) ** 2)
@@ -198,7 +267,13 @@ def equivalent_damping(level: Callable[..., float], amplitude: float, omega_rad_
 
 
 def state_space(model: Model, point: Point, standstill: Standstill = "refuse") -> StateSpace:
-    """State space of (2.33) to (2.37) for any number of bodies.  Raises Refused, see :func:`matrices`."""
+    """State space of (2.33) to (2.37) for any number of bodies.
+
+    Raises
+    ------
+    Refused
+        See :func:`matrices`.
+    """
     m = matrices(model, point, standstill)
     n = len(m.bodies)
     inverse_mass = np.diag(1.0 / np.diag(m.M))
@@ -227,7 +302,10 @@ def sampled_response(
 def modes(model: Model, point: Point, standstill: Standstill = "refuse", held: Sequence[str] = ()) -> tuple[Mode, ...]:
     """Oscillating modes in ascending frequency:  λ = -ζ ω ± jω √(1 - ζ²).  Overdamped and rigid-body motion is left out.
 
-    held : bodies that are held; ("motor",) gives the antiresonances of the motor's response.
+    Parameters
+    ----------
+    held : sequence of str
+        Bodies that are held; ("motor",) gives the antiresonances of the motor's response.
     """
     roots = _eigenvalues(matrices(model, point, standstill).hold(held))
     oscillating = roots[(roots.imag > 0.0) & (np.abs(roots) > _FREE * np.max(np.abs(roots), initial=0.0))]
@@ -242,7 +320,7 @@ def fastest_rate(model: Model, point: Point) -> float:
 
 
 def describes(model: Model, position_m: float) -> bool:
-    """Whether the model means anything with the carriage there: beyond the pulleys a belt section has negative length."""
+    """True if the model means anything with the carriage there: beyond the pulleys a belt section has negative length."""
     if not math.isfinite(position_m):
         return False
     total: dict[tuple[str, str], float] = {}

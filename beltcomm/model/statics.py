@@ -18,14 +18,28 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """The axis at rest under its smooth forces.   positions : (n,), rad or m, all bodies.   torque_nm : holds it."""
+    """The axis at rest under its smooth forces.
+
+    Attributes
+    ----------
+    positions : ndarray (n,)
+        rad or m, all bodies.
+    torque_nm : float
+        Holds it.
+    """
 
     positions: Array
     torque_nm: float
 
 
 def smooth_forces(model: Model, positions: ArrayLike, speeds: ArrayLike, time_s: float = 0.0) -> Array:
-    """Smooth forces on all bodies from the laws themselves, (n,), N m or N.   positions, speeds : (n,), rad or m; per s."""
+    """Smooth forces on all bodies from the laws themselves, (n,), N m or N.
+
+    Parameters
+    ----------
+    positions, speeds : ArrayLike, (n,)
+        rad or m; per s.
+    """
     q, v = np.asarray(positions, dtype=float), np.asarray(speeds, dtype=float)
     names = tuple(body.name for _, body in model.bodies())
     i = carriage_of(names)
@@ -86,7 +100,10 @@ def equilibrium(model: Model, position_m: float, time_s: float = 0.0) -> Equilib
 
     0 = f(q) + input · torque,   carriage at position_m   (friction is left out: it can only make holding easier)
 
-    Raises Refused when some body is not held by anything.
+    Raises
+    ------
+    Refused
+        When some body is not held by anything.
     """
     point = operating_point(model, position_m, time_s=time_s)
     linear = matrices(model, Point(position_m, 1.0, point.transmission_m_rad, time_s))

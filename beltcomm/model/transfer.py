@@ -20,14 +20,31 @@ from beltcomm.model.linear import Standstill, matrices
 
 @dataclass(frozen=True)
 class TransferFunction:
-    """G(s) = num(s)/den(s) e^{-s delay}.   num, den : coefficients in descending powers of s.   delay_s : s."""
+    """G(s) = num(s)/den(s) e^{-s delay}.
+
+    Attributes
+    ----------
+    num, den : tuple of float
+        Coefficients in descending powers of s.
+    delay_s : float, s
+    """
 
     num: tuple[float, ...]
     den: tuple[float, ...]
     delay_s: float = 0.0
 
     def response(self, freq_hz: ArrayLike) -> NDArray[np.complex128]:
-        """G(j2πf).   freq_hz : (m,), not at a pole.   Returns (m,)."""
+        """G(j2πf).
+
+        Parameters
+        ----------
+        freq_hz : ArrayLike, (m,)
+            Not at a pole.
+
+        Returns
+        -------
+        ndarray (m,) of complex
+        """
         s = 2j * np.pi * np.atleast_1d(np.asarray(freq_hz, dtype=float))
         result: NDArray[np.complex128] = np.polyval(self.num, s) / np.polyval(self.den, s) * np.exp(-s * self.delay_s)
         return result
@@ -41,9 +58,20 @@ class TransferFunction:
 class TwoMass:
     """Parameters of the linear two-mass model (2.25), friction viscous.
 
-    inertia_kg_m2 : Θ_e, kg m² at the motor shaft.   mass_kg : m_c, kg.   stiffness_n_m : c, N/m at the belt.
-    motor_damping_n_s_m, cart_damping_n_s_m : d_m, d_c, N s/m, **both at the belt**.   belt_damping_n_s_m : d, N s/m.
-    transmission_m_rad : i_t, m/rad.
+    Attributes
+    ----------
+    inertia_kg_m2 : float
+        Θ_e, kg m² at the motor shaft.
+    mass_kg : float
+        m_c, kg.
+    stiffness_n_m : float
+        c, N/m at the belt.
+    motor_damping_n_s_m, cart_damping_n_s_m : float
+        d_m, d_c, N s/m, **both at the belt**.
+    belt_damping_n_s_m : float
+        d, N s/m.
+    transmission_m_rad : float
+        i_t, m/rad.
     """
 
     inertia_kg_m2: float
@@ -148,7 +176,12 @@ class TwoMass:
 def two_mass(model: Model, point: Point, standstill: Standstill = "refuse") -> TwoMass:
     """The two-mass parameters of a model at an operating point; d_m is converted to N s/m at the belt.
 
-    Raises UsageError when the model is not a motor and a carriage on one spring; Refused as in ``linear.matrices``.
+    Raises
+    ------
+    UsageError
+        When the model is not a motor and a carriage on one spring.
+    Refused
+        As in ``linear.matrices``.
     """
     m = matrices(model, point, standstill)
     i = point.transmission_m_rad

@@ -9,6 +9,7 @@ import numpy as np
 
 from beltcomm.errors import BeltcommError, DataError
 from beltcomm.given import pasted
+from beltcomm.identify.smooth_response import SmoothResponse, smooth_response
 from beltcomm.pages.gather import Gathered
 from beltcomm.report import bode, friction, levels, responses
 from beltcomm.report.page import PageTable, Paragraphs, Picture, Section, picture_of
@@ -34,11 +35,21 @@ def frequency(run: Gathered) -> Section:
             parts.append(picture_of(bode.bode_figure(pairs, run.landmarks, caption)))
     if table.rows:
         shown = [(f"{row.condition.record}, {row.condition.words()}", row.response, row.landmarks) for row in table.rows]
-        parts.append(picture_of(responses.responses_figure(shown, [f"by {d.cause}: {d.text}" for d in table.differences], caption)))
+        told, smooth = [f"by {d.cause}: {d.text}" for d in table.differences], [_smooth(run, row) for row in table.rows]
+        parts.append(picture_of(responses.responses_figure(shown, told, caption, smooth)))
         parts.append(Paragraphs(table_lines(table), typed=True))
         parts.append(picture_of(levels.levels_figure([_levels(run, row) for row in _split(table.rows)], caption)))
         parts.append(Paragraphs(_distortion_words(run), listed=True))
     return Section("responses", title, parts)
+
+
+def _smooth(run: Gathered, row: ResponseRow) -> SmoothResponse | None:
+    """The model's curve at the place and the speeds of a response; None of a moving one, or where nobody knows the place."""
+    place, freq = row.condition.place_m, row.response.freq_hz
+    if run.model is None or place is None or row.condition.direction != "standing":
+        return None
+    record = next(r for r in run.acting if r.name == row.condition.record)
+    return smooth_response(run.model, record, place, float(freq[0]), float(freq[-1]))
 
 
 def _split(rows: Sequence[ResponseRow]) -> list[ResponseRow]:

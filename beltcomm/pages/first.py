@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from beltcomm.fit.noise_level import too_little
+from beltcomm.fit.noise_level import error_floor_words
 from beltcomm.pages.gather import Gathered
 from beltcomm.report.page import Fact, State
 from beltcomm.rundata.headline import following, headline_of
@@ -44,7 +44,7 @@ def _model(run: Gathered) -> Fact:
         return Fact("Model error", "not compared", run.remarks[0] if run.remarks else "beltcomm compare says why", "note")
     ratio = found.ratio if found.held_out is None else max(found.ratio, found.held_out)
     words = f"{error_words((found.ratio, found.held_out), (found.plain, found.plain_held_out))}; "
-    doubt = too_little(found.ratio)
+    doubt = error_floor_words(found.ratio)
     good = ratio <= EXPLAINED and not doubt
     return Fact("Model error", f"{ratio:.2f} × noise", words + (doubt or "1.00: nothing is missing"), "good" if good else "bad")
 

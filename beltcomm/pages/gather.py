@@ -14,7 +14,7 @@ from beltcomm.laboratory.compare import Comparison, compare, landmarks
 from beltcomm.model import Model
 from beltcomm.pages.pictures import middle_of
 from beltcomm.recording import Recording
-from beltcomm.rundata.fitted_run import Opened, explainable, opened
+from beltcomm.rundata.fitted_run import Opened, explainable, open_fitted
 from beltcomm.rundata.revisions import Revision, current_model, revisions
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
@@ -75,7 +75,7 @@ def gathered(run: Path, talk: Talk, against: Path | None = None, *, compared: bo
     laboratory = comparison = None
     try:
         if compared:
-            laboratory = opened(run, talk)
+            laboratory = open_fitted(run, talk)
             against_records = compare(laboratory.data, laboratory.fitted)
             explainable(against_records.ratio, run)
             comparison = against_records

@@ -6,9 +6,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from beltcomm.configfiles import write_text
 from beltcomm.errors import UsageError
-from beltcomm.pages import axis, changes, first, gains, loops, missing, model, model_error, safety, tracking
+from beltcomm.pages import axis, changes, diagnosed, first, gains, loops, missing, model, model_error, safety, tracking
 from beltcomm.pages.gather import Gathered, gathered
 from beltcomm.report.page import Page, render
 from beltcomm.result import Result, jsonable, plain
@@ -20,6 +22,7 @@ from beltcomm.talk import Silence, Talk
 NAME = "report.html"
 #: Every part of the page, in the order shown.
 PARTS = (
+    diagnosed.section,
     tracking.section,
     gains.section,
     model.section,
@@ -71,7 +74,16 @@ def page_of(found: Gathered, before: Gathered | None = None) -> Page:
     first_part = [changes.section(before, found, changed)] if before is not None else []
     sentence, state = first.verdict(found)
     name, drive = found.folder.axis.name, found.folder.drive
-    subtitle = ", ".join(filter(None, [name, drive.get("device_name", ""), f"run {found.name}"]))
+    began, made_by, serial = found.folder.began_s, found.folder.made_by, drive.get("serial_number", "")
+    about = [
+        name,
+        drive.get("device_name", ""),
+        f"serial number {serial}" if serial else "",
+        f"run {found.name}",
+        f"begun {np.datetime64(round(began), 's')} UTC".replace("T", " ") if began is not None else "",
+        f"beltcomm {made_by}" if made_by else "",
+    ]
+    subtitle = ", ".join(filter(None, about))
     return Page(
         f"{name or 'Axis'}: report",
         subtitle,

@@ -12,9 +12,15 @@ from typing import Protocol, runtime_checkable
 class Plant(Protocol):
     """A machine seen from the motor shaft.
 
-    position_rad : float, rad, true motor angle.     velocity_rad_s : float, rad/s.
-    cart_position_m : float, m, true carriage position relative to where the run began (for judging only).
-    belt_force_n : float, N, force in the driving belt strand (for judging only).
+    Attributes
+    ----------
+    position_rad : float, rad
+        True motor angle.
+    velocity_rad_s : float, rad/s
+    cart_position_m : float, m
+        True carriage position relative to where the run began (for judging only).
+    belt_force_n : float, N
+        Force in the driving belt strand (for judging only).
     """
 
     position_rad: float

@@ -111,7 +111,7 @@ class Recording:
 
     @property
     def is_static_map(self) -> bool:
-        """Whether this is position against holding torque, without time."""
+        """True if this is position against holding torque, without time."""
         return self.sidecar.experiment == "static_map"
 
     @cached_property
@@ -331,7 +331,7 @@ class Recording:
 
 
 def _unchanging(values: Any) -> bool:
-    """Whether nobody can write into an array of numbers, nor into what it is a part of: then it needs no copy."""
+    """True if nobody can write into an array of numbers, nor into what it is a part of: then it needs no copy."""
     if not isinstance(values, np.ndarray) or values.dtype != np.float64:
         return False
     part: Any = values

@@ -34,8 +34,17 @@ _ROUGHER = 2.0
 
 @dataclass(frozen=True)
 class Belonging:
-    """explained : largest share of the torque, under any width, that the motion explains.   chance : the same of shifted torques, the share
-    BEYOND of them lies below it; 0 where it was not needed.   swapped : the torque and the position changed places."""
+    """How a record belongs to an axis.
+
+    Attributes
+    ----------
+    explained : float
+        Largest share of the torque, under any width, that the motion explains.
+    chance : float
+        The same of shifted torques, the share BEYOND of them lies below it; 0 where it was not needed.
+    swapped : bool
+        The torque and the position changed places.
+    """
 
     explained: float
     chance: float = 0.0
@@ -49,9 +58,8 @@ class Belonging:
 
 def belonging(t_s: Array, torque: Array, position: Array) -> Belonging | None:
     """Whether they belong together; None for a record that is too short to tell."""
+    t_s, torque, position = t_s[:_MOST_ROWS], torque[:_MOST_ROWS], position[:_MOST_ROWS]
     even = np.arange(t_s[0], t_s[-1], usual_step(t_s))
-    if len(even) > _MOST_ROWS:
-        even = even[:_MOST_ROWS]
     torque, position = np.interp(even, t_s, torque), np.interp(even, t_s, position)
     if len(even) < 2 * _FEWEST_WINDOWS or np.ptp(position) == 0.0 or np.ptp(torque) == 0.0:
         return None

@@ -40,6 +40,8 @@ SLOW_SHARE = 0.01
 #: Standard deviations beyond which an inertia is certain; s, width of the means of what moves slowly; share of the work that a friction
 #: which drives gives at least.
 CERTAIN, SLOW_S, BACKWARDS = 4.0, 0.08, 0.1
+#: Rows of a long record on which that is judged.
+MOST_JUDGED = 300_000
 #: Share of the work, taken out of the axis, that no passive axis gives.
 ACTIVE = 0.3
 #: Share of the work from which a torque drives, whatever a regression says of springs and of friction that hardly slides.
@@ -77,7 +79,13 @@ def usual_step(t_s: Array) -> float:
 
 
 def jitter(t_s: Array, lost: NDArray[np.intp]) -> float:
-    """Largest deviation of a step from the usual one, as a share of it.   lost : the gaps, left out."""
+    """Largest deviation of a step from the usual one, as a share of it.
+
+    Parameters
+    ----------
+    lost : ndarray of int
+        The gaps, left out.
+    """
     kept, period = np.delete(np.diff(t_s), lost), usual_step(t_s)
     return float(np.max(np.abs(kept - period)) / period)
 
@@ -86,7 +94,13 @@ def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None
     """Share of the samples at which the torque was cut off at an end of its range; 0 when it was not.
 
     Without a setpoint: runs of at least three samples exactly at the largest or smallest value, entered by a jump.
-    setpoint : what was asked; then only samples count where more was asked for.   amplitude : of a known open-loop excitation.
+
+    Parameters
+    ----------
+    setpoint : ndarray or None
+        What was asked; then only samples count where more was asked for.
+    amplitude : float or None
+        Of a known open-loop excitation.
     """
     at_end = np.zeros(len(torque), dtype=bool)
     for end in (float(torque.max()), float(torque.min())):
@@ -114,7 +128,7 @@ def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None
 
 
 def _by_chance(at_end: NDArray[np.bool_], noise_steps: float) -> bool:
-    """Whether noise alone may put that many neighbours at one value.   noise_steps : median deviation, steps of the reading."""
+    """True if noise alone may put that many neighbours at one value.   noise_steps : median deviation, steps of the reading."""
     equal = MEDIAN_DEVIATION / (noise_steps * math.sqrt(2.0 * math.pi))  # most probable value of normal noise, for one neighbour
     return float(equal ** np.count_nonzero(at_end[1:] & at_end[:-1])) > CHANCE
 
@@ -134,7 +148,7 @@ def reference_unit_fault(signal: Array, reference: Array) -> str:
 
 
 def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
-    """Whether positive torque drives to negative positions: then one of the two columns has the wrong sign.
+    """True if positive torque drives to negative positions: then one of the two columns has the wrong sign.
 
     Regresses torque on acceleration, direction of motion, place and a constant, all as means under triangles of 0.16 to 0.64 s:
     above the first antiresonance of a drive train torque and acceleration oppose each other by nature.  True when, under some
@@ -160,6 +174,7 @@ def backwards(t_s: Array, torque: Array, position: Array) -> bool:
 
 def slow_work_share(t_s: Array, torque: Array, position: Array) -> float:
     """:func:`work_share` of what moves slowly; 0 for a record that is too short to tell."""
+    t_s, torque, position = t_s[:MOST_JUDGED], torque[:MOST_JUDGED], position[:MOST_JUDGED]
     even = np.arange(t_s[0], t_s[-1], usual_step(t_s))
     width = max(2, round(SLOW_S / float(even[1] - even[0]))) if len(even) > 1 else 0
     if width == 0 or len(even) < 8 * width:
@@ -181,9 +196,17 @@ def work_share(torque: Array, position: Array) -> float:
 
 @dataclass(frozen=True)
 class RigidInertia:
-    """inertia, error : of everything that the motor turns, and its standard deviation, torque over angular acceleration.
-    accelerating, friction : torque, N m, rms of what accelerates, and Coulomb level.   dissipated : mean power of damping and friction, W;
-    negative where the torque drives with the wrong sign."""
+    """Inertia of a rigid axis by one record.
+
+    Attributes
+    ----------
+    inertia, error : float
+        Of everything that the motor turns, and its standard deviation, torque over angular acceleration.
+    accelerating, friction : float
+        Torque, N m, rms of what accelerates, and Coulomb level.
+    dissipated : float
+        Mean power of damping and friction, W; negative where the torque drives with the wrong sign.
+    """
 
     inertia: float
     error: float
@@ -197,8 +220,10 @@ class RigidInertia:
         return self.accelerating / max(self.friction, 1e-300)
 
 
-def rigid_inertia(t_s: Array, torque: Array, position: Array) -> RigidInertia | None:
+def rigid_inertia(t_s: Array, torque: Array, position: Array, *, weight: bool = False) -> RigidInertia | None:
     """Inertia of the axis as one rigid body, from its slow motion; None for a record that is too short.
+
+    weight : the load turns with the motor and may not be balanced: sine and cosine of the angle count as well.
 
         torque = inertia acceleration + damping speed + level sign(speed) + constant,   each under a triangle of 0.16 s
 
@@ -217,6 +242,9 @@ def rigid_inertia(t_s: Array, torque: Array, position: Array) -> RigidInertia | 
     rows = min(len(force), len(direction))
     acceleration, speed = ((after - 2.0 * middle + before)[::every] / span**2)[:rows], ((after - before)[::every] / (2.0 * span))[:rows]
     columns = np.column_stack([acceleration, speed, direction[:rows], np.ones(rows)])
+    if weight:
+        turned = [running_mean(running_mean(part, width), width)[1:-1][::every][:rows] for part in (np.sin(position), np.cos(position))]
+        columns = np.column_stack([columns, *turned])
     scale = np.maximum(np.abs(columns).max(axis=0), 1e-300)
     found = np.linalg.lstsq(columns / scale, force[:rows], rcond=1e-8)[0] / scale
     left = force[:rows] - columns @ found

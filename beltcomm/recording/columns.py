@@ -53,7 +53,18 @@ INERTIA_UNIT: Final[Mapping[Side, str]] = {"motor": "kg m²", "load": "kg", "amp
 
 
 def side_of(file: str, columns: Mapping[str, object], *, timed: bool) -> Side:
-    """Which side the columns are from.   timed : t_s is needed.   Raises DataError, naming what is missing."""
+    """Which side the columns are from.
+
+    Parameters
+    ----------
+    timed : bool
+        t_s is needed.
+
+    Raises
+    ------
+    DataError
+        Naming what is missing.
+    """
     if "t_s" not in columns and timed:
         hint = _hint("t_s", columns)
         still = "" if hint else "; a static map of position and torque needs a sidecar with experiment: static_map"

@@ -34,8 +34,15 @@ QUARTER = 0.3186
 
 @dataclass(frozen=True)
 class Uneven:
-    """missing, repeated : rows before which one is missing, and rows that repeat another, as far as the motion shows it.
-    judged : steps that were fast enough to be judged."""
+    """Missing and repeated rows of a record.
+
+    Attributes
+    ----------
+    missing, repeated : ndarray of int
+        Rows before which one is missing, and rows that repeat another, as far as the motion shows it.
+    judged : int
+        Steps that were fast enough to be judged.
+    """
 
     missing: NDArray[np.intp]
     repeated: NDArray[np.intp]
@@ -48,7 +55,14 @@ class Uneven:
 
 
 def uneven_rows(t_s: Array, position: Array) -> Uneven:
-    """Rows that are missing or repeated although the time stamps are even.   t_s : (n,), s.   position : (n,), any unit."""
+    """Rows that are missing or repeated although the time stamps are even.
+
+    Parameters
+    ----------
+    t_s : ndarray (n,), s
+    position : ndarray (n,)
+        Any unit.
+    """
     none = np.zeros(0, dtype=np.intp)
     if len(position) < 8:
         return Uneven(none, none, 0)
@@ -116,10 +130,24 @@ def _noise(position: Array) -> float:
 
 @dataclass(frozen=True)
 class Jitter:
-    """largest, rms : deviation of the time steps from even ones, in periods.   period_s : s, the even one.
-    slope : of the motion's own unevenness over that of the stamps: 1 where the samples were taken when the stamps say, 0 where
-    they were even; nan where nobody can tell.   error : its standard deviation.   share : of the motion's unevenness, its square, that
-    comes from the stamps'.   bend : rms of the position's second differences that stamps alone make, in the position's unit."""
+    """Jitter of the time stamps.
+
+    Attributes
+    ----------
+    largest, rms : float
+        Deviation of the time steps from even ones, in periods.
+    period_s : float, s
+        The even one.
+    slope : float
+        Of the motion's own unevenness over that of the stamps: 1 where the samples were taken when the stamps say, 0 where they were even;
+        nan where nobody can tell.
+    error : float
+        Its standard deviation.
+    share : float
+        Of the motion's unevenness, its square, that comes from the stamps'.
+    bend : float
+        rms of the position's second differences that stamps alone make, in the position's unit.
+    """
 
     largest: float
     rms: float
@@ -131,12 +159,12 @@ class Jitter:
 
     @property
     def real(self) -> bool:
-        """Whether the samples were taken unevenly: proven."""
+        """True if the samples were taken unevenly: proven."""
         return self.slope > SIGMAS * self.error and abs(self.slope - 1.0) < abs(self.slope)
 
     @property
     def only_stamps(self) -> bool:
-        """Whether the samples were even and the stamps alone jitter: proven."""
+        """True if the samples were even and the stamps alone jitter: proven."""
         return 1.0 - self.slope > SIGMAS * self.error and abs(self.slope) < abs(1.0 - self.slope)
 
 
@@ -145,8 +173,15 @@ def stamp_jitter(t_s: Array, position: Array, long_steps: NDArray[np.intp]) -> J
 
         x[n+1] - x[n] - its neighbours' mean = slope · speed · (the same of t)
 
-    Lost samples, whole periods long, are no jitter.   t_s : (n,), s.   position : (n,), any unit.
-    long_steps : samples after which some were lost.
+    Lost samples, whole periods long, are no jitter.
+
+    Parameters
+    ----------
+    t_s : ndarray (n,), s
+    position : ndarray (n,)
+        Any unit.
+    long_steps : ndarray of int
+        Samples after which some were lost.
     """
     times = np.diff(t_s)
     period = float(np.median(times))

@@ -113,7 +113,7 @@ class Sidecar:
 
     @property
     def moving(self) -> bool:
-        """Whether the carriage travelled while it was excited: then the record stands for no single place."""
+        """True if the carriage travelled while it was excited: then the record stands for no single place."""
         return self.excitation is not None and bool(self.excitation.base_speed_m_s)
 
     def to_dict(self) -> dict[str, Any]:

@@ -32,10 +32,18 @@ _ROWS = 1 << 16
 def read_columns(path: Path, numeric: Collection[str], *, torn: bool = False) -> dict[str, Column]:
     """All columns of a CSV file by name, in order.
 
-    numeric : names that must hold finite numbers; other columns are float64 where they hold only numbers, text else.
-    torn : the writer may have been killed, so an incomplete last row is left out.
-    Raises DataError, naming file, column and row, for a file that does not exist, is no UTF-8 text, has another separator or
-    decimal comma, no or a doubled column name, rows of unequal length, missing or unreadable values.
+    Parameters
+    ----------
+    numeric : collection of str
+        Names that must hold finite numbers; other columns are float64 where they hold only numbers, text else.
+    torn : bool
+        The writer may have been killed, so an incomplete last row is left out.
+
+    Raises
+    ------
+    DataError
+        Naming file, column and row, for a file that does not exist, is no UTF-8 text, has another separator or decimal comma, no or a
+        doubled column name, rows of unequal length, missing or unreadable values.
     """
     header, lines = _looked_at(path)
     names = _names(path, header)
@@ -71,7 +79,12 @@ def read_columns(path: Path, numeric: Collection[str], *, torn: bool = False) ->
 def write_columns(path: Path, columns: Mapping[str, Column]) -> None:
     """Write columns as CSV, whole or not at all; floats come back exactly.
 
-    Raises UsageError when it cannot be written, DataError for names that would not come back as they are.
+    Raises
+    ------
+    UsageError
+        When it cannot be written.
+    DataError
+        For names that would not come back as they are.
     """
     header = ",".join(map(_cell, columns))
     if _names(path, _LINE_END.split(header, maxsplit=1)[0]) != list(columns):

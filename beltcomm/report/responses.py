@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beltcomm.identify.landmarks import Landmark, Landmarks
+from beltcomm.identify.smooth_response import SmoothResponse
 from beltcomm.report import style
 from beltcomm.response import FrequencyResponse
 
@@ -21,21 +22,33 @@ CLEAR = 0.5
 
 
 def responses_figure(
-    shown: Sequence[tuple[str, FrequencyResponse, Landmarks | None]], sentences: Sequence[str], caption: style.Caption
+    shown: Sequence[tuple[str, FrequencyResponse, Landmarks | None]],
+    sentences: Sequence[str],
+    caption: style.Caption,
+    models: Sequence[SmoothResponse | None] = (),
 ) -> Figure:
-    """Magnitude and phase over frequency, and below them the landmarks by record.   shown : label, response, landmarks."""
+    """Magnitude and phase over frequency, and below them the landmarks by record.   shown : label, response, landmarks.
+
+    models : for each the model's curve with its band, drawn over the measured magnitude; none where there is none.
+    """
     with style.styled():
         made = style.figure("Frequency responses: places, amplitudes, directions", 8.2 + 0.28 * len(shown), caption, sentences)
         upper, middle, lower = made.subplots(3, 1, sharex=True, height_ratios=[4.4, 2.4, 0.6 + 0.28 * len(shown)])
         for k, (label, response, marks) in enumerate(shown):
             colour, line = COLOURS[k % len(COLOURS)], LINES[k // len(COLOURS) % len(LINES)]
             _curve(upper, middle, response, label, colour, line)
+            if k < len(models) and (smooth := models[k]) is not None:
+                low, best, high = (20.0 * np.log10(one) for one in (smooth.low, smooth.magnitude, smooth.high))
+                upper.fill_between(smooth.freq_hz, low, high, color=colour, alpha=0.3, lw=0.0, zorder=2.5)
+                upper.plot(smooth.freq_hz, best, color=colour, linewidth=2.0, linestyle=line, zorder=3)
             if marks is not None:
                 for mark, symbol in ((marks.antiresonance, "v"), (marks.resonance, "^")):
                     _mark(lower, k, mark, colour, symbol)
         clear = [20.0 * np.log10(np.abs(r.h[r.error_radius() < CLEAR * np.abs(r.h)])) for _, r, _ in shown]
         upper.set_ylim(min(float(np.min(c, initial=0.0)) for c in clear) - 6.0, max(float(np.max(c, initial=-60.0)) for c in clear) + 6.0)
         upper.set_ylabel("|angle/torque| in dB re 1 rad/(N m)")
+        if any(models):
+            upper.plot([], [], color="#777777", linewidth=2.0, label="thick: the model, with its 95 % band")
         upper.legend(loc="upper right", fontsize=8, title="95 % of the noise shaded", title_fontsize=8)
         middle.set_ylabel("phase in degrees")
         style.numbers_at(middle.yaxis, style.DEGREES)

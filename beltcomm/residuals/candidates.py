@@ -20,23 +20,28 @@ from beltcomm.axis import Axis
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, AxisSummary, Effect
 from beltcomm.fit.estimate import Fitted
+from beltcomm.laboratory.forward_selection import bic_penalty, may_add
 from beltcomm.laboratory.score import Scored, Scorer, amplitude_columns, ground_of
-from beltcomm.laboratory.stage import bic_penalty, may_add
-from beltcomm.residuals.cells import COORDINATES, Cells
+from beltcomm.residuals.cells import Cells
+from beltcomm.residuals.law import LawCurve, curve_of
 
 Array = NDArray[np.float64]
 
 #: Trials of an effect that are kept, and a fall of O below which its law is not drawn.
 TRIALS, DRAWN = 3, 15.0
-#: Bins of a coordinate along which a law is drawn, and cells in a bin below which it is left out.
-BINS, FEWEST = 60, 3
-#: Share of its squares that a law must show along a coordinate to be drawn there; below it is a matter of frequency.
-ALONG = 0.4
 
 
 @dataclass(frozen=True)
 class TrialSums:
-    """One way to switch an effect on.   b : (cells, k).   m : (cells, k, k).   signed : amounts below 0 count."""
+    """One way to switch an effect on.
+
+    Attributes
+    ----------
+    b : ndarray (cells, k)
+    m : ndarray (cells, k, k)
+    signed : bool
+        Amounts below 0 count.
+    """
 
     b: Array
     m: Array
@@ -52,24 +57,18 @@ class TrialSums:
 
 
 @dataclass(frozen=True)
-class LawCurve:
-    """A law over the residual in its own coordinate.   along : one of ``COORDINATES``, or "frequency".   x : (k,).   forward, backward :
-    torque that the model would gain in either direction, and what is missing there, N m, nan where there is nothing."""
-
-    along: str
-    x: Array
-    forward: Array
-    backward: Array
-    missing_forward: Array
-    missing_backward: Array
-
-
-@dataclass(frozen=True)
 class CandidateEffect:
     """An effect that the model could take.
 
-    evidence : fall of O over all less its price, by the score.   values : own parameters at its best.   left : whitened residual of the
-    fitted samples with it, everything fitted giving way to first order; none where only an observer of its own would tell.
+    Attributes
+    ----------
+    evidence : float
+        Fall of O over all less its price, by the score.
+    values : dict of str to float
+        Own parameters at its best.
+    left : ndarray of float32
+        Whitened residual of the fitted samples with it, everything fitted giving way to first order; none where only an observer of its own
+        would tell.
     """
 
     effect: str
@@ -144,34 +143,4 @@ def _law(scorer: Scorer, effect: Effect, best: Scored, cells: Cells) -> LawCurve
         gained.append(change[piece.value_samples])
     torque = cells.mean(np.concatenate(gained))
     fitted = cells.sums(np.ones(sum(map(len, gained)))) > 0.0
-    shown = {along: _shown_along(getattr(cells, along)[fitted], cells.speed[fitted], torque[fitted]) for along in COORDINATES}
-    along = max(shown, key=lambda name: shown[name])
-    if shown[along] < ALONG:
-        return LawCurve("frequency", *(np.zeros(0),) * 5)
-    place, way = getattr(cells, along)[fitted], cells.speed[fitted] > 0.0
-    edges = _edges(place)
-    curves = [_binned(place[side], values[fitted][side], edges) for values in (torque, cells.more) for side in (way, ~way)]
-    return LawCurve(along, 0.5 * (edges[1:] + edges[:-1]), *curves)
-
-
-def _shown_along(place: Array, speed: Array, torque: Array) -> float:
-    """Share of the squares of a torque that its means over bins and both directions hold."""
-    edges = _edges(place)
-    number = np.clip(np.searchsorted(edges, place, side="right") - 1, 0, BINS - 1) + BINS * (speed > 0.0)
-    count = np.bincount(number, minlength=2 * BINS)
-    mean = np.bincount(number, torque, minlength=2 * BINS) / np.maximum(count, 1)
-    return float(np.sum(count * mean**2) / max(float(np.sum(torque**2)), 1e-300))
-
-
-def _edges(place: Array) -> Array:
-    low, high = np.percentile(place, [0.5, 99.5])
-    return np.asarray(np.linspace(low, high if high > low else low + 1.0, BINS + 1))
-
-
-def _binned(place: Array, values: Array, edges: Array) -> Array:
-    """Means in bins, nan where hardly anything lies."""
-    inside = (place >= edges[0]) & (place <= edges[-1])
-    number = np.clip(np.searchsorted(edges, place[inside], side="right") - 1, 0, BINS - 1)
-    count = np.bincount(number, minlength=BINS)
-    mean = np.bincount(number, values[inside], minlength=BINS) / np.maximum(count, 1)
-    return np.asarray(np.where(count >= FEWEST, mean, np.nan))
+    return curve_of(cells, fitted, torque, cells.more)

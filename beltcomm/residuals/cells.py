@@ -23,9 +23,27 @@ COORDINATES = ("time", "position", "speed", "angle", "torque")
 class Cells:
     """Means of cells, (cells,) each.
 
-    record : number among ``names``.   time : s, session's clock.   position : m (rad without a carriage).   speed : the same per s, with
-    its sign.   angle : rad of the motor within its turn.   torque : of the motor.   more : measured minus model's torque.   square : of the
-    whitened residual, 1 at the noise.   count : samples.   of : cell of every sample that counts, fitted records first, (n,).
+    Attributes
+    ----------
+    record : ndarray of int
+        Number among ``names``.
+    time : ndarray, s
+        Session's clock.
+    position : ndarray
+        m (rad without a carriage).
+    speed : ndarray
+        The same per s, with its sign.
+    angle : ndarray
+        rad of the motor within its turn.
+    torque : ndarray, of the motor
+    more : ndarray
+        Measured minus model's torque.
+    square : ndarray
+        Of the whitened residual, 1 at the noise.
+    count : ndarray
+        Samples.
+    of : ndarray of int
+        Cell of every sample that counts, fitted records first, (n,).
     """
 
     names: tuple[str, ...]
@@ -52,7 +70,13 @@ class Cells:
 
 
 def cells_of(judged: Sequence[Judged]) -> Cells:
-    """Cells of all records.   judged : in the order of the fit, held-out ones behind."""
+    """Cells of all records.
+
+    Parameters
+    ----------
+    judged : sequence of Judged
+        In the order of the fit, held-out ones behind.
+    """
     names = tuple(dict.fromkeys(j.piece.record for j in judged))
     grain = 1.0
     while True:

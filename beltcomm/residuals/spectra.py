@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 
 from beltcomm.laboratory.samples import Judged
 
@@ -17,42 +18,60 @@ BANDS = 96
 
 
 @dataclass(frozen=True)
-class Row:
-    """Samples of one stretch on their grid of time.   at : place of each of its samples, (n,).   length : of the grid.   step_s : of it."""
+class GridRow:
+    """Samples of one stretch on their grid of time.
+
+    Attributes
+    ----------
+    at : ndarray of int
+        Place of each of its samples, (n,).
+    length : int
+        Of the grid.
+    step_s : float
+        Of it.
+    """
 
     at: NDArray[np.intp]
     length: int
     step_s: float
 
 
-def rows_of(judged: Sequence[Judged]) -> tuple[Row, ...]:
+def rows_of(judged: Sequence[Judged]) -> tuple[GridRow, ...]:
     """One for each stretch, in their order."""
     rows = []
     for item in judged:
         piece = item.piece
-        rows.append(Row(piece.value_samples // piece.group, piece.motion.samples // piece.group + 1, piece.group * piece.motion.sample_s))
+        rows.append(
+            GridRow(piece.value_samples // piece.group, piece.motion.samples // piece.group + 1, piece.group * piece.motion.sample_s)
+        )
     return tuple(rows)
 
 
-def edges_of(rows: Sequence[Row]) -> Array:
+def edges_of(rows: Sequence[GridRow]) -> Array:
     """Edges of the bands, Hz: up to half the rate of the fastest stretch."""
     return np.asarray(np.linspace(0.0, 0.5 / min(row.step_s for row in rows), BANDS + 1))
 
 
-def power(rows: Sequence[Row], values: Array, edges: Array, chosen: NDArray[np.bool_] | None = None) -> Array:
-    """Mean power by band, 1 at the noise, nan where nothing tells.   values : whitened, of all rows behind each other or of the first.
+def power(rows: Sequence[GridRow], values: Array, edges: Array, chosen: NDArray[np.bool_] | None = None) -> Array:
+    """Mean power by band, 1 at the noise, nan where nothing tells.
 
-    chosen : samples that count.
+    Parameters
+    ----------
+    values : ndarray
+        Whitened, of all rows behind each other or of the first.
+    chosen : ndarray of bool or None
+        Samples that count.
     """
     total, weight = np.zeros((2, len(edges) - 1))
     for row, own, mask in _each(rows, values, chosen):
         count = int(mask.sum())
         if not count:
             continue
-        grid = np.zeros(row.length)
+        length = next_fast_len(row.length, real=True)
+        grid = np.zeros(length)
         grid[row.at] = own * mask
         lines = np.abs(np.fft.rfft(grid)) ** 2 / count
-        number = np.searchsorted(edges, np.fft.rfftfreq(row.length, row.step_s), side="right") - 1
+        number = np.searchsorted(edges, np.fft.rfftfreq(length, row.step_s), side="right") - 1
         number = np.clip(number, 0, len(edges) - 2)
         there = np.bincount(number, minlength=len(edges) - 1)
         total += count * np.bincount(number, lines, minlength=len(edges) - 1) / np.maximum(there, 1)
@@ -60,20 +79,21 @@ def power(rows: Sequence[Row], values: Array, edges: Array, chosen: NDArray[np.b
     return np.asarray(np.where(weight > 0.0, total / np.maximum(weight, 1.0), np.nan))
 
 
-def filtered(rows: Sequence[Row], values: Array, low_hz: float, high_hz: float) -> Array:
+def filtered(rows: Sequence[GridRow], values: Array, low_hz: float, high_hz: float) -> Array:
     """The part of the values that lies in a band, sample by sample."""
     parts = []
     for row, own, _ in _each(rows, values, None):
-        grid = np.zeros(row.length)
+        length = next_fast_len(row.length, real=True)
+        grid = np.zeros(length)
         grid[row.at] = own
         spectrum = np.fft.rfft(grid)
-        freq = np.fft.rfftfreq(row.length, row.step_s)
+        freq = np.fft.rfftfreq(length, row.step_s)
         spectrum[(freq < low_hz) | (freq > high_hz)] = 0.0
-        parts.append(np.fft.irfft(spectrum, row.length)[row.at])
+        parts.append(np.fft.irfft(spectrum, length)[row.at])
     return np.concatenate(parts)
 
 
-def _each(rows: Sequence[Row], values: Array, chosen: NDArray[np.bool_] | None) -> list[tuple[Row, Array, NDArray[np.bool_]]]:
+def _each(rows: Sequence[GridRow], values: Array, chosen: NDArray[np.bool_] | None) -> list[tuple[GridRow, Array, NDArray[np.bool_]]]:
     """Each row that the values reach, with its own of them and of the choice."""
     found, begin = [], 0
     for row in rows:

@@ -25,7 +25,17 @@ LEAST_DIFFERENCE = 1e-3
 
 
 def speed_controller(cascade: Cascade, freq_hz: Array, period_s: float) -> ComplexArray:
-    """Prefilter and PI, velocity error to torque: C_ω, N m s/rad, (k,).   freq_hz : Hz, above 0.   Source: (4.1), (4.6)."""
+    """Prefilter and PI, velocity error to torque: C_ω, N m s/rad, (k,).
+
+    Parameters
+    ----------
+    freq_hz : ndarray, Hz
+        Above 0.
+
+    References
+    ----------
+    (4.1), (4.6).
+    """
     omega = 2.0 * np.pi * freq_hz
     pi = pi_response(omega, cascade.kp_nm_s_rad, cascade.ki_nm_rad, period_s)
     return np.asarray(prefilter_response(omega, cascade.prefilter, period_s) * pi)
@@ -51,7 +61,15 @@ def setpoint_path(cascade: Cascade, freq_hz: Array, period_s: float) -> ComplexA
 def from_torque_excitation(seen: FrequencyResponse, controller: ComplexArray) -> FrequencyResponse:
     """The plant from the response to an excitation torque:  G = S/(1 - S C),   ΔG = ΔS/(1 - S C)²  (3.22).
 
-    controller : C at the lines of ``seen``, N m/rad.   Raises DataError when the loop hides the plant at every line.
+    Parameters
+    ----------
+    controller : ComplexArray
+        C at the lines of ``seen``, N m/rad.
+
+    Raises
+    ------
+    DataError
+        When the loop hides the plant at every line.
     """
     difference = 1.0 - seen.h * controller
     shown = np.abs(difference) > LEAST_DIFFERENCE
@@ -69,7 +87,19 @@ def from_torque_excitation(seen: FrequencyResponse, controller: ComplexArray) ->
 def from_setpoint_excitation(seen: FrequencyResponse, controller: ComplexArray, path: ComplexArray) -> FrequencyResponse:
     """The plant from the response to an excitation of the speed setpoint:  G = S_ω/(C_ω - S_ω C),   ΔG = ΔS_ω C_ω/(C_ω - S_ω C)²  (3.24).
 
-    seen : response from rad/s to rad.   controller : C, N m/rad.   path : C_ω, N m s/rad.   Raises DataError as above.
+    Parameters
+    ----------
+    seen : FrequencyResponse
+        Response from rad/s to rad.
+    controller : ComplexArray
+        C, N m/rad.
+    path : ComplexArray
+        C_ω, N m s/rad.
+
+    Raises
+    ------
+    DataError
+        As above.
     """
     scaled = replace(seen, h=seen.h / path, noise=seen.noise / np.abs(path))
     return from_torque_excitation(scaled, controller)

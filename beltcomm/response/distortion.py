@@ -20,8 +20,13 @@ WINDOW, UNKNOWNS = 7, 3
 class Silent:
     """Answer on silent lines of one kind.
 
-    freq_hz : (k,), Hz.   level : (k,), |speed| over the torque of an excited line, rad/s/(N m), noise taken off.   noise : the same of the
-    noise, standard deviation of the mean over the periods.
+    Attributes
+    ----------
+    freq_hz : ndarray (k,), Hz
+    level : ndarray (k,)
+        |speed| over the torque of an excited line, rad/s/(N m), noise taken off.
+    noise : ndarray
+        The same of the noise, standard deviation of the mean over the periods.
     """
 
     freq_hz: Array
@@ -38,7 +43,14 @@ class Silent:
 class Distortion:
     """Linear answer on the excited lines, and what the silent ones show.
 
-    freq_hz, speed : (k,), Hz, |G_ω| in rad/s/(N m).   noise : of it.   odd, even : silent lines.
+    Attributes
+    ----------
+    freq_hz, speed : ndarray (k,), Hz
+        |G_ω| in rad/s/(N m).
+    noise : ndarray
+        Of it.
+    odd, even : Silent
+        Silent lines.
     """
 
     freq_hz: Array
@@ -56,8 +68,16 @@ def distortion(
     On a silent line k:  ŵ_k - G_k û_k,  G_k between its excited neighbours, û_k what rounding of the setpoint leaves there;
     |level|² = |mean|² - noise²,  not below 0;  noise² = scatter between the periods over their number.
 
-    Arguments as for :func:`beltcomm.response.estimate_response`.   Raises DataError as it does, and where even lines are excited.
-    Source: Pintelon, Schoukens, System Identification (2012), section 4.3.
+    Arguments as for :func:`beltcomm.response.estimate_response`.
+
+    Raises
+    ------
+    DataError
+        As it does, and where even lines are excited.
+
+    References
+    ----------
+    Pintelon, Schoukens, System Identification (2012), section 4.3.
     """
     freq_hz, u, w, _ = period_spectra(torque, position, sample_period_s, period_samples, first_sample, t_s=t_s)
     u_mean, w_mean = u.mean(axis=0), w.mean(axis=0)

@@ -59,7 +59,13 @@ class OpenedRun:
 
     @property
     def model(self) -> RunModel:
-        """The present model.   Raises DataError where nothing was fitted yet."""
+        """The present model.
+
+        Raises
+        ------
+        DataError
+            Where nothing was fitted yet.
+        """
         model = current_model(self._folder)
         if model is None:
             self._folder.file("models", "final")  # says what makes one
@@ -68,36 +74,111 @@ class OpenedRun:
 
     @property
     def gains(self) -> Cascade:
-        """The controller of the present design.   Raises DataError where there is none."""
+        """The controller of the present design.
+
+        Raises
+        ------
+        DataError
+            Where there is none.
+        """
         return cascade_from_dict(saved_design(self._folder))
 
     def fit(self) -> Result:
-        """Model of motor, belt and carriage from all records, see :func:`beltcomm.api.fit`."""
+        """Model of motor, belt and carriage from all records, see :func:`beltcomm.api.fit`.
+
+        Returns
+        -------
+        Result
+            Model and its intervals.
+        """
         result: Result = _api().fit(self.path, talk=self._talk)
         return result
 
     def compare(self, *, pictures: bool = False) -> Result:
-        """Model against measurement, see :func:`beltcomm.api.compare`."""
+        """Compare model and measurement; see :func:`beltcomm.api.compare`.
+
+        Parameters
+        ----------
+        pictures : bool
+            Pictures into ``RUN/pictures``.
+
+        Returns
+        -------
+        Result
+            Ratios and places.
+        """
         result: Result = _api().compare(self.path, pictures=pictures, talk=self._talk)
         return result
 
     def diagnose(self, *, cost: bool = False, following: bool = False) -> Result:
-        """Which effect is missing, see :func:`beltcomm.api.diagnose`; the model stays as it is."""
+        """Find which effect is missing; see :func:`beltcomm.api.diagnose`; the model stays as it is.
+
+        Parameters
+        ----------
+        cost : bool
+            Say what it costs, in tracking error.
+        following : bool
+            Write the plan of what to record next.
+
+        Returns
+        -------
+        Result
+            The evidence for each effect.
+        """
         result: Result = _api().diagnose(self.path, cost=cost, following=following, talk=self._talk)
         return result
 
     def add(self, effect: str, *, cost: bool = False, pictures: bool = False) -> Result:
-        """Everything fitted again with one more effect, as a new revision, see :func:`beltcomm.api.add`."""
+        """Fit everything again with one more effect, as a new revision; see :func:`beltcomm.api.add`.
+
+        Parameters
+        ----------
+        effect : str
+            Name of the effect.
+        cost : bool
+            Say what not knowing it costs, in tracking error.
+        pictures : bool
+            Pictures into ``RUN/pictures``.
+
+        Returns
+        -------
+        Result
+            Values before and after.
+        """
         result: Result = _api().add(effect, self.path, cost=cost, pictures=pictures, talk=self._talk)
         return result
 
     def remove(self, effect: str, *, pictures: bool = False) -> Result:
-        """Everything fitted again without an effect, as a new revision, see :func:`beltcomm.api.remove`."""
+        """Fit everything again without an effect, as a new revision; see :func:`beltcomm.api.remove`.
+
+        Parameters
+        ----------
+        effect : str
+            Name of the effect.
+        pictures : bool
+            Pictures into ``RUN/pictures``.
+
+        Returns
+        -------
+        Result
+            Values before and after.
+        """
         result: Result = _api().remove(effect, self.path, pictures=pictures, talk=self._talk)
         return result
 
     def ladder(self, *, pictures: bool = False) -> Result:
-        """All revisions of the model, see :func:`beltcomm.api.ladder`."""
+        """Show all revisions of the model; see :func:`beltcomm.api.ladder`.
+
+        Parameters
+        ----------
+        pictures : bool
+            Pictures into ``RUN/pictures``.
+
+        Returns
+        -------
+        Result
+            The steps, with their gain.
+        """
         result: Result = _api().ladder(self.path, pictures=pictures)
         return result
 
@@ -108,20 +189,49 @@ class OpenedRun:
         ----------
         payload_kg : float, optional
             Heaviest load beyond what is mounted.
-        **options
-            Of :class:`beltcomm.api.Options`.
+        **options : Any
+            Settings beside the main arguments; None for the safe defaults.
+
+        Returns
+        -------
+        Result
+            Gains, margins, and what binds them.
         """
         given = {"payload_kg": None if payload_kg is None else number(payload_kg, "payload_kg", "kg"), **options}
         result: Result = _api().design(self.path, options=options_of(given), talk=self._talk)
         return result
 
     def verify(self, drive: str, **options: Any) -> Result:
-        """Drive a move with the run's design, see :func:`beltcomm.api.verify`; it moves the axis, and only with ``yes=True``."""
+        """Drive a move with the run's design, see :func:`beltcomm.api.verify`; it moves the axis, and only with ``yes=True``.
+
+        Parameters
+        ----------
+        drive : str
+            Name of the drive, as for ``--drive``.
+        **options : Any
+            Of :class:`beltcomm.api.Options`.
+
+        Returns
+        -------
+        Result
+            Tracking error, measured and predicted.
+        """
         result: Result = _api().verify(drive, self.path, options=options_of(options), talk=self._talk)
         return result
 
     def report(self, out: Place | None = None) -> Result:
-        """The page on the run, see :func:`beltcomm.api.report`."""
+        """Write the page on the run; see :func:`beltcomm.api.report`.
+
+        Parameters
+        ----------
+        out : Place or None
+            Of the page; None for ``report.html`` in the run.
+
+        Returns
+        -------
+        Result
+            Path and numbers of the page.
+        """
         result: Result = _api().report(self.path, out=out)
         return result
 
@@ -149,7 +259,13 @@ def _api() -> Any:
 
 
 def options_of(given: dict[str, Any]) -> Options:
-    """The options by name.   Raises UsageError for one that there is not."""
+    """The options by name.
+
+    Raises
+    ------
+    UsageError
+        For one that there is not.
+    """
     from beltcomm.api import Options
 
     try:

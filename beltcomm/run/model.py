@@ -35,7 +35,13 @@ class RunModel(Mapping[str, Value]):
         return self.model.effects
 
     def __getitem__(self, name: str) -> Value:
-        """A parameter by its full name.   Raises UsageError, naming the nearest."""
+        """A parameter by its full name.
+
+        Raises
+        ------
+        UsageError
+            Naming the nearest.
+        """
         if name not in self.model.parameters:
             known = list(self.model.parameters)
             raise UsageError(f"the model has no parameter {name!r}{did_you_mean(name, known)}; it has {', '.join(known)}")
@@ -102,7 +108,19 @@ class RunModel(Mapping[str, Value]):
         )
 
     def linear(self, position: float, *, speed: float = SLIDING_RAD_S) -> StateSpace:
-        """The same as matrices.   position : m.   speed : rad/s, at the motor."""
+        """The model as matrices, linearised at a place.
+
+        Parameters
+        ----------
+        position : float, m
+            Carriage on the axis.
+        speed : float, rad/s, motor shaft
+
+        Returns
+        -------
+        StateSpace
+            State space from motor torque to motor angle and carriage.
+        """
         at, sliding = number(position, "position", "m"), number(speed, "speed", "rad/s")
         if not sliding:
             raise UsageError("speed is 0: friction that sticks has no linear law; give the speed at which the axis moves, in rad/s")

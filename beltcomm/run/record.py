@@ -32,7 +32,13 @@ class RunRecords(Mapping[str, "RunRecord"]):
         self._folder = folder
 
     def __getitem__(self, name: str) -> RunRecord:
-        """One recording.   Raises DataError, naming those that there are."""
+        """One recording.
+
+        Raises
+        ------
+        DataError
+            Naming those that there are.
+        """
         return RunRecord(self._folder, name, self._folder.recording(str(name)))
 
     def __contains__(self, name: object) -> bool:
@@ -116,7 +122,13 @@ class RunRecord:
         return pandas.DataFrame(columns, index=pandas.Index(columns.pop("t_s"), name="t_s") if "t_s" in columns else None)
 
     def frf(self) -> RecordResponse:
-        """Its frequency response from torque to motor angle.   Raises DataError for a record that has none."""
+        """Its frequency response from torque to motor angle.
+
+        Raises
+        ------
+        DataError
+            For a record that has none.
+        """
         note = self.sidecar.excitation
         if note is None or not note.period_samples:
             excited = [n for n in RunRecords(self._folder) if (e := self._folder.recording(n).sidecar.excitation) and e.period_samples]
@@ -193,12 +205,29 @@ class RecordResponse:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A matplotlib figure that a notebook shows.   figure : to go on with."""
+    """A matplotlib figure that a notebook shows.
+
+    Attributes
+    ----------
+    figure : Figure
+        To go on with.
+    """
 
     figure: Figure
 
     def save(self, path: Place) -> None:
-        """Write it as PNG.   Raises UsageError for a file that exists: delete it, or give another name."""
+        """Write the drawing as PNG.
+
+        Parameters
+        ----------
+        path : Place
+            Of the file.
+
+        Raises
+        ------
+        UsageError
+            For a file that exists: delete it, or give another name.
+        """
         from beltcomm.report import style
 
         file = place(path, "picture")

@@ -1,1 +1,1 @@
-"""What a run folder holds and what follows from it without a machine."""
+"""Contents of a run folder, and results that follow from it without a machine."""

@@ -69,7 +69,7 @@ def responses(recordings: Sequence[Recording], *, setpoint: bool = False) -> dic
 
 @dataclass(frozen=True)
 class Nonlinearity:
-    """What a multisine shows on its silent lines in a band, Hz: rms of odd and even answers and noise, over the linear one."""
+    """Answers of a multisine on its silent lines in a band, Hz: rms of odd and even answers and noise, over the linear one."""
 
     odd: float
     even: float
@@ -111,7 +111,12 @@ def thesis_fit(response: FrequencyResponse, model: Model, solver: Solver = "lm")
 
 
 def dead_time_of(recordings: Sequence[Recording], highest_hz: float) -> DeadTime:
-    """Delay from torque setpoint to acting torque, from the record with the most periods.   Raises DataError."""
+    """Delay from torque setpoint to acting torque, from the record with the most periods.
+
+    Raises
+    ------
+    DataError
+    """
     by_torque = responses(recordings)
     by_setpoint = responses(recordings, setpoint=True)
     common = [name for name in by_torque if name in by_setpoint]
@@ -123,11 +128,19 @@ def dead_time_of(recordings: Sequence[Recording], highest_hz: float) -> DeadTime
 
 
 def friction_of(recordings: Sequence[Recording], slowest_rad_s: float = 0.0, inertia_kg_m2: float = 0.0) -> FrictionFit:
-    """Friction (3.36) from all constant-speed sweeps.   slowest_rad_s : slower passes are shown and not fitted.
+    """Friction (3.36) from all constant-speed sweeps.
 
-    inertia_kg_m2 : of all that moves, at the motor; 0 when not known, see :func:`find_plateaus`.
+    Parameters
+    ----------
+    slowest_rad_s : float
+        Slower passes are shown and not fitted.
+    inertia_kg_m2 : float
+        Of all that moves, at the motor; 0 when not known, see :func:`find_plateaus`.
 
-    Raises DataError when there is none or no plateau is usable.
+    Raises
+    ------
+    DataError
+        When there is none or no plateau is usable.
     """
     plateaus: list[Plateau] = []
     for recording in recordings:
@@ -178,7 +191,10 @@ def design_plants(
 ) -> list[DesignPlant]:
     """The plants a loop must hold for: places, payloads, and every damping between none and the apparent one.
 
-    apparent_damping_nm_s_rad : what a frequency response around standstill shows, at the motor; the axis in motion has less.
+    Parameters
+    ----------
+    apparent_damping_nm_s_rad : float
+        What a frequency response around standstill shows, at the motor; the axis in motion has less.
     """
     plants = []
     late = late_s(model)
@@ -217,10 +233,17 @@ def design(
 ) -> tuple[DesignResult, Cascade]:
     """The proven cascade and, with the feedforward of the model as far as the drive has it, what goes into the drive.
 
-    prefilter : the only kind to try; None: all that the drive has.
-    Raises Refused (Infeasible) with what binds.
+    Parameters
+    ----------
+    prefilter : PrefilterKind or None
+        The only kind to try; None: all that the drive has.
+
+    Raises
+    ------
+    Refused
+        (Infeasible) with what binds.
     """
-    offered(structure, prefilter)
+    require_offered(structure, prefilter)
     wanted = specification or PRODUCT_SPECIFICATION
     if prefilter is not None:
         wanted = replace(wanted, prefilters=(prefilter,))
@@ -247,7 +270,10 @@ def first_loop(
 ) -> DesignResult:
     """The cautious loop for a first model at one place, with the largest uncertainty and the best margins that the drive allows.
 
-    Raises Refused (Infeasible) when even a model known to 5 % leaves less than ``LEAST_PHASE_MARGIN_DEG``.
+    Raises
+    ------
+    Refused
+        (Infeasible) when even a model known to 5 % leaves less than ``LEAST_PHASE_MARGIN_DEG``.
     """
     plant = design_plants(model, [position_m], [model["cart.mass"]], dead_time_s, apparent_damping_nm_s_rad)[-1]
     for uncertainty in UNCERTAINTIES[:-1]:
@@ -263,7 +289,7 @@ def first_loop(
     return cautious_cascade(plant, structure, UNCERTAINTIES[-1], nearest)
 
 
-def offered(structure: CascadeStructure, prefilter: PrefilterKind | None, feedforward: SentFeedforward | None = None) -> None:
+def require_offered(structure: CascadeStructure, prefilter: PrefilterKind | None, feedforward: SentFeedforward | None = None) -> None:
     """Raise Refused for a prefilter or a feedforward that was asked for and that the drive does not have."""
     if prefilter is not None and prefilter not in structure.prefilters:
         raise Refused(f"{structure.name} has no {prefilter} prefilter; choose {' or '.join(structure.prefilters)}")
@@ -295,7 +321,7 @@ def with_feedforward(
 
 
 def holding_nm(model: Model) -> float:
-    """What holds the axis at standstill beside friction:  i_t m_c g sin(α) + constant torque, N m at the motor shaft."""
+    """Torque that holds the axis at standstill beside friction:  i_t m_c g sin(α) + constant torque, N m at the motor shaft."""
     gravity = model["transmission.ratio"] * model["cart.mass"] * GRAVITY_M_S2 * math.sin(model.get("tilt.angle"))
     return model.get("constant_offset.torque") + gravity
 
@@ -315,8 +341,14 @@ def apparent_damping(fits: Mapping[str, MagnitudeFit]) -> float:
     return max(values)
 
 
-def swinging(model: Model, position_m: float) -> Shape:
-    """:func:`beltcomm.identify.landmarks.shape_of`.   Raises DataError for a model whose belt is so soft that nothing swings on it."""
+def resonance_shape(model: Model, position_m: float) -> Shape:
+    """:func:`beltcomm.identify.landmarks.shape_of`.
+
+    Raises
+    ------
+    DataError
+        For a model whose belt is so soft that nothing swings on it.
+    """
     shape = shape_of(model, position_m)
     if shape is None:
         raise DataError("the model has no resonance: its carriage does not swing on the belt; look at it (beltcomm compare RUN)")
@@ -324,6 +356,12 @@ def swinging(model: Model, position_m: float) -> Shape:
 
 
 def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:
-    """Antiresonance and resonance of the belt with the carriage at a place, Hz.   Raises DataError as :func:`swinging`."""
-    belt = swinging(model, position_m).belt
+    """Antiresonance and resonance of the belt with the carriage at a place, Hz.
+
+    Raises
+    ------
+    DataError
+        As :func:`resonance_shape`.
+    """
+    belt = resonance_shape(model, position_m).belt
     return belt.antiresonance_hz, belt.resonance_hz

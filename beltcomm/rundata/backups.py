@@ -27,10 +27,24 @@ FIRST = "backup"
 
 @dataclass(frozen=True)
 class Backup:
-    """One backup.   name : of its file.   when : date and time of the file, UTC.   before : what was to be written, in words.
+    """One backup.
 
-    drive : identity of the drive.   parameters : name -> SI value.   objects : raw values; empty in backups of old runs.
-    edited : it is another one than beltcomm wrote.
+    Attributes
+    ----------
+    name : str
+        Of its file.
+    when : str
+        Date and time of the file, UTC.
+    before : str
+        What was to be written, in words.
+    drive : dict of str to str
+        Identity of the drive.
+    parameters : dict of str to float
+        Name -> SI value.
+    objects : tuple of ObjectValue
+        Raw values; empty in backups of old runs.
+    edited : bool
+        It is another one than beltcomm wrote.
     """
 
     name: str
@@ -44,7 +58,7 @@ class Backup:
 
 
 def backup_of(drive: Drive, before: str) -> dict[str, Any]:
-    """What a backup holds."""
+    """Contents of a backup."""
     return {
         "drive": dict(drive.capabilities.identity),
         "before": before,
@@ -60,7 +74,13 @@ def keep_first(folder: RunFolder, drive: Drive) -> None:
 
 
 def take(folder: RunFolder, drive: Drive, before: str) -> Path:
-    """One more backup, or the first; returns its path.   Raises UsageError when it cannot be written."""
+    """One more backup, or the first; returns its path.
+
+    Raises
+    ------
+    UsageError
+        When it cannot be written.
+    """
     taken = set(folder.names("results"))
     name = FIRST if FIRST not in taken else next(f"{FIRST}_{n}" for n in range(1, len(taken) + 2) if f"{FIRST}_{n}" not in taken)
     return folder.save_result(name, backup_of(drive, before))
@@ -79,15 +99,23 @@ def _si(saved: Mapping[str, Any], item: ObjectValue) -> dict[str, Any]:
     return {"value": entry["value"]} if "value" in entry else {}
 
 
-def listed(folder: RunFolder) -> list[Backup]:
+def list_backups(folder: RunFolder) -> list[Backup]:
     """Every backup of a run, the oldest first; unreadable ones raise DataError."""
     names = [name for name in folder.names("results") if name == FIRST or name.removeprefix(f"{FIRST}_").isdigit()]
     return [read(folder.file("results", name)) for name in names]
 
 
-def chosen(folder: RunFolder, which: str | None) -> Backup:
-    """A backup by name or path; None is the one from before the run.   Raises Refused when there is none, UsageError, DataError."""
-    names = [one.name for one in listed(folder)] if which is not None else []
+def choose_backup(folder: RunFolder, which: str | None) -> Backup:
+    """A backup by name or path; None is the one from before the run.
+
+    Raises
+    ------
+    Refused
+        When there is none.
+    UsageError
+    DataError
+    """
+    names = [one.name for one in list_backups(folder)] if which is not None else []
     if which is None or which in names:
         if folder.load_result(which or FIRST) is None:
             raise Refused(f"{folder.path} holds no backup of a drive; nothing to roll back to")
@@ -101,7 +129,13 @@ def chosen(folder: RunFolder, which: str | None) -> Backup:
 
 
 def read(path: Path) -> Backup:
-    """A backup from its file.   Raises DataError when it is damaged."""
+    """A backup from its file.
+
+    Raises
+    ------
+    DataError
+        When it is damaged.
+    """
     data, whole = unsealed(read_yaml(path, DataError))
     try:
         parameters = {str(name): float(value) for name, value in data["parameters"].items()}
@@ -125,11 +159,16 @@ def same_drive(backup: Backup, drive: Drive) -> None:
         raise UsageError(f"{backup.path} is the backup of another drive ({'; '.join(apart)}); nothing is written")
 
 
-def wanted_of(backup: Backup, drive: Drive) -> list[ObjectValue]:
-    """What is to stand in the drive again.   Raises UsageError for a value that the drive cannot take.
+def values_to_restore(backup: Backup, drive: Drive) -> list[ObjectValue]:
+    """Values that are to stand in the drive again.
 
     The mode of operation, which older backups hold, does not go back: whoever uses the drive next chooses it.
     An old run's backup has no raw values, and none of the parameters that are younger than it: these are as a plain cascade has them.
+
+    Raises
+    ------
+    UsageError
+        For a value that the drive cannot take.
     """
     if backup.objects:
         return [item for item in backup.objects if item.place != MODE]

@@ -1,4 +1,4 @@
-"""What went over a CAN bus, kept in memory while a command runs and written at its end in the format of ``candump -L``."""
+"""Log of a CAN bus, kept in memory while a command runs and written at its end in the format of ``candump -L``."""
 
 from __future__ import annotations
 
@@ -25,7 +25,13 @@ def is_cyclic(identifier: int) -> bool:
 
 
 class BusLog:
-    """Call it with every frame.   dropped : cyclic frames that were too many to keep."""
+    """Call it with every frame.
+
+    Parameters
+    ----------
+    dropped
+        Cyclic frames that were too many to keep.
+    """
 
     def __init__(self) -> None:
         self._cyclic: deque[tuple[int, Frame]] = deque(maxlen=CYCLIC_KEPT)
@@ -50,7 +56,12 @@ class BusLog:
             yield f"({time_s:017.6f}) {channel} {identifier:03X}#{content}"
 
     def write(self, folder: Path, name: str, channel: str) -> Path:
-        """All of it into ``NAME.log.gz``, or NAME-2 and so on when there is one already.   Raises OSError."""
+        """All of it into ``NAME.log.gz``, or NAME-2 and so on when there is one already.
+
+        Raises
+        ------
+        OSError
+        """
         if folder.is_symlink():
             raise link_refused(folder)
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""What a drive's gains mean, once it was measured: kept in the run, told to the drive, and held against what is known of its kind.
+"""Measured units of a drive's gains: kept in the run, told to the drive, and held against what is known of its kind.
 
 ``results/calibration.yaml`` of a run holds the measurement; every command that connects to that run's drive tells it to the drive.  Of real
 drives the constants are kept per kind of drive too, in the user's data folder (``beltcomm/calibration/KIND.yaml``): they stand for nobody's
@@ -28,9 +28,16 @@ RESULT = "calibration"
 
 @dataclass(frozen=True)
 class GainUnit:
-    """What one raw unit of a gain means, SI at the motor shaft.   interval : 95 %, 0 where it was not measured but is documented.
+    """Value of one raw unit of a gain, SI at the motor shaft.
 
-    assumed : by the profile.   place : the object, in words.
+    Attributes
+    ----------
+    interval : float
+        95 %, 0 where it was not measured but is documented.
+    assumed : float
+        By the profile.
+    place : str
+        The object, in words.
     """
 
     value: float
@@ -78,7 +85,12 @@ class Calibration:
 
 
 def calibration_from_dict(data: Mapping[str, Any], where: str) -> Calibration:
-    """The inverse of :meth:`Calibration.to_dict`.   Raises DataError."""
+    """The inverse of :meth:`Calibration.to_dict`.
+
+    Raises
+    ------
+    DataError
+    """
     try:
         units = {
             str(name): GainUnit(float(one["unit"]), float(one["interval"]), float(one["assumed"]), str(one["object"]))
@@ -93,7 +105,13 @@ def calibration_from_dict(data: Mapping[str, Any], where: str) -> Calibration:
 
 
 def recall(drive: Drive, folder: RunFolder) -> None:
-    """Tell a drive what its gains mean, where the run knows it and the drive's profile does not.   Raises DataError for a damaged file."""
+    """Tell a drive what its gains mean, where the run knows it and the drive's profile does not.
+
+    Raises
+    ------
+    DataError
+        For a damaged file.
+    """
     if not drive.capabilities.uncalibrated:
         return
     data = folder.load_result(RESULT)
@@ -104,12 +122,18 @@ def recall(drive: Drive, folder: RunFolder) -> None:
 
 
 def store_of(kind: str) -> Path:
-    """Where the constants of a kind of drive are kept for this user."""
+    """File in which the constants of a kind of drive are kept for this user."""
     return user_data_path("beltcomm") / "calibration" / f"{kind}.yaml"
 
 
-def known_of(kind: str) -> Calibration | None:
-    """What was measured of a kind of drive before; None when nothing was.   Raises DataError for a damaged file."""
+def calibration_of(kind: str) -> Calibration | None:
+    """Calibration of a kind of drive by earlier runs; None without one.
+
+    Raises
+    ------
+    DataError
+        For a damaged file.
+    """
     path = store_of(kind)
     return calibration_from_dict(read_yaml(path, DataError), str(path)) if path.is_file() else None
 
@@ -126,10 +150,20 @@ def keep_for_kind(found: Calibration) -> str:
 
 
 def check(found: Calibration, documented: bool, before: Calibration | None) -> list[str]:
-    """Remarks on a measurement beside what is known.   Raises Refused when it contradicts that by more than a factor of two.
+    """Remarks on a measurement beside what is known.
 
-    documented : the profile's meanings are no guesses.   before : measured on another drive of this kind; with another motor it is only
-    remarked upon, for nobody knows whether such a gain counts torque or current.
+    Parameters
+    ----------
+    documented : bool
+        The profile's meanings are no guesses.
+    before : Calibration or None
+        Measured on another drive of this kind; with another motor it is only remarked upon, for nobody knows whether such a gain counts
+        torque or current.
+
+    Raises
+    ------
+    Refused
+        When it contradicts that by more than a factor of two.
     """
     remarks = []
     same = before is not None and all(

@@ -17,8 +17,18 @@ Direction = Literal["standing", "forward", "backward", "both ways"]
 
 @dataclass(frozen=True)
 class Condition:
-    """One excited record.   place_m : None where nobody knows it, the middle of the way for a moving one.   amplitude_nm : largest torque
-    of the excitation.   base_speed_m_s : mean speed over its periods, 0 for a standing one.   to_and_fro : strokes at that speed each way.
+    """One excited record.
+
+    Attributes
+    ----------
+    place_m : float or None
+        None where nobody knows it, the middle of the way for a moving one.
+    amplitude_nm : float
+        Largest torque of the excitation.
+    base_speed_m_s : float
+        Mean speed over its periods, 0 for a standing one.
+    to_and_fro : bool
+        Strokes at that speed each way.
     """
 
     record: str
@@ -43,7 +53,13 @@ class Condition:
 
 
 def condition_of(recording: Recording, ratio_m_rad: float) -> Condition:
-    """The condition of an excited record.   ratio_m_rad : i_t."""
+    """The condition of an excited record.
+
+    Parameters
+    ----------
+    ratio_m_rad : float
+        i_t.
+    """
     note = recording.sidecar.excitation
     first = min(note.first_sample if note else 0, len(recording.t_s) - 2)
     path = ratio_m_rad * (recording.position - recording.position[0])

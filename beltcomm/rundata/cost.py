@@ -1,4 +1,4 @@
-"""What a missing effect costs: predicted tracking error of the verification move with a controller that does not know it, and with one
+"""Cost of a missing effect: predicted tracking error of the verification move with a controller that does not know it, and with one
 that does, both on a machine that has it.
 
 No machine is needed: the cascade is that of the run's drive, else the thesis's; gains are designed for either model.
@@ -14,7 +14,7 @@ from beltcomm.axis import Axis
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import CascadeStructure
 from beltcomm.design.cascade import DesignResult
-from beltcomm.design.compensation import compensated, compensation
+from beltcomm.design.compensation import compensated_effects, compensation
 from beltcomm.design.margins import margins
 from beltcomm.errors import BeltcommError, Refused
 from beltcomm.model import Model
@@ -46,10 +46,16 @@ THIN_DEG = 5.0
 
 @dataclass(frozen=True)
 class Cost:
-    """Errors of the move on a machine with the effect.   unaware, aware : at the motor, by controller; *_cart : at the carriage.
+    """Errors of the move on a machine with the effect.
 
     *_range : smallest and largest at the motor over the intervals of the model, ``verify.predict_range``; None where it has none.
-    unaware_margins : what the controller that does not know the effect lacks on a machine with it, in words; "" for nothing.
+
+    Attributes
+    ----------
+    unaware, aware : TrackingError, at the motor
+        By controller; *_cart : at the carriage.
+    unaware_margins : str
+        What the controller that does not know the effect lacks on a machine with it, in words; "" for nothing.
     """
 
     move: str
@@ -62,15 +68,21 @@ class Cost:
     unaware_margins: str = ""
 
     @property
-    def nothing(self) -> bool:
-        """Whether knowing the effect changes no error by more than ``MATTERS_M`` and ``MATTERS_SHARE``."""
+    def is_negligible(self) -> bool:
+        """True if knowing the effect changes no error by more than ``MATTERS_M`` and ``MATTERS_SHARE``."""
         pairs = [(self.unaware, self.aware), (self.unaware_cart, self.aware_cart)]
         values = [(getattr(a, n), getattr(b, n)) for a, b in pairs for n in ("dynamic_m", "static_m")]
         return all(abs(a - b) < max(MATTERS_M, MATTERS_SHARE * a) for a, b in values)
 
 
 def cost_of(folder: RunFolder, before: Model, after: Model) -> Cost:
-    """Cost of what ``after`` has and ``before`` has not.   Raises BeltcommError where no loop or no move can be had."""
+    """Cost of what ``after`` has and ``before`` has not.
+
+    Raises
+    ------
+    BeltcommError
+        Where no loop or no move can be had.
+    """
     axis, findings = folder.axis, Findings(kept_path=kept_path(folder))
     if not axis.has_belt or before.side != "motor":
         raise Refused("an axis without a belt has no verification move yet")
@@ -86,11 +98,11 @@ def cost_of(folder: RunFolder, before: Model, after: Model) -> Cost:
     aware = _errors(axis, after, after, structure, findings, rested)
     top = float(abs(move.velocity_m_s).max())
     words = f"{move.position_m[0]:.2f} to {move.position_m[-1]:.2f} m at up to {top:.2g} m/s"
-    return Cost(words, unaware[0], aware[0], unaware[1], aware[1], unaware[2], aware[2], _lacking(axis, unaware[3], after, findings))
+    return Cost(words, unaware[0], aware[0], unaware[1], aware[1], unaware[2], aware[2], _missing_words(axis, unaware[3], after, findings))
 
 
-def _lacking(axis: Axis, designed: DesignResult, machine: Model, findings: Findings) -> str:
-    """What a controller lacks on another machine than it was made for, in words; "" for nothing."""
+def _missing_words(axis: Axis, designed: DesignResult, machine: Model, findings: Findings) -> str:
+    """Missing parts, in words, of a controller on another machine than it was made for; "" for none."""
     damping = analyse.apparent_damping(findings.thesis)
     plants = analyse.design_plants(machine, _ends(axis), [machine["cart.mass"]], delay(findings), damping)
     found = margins(designed.cascade, plants, designed.structure.period_s)
@@ -118,10 +130,10 @@ def cost_or_reason(folder: RunFolder, before: Model, after: Model) -> tuple[Cost
 
 
 def cost_lines(cost: Cost | None, reason: str, name: str) -> list[str]:
-    """What a command says of it."""
+    """Lines on the cost for a command."""
     if cost is None:
         return [f"What {name} costs in tracking cannot be said: {reason}"]
-    if cost.nothing:
+    if cost.is_negligible:
         either = _um(cost.aware.dynamic_m)
         return [f"{name} costs nothing that matters in the move from {cost.move}: {either} at the motor with it and without."]
     lines = [
@@ -137,7 +149,13 @@ def cost_lines(cost: Cost | None, reason: str, name: str) -> list[str]:
 
 
 def offline_move(axis: Axis, model: Model, period_s: float) -> Trajectory:
-    """The move of the targets, or what of it travel and limits allow.   Raises Refused when nothing is left of it."""
+    """The move of the targets, or what of it travel and limits allow.
+
+    Raises
+    ------
+    Refused
+        When nothing is left of it.
+    """
     way = axis.targets.way_m
     low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or way)
     margin = ROOM_SHARE * (high - low)
@@ -186,7 +204,7 @@ def _errors(
         dead_time_s=delay(findings),
         apparent_damping_nm_s_rad=analyse.apparent_damping(findings.thesis),
     )
-    send = structure.torque_feedforward and compensated(known)
+    send = structure.torque_feedforward and compensated_effects(known)
     extra = compensation(known, cascade.feedforward, rested, structure.period_s) if send else None
     drive = Loop(structure, delay(findings), axis.torque_limit_nm, int(axis.motor.encoder_counts_per_rev or COUNTS))
 
@@ -204,13 +222,19 @@ def _um(value_m: float) -> str:
 
 
 def cost_and_words(folder: RunFolder, before: Model, after: Model, name: str) -> tuple[dict[str, Any] | None, list[str]]:
-    """What an effect costs, for programs and for people."""
+    """Cost of an effect, for programs and for people."""
     price, reason = cost_or_reason(folder, before, after)
     return (None if price is None else dict(plain(price))), cost_lines(price, reason, name)
 
 
-def priced(folder: RunFolder, found: Diagnosis, made: list[Revision], whole: dict[str, Any] | None) -> list[Revision]:
-    """The revisions of a climb with what their effects together cost, kept with the last.   whole : of all that was named."""
+def with_costs(folder: RunFolder, found: Diagnosis, made: list[Revision], whole: dict[str, Any] | None) -> list[Revision]:
+    """The revisions of a climb with what their effects together cost, kept with the last.
+
+    Parameters
+    ----------
+    whole : dict of str to Any or None
+        Of all that was named.
+    """
     last = made[-1]
     new = [name for name in last.effects if name not in found.base.model.effects]
     if not new:

@@ -70,7 +70,7 @@ def delay(findings: Findings) -> float:
 
 
 def assume_delay(findings: Findings, structure: CascadeStructure) -> None:
-    """Where no delay was measured, count with ``ASSUMED_DELAY_PERIODS`` of the drive's loop, and say so."""
+    """Count, where no delay was measured, with ``ASSUMED_DELAY_PERIODS`` of the drive's loop, and say so."""
     if findings.dead_time is not None or findings.assumed_delay_s:
         return
     findings.assumed_delay_s = ASSUMED_DELAY_PERIODS * structure.period_s

@@ -54,8 +54,16 @@ LOAD = ("cart.", "belt_stiffness.", "belt_spans.specific_stiffness", "belt_dampi
 class Contradiction:
     """A record that the design's model does not explain.
 
-    misfit : mean square of its whitened residual, 1 at the noise.   own : the model with the load that this record wants for itself, None
-    where none explains it; own_misfit.   margins : of the design on that load, as it counts its own.   holds : they are what was asked for.
+    Attributes
+    ----------
+    misfit : float
+        Mean square of its whitened residual, 1 at the noise.
+    own : Model or None
+        The model with the load that this record wants for itself, None where none explains it; own_misfit.
+    margins : tuple of Margins
+        Of the design on that load, as it counts its own.
+    holds : bool
+        They are what was asked for.
     """
 
     condition: Condition
@@ -68,8 +76,18 @@ class Contradiction:
 
 @dataclass(frozen=True)
 class WorstLoop:
-    """The loop nearest to -1 of all.   kind : where it was found.   position_m, mass_kg, damping_nm_s_rad : of the plant; for a measured
-    one place and record.   sensitivity_db : max |1/(1 + L)| of both loops.   text : in words.
+    """The loop nearest to -1 of all.
+
+    Attributes
+    ----------
+    kind : str
+        Where it was found.
+    position_m, mass_kg, damping_nm_s_rad : float or None
+        Of the plant; for a measured one place and record.
+    sensitivity_db : float
+        Max |1/(1 + L)| of both loops.
+    text : str
+        In words.
     """
 
     kind: str
@@ -83,9 +101,18 @@ class WorstLoop:
 
 @dataclass(frozen=True)
 class DesignProof:
-    """Everything that was examined.   conditions : of the measured responses.   left_out : records without a response, and why.
+    """Everything that was examined.
 
-    source : where the draws come from, by ``seed``.   doubts : what speaks against the design, in words; notes : what else to know.
+    Attributes
+    ----------
+    conditions : tuple of Condition
+        Of the measured responses.
+    left_out : tuple of str
+        Records without a response, and why.
+    source : str
+        Where the draws come from, by ``seed``.
+    doubts : tuple of str
+        What speaks against the design, in words; notes : what else to know.
     """
 
     measured: tuple[MeasuredMargins, ...]
@@ -100,8 +127,8 @@ class DesignProof:
     notes: tuple[str, ...]
 
     @property
-    def failed(self) -> bool:
-        """Whether some loop is unstable, or a load that was recorded is not borne: the gains are not to be used as they are."""
+    def has_failed(self) -> bool:
+        """True if some loop is unstable, or a load that was recorded is not borne: the gains are not to be used as they are."""
         unstable = self.spread.unstable > 0 or any(one.stable is False for one in self.measured)
         return unstable or any(_not_borne(one) for one in self.contradictions)
 
@@ -144,11 +171,18 @@ class DesignProof:
 
 @dataclass(frozen=True)
 class Grounds:
-    """What a design rests on.
+    """Grounds that a design rests on.
 
-    model; positions_m and extra_kg (payloads beyond what is mounted, 0 first) : of its plants.   delay_s : from setpoint to torque, with
-    ``dead_time`` where it was measured.   apparent_nm_s_rad : largest damping it counts.   fit : ``results/fit.yaml``, None where the model
-    is not that fit's.   counts_per_rev, path (to the torque that acts) : None when not known.
+    model; positions_m and extra_kg (payloads beyond what is mounted, 0 first) : of its plants.
+
+    Attributes
+    ----------
+    delay_s : float
+        From setpoint to torque, with ``dead_time`` where it was measured.
+    apparent_nm_s_rad : float
+        Largest damping it counts.
+    fit : dict of str to Any or None
+        ``results/fit.yaml``, None where the model is not that fit's. counts_per_rev, path (to the torque that acts) : None when not known.
     """
 
     model: Model
@@ -163,7 +197,13 @@ class Grounds:
 
 
 def grounds_of(folder: RunFolder, model: Model, revision: str, findings: Findings, payloads_kg: Sequence[float]) -> Grounds:
-    """What the design of a run rests on.   revision : of the model, "" where it is the last fit's own."""
+    """Grounds that the design of a run rests on.
+
+    Parameters
+    ----------
+    revision : str
+        Of the model, "" where it is the last fit's own.
+    """
     travel, fit = folder.axis.travel, folder.load_result("fit") if not revision else None
     try:
         counts: int | None = counts_of(folder)
@@ -183,7 +223,7 @@ def grounds_of(folder: RunFolder, model: Model, revision: str, findings: Finding
 
 
 def _same_fit(fit: Mapping[str, Any], model: Model) -> bool:
-    """Whether a saved fit is that of a model: the same parameters, and the intervals that its covariance gives."""
+    """True if a saved fit is that of a model: the same parameters, and the intervals that its covariance gives."""
     if not set(fit.get("free", ())) <= set(model.parameters):
         return False
     known = [(i, float(model.parameters[n].interval or 0.0)) for i, n in enumerate(fit["free"]) if model.parameters[n].interval]
@@ -312,7 +352,7 @@ def contradicting(
 
 
 def sound(reached: Sequence[Margins], sensitivity_db: float) -> bool:
-    """Whether a loop that was not designed for these plants still has what a sound one needs; the design's own margins may be passed."""
+    """True if a loop that was not designed for these plants still has what a sound one needs; the design's own margins may be passed."""
     return all(
         one.stable
         and one.velocity_stable
@@ -323,7 +363,7 @@ def sound(reached: Sequence[Margins], sensitivity_db: float) -> bool:
 
 
 def _to_fit(recording: Recording) -> Recording:
-    """The same, not held out."""
+    """Recording that is not held out."""
     return replace(recording, sidecar=replace(recording.sidecar, held_out=False)) if recording.sidecar.held_out else recording
 
 
@@ -369,7 +409,7 @@ def _of_plant(grounds: Grounds, kind: str, share: float, plant: DesignPlant, sen
 def _doubts(
     measured: Sequence[MeasuredMargins], spread: MarginSpread, contradictions: Sequence[Contradiction], asked_db: float
 ) -> tuple[str, ...]:
-    """What speaks against writing these gains to a drive."""
+    """Doubts against writing these gains to a drive."""
     found = [f"on the response measured in {one.record} the loop is unstable" for one in measured if one.stable is False]
     if spread.unstable:
         loops = spread.draws * spread.plants
@@ -382,14 +422,14 @@ def _doubts(
     unexplained = [one.condition.record for one in contradictions if one.own is None]
     if unexplained:
         found.append(f"the model does not explain {', '.join(unexplained)}, and no other load does: run `beltcomm diagnose`")
-    return (*found, *(_too_much(one) for one in contradictions if _not_borne(one)))
+    return (*found, *(_excess_words(one) for one in contradictions if _not_borne(one)))
 
 
 def _not_borne(one: Contradiction) -> bool:
     return one.own is not None and not one.holds
 
 
-def _too_much(one: Contradiction) -> str:
+def _excess_words(one: Contradiction) -> str:
     assert one.own is not None
     return (
         f"{one.condition.record} was made with another load ({one.own['cart.mass']:.2f} kg at the carriage), for which these gains leave "

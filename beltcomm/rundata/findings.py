@@ -1,4 +1,4 @@
-"""What the user decides of a session, and what it has found out so far."""
+"""Settings by the user of a session, and its findings so far."""
 
 from __future__ import annotations
 
@@ -29,14 +29,28 @@ Apply = Literal["keep", "restore", "save"]
 
 @dataclass(frozen=True)
 class Settings:
-    """What the user decides.  payloads_kg : further carriage loads the loop must hold for, added to what is mounted now.
+    """Decisions of the user.
 
-    position_m : where the carriage stands, when the drive does not know.   home : run the drive's homing first.
-    window_m : how far the carriage may move from where it stands, (low < 0, high > 0).   ask : somebody can be asked.
-    apply : what becomes of the new gains; None asks when somebody can be asked.
-    extent : quick is one place and one sweep, thorough holds what every effect needs.
-    prefilter : None is the best one that the drive has.
-    move : the user's own reference motion instead of the standard move.
+    Attributes
+    ----------
+    payloads_kg : tuple of float
+        Further carriage loads the loop must hold for, added to what is mounted now.
+    position_m : float or None
+        Where the carriage stands, when the drive does not know.
+    home : bool
+        Run the drive's homing first.
+    window_m : tuple of float or None
+        How far the carriage may move from where it stands, (low < 0, high > 0).
+    ask : bool
+        Somebody can be asked.
+    apply : Apply or None
+        What becomes of the new gains; None asks when somebody can be asked.
+    extent : Extent
+        Quick is one place and one sweep, thorough holds what every effect needs.
+    prefilter : PrefilterKind or None
+        None is the best one that the drive has.
+    move : Trajectory or None
+        The user's own reference motion instead of the standard move.
     """
 
     apply: Apply | None = "restore"
@@ -54,12 +68,18 @@ class Settings:
 
 @dataclass
 class Findings:
-    """What is known so far; every phase adds to it, and an interrupted run keeps what it has.
+    """Findings so far; every phase adds to it, and an interrupted run keeps what it has.
 
-    swing : the model of the first response with a payload that swings, where only that explains it.   kept_path : of the torque, as a fit
-    before has left it in the run folder.
-    own_loop : the records and the move were driven with gains that a person has set in the drive, those of the design are to be typed in.
-    reservations : in words, why it is no success although the move that was driven met its targets.
+    Attributes
+    ----------
+    swing : Model or None
+        The model of the first response with a payload that swings, where only that explains it.
+    kept_path : TorquePath or None
+        Of the torque, as a fit before has left it in the run folder.
+    own_loop : bool
+        The records and the move were driven with gains that a person has set in the drive, those of the design are to be typed in.
+    reservations : list of str
+        In words, why it is no success although the move that was driven met its targets.
     """
 
     breakaway: Breakaway | None = None
@@ -96,7 +116,7 @@ class Findings:
         return self.excited.path if self.excited is not None else self.kept_path
 
     @property
-    def succeeded(self) -> bool:
-        """Whether the axis meets its targets, by a model that explains it and with nothing that speaks against it."""
+    def meets_targets(self) -> bool:
+        """True if the axis meets its targets, by a model that explains it and with nothing that speaks against it."""
         trusted = self.final is not None and not self.final.fit.suspect
         return trusted and self.verdict is not None and self.verdict.passed and not self.reservations

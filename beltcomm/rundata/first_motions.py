@@ -1,4 +1,4 @@
-"""What the first motions of a session found, as values: breakaway, the torque that holds a tilted axis, the amplitude search."""
+"""Values found by the first motions of a session: breakaway, the torque that holds a tilted axis, the amplitude search."""
 
 from __future__ import annotations
 
@@ -22,7 +22,12 @@ CLEAR_SHARE = 0.05
 class Breakaway:
     """Torque at which the carriage began to move, N m at the motor shaft, in each direction (both positive on a level axis).
 
-    slope_nm_s : how fast the torque rose, N m/s.   held_nm : torque that a stop of the drive sends along, N m.
+    Attributes
+    ----------
+    slope_nm_s : float
+        How fast the torque rose, N m/s.
+    held_nm : float
+        Torque that a stop of the drive sends along, N m.
     """
 
     forward_nm: float
@@ -35,8 +40,8 @@ class Breakaway:
         """Half the difference of the two: friction."""
         return 0.5 * (self.forward_nm + self.backward_nm)
 
-    def sliding_nm(self, inertia_kg_m2: float, ratio: float) -> float:
-        """What is sure of the friction in motion, N m, on an axis with this inertia at the motor; 0 when nothing is.
+    def least_friction_nm(self, inertia_kg_m2: float, ratio: float) -> float:
+        """Lower bound of the friction in motion, N m, on an axis with this inertia at the motor; 0 when nothing is.
 
         The torque went on rising until the carriage had moved by ``MOVED_M``:  x = i_t Ṁ t³/6J  gives by how much.
         """
@@ -60,7 +65,17 @@ class HoldingTorque:
 
 @dataclass(frozen=True)
 class Settled:
-    """Where the integrating controller settled, N m.   began_nm : its first torque.   slipped_m : on the way.   stood : at the end."""
+    """The settled integrating controller, N m.
+
+    Attributes
+    ----------
+    began_nm : float
+        Its first torque.
+    slipped_m : float
+        On the way.
+    stood : bool
+        At the end.
+    """
 
     torque_nm: float
     began_nm: float
@@ -72,9 +87,20 @@ class Settled:
 class Holding:
     """All that was found of the holding torque.
 
-    expected_nm, bounds_nm : by axis.yaml.   breakaway, creep : way (b).   integrators : way (a), from below and from above.
-    coulomb_nm : half the difference at breakaway.   slipped_m : furthest that the carriage slipped under a torque that did not hold it.
-    held_by : what holds it without torque, in words.
+    Attributes
+    ----------
+    expected_nm, bounds_nm
+        By axis.yaml.
+    breakaway, creep
+        Way (b).
+    integrators : tuple of Settled
+        Way (a), from below and from above.
+    coulomb_nm : float
+        Half the difference at breakaway.
+    slipped_m : float
+        Furthest that the carriage slipped under a torque that did not hold it.
+    held_by : str
+        What holds it without torque, in words.
     """
 
     expected_nm: float
@@ -90,7 +116,7 @@ class Holding:
 
     @property
     def best(self) -> HoldingTorque:
-        """What the records hold the axis with: slow creep where there is one."""
+        """Holding torque for the records: slow creep where there is one."""
         return self.creep or self.breakaway
 
     @property
@@ -109,7 +135,10 @@ class Holding:
 class Excited:
     """Outcome of the amplitude search: the last step, all recordings, and the model and torque path that they gave.
 
-    at_most_nm : of the next excitation, whatever its sequence: no record is louder than the one before by more than ``raising.GROWTH``.
+    Attributes
+    ----------
+    at_most_nm : float
+        Of the next excitation, whatever its sequence: no record is louder than the one before by more than ``raising.GROWTH``.
     """
 
     step: AmplitudeStep

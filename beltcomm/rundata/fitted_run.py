@@ -12,7 +12,7 @@ from beltcomm.fit.records import Data
 from beltcomm.given import pasted
 from beltcomm.laboratory.cross_checks import SheetDoubt, doubts_of
 from beltcomm.laboratory.run_checks import Checked, check_run
-from beltcomm.rundata.kept_fit import fitted_to
+from beltcomm.rundata.kept_fit import fit_base
 from beltcomm.rundata.reading_time import foretell
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
@@ -33,32 +33,44 @@ class Opened:
 
     @cached_property
     def sheets(self) -> tuple[SheetDoubt, ...]:
-        """What of the data sheets the model contradicts."""
+        """Data-sheet values that the model contradicts."""
         return doubts_of(self.fitted, self.folder.axis, self.records.recordings)
 
 
 def records_of(folder: RunFolder) -> Checked:
-    """The records of a run, checked together.   Raises DataError for records that no model can be judged on."""
-    return left_out(folder, check_run(folder.recordings(), folder.axis, foreign=not folder.drive))
+    """The records of a run, checked together.
+
+    Raises
+    ------
+    DataError
+        For records that no model can be judged on.
+    """
+    return with_remarks_on_rest(folder, check_run(folder.recordings(), folder.axis, foreign=not folder.drive))
 
 
-def left_out(folder: RunFolder, records: Checked) -> Checked:
+def with_remarks_on_rest(folder: RunFolder, records: Checked) -> Checked:
     """The records with what was left out among the remarks."""
     return replace(records, remarks=(*folder.remarks, *records.remarks))
 
 
-def opened(run: Path, talk: Talk) -> Opened:
+def open_fitted(run: Path, talk: Talk) -> Opened:
     """The current model of a run, or the base model where there is none yet, fitted to all records."""
     folder = RunFolder.open(run)
     foretell(folder, talk)
     records = records_of(folder)
     talk.phase(1, 1, "fit of the present model")
-    _, data, fitted = fitted_to(folder, records.recordings, current_model(folder))
+    _, data, fitted = fit_base(folder, records.recordings, current_model(folder))
     return Opened(folder, data, fitted, records)
 
 
 def explainable(ratio: float, run: Path) -> None:
-    """Raises DataError where a model is so far off that its error is no number of this axis, as of a run that failed early."""
+    """Refuse a model that is too far off for its error to mean anything.
+
+    Raises
+    ------
+    DataError
+        Where a model is so far off that its error is no number of this axis, as of a run that failed early.
+    """
     if not ratio < FARTHEST:
         raise DataError(
             f"the records of {run} cannot be explained by any model of a belt axis (its error would be more than {FARTHEST:.0f} times the "

@@ -1,4 +1,4 @@
-"""What the constant-speed sweeps of a run say."""
+"""Friction study of the constant-speed sweeps of a run."""
 
 from __future__ import annotations
 
@@ -21,9 +21,16 @@ from beltcomm.schedule.strokes import slowest_fitted_rad_s
 
 @dataclass(frozen=True)
 class FrictionStudy:
-    """What the sweeps of a run say.   friction : (3.36) over all of them.   drifts : by measurement, or why it cannot be told.
+    """Friction by the sweeps of a run.
 
-    standstill : the record whose apparent damping is the largest, None without a model, a response or a sweep.
+    Attributes
+    ----------
+    friction : FrictionFit
+        (3.36) over all of them.
+    drifts : dict of int to Drift | str
+        By measurement, or why it cannot be told.
+    standstill : Standstill or None
+        The record whose apparent damping is the largest, None without a model, a response or a sweep.
     """
 
     friction: FrictionFit
@@ -33,7 +40,18 @@ class FrictionStudy:
 
 
 def study_of(recordings: Sequence[Recording], axis: Axis, model: Model | None, fits: Mapping[str, MagnitudeFit]) -> FrictionStudy:
-    """What the sweeps of a run say.   fits : log-magnitude fits of its responses.   Raises DataError without a usable sweep."""
+    """Friction study of a run.
+
+    Parameters
+    ----------
+    fits : dict of str to MagnitudeFit
+        Log-magnitude fits of its responses.
+
+    Raises
+    ------
+    DataError
+        Without a usable sweep.
+    """
     slowest = slowest_fitted_rad_s(axis.transmission_m_rad)
     inertia = analyse.moved_inertia(model) if model is not None else 0.0
     sweeps = sweeps_of(recordings, slowest, inertia)

@@ -38,9 +38,20 @@ UNEXPLAINED = "the model does not explain what was measured"
 
 @dataclass(frozen=True)
 class Headline:
-    """state : what the axis is.   sentence : without the state's word.   move : name of the result it rests on, "" without one.
+    """First lines of a result.
 
-    errors : following and settled error, m, at motor and carriage.   targets : that count, as stated or by default.
+    Attributes
+    ----------
+    state : State
+        What the axis is.
+    sentence : str
+        Without the state's word.
+    move : str
+        Name of the result it rests on, "" without one.
+    errors : dict of str to Any or None
+        Following and settled error, m, at motor and carriage.
+    targets : AxisTargets
+        That count, as stated or by default.
     """
 
     state: State
@@ -78,7 +89,13 @@ class Headline:
 
 @dataclass(frozen=True)
 class Following:
-    """The command to type next.   why : what it does, a few words."""
+    """The command to type next.
+
+    Attributes
+    ----------
+    why : str
+        What it does, a few words.
+    """
 
     command: str
     why: str
@@ -140,7 +157,13 @@ def headline_of(folder: RunFolder) -> Headline:
 
 
 def targets_of(result: Mapping[str, Any], asked: AxisTargets) -> AxisTargets:
-    """What a move was judged by.   asked : of the axis, for a result that does not tell."""
+    """What a move was judged by.
+
+    Parameters
+    ----------
+    asked : AxisTargets
+        Of the axis, for a result that does not tell.
+    """
     told = result.get("targets")
     if not isinstance(told, Mapping):
         return asked
@@ -149,9 +172,16 @@ def targets_of(result: Mapping[str, Any], asked: AxisTargets) -> AxisTargets:
 
 
 def following(folder: RunFolder, headline: Headline, drive: str = "", *, applied: str = "restore", called: str = "") -> Following:
-    """The one command that helps most now.   drive : that of the run unless told.   applied : what became of the gains.
+    """The one command that helps most now.
 
-    called : the folder as a terminal takes it.
+    Parameters
+    ----------
+    drive : str
+        That of the run unless told.
+    applied : str
+        What became of the gains.
+    called : str
+        The folder as a terminal takes it.
     """
     run = pasted(called or folder.path)
     drive = drive or drive_of(folder)

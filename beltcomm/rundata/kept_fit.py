@@ -20,10 +20,13 @@ from beltcomm.runfolder import RunFolder
 FILE = ("kept", "fit.json")
 
 
-def fitted_to(folder: RunFolder, recordings: Sequence[Recording], model: Model | None) -> tuple[Model, Data, Fitted]:
+def fit_base(folder: RunFolder, recordings: Sequence[Recording], model: Model | None) -> tuple[Model, Data, Fitted]:
     """The model that the fit began with and :func:`beltcomm.laboratory.diagnosis.fit_base_of`; kept, it costs one evaluation.
 
-    model : the run's present one; None begins with what the axis file and the records tell.
+    Parameters
+    ----------
+    model : Model or None
+        The run's present one; None begins with what the axis file and the records tell.
     """
     path, key = folder.path.joinpath(*FILE), key_of(_hashes_of_fitted(folder, recordings), folder.axis, model)
     if found := caches.found(path, key):
@@ -41,7 +44,13 @@ def fitted_to(folder: RunFolder, recordings: Sequence[Recording], model: Model |
 
 
 def keep_fit(folder: RunFolder, data: Data, fitted: Fitted, model: Model) -> None:
-    """Keep a fit as that of a run's present model, so that every command that follows reads it.   model : as the run folder has it."""
+    """Keep a fit as that of a run's present model, so that every command that follows reads it.
+
+    Parameters
+    ----------
+    model : Model
+        As the run folder has it.
+    """
     model = model_from_dict(model.to_dict())
     _write(folder, data.recordings, model, model, data, fitted)
 

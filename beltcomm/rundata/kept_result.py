@@ -1,4 +1,4 @@
-"""What a command found, kept in ``RUN/kept`` for as long as nothing that it rests on has changed: the same question costs no search."""
+"""Result of a command, kept in ``RUN/kept`` for as long as nothing that it rests on has changed: the same question costs no search."""
 
 from __future__ import annotations
 
@@ -20,11 +20,17 @@ from beltcomm.runfolder import RunFolder
 BESIDE = ("originals", "kept", "pictures", "report.html", "report.json", TEXT, EVENTS, "verdict.txt")
 
 
-def answered(folder: RunFolder, name: str, question: Sequence[object], make: Callable[[], Result], drawn: bool = False) -> Result:
+def kept_or_new(folder: RunFolder, name: str, question: Sequence[object], make: Callable[[], Result], drawn: bool = False) -> Result:
     """The answer of before where the same programs would give it again from the same files, else a new one, kept.
 
-    name : of the answer, and of its own file among the results.   question : everything else that the answer depends on.
-    drawn : pictures belong to it, and must be there.
+    Parameters
+    ----------
+    name : str
+        Of the answer, and of its own file among the results.
+    question : sequence of object
+        Everything else that the answer depends on.
+    drawn : bool
+        Pictures belong to it, and must be there.
     """
     path, key = folder.path / "kept" / f"{name}.json", _key(folder, name, question)
     found = caches.found(path, key) if key else None

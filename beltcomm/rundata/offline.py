@@ -25,7 +25,7 @@ from beltcomm.recording import Recording, common_side
 from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.findings import Findings
-from beltcomm.rundata.fitted_run import left_out
+from beltcomm.rundata.fitted_run import with_remarks_on_rest
 from beltcomm.rundata.kept_path import kept_path
 from beltcomm.rundata.revisions import CURRENT, model_named, trusted_model
 from beltcomm.rundata.store import cascade_from_dict, delay_from_dict, structure_from_dict
@@ -38,11 +38,16 @@ THESIS_STRUCTURE = CascadeStructure("thesis", 1e-3, ("none", "notch", "butterwor
 
 
 def saved_model(folder: RunFolder) -> Model:
-    """The run's newest model.   Raises DataError."""
+    """The run's newest model.
+
+    Raises
+    ------
+    DataError
+    """
     return model_named(folder, CURRENT)
 
 
-def trusted(folder: RunFolder, revision: str = "") -> tuple[Model, str, str]:
+def trusted_revision(folder: RunFolder, revision: str = "") -> tuple[Model, str, str]:
     """The model of a revision, or the newest that held-out records do not contradict; its revision and a sentence on it, "" for neither."""
     if revision and revision in folder.names("models"):
         return model_named(folder, revision), revision, ""
@@ -59,7 +64,7 @@ ONE_PLACE = (
 
 
 def place_known(recordings: Sequence[Recording]) -> bool:
-    """Whether some excited recording says where along the travel it was made."""
+    """True if some excited recording says where along the travel it was made."""
     return any(r.sidecar.start_position_m is not None for r in recordings if r.sidecar.experiment == "frf")
 
 
@@ -82,7 +87,12 @@ def cascade_of(
 ) -> tuple[Cascade, float]:
     """The controller of a saved design and the delay it was proven with, s; with another feedforward of the model when asked for.
 
-    Raises DataError when the design is damaged, UsageError for a linear feedforward without a frequency response.
+    Raises
+    ------
+    DataError
+        When the design is damaged.
+    UsageError
+        For a linear feedforward without a frequency response.
     """
     cascade, delay_s = cascade_from_dict(saved), delay_from_dict(saved)
     if feedforward is None:
@@ -116,7 +126,7 @@ def coarser(recordings: Sequence[Recording], counts: int) -> int:
     return round(counts / (round(times) if abs(times - round(times)) < 0.01 * times else times))
 
 
-def fitted(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = None) -> Findings:
+def fit_run(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = None) -> Findings:
     """Final fit, log-magnitude fits, dead time and friction from what the run folder holds."""
     findings = Findings(kept_path=kept_path(folder))
     records = fit_for_belt_model(folder)
@@ -146,8 +156,15 @@ def fitted(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = 
 
 
 def fit_for_belt_model(folder: RunFolder) -> Checked:
-    """The records over time, checked as for ``compare``.   Raises UsageError for an axis without a belt, DataError for records without
-    torque or unfit for a model."""
+    """The records over time, checked as for ``compare``.
+
+    Raises
+    ------
+    UsageError
+        For an axis without a belt.
+    DataError
+        For records without torque or unfit for a model.
+    """
     recordings = [item for item in folder.recordings() if not item.is_static_map]
     if not folder.axis.has_belt:
         raise UsageError(
@@ -166,7 +183,7 @@ def fit_for_belt_model(folder: RunFolder) -> Checked:
     if not folder.drive:  # a sign or a unit before what is held out: an adapter has them right, whoever writes files by hand may not
         for recording in recordings:
             check(recording)
-    return left_out(folder, check_run(recordings, folder.axis, foreign=False))
+    return with_remarks_on_rest(folder, check_run(recordings, folder.axis, foreign=False))
 
 
 def middle_m(axis: Axis) -> float:

@@ -1,4 +1,4 @@
-"""What a verification move proves: the gains, payloads and path it was driven with, and whether a run's design is proven at all."""
+"""Proof by a verification move: the gains, payloads and path it was driven with, and whether a run's design is proven at all."""
 
 from __future__ import annotations
 
@@ -44,9 +44,12 @@ def _thin(margin_deg: float) -> list[str]:
 
 
 def proof(cascade: Cascade, trajectory: Trajectory, payloads_kg: Sequence[float], led_by: str = "") -> dict[str, Any]:
-    """What a move is driven with, for the sidecar of its recording (``controller``) and for its verdict.
+    """Controller that a move is driven with, for the sidecar of its recording (``controller``) and for its verdict.
 
-    led_by : how the host led the motor ahead of the carriage; "" where the gains stood for themselves.
+    Parameters
+    ----------
+    led_by : str
+        How the host led the motor ahead of the carriage; "" where the gains stood for themselves.
     """
     return ({"led_by": led_by} if led_by else {}) | {
         "gains": {name: float(value) for name, value in cascade_to_parameters(cascade).items()},
@@ -56,7 +59,7 @@ def proof(cascade: Cascade, trajectory: Trajectory, payloads_kg: Sequence[float]
 
 
 def same_gains(one: Any, other: Any) -> bool:
-    """Whether two mappings name → value are one controller."""
+    """True if two mappings name → value are one controller."""
     if not isinstance(one, Mapping) or not isinstance(other, Mapping) or one.keys() != other.keys():
         return False
     try:
@@ -66,7 +69,7 @@ def same_gains(one: Any, other: Any) -> bool:
 
 
 def proves(recorded: Mapping[str, Any], wanted: Mapping[str, Any]) -> bool:
-    """Whether a move recorded with one :func:`proof` stands for another; one recorded without any proves nothing."""
+    """True if a move recorded with one :func:`proof` stands for another; one recorded without any proves nothing."""
     path, payloads = recorded.get("path"), recorded.get("further_payloads_kg")
     return (
         isinstance(path, Sequence)
@@ -88,7 +91,7 @@ def move_name(folder: RunFolder, wanted: Mapping[str, Any]) -> str:
 
 
 def doubts(folder: RunFolder) -> list[str]:
-    """Why the gains of ``designs/final.yaml`` should not be written to a drive yet, in words; empty when nothing speaks against it."""
+    """Doubts about the gains of ``designs/final.yaml``, in words; empty when nothing speaks against writing them."""
     behind = [(kind, name) for kind, name in BEHIND_GAINS if name in folder.names(kind)]
     found = [f"{name}.yaml {EDITED}" for kind, name in behind if folder.edited(kind, name)]
     if suspect(folder):
@@ -111,7 +114,12 @@ def doubts(folder: RunFolder) -> list[str]:
 
 
 def admit(folder: RunFolder, talk: Talk, *, yes: bool, force: bool) -> None:
-    """Warn of every doubt about the design and ask; ``yes`` alone is no answer to that.   Raises Refused."""
+    """Warn of every doubt about the design and ask; ``yes`` alone is no answer to that.
+
+    Raises
+    ------
+    Refused
+    """
     found = "; ".join(doubts(folder))
     if not found:
         return
@@ -125,7 +133,7 @@ def admit(folder: RunFolder, talk: Talk, *, yes: bool, force: bool) -> None:
 
 
 def suspect(folder: RunFolder) -> bool:
-    """Whether the design's model leaves too much unexplained: its own revision's word where it has one, else the fit's."""
+    """True if the design's model leaves too much unexplained: its own revision's word where it has one, else the fit's."""
     revision = saved_design(folder).get("revision") if "final" in folder.names("designs") else None
     for rung in revisions(folder):
         if rung.name == revision:

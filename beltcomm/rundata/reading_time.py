@@ -1,4 +1,4 @@
-"""How long the recordings of a run will take, told before they are read."""
+"""Time that the recordings of a run will take, told before they are read."""
 
 from __future__ import annotations
 

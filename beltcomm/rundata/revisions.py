@@ -22,12 +22,26 @@ LADDER = "ladder"
 
 @dataclass(frozen=True)
 class Revision:
-    """One rung.   name : of the file in ``models/``.   change : "base", "+effect" or "-effect".   ratio, held_out : error over noise.
-    plain, plain_held_out : the same in plain units, None where an earlier version made the rung.
+    """One rung.
 
-    confirmed : the error on held-out records fell (None: there are none, or an effect was taken out).
-    command : that made it.   data : SHA-256 of every recording.
-    cost : ``of``, the effects not known, and a ``rundata.cost.Cost``; None where nobody asked for it or it cannot be said.
+    Attributes
+    ----------
+    name : str
+        Of the file in ``models/``.
+    change : str
+        "base", "+effect" or "-effect".
+    ratio, held_out
+        Error over noise.
+    plain, plain_held_out : PlainError or None
+        The same in plain units, None where an earlier version made the rung.
+    confirmed : bool or None
+        The error on held-out records fell (None: there are none, or an effect was taken out).
+    command : str
+        That made it.
+    data : dict of str to str
+        SHA-256 of every recording.
+    cost : dict of str to Any or None
+        ``of``, the effects not known, and a ``rundata.cost.Cost``; None where nobody asked for it or it cannot be said.
     """
 
     name: str
@@ -51,7 +65,13 @@ class Revision:
 
 
 def revisions(folder: RunFolder) -> list[Revision]:
-    """All rungs in the order they were made.   Raises DataError when the file is damaged."""
+    """All rungs in the order they were made.
+
+    Raises
+    ------
+    DataError
+        When the file is damaged.
+    """
     saved = folder.load_result(LADDER)
     if saved is None:
         return []
@@ -74,7 +94,13 @@ def current_model(folder: RunFolder) -> Model | None:
 
 
 def model_named(folder: RunFolder, name: str) -> Model:
-    """A model of the run.   Raises DataError, with its file, when it is missing or damaged."""
+    """A model of the run.
+
+    Raises
+    ------
+    DataError
+        With its file, when it is missing or damaged.
+    """
     path = folder.file("models", name)
     try:
         return load_model(path)
@@ -128,7 +154,13 @@ def new_revision(
     when: str,
     plain: tuple[PlainError | None, PlainError | None] = (None, None),
 ) -> Revision:
-    """Save a model as a new rung and make it the one that counts.   plain : errors in plain units, fitted and held out."""
+    """Save a model as a new rung and make it the one that counts.
+
+    Parameters
+    ----------
+    plain : tuple of PlainError | None
+        Errors in plain units, fitted and held out.
+    """
     rungs = revisions(folder)
     parent = current_revision(folder)
     above, data = parent.name if parent else "", recording_hashes(folder)

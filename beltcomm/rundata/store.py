@@ -40,12 +40,18 @@ PLAN = "plan"
 
 
 def drive_to_dict(capabilities: Capabilities) -> dict[str, Any]:
-    """What the later steps need of a drive: ``results/drive.yaml``."""
+    """Data of a drive for the later steps: ``results/drive.yaml``."""
     return {**plain(capabilities), "kinds": sorted(capabilities.kinds), "torque_along": sorted(capabilities.torque_along)}
 
 
 def structure_from_dict(data: Mapping[str, Any]) -> CascadeStructure:
-    """The cascade structure from :func:`drive_to_dict`.   Raises DataError when it is damaged."""
+    """The cascade structure from :func:`drive_to_dict`.
+
+    Raises
+    ------
+    DataError
+        When it is damaged.
+    """
     try:
         fields = dict(data["structure"])
         structure = CascadeStructure(**{**fields, "prefilters": tuple(fields["prefilters"])})
@@ -69,7 +75,13 @@ def _check_structure(structure: CascadeStructure) -> None:
 
 
 def parameters_from_dict(data: Mapping[str, Any]) -> dict[str, ParameterObject]:
-    """The objects of the drive's parameters from :func:`drive_to_dict`.   Raises DataError when they are missing or damaged."""
+    """The objects of the drive's parameters from :func:`drive_to_dict`.
+
+    Raises
+    ------
+    DataError
+        When they are missing or damaged.
+    """
     try:
         found = {str(name): ParameterObject(**entry) for name, entry in data["parameters"].items()}
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -117,7 +129,13 @@ def design_to_dict(design: DesignResult, cascade: Cascade, dead_time_s: float, a
 
 
 def cascade_from_dict(data: Mapping[str, Any]) -> Cascade:
-    """The controller of a saved design.   Raises DataError when it is damaged."""
+    """The controller of a saved design.
+
+    Raises
+    ------
+    DataError
+        When it is damaged.
+    """
     try:
         values = {str(k): float(v) for k, v in data["parameters"].items()}
         if wrong := [f"{name} {value:g}" for name, value in values.items() if not abs(value) <= MOST.get(name, math.inf)]:
@@ -128,7 +146,13 @@ def cascade_from_dict(data: Mapping[str, Any]) -> Cascade:
 
 
 def saved_design(folder: RunFolder) -> dict[str, Any]:
-    """``designs/final.yaml``, what is read of it checked.   Raises DataError when it is missing or damaged."""
+    """``designs/final.yaml``, what is read of it checked.
+
+    Raises
+    ------
+    DataError
+        When it is missing or damaged.
+    """
     saved = folder.load("designs", "final")
     try:
         cascade_from_dict(saved)
@@ -161,7 +185,13 @@ def _number(value: Any) -> float:
 
 
 def delay_from_dict(data: Mapping[str, Any]) -> float:
-    """Delay from torque setpoint to torque that a saved design was proven with, s.   Raises DataError when it is damaged."""
+    """Delay from torque setpoint to torque that a saved design was proven with, s.
+
+    Raises
+    ------
+    DataError
+        When it is damaged.
+    """
     try:
         return float(data["dead_time_s"])
     except (KeyError, TypeError, ValueError) as error:

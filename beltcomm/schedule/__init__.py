@@ -1,1 +1,1 @@
-"""Which records are made, in which order, over which way: values only, read by commissioning, plans from files and words."""
+"""Schedule of records, in order and with their paths: values only, read by commissioning, plans from files and words."""

@@ -1,4 +1,4 @@
-"""What to record next: the experiments that show what these data could not, or that tell twins apart; a file that a drive can run."""
+"""Next records: the experiments that show what these data could not, or that tell twins apart; a file that a drive can run."""
 
 from __future__ import annotations
 
@@ -47,8 +47,18 @@ SETS = ("sweep", "places", "quiet", "slow", "reversals", "fast", "sweep again")
 
 @dataclass(frozen=True)
 class NextPlan:
-    """What to record.   reasons : by effect, why.   by_hand : what a person must change on the machine first, or besides.
-    left_out : steps that would show nothing new, and the record that shows it.   edited : its file is not as beltcomm wrote it.
+    """Plan of records.
+
+    Attributes
+    ----------
+    reasons : dict of str to str
+        By effect, why.
+    by_hand : tuple of str
+        What a person must change on the machine first, or besides.
+    left_out : tuple of str
+        Steps that would show nothing new, and the record that shows it.
+    edited : bool
+        Its file is not as beltcomm wrote it.
     """
 
     reasons: Mapping[str, str]
@@ -77,11 +87,11 @@ class NextPlan:
         return [*lines, f"The plan is {self.file(run)}; a drive runs it with: {self.command(run)}"]
 
     def file(self, run: Path) -> Path:
-        """Where the plan stands in a run folder."""
+        """Path of the plan in a run folder."""
         return run / "results" / f"{NAME}.yaml"
 
     def command(self, run: Path) -> str:
-        """What makes its records; nothing for a plan without a step."""
+        """Command that makes its records; nothing for a plan without a step."""
         return f"beltcomm identify --drive DRIVE --run {pasted(run)} --plan {pasted(self.file(run))}" if self.steps else ""
 
 
@@ -93,7 +103,12 @@ def plan_for(
 ) -> NextPlan:
     """The plan that tells twins apart, or where there are none shows what could not be seen.
 
-    named : effects that were found.   already : the record that shows what a step would, "" for none.
+    Parameters
+    ----------
+    named : sequence of str
+        Effects that were found.
+    already : callable
+        The record that shows what a step would, "" for none.
     """
     if twins:
         return plan_apart(twins, already)
@@ -109,8 +124,8 @@ def plan_for(
     for sight in blind:
         seen = f"it would be seen from {sight.hardest:.2g} x a typical one on"
         reasons[sight.effect.name] = "these data say nothing of it" if math.isinf(sight.hardest) else seen
-        sets.update(shown_by(sight.effect))
-        if not any(judged[name][0] for name in shown_by(sight.effect)):
+        sets.update(records_showing(sight.effect))
+        if not any(judged[name][0] for name in records_showing(sight.effect)):
             by_hand.append(f"{sight.effect.name}: such records are here already; it shows only beyond the limits in axis.yaml")
     chosen = [judged[name] for name in SETS if name in sets]
     return NextPlan(reasons, tuple(by_hand), tuple(s for steps, _ in chosen for s in steps), tuple(t for _, out in chosen for t in out))
@@ -119,7 +134,7 @@ def plan_for(
 def plan_apart(twins: Sequence[str], already: Callable[[Step], str]) -> NextPlan:
     """The experiment that separates twins, without the steps that the run has."""
     first, other = twins[0], twins[1]
-    between = apart_of(first, other)
+    between = discriminating_experiment(first, other)
     reasons = {name: f"these data cannot tell it from {', '.join(n for n in twins if n != name)}: {between.shows}" for name in twins}
     records = enumerate(between.records, start=1)
     steps, left_out = new_ones([checked_step(entry, f"{first} and {other}, record {number}") for number, entry in records], already)
@@ -137,8 +152,8 @@ def new_ones(steps: Sequence[Step], already: Callable[[Step], str]) -> tuple[lis
     return ([] if all(step.held_out for step in new) else new), left_out
 
 
-def apart_of(first: str, other: str) -> DiscriminatingExperiment:
-    """What tells two effects apart, whichever of them says so."""
+def discriminating_experiment(first: str, other: str) -> DiscriminatingExperiment:
+    """Experiment that tells two effects apart, whichever of them says so."""
     for one, two in ((first, other), (other, first)):
         said = effect_named(one).apart
         family = two.rpartition("_")  # what is said of a numbered family counts for each of it
@@ -154,17 +169,17 @@ def families(effect: Effect) -> Mapping[str, DiscriminatingExperiment]:
 
 
 def hands_of(apart: Mapping[str, DiscriminatingExperiment]) -> list[str]:
-    """What is done by hand, in sentences that begin with the cause."""
+    """Checks by hand, in sentences that begin with the cause."""
     return [f"{name}: {hand.words()}" for name, one in apart.items() for hand in one.hands]
 
 
 def by_hand_of(name: str) -> list[dict[str, Any]]:
-    """What tells the causes apart that an effect stands for, where no motion does."""
+    """Checks by hand that tell the causes of an effect apart, where no motion does."""
     causes = families(effect_named(name))
     return [{"effect": name, "cause": cause, **plain(hand)} for cause, apart in causes.items() for hand in apart.hands]
 
 
-def shown_by(effect: Effect) -> tuple[str, ...]:
+def records_showing(effect: Effect) -> tuple[str, ...]:
     """Sets of records that show an effect."""
     return BY_NAME.get(effect.name) or BY_SLOT.get(effect.slot, ("places", "sweep"))
 
@@ -185,7 +200,13 @@ def steps_of(name: str) -> list[Step]:
 
 
 def load_plan(path: Path) -> NextPlan:
-    """A plan from its file, checked.   Raises UsageError with the step that is wrong."""
+    """A plan from its file, checked.
+
+    Raises
+    ------
+    UsageError
+        With the step that is wrong.
+    """
     data, whole = unsealed(read_yaml(path))
     steps = []
     entries = data.get("steps")

@@ -38,9 +38,16 @@ MOST_REPEATS = 100
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a call measures.   sweeps : order and repetition of each, in the order in which they are driven.   often : of each speed in IV.
+    """Sweeps of a call.
 
-    mounted_kg : payload that the records state, None when nobody said.
+    Attributes
+    ----------
+    sweeps : tuple of tuple[str, int]
+        Order and repetition of each, in the order in which they are driven.
+    often : int
+        Of each speed in IV.
+    mounted_kg : float or None
+        Payload that the records state, None when nobody said.
     """
 
     sweeps: tuple[tuple[str, int], ...]
@@ -55,7 +62,17 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Stroke:
-    """What is driven at a speed.   way : in words.   plateau_s : behind the run-in.   length_m : from turn to turn."""
+    """Stroke driven at a speed.
+
+    Attributes
+    ----------
+    way : str
+        In words.
+    plateau_s : float
+        Behind the run-in.
+    length_m : float
+        From turn to turn.
+    """
 
     speed_m_s: float
     way: str
@@ -63,8 +80,14 @@ class Stroke:
     length_m: float
 
 
-def wanted(order: str | None, repeat: int | None, mounted_kg: float | None) -> Wanted:
-    """What options ask for.   Raises UsageError for an order that is none, no repetition, or VI without a payload."""
+def sweep_orders(order: str | None, repeat: int | None, mounted_kg: float | None) -> Wanted:
+    """Sweeps that options ask for.
+
+    Raises
+    ------
+    UsageError
+        For an order that is none, no repetition, or VI without a payload.
+    """
     if order is not None and order not in ORDERS:
         raise UsageError(f"there is no order {order!r}; the orders are {', '.join(ORDERS)} (thesis 3.6)")
     if repeat is not None and not 1 <= repeat <= MOST_REPEATS:
@@ -93,7 +116,12 @@ def stroke_at(speed_m_s: float, room_m: float, limits: TrajectoryLimits, axis: A
     """The stroke at a speed; None where the way does not even hold the shortest plateau.
 
     A plateau holds whole turns of the pulley where one fits into the way and lasts no longer than ``TURN_S``, so that its runout is
-    averaged away; else whole teeth of the belt; else it is just long enough.   room_m : between the turns.
+    averaged away; else whole teeth of the belt; else it is just long enough.
+
+    Parameters
+    ----------
+    room_m : float
+        Between the turns.
     """
     ramps = 2.0 * ramp_length_m(speed_m_s, limits) + speed_m_s * SWEEP_RUN_IN_S
     free = room_m - ramps
@@ -116,7 +144,13 @@ def stroke_at(speed_m_s: float, room_m: float, limits: TrajectoryLimits, axis: A
 def strokes_for(
     speeds_m_s: Sequence[float], room_m: float, limits: TrajectoryLimits, axis: Axis
 ) -> tuple[tuple[Stroke, ...], tuple[float, ...]]:
-    """Strokes in the order of the speeds, and the speeds for which there is no way.   Raises Refused where there is none for any two."""
+    """Strokes in the order of the speeds, and the speeds for which there is no way.
+
+    Raises
+    ------
+    Refused
+        Where there is none for any two.
+    """
     found = [stroke_at(v, room_m, limits, axis) for v in speeds_m_s]
     left_out = tuple(sorted({v for v, s in zip(speeds_m_s, found, strict=True) if s is None}))
     strokes = tuple(s for s in found if s is not None)
@@ -139,7 +173,7 @@ def path_of(strokes: Sequence[Stroke], at_m: float, far_m: float, limits: Trajec
 
 
 def seconds_of(stroke: Stroke, limits: TrajectoryLimits) -> float:
-    """How long a stroke forth and back takes, s, to a few per cent on the long side."""
+    """Duration of a stroke forth and back, s, to a few per cent on the long side."""
     v, a, j = stroke.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3
     ramp = 2.0 * math.sqrt(v / j) if a * a >= v * j else v / a + a / j
     return 2.0 * (2.0 * ramp + SWEEP_RUN_IN_S + stroke.plateau_s + REST_S) + REST_S

@@ -1,4 +1,4 @@
-"""What a commissioning records beside the first response: the steps, what fits into the time, and the names of the records."""
+"""Records of a commissioning beside the first response: the steps, what fits into the time, and the names of the records."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def quick_speeds_m_s(acceleration_m_s2: float) -> list[float]:
     return [share * speed for speed in QUICK_M_S]
 
 
-def fitting(items: Sequence[Item], seconds_of: Callable[[Step], float], budget_s: float) -> tuple[list[Step], list[Step]]:
+def fitting_records(items: Sequence[Item], seconds_of: Callable[[Step], float], budget_s: float) -> tuple[list[Step], list[Step]]:
     """The steps that fit into a time, in the order in which they are made, and those for which there is none."""
     left = budget_s - sum(seconds_of(item.step) for item in items if item.rank == 0)
     chosen = {i for i, item in enumerate(items) if item.rank == 0}
@@ -92,8 +92,14 @@ def fitting(items: Sequence[Item], seconds_of: Callable[[Step], float], budget_s
     return [item.step for i, item in enumerate(items) if i in chosen], [item.step for i, item in enumerate(items) if i not in chosen]
 
 
-def named(steps: Sequence[Step], taken: Collection[str] = ()) -> Iterator[tuple[str, Step]]:
-    """Names that say the kind and count: ``frf_2``, ``sweep``, ``sweep_2``, ``strokes_1`` ...   taken : names that others have."""
+def named_steps(steps: Sequence[Step], taken: Collection[str] = ()) -> Iterator[tuple[str, Step]]:
+    """Names that say the kind and count: ``frf_2``, ``sweep``, ``sweep_2``, ``strokes_1`` ...
+
+    Parameters
+    ----------
+    taken : collection of str
+        Names that others have.
+    """
     count: dict[str, int] = {}
     for step in steps:
         kind = NAMES[step.kind]

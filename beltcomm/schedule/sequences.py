@@ -1,4 +1,4 @@
-"""Which pseudorandom sequence an excitation is: the short ones, one to judge with, and one that spares the resonance."""
+"""Pseudorandom sequences of the excitations: the short ones, one to judge with, and one that spares the resonance."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def short_sequence(order: int, clock: int, amplitude_nm: float, period_s: float,
 
 
 def short_seconds(period_s: float) -> float:
-    """How long a short excitation takes at most, as a rule, s."""
+    """Usual upper bound of the duration of a short excitation, s."""
     return max(SHORT_S, MOST_OVER_FEWEST * FEWEST_ROWS * period_s + EXCITATION_REST_S)
 
 

@@ -40,12 +40,26 @@ HIGHEST_HZ = 1000.0
 
 @dataclass(frozen=True)
 class Step:
-    """One record.   place : share of the travel.   share : of what the limits allow, of the excitation's torque or of the belt's force.
+    """One record.
 
-    speeds_m_s : of strokes; of a sweep, where none means the usual seven.   again : two of the seven only, to compare with.
-    amplitudes_m : of triangles.
-    seconds : of a response, 0 for the usual length; of random moves, 0 for fast moves between fixed places.   seed : of random moves.
-    up_to_hz : of a response, up to where it has power at least, 0 for what the belt's resonance asks for.
+    Attributes
+    ----------
+    place : float
+        Share of the travel.
+    share : float
+        Of what the limits allow, of the excitation's torque or of the belt's force.
+    speeds_m_s : tuple of float
+        Of strokes; of a sweep, where none means the usual seven.
+    again : bool
+        Two of the seven only, to compare with.
+    amplitudes_m : tuple of float
+        Of triangles.
+    seconds : float
+        Of a response, 0 for the usual length; of random moves, 0 for fast moves between fixed places.
+    seed : int
+        Of random moves.
+    up_to_hz : float
+        Of a response, up to where it has power at least, 0 for what the belt's resonance asks for.
     """
 
     kind: Kind
@@ -61,11 +75,17 @@ class Step:
 
     @property
     def here(self) -> bool:
-        """Whether it happens around one place."""
+        """True if it happens around one place."""
         return "place" in KEYS[self.kind]
 
     def at_m(self, window_m: tuple[float, float]) -> float:
-        """Where it happens, m.   window_m : of the travel."""
+        """Position of the step, m.
+
+        Parameters
+        ----------
+        window_m : tuple of float
+            Of the travel.
+        """
         low, high = window_m
         return low + self.place * (high - low)
 
@@ -90,7 +110,13 @@ class Step:
         return f"excitation {where}, with {100.0 * self.share:.0f} % of what the limits allow{most}{wide}{long}"
 
     def title(self, place_m: float) -> str:
-        """In a few words.   place_m : where it happens, m."""
+        """In a few words.
+
+        Parameters
+        ----------
+        place_m : float
+            Where it happens, m.
+        """
         what = {
             "response": "frequency response",
             "strokes": "slow strokes",
@@ -110,7 +136,13 @@ class Step:
 
 
 def checked_step(entry: Any, where: str) -> Step:
-    """A step from a plan file.   Raises UsageError, naming the place in the file."""
+    """A step from a plan file.
+
+    Raises
+    ------
+    UsageError
+        Naming the place in the file.
+    """
     if not isinstance(entry, Mapping) or entry.get("kind") not in (*KEYS,):
         raise UsageError(f"{where}: kind must be one of {', '.join(KEYS)}")
     kind = entry["kind"]

@@ -53,9 +53,16 @@ def sweep_strokes(
 ) -> Strokes:
     """Strokes both ways at seven speeds, from a slow creep to the fastest that still has a plateau within the travel.
 
-    which : three of the seven twice, each once, or two of them again, for how well friction repeats.
-    speeds_m_s : instead of the seven; all slower in proportion where the fastest cannot be had.   settle_s : s, that the axis takes beside
-    the run-in until it is as fast as its reference.   longest_s : s, plateau that counts.
+    Parameters
+    ----------
+    which : Which
+        Three of the seven twice, each once, or two of them again, for how well friction repeats.
+    speeds_m_s : sequence of float
+        Instead of the seven; all slower in proportion where the fastest cannot be had.
+    settle_s : float, s
+        That the axis takes beside the run-in until it is as fast as its reference.
+    longest_s : float, s
+        Plateau that counts.
     """
     shortest_s = max(SWEEP_SHORTEST_S, PLATEAU_ROWS * period_s)
     fastest = fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, abs(far_m - at_m), shortest_s + settle_s)

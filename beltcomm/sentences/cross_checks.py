@@ -47,7 +47,7 @@ class Checks:
 
 def cross_checked(found: Diagnosis, recordings: Sequence[Recording], axis: Axis) -> Checks:
     """All checks of a diagnosis."""
-    model = found.after.model
+    model = found.final_fit.model
     places = np.concatenate([piece.motion.theta for piece in found.data.fitted]) * model["transmission.ratio"]
     excited = any(r.sidecar.experiment == "frf" for r in recordings)
     open_question = found.verdict in ("partly explained", "none of the known effects explains this")
@@ -55,8 +55,8 @@ def cross_checked(found: Diagnosis, recordings: Sequence[Recording], axis: Axis)
         resonances(model, float(np.median(places))) if excited else None,
         amplitudes_fitted(recordings),
         map_checks(recordings, model),
-        friction_bound(found.after, ground_of(found.after, found.data.fitted, axis)) if open_question else None,
-        doubts_of(found.after, axis, recordings),
+        friction_bound(found.final_fit, ground_of(found.final_fit, found.data.fitted, axis)) if open_question else None,
+        doubts_of(found.final_fit, axis, recordings),
     )
 
 
@@ -107,7 +107,7 @@ def as_data(checks: Checks) -> dict[str, Any]:
     """For ``--json``."""
     return {
         "resonances": None if checks.resonances is None else asdict(checks.resonances),
-        "static_maps": [{**asdict(check), "confirmed": check.confirmed} for check in checks.maps],
+        "static_maps": [{**asdict(check), "confirmed": check.is_confirmed} for check in checks.maps],
         "friction_bound": checks.friction_bound,
         "data_sheet": [asdict(doubt) for doubt in checks.sheets],
     }
@@ -127,7 +127,7 @@ def check_lines(checks: Checks) -> list[str]:
     for check in checks.maps:
         orders = sorted(check.orders, key=lambda order: -order.model)[:SHOWN]
         seen = ", ".join(f"{order.order:g}: {order.map:.3g} for {order.model:.3g}" for order in orders)
-        word = "confirms" if check.confirmed else "does not confirm"
+        word = "confirms" if check.is_confirmed else "does not confirm"
         lines.append(f"The static map {check.record} {word} the orders (correlation {check.correlation:.2f}; map for model {seen}).")
         if abs(np.angle(np.exp(1j * check.zero_rad))) > 0.05:
             lines.append(f"  The zero of its angle stands {np.degrees(check.zero_rad):.0f}° from that of the records.")

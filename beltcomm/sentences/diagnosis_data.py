@@ -9,7 +9,7 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.laboratory.diagnosis import Diagnosis
 from beltcomm.laboratory.figures import PlainError
-from beltcomm.laboratory.stage import Candidate
+from beltcomm.laboratory.forward_selection import Candidate
 from beltcomm.laboratory.visible import DetectionLimit
 from beltcomm.model import Model
 from beltcomm.result import plain
@@ -46,7 +46,7 @@ def diagnosis_data(found: Diagnosis, before: Plain, after: Plain) -> dict[str, A
             for step in found.steps
         ],
         "after": {
-            "effects": list(found.after.model.effects),
+            "effects": list(found.final_fit.model.effects),
             **error_data(found.published_model, after),
             "parameters": values_of(with_intervals(found.published_model)),
         },

@@ -15,8 +15,8 @@ from beltcomm.given import pasted
 from beltcomm.laboratory.compare import Comparison
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, structures
 from beltcomm.laboratory.figures import PlainError
-from beltcomm.laboratory.plausible import KNOWN, undetermined_effects, unlikely
-from beltcomm.laboratory.stage import MISSING, Candidate
+from beltcomm.laboratory.forward_selection import MISSING, Candidate
+from beltcomm.laboratory.plausibility import KNOWN, implausible_effects, undetermined_effects
 from beltcomm.laboratory.visible import DetectionLimit
 from beltcomm.model import Model, effect_parameters
 from beltcomm.result import table, with_unit
@@ -91,15 +91,15 @@ def diagnosis_lines(found: Diagnosis, before: Plain = (None, None), after: Plain
                 "",
                 f"{' and '.join(step.detour)} came first on trial and became superfluous beside {step.added}, which explains more.",
             ]
-    model = with_intervals(found.after)
+    model = with_intervals(found.final_fit)
     for name in found.added_effects:
         lines += ["", *effect_lines(effect_named(name), model)]
     lines += ["", f"Verdict: {found.verdict}."]
     if found.added_effects:
         lines.append(
-            f"With {', '.join(found.added_effects)} the error is {error_words((found.after.ratio, found.after.held_ratio), after)}."
+            f"With {', '.join(found.added_effects)} the error is {error_words((found.final_fit.ratio, found.final_fit.held_ratio), after)}."
         )
-        held, then = found.published_base[1].held_ratio, found.after.held_ratio
+        held, then = found.published_base[1].held_ratio, found.final_fit.held_ratio
         if held is not None and then is not None and then >= held:
             lines.append(f"Not confirmed: on records that were not fitted the error was {held:.2f} without it.")
     if open_ := undetermined_effects(model, found.base.model):
@@ -107,12 +107,12 @@ def diagnosis_lines(found: Diagnosis, before: Plain = (None, None), after: Plain
             f"But these data say nothing certain of {' and '.join(open_)}: every number of it is open by more than {100 * KNOWN:.0f} %, so "
             "it may stand for a cause that the catalogue does not hold."
         )
-    if found.verdict == NONE_EXPLAINS and found.after.objective < MISSING * found.after.problem.samples:
-        left = structures(found.data, found.after)
+    if found.verdict == NONE_EXPLAINS and found.final_fit.objective < MISSING * found.final_fit.problem.samples:
+        left = structures(found.data, found.final_fit)
         lines.append(
             f"As a whole what is left is no more than the noise, but its mean {LEFT_WORDS[max(left, key=lambda name: left[name])]}."
         )
-    if odd := unlikely(model, found.base.model):
+    if odd := implausible_effects(model, found.base.model):
         lines.append(f"But it takes {' and '.join(odd)}: that stands for another cause, which the catalogue does not hold.")
     if found.twins:
         effect = effect_named(found.twins[0])
@@ -124,7 +124,7 @@ def after_diagnosis(found: Diagnosis, run: Path, planned: str = "") -> list[str]
     """What to do next.   planned : the command that makes the records that were planned."""
     if planned:
         return [f"Next: {planned}"]
-    open_ = undetermined_effects(with_intervals(found.after), found.base.model) if found.added_effects else []
+    open_ = undetermined_effects(with_intervals(found.final_fit), found.base.model) if found.added_effects else []
     parts = {name: effect_named(name).completed_by for name in found.added_effects}
     along = {part for of_one in parts.values() for part in of_one}  # `add` tries them by itself
     sure = {name for name in found.added_effects if name not in open_}

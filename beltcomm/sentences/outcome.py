@@ -220,7 +220,7 @@ def commission_text(folder: RunFolder, findings: Findings, ended: Ended | None =
         ]
     if findings.design is not None and findings.cascade is not None:
         answer += screens.design_screen(findings.design, findings.cascade)
-    answer += [Line(" " * 12, (tr("to be typed in with the maker's tool: --details"), "note"))] if typed else []
+    answer += [Line(" " * 12, (tr("this drive's gains can only be typed in: --details has them"), "note"))] if typed else []
     answer += screens.warning_lines(warnings)
     details = [
         *(words.verdict_lines(findings.verdict, findings.demand) if findings.verdict else []),

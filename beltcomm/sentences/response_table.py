@@ -102,7 +102,7 @@ def table_of(recordings: Sequence[Recording], model: Model) -> ResponseTable:
         condition = condition_of(recording, model["transmission.ratio"])
         marks: Landmarks | None = None
         try:
-            shape = analyse.swinging(model, condition.place_m or 0.0)
+            shape = analyse.resonance_shape(model, condition.place_m or 0.0)
             marks = find_landmarks(response, shape.belt, shape.beside)
         except (DataError, UsageError, Refused, ValueError) as problem:
             remarks.append(f"{recording.name}: no antiresonance or resonance ({problem})")

@@ -16,7 +16,7 @@ from beltcomm.design.cascade import DesignResult
 from beltcomm.design.margins import Margins
 from beltcomm.errors import BeltcommError
 from beltcomm.fit.model_fit import SUSPECT_MISFIT
-from beltcomm.fit.noise_level import too_little
+from beltcomm.fit.noise_level import error_floor_words
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.language import tr
 from beltcomm.model import Model
@@ -121,7 +121,7 @@ def axis_lines(model: Model, at_m: float, delay_s: float | None = None) -> list[
 def model_line(level: float, suspect: bool | None = None) -> Line:
     """Whether the model explains what was measured.   level : error over the noise."""
     label = ("   ", ""), (f"{tr('model'):<9}", "title")
-    if too_little(level):
+    if error_floor_words(level):
         return Line(*label, (tr("leaves {level:.2f} x the noise, less than noise can leave: not judged", level=level), "note"))
     if suspect if suspect is not None else level**2 > SUSPECT_MISFIT:
         return Line(*label, (tr("does NOT explain what was measured ({level:.2f} x the noise)", level=level), "bad"))

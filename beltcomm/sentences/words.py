@@ -10,7 +10,7 @@ from beltcomm.design.cascade import DesignResult
 from beltcomm.design.structure import late_s, unseen
 from beltcomm.drive import simulated
 from beltcomm.fit.model_fit import ModelFit
-from beltcomm.fit.noise_level import too_little
+from beltcomm.fit.noise_level import error_floor_words
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit
 from beltcomm.model import Model
@@ -61,7 +61,7 @@ def model_lines(fit: ModelFit, characteristics: Mapping[str, Characteristic], er
             item2 = characteristics[name]
             lines.append(f"  {words:36} {number(item2.value * factor, item2.interval * factor, unit)}")
     level = math.sqrt(fit.misfit) if error is None else error
-    doubt = too_little(level)
+    doubt = error_floor_words(level)
     lines.append(
         f"  unexplained torque is {level:.2f} x the noise ({1e3 * fit.noise_nm:.1f} mN m){'' if doubt else '; 1.00: nothing is missing'}"
     )

@@ -1,4 +1,4 @@
-"""Which models are simulated without an integrator, and their matrices; see ``exact_kernel`` for how."""
+"""Models that are simulated without an integrator, and their matrices; see ``exact_kernel`` for how."""
 
 from __future__ import annotations
 
@@ -24,17 +24,25 @@ _OUTSIDE = ("torque_delay", "torque_reading", "sensor")
 
 
 def is_exact(model: Model) -> bool:
-    """Whether the motion of a model is solved exactly: all its laws linear but for friction of constant level.  Decided here only."""
+    """True if the motion of a model is solved exactly: all its laws linear but for friction of constant level.  Decided here only."""
     return all(effect.linear or effect.slot in _OUTSIDE for effect in model.effect_list())
 
 
 def exact_record(model: Model, start: Array, torque: Array, period_s: float) -> tuple[Array, Array]:
-    """Motion under torques, (n,), N m, each held for ``period_s``.   start : (2 bodies,), positions and speeds.
+    """Motion under torques, (n,), N m, each held for ``period_s``.
 
-    Returns (4, n): motor angle and speed, carriage, m, at the start of each period and the largest |belt force| in it, N; state at the end.
-    The model must be one that :func:`is_exact`.
+    Parameters
+    ----------
+    start : ndarray (2 bodies,)
+        Positions and speeds.
+
+    Returns
+    -------
+    tuple of ndarray, (4, n)
+        Motor angle and speed, carriage, m, at the start of each period and the largest |belt force| in it, N; state at the end. The model
+        must be one that :func:`is_exact`.
     """
-    axis, pieces, known = _prepared(_Case(model.base_bodies, model.effects, model.vector().tobytes(), period_s, model))
+    axis, pieces, known = _prepare(_Case(model.base_bodies, model.effects, model.vector().tobytes(), period_s, model))
     state, out = start.copy(), np.empty((4, torque.size))
     # Two masses, or any number of them.
     if not runner(2 if len(axis.lightness) == 2 else 0)(axis, known, pieces, state, torque, *out):
@@ -44,7 +52,7 @@ def exact_record(model: Model, start: Array, torque: Array, period_s: float) -> 
 
 @dataclass(frozen=True)
 class _Case:
-    """What the tables of a model depend on, and the model."""
+    """Key of the tables of a model, and the model."""
 
     base_bodies: tuple[str, ...]
     effects: tuple[str, ...]
@@ -54,7 +62,7 @@ class _Case:
 
 
 @lru_cache(maxsize=64)
-def _prepared(case: _Case) -> tuple[LinearAxis, int, Tables]:
+def _prepare(case: _Case) -> tuple[LinearAxis, int, Tables]:
     """Equations of motion, pieces of a period, tables; kept, since the same axis is often simulated under many torques."""
     axis, rate = linear_axis(case.model)
     pieces = max(1, math.ceil(rate * case.period_s / REACH))

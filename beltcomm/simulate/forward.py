@@ -44,9 +44,18 @@ class BodyStates:
 class Simulated:
     """A simulated record of n samples; every entry is the state at the start of its sampling interval.
 
-    t_s : (n,), s, session clock.     position_rad, velocity_rad_s : (n,), motor shaft, true; the position is absolute, its zero is
-    where an unstretched belt puts the carriage to position 0.     cart_position_m : (n,), m, carriage on the axis.
-    belt_force_n : (n,), N, largest force between driven end and carriage within the interval.     end : state after the last.
+    Attributes
+    ----------
+    t_s : ndarray (n,), s
+        Session clock.
+    position_rad, velocity_rad_s : ndarray (n,), motor shaft
+        True; the position is absolute, its zero is where an unstretched belt puts the carriage to position 0.
+    cart_position_m : ndarray (n,), m
+        Carriage on the axis.
+    belt_force_n : ndarray (n,), N
+        Largest force between driven end and carriage within the interval.
+    end : BodyStates
+        State after the last.
     """
 
     t_s: Array
@@ -68,16 +77,28 @@ def simulate_torque(
 ) -> Simulated:
     """Motion of a model under a torque that is held for each sampling period.
 
-    torque_nm : (n,), N m at the motor shaft (N for an axis whose first body is the carriage); acts from t[n] to t[n+1].
-    position_m : m, carriage at the start, at rest in static equilibrium (beltcomm.model.statics.equilibrium); unused with ``state``.
-    substeps : integration steps per sampling period.     time_s : s, session clock at the start.
-
     Laws that are linear, with friction of constant level, are solved exactly (``exact.is_exact``): ``substeps`` then only divides a torque
     that acts late.  All others glide (``glide``): five of these steps in one, but where friction changes.
 
-    Raises UsageError when the sub-steps are too long for the model, Refused when the carriage leaves what the model describes.
+    Parameters
+    ----------
+    torque_nm : ArrayLike, (n,)
+        N m at the motor shaft (N for an axis whose first body is the carriage); acts from t[n] to t[n+1].
+    position_m : float, m
+        Carriage at the start, at rest in static equilibrium (beltcomm.model.statics.equilibrium); unused with ``state``.
+    substeps : int
+        Integration steps per sampling period.
+    time_s : float, s
+        Session clock at the start.
+
+    Raises
+    ------
+    UsageError
+        When the sub-steps are too long for the model.
+    Refused
+        When the carriage leaves what the model describes.
     """
-    return _simulated(model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _solved if is_exact(model) else _glided)
+    return _simulate(model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _solve_exactly if is_exact(model) else _glide)
 
 
 def integrate_torque(
@@ -89,8 +110,8 @@ def integrate_torque(
     time_s: float = 0.0,
     state: BodyStates | None = None,
 ) -> Simulated:
-    """The same by integration steps, whatever the model."""
-    return _simulated(model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _integrated)
+    """Motion of a model under held torque by integration steps, whatever its laws; see :func:`simulate_torque`."""
+    return _simulate(model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _integrate)
 
 
 #: (model, state, torque, its period s, steps in it, time s, fastest rate 1/s) -> angle, speed, carriage, belt force, (4, n), and the state
@@ -98,7 +119,7 @@ def integrate_torque(
 _Motion = Callable[[Model, BodyStates, Array, float, int, float, float], tuple[Array, BodyStates]]
 
 
-def _simulated(
+def _simulate(
     model: Model,
     torque_nm: ArrayLike,
     sample_period_s: float,
@@ -112,9 +133,9 @@ def _simulated(
     if torque.ndim != 1 or not np.all(np.isfinite(torque)):
         raise UsageError(f"the torque must be one row of finite numbers, not an array of shape {torque.shape}")
     check_period(model, position_m, sample_period_s, substeps)
-    rate = 0.0 if motion is _solved else check_step(model, position_m, sample_period_s, substeps)
+    rate = 0.0 if motion is _solve_exactly else check_step(model, position_m, sample_period_s, substeps)
     start = state or at_rest(model, position_m)
-    if is_late(model) and motion is not _glided:
+    if is_late(model) and motion is not _glide:
         # The acting torque changes within a sampling period: every sub-step becomes a period of its own.
         h = sample_period_s / substeps
         acting = late_torque(model, np.repeat(torque, substeps), h)
@@ -130,7 +151,7 @@ def _simulated(
     return Simulated(t_s, theta, omega, cart, belt, end)
 
 
-def _solved(
+def _solve_exactly(
     model: Model, start: BodyStates, torque: Array, period_s: float, substeps: int, time_s: float, rate: float
 ) -> tuple[Array, BodyStates]:
     n = start.positions.size
@@ -138,7 +159,7 @@ def _solved(
     return out, BodyStates(end[:n], end[n:])
 
 
-def _integrated(
+def _integrate(
     model: Model, start: BodyStates, torque: Array, period_s: float, substeps: int, time_s: float, rate: float
 ) -> tuple[Array, BodyStates]:
     q, v, out = start.positions.copy(), start.speeds.copy(), np.empty((4, torque.size))
@@ -146,7 +167,7 @@ def _integrated(
     return out, BodyStates(q, v)
 
 
-def _glided(
+def _glide(
     model: Model, start: BodyStates, torque: Array, period_s: float, substeps: int, time_s: float, rate: float
 ) -> tuple[Array, BodyStates]:
     steps = max(math.ceil(substeps / STRIDE), math.ceil(period_s * rate / LONGEST_STEP))

@@ -1,4 +1,4 @@
-"""What stands between a drive's numbers and the axis: torque that acts late, an angle that errs."""
+"""Imperfections between a drive's numbers and the axis: torque that acts late, an angle that errs."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ def late_torque(model: Model, cells: Array, h: float) -> Array:
 
 
 def is_late(model: Model) -> bool:
-    """Whether any effect of the model stands between reported and acting torque."""
+    """True if any effect of the model stands between reported and acting torque."""
     return bool(_delays(model))
 
 
 def memory_s(model: Model) -> float:
-    """How long the torque path remembers, s."""
+    """Memory of the torque path, s."""
     return sum(_FORGOTTEN * abs(value) for _, values in _delays(model) for value in values)
 
 

@@ -24,7 +24,13 @@ class Intersample:
         return Intersample(self.above[rows])
 
     def cells(self, torque: Array, per_sample: int) -> Array:
-        """Mean over each of so many cells of a period, (n*per_sample,), N m.   torque : (n,), N m, mean over each period."""
+        """Mean over each of so many cells of a period, (n*per_sample,), N m.
+
+        Parameters
+        ----------
+        torque : ndarray (n,), N m
+            Mean over each period.
+        """
         above = self.above.reshape(len(torque), per_sample, -1).mean(axis=2) if per_sample < CELLS else self.above
         return np.asarray((torque[:, None] + above).reshape(-1))
 

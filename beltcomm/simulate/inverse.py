@@ -58,11 +58,25 @@ ENOUGH_LANES, LIKE = 3, 2.0 / 3.0
 class FineMotion:
     """Motor motion of one gapless stretch on a fine grid.
 
-    theta, omega : ndarray (n*substeps - substeps + 1,), rad and rad/s at the motor shaft, absolute: theta = position / i_t.
-    samples : number of samples n.     sample_s : s, sampling period.    substeps : fine steps per sample.
-    time_s : s, session clock at the first sample.   bristle_m : m at the belt, in which the motor's friction turns round.
-    within : of the torque inside the sampling periods; None: it is held.   creep : angle and speed as the motor's friction sees them,
-    where the encoder's steps hide that a slow motion goes on in one direction; None: as they are.
+    Attributes
+    ----------
+    theta, omega : ndarray (n*substeps - substeps + 1,), rad and rad/s at the motor shaft
+        Absolute: theta = position / i_t.
+    samples : int
+        Number of samples n.
+    sample_s : float, s
+        Sampling period.
+    substeps : int
+        Fine steps per sample.
+    time_s : float, s
+        Session clock at the first sample.
+    bristle_m : float, m at the belt
+        In which the motor's friction turns round.
+    within : Intersample or None
+        Of the torque inside the sampling periods; None: it is held.
+    creep : tuple of ndarray or None
+        Angle and speed as the motor's friction sees them, where the encoder's steps hide that a slow motion goes on in one direction; None:
+        as they are.
     """
 
     theta: Array
@@ -85,7 +99,7 @@ class FineMotion:
         self.rubbed.clear()
 
     def coarser(self, substeps: int) -> FineMotion:
-        """The same motion with fewer fine steps per sample, of which today's are a multiple; itself where it has no more."""
+        """Motion with fewer fine steps per sample, of which today's are a multiple; itself where it has no more."""
         skip = self.substeps // substeps
         if skip <= 1:
             return self
@@ -111,10 +125,18 @@ def reconstruct(
     fine grid and taken out, the rest is interpolated by a cubic spline, then the known part is put back.  Without the load a
     reversal of the friction inside a sample would ring through the spline into its neighbours.
 
-    position : ndarray (n,), rad, motor shaft.   torque : N m, ndarray (n,) acting from sample n to n+1, or (fine - 1,), mean over each
-    fine step.   inertia : kg m², motor side.   start_rad : rad, absolute motor angle (carriage position over i_t) of the first sample.
-    load : ndarray (fine,), N m, as :func:`fine_load` gives it for a first reconstruction; None: taken as smooth.   within : of a torque
-    (n,) inside the periods.
+    Parameters
+    ----------
+    position : ndarray (n,), rad, motor shaft
+    torque : ndarray, N m
+        ndarray (n,) acting from sample n to n+1, or (fine - 1,), mean over each fine step.
+    inertia : float, kg m², motor side
+    start_rad : float, rad
+        Absolute motor angle (carriage position over i_t) of the first sample.
+    load : ndarray (fine,) or None, N m
+        As :func:`fine_load` gives it for a first reconstruction; None: taken as smooth.
+    within : Intersample or None
+        Of a torque (n,) inside the periods.
     """
     n, h = len(position), sample_s / substeps
     push = _cells(torque, substeps, within) if len(torque) == n else torque
@@ -143,7 +165,7 @@ def _cells(torque: Array, per_sample: int, within: Intersample | None) -> Array:
 
 
 def begins_in_motion(motion: FineMotion) -> bool:
-    """Whether the kernel lets all bodies begin at the motor's speed; else they begin at rest."""
+    """True if the kernel lets all bodies begin at the motor's speed; else they begin at rest."""
     return first_speed(motion) != 0.0
 
 
@@ -187,7 +209,7 @@ def true_motion(model: Model, motion: FineMotion, vector: Array | None = None) -
     if key not in motion.made_true:
         shown = np.ascontiguousarray(motion.theta[:: motion.substeps])
         correction = np.empty_like(shown)
-        inverse_kernel().angle(shown, correction, board.spread(values), board.on)
+        inverse_kernel().angle(shown, correction, board.masked_vector(values), board.on)
         way, rate = interpolate(correction, motion.substeps)
         motion.made_true.clear()
         motion.made_true[key] = replace(motion, theta=motion.theta + way, omega=motion.omega + rate / motion.sample_s)
@@ -197,11 +219,15 @@ def true_motion(model: Model, motion: FineMotion, vector: Array | None = None) -
 def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, offset_m: float = 0.0) -> tuple[Array, Array]:
     """Load at the motor shaft, N m, and carriage position, m, on the fine grid of a true motion; (fine,), (fine,).
 
-    vector : replaces ``model.vector()``.   offset_m : m, a resting carriage is held by its friction up to level/stiffness away
-    from where the belt is unstretched.
+    Parameters
+    ----------
+    vector : ndarray or None
+        Replaces ``model.vector()``.
+    offset_m : float, m
+        A resting carriage is held by its friction up to level/stiffness away from where the belt is unstretched.
     """
     board = switchboard(model.base_bodies, model.effects)
-    p = board.spread(model.vector() if vector is None else vector)
+    p = board.masked_vector(model.vector() if vector is None else vector)
     load, cart = np.empty_like(motion.theta), np.empty_like(motion.theta)
     h, kernel = motion.sample_s / motion.substeps, inverse_kernel()
     given = (motion.theta, motion.omega, p, board.on, motion.time_s, h)
@@ -218,7 +244,7 @@ def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, off
 
 
 def motor_load(model: Model, motion: FineMotion, vector: Array, effect: str | None = None) -> Array:
-    """What the effects that act on the motor alone, or one of them, add to the load; triangular mean, (n,), N m, ends 0; read only."""
+    """Load by the effects that act on the motor alone, or one of them; triangular mean, (n,), N m, ends 0; read only."""
     board = switchboard(model.base_bodies, model.effects)
     on = board.motor
     if effect is not None:
@@ -231,7 +257,7 @@ def motor_load(model: Model, motion: FineMotion, vector: Array, effect: str | No
             load, level = _SCRATCH.rows(len(motion.theta))
             h = motion.sample_s / motion.substeps
             theta, omega = motion.creep or (motion.theta, motion.omega)
-            inverse_kernel().motor(theta, omega, board.spread(vector), on, motion.time_s, h, motion.bristle_m, load, level)
+            inverse_kernel().motor(theta, omega, board.masked_vector(vector), on, motion.time_s, h, motion.bristle_m, load, level)
             mean = triangular_mean(load, motion.substeps)
         mean.setflags(write=False)
         if len(motion.rubbed) >= REMEMBERED:
@@ -241,12 +267,12 @@ def motor_load(model: Model, motion: FineMotion, vector: Array, effect: str | No
 
 
 def belt_load(model: Model, motion: FineMotion, vector: Array, offset_m: float) -> Array:
-    """What everything beyond the motor adds to the load; triangular mean, (n,), N m, ends 0."""
+    """Load by everything beyond the motor; triangular mean, (n,), N m, ends 0."""
     return belt_loads(model, motion, [vector], [offset_m])[:, 0]
 
 
 def belt_loads(model: Model, motion: FineMotion, vectors: Sequence[Array], offsets_m: Sequence[float]) -> Array:
-    """The same for several vectors of parameters, all with one transmission, and offsets; (n, k)."""
+    """Load by everything beyond the motor for several vectors of parameters, all with one transmission, and offsets; (n, k)."""
     board = switchboard(model.base_bodies, model.effects)
     if not board.belt.any():
         return np.zeros((motion.samples, len(vectors)))
@@ -259,7 +285,7 @@ def belt_loads(model: Model, motion: FineMotion, vectors: Sequence[Array], offse
     means = np.empty((len(vectors), motion.samples))
     load, cart = _SCRATCH.rows(len(motion.theta))
     for mean, vector, offset in zip(means, vectors, offsets_m, strict=True):
-        p = board.spread(vector)
+        p = board.masked_vector(vector)
         inverse_kernel().load(motion.theta, motion.omega, p, board.belt, motion.time_s, h, motion.bristle_m, offset, load, cart, NOTHING)
         mean[:] = triangular_mean(load, motion.substeps)
     return means.T
@@ -268,7 +294,12 @@ def belt_loads(model: Model, motion: FineMotion, vectors: Sequence[Array], offse
 def follow_bodies(model: Model, motions: Sequence[FineMotion], vectors: Sequence[Array], watches: Sequence[ObserverState]) -> None:
     """Everything beyond the motor followed by the torque, of several stretches or models; the results stand in the watches.
 
-    In lock step where there are enough of one kind, the others one by one.   vectors : with one transmission.
+    In lock step where there are enough of one kind, the others one by one.
+
+    Parameters
+    ----------
+    vectors : sequence of ndarray
+        With one transmission.
     """
     board = switchboard(model.base_bodies, model.effects)
     alike: dict[tuple[float, ...], list[int]] = {}
@@ -278,10 +309,10 @@ def follow_bodies(model: Model, motions: Sequence[FineMotion], vectors: Sequence
         h = motions[group[0]].sample_s / motions[group[0]].substeps
         for some in lock_step_groups(group, [len(motion.theta) for motion in motions]):
             if len(some) >= ENOUGH_LANES:
-                lock_step([_lane(motions[i], board.spread(vectors[i]), watches[i]) for i in some], board.belt, h)
+                lock_step([_lane(motions[i], board.masked_vector(vectors[i]), watches[i]) for i in some], board.belt, h)
                 continue
             for i in some:
-                motion, p = motions[i], board.spread(vectors[i])
+                motion, p = motions[i], board.masked_vector(vectors[i])
                 watch = with_memory(watches[i]) if watches[i].learning else watches[i]
                 load, cart = _SCRATCH.rows(len(motion.theta))
                 inverse_kernel().load(motion.theta, motion.omega, p, board.belt, motion.time_s, h, motion.bristle_m, 0.0, load, cart, watch)
@@ -315,7 +346,12 @@ def linear_innovations(model: Model, motion: FineMotion, vectors: Sequence[Array
 def acting_torque(model: Model, motion: FineMotion, torque: Array, vector: Array | None = None) -> Array:
     """Torque that acts on the motor, averaged with the triangular weight, (n,), N m, ends 0.
 
-    torque : ndarray (n,), N m, as reported, held from sample n to n+1.   vector : replaces ``model.vector()``.
+    Parameters
+    ----------
+    torque : ndarray (n,), N m
+        As reported, held from sample n to n+1.
+    vector : ndarray or None
+        Replaces ``model.vector()``.
     """
     mean = np.zeros(motion.samples)
     board = switchboard(model.base_bodies, model.effects)
@@ -330,7 +366,7 @@ def acting_torque(model: Model, motion: FineMotion, torque: Array, vector: Array
 
 
 def acting_cells(model: Model, motion: FineMotion, torque: Array, vector: Array | None = None) -> Array:
-    """The same, mean over each cell of time; a whole number of cells per fine step, N m, ((n - 1)*cells per sample,)."""
+    """Acting torque, mean over each cell of time; a whole number of cells per fine step, N m, ((n - 1)*cells per sample,)."""
     board = switchboard(model.base_bodies, model.effects)
     values = model.vector() if vector is None else vector
     finer = max(1, DELAY_CELLS // motion.substeps) if board.delays else 1
@@ -341,7 +377,7 @@ def acting_cells(model: Model, motion: FineMotion, torque: Array, vector: Array 
         return cells
     cells = coarse(cells, finer)
     out = np.empty_like(cells)
-    inverse_kernel().torque(cells, motion.theta, board.spread(values), board.on, motion.time_s, h, out)
+    inverse_kernel().torque(cells, motion.theta, board.masked_vector(values), board.on, motion.time_s, h, out)
     return out
 
 
@@ -358,7 +394,12 @@ def reading_lags(model: Model, vector: Array) -> Lags:
 def as_read(torque: Array, start_nm: float, sample_s: float, lags: Lags) -> Array:
     """A torque that the motor needs, (n,), N m, as the drive would report it; the same array where its reading does not lag.
 
-    start_nm : N m, the reading at the first sample that counts, the second: the lag's whole state.   The ends stay as they are.
+    The ends stay as they are.
+
+    Parameters
+    ----------
+    start_nm : float, N m
+        The reading at the first sample that counts, the second: the lag's whole state.
     """
     if not lags:
         return torque
@@ -380,7 +421,10 @@ def load_torque(model: Model, motion: FineMotion, vector: Array | None = None, o
 def torque_residuals(model: Model, motion: FineMotion, torque: Array, vectors: Sequence[Array], offsets_m: Sequence[float]) -> list[Array]:
     """e[n] of the module's equation, N m at the motor shaft, (n,) each, ends 0, of several vectors of parameters and offsets side by side.
 
-    torque : ndarray (n,), N m, as reported.
+    Parameters
+    ----------
+    torque : ndarray (n,), N m
+        As reported.
     """
     board, ratio = switchboard(model.base_bodies, model.effects), model.index("transmission.ratio")
     beside = board.plain and not board.sensor and all(p[ratio] == vectors[0][ratio] for p in vectors)

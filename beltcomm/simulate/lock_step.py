@@ -44,10 +44,22 @@ AHEAD = 64
 
 
 class Lane(NamedTuple):
-    """What runs in one lane.
+    """The model of one lane.
 
-    theta, omega : (fine,), true motion.   first : rad/s, speed at which all begins.   time_s : s, session clock there.   bristle_m : m, in
-    which motor friction turns round.   p : of the masked kernel, see ``switchboard``.   watch : the results stand in it.
+    Attributes
+    ----------
+    theta, omega : ndarray (fine,)
+        True motion.
+    first : float, rad/s
+        Speed at which all begins.
+    time_s : float, s
+        Session clock there.
+    bristle_m : float, m
+        In which motor friction turns round.
+    p : ndarray
+        Of the masked kernel, see ``switchboard``.
+    watch : ObserverState
+        The results stand in it.
     """
 
     theta: Array
@@ -62,7 +74,14 @@ class Lane(NamedTuple):
 def lock_step(lanes: Sequence[Lane], on: NDArray[np.bool_], step_s: float) -> None:
     """Eight lanes at most, the longest first, with one number of fine steps a sample, one transmission and the same effects.
 
-    on : effects of the catalogue that are on beyond the motor.   step_s : s, fine step.   Whether the observers learn is the same in all.
+    Whether the observers learn is the same in all.
+
+    Parameters
+    ----------
+    on : ndarray of bool
+        Effects of the catalogue that are on beyond the motor.
+    step_s : float, s
+        Fine step.
     """
     padded = [*lanes, *(lanes[-1],) * (LANES - len(lanes))]
     watch = lanes[0].watch
@@ -183,11 +202,11 @@ def lock_step_source() -> str:
         ], 1),
     ]  # fmt: skip
     given = "where, lengths, values, on, h, ratio, substeps, bodies, behind, cart, learning, rows, memory, passes, reaches, course, s"
-    text = broadcast_constants([*needed_lines([*_known(writer), *fences, *_seen(others)], body), *body])
+    text = broadcast_constants([*needed_lines([*_model_lines(writer), *fences, *_body_lines(others)], body), *body])
     return writer.assemble([["@in_lanes", f"def together({given}):", *indent(["nothing = eight(0.0)", *text], 1)]])
 
 
-def _known(writer: Writer) -> list[str]:
+def _model_lines(writer: Writer) -> list[str]:
     """Lines that bring what the models know and how all begins."""
     bodies, size = range(len(writer.bodies)), max(writer.place.values()) + 1
     names = [*(f"n{i}" for i in bodies), "first", "t", "bristle"]
@@ -198,7 +217,7 @@ def _known(writer: Writer) -> list[str]:
     return lines + [f"z{i} = nothing" for i in writer.onsets()]
 
 
-def _seen(others: Iterable[int]) -> list[str]:
+def _body_lines(others: Iterable[int]) -> list[str]:
     """Lines that say which bodies the observers know, and where their position and speed stand in the memory."""
     lines = []
     for i in others:

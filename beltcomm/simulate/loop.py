@@ -23,10 +23,21 @@ _NO_TIME_S = 1e-9
 
 @dataclass(frozen=True)
 class LoopDrive:
-    """What a drive adds to its controller.   period_s : of its loops.   delay_s : torque setpoint to acting torque.
+    """A drive around its controller.
 
-    torque_limit_nm : motor shaft.   counts_per_rev : of the encoder.   dead_zone_rad : position error that does not count.
-    output_limit_rad_s : of the position controller.
+    Attributes
+    ----------
+    period_s : float
+        Of its loops.
+    delay_s : float
+        Torque setpoint to acting torque.
+    torque_limit_nm : float, motor shaft
+    counts_per_rev : int
+        Of the encoder.
+    dead_zone_rad : float
+        Position error that does not count.
+    output_limit_rad_s : float
+        Of the position controller.
     """
 
     period_s: float
@@ -39,10 +50,18 @@ class LoopDrive:
 
 @dataclass(frozen=True)
 class LoopRun:
-    """What the plant did, (n,), at the start of each loop period.   position_rad, velocity_rad_s : motor shaft, from where it began.
+    """Motion of the plant, (n,), at the start of each loop period.
 
-    cart_m : carriage, from where it began.   asked_nm, torque_nm : torque setpoint and acting torque, motor shaft.
-    belt_force_n : largest within the period.
+    Attributes
+    ----------
+    position_rad, velocity_rad_s : ndarray, motor shaft
+        From where it began.
+    cart_m : ndarray
+        Carriage, from where it began.
+    asked_nm, torque_nm : ndarray
+        Torque setpoint and acting torque, motor shaft.
+    belt_force_n : ndarray
+        Largest within the period.
     """
 
     position_rad: Array
@@ -67,9 +86,16 @@ def close_loop(
 ) -> LoopRun:
     """The drive's own loop on a plant, one reference per loop period.
 
-    kind : which loop is closed; "velocity" leaves the position free.   position_rad, velocity_rad_s, added_nm : (n,), references at the
-    motor shaft and torque added to the controller's; the plant stands at the first position.   acceleration_rad_s2 : (n,), that the
-    feedforward knows of; when left out the reference's own.   speed_rad_s : at which the loop finds the motor.
+    Parameters
+    ----------
+    kind : LoopKind
+        Which loop is closed; "velocity" leaves the position free.
+    position_rad, velocity_rad_s, added_nm : ndarray (n,)
+        References at the motor shaft and torque added to the controller's; the plant stands at the first position.
+    acceleration_rad_s2 : ndarray (n,) or None
+        That the feedforward knows of; when left out the reference's own.
+    speed_rad_s : float
+        At which the loop finds the motor.
     """
     coefficients, state = discrete_coefficients(cascade, drive.period_s, drive.torque_limit_nm), new_state()
     start_rad = float(position_rad[0])
@@ -86,13 +112,13 @@ def close_loop(
     if type(plant) is SimulatedPlant and plant.plain:  # one that is derived may step otherwise
         out = plant.follow(kind == "position", coefficients, state, references, sensing, waiting, drive.period_s, late_s)
     else:
-        out = _stepped(plant, kind == "position", coefficients, state, references, sensing, waiting, drive.period_s, late_s)
+        out = _step_loop(plant, kind == "position", coefficients, state, references, sensing, waiting, drive.period_s, late_s)
     angle, speed, cart, asked, before, belt = out
     acting = (late_s * before + (drive.period_s - late_s) * np.append(before[1:], waiting[0])) / drive.period_s
     return LoopRun(angle, speed, cart, asked, acting, belt)
 
 
-def _stepped(
+def _step_loop(
     plant: Plant,
     follows_position: bool,
     coefficients: Array,

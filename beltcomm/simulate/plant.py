@@ -34,12 +34,20 @@ def substeps_needed(model: Model, position_m: float, least: int = 20) -> int:
 class SimulatedPlant:
     """A model of an axis behind the motor shaft, starting in static equilibrium at ``position_m``, as a whole at ``speed_m_s``.
 
-    position_rad, velocity_rad_s, cart_position_m, belt_force_n : as in :class:`beltcomm.plant.Plant`; positions are relative
-    to where the run began, the model inside uses the absolute carriage position.
-    belt_stretch_m : how far the motor is ahead of the carriage at the start, as friction may have left it, m at the belt.
-    end_stops_m : (min, max), m, absolute carriage positions of two rubber buffers; None leaves the axis without ends.
+    Parameters
+    ----------
+    position_rad, velocity_rad_s, cart_position_m, belt_force_n
+        As in :class:`beltcomm.plant.Plant`; positions are relative to where the run began, the model inside uses the absolute carriage
+        position.
+    belt_stretch_m : float
+        How far the motor is ahead of the carriage at the start, as friction may have left it, m at the belt.
+    end_stops_m : tuple of float or None, (min, max), m
+        Absolute carriage positions of two rubber buffers; None leaves the axis without ends.
 
-    Raises UsageError when ``substeps_per_ms`` is too small for the model.
+    Raises
+    ------
+    UsageError
+        When ``substeps_per_ms`` is too small for the model.
     """
 
     def __init__(
@@ -89,7 +97,10 @@ class SimulatedPlant:
     def brake(self, torque_nm: float) -> None:
         """See :class:`beltcomm.plant.BrakedPlant`: a closed brake is more Coulomb friction of the motor.
 
-        Raises UsageError for a model without such friction.
+        Raises
+        ------
+        UsageError
+            For a model without such friction.
         """
         if "coulomb" not in self._model.effects:
             raise UsageError(
@@ -100,7 +111,10 @@ class SimulatedPlant:
     def step(self, torque_nm: float, duration_s: float) -> None:
         """Let ``torque_nm`` (held, at the motor shaft) act for ``duration_s``; deterministic.
 
-        Raises Refused when the carriage has left what the model describes.
+        Raises
+        ------
+        Refused
+            When the carriage has left what the model describes.
         """
         if duration_s != self._duration_s:
             self._duration_s = duration_s
@@ -121,14 +135,14 @@ class SimulatedPlant:
             self._look()
 
     def _far_from_stops(self, duration_s: float) -> bool:
-        """Whether neither can be reached within one step, in which the speed can hardly double."""
+        """True if neither can be reached within one step, in which the speed can hardly double."""
         x = self._q.item(self._carriage) * self._lever
         reach = 2.0 * abs(self._v.item(self._carriage)) * self._lever * duration_s + 1e-3
         return self._low < x - reach and x + reach < self._high
 
     @property
     def plain(self) -> bool:
-        """Whether :meth:`follow` can run it: no buffers stand at its ends."""
+        """True if :meth:`follow` can run it: no buffers stand at its ends."""
         return self._endless
 
     def follow(
@@ -144,11 +158,24 @@ class SimulatedPlant:
     ) -> Array:
         """A drive's loop closed on this plant, compiled; the same as stepping it, period by period.
 
-        references : (4, n), position, speed, acceleration at the motor shaft, torque added.   sensing : as in ``loop_kernel``.   waiting :
-        torques on their way, the next one first, N m.   late_s : how much of a period the torque before goes on acting.
-        Returns (6, n): at the start of each period motor angle, speed, carriage, m; then torque asked for, torque before, largest belt
-        force, N.
-        Raises Refused when the carriage leaves what the model describes.
+        Parameters
+        ----------
+        references : ndarray (4, n)
+            Position, speed, acceleration at the motor shaft, torque added.
+        sensing : ndarray
+            As in ``loop_kernel``. waiting : torques on their way, the next one first, N m.
+        late_s : float
+            How much of a period the torque before goes on acting.
+
+        Returns
+        -------
+        ndarray (6, n)
+            At the start of each period motor angle, speed, carriage, m; then torque asked for, torque before, largest belt force, N.
+
+        Raises
+        ------
+        Refused
+            When the carriage leaves what the model describes.
         """
         first, rest_s = max(1, math.ceil(late_s * self._substeps_per_s - 1e-6)), period_s - late_s
         then = max(1, math.ceil(rest_s * self._substeps_per_s - 1e-6))
@@ -181,7 +208,7 @@ class SimulatedPlant:
             raise Refused(f"the carriage ran to {reached:g} m, where model {self._model.name!r} has no belt; give it end stops")
 
     def _step_late(self, torque_nm: float) -> None:
-        """The same step with the torque that comes out of the torque path, which remembers what went in."""
+        """A step with the torque that comes out of the torque path, which remembers what went in."""
         keep = math.ceil(self._memory_s / self._h)
         self._reported = np.concatenate([self._reported[-keep:], np.full(self._count, torque_nm)])
         acting = late_torque(self._model, self._reported, self._h)[-self._count :]
@@ -194,7 +221,7 @@ class SimulatedPlant:
         self._count, self.time_s, self.belt_force_n = count, start_s, strand
 
     def _step_near_stop(self, torque_nm: float) -> None:
-        """The same step with the buffers' force added to the carriage after each sub-step (operator splitting).
+        """A step with the buffers' force added to the carriage after each sub-step (operator splitting).
 
         F = -k s - d s' while the buffer is pressed by s > 0; it never pulls.
         """

@@ -60,11 +60,11 @@ class SetpointGrid:
         return values if self._same else np.asarray(np.interp(self._sent_s() - self.lag_s, self._sent_s(), values))
 
     def at_samples(self, values: Array) -> Array:
-        """What runs with the loop, at the samples that go with the setpoints, (count,)."""
+        """Values that run with the loop, at the samples that go with the setpoints, (count,)."""
         return values if self._same else np.asarray(np.interp(self._sent_s(), self._loops_s(), values))
 
     def latest(self, values: Array) -> Array:
-        """What the loop decided last when the drive samples, (count,)."""
+        """Latest value that the loop decided when the drive samples, (count,)."""
         if self._same:
             return values
         return np.asarray(values[np.floor(self._sent_s() / self.loop_s + _ROUNDING).astype(int)])

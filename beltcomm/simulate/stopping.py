@@ -1,4 +1,4 @@
-"""How an axis comes to rest when it is stopped: along which deceleration, on which way, with how much force in the belt.
+"""Stops of an axis: along which deceleration, on which way, with how much force in the belt.
 
 A drive's quick stop ramps its speed down with a constant deceleration (6085h).  Such a ramp begins with a step, and a belt that is
 pulled by a step of acceleration swings to twice the force of a rigid one; a speed controller that is slower than the belt rounds
@@ -38,7 +38,15 @@ SHARES = tuple(float(share) for share in np.geomspace(1.0, 0.2, 25))
 
 
 class Deceleration(NamedTuple):
-    """value_m_s2 : m/s², carriage.   binds : in words, what sets it."""
+    """A deceleration, and what limits it.
+
+    Attributes
+    ----------
+    value_m_s2 : float, m/s²
+        Carriage.
+    binds : str
+        In words, what sets it.
+    """
 
     value_m_s2: float
     binds: str
@@ -46,11 +54,20 @@ class Deceleration(NamedTuple):
 
 @dataclass(frozen=True)
 class Braking:
-    """What a stop can be counted with:  way = v lag + v²/2a.
+    """Braking that a stop can count on:  way = v lag + v²/2a.
 
-    deceleration_m_s2 : a.   lag_s : s, until the stop is asked for, and until the axis follows its ramp.   reaction_s : the first part of
-    it.   An acceleration goes on for the lag; a drive that is slowing down begins its ramp at the higher speed of a reaction ago.
-    besides : what else brakes; the shorter way counts.
+    An acceleration goes on for the lag; a drive that is slowing down begins its ramp at the higher speed of a reaction ago.
+
+    Attributes
+    ----------
+    deceleration_m_s2 : float
+        A.
+    lag_s : float, s
+        Until the stop is asked for, and until the axis follows its ramp.
+    reaction_s : float
+        The first part of it.
+    besides : Braking or None
+        What else brakes; the shorter way counts.
     """
 
     deceleration_m_s2: float
@@ -67,7 +84,12 @@ class Braking:
         return min(way, self.besides.way_m(speed_m_s, acceleration_m_s2)) if self.besides else way
 
     def ways_m(self, speed_m_s: Array) -> Array:
-        """:meth:`way_m` of many speeds at once, without acceleration.   speed_m_s : (n,)."""
+        """:meth:`way_m` of many speeds at once, without acceleration.
+
+        Parameters
+        ----------
+        speed_m_s : ndarray (n,)
+        """
         speed = np.abs(speed_m_s)
         if self.deceleration_m_s2 > 0.0:
             ways = speed * self.lag_s + speed**2 / (2.0 * self.deceleration_m_s2)
@@ -77,12 +99,17 @@ class Braking:
 
     @property
     def by_the_drive(self) -> Braking:
-        """The same when the drive itself begins the stop: nothing is lost for the host's reaction."""
+        """Braking when the drive itself begins the stop: nothing is lost for the host's reaction."""
         besides = self.besides.by_the_drive if self.besides else None
         return Braking(self.deceleration_m_s2, max(self.lag_s - self.reaction_s, 0.0), 0.0, besides)
 
     def span_m(self, position_m: Array, speed_m_s: Array, sample_s: float) -> tuple[float, float]:
-        """Lowest and highest position, m, that a motion reaches with a stop at any moment.   position_m, speed_m_s : (n,)."""
+        """Lowest and highest position, m, that a motion reaches with a stop at any moment.
+
+        Parameters
+        ----------
+        position_m, speed_m_s : ndarray (n,)
+        """
         accelerations = np.gradient(speed_m_s, sample_s)
         ways = [self.way_m(float(v), float(a)) for v, a in zip(speed_m_s, accelerations, strict=True)]
         ends = position_m + np.sign(speed_m_s) * np.array(ways)
@@ -91,10 +118,16 @@ class Braking:
 
 @dataclass(frozen=True)
 class HostLoss:
-    """What becomes of an axis in torque mode when its host dies.
+    """The end of an axis in torque mode when its host dies.
 
-    held_s : s, the last torque is held so long at worst.   braking : what brakes the axis then.   least_nm : what pulls at least, N m:
-    the weight of an axis that nothing holds.
+    Attributes
+    ----------
+    held_s : float, s
+        The last torque is held so long at worst.
+    braking : Braking
+        What brakes the axis then.
+    least_nm : float
+        What pulls at least, N m: the weight of an axis that nothing holds.
     """
 
     held_s: float
@@ -102,13 +135,23 @@ class HostLoss:
     least_nm: float = 0.0
 
 
-def run_on(speed_m_s: Array, torque_nm: float, friction_nm: float, inertia_kg_m2: float, ratio: float, loss: HostLoss) -> Array:
-    """How far a rigid axis runs on in one direction when its host dies under the worst torque in that direction, m, (n,):
+def run_on_distance(speed_m_s: Array, torque_nm: float, friction_nm: float, inertia_kg_m2: float, ratio: float, loss: HostLoss) -> Array:
+    """Run-on of a rigid axis in one direction when its host dies under the worst torque in that direction, m, (n,):
 
         a = i_t (τ - τ_C)/J,    s = v T + a T²/2 + way(v + a T)
 
-    speed_m_s : (n,), in that direction; one that moves away counts as one at rest, which it must first come to.   torque_nm : largest,
-    N m.   friction_nm, inertia_kg_m2 : of the whole axis at the motor.   ratio : i_t, m/rad.   Infinite when nothing brakes.
+    Infinite when nothing brakes.
+
+    Parameters
+    ----------
+    speed_m_s : ndarray (n,)
+        In that direction; one that moves away counts as one at rest, which it must first come to.
+    torque_nm : float
+        Largest, N m.
+    friction_nm, inertia_kg_m2 : float
+        Of the whole axis at the motor.
+    ratio : float
+        i_t, m/rad.
     """
     speed, held_s = np.maximum(speed_m_s, 0.0), loss.held_s
     acceleration = max(ratio * (max(torque_nm, loss.least_nm) - friction_nm) / inertia_kg_m2, 0.0)
@@ -117,7 +160,15 @@ def run_on(speed_m_s: Array, torque_nm: float, friction_nm: float, inertia_kg_m2
 
 @dataclass(frozen=True)
 class Stop:
-    """A simulated quick stop.   way_m : furthest carriage position after it was asked for, m.   belt_force_n : largest, N."""
+    """A simulated quick stop.
+
+    Attributes
+    ----------
+    way_m : float
+        Furthest carriage position after it was asked for, m.
+    belt_force_n : float
+        Largest, N.
+    """
 
     way_m: float
     belt_force_n: float
@@ -126,8 +177,16 @@ class Stop:
 def rigid_deceleration(axis: Axis, mass_kg: float, torque_nm: float, swing: float = 1.0) -> Deceleration:
     """Largest deceleration within the axis' limits:  a ≤ a_max,  swing m a ≤ F_max,  (Θ_e/i_t + i_t m) a ≤ τ.
 
-    mass_kg : carriage and payload.   torque_nm : of motor and drive, motor shaft; friction, which helps to brake, is left out.
-    swing : 1 for a belt that is loaded gently, ``SWING`` for a step.   Infinite when the axis states none of the limits.
+    Infinite when the axis states none of the limits.
+
+    Parameters
+    ----------
+    mass_kg : float
+        Carriage and payload.
+    torque_nm : float
+        Of motor and drive, motor shaft; friction, which helps to brake, is left out.
+    swing : float
+        1 for a belt that is loaded gently, ``SWING`` for a step.
     """
     limits, ratio = axis.limits, axis.transmission_m_rad
     force, inertia = limits.feed_force_n or math.inf, axis.motor_side_inertia_kg_m2 if axis.motor.inertia_kg_m2 else 0.0
@@ -139,7 +198,7 @@ def rigid_deceleration(axis: Axis, mass_kg: float, torque_nm: float, swing: floa
 
 
 def first_deceleration(axis: Axis, torque_nm: float) -> Deceleration:
-    """What a quick stop may use before the carriage is weighed: the heaviest one thought of, and a step that makes the belt swing."""
+    """Deceleration of a quick stop before the carriage is weighed: the heaviest one thought of, and a step that makes the belt swing."""
     peak = min(torque_nm, axis.motor.peak_torque_nm or math.inf)
     return rigid_deceleration(axis, max(HEAVIEST_KG, axis.payload.mass_kg or 0.0), peak, SWING)
 
@@ -160,12 +219,12 @@ def total_viscous(model: Model) -> float:
 
 
 def braked_by_friction(model: Model, friction_nm: float, reaction_s: float) -> Braking:
-    """What Coulomb friction alone does to a rigid axis without torque:  a = i_t τ_C/J."""
+    """Braking by Coulomb friction alone, of a rigid axis without torque:  a = i_t τ_C/J."""
     return Braking(model["transmission.ratio"] * friction_nm / total_inertia(model), reaction_s, reaction_s)
 
 
 def braked_by_unknown_gains(model: Model, kp_nm_s_rad: float, ki_nm_rad: float, deceleration_m_s2: float, reaction_s: float) -> Braking:
-    """What a velocity loop does that was never designed for this axis, taken as rigid, along the ramp of a quick stop.
+    """Braking by a velocity loop that was never designed for this axis, taken as rigid, along the ramp of a quick stop.
 
     J ω' + K_P ω + K_I φ = 0  swings out by less than  ω J/K_P  and  ω √(J/K_I).
     """
@@ -191,8 +250,14 @@ def predict_stop(
 ) -> Stop:
     """A quick stop out of constant speed by the drive's own velocity loop, on the model.
 
-    The ramp begins at the measured speed and has no feedforward of its acceleration.   position_m : where the carriage sets out.
-    delay_s : torque setpoint to acting torque.
+    The ramp begins at the measured speed and has no feedforward of its acceleration.
+
+    Parameters
+    ----------
+    position_m : float
+        Where the carriage sets out.
+    delay_s : float
+        Torque setpoint to acting torque.
     """
     ratio = model["transmission.ratio"]
     plant = SimulatedPlant(model, position_m, substeps_needed(model, position_m), speed_m_s=speed_m_s)
@@ -222,9 +287,15 @@ def braked_by_loop(
 ) -> tuple[Braking, Stop]:
     """The hardest quick stop of a loop that loads the belt of no model in the family beyond the axis' feed force, and its way.
 
-    speed_m_s : from which it is simulated, and from parts of it: the step at the end of a short ramp comes while the belt still swings
-    from the one at its beginning, and along a long ramp a loop has time to catch up.   reaction_s : until the stop is asked for.
     When even the softest stop tried loads the belt more, that one is returned with its force.
+
+    Parameters
+    ----------
+    speed_m_s : float
+        From which it is simulated, and from parts of it: the step at the end of a short ramp comes while the belt still swings from the one
+        at its beginning, and along a long ramp a loop has time to catch up.
+    reaction_s : float
+        Until the stop is asked for.
     """
     limit = axis.limits.feed_force_n or math.inf
     rigid = rigid_deceleration(axis, max(model["cart.mass"] for model in family), torque_limit_nm).value_m_s2

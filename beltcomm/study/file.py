@@ -42,11 +42,26 @@ MEMBERS = 1000
 
 @dataclass(frozen=True)
 class Study:
-    """What a study file asks for.
+    """Request of a study file.
 
-    count : of members.   work : what finds a member's result from its values.   population, nominal : where the values come from; None
-    for a fleet, whose ``runs`` are the members.   targets : by result, what it is to stay below.   base : in words.   gains : on trial.
-    units : of the values.   fingerprint : of everything that all members share; with the values it makes the key of a member.
+    Attributes
+    ----------
+    count : int
+        Of members.
+    work : Work
+        What finds a member's result from its values.
+    population, nominal
+        Where the values come from; None for a fleet, whose ``runs`` are the members.
+    targets : dict of str to float
+        By result, what it is to stay below.
+    base : str
+        In words.
+    gains : dict of str to float or None
+        On trial.
+    units : dict of str to str
+        Of the values.
+    fingerprint : str
+        Of everything that all members share; with the values it makes the key of a member.
     """
 
     name: str
@@ -63,7 +78,7 @@ class Study:
     units: Mapping[str, str]
 
     def values(self, number: int) -> Values:
-        """What member ``number``, from 0, has."""
+        """Values of member ``number``, from 0."""
         return {"run": self.runs[number]} if self.population is None else self.population.member(number, self.nominal)
 
     def key(self, number: int) -> str:
@@ -74,9 +89,19 @@ class Study:
 
 
 def load_study(name: str | Path, doing: Doing | None = None) -> Study:
-    """The study of a file, or of a shipped one by its name.   doing : the commands for studies that need one.
+    """The study of a file, or of a shipped one by its name.
 
-    Raises UsageError that names file and entry, DataError for a run that cannot be the base.
+    Parameters
+    ----------
+    doing : Doing or None
+        The commands for studies that need one.
+
+    Raises
+    ------
+    UsageError
+        That names file and entry.
+    DataError
+        For a run that cannot be the base.
     """
     path = find_config("studies", str(name))
     data = read_yaml(path)
@@ -169,7 +194,7 @@ def _fleet(path: Path, data: Mapping[str, Any], title: str, each: str) -> Study:
 
 
 def _noise(each: str) -> dict[str, float]:
-    """What a comparison is held against: an error as large as the noise."""
+    """Reference of a comparison: an error as large as the noise."""
     return {"ratio": 1.0} if each == "compare" else {}
 
 
@@ -201,7 +226,7 @@ def _ground_of_run(run: Path, file: Path | None, base: Mapping[str, Any], target
             raise UsageError(f"base.{key} stands beside base.run, which has its own; leave it out")
     folder = RunFolder.open(run)
     saved = saved_design(folder)
-    model, _, _ = offline.trusted(folder, str(saved.get("revision") or ""))
+    model, _, _ = offline.trusted_revision(folder, str(saved.get("revision") or ""))
     if model.side != "motor" or not folder.axis.has_belt:
         raise UsageError(f"base.run {run} is an axis without a belt, or one in ampere; a move cannot be predicted on it")
     structure = offline.structure_of(folder, Findings())

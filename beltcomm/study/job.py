@@ -51,11 +51,28 @@ def study_of(
 ) -> Result:
     """All members that have no result in ``out`` yet, then what all of them say.   Exit code 1 where a member misses, or has no result.
 
-    workers : processes, None for one per processor.   scheduler : address of a Dask cluster in their place.   limit : so many more members
-    at most; with 0 only what is known is said, also while another process computes.   report : the page too.   The results are the same
+    The results are the same
     whoever computes them, bit for bit, on processors of one kind.
-    Raises UsageError for a wrong study, a folder of another study or one in which another process computes, a scheduler that cannot be
-    used; DataError for a damaged folder; Refused where workers die or vanish.
+
+    Parameters
+    ----------
+    workers : int or None
+        Processes, None for one per processor.
+    scheduler : str or None
+        Address of a Dask cluster in their place.
+    limit : int or None
+        So many more members at most; with 0 only what is known is said, also while another process computes.
+    report : bool
+        The page too.
+
+    Raises
+    ------
+    UsageError
+        For a wrong study, a folder of another study or one in which another process computes, a scheduler that cannot be used.
+    DataError
+        For a damaged folder.
+    Refused
+        Where workers die or vanish.
     """
     if workers is not None and scheduler is not None:
         raise UsageError("--workers are processes of this machine, --scheduler is a cluster: choose one")
@@ -75,11 +92,11 @@ def study_of(
         ),
         unwritable="choose another --out",
     ):
-        lines = _computed(asked, file, out, workers=workers, scheduler=scheduler, limit=limit, talk=talk)
+        lines = _compute_members(asked, file, out, workers=workers, scheduler=scheduler, limit=limit, talk=talk)
         return _result(asked, file, out, lines, report)
 
 
-def _computed(
+def _compute_members(
     asked: Study, file: str | Path, out: Path, *, workers: int | None, scheduler: str | None, limit: int | None, talk: Talk
 ) -> dict[int, Line]:
     """All members with a result, old and new."""
@@ -110,7 +127,7 @@ def _computed(
     if open_members or kept.told:
         write_text(out / MEMBERS, "".join(_text(lines[k]) for k in sorted(lines)))
     if kept.aside:
-        write_text(out / GONE, "".join(_text(line) for line in kept.aside if _gone(line, asked)))
+        write_text(out / GONE, "".join(_text(line) for line in kept.aside if _is_gone(line, asked)))
     return lines
 
 
@@ -125,15 +142,23 @@ def _append(file: RawIOBase, text: str, path: Path) -> None:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}; make room, and the same command goes on") from error
 
 
-def _gone(line: Line, asked: Study) -> bool:
-    """Whether a line is that of a run which the fleet has no more."""
+def _is_gone(line: Line, asked: Study) -> bool:
+    """True if a line is that of a run which the fleet has no more."""
     return line["values"]["run"] not in asked.runs
 
 
 def one_member(file: str | Path, number: int, *, doing: Doing, out: Path | None = None) -> Result:
-    """One member again, as any worker computes it.   out : folder for its plant file, and for the run of one that is commissioned.
+    """One member again, as any worker computes it.
 
-    Raises UsageError for a number that the study does not have.
+    Parameters
+    ----------
+    out : Path or None
+        Folder for its plant file, and for the run of one that is commissioned.
+
+    Raises
+    ------
+    UsageError
+        For a number that the study does not have.
     """
     asked = load_study(file, doing)
     if not 0 <= number < asked.count:
@@ -175,9 +200,18 @@ def _make(out: Path) -> None:
 
 @dataclass(frozen=True)
 class Kept:
-    """What a folder holds of a study.   keys : of all members, by number.   lines : results that count, by member.
+    """Results of a study in a folder.
 
-    aside : lines of runs that had gone away from a fleet, then or now, which count when they come back.   told : what changed, in words.
+    Attributes
+    ----------
+    keys : tuple of str
+        Of all members, by number.
+    lines : dict of int to Line
+        Results that count, by member.
+    aside : tuple of Line
+        Lines of runs that had gone away from a fleet, then or now, which count when they come back.
+    told : str
+        What changed, in words.
     """
 
     keys: tuple[str, ...]
@@ -222,7 +256,7 @@ def _of_fleet(asked: Study, out: Path, keys: Sequence[str], found: Sequence[Line
     before_it = read_members(out / GONE)
     by_key = {line["key"]: line for line in [*(line for line in before_it if line.get("program") == source_hash()), *found]}
     lines = {k: {**by_key[key], "member": k} for k, key in enumerate(keys) if key in by_key}
-    left = [line for line in found if _gone(line, asked)]
+    left = [line for line in found if _is_gone(line, asked)]
     had = {line["values"]["run"] for line in found}
     counts = {
         "changed and computed again": sum(run in had and k not in lines for k, run in enumerate(asked.runs)),
@@ -243,7 +277,13 @@ def _differs(line: Line, asked: Study) -> str:
 
 
 def read_members(path: Path) -> list[Line]:
-    """The lines of a file of members, but for one that is half written.   Raises DataError for a damaged line."""
+    """The lines of a file of members, but for one that is half written.
+
+    Raises
+    ------
+    DataError
+        For a damaged line.
+    """
     if not path.is_file():
         return []
     data, lines = read_bytes(path, MEASURED_BYTES), []

@@ -1,4 +1,4 @@
-"""What is done with one member of a study, wherever that is: values that can be sent to another process, and their results.
+"""Work on one member of a study, wherever that is done: values that can be sent to another process, and their results.
 
 The laboratory is imported when a member needs it: a worker that predicts moves starts in half the time without.
 """
@@ -24,10 +24,20 @@ from beltcomm.study.tracking import SharedInput, track
 
 
 class Work(Protocol):
-    """What finds the result of a member."""
+    """Work that finds the result of a member."""
 
     def found(self, number: int, values: Values, folder: Path | None = None) -> dict[str, Any]:
-        """Plain values.   folder : where what it makes stays; None keeps nothing.   Raises BeltcommError."""
+        """Plain values.
+
+        Parameters
+        ----------
+        folder : Path or None
+            Where what it makes stays; None keeps nothing.
+
+        Raises
+        ------
+        BeltcommError
+        """
         ...
 
     def described(self, values: Values) -> Mapping[str, Any] | None:
@@ -37,7 +47,13 @@ class Work(Protocol):
 
 @dataclass(frozen=True)
 class Doing:
-    """Commands that a member may need, handed down by whoever knows them.   commission : as in :mod:`beltcomm.api`."""
+    """Commands that a member may need, handed down by whoever knows them.
+
+    Attributes
+    ----------
+    commission : callable or None
+        As in :mod:`beltcomm.api`.
+    """
 
     commission: Callable[..., Result] | None
 
@@ -74,7 +90,7 @@ class Commissioned:
     doing: Doing
 
     def found(self, number: int, values: Values, folder: Path | None = None) -> dict[str, Any]:
-        """What the commands say, beside the truth."""
+        """Results of the commands, beside the truth."""
         if folder is not None:
             return self._in(folder, number, values)
         with tempfile.TemporaryDirectory(prefix="beltcomm-study-") as kept:
@@ -101,10 +117,10 @@ class Commissioned:
         try:
             made = self.doing.commission(f"virtual:{folder / 'plant.yaml'}", self.axis, run, options=options).to_json()
             if self.each == "commission":
-                return commissioned(made, truth)
+                return commission_quantities(made, truth)
             if self.each == "compare":
-                return compared(compare_run(run, pictures=False).to_json())
-            return diagnosed(diagnose_run(run, cost=False).to_json(), str(values.get(HIDDEN, NOTHING)))
+                return compare_quantities(compare_run(run, pictures=False).to_json())
+            return diagnosis_quantities(diagnose_run(run, cost=False).to_json(), str(values.get(HIDDEN, NOTHING)))
         except BeltcommError as error:  # the folder is another one every time
             error.args = (str(error).replace(str(folder), "MEMBER"), *error.args[1:])
             raise
@@ -117,20 +133,20 @@ class Fleet:
     each: str
 
     def found(self, number: int, values: Values, folder: Path | None = None) -> dict[str, Any]:
-        """What ``diagnose`` or ``compare`` says of it."""
+        """Result of ``diagnose`` or ``compare``."""
         from beltcomm.jobs.laboratory import compare_run, diagnose_run
 
         run = Path(str(values["run"]))
         if self.each == "compare":
-            return compared(compare_run(run, pictures=False).to_json())
-        return diagnosed(diagnose_run(run, cost=False).to_json(), None)
+            return compare_quantities(compare_run(run, pictures=False).to_json())
+        return diagnosis_quantities(diagnose_run(run, cost=False).to_json(), None)
 
     def described(self, values: Values) -> None:
         """A real axis has no plant file."""
         return None
 
 
-def commissioned(made: Mapping[str, Any], truth: Model) -> dict[str, Any]:
+def commission_quantities(made: Mapping[str, Any], truth: Model) -> dict[str, Any]:
     """Of a commissioning: the verdict, the errors, and for each parameter how far it is off, and whether its interval covers the truth."""
     verdict = made.get("verdict") or {}
     measured, predicted = verdict.get("measured") or {}, verdict.get("predicted") or {}
@@ -149,13 +165,19 @@ def commissioned(made: Mapping[str, Any], truth: Model) -> dict[str, Any]:
     return found
 
 
-def compared(made: Mapping[str, Any]) -> dict[str, Any]:
+def compare_quantities(made: Mapping[str, Any]) -> dict[str, Any]:
     """Of a comparison: error over noise, and where it is worst."""
     return {"ratio": made["ratio"]["overall"], "held_out": made["ratio"]["held_out"], "worst": [one["text"] for one in made["worst"][:1]]}
 
 
-def diagnosed(made: Mapping[str, Any], hidden: str | None) -> dict[str, Any]:
-    """Of a diagnosis: what it says, and whether that is the truth.   hidden : the truth, "none" of a healthy axis, None where not known."""
+def diagnosis_quantities(made: Mapping[str, Any], hidden: str | None) -> dict[str, Any]:
+    """Of a diagnosis: what it says, and whether that is the truth.
+
+    Parameters
+    ----------
+    hidden : str or None
+        The truth, "none" of a healthy axis, None where not known.
+    """
     added = [step["added"] for step in made["steps"] if step["added"]]
     found: dict[str, Any] = {"verdict": made["verdict"], "named": added}
     if hidden == NOTHING:
@@ -172,14 +194,20 @@ def lines_of(work: Work, members: Sequence[tuple[int, str, Values]]) -> list[dic
 
 
 def of_the_member(error: OSError | MemoryError, values: Values) -> bool:
-    """Whether a file of the run that is the member is in the way, and not this computer."""
+    """True if a file of the run that is the member is in the way, and not this computer."""
     run, file = values.get("run"), getattr(error, "filename", None)
     full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
     return run is not None and file is not None and not full and Path(os.fsdecode(file)).is_relative_to(str(run))
 
 
 def line_of(work: Work, number: int, key: str, values: Values, folder: Path | None = None) -> dict[str, Any]:
-    """One line.   Raises Refused where this computer is in the way, not the member: a full disk, no memory."""
+    """One line.
+
+    Raises
+    ------
+    Refused
+        Where this computer is in the way, not the member: a full disk, no memory.
+    """
     line: dict[str, Any] = {"member": number, "key": key, "program": source_hash(), "values": dict(values)}
     try:
         found = work.found(number, values, folder)

@@ -28,7 +28,13 @@ Line = Mapping[str, Any]
 
 
 def study_page(asked: Study, summary: Summary, lines: Sequence[Line], command: str) -> str:
-    """As one file of HTML.   lines : of all members that have been computed, by number."""
+    """As one file of HTML.
+
+    Parameters
+    ----------
+    lines : sequence of Line
+        Of all members that have been computed, by number.
+    """
     caption = Caption(command, f"{summary.done} of {summary.planned} members; base: {asked.base}")
     by_number = {int(line["member"]): line for line in lines}
     share = summary.share(HEADLINE)
@@ -78,7 +84,7 @@ def _facts(summary: Summary) -> list[Fact]:
         facts.append(Fact(words.share_words(share).capitalize(), f"{words.per_cent(share.share)} %", _interval(share)))
     for spread in summary.spreads:
         if spread.key in ("dynamic_m", "phase_margin_deg", "ratio"):
-            name, unit, factor = words.titled(spread.key)
+            name, unit, factor = words.title_of(spread.key)
             low, middle, high = (f"{factor * q:.3g}" for q in spread.quantiles)
             facts.append(Fact(name.capitalize(), f"{middle} {unit}".strip(), f"median; 90 % of the axes: {low} to {high} {unit}".strip()))
     return facts
@@ -96,7 +102,7 @@ def _distributions(asked: Study, summary: Summary, lines: Sequence[Line], captio
     known = [key for key in DRAWN if any(one.key == key for one in summary.spreads)]
     shown = []
     for key in known:
-        name, unit, factor = words.titled(key)
+        name, unit, factor = words.title_of(key)
         bound = asked.targets.get(key)
         values = np.array([value for line in lines if (value := _value(line, key)) is not None])
         shown.append(Distributed(f"{name} in {unit}" if unit else name, factor * values, None if bound is None else factor * bound))
@@ -113,25 +119,25 @@ def _drivers(asked: Study, summary: Summary, lines: Sequence[Line], caption: Cap
     rows = [
         (
             one.parameter,
-            "meets its targets" if one.key == HEADLINE else words.titled(one.key)[0],
+            "meets its targets" if one.key == HEADLINE else words.title_of(one.key)[0],
             f"{one.rank_correlation:+.2f}",
             f"{one.low:+.2f} to {one.high:+.2f}",
         )
         for one in summary.drivers
-        if one.told
+        if one.excludes_zero
     ]
     rest = f"{_DRIVER_WORDS} Of {len(summary.drivers) - len(rows)} other pairs it cannot be told: their intervals hold zero."
     return [*parts, PageTable(("parameter", "result", "rank correlation", "95 % interval"), rows, rest)]
 
 
 def _against(one: Driver, asked: Study, lines: Sequence[Line]) -> Against:
-    name, unit, factor = words.titled(one.key)
+    name, unit, factor = words.title_of(one.key)
     parameter = one.parameter.removeprefix(DISTANCE).strip()  # both are seen over the value itself
     known = [(float(line["values"][parameter]), value, line["exit_code"] == 0) for line in lines
              if parameter in line["values"] and (value := _value(line, one.key)) is not None]  # fmt: skip
     bound = asked.targets.get(one.key)
     drawn, values, kept = (np.array(column) for column in zip(*known, strict=True))
-    scale, label = _scaled(parameter, asked.units.get(parameter, ""), float(np.abs(drawn).max()))
+    scale, label = _scaled_label(parameter, asked.units.get(parameter, ""), float(np.abs(drawn).max()))
     how = "" if parameter == one.parameter else "distance from nominal: "
     return Against(
         label,
@@ -149,7 +155,7 @@ def _value(line: Line, key: str) -> float | None:
     return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value) else None
 
 
-def _scaled(name: str, unit: str, largest: float) -> tuple[float, str]:
+def _scaled_label(name: str, unit: str, largest: float) -> tuple[float, str]:
     """Factor to numbers from 1 to 1000, and the label with the unit that they then have."""
     power = 3 * math.floor(math.log10(largest) / 3.0) if largest > 0.0 else 0
     if not power or unit == "1" or not unit:

@@ -31,15 +31,24 @@ Values = Mapping[str, float | str]
 class Distribution:
     """Of one number.
 
-    kind, numbers : "uniform" (low, high); "normal" (mean, standard deviation); "choice" any, each as likely; "tolerance" (share,), uniform
-    within ± share of the nominal value.
+    Attributes
+    ----------
+    kind, numbers
+        "uniform" (low, high); "normal" (mean, standard deviation); "choice" any, each as likely; "tolerance" (share,), uniform within ±
+        share of the nominal value.
     """
 
     kind: Kind
     numbers: tuple[float, ...]
 
     def draw(self, random: np.random.Generator, nominal: float) -> float:
-        """One number.   nominal : what the base has."""
+        """One number.
+
+        Parameters
+        ----------
+        nominal : float
+            What the base has.
+        """
         if self.kind == "uniform":
             return float(random.uniform(self.numbers[0], self.numbers[1]))
         if self.kind == "normal":
@@ -51,10 +60,19 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Population:
-    """What differs.   drawn : by parameter of the model or name of :data:`BESIDE`.   seed : of all draws.
+    """Quantities that differ.
 
-    age : of one number per axis, 0 new to 1 old, None where nobody ages; old : by parameter, the share by which it is larger at age 1, in
-    between in proportion.   hidden : by effect, "none" for a healthy axis, distributions of its parameters; members take them in turn.
+    Attributes
+    ----------
+    drawn : dict of str to Distribution
+        By parameter of the model or name of :data:`BESIDE`.
+    seed : int
+        Of all draws.
+    age : Distribution or None
+        Of one number per axis, 0 new to 1 old, None where nobody ages; old : by parameter, the share by which it is larger at age 1, in
+        between in proportion.
+    hidden : dict of str to dict of str to Distribution
+        By effect, "none" for a healthy axis, distributions of its parameters; members take them in turn.
     """
 
     drawn: Mapping[str, Distribution]
@@ -64,9 +82,14 @@ class Population:
     hidden: Mapping[str, Mapping[str, Distribution]] = field(default_factory=dict)
 
     def member(self, number: int, nominal: Mapping[str, float]) -> dict[str, float | str]:
-        """What member ``number`` (from 0) has of everything that differs, SI.   nominal : what the base has, by the same names.
+        """Values of member ``number`` (from 0), of everything that differs, SI.
 
         Each name has a stream of its own, so another name in the study or more members change no value.
+
+        Parameters
+        ----------
+        nominal : dict of str to float
+            What the base has, by the same names.
         """
         values: dict[str, float | str] = {name: one.draw(self._random(number, name), nominal[name]) for name, one in self.drawn.items()}
         if self.age is not None:
@@ -84,7 +107,15 @@ class Population:
 
 @dataclass(frozen=True)
 class DrawnAxis:
-    """One member.   delay_s : torque setpoint to acting torque.   start_m : where its move begins."""
+    """One member.
+
+    Attributes
+    ----------
+    delay_s : float
+        Torque setpoint to acting torque.
+    start_m : float
+        Where its move begins.
+    """
 
     model: Model
     delay_s: float
@@ -92,7 +123,7 @@ class DrawnAxis:
 
 
 def nominal_of(model: Model, delay_s: float, start_m: float) -> dict[str, float]:
-    """What the base has of all that a population can draw."""
+    """Nominal values of all that a population can draw."""
     return {**{name: one.value for name, one in model.parameters.items()}, "payload": 0.0, "drive.delay": delay_s, "move.from": start_m}
 
 
@@ -105,7 +136,11 @@ def drawn_axis(population: Population, values: Values, model: Model, delay_s: fl
     """The axis that has these values where it differs from the base.
 
     Age acts on the drawn value, the payload is added to the carriage; what is beyond the bounds of a parameter stands on the bound.
-    Raises UsageError for a hidden effect that cannot be in this model.
+
+    Raises
+    ------
+    UsageError
+        For a hidden effect that cannot be in this model.
     """
     effect = str(values.get(HIDDEN, NOTHING))
     if effect != NOTHING:
@@ -128,7 +163,13 @@ def drawn_axis(population: Population, values: Values, model: Model, delay_s: fl
 
 
 def population_from(data: Mapping[str, Any], model: Model, seed: int) -> Population:
-    """The population of a study file: its entries ``population``, ``ageing`` and ``hidden``.   Raises UsageError that names the entry."""
+    """The population of a study file: its entries ``population``, ``ageing`` and ``hidden``.
+
+    Raises
+    ------
+    UsageError
+        That names the entry.
+    """
     units = units_of(model)
     drawn = {}
     for name, told in _mapping(data.get("population"), "population").items():
@@ -177,7 +218,12 @@ def _hidden(name: str, told: Any, model: Model) -> dict[str, Distribution]:
 
 
 def distribution_from(told: Any, where: str, unit: str) -> Distribution:
-    """One distribution as a study file tells it, such as ``{uniform: [160 kN/m, 210 kN/m]}``.   Raises UsageError."""
+    """One distribution as a study file tells it, such as ``{uniform: [160 kN/m, 210 kN/m]}``.
+
+    Raises
+    ------
+    UsageError
+    """
     given = _mapping(told, where)
     kinds = [kind for kind in KINDS if kind in given]
     if len(kinds) != 1 or len(given) != 1:
@@ -201,7 +247,17 @@ def distribution_from(told: Any, where: str, unit: str) -> Distribution:
 
 
 def quantity(told: Any, where: str, unit: str) -> float:
-    """A number in SI, or a text with its unit.   unit : as a model names it, such as "N s/m".   Raises UsageError."""
+    """A number in SI, or a text with its unit.
+
+    Parameters
+    ----------
+    unit : str
+        As a model names it, such as "N s/m".
+
+    Raises
+    ------
+    UsageError
+    """
     if isinstance(told, (int, float)) and not isinstance(told, bool):
         value = float(told)
     else:
@@ -216,7 +272,12 @@ def quantity(told: Any, where: str, unit: str) -> float:
 
 
 def per_cent(told: Any, where: str) -> float:
-    """A share from a text such as ``+20 %``.   Raises UsageError."""
+    """A share from a text such as ``+20 %``.
+
+    Raises
+    ------
+    UsageError
+    """
     match = re.fullmatch(r"\s*([-+]?\d*\.?\d+)\s*%\s*", str(told))
     if match is None:
         raise UsageError(f"{where} is {told!r}; write a change in per cent, such as -20 %")

@@ -1,4 +1,4 @@
-"""What the results of all members say: shares with intervals, quantiles, what drives the failures, the worst members."""
+"""Summary of the results of all members: shares with intervals, quantiles, what drives the failures, the worst members."""
 
 from __future__ import annotations
 
@@ -32,7 +32,13 @@ Line = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Share:
-    """Of ``of`` members ``count`` have ``key``.   low, high : 95 % interval of the share (Clopper and Pearson)."""
+    """Of ``of`` members ``count`` have ``key``.
+
+    Attributes
+    ----------
+    low, high : float
+        95 % interval of the share (Clopper and Pearson).
+    """
 
     key: str
     count: int
@@ -44,7 +50,15 @@ class Share:
 
 @dataclass(frozen=True)
 class QuantitySpread:
-    """Of one quantity over ``of`` members.   quantiles : at :data:`QUANTILES`.   worst : and which member has it."""
+    """Of one quantity over ``of`` members.
+
+    Attributes
+    ----------
+    quantiles : tuple of float
+        At :data:`QUANTILES`.
+    worst : float
+        And which member has it.
+    """
 
     key: str
     of: int
@@ -55,7 +69,7 @@ class QuantitySpread:
 
 @dataclass(frozen=True)
 class Driver:
-    """How a drawn parameter goes with a result: Spearman's rank correlation with its 95 % interval (Bonett and Wright 2000)."""
+    """Correlation of a drawn parameter with a result: Spearman's rank correlation with its 95 % interval (Bonett and Wright 2000)."""
 
     parameter: str
     key: str
@@ -64,14 +78,14 @@ class Driver:
     high: float
 
     @property
-    def told(self) -> bool:
-        """Whether the interval leaves zero out."""
+    def excludes_zero(self) -> bool:
+        """True if the interval leaves zero out."""
         return self.low > 0.0 or self.high < 0.0
 
 
 @dataclass(frozen=True)
 class Answers:
-    """What a diagnosis named of ``of`` members with the same hidden effect ("" where nobody knows), and of how many, most often first.
+    """Effects named for ``of`` members with the same hidden effect ("" where nobody knows), and of how many, most often first.
 
     The name is that of an effect, of several with " + " between them in the order of their names, :data:`NOTHING_NAMED` or
     :data:`NO_RESULT`.
@@ -84,9 +98,16 @@ class Answers:
 
 @dataclass(frozen=True)
 class Summary:
-    """Of all members computed so far.   failed : sentence by member without a result.   worst : members, worst first.
+    """Of all members computed so far.
 
-    answers : of a diagnosis, by hidden effect.
+    Attributes
+    ----------
+    failed : dict of int to str
+        Sentence by member without a result.
+    worst : tuple of int
+        Members, worst first.
+    answers : tuple of Answers
+        Of a diagnosis, by hidden effect.
     """
 
     planned: int
@@ -105,9 +126,14 @@ class Summary:
 
 
 def summary_of(lines: Sequence[Line], planned: int, targets: Mapping[str, float], nominal: Mapping[str, float]) -> Summary:
-    """What the lines of ``members.jsonl`` say.
+    """Summary of the lines of ``members.jsonl``.
 
-    targets : by result, the value it is to stay below; what is worst is told by them.   nominal : of what was drawn, where there is one.
+    Parameters
+    ----------
+    targets : dict of str to float
+        By result, the value it is to stay below; what is worst is told by them.
+    nominal : dict of str to float
+        Of what was drawn, where there is one.
     """
     lines = sorted(lines, key=lambda line: int(line["member"]))
     failed = {int(line["member"]): str(line["error"]) for line in lines if "error" in line}

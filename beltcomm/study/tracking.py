@@ -27,7 +27,7 @@ POINTS = 500
 
 @dataclass(frozen=True)
 class Targets:
-    """What the move must keep at the motor, m."""
+    """Targets of the move at the motor, m."""
 
     dynamic_m: float
     static_m: float
@@ -35,11 +35,23 @@ class Targets:
 
 @dataclass(frozen=True)
 class SharedInput:
-    """What all members share.
+    """Input that all members share.
 
-    model : of the base.   cascade : the design on trial.   loop : what the drive adds, with the base's delay.   move : with its rest.
-    along_nm : torque sent along with the move, (n,), or None.   plants : of model, places, carriage masses, delay and the apparent
-    damping, every variant that margins are asked for.   travel_m : of the carriage.
+    Attributes
+    ----------
+    model : Model
+        Of the base.
+    cascade : Cascade
+        The design on trial.
+    loop : Loop
+        What the drive adds, with the base's delay.
+    move : Trajectory
+        With its rest.
+    along_nm : ndarray or None
+        Torque sent along with the move, (n,), or None.
+    plants : callable
+        Of model, places, carriage masses, delay and the apparent damping, every variant that margins are asked for.
+    travel_m : tuple of float, of the carriage
     """
 
     model: Model
@@ -54,7 +66,7 @@ class SharedInput:
 
     @property
     def start_m(self) -> float:
-        """Where the base's move begins."""
+        """Start of the base's move, m."""
         return float(self.move.position_m[0])
 
 
@@ -62,8 +74,12 @@ def track(ground: SharedInput, axis: DrawnAxis) -> dict[str, Any]:
     """Predicted errors, forces and worst margins of the design on this axis.
 
     Keys end in their unit; ``*_cart`` at the carriage; margins are the worst of both ends of the move and every damping down to none.
-    passed : both targets kept, and every loop stable.   Raises Refused where the move leaves the travel, or the carriage what the model
-    describes.
+    passed : both targets kept, and every loop stable.
+
+    Raises
+    ------
+    Refused
+        Where the move leaves the travel, or the carriage what the model describes.
     """
     moved = replace_start(ground.move, axis.start_m)
     first, last = float(moved.position_m.min()), float(moved.position_m.max())
@@ -108,6 +124,6 @@ def track(ground: SharedInput, axis: DrawnAxis) -> dict[str, Any]:
 
 
 def replace_start(move: Trajectory, start_m: float) -> Trajectory:
-    """The same motion from another place."""
+    """Motion shifted to another place."""
     shift = start_m - float(move.position_m[0])
     return replace(move, position_m=move.position_m + shift) if shift else move

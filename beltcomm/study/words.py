@@ -42,7 +42,7 @@ SHARES = {
 DRIVERS = 2
 
 
-def titled(key: str) -> tuple[str, str, float]:
+def title_of(key: str) -> tuple[str, str, float]:
     """Words, unit, factor."""
     if key.startswith("off "):
         return f"{key.removeprefix('off ')} is off by, SI", "", 1.0
@@ -82,49 +82,49 @@ def headline(asked: Study, summary: Summary) -> str:
 
 
 def answer_row(one: Answers) -> tuple[str, str]:
-    """What is hidden in how many members; what was named of them."""
+    """Hidden effect with its number of members, and the effects named of them."""
     hidden = {"": "all", NOTHING: "healthy"}.get(one.hidden, f"hidden {one.hidden}")
     return f"{hidden}, {one.of} member{'s' if one.of > 1 else ''}", ", ".join(f"{named} {count}" for named, count in one.named.items())
 
 
 def spread_row(one: QuantitySpread) -> tuple[str, str, str, str, str, str]:
     """Words with unit, three quantiles, the worst, its member."""
-    name, unit, factor = titled(one.key)
+    name, unit, factor = title_of(one.key)
     low, middle, high = (f"{factor * value:.3g}" for value in one.quantiles)
     return f"{name} in {unit}" if unit else name, low, middle, high, f"{factor * one.worst:.3g}", str(one.member)
 
 
 def strongest(drivers: Sequence[Driver]) -> list[Driver]:
     """The strongest of each result among those that chance does not explain."""
-    told = [one for one in drivers if one.told]
+    told = [one for one in drivers if one.excludes_zero]
     return [one for key in dict.fromkeys(one.key for one in told) for one in [same for same in told if same.key == key][:DRIVERS]]
 
 
 def driver_text(one: Driver) -> str:
-    """Which way a parameter moves a result."""
-    result = "meeting the targets" if one.key == "passed" else titled(one.key)[0]
+    """Direction in which a parameter moves a result."""
+    result = "meeting the targets" if one.key == "passed" else title_of(one.key)[0]
     way = "with" if one.rank_correlation > 0.0 else "against"
     numbers = f"{one.rank_correlation:+.2f} (95 %: {one.low:+.2f} to {one.high:+.2f})"
     return f"{result} goes {way} {one.parameter}: rank correlation {numbers}"
 
 
 def why(line: Mapping[str, Any], targets: Mapping[str, float]) -> str:
-    """What is bad about a member; of an error the first sentence."""
+    """Fault of a member; of an error the first sentence."""
     if "error" in line:
         return f"no result: {str(line['error']).split('. ')[0]}"
     found = line["found"]
     parts = [] if found.get("stable", True) else ["unstable loop"]
     for key in targets:
         if isinstance(found.get(key), (int, float)):
-            name, unit, factor = titled(key)
+            name, unit, factor = title_of(key)
             parts.append(f"{name} {factor * found[key]:.3g} {unit}")
-    parts += [f"{key} {_shown(found[key])}" for key in ("verdict", "named") if key in found]
+    parts += [f"{key} {_value_words(found[key])}" for key in ("verdict", "named") if key in found]
     return ", ".join(parts)
 
 
 def values_text(asked: Study, values: Mapping[str, Any]) -> str:
-    """What a member has, short."""
-    return ", ".join(f"{name} {_shown(value, 4)} {_unit(asked, name)}".rstrip() for name, value in values.items())
+    """Values of a member, short."""
+    return ", ".join(f"{name} {_value_words(value, 4)} {_unit(asked, name)}".rstrip() for name, value in values.items())
 
 
 def summary_lines(asked: Study, summary: Summary, lines: Sequence[Mapping[str, Any]], file: str) -> list[str]:
@@ -161,15 +161,15 @@ def member_lines(line: Mapping[str, Any], asked: Study) -> list[str]:
     """One member."""
     text = [
         f"Member {line['member']} of {asked.name}:",
-        *(f"  {name}: {_shown(value)} {_unit(asked, name)}".rstrip() for name, value in line["values"].items()),
+        *(f"  {name}: {_value_words(value)} {_unit(asked, name)}".rstrip() for name, value in line["values"].items()),
     ]
     if "error" in line:
         return [*text, f"It has no result (exit code {line['exit_code']}): {line['error']}"]
     text.append("Result:")
     for key, value in line["found"].items():
-        name, unit, factor = titled(key)
+        name, unit, factor = title_of(key)
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        text.append(f"  {name}: {factor * value:.4g} {unit}".rstrip() if number else f"  {name}: {_shown(value)}")
+        text.append(f"  {name}: {factor * value:.4g} {unit}".rstrip() if number else f"  {name}: {_value_words(value)}")
     return text
 
 
@@ -186,7 +186,7 @@ def _unit(asked: Study, name: str) -> str:
     return "" if unit == "1" else unit
 
 
-def _shown(value: Any, digits: int = 6) -> str:
+def _value_words(value: Any, digits: int = 6) -> str:
     if isinstance(value, float):
         return f"{value:.{digits}g}" if math.isfinite(value) else str(value)
     if isinstance(value, bool):

@@ -35,11 +35,23 @@ def answers(
     talk: Talk,
     alone_s: float = ALONE_S,
 ) -> Iterator[Found]:
-    """What ``function`` finds, as it comes, in any order; whatever a dead worker had in hand is computed again.
+    """Results of ``function`` as they come, in any order; whatever a dead worker had in hand is computed again.
 
-    workers : processes of this machine, 1 for this one alone, None for one per processor.   scheduler : address of a Dask scheduler in
-    their place.   alone_s : so long a cluster may be without any worker.   Raises UsageError for a scheduler that cannot be used, Refused
-    when workers die again and again, or when a cluster has none any more.
+    Parameters
+    ----------
+    workers : int or None
+        Processes of this machine, 1 for this one alone, None for one per processor.
+    scheduler : str or None
+        Address of a Dask scheduler in their place.
+    alone_s : float
+        So long a cluster may be without any worker.
+
+    Raises
+    ------
+    UsageError
+        For a scheduler that cannot be used.
+    Refused
+        When workers die again and again, or when a cluster has none any more.
     """
     if scheduler is not None:
         return _on_dask(function, given, scheduler, talk, alone_s)
@@ -54,7 +66,7 @@ def processors() -> int:
     return int(cpu_count())
 
 
-def _numbered(function: Callable[[Given], Found], number: int, given: Given) -> tuple[int, Found]:
+def _number_result(function: Callable[[Given], Found], number: int, given: Given) -> tuple[int, Found]:
     return number, function(given)
 
 
@@ -63,7 +75,7 @@ def _on_processes(function: Callable[[Given], Found], given: Sequence[Given], wo
 
     left, deaths = dict(enumerate(given)), 0
     while left:
-        tasks = [delayed(_numbered)(function, number, one) for number, one in left.items()]
+        tasks = [delayed(_number_result)(function, number, one) for number, one in left.items()]
         try:
             with isolation.children_apart():  # to the end: a worker may be started at any moment
                 for number, found in Parallel(n_jobs=workers, backend="loky", batch_size=1, return_as="generator_unordered")(tasks):
@@ -73,7 +85,7 @@ def _on_processes(function: Callable[[Given], Found], given: Sequence[Given], wo
         except BrokenProcessPool:
             deaths += 1
             if deaths == DEATHS:
-                raise Refused(_died(deaths, "fewer processes (--workers 1) need less memory")) from None
+                raise Refused(_death_words(deaths, "fewer processes (--workers 1) need less memory")) from None
             talk.say("a worker died; what it had in hand is computed again")
 
 
@@ -83,7 +95,7 @@ def _on_dask(function: Callable[[Given], Found], given: Sequence[Given], address
     except ImportError as error:
         raise UsageError("a Dask scheduler needs the package distributed: pip install 'beltcomm[study]'") from error
 
-    with _connected(address) as client:
+    with _connect(address) as client:
         known = set(client.nthreads())
         done: SimpleQueue[Any] = SimpleQueue()
         submitted = {client.submit(function, one, pure=False) for one in given}
@@ -93,7 +105,7 @@ def _on_dask(function: Callable[[Given], Found], given: Sequence[Given], address
             try:
                 future, found = _next(done, client, address, talk, alone_s, known)
             except KilledWorker as error:
-                raise Refused(_died(DEATHS, "more memory for the workers may help")) from error
+                raise Refused(_death_words(DEATHS, "more memory for the workers may help")) from error
             except (CancelledError, OSError) as error:
                 told = " ".join(str(error).split())
                 raise Refused(f"the scheduler {address} went away ({told}); what is done is kept, the same command goes on") from error
@@ -150,7 +162,7 @@ def _refuse_unfit(client: Client, new: list[str], threads: Mapping[str, int], ad
         raise Refused(f"{said}. What is done is kept, the same command goes on")
 
 
-def _connected(address: str) -> Client:
+def _connect(address: str) -> Client:
     """A client with at least one worker that has this beltcomm.   Raises UsageError."""
     from distributed import Client
 
@@ -177,7 +189,13 @@ def _connected(address: str) -> Client:
 
 
 def unfit(programs: Mapping[str, str], threads: Mapping[str, int], address: str) -> str:
-    """Why workers cannot compute members, empty where they can.   programs, threads : by worker, hash of its beltcomm and their number."""
+    """Reason why workers cannot compute, empty where they can.
+
+    Parameters
+    ----------
+    programs, threads
+        By worker, hash of its beltcomm and their number.
+    """
     others = [worker for worker, program in programs.items() if program != source_hash()]
     if others:
         return f"the worker {others[0]} has another beltcomm than this computer; install the same one there"
@@ -191,5 +209,5 @@ def _alone(address: str) -> str:
     return f"`dask worker {address} --nthreads 1`"
 
 
-def _died(times: int, hint: str) -> str:
+def _death_words(times: int, hint: str) -> str:
     return f"workers died {times} times in a row over the same members; {hint}. What is done is kept, the same command goes on"

@@ -1,1 +1,1 @@
-"""What the design source compares, recomputed: one file per topic with ``compare()`` → values and ``lines(values)`` → words."""
+"""Comparisons of the design source, recomputed: one file per topic with ``compare()`` → values and ``lines(values)`` → words."""

@@ -44,9 +44,20 @@ PUBLISHED: Mapping[PrefilterKind, tuple[float, float, float]] = {"notch": (0.08,
 
 @dataclass(frozen=True)
 class SimulatedMove:
-    """One move.   figure : of the source.   motor : error as the drive measured it; cart : as the same loop is predicted to leave it there.
+    """One move.
 
-    belt_force_n : predicted.   torque_nm : largest measured.   stopped : in words, where the drive gave up; errors are then nan.
+    Attributes
+    ----------
+    figure : str
+        Of the source.
+    motor : TrackingError
+        Error as the drive measured it; cart : as the same loop is predicted to leave it there.
+    belt_force_n : float
+        Predicted.
+    torque_nm : float
+        Largest measured.
+    stopped : str
+        In words, where the drive gave up; errors are then nan.
     """
 
     figure: str
@@ -63,7 +74,15 @@ class SimulatedMove:
 
 @dataclass(frozen=True)
 class Limited:
-    """A move with the torque cut off.   error : at the motor.   error_m : (n,), m.   asked_nm : of the controller, (n,), N m."""
+    """A move with the torque cut off.
+
+    Attributes
+    ----------
+    error : TrackingError, at the motor
+    error_m : ndarray (n,), m
+    asked_nm : ndarray
+        Of the controller, (n,), N m.
+    """
 
     error: TrackingError
     t_s: Array
@@ -73,8 +92,19 @@ class Limited:
 
 @dataclass(frozen=True)
 class ClosedLoopStudy:
-    """runs : in the order of the figures.   unstable : largest |z| of the poles with the filters removed, by prefilter.   windup : figure
-    6.10, simulated: by torque limit, the move without and with conditional integration.   demands : feed force of T_A and T_B on g_a, N."""
+    """Comparison of the closed loops of the source.
+
+    Attributes
+    ----------
+    runs : tuple of SimulatedMove
+        In the order of the figures.
+    unstable : dict of str to float
+        Largest |z| of the poles with the filters removed, by prefilter.
+    windup : dict of float to tuple of Limited
+        Figure 6.10, simulated: by torque limit, the move without and with conditional integration.
+    demands : dict of str to float
+        Feed force of T_A and T_B on g_a, N.
+    """
 
     runs: tuple[SimulatedMove, ...]
     unstable: Mapping[str, float]
@@ -116,7 +146,10 @@ def compare() -> ClosedLoopStudy:
     return ClosedLoopStudy(
         tuple(runs),
         unstable,
-        {most: (saturated(model, cascade, most, windup=True), saturated(model, cascade, most, windup=False)) for most in TIGHT_NM},
+        {
+            most: (saturated_move(model, cascade, most, windup=True), saturated_move(model, cascade, most, windup=False))
+            for most in TIGHT_NM
+        },
         {name: demand(path, model).feed_force_n for name, path in moved.items()},
     )
 
@@ -160,7 +193,7 @@ def one(drive: Drive, rig: str, model: Model, figure: str, name: str, cascade: C
     ratio = model["transmission.ratio"]
     drive.write({key: value for key, value in cascade_to_parameters(cascade).items() if key in drive.backup()})
     here = ratio * drive.read(["position_rad"])["position_rad"]
-    path = padded(plan_trajectory(here, here + (TO_M - FROM_M), T_A, PERIOD_S))
+    path = with_rests(plan_trajectory(here, here + (TO_M - FROM_M), T_A, PERIOD_S))
     expected = predict_move(model, cascade, path, Loop(drive.capabilities.structure, DELAY_S, PEAK_NM, COUNTS))
     cart = tracking_error(path.t_s, path.position_m, expected.cart_m)
     rows: list[Row] = []
@@ -180,32 +213,35 @@ def one(drive: Drive, rig: str, model: Model, figure: str, name: str, cascade: C
     safe = with_feedforward(rig, model, drive.capabilities.structure, gains(rig, "butterworth"), "nonlinear")
     drive.write({key: value for key, value in cascade_to_parameters(safe).items() if key in drive.backup()})
     at = ratio * drive.read(["position_rad"])["position_rad"]
-    drive.record(motion(padded(plan_trajectory(at, here, T_A, PERIOD_S)), ratio), limits(ratio), lambda _row: None)
+    drive.record(motion(with_rests(plan_trajectory(at, here, T_A, PERIOD_S)), ratio), limits(ratio), lambda _row: None)
     return SimulatedMove(figure, rig, name, motor, cart, expected.belt_force_n, largest, t_s, reference - position)
 
 
-def padded(path: Trajectory) -> Trajectory:
+def with_rests(path: Trajectory) -> Trajectory:
     """A move with rest before and after it."""
     before, after = at_rest(float(path.position_m[0]), REST_S, PERIOD_S), at_rest(float(path.position_m[-1]), AFTER_S, PERIOD_S)
     return join((before, path, after))
 
 
 def motion(path: Trajectory, ratio: float) -> Motion:
-    """The same for the drive's position loop."""
+    """Motion for the drive's position loop."""
     return Motion("position", PERIOD_S, path.position_m / ratio, path.velocity_m_s / ratio, np.zeros(len(path.t_s)))
 
 
 def limits(ratio: float) -> Limits:
-    """What the virtual axis may do."""
+    """Limits of the virtual axis."""
     return Limits(-0.05 / ratio, 0.75 / ratio, 3.0 / ratio, PEAK_NM, lag_rad=LOST_M / ratio, ratio_m_rad=ratio)
 
 
-def saturated(model: Model, cascade: Cascade, most_nm: float, windup: bool) -> Limited:
+def saturated_move(model: Model, cascade: Cascade, most_nm: float, windup: bool) -> Limited:
     """T_B with the torque cut off, simulated.
 
-    windup : the controller does not know the limit, so that its integrator goes on (6.25); else it is set to meet the limit (6.26).
+    Parameters
+    ----------
+    windup : bool
+        The controller does not know the limit, so that its integrator goes on (6.25); else it is set to meet the limit (6.26).
     """
-    path = padded(plan_trajectory(FROM_M, TO_M, T_B, PERIOD_S))
+    path = with_rests(plan_trajectory(FROM_M, TO_M, T_B, PERIOD_S))
     structure = CascadeStructure("simulated", PERIOD_S)
     known = 1e6 if windup else most_nm
     cut = CutOff(model, most_nm)
@@ -255,7 +291,7 @@ def lines(study: ClosedLoopStudy) -> list[str]:
 
 
 def findings(study: ClosedLoopStudy) -> list[str]:
-    """What of the source comes out, and what does not."""
+    """Findings of the source that come out, and those that do not."""
     by = {(run.figure, run.rig, run.name): run for run in study.runs}
     none, filtered = by["5.1", "g_a", "prefilter none"], by["5.1", "g_a", "prefilter butterworth"]
     plain, linear = by["5.2", "g_a", "feedforward of the velocity alone"], by["5.2", "g_a", "feedforward linear"]

@@ -15,7 +15,7 @@ import numpy as np
 from beltcomm.control import Cascade, CascadeStructure, Prefilter, PrefilterKind
 from beltcomm.design.cascade import DesignResult, design_cascade
 from beltcomm.design.design_plant import DesignPlant, with_friction_fractions
-from beltcomm.design.knobs import Knob, Knobs, Turn, knobs_of, turned
+from beltcomm.design.knobs import Knob, Knobs, Turn, designs_along_knob, knobs_of
 from beltcomm.design.margins import margins
 from beltcomm.design.prefilters import butterworth_cutoff_rad_s, notch_width
 from beltcomm.design.specification import PRODUCT_SPECIFICATION, Specification
@@ -45,7 +45,13 @@ TURNS: dict[Knob, tuple[float, ...]] = {
 
 @dataclass(frozen=True)
 class Number:
-    """One published number beside ours.   why : what makes the difference, "" for less than half of the last digit."""
+    """One published number beside ours.
+
+    Attributes
+    ----------
+    why : str
+        What makes the difference, "" for less than half of the last digit.
+    """
 
     item: str
     unit: str
@@ -56,7 +62,13 @@ class Number:
 
 @dataclass(frozen=True)
 class Solved:
-    """The equalities (4.7) to (4.9), (4.13) on one plant behind one prefilter.   design : None with the reason in ``refusal``."""
+    """The equalities (4.7) to (4.9), (4.13) on one plant behind one prefilter.
+
+    Attributes
+    ----------
+    design : ThesisDesign or None
+        None with the reason in ``refusal``.
+    """
 
     plant: str
     prefilter: PrefilterKind
@@ -66,7 +78,15 @@ class Solved:
 
 @dataclass(frozen=True)
 class Achieved:
-    """What given gains have on a plant.   stable : the sampled loop at 1 kHz, all its poles.   why : in one line."""
+    """Margins of given gains on a plant.
+
+    Attributes
+    ----------
+    stable : bool
+        The sampled loop at 1 kHz, all its poles.
+    why : str
+        In one line.
+    """
 
     gains: str
     plant: str
@@ -77,7 +97,13 @@ class Achieved:
 
 @dataclass(frozen=True)
 class Chosen:
-    """The product's design.   thesis_stiffness : K_I K_PP of the best solution of the equalities on that plant, nan without any."""
+    """The product's design.
+
+    Attributes
+    ----------
+    thesis_stiffness : float
+        K_I K_PP of the best solution of the equalities on that plant, nan without any.
+    """
 
     plant: str
     request: str
@@ -99,7 +125,13 @@ class Turned:
 
 @dataclass(frozen=True)
 class Designs:
-    """Everything the topic compares.   underrated_db : by how much (2.42) lies below (2.38) at the resonance, by plant, dB."""
+    """Everything the topic compares.
+
+    Attributes
+    ----------
+    underrated_db : dict of str to float
+        By how much (2.42) lies below (2.38) at the resonance, by plant, dB.
+    """
 
     plants: tuple[DesignPlant, ...]
     published: dict[str, Cascade]
@@ -139,7 +171,7 @@ def published_gains(plant: DesignPlant) -> dict[str, Cascade]:
     }
 
 
-def moving(plant: DesignPlant) -> DesignPlant:
+def plant_in_motion(plant: DesignPlant) -> DesignPlant:
     """G_A or G_B as the axis in motion shows it: the friction of table A.10, all at the motor, and some belt damping."""
     friction = MOVING_FRICTION[plant.name]
     name = f"{plant.name} moving"
@@ -151,7 +183,7 @@ def compare() -> Designs:
     plants = thesis_plants()
     g_a = plants[0]
     published = published_gains(g_a)
-    solved = tuple(_solved(plant, kind) for plant in plants for kind in KINDS)
+    solved = tuple(_solve(plant, kind) for plant in plants for kind in KINDS)
     solutions = {row.prefilter: row.design for row in solved if row.plant == g_a.name and row.design is not None}
     underrated = {plant.name: underrated_db(plant) for plant in plants}
     return Designs(
@@ -159,9 +191,9 @@ def compare() -> Designs:
         published,
         tuple(_numbers(plants, solutions)),
         solved,
-        tuple(_achieved(g_a, published)),
-        tuple(_chosen(plants, solved, underrated)),
-        tuple(Turned(kind, knob, turned(g_a, kind, knob, values)) for knob, values in TURNS.items() for kind in KINDS[1:]),
+        tuple(_achieved_rows(g_a, published)),
+        tuple(_chosen_rows(plants, solved, underrated)),
+        tuple(Turned(kind, knob, designs_along_knob(g_a, kind, knob, values)) for knob, values in TURNS.items() for kind in KINDS[1:]),
         {name: knobs_of(g_a, cascade).knobs for name, cascade in published.items()},
         underrated,
     )
@@ -175,7 +207,7 @@ def underrated_db(plant: DesignPlant) -> float:
     return float(20.0 * np.log10(abs(full) / abs(plant.continuous_response(np.array([plant.resonance_rad_s]))[0])))
 
 
-def _solved(plant: DesignPlant, kind: PrefilterKind) -> Solved:
+def _solve(plant: DesignPlant, kind: PrefilterKind) -> Solved:
     try:
         return Solved(plant.name, kind, thesis_design(plant, kind, VELOCITY_FILTER_S))
     except Refused as refusal:
@@ -223,7 +255,7 @@ def _position_gain_without_prefilter(plant: DesignPlant, cascade: Cascade) -> fl
     return float(1.0 / abs(closed[at]))
 
 
-def _achieved(g_a: DesignPlant, published: dict[str, Cascade]) -> Iterator[Achieved]:
+def _achieved_rows(g_a: DesignPlant, published: dict[str, Cascade]) -> Iterator[Achieved]:
     apparent = replace(g_a, name="G_A apparent")
     reasons = {
         "C_A (notch)": "the specification, but for the position loop: 75 deg where 80 were asked",
@@ -233,7 +265,7 @@ def _achieved(g_a: DesignPlant, published: dict[str, Cascade]) -> Iterator[Achie
         yield _row(name, apparent, cascade, reasons[name])
     for name, cascade in published.items():
         why = "standstill friction posed as 40 mN m s/rad of damping (2.7); in motion there are 2.53, and half of the margin"
-        yield _row(name, moving(g_a), cascade, why)
+        yield _row(name, plant_in_motion(g_a), cascade, why)
     for name, cascade in published.items():
         bare = replace(cascade, prefilter=Prefilter())
         yield _row(f"{name} without its filter", apparent, bare, "what 5.1 reports: the resonance stands above 0 dB, the loop is unstable")
@@ -244,7 +276,7 @@ def _row(name: str, plant: DesignPlant, cascade: Cascade, why: str) -> Achieved:
     return Achieved(name, plant.name, thesis_margins(plant, cascade), sampled.stable and sampled.velocity_stable, why)
 
 
-def _chosen(plants: tuple[DesignPlant, ...], solved: tuple[Solved, ...], underrated: dict[str, float]) -> Iterator[Chosen]:
+def _chosen_rows(plants: tuple[DesignPlant, ...], solved: tuple[Solved, ...], underrated: dict[str, float]) -> Iterator[Chosen]:
     """The thesis's numbers as inequalities on each plant, and the product's own request over all damping of G_A and G_B."""
     for plant in plants:
         stiffness = [row.design.cascade.ki_nm_rad * row.design.cascade.kpp_1_s for row in solved if row.plant == plant.name and row.design]
@@ -259,7 +291,9 @@ def _chosen(plants: tuple[DesignPlant, ...], solved: tuple[Solved, ...], underra
     request = replace(PRODUCT_SPECIFICATION, velocity_filters_s=LAGS_S)
     for plant in plants[:2]:
         apparent = replace(
-            moving(plant), motor_damping_nm_s_rad=plant.friction_damping_nm_s_rad, name=f"{plant.name}, apparent friction at the motor"
+            plant_in_motion(plant),
+            motor_damping_nm_s_rad=plant.friction_damping_nm_s_rad,
+            name=f"{plant.name}, apparent friction at the motor",
         )
         result = design_cascade(with_friction_fractions(apparent, (0.0, 1.0)), STRUCTURE, request)
         why = "must hold for every damping down to none, so the margin is not bought with friction (2.7)"

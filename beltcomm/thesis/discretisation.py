@@ -44,9 +44,14 @@ class DiscretisationError:
 
 @dataclass(frozen=True)
 class LoopMargins:
-    """Margins of one design in loops of T.   sampled : None with the reason in ``refusal`` where the prefilter does not fit.
+    """Margins of one design in loops of T.
 
-    expected_deg : phase that the parts and the hold of T/2 take at the continuous crossover, to be lost from the velocity margin.
+    Attributes
+    ----------
+    sampled : Margins or None
+        None with the reason in ``refusal`` where the prefilter does not fit.
+    expected_deg : float
+        Phase that the parts and the hold of T/2 take at the continuous crossover, to be lost from the velocity margin.
     """
 
     prefilter: str
@@ -80,7 +85,15 @@ def compare() -> Discretisation:
 def ratio(part: str, cascade: Cascade, omega_rad_s: Array, period_s: float) -> tuple[ComplexArray, Array]:
     """G_d/G_c of a part at frequencies (n,), rad/s, and the bound of its distance from 1; (n,) each.
 
-    part : of ``PARTS``.   Raises UsageError for a frequency, or a prefilter, at or beyond π/T.
+    Parameters
+    ----------
+    part : str
+        Of ``PARTS``.
+
+    Raises
+    ------
+    UsageError
+        For a frequency, or a prefilter, at or beyond π/T.
     """
     s = 1j * omega_rad_s
     if part == "velocity filter":

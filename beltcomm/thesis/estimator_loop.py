@@ -46,11 +46,18 @@ MOVES: Mapping[str, tuple[float, TrajectoryLimits]] = {
 
 @dataclass(frozen=True)
 class LoopResult:
-    """One move with one estimator.   error_m, cart_error_m : largest |reference − motor| and |reference − cart| while the reference moves,
-    m at the belt.
+    """One move with one estimator.
 
-    torque_step_nm : rms change of the torque from period to period, N m.   estimate_rms_m_s : of estimate − true velocity, m/s.
-    invalid : edges that no motion makes.
+    Attributes
+    ----------
+    error_m, cart_error_m : float
+        Largest |reference − motor| and |reference − cart| while the reference moves, m at the belt.
+    torque_step_nm : float
+        rms change of the torque from period to period, N m.
+    estimate_rms_m_s : float
+        Of estimate − true velocity, m/s.
+    invalid : int
+        Edges that no motion makes.
     """
 
     error_m: float

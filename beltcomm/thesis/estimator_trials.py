@@ -29,7 +29,13 @@ _PERIODS, _INCREMENTS, _MOST = 100, 12, 8_000
 
 @dataclass(frozen=True)
 class MethodErrors:
-    """Relative errors of one method at constant speed, percent.   worst, rms.   missing : share of periods in which it reads 0."""
+    """Relative errors of one method at constant speed, percent.   worst, rms.
+
+    Attributes
+    ----------
+    missing : float
+        Share of periods in which it reads 0.
+    """
 
     worst: float
     rms: float
@@ -69,8 +75,12 @@ def _errors(relative: Array) -> MethodErrors:
 class SpeedTable:
     """Errors over speed at one sampling period, percent, (n,) by method name.
 
-    bounds : what the formulas say: high_pass (own), event_counter (6.12), event_counter_worst (own), gate (6.16); nan where they have no
-    value.   missing : share of periods without an event counter value.
+    Attributes
+    ----------
+    bounds : dict of str to ndarray
+        What the formulas say: high_pass (own), event_counter (6.12), event_counter_worst (own), gate (6.16); nan where they have no value.
+    missing : ndarray
+        Share of periods without an event counter value.
     """
 
     settings: EstimatorSettings
@@ -107,8 +117,15 @@ def speed_table(settings: EstimatorSettings, speeds: Sequence[float] = SPEEDS) -
 class Debouncing:
     """A motion with and without debouncing: largest reading by method, m/s.
 
-    true_m_s : largest true speed of it.   increments_with, increments_without : increments counted.   All from the second half of the
+    All from the second half of the
     record, so that the direction which the state machine begins with does not matter.
+
+    Attributes
+    ----------
+    true_m_s : float
+        Largest true speed of it.
+    increments_with, increments_without : int
+        Increments counted.
     """
 
     true_m_s: float
@@ -126,17 +143,19 @@ def standstill_shaking(settings: EstimatorSettings, size_m: float = 0.3 * INCREM
         return lambda t: 10.0 * settings.increment_m + size_m * (np.sin(pulse * t) - place)
 
     made = [edges_of(motion(p), 0.1) for p in np.linspace(-0.98, 0.98, 24)]
-    return _debouncing(made, settings, 0.1, size_m * pulse, 0.0)
+    return _debouncing_trial(made, settings, 0.1, size_m * pulse, 0.0)
 
 
-def bouncing_at_speed(settings: EstimatorSettings, speed_m_s: float = 0.01, seed: int = 1) -> Debouncing:
+def debouncing_at_speed(settings: EstimatorSettings, speed_m_s: float = 0.01, seed: int = 1) -> Debouncing:
     """Constant speed, up to three contact bounces of 20 us after each edge: largest deviation from the speed, by method."""
     flaws = Flaws(bounces=3, bounce_s=2e-5, seed=seed)
     edges = edges_of(_steady(0.4 * settings.increment_m, speed_m_s), 0.2, flaws=flaws)
-    return _debouncing([edges], settings, 0.2, speed_m_s, speed_m_s)
+    return _debouncing_trial([edges], settings, 0.2, speed_m_s, speed_m_s)
 
 
-def _debouncing(made: Sequence[Edges], settings: EstimatorSettings, duration_s: float, true_m_s: float, mean_m_s: float) -> Debouncing:
+def _debouncing_trial(
+    made: Sequence[Edges], settings: EstimatorSettings, duration_s: float, true_m_s: float, mean_m_s: float
+) -> Debouncing:
     counted, largest = [], []
     for debounce in (True, False):
         ticks = [count_increments(edges, debounce=debounce).tick for edges in made]
@@ -150,9 +169,15 @@ def _debouncing(made: Sequence[Edges], settings: EstimatorSettings, duration_s: 
 class Reversal:
     """An axis that turns at constant deceleration, over 32 places of the turning point between two lines and between two samples.
 
-    way_with, way_without : increments travelled back until the first increment back, mean.   late_with_s, late_without_s : time after the
-    turning point until the gate reads the new sign, mean.   wrong_with, wrong_without : largest error of the gate's readings from the
-    turning point until 10 ms later, m/s.   count_apart : increments between the two counts at the end of the way back.
+    Attributes
+    ----------
+    way_with, way_without : float
+        Increments travelled back until the first increment back, mean.
+    late_with_s, late_without_s : float
+        Time after the turning point until the gate reads the new sign, mean. wrong_with, wrong_without : largest error of the gate's
+        readings from the turning point until 10 ms later, m/s.
+    count_apart : int
+        Increments between the two counts at the end of the way back.
     """
 
     deceleration_m_s2: float
@@ -256,7 +281,7 @@ def switching_errors(settings: EstimatorSettings, ratios: Sequence[float]) -> Ma
 
 @dataclass(frozen=True)
 class Delay:
-    """How late a method reads under constant acceleration, s: mean, least, largest, and what the formula says."""
+    """Delay of a method under constant acceleration, s: mean, least, largest, and what the formula says."""
 
     mean_s: float
     least_s: float

@@ -28,9 +28,18 @@ FINE_INCREMENT_M = 0.078 / 65536
 
 @dataclass(frozen=True)
 class Crossing:
-    """The methods around ξ_sw.   ratio : ξ T_s/Δξ, (n,).   gate, event_counter : worst errors measured, percent, (n,), nan where missing.
+    """The methods around ξ_sw.
 
-    printed_m_s : (6.19).   better_from_m_s : lowest speed tried from which the event counter's worst error stays below the gate's.
+    Attributes
+    ----------
+    ratio : ndarray
+        ξ T_s/Δξ, (n,).
+    gate, event_counter : ndarray
+        Worst errors measured, percent, (n,), nan where missing.
+    printed_m_s : float
+        (6.19).
+    better_from_m_s : float
+        Lowest speed tried from which the event counter's worst error stays below the gate's.
     """
 
     period_s: float
@@ -86,11 +95,11 @@ def compare() -> EstimatorStudy:
     saturated = trials.record_of(lambda t: 249.0 * t, 2.0 * period, settings)
     return EstimatorStudy(
         tables=tuple(trials.speed_table(replace(settings, period_s=p)) for p in PERIODS_S),
-        crossing=crossing(settings),
+        crossing=crossing_errors(settings),
         saturation_m_s=formulas.highest_speed_m_s(INCREMENT_M, TICK_S),
         saturation_read_m_s=float(np.max(saturated.gate)),
         shaking=trials.standstill_shaking(settings),
-        bouncing=trials.bouncing_at_speed(settings),
+        bouncing=trials.debouncing_at_speed(settings),
         reversals=tuple(trials.reversal(settings, a) for a in (0.1, 1.0, 10.0)),
         stop=trials.stop(period),
         extension_speeds_m_s=extension_speeds,
@@ -117,7 +126,7 @@ def compare() -> EstimatorStudy:
     )
 
 
-def crossing(settings: EstimatorSettings) -> Crossing:
+def crossing_errors(settings: EstimatorSettings) -> Crossing:
     """Worst errors of gate and event counter around 2 Δξ/T_s."""
     step, period = settings.increment_m, settings.period_s
     errors = [trials.steady_errors(r * step / period, settings) for r in RATIOS]

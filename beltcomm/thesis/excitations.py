@@ -43,13 +43,28 @@ BAND = (0.5, 1.2)
 class ExcitationRow:
     """One excitation on one axis.
 
-    amplitude_nm : largest torque that keeps the limits; ``binds`` the limit met.   seconds : whole record.   travel_m, belt_force_n :
-    caused.   line_hz : distance of the lines.   half_power_hz : up to where lines have half the power of the strongest octave.
-    response_error : median over the lines of the band of |Ĝ - G|/|G|, G of the moving axis, first seed.   noise : the same of its standard
-    deviation as estimated.
-    deviation : by parameter, standard deviation that the fit states, relative, mean over the seeds.   error : rms of its errors;
-    errors : they themselves, relative, by seed.
-    odd, even : nonlinearity on silent lines over the linear answer, nan where a signal cannot tell.
+    Attributes
+    ----------
+    amplitude_nm : float
+        Largest torque that keeps the limits; ``binds`` the limit met.
+    seconds : float
+        Whole record. travel_m, belt_force_n : caused.
+    line_hz : float
+        Distance of the lines.
+    half_power_hz : float
+        Up to where lines have half the power of the strongest octave.
+    response_error : float
+        Median over the lines of the band of |Ĝ - G|/|G|, G of the moving axis, first seed.
+    noise : float
+        The same of its standard deviation as estimated.
+    deviation : dict of str to float
+        By parameter, standard deviation that the fit states, relative, mean over the seeds.
+    error : dict of str to float
+        rms of its errors.
+    errors : dict of str to tuple of float
+        They themselves, relative, by seed.
+    odd, even : float
+        Nonlinearity on silent lines over the linear answer, nan where a signal cannot tell.
     """
 
     plant: str
@@ -127,7 +142,7 @@ def one(name: str, model: Model, kind: ExcitationKind) -> tuple[ExcitationRow, t
     signal = choice.excitation(
         step.amplitude_nm * step.amplitude_nm / choice.excitation(step.amplitude_nm, PERIOD_S).amplitude_nm, PERIOD_S
     )
-    records = [recorded(model, signal, seed) for seed in SEEDS]
+    records = [make_recording(model, signal, seed) for seed in SEEDS]
     start = model.with_values({n: f * model[n] for n, f in BEGIN.items()}, "start")
     fits = [fit_model([record], start, counts_per_rev=COUNTS) for record in records]
     deviation = {n: float(np.mean([(f.model.parameters[n].interval or math.inf) / f.quantile for f in fits])) / model[n] for n in MEANT}
@@ -169,7 +184,7 @@ def one(name: str, model: Model, kind: ExcitationKind) -> tuple[ExcitationRow, t
     return row, (np.asarray(freq[1:]), np.asarray(lines[1:]))
 
 
-def recorded(model: Model, signal: Excitation, seed: int) -> Recording:
+def make_recording(model: Model, signal: Excitation, seed: int) -> Recording:
     """The record of an excitation as a drive gives it: counted angle, torque with noise."""
     moved = simulate_torque(model, signal.torque, PERIOD_S, PLACE_M + seed * FURTHER_M)
     step = 2.0 * math.pi / COUNTS
@@ -190,7 +205,7 @@ def half_power_hz(freq_hz: Array, lines: Array) -> float:
 
 
 def _verdict(plant: str, rows: Sequence[ExcitationRow]) -> str:
-    """Which excitation has the smallest errors, and which of the others the seeds cannot tell from it."""
+    """Excitation with the smallest errors, and those that the seeds cannot tell from it."""
     best = min(rows, key=score)
     others = {r.kind: factor(r, best) for r in rows if r is not best}
     worse = [f"{kind} {q:.2f} times (1/{open_:.2f} to {open_:.2f} times that)" for kind, (q, open_) in others.items() if q > open_]

@@ -37,10 +37,20 @@ WORN: Mapping[str, float] = {"coulomb.level": 0.9, "cart_friction.level": 0.9, "
 
 @dataclass(frozen=True)
 class Order:
-    """One order of the measurement.   speeds : how many could be driven.   minutes : on the axis.   fit : (3.36).
+    """One order of the measurement.
 
-    slow_nm : mean torque of the speeds below 10 mm/s against the fitted law, N m: the Stribeck effect.   viscous_then : true viscous
-    friction when the fast half was measured, N m s/rad.
+    Attributes
+    ----------
+    speeds : int
+        How many could be driven.
+    minutes : float
+        On the axis.
+    fit : FrictionFit
+        (3.36).
+    slow_nm : float
+        Mean torque of the speeds below 10 mm/s against the fitted law, N m: the Stribeck effect.
+    viscous_then : float
+        True viscous friction when the fast half was measured, N m s/rad.
     """
 
     name: str
@@ -54,7 +64,15 @@ class Order:
 
 @dataclass(frozen=True)
 class FrictionComparison:
-    """orders : I to VI.   warm : true viscous (N m s/rad) and Coulomb friction (N m) at the motor of the new axis once warm."""
+    """Comparison of the friction measurements of the source.
+
+    Attributes
+    ----------
+    orders : tuple of Order
+        I to VI.
+    warm : tuple of float
+        True viscous (N m s/rad) and Coulomb friction (N m) at the motor of the new axis once warm.
+    """
 
     orders: tuple[Order, ...]
     warm: tuple[float, float]
@@ -67,12 +85,12 @@ def compare() -> FrictionComparison:
     up = sorted(SHUFFLED)
     tenfold = [speed for speed in up for _ in range(REPEATS)]
     orders = (
-        measured("I", "slowest first", new, up, BARE),
-        measured("II", "fastest first", new, up[::-1], BARE),
-        measured("III", "sequence (A.1)", new, SHUFFLED, BARE),
-        measured("IV", f"as I, each {REPEATS} times", new, tenfold, BARE),
-        measured("V", "as I, after nine months", axis("g_b", worn=True), up, BARE),
-        measured("VI", "as V, with 11.2 kg", axis("g_a", worn=True), up, LOADED),
+        measure_order("I", "slowest first", new, up, BARE),
+        measure_order("II", "fastest first", new, up[::-1], BARE),
+        measure_order("III", "sequence (A.1)", new, SHUFFLED, BARE),
+        measure_order("IV", f"as I, each {REPEATS} times", new, tenfold, BARE),
+        measure_order("V", "as I, after nine months", axis("g_b", worn=True), up, BARE),
+        measure_order("VI", "as V, with 11.2 kg", axis("g_a", worn=True), up, LOADED),
     )
     viscous = new["viscous.damping"]
     return FrictionComparison(orders, (viscous, total_coulomb(new)), viscous * (1.0 + COLD_SHARE))
@@ -92,7 +110,7 @@ def total_coulomb(model: Model) -> float:
     return model["coulomb.level"] + model["transmission.ratio"] * model["cart_friction.level"]
 
 
-def measured(name: str, what: str, model: Model, speeds: Sequence[float], limits: TrajectoryLimits) -> Order:
+def measure_order(name: str, what: str, model: Model, speeds: Sequence[float], limits: TrajectoryLimits) -> Order:
     """Strokes both ways at each speed in position control, short ones where a whole stroke would take minutes; (3.36) fitted."""
     room = TO_M - FROM_M
     driven = [v for v in speeds if 2.0 * ramp_length_m(v, limits) + v * (RUN_IN_S + 0.11) <= room]
@@ -103,7 +121,7 @@ def measured(name: str, what: str, model: Model, speeds: Sequence[float], limits
         strokes = constant_speed_strokes(
             FROM_M, TO_M, [speed], limits, PERIOD_S, run_in_s=RUN_IN_S, rest_s=REST_S, longest_plateau_s=RUN_IN_S + LONGEST_S
         )
-        passes = passed(model, strokes.trajectory, clock, noise)
+        passes = plateaus_at_speed(model, strokes.trajectory, clock, noise)
         plateaus += passes
         at.setdefault(speed, []).append(clock)
         clock += strokes.trajectory.duration_s
@@ -115,7 +133,7 @@ def measured(name: str, what: str, model: Model, speeds: Sequence[float], limits
     return Order(name, what, len(set(driven)), clock / 60.0, fit, float(np.mean(left)), then)
 
 
-def passed(model: Model, path: Trajectory, time_s: float, noise: np.random.Generator) -> tuple[Plateau, ...]:
+def plateaus_at_speed(model: Model, path: Trajectory, time_s: float, noise: np.random.Generator) -> tuple[Plateau, ...]:
     """Plateaus of one speed as the drive would record them."""
     moved = predict_move(model, loop(model), path, Loop(CascadeStructure("simulated", PERIOD_S), DELAY_S, PEAK_NM, COUNTS), time_s=time_s)
     ratio = model["transmission.ratio"]
@@ -132,8 +150,8 @@ def loop(model: Model) -> Cascade:
     return replace(gains(rig, "butterworth"), feedforward=forward, filter_reference=True)
 
 
-def built(base: str, base_worn: bool, rig: str, worn: bool) -> str:
-    """What is built into one axis against another, in words."""
+def difference_words(base: str, base_worn: bool, rig: str, worn: bool) -> str:
+    """Difference in construction between two axes, in words."""
     before, after = axis(base, base_worn), axis(rig, worn)
     coulomb = total_coulomb(after) / total_coulomb(before) - 1.0
     return f"{100 * coulomb:+.1f} and {100 * (after['viscous.damping'] / before['viscous.damping'] - 1.0):+.1f} %"
@@ -165,8 +183,8 @@ def lines(study: FrictionComparison) -> list[str]:
         f"{'':4} {'true, warm':26} {'':12} {1e3 * study.warm[0]:8.3f} {'':8} {study.warm[1]:9.4f}; cold {1e3 * study.cold_viscous:.3f}",
         f"II against I: {change('II', 'I')} by the order alone: fast strokes meet a cold axis or a warm one.  Order (A.1) mixes both, so "
         "that the drift shows in what is left over and not in d_v alone",
-        f"V against I, nine months: {change('V', 'I')} ({built('g_b', False, 'g_b', True)} built in)",
-        f"VI against V, 11.2 kg more: {change('VI', 'V')} ({built('g_b', True, 'g_a', True)} built in, table A.10)",
+        f"V against I, nine months: {change('V', 'I')} ({difference_words('g_b', False, 'g_b', True)} built in)",
+        f"VI against V, 11.2 kg more: {change('VI', 'V')} ({difference_words('g_b', True, 'g_a', True)} built in, table A.10)",
         "Speeds whose ramps the belt does not bear are left out",
         "At the lowest speeds the strokes are short: one turn of the motor at 1 mm/s would take 78 s.  Below 10 mm/s the Stribeck effect "
         "shows; these speeds are not fitted",

@@ -50,9 +50,18 @@ AVERAGED = (1, 2, 4, 8)
 class Way:
     """One way to the frequency response.
 
-    amplitude_nm : half the span of the torque setpoint.   low_db, high_db : mean of 20 lg |Ĝ/G| below and above 3 Hz, G of the moving axis.
-    scatter_db : rms about it above 3 Hz.   mass_kg, viscous_nm_s_rad : of the thesis's log-magnitude fit, i_t² (d_m + d_c) for the latter.
-    crosses_zero : the motor reversed.
+    Attributes
+    ----------
+    amplitude_nm : float
+        Half the span of the torque setpoint.
+    low_db, high_db : float
+        Mean of 20 lg |Ĝ/G| below and above 3 Hz, G of the moving axis.
+    scatter_db : float
+        rms about it above 3 Hz.
+    mass_kg, viscous_nm_s_rad : float
+        Of the thesis's log-magnitude fit, i_t² (d_m + d_c) for the latter.
+    crosses_zero : bool
+        The motor reversed.
     """
 
     name: str
@@ -68,9 +77,20 @@ class Way:
 
 @dataclass(frozen=True)
 class IdentificationStudy:
-    """ways : by what was done.   true : |G| at the lines of the first.   controller : |C_ω| there.   dead_time : figure 3.5.
+    """Comparison of the identification methods of the source.
 
-    averaging : periods averaged and rms difference of two independent means over √2, relative to one period's.
+    Attributes
+    ----------
+    ways : tuple of Way
+        By what was done.
+    true : ComplexArray
+        |G| at the lines of the first.
+    controller : ComplexArray
+        |C_ω| there.
+    dead_time : DeadTime
+        Figure 3.5.
+    averaging : dict of int to float
+        Periods averaged and rms difference of two independent means over √2, relative to one period's.
     """
 
     ways: tuple[Way, ...]
@@ -85,7 +105,19 @@ class IdentificationStudy:
 
 @dataclass(frozen=True)
 class Record:
-    """What a drive would show.   torque : acting, with noise.   setpoint : asked for.   excitation : N m or rad/s.   reversed : motor."""
+    """A drive's record.
+
+    Attributes
+    ----------
+    torque : ndarray
+        Acting, with noise.
+    setpoint : ndarray
+        Asked for.
+    excitation : ndarray
+        N m or rad/s.
+    reversed : bool
+        Motor.
+    """
 
     torque: Array
     setpoint: Array
@@ -116,31 +148,33 @@ def compare() -> IdentificationStudy:
         loudness = float(np.ptp(record.setpoint[start:])) / 2.0
         return Way(name, loudness, found, float(np.mean(off[low])), mean, float(np.std(off[high])), fit.mass_kg, lossy, record.reversed)
 
-    direct = seen(moves, moves.torque)
-    through, by_setpoint = seen(moves, moves.excitation), seen(asked, asked.excitation)
+    direct = angle_response(moves, moves.torque)
+    through, by_setpoint = angle_response(moves, moves.excitation), angle_response(asked, asked.excitation)
     controller = feedback(WEAK, through.freq_hz, PERIOD_S, "velocity")
-    stronger = seen(held, held.excitation)
+    stronger = angle_response(held, held.excitation)
     hold = feedback(STRONG, stronger.freq_hz, PERIOD_S, "velocity")
     path = setpoint_path(WEAK, by_setpoint.freq_hz, PERIOD_S)
     ways = (
-        way("open loop, standing", seen(stands, stands.torque), stands),
-        way("direct, as loud", seen(loud, loud.torque), loud),
+        way("open loop, standing", angle_response(stands, stands.torque), stands),
+        way("direct, as loud", angle_response(loud, loud.torque), loud),
         way("direct", direct, moves),
-        way("indirect, C as it runs", undelayed(from_torque_excitation(through, controller)), moves),
-        way("indirect, C continuous", undelayed(from_torque_excitation(through, continuous(through.freq_hz))), moves),
-        way("indirect, C 20 % off", undelayed(from_torque_excitation(through, WRONG * controller)), moves),
-        way("strong loop, direct", seen(held, held.torque), held),
-        way("strong loop, indirect", undelayed(from_torque_excitation(stronger, hold)), held),
-        way("strong, C 20 % off", undelayed(from_torque_excitation(stronger, WRONG * hold)), held),
+        way("indirect, C as it runs", without_dead_time(from_torque_excitation(through, controller)), moves),
+        way("indirect, C continuous", without_dead_time(from_torque_excitation(through, continuous(through.freq_hz))), moves),
+        way("indirect, C 20 % off", without_dead_time(from_torque_excitation(through, WRONG * controller)), moves),
+        way("strong loop, direct", angle_response(held, held.torque), held),
+        way("strong loop, indirect", without_dead_time(from_torque_excitation(stronger, hold)), held),
+        way("strong, C 20 % off", without_dead_time(from_torque_excitation(stronger, WRONG * hold)), held),
         way(
             "speed setpoint",
-            undelayed(from_setpoint_excitation(by_setpoint, feedback(WEAK, by_setpoint.freq_hz, PERIOD_S, "velocity"), path)),
+            without_dead_time(from_setpoint_excitation(by_setpoint, feedback(WEAK, by_setpoint.freq_hz, PERIOD_S, "velocity"), path)),
             asked,
         ),
     )
     freq = ways[0].response.freq_hz
     resonance = min(m.freq_hz for m in modes(model, at))
-    lag = dead_time_between(seen(stands, stands.setpoint), seen(stands, stands.torque), lowest_hz=2.0, highest_hz=resonance)
+    lag = dead_time_between(
+        angle_response(stands, stands.setpoint), angle_response(stands, stands.torque), lowest_hz=2.0, highest_hz=resonance
+    )
     true_viscous = model["viscous.damping"] + model["transmission.ratio"] ** 2 * model.get("viscous_cart.damping")
     return IdentificationStudy(
         ways,
@@ -148,7 +182,7 @@ def compare() -> IdentificationStudy:
         sampled_response(model, at, freq, PERIOD_S),
         feedback(WEAK, freq, PERIOD_S, "velocity"),
         lag,
-        averaging(stands),
+        averaging_differences(stands),
         model["cart.mass"],
         true_viscous,
     )
@@ -156,7 +190,7 @@ def compare() -> IdentificationStudy:
 
 def open_loop(model: Model, signal: Excitation, seed: int) -> Record:
     """The axis at rest under an excitation alone."""
-    return recorded(model, signal.torque, lambda n, _angle: float(signal.torque[n]), signal, STANDS_M, 0.0, seed)
+    return record_run(model, signal.torque, lambda n, _angle: float(signal.torque[n]), signal, STANDS_M, 0.0, seed)
 
 
 def without_reversal(model: Model, signal: Excitation, inject: Inject, cascade: Cascade = WEAK) -> Record:
@@ -182,13 +216,13 @@ def closed_loop(model: Model, signal: Excitation, inject: Inject, share: float, 
         added = (float(excitation[n]), 0.0) if inject == "torque" else (0.0, float(excitation[n]))
         return float(velocity_step(coefficients, state, speed + added[1], 0.0, angle, added[0]))
 
-    return recorded(model, excitation, control, signal, FROM_M, SPEED_M_S, SEED)
+    return record_run(model, excitation, control, signal, FROM_M, SPEED_M_S, SEED)
 
 
-def recorded(
+def record_run(
     model: Model, excitation: Array, control: Callable[[int, float], float], signal: Excitation, at_m: float, speed_m_s: float, seed: int
 ) -> Record:
-    """What a drive shows of a run: counted angle, acting torque with noise; a setpoint acts one period after it was worked out."""
+    """Record of a run as a drive shows it: counted angle, acting torque with noise; a setpoint acts one period after it was worked out."""
     plant = SimulatedPlant(model, at_m, speed_m_s=speed_m_s)
     n = len(excitation)
     step = 2.0 * math.pi / COUNTS
@@ -206,12 +240,12 @@ def recorded(
     return Record(torque + noise, setpoint, position, excitation, signal, turned)
 
 
-def seen(record: Record, torque: Array) -> FrequencyResponse:
+def angle_response(record: Record, torque: Array) -> FrequencyResponse:
     """The response of the angle to one of the record's signals."""
     return estimate_response(torque, record.position, PERIOD_S, record.signal.period_samples, record.signal.first_sample)
 
 
-def undelayed(found: FrequencyResponse) -> FrequencyResponse:
+def without_dead_time(found: FrequencyResponse) -> FrequencyResponse:
     """A response from the setpoint as one from the acting torque: the known dead time taken into the prefilter V_1 = z⁻ⁿ (3.4)."""
     return replace(found, h=found.h * np.exp(2j * np.pi * found.freq_hz * DELAY * PERIOD_S))
 
@@ -222,7 +256,7 @@ def continuous(freq_hz: Array) -> ComplexArray:
     return np.asarray(s / (1.0 + WEAK.velocity_filter_s * s) * (WEAK.kp_nm_s_rad + WEAK.ki_nm_rad / s))
 
 
-def averaging(record: Record) -> dict[int, float]:
+def averaging_differences(record: Record) -> dict[int, float]:
     """Rms difference of the means over n periods each, over √2, relative to n = 1; 1/√n for noise alone."""
     period, first = record.signal.period_samples, record.signal.first_sample
     speed = np.diff(record.position, prepend=0.0)

@@ -36,10 +36,28 @@ LINES_HZ, REDUCED = np.arange(1.0, 501.0), 30
 
 @dataclass(frozen=True)
 class ModelStudy:
-    """springs : c1, c2, c3 and the replacement c over TRAVEL_M, N/m.   parameter_sets : S_A, S_B, S_C, responses at FREQ_HZ.   published,
-    recomputed : f_r and f_z of all sets, Hz.   places : responses of the rig of its data sheets at three places.   approximations : (2.40)
-    to (2.42) and the exact (2.39) of S_A.   cart : torque to carriage, to motor angle times i_t, and (2.49), of S_A.   third_mode_hz : of
-    the end pulley.   averaged : rms relative error of |h| above 500 Hz with one and with ten periods.   chosen_hz : lines of figure 3.9.
+    """Comparison of the models of the source.
+
+    Attributes
+    ----------
+    springs : dict of str to ndarray
+        c1, c2, c3 and the replacement c over TRAVEL_M, N/m.
+    parameter_sets : dict of str to ComplexArray
+        S_A, S_B, S_C, responses at FREQ_HZ. published.
+    recomputed : dict of str to tuple of float
+        f_r and f_z of all sets, Hz.
+    places : dict of float to ComplexArray
+        Responses of the rig of its data sheets at three places.
+    approximations : dict of str to ComplexArray
+        (2.40) to (2.42) and the exact (2.39) of S_A.
+    cart : dict of str to ComplexArray
+        Torque to carriage, to motor angle times i_t, and (2.49), of S_A.
+    third_mode_hz : float
+        Of the end pulley.
+    averaged : dict of int to float
+        rms relative error of |h| above 500 Hz with one and with ten periods.
+    chosen_hz : ndarray
+        Lines of figure 3.9.
     """
 
     springs: Mapping[str, Array]
@@ -178,7 +196,7 @@ def lines(study: ModelStudy) -> list[str]:
 
 
 def attenuation(study: ModelStudy) -> float:
-    """How far the carriage's response lies above the motor's at the antiresonance of S_A, dB."""
+    """Level of the carriage's response above the motor's at the antiresonance of S_A, dB."""
     at = int(np.argmin(np.abs(FREQ_HZ - study.recomputed["S_A"][1])))
     motor, cart = study.cart["torque to motor, times i_t"], study.cart["torque to cart (2.48)"]
     return float(20.0 * np.log10(np.abs(cart[at] / motor[at])))

@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # matplotlib takes longer to import than a command without pi
 
 @dataclass(frozen=True)
 class Topic:
-    """What a topic shows, and where in the source.   The module of its name computes it, that in ``figures`` draws."""
+    """Contents of a topic, and its place in the source.   The module of its name computes it, that in ``figures`` draws."""
 
     title: str
     source: str
@@ -72,12 +72,12 @@ def thesis(topic: str | None = None, *, pictures: Place | None = None, command: 
         raise UsageError(f"there is no topic {topic!r}; {hint}")
     module = importlib.import_module(f"beltcomm.thesis.{topic.replace('-', '_')}")
     study: Any = module.compare()
-    made = drawn(topic, study, place(pictures, "folder"), command) if pictures is not None else []
+    made = draw_figures(topic, study, place(pictures, "folder"), command) if pictures is not None else []
     data = {"topic": topic, **plain(study), "pictures": made}
     return Result(data, [*module.lines(study), *(f"drawn: {path}" for path in made)])
 
 
-def drawn(topic: str, study: Any, folder: Path, command: str) -> list[str]:
+def draw_figures(topic: str, study: Any, folder: Path, command: str) -> list[str]:
     """The figures of a topic as PNG; their paths.
 
     Raises

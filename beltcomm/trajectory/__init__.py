@@ -33,8 +33,19 @@ RESTING_SHARE = 0.2
 class Trajectory:
     """A reference motion on a uniform grid; arrays (n,), read-only.
 
-    t_s : s, from 0.     position_m : m.     velocity_m_s : m/s.     acceleration_m_s2 : m/s²; all at the carriage.
-    Raises ValueError when lengths differ or there are fewer than two samples.
+    Attributes
+    ----------
+    t_s : ndarray, s
+        From 0.
+    position_m : ndarray, m
+    velocity_m_s : ndarray, m/s
+    acceleration_m_s2 : ndarray, m/s²
+        All at the carriage.
+
+    Raises
+    ------
+    ValueError
+        When lengths differ or there are fewer than two samples.
     """
 
     t_s: Array
@@ -63,7 +74,15 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class SteadySpan:
-    """A stretch at constant speed, run-in left out.   velocity_m_s : signed.   first, last : samples first <= n < last."""
+    """A stretch at constant speed, run-in left out.
+
+    Attributes
+    ----------
+    velocity_m_s : float
+        Signed.
+    first, last : int
+        Samples first <= n < last.
+    """
 
     velocity_m_s: float
     first: int
@@ -94,9 +113,26 @@ def plan_trajectory(
     |ξ'| ≤ v,  |ξ''| ≤ a,  |ξ'''| ≤ j; the duration is rounded up to whole sample periods, so that the motion ends on a
     sample; its speed is that much lower.
 
-    start_m, end_m : m.   limits : at the carriage.   sample_period_s : s.   Returns both end states as first and last sample.
-    Raises UsageError for values that are not finite, a boundary state outside the limits, or a start that is the end.
-    Source: thesis 6.3 (symmetric jerk); solved by the library ruckig.
+    Parameters
+    ----------
+    start_m, end_m : float, m
+    limits : TrajectoryLimits
+        At the carriage.
+    sample_period_s : float, s
+
+    Returns
+    -------
+    Trajectory
+        Both end states as first and last sample.
+
+    Raises
+    ------
+    UsageError
+        For values that are not finite, a boundary state outside the limits, or a start that is the end.
+
+    References
+    ----------
+    Thesis 6.3 (symmetric jerk); solved by the library ruckig.
     """
     states = (start_m, start_velocity_m_s, start_acceleration_m_s2), (end_m, end_velocity_m_s, end_acceleration_m_s2)
     for place, state in zip(("start", "end"), states, strict=True):
@@ -150,7 +186,12 @@ def _sampled(solution: ruckig.Trajectory, t_s: Array) -> tuple[Array, Array, Arr
 def stroke(start_m: float, end_m: float, speed_m_s: float, limits: TrajectoryLimits, sample_period_s: float) -> Trajectory:
     """From rest to rest at a constant speed between jerk-limited ramps; slower where the way is too short to reach it.
 
-    speed_m_s : m/s, positive, at most the limit.   Other arguments and errors as for :func:`plan_trajectory`.
+    Other arguments and errors as for :func:`plan_trajectory`.
+
+    Parameters
+    ----------
+    speed_m_s : float, m/s
+        Positive, at most the limit.
     """
     if not 0.0 < speed_m_s <= limits.speed_m_s:
         raise UsageError(f"the speed of a stroke is {speed_m_s:g} m/s; it must be above 0 and at most {limits.speed_m_s:g} m/s")
@@ -158,7 +199,13 @@ def stroke(start_m: float, end_m: float, speed_m_s: float, limits: TrajectoryLim
 
 
 def at_rest(position_m: float, duration_s: float, sample_period_s: float) -> Trajectory:
-    """Standing still, at least one period.   position_m : m.   duration_s, sample_period_s : s."""
+    """Standing still, at least one period.
+
+    Parameters
+    ----------
+    position_m : float, m
+    duration_s, sample_period_s : float, s
+    """
     t_s = _grid(max(1, round(duration_s / sample_period_s)) + 1, sample_period_s)
     return Trajectory(t_s, np.full(len(t_s), position_m), np.zeros(len(t_s)), np.zeros(len(t_s)))
 
@@ -166,7 +213,10 @@ def at_rest(position_m: float, duration_s: float, sample_period_s: float) -> Tra
 def join(parts: Sequence[Trajectory]) -> Trajectory:
     """One motion after the other; the last sample of each is the first of the next.
 
-    Raises ValueError when a part does not begin in the state and with the period of the one before.
+    Raises
+    ------
+    ValueError
+        When a part does not begin in the state and with the period of the one before.
     """
     for before, after in itertools.pairwise(parts):
         step = abs(after.position_m[0] - before.position_m[-1])
@@ -193,11 +243,24 @@ def constant_speed_strokes(
 ) -> Strokes:
     """For each speed one stroke forth and one back with a plateau of constant speed, rests between (friction sweep, 3.6).
 
-    start_m, end_m : m, the window; the first stroke leads from start towards end.   speeds_m_s : m/s, positive; the plateau
-    may be slower by up to one sample period in the plateau's length, its own speed stands beside it.
-    limits : jerk and acceleration of the ramps.   run_in_s : s, left out at the beginning of each plateau.   rest_s : s.
-    longest_plateau_s : s, run-in included; shortens the strokes at low speed.
-    Raises UsageError when the window is too short for a speed, with the length that it needs, or a speed is not positive.
+    Parameters
+    ----------
+    start_m, end_m : float, m
+        The window; the first stroke leads from start towards end.
+    speeds_m_s : sequence of float, m/s
+        Positive; the plateau may be slower by up to one sample period in the plateau's length, its own speed stands beside it.
+    limits : TrajectoryLimits
+        Jerk and acceleration of the ramps.
+    run_in_s : float, s
+        Left out at the beginning of each plateau.
+    rest_s : float, s
+    longest_plateau_s : float, s
+        Run-in included; shortens the strokes at low speed.
+
+    Raises
+    ------
+    UsageError
+        When the window is too short for a speed, with the length that it needs, or a speed is not positive.
     """
     parts, plateaus, samples = [at_rest(start_m, rest_s, sample_period_s)], [], len(at_rest(start_m, rest_s, sample_period_s).t_s)
     for speed in speeds_m_s:
@@ -237,9 +300,19 @@ def ramp_length_m(speed_m_s: float, limits: TrajectoryLimits) -> float:
 def load_move(path: Path | str, sample_period_s: float, axis: Axis | None = None) -> Trajectory:
     """A user's own move from CSV: ``t_s``, ``position_m``, any time grid; resampled by a cubic spline at rest at both ends.
 
-    sample_period_s : s, of the result.   axis : its travel, speed and acceleration limits are kept, where it states them.
-    Raises DataError, naming the file, for an unreadable one, time that does not rise, or a move that is not at rest at its
-    ends; UsageError, with the value and the limit, where the move breaks a limit of the axis.
+    Parameters
+    ----------
+    sample_period_s : float, s
+        Of the result.
+    axis : Axis or None
+        Its travel, speed and acceleration limits are kept, where it states them.
+
+    Raises
+    ------
+    DataError
+        Naming the file, for an unreadable one, time that does not rise, or a move that is not at rest at its ends.
+    UsageError
+        With the value and the limit, where the move breaks a limit of the axis.
     """
     path = Path(path)
     columns = read_columns(path, {"t_s", "position_m"})

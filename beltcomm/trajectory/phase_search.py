@@ -37,7 +37,7 @@ MISS, BEYOND, IMAGINARY = 1e-11, 1e-10, 1e-3
 HOPELESS = 1e-2
 #: Steps that refine a root of a polynomial; each doubles the digits, at a double root it adds one bit.
 REFINEMENTS = 40
-#: Constant speeds between which :func:`lasting` looks for the one that it needs.
+#: Constant speeds between which :func:`motion_of_duration` looks for the one that it needs.
 SPEEDS = 201
 #: Shares of the jerk between which :func:`softer` looks for the one that it needs.
 SHARES = (0.999, 0.99, 0.95, 0.8, 0.5)
@@ -85,7 +85,7 @@ class Task:
         )  # fmt: skip
 
 
-def stepped(state: Array, jerk: float, duration: float) -> Array:
+def step_phase(state: Array, jerk: float, duration: float) -> Array:
     """(p, v, a) after a time with constant jerk."""
     p, v, a = state
     t = duration
@@ -96,7 +96,7 @@ def states(start: Array, jerks: Sequence[float] | Array, durations: Sequence[flo
     """(p, v, a) at the beginning of each phase and at the end of the last, (n + 1, 3)."""
     found = [start]
     for jerk, duration in zip(jerks, durations, strict=True):
-        found.append(stepped(found[-1], float(jerk), float(duration)))
+        found.append(step_phase(found[-1], float(jerk), float(duration)))
     return np.array(found)
 
 
@@ -122,7 +122,10 @@ def fastest(task: Task) -> tuple[Array, Array] | None:
 def to_speed(task: Task, speed: float, *, top: bool = False) -> tuple[list[float], list[float]]:
     """Fastest way from (v0, a0) of the task to (speed, 0): three durations and three jerks.
 
-    top : the speed is the upper bound, so that rounding cannot make it lower than where the acceleration comes to zero.
+    Parameters
+    ----------
+    top : bool
+        The speed is the upper bound, so that rounding cannot make it lower than where the acceleration comes to zero.
     """
     up = top or speed >= task.v0 + 0.5 * task.a0 * abs(task.a0) / (task.fall if task.a0 > 0.0 else task.rise)
     first, second = (task.rise, task.fall) if up else (task.fall, task.rise)
@@ -142,7 +145,7 @@ def from_speed(task: Task, speed: float, *, top: bool = False) -> tuple[list[flo
     return durations[::-1], jerks[::-1]
 
 
-def lasting(task: Task, duration: float) -> tuple[Array, Array] | None:
+def motion_of_duration(task: Task, duration: float) -> tuple[Array, Array] | None:
     """A motion of a given duration, longer than the fastest: as fast as possible to a constant speed, and from it to the end.
 
     None where no constant speed does it (motions so short that the acceleration never comes to zero).
@@ -203,15 +206,15 @@ def _solutions(task: Task) -> Iterator[Array]:
     for durations, free in _guesses(task):
         if durations.min() < -HOPELESS * durations.max():
             continue
-        refined = _refined(begin, end, jerks, durations, free)
+        refined = _refine_durations(begin, end, jerks, durations, free)
         if refined is None or refined.min() < -BEYOND:
             continue
         if refined.min() < 0.0:  # rounding: that phase lasts no time, the others meet the end without it
-            refined = _refined(begin, end, jerks, np.maximum(refined, 0.0), [phase for phase in free if refined[phase] > 0.0])
+            refined = _refine_durations(begin, end, jerks, np.maximum(refined, 0.0), [phase for phase in free if refined[phase] > 0.0])
             if refined is None or refined.min() < 0.0:
                 continue
         refined = _with_top(refined, begin, task)
-        if _kept(states(begin, jerks, refined), refined, task):
+        if _keeps_bounds(states(begin, jerks, refined), refined, task):
             yield refined
 
 
@@ -284,7 +287,7 @@ def _real_roots(polynomial: Array) -> list[float]:
     return [float(root.real) for root in np.roots(coefficients) if abs(root.imag) <= IMAGINARY * (1.0 + abs(root.real))]
 
 
-def _refined(begin: Array, end: Array, jerks: Array, durations: Array, free: list[int]) -> Array | None:
+def _refine_durations(begin: Array, end: Array, jerks: Array, durations: Array, free: list[int]) -> Array | None:
     """Durations with which the end state is met, by Newton's method in the free ones; None where it does not converge."""
     found, best, smallest = durations.copy(), durations, math.inf
     for _ in range(REFINEMENTS):
@@ -301,11 +304,11 @@ def _refined(begin: Array, end: Array, jerks: Array, durations: Array, free: lis
             _, v, a = passed[phase + 1]
             later = float(found[phase + 1 :].sum())
             slopes[:, column] = v + later * (a + later * jerks[phase] / 2.0), a + later * jerks[phase], jerks[phase]
-        found = found - _spread(np.linalg.lstsq(slopes, miss, rcond=1e-12)[0], free, len(found))
+        found = found - _spread_durations(np.linalg.lstsq(slopes, miss, rcond=1e-12)[0], free, len(found))
     return best if smallest <= MISS else None
 
 
-def _spread(values: Array, places: list[int], length: int) -> Array:
+def _spread_durations(values: Array, places: list[int], length: int) -> Array:
     spread = np.zeros(length)
     spread[places] = values
     return spread
@@ -322,8 +325,8 @@ def _with_top(durations: Array, begin: Array, task: Task) -> Array:
     return split
 
 
-def _kept(passed: Array, durations: Array, task: Task) -> bool:
-    """Whether speed and acceleration keep their bounds; the speed is largest or smallest where the acceleration passes zero."""
+def _keeps_bounds(passed: Array, durations: Array, task: Task) -> bool:
+    """True if speed and acceleration keep their bounds; the speed is largest or smallest where the acceleration passes zero."""
     speeds, accelerations = passed[:, 1], passed[:, 2]
     if accelerations.max() > task.a_high + BEYOND or accelerations.min() < task.a_low - BEYOND:
         return False

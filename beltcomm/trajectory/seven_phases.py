@@ -43,8 +43,11 @@ class MotionState:
 class MotionBounds:
     """velocity_min <= v <= velocity_max and so on; all signed, m/s, m/s², m/s³ (6.33).
 
-    Raises UsageError for a number that is not finite, an acceleration or jerk range without zero inside, a speed range without zero, or
-    one that is empty.
+    Raises
+    ------
+    UsageError
+        For a number that is not finite, an acceleration or jerk range without zero inside, a speed range without zero, or one that is
+        empty.
     """
 
     velocity_min_m_s: float
@@ -92,8 +95,20 @@ class Extremes:
 class SevenPhases:
     """A motion with constant jerk in each of seven phases.
 
-    start, end : its states.   durations_s : (7,), s, not negative.   jerks_m_s3 : (7,), m/s³.   Arrays are read-only.
-    Raises ValueError when durations are negative, or the phases do not lead from start to end.
+    Arrays are read-only.
+
+    Attributes
+    ----------
+    start, end : MotionState
+        Its states.
+    durations_s : ndarray (7,), s
+        Not negative.
+    jerks_m_s3 : ndarray (7,), m/s³
+
+    Raises
+    ------
+    ValueError
+        When durations are negative, or the phases do not lead from start to end.
     """
 
     start: MotionState
@@ -144,7 +159,7 @@ class SevenPhases:
             _, v, a = state
             turns = [-a / jerk] if jerk else []
             turns += [root.real for root in np.roots(np.trim_zeros(np.array([jerk / 2.0, a, v]), "f")) if root.imag == 0.0]
-            found += [phase_search.stepped(state, jerk, t) for t in turns if 0.0 < t < duration]
+            found += [phase_search.step_phase(state, jerk, t) for t in turns if 0.0 < t < duration]
         every = np.array([*states, *found])
         jerks = self.jerks_m_s3[self.durations_s > 0.0]
         ranges = [(float(column.min()), float(column.max())) for column in (*every.T, jerks if len(jerks) else np.zeros(1))]
@@ -157,7 +172,10 @@ class SevenPhases:
     def sampled(self, sample_period_s: float) -> Trajectory:
         """On a uniform grid; first and last sample are the two states exactly.
 
-        Raises ValueError when the motion does not last a whole number of periods; see :func:`on_grid`.
+        Raises
+        ------
+        ValueError
+            When the motion does not last a whole number of periods; see :func:`on_grid`.
         """
         periods = self.duration_s / sample_period_s
         count = round(periods)
@@ -178,9 +196,17 @@ class SevenPhases:
 def fastest_motion(start: MotionState, end: MotionState, bounds: MotionBounds) -> SevenPhases:
     """The fastest motion between two states, (6.27) to (6.33).
 
-    start, end : at the carriage; inside the bounds, also while their acceleration comes to zero before the start or after the end.
-    Raises UsageError for values that are not finite, a state beyond a bound (with the bound), or a start that is the end; Refused where no
-    motion exists, because a way is forbidden.
+    Parameters
+    ----------
+    start, end : MotionState
+        At the carriage; inside the bounds, also while their acceleration comes to zero before the start or after the end.
+
+    Raises
+    ------
+    UsageError
+        For values that are not finite, a state beyond a bound (with the bound), or a start that is the end.
+    Refused
+        Where no motion exists, because a way is forbidden.
     """
     _check_states(start, end, bounds)
     found = phase_search.fastest(_task(start, end, bounds))
@@ -206,7 +232,7 @@ def on_grid(start: MotionState, end: MotionState, bounds: MotionBounds, sample_p
         return motion
     task = _task(start, end, bounds)
     for _ in range(TRIES):
-        for slower in (phase_search.lasting, phase_search.softer):
+        for slower in (phase_search.motion_of_duration, phase_search.softer):
             found = slower(task, count * sample_period_s)
             if found is not None:
                 return SevenPhases(start, end, *found)
@@ -217,7 +243,7 @@ def on_grid(start: MotionState, end: MotionState, bounds: MotionBounds, sample_p
     )
 
 
-def reached(motion: SevenPhases, bounds: MotionBounds) -> tuple[str, ...]:
+def bounds_reached(motion: SevenPhases, bounds: MotionBounds) -> tuple[str, ...]:
     """Names of the bounds that a motion comes to, in the order of :class:`MotionBounds`: what makes it no faster."""
     extremes, found = motion.extremes(), []
     for field in fields(MotionBounds):

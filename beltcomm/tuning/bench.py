@@ -13,7 +13,7 @@ import numpy as np
 from beltcomm.control import Cascade, Prefilter
 from beltcomm.design.cascade import DesignResult, best_cascade, candidate_prefilters
 from beltcomm.design.design_plant import DesignPlant
-from beltcomm.design.held_knobs import KnobPlants, held
+from beltcomm.design.held_knobs import KnobPlants, gains_of_knobs
 from beltcomm.design.knobs import Knobs
 from beltcomm.design.loops import sample_plants
 from beltcomm.design.margins import Margins, margins_on
@@ -97,7 +97,7 @@ class Bench:
         last = self._last
         if last is None or last[0] != key:
             plants = self._plants(setting.payload_kg)
-            found = held(plants, self._prefilter(setting), setting.velocity_filter_s, setting.knobs)
+            found = gains_of_knobs(plants, self._prefilter(setting), setting.velocity_filter_s, setting.knobs)
             if key == self._untouched:
                 found = replace(found, cascade=self.ground.present, margins=margins_on(self.ground.present, plants.proof))
             self._last = last = (key, found)

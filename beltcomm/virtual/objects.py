@@ -106,7 +106,7 @@ def pdo_rows(node_id: int, longest_map: int, event_timer: bool) -> list[ObjectRo
     return rows
 
 
-def drive_rows(motor: Nameplate, supported_modes: int, quick_stop_codes: frozenset[int]) -> list[ObjectRow]:
+def drive_rows(motor: Nameplate, supported_modes: int, quick_stop_codes: frozenset[int], homing_method: int = 37) -> list[ObjectRow]:
     """CiA 402 objects, except those whose unit or range is the profile's own."""
     peak = motor.peak_permille
     return [
@@ -138,7 +138,7 @@ def drive_rows(motor: Nameplate, supported_modes: int, quick_stop_codes: frozens
         parameter(0x6086, 0, "i16", 0, "motion profile: trapezoid", 0, 0),
         parameter(0x6087, 0, "u32", 0x0E310F94, "torque slope, 0.1 %/s", low=1),
         parameter(0x6088, 0, "i16", 0, "torque profile: linear", 0, 0),
-        parameter(0x6098, 0, "i8", 37, "homing method"),
+        parameter(0x6098, 0, "i8", homing_method, "homing method"),
         ObjectRow(0x60C1, 1, "i32", "rw", 0, "interpolation position", pdo="rt", unit="position"),
         ObjectRow(0x60F4, 0, "i32", "ro", 0, "following error", pdo="t"),
         ObjectRow(0x60FD, 0, "u32", "ro", 0, "digital inputs: bit 0 lower, bit 1 upper end switch", pdo="t"),

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from types import TracebackType
 
 from beltcomm.errors import UsageError
+from beltcomm.posix import terminal_pair
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.service_port import ServicePort
 
@@ -20,17 +21,12 @@ class PseudoTerminal:
     """
 
     def __init__(self, bus: LockstepBus, port: ServicePort) -> None:
-        try:
-            import termios
-            import tty
-        except ImportError as error:
-            raise UsageError("this system has no pseudo-terminals; use serial:virtual inside one program instead") from error
-        self._bus, self._port = bus, port
-        self._termios = termios
-        self._rates = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()}
-        self._master, self._slave = os.openpty()  # the other end stays open, or the first program to leave would end it
-        tty.setraw(self._slave)
-        self.path = os.ttyname(self._slave)
+        pair = terminal_pair()
+        if pair is None:
+            raise UsageError("this system has no pseudo-terminals; use serial:virtual inside one program instead")
+        self._bus, self._port, self._pair = bus, port, pair
+        self._master, self._slave = pair.here, pair.there  # the other end stays open, or the first program to leave would end it
+        self.path = pair.path
 
     def serve(self, goes_on: Callable[[], bool]) -> None:
         """Carry characters and let time pass while ``goes_on()``."""
@@ -39,7 +35,7 @@ class PseudoTerminal:
 
     def step(self) -> None:
         """One tick of the drive."""
-        bitrate = self._rates.get(self._termios.tcgetattr(self._slave)[5], 0) or self._port.bitrate
+        bitrate = self._pair.bitrate() or self._port.bitrate
         if select.select([self._master], [], [], 0.0)[0]:
             self._port.send(os.read(self._master, 4096), bitrate)
         self._bus.advance()

@@ -11,12 +11,12 @@ import os
 import select
 import socket
 from collections import deque
-from functools import partial
 from typing import Final, Protocol
 
 import can
 
 from beltcomm.errors import BusError
+from beltcomm.posix import terminal_pair
 
 _CR, _BEL = b"\r", b"\a"
 #: Answers to what asks for nothing but a word: version, serial number, status flags.
@@ -60,17 +60,12 @@ class SlcanTerminal:
     """A :class:`ByteLine` on a pseudo-terminal, which looks like a serial port.   Raises BusError where the system has none."""
 
     def __init__(self) -> None:
-        try:
-            import termios
-            import tty
-
-            self._here, self._there = os.openpty()  # our own hold on the other end: without it, a host that leaves would end us
-        except (ImportError, OSError, AttributeError) as error:
-            raise BusError(f"this system gives no pseudo-terminal ({error}); use --on socket:PORT") from error
-        tty.setraw(self._there)
+        pair = terminal_pair()
+        if pair is None:
+            raise BusError("this system gives no pseudo-terminal; use --on socket:PORT")
+        self._here, self._there = pair.here, pair.there  # our own hold on the other end: without it, a host that leaves would end us
         os.set_blocking(self._here, False)
-        self._forget = partial(termios.tcflush, self._there, termios.TCIFLUSH)
-        self.address = os.ttyname(self._there)
+        self._forget, self.address = pair.forget, pair.path
 
     def fileno(self) -> int:
         """See :class:`ByteLine`."""

@@ -88,7 +88,7 @@ def test_silence_names_the_node_after_three_attempts(node, bus, objects):
     node.silent_from = 0
     with pytest.raises(BusError, match="node 1 gave no valid answer"):
         objects.read(0x6076, 0, "uint32")
-    assert bus.clock.now() == pytest.approx(0.9, abs=0.05)
+    assert bus.clock.now() == pytest.approx(0.3 * (1 + 2 + 4), abs=0.05)  # more patience each time
 
 
 def test_an_interface_that_is_gone_is_a_bus_error(bus, objects):
@@ -155,7 +155,7 @@ def test_a_silent_drive_is_not_asked_for_ever_to_take_things_back(node, bus, obj
     before_s = bus.clock.now()
     (failure,) = lending.give_back()
     assert failure.startswith("the objects 6072h, 607Dh:2, 607Dh:1 could not be set back")
-    assert RECOVERY_S <= bus.clock.now() - before_s < RECOVERY_S + 1.5  # not so long for each object
+    assert RECOVERY_S <= bus.clock.now() - before_s < RECOVERY_S + 2.5  # not so long for each object
 
 
 def test_a_bus_that_comes_back_gets_everything_back(node, bus, objects):

@@ -6,8 +6,9 @@
     python tests/benchmarks/foreign_drives.py --keep FILE                      (rows that are there already are not run again)
 
 "done": the verb reached its end, whatever its verdict.  "refused": nothing moved, with a sentence that says what to do (of the doctor:
-something is WRONG).  RED: anything else: motion and then a failure, a setting that is not restored, a belt force above what the belt bears,
-an axis that does not stand in the end, a doctor that finds nothing wrong where commissioning is refused.
+something is WRONG).  "creep": refused with such a sentence after the first creep, which showed what the drive does not tell.  RED: anything
+else: motion and then a failure, a setting that is not restored, a belt force above what the belt bears, an axis that does not stand in the
+end, a doctor that finds nothing wrong where commissioning is refused.
 """
 
 from __future__ import annotations

@@ -37,13 +37,13 @@ from hidden_table import FAMILY, table
 from beltcomm.effects import effect_named
 from beltcomm.errors import BeltcommError
 from beltcomm.fit.estimate import Fitted, fit
-from beltcomm.fit.intervals import spread_of
+from beltcomm.fit.intervals import parameter_spread
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory.diagnosis import Diagnosis, diagnose, fit_base_of
+from beltcomm.laboratory.forward_selection import with_effect
 from beltcomm.laboratory.run_checks import check_run
 from beltcomm.laboratory.scope import restrict_to_scope
 from beltcomm.laboratory.score import ground_of
-from beltcomm.laboratory.stage import with_effect
 from beltcomm.runfolder import RunFolder
 from truth.hidden import Machine, draw
 from truth.hidden.catalogue import EFFECTS
@@ -155,7 +155,7 @@ def seen(machine: Machine, records: list[Any]) -> list[str]:
 
 def judged(machine: Machine, found: Diagnosis, run: RunFolder) -> dict[str, Any]:
     """The diagnosis beside the truth."""
-    first, after = found.steps[0], found.after
+    first, after = found.steps[0], found.final_fit
     line: dict[str, Any] = {"verdict": found.verdict, "added": [s.added for s in found.steps if s.added], "twins": list(found.twins)}
     line["kept"] = [e for e in after.model.effects if e not in found.base.model.effects]
     line["ranking"] = [(c.effect.name, round(c.evidence), c.fitted is not None) for c in first.candidates[:3]]
@@ -168,7 +168,7 @@ def judged(machine: Machine, found: Diagnosis, run: RunFolder) -> dict[str, Any]
     if wanted and not set(machine.effects) & set(OUTSIDE):
         line["best_held"] = reference(machine, found, run, wanted)
     if set(wanted) <= set(line["kept"]):
-        model, spread = after.model, spread_of(after)
+        model, spread = after.model, parameter_spread(after)
         line["covered"] = {}
         for names, truth in true_values(machine).items():
             if not set(names) <= {*model.parameters, *DELAYS}:
@@ -187,14 +187,14 @@ def judged(machine: Machine, found: Diagnosis, run: RunFolder) -> dict[str, Any]
 
 def base_of(machine: Machine, after: Fitted) -> dict[str, tuple[float, float, float | None]]:
     """Truth, value and half width of the interval of the healthy machine's parameters; without a belt of inertia and friction."""
-    spread, model = spread_of(after), after.model
+    spread, model = parameter_spread(after), after.model
     known = {n: v for n, v in true_base(machine).items() if n in model.parameters and v != 0.0}
     return {n: (v, float(model[n]), spread.half_width({n: 1.0})) for n, v in known.items()}
 
 
 def records_of(found: Diagnosis) -> list[tuple[str, bool, float, float]]:
     """Name, held out, and ratio before and after of every record."""
-    before, after = (white_of(found, fitted) for fitted in (found.base, found.after))
+    before, after = (white_of(found, fitted) for fitted in (found.base, found.final_fit))
     return [(*key, rms(before[key]), rms(white)) for key, white in after.items() if len(white) and len(before[key])]
 
 
@@ -214,7 +214,7 @@ def rms(white: np.ndarray) -> float:
 
 def reference(machine: Machine, found: Diagnosis, run: RunFolder, wanted: list[str]) -> float | None:
     """Held-out ratio of the true model class, fitted from the truth: base values, and those of the effects that mean the same."""
-    fitted = found.after
+    fitted = found.final_fit
     for extra in [e for e in fitted.model.effects if e not in (*found.base.model.effects, *wanted)]:
         if extra in fitted.model.effects:
             fitted = fit(found.data, fitted.model.without_effect(extra), ITERATIONS, offsets=fitted.offsets)

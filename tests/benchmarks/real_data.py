@@ -46,7 +46,7 @@ def main(names: list[str]) -> None:
             rungs = [
                 ("base", fit_base_of(recordings, folder.axis, start_model(folder.axis, recordings))[1]),
                 *((f"+{step.added}" + "".join(f" -{r}" for r in step.removed), step.after) for step in found.steps),
-                ("in the end", found.after),
+                ("in the end", found.final_fit),
             ]
             for change, fitted in rungs:
                 if change != "+":
@@ -55,14 +55,14 @@ def main(names: list[str]) -> None:
             base = {r.name: banded_of(found.base.model, r, *BANDS[name]) for r in timed}
             plain = least_squares([base[r.name] for r in timed if not r.sidecar.held_out], [base[r.name] for r in timed], BANDS[name][1])
             print(f"  {'least squares, base':24} {'  '.join(f'{100.0 * error:6.2f} %' for error in plain)}")
-            if name == "bench" and len(found.after.model.bodies()) > 1:
-                print("  response, angle:", ", ".join(f"{100.0 * response_error(found.after.model, r):.2f} %" for r in timed))
+            if name == "bench" and len(found.final_fit.model.bodies()) > 1:
+                print("  response, angle:", ", ".join(f"{100.0 * response_error(found.final_fit.model, r):.2f} %" for r in timed))
             for step in found.steps:
                 refused = [c for c in step.candidates if c.fitted is not None and not c.accepted]
                 print(
                     "  refused:", ", ".join(f"{c.effect.name} ({c.evidence:.0f}, held out {c.held_gain:.0f}; {c.against})" for c in refused)
                 )
-            model = found.after.model
+            model = found.final_fit.model
             print("  " + ", ".join(f"{key} {value.value:.4g} {value.unit}" for key, value in model.parameters.items()))
             print(f"  twins {found.twins}; {resonances(model, 0.0)}")
             for check in map_checks(recordings, model):

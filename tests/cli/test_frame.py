@@ -364,6 +364,7 @@ def test_every_verb_prints_one_json_object(api: StandIn, monkeypatch: pytest.Mon
     """And nothing else on stdout."""
     step = SimpleNamespace(command="beltcomm ladder R", why="All of it.", lines=["a"], data={"ratio": 1.0})
     monkeypatch.setitem(sys.modules, "beltcomm.demo", SimpleNamespace(demo=lambda *_args, **_options: [step]))
+    monkeypatch.setitem(sys.modules, "beltcomm.improve", SimpleNamespace(improve=lambda *_args, **_options: Outcome()))
     outcome = call(verb, *WORDS.get(verb, "--drive virtual --run R").split(), "--json")
     assert outcome.exit_code == 0, outcome.output
     (line,) = outcome.stdout.splitlines()

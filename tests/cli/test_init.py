@@ -70,7 +70,7 @@ def test_usual_ranges_are_of_entries_and_hold_the_shipped_axes() -> None:
 def test_an_unusual_answer_is_asked_for_again(tmp_path: Path) -> None:
     path = tmp_path / "axis.yaml"
     # catalogue twice, name, belt; motor: type, inertia in the wrong unit (no), again right, and nothing more
-    answers = ["", "", "mine", "no", "", "0,449", "no", "0,449 kg cm2", *[""] * 40]
+    answers = ["", "", "mine", "no", "", "0,449", "0,449 kg cm2", *[""] * 40]
     outcome = call("init", str(path), answer="\n".join(answers) + "\n")
     assert outcome.exit_code == 0, outcome.stderr
     assert "= 4 490 kg cm²: really?" in outcome.stderr.replace("4490", "4 490")

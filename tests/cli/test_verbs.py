@@ -50,7 +50,7 @@ def test_init_by_questions_asks_again_after_a_wrong_answer(tmp_path: Path) -> No
     path = tmp_path / "axis.yaml"
     # name (asked again), no belt (asked again), motor: type, inertia (needed, wrong unit, impossible, right), constant ...
     known = ["EMMS", "", "3 mm", "-1", "0.449 kg cm2", "0.65"]
-    answers = ["", "spindle", "nope", "no", *known, *[""] * 6, "0", "600 mm", *[""] * 16]
+    answers = ["", "", "", "spindle", "nope", "no", *known, *[""] * 6, "0", "600 mm", *[""] * 16]
     outcome = call("init", str(path), answer="\n".join(answers) + "\n")
     assert outcome.exit_code == 0, outcome.stderr
     axis = load_axis(path)
@@ -67,7 +67,7 @@ def test_init_takes_what_data_sheets_write_and_goes_back(tmp_path: Path) -> None
     """Bits, rpm, teeth times pitch, no brake and so no question for its time; a mistake is put right by going back."""
     path = tmp_path / "axis.yaml"
     motor = ["", "0.449 kg cm2", "", "", "", "20 bit", "none", "300 rpm", "back", "3000 rpm", "back", "", ""]
-    answers = ["belt axis", "yes", *motor, "", "", "", "", "24 x 5 mm", *[""] * 30]
+    answers = ["", "", "belt axis", "yes", *motor, "", "", "", "", "24 x 5 mm", *[""] * 30]
     outcome = call("init", str(path), answer="\n".join(answers) + "\n")
     assert outcome.exit_code == 0, outcome.stderr
     axis = load_axis(path)
@@ -87,7 +87,7 @@ def test_init_broken_off_keeps_its_answers_and_holds_each_against_those_before(t
     path = tmp_path / "axis.yaml"
     unfinished = tmp_path / "axis.yaml.unfinished"
     motor = ["", "0.449 kg cm2", "", "5", "3", "7", "20 bit", "none", "", ""]  # a peak below the rated torque is asked again
-    outcome = call("init", str(path), answer="\n".join(["belt axis", "yes", *motor, "", "", "", "", "22 x 8 mm", ""]) + "\n")
+    outcome = call("init", str(path), answer="\n".join(["", "", "belt axis", "yes", *motor, "", "", "", "", "22 x 8 mm", ""]) + "\n")
     assert outcome.exit_code == 2, "stdin is closed"
     assert "must not exceed motor.peak_torque_nm, 3 N m; give another value, or .back. to change" in outcome.stderr.replace("'", ".")
     assert "kept in" in outcome.stderr
@@ -135,7 +135,7 @@ def test_init_does_not_overwrite_without_a_yes(tmp_path: Path) -> None:
     [
         (["--set", "motor.inertia_kgm2=1"], "did you mean inertia_kg_m2?"),
         (["--set", "motor.inertia_kg_m2"], "write it as KEY=VALUE"),
-        (["--set", "motor.inertia_kg_m2=0,45"], "decimal point"),
+        (["--set", "motor.inertia_kg_m2=1,450"], "decimal point"),
         (["--set", "motor.inertia_kg_m2=-1"], "motor.inertia_kg_m2 is -1 kg m²; it must be above 0"),
         (["--set", "name=a", "--set", "name.x=1"], "name is a value, not a section"),
         (["--from", "egc"], "known are"),

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, Feedforward, cascade_step, discrete_coefficients, feedforward_torque, new_state, reset_state
-from beltcomm.design.compliant import compliance, leading, rested, smoothed, torque_along
+from beltcomm.design.compliant import centred_mean, compliance, lead_motion, torque_along, with_rest_before
 from beltcomm.errors import UsageError
 from beltcomm.model import Model, build_model
 from beltcomm.trajectory import Trajectory, plan_trajectory
@@ -65,7 +65,7 @@ def driven(torque: np.ndarray, t_s: np.ndarray, coulomb: float = 0.0, cart_coulo
 
 def test_the_torque_alone_brings_the_carriage_along_its_reference() -> None:
     """Open loop, no friction that sticks: what remains is the smoothing."""
-    led = leading(model(), move())
+    led = lead_motion(model(), move())
     motor, cart = driven(led.torque_nm, led.trajectory.t_s)
     stretch = MASS * 7.3 / STIFFNESS
     assert led.lead_m == pytest.approx(stretch, rel=0.05)
@@ -79,14 +79,14 @@ def test_the_torque_alone_brings_the_carriage_along_its_reference() -> None:
 
 def test_friction_of_both_bodies_has_its_own_place() -> None:
     sticking = model(**{"coulomb.level": COULOMB, "cart_friction.level": CART_COULOMB})
-    led = leading(sticking, move())
+    led = lead_motion(sticking, move())
     _, cart = driven(led.torque_nm, led.trajectory.t_s, COULOMB, CART_COULOMB)
     assert led.held_m == pytest.approx(CART_COULOMB / STIFFNESS, rel=1e-9)
     assert led.trajectory.position_m[-1] - led.carriage.position_m[-1] == pytest.approx(led.held_m, rel=1e-9)
     # At the start the carriage rests while the smoothed pull grows, and misses F_c σ/√(2π) of momentum from then on.
     missed_m_s = CART_COULOMB * SMOOTHED_S / np.sqrt(2.0 * np.pi) / MASS
     assert np.max(np.abs(cart - led.carriage.position_m)) < BLURRED_M + MOVE_S * missed_m_s
-    on_motor = leading(sticking, move(), friction=False)
+    on_motor = lead_motion(sticking, move(), friction=False)
     assert on_motor.held_m == 0.0
     middle = len(led.torque_nm) // 4  # under way, all friction acts wherever it is thought to be
     assert on_motor.torque_nm[middle] == pytest.approx(led.torque_nm[middle], rel=1e-3)
@@ -102,7 +102,7 @@ def test_at_a_reversal_the_stretch_by_friction_changes_its_side_where_the_carria
         0.1 * (2.0 * np.pi / 1.2) * np.sin(angle),
         0.1 * (2.0 * np.pi / 1.2) ** 2 * np.cos(angle),
     )
-    with_friction, without = (leading(model(**{"cart_friction.level": level}), there_and_back) for level in (CART_COULOMB, 0.0))
+    with_friction, without = (lead_motion(model(**{"cart_friction.level": level}), there_and_back) for level in (CART_COULOMB, 0.0))
     extra = with_friction.trajectory.position_m - without.trajectory.position_m
     turn = len(extra) - len(t_s) + 600
     assert extra[turn - 20] == pytest.approx(CART_COULOMB / STIFFNESS, rel=1e-6)
@@ -115,7 +115,7 @@ def test_at_a_reversal_the_stretch_by_friction_changes_its_side_where_the_carria
 
 def test_what_is_sent_along_and_the_drives_own_feedforward_make_the_whole_torque() -> None:
     feedforward = Feedforward(2.1e-3, 3e-3, 0.12, 0.05, 1.0, 1.5e-3)
-    led = leading(model(), move(), feedforward.advance_s)
+    led = lead_motion(model(), move(), feedforward.advance_s)
     along = torque_along(led, feedforward, RATIO)
     own = feedforward_torque(feedforward, led.trajectory.velocity_m_s / RATIO, PERIOD_S)
     ahead = np.interp(led.trajectory.t_s + 1.5e-3, led.trajectory.t_s, led.torque_nm)
@@ -136,7 +136,7 @@ def test_the_drives_own_feedforward_is_that_of_the_compiled_step(advance_s: floa
 
 
 def test_gravity_stretches_the_belt_all_the_time() -> None:
-    led = leading(model(**{"tilt.angle": 0.3}), move())
+    led = lead_motion(model(**{"tilt.angle": 0.3}), move())
     weight = MASS * 9.80665 * np.sin(0.3)
     assert led.trajectory.position_m[0] - led.carriage.position_m[0] == pytest.approx(weight / STIFFNESS, rel=1e-3)
     assert led.torque_nm[0] == pytest.approx(RATIO * weight, rel=1e-3)
@@ -152,14 +152,14 @@ def test_the_compliance_is_that_of_all_springs_between_motor_and_carriage() -> N
 def test_an_axis_without_a_belt_has_nothing_to_lead() -> None:
     rigid = build_model("motor", ("viscous", "coulomb"), {"transmission.ratio": RATIO, "motor.inertia": 2e-3}, base_bodies=("motor",))
     with pytest.raises(UsageError, match="no belt that could stretch"):
-        leading(rigid, move())
+        lead_motion(rigid, move())
 
 
 def test_smoothing_keeps_the_mean_and_the_ends_and_rest_stands_before_the_motion() -> None:
     values = np.concatenate((np.zeros(20), np.ones(20)))
-    assert np.sum(smoothed(values, 5)) == pytest.approx(20.0)
-    assert smoothed(values, 5)[[0, -1]] == pytest.approx([0.0, 1.0])
-    path = rested(move(), 7)
+    assert np.sum(centred_mean(values, 5)) == pytest.approx(20.0)
+    assert centred_mean(values, 5)[[0, -1]] == pytest.approx([0.0, 1.0])
+    path = with_rest_before(move(), 7)
     assert np.all(path.position_m[:8] == 0.0)
     assert path.position_m[8:] == pytest.approx(move().position_m[1:])
     assert path.sample_period_s == pytest.approx(PERIOD_S)

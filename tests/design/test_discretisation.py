@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from beltcomm.control import Prefilter, pi_response, prefilter_response, velocity_filter_response
-from beltcomm.design.discretisation import pi_bound, prefilter_bound, steepest, velocity_filter_bound, warped
+from beltcomm.design.discretisation import pi_bound, prefilter_bound, steepest, velocity_filter_bound, warped_frequency
 from beltcomm.design.prefilters import continuous_prefilter
 from beltcomm.errors import UsageError
 
@@ -60,7 +60,9 @@ def test_prefilters_are_the_continuous_ones_elsewhere_and_stay_within_their_boun
             prefilter_bound(omega, prefilter, period_s)
         return
     discrete = prefilter_response(omega, prefilter, period_s)
-    np.testing.assert_allclose(discrete, continuous_prefilter(warped(omega, prefilter, period_s), prefilter), rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(
+        discrete, continuous_prefilter(warped_frequency(omega, prefilter, period_s), prefilter), rtol=1e-7, atol=1e-12
+    )
     error = np.abs(discrete / continuous_prefilter(omega, prefilter) - 1.0)
     bound = prefilter_bound(omega, prefilter, period_s)
     assert np.all(error <= bound + 1e-9)

@@ -9,7 +9,7 @@ import pytest
 
 from beltcomm.control import Cascade, Prefilter, PrefilterKind
 from beltcomm.design.design_plant import DesignPlant
-from beltcomm.design.knobs import Knobs, gains_for, knobs_of, turned
+from beltcomm.design.knobs import Knobs, designs_along_knob, gains_for, knobs_of
 from beltcomm.design.thesis import thesis_margins
 from beltcomm.errors import Refused
 from beltcomm.thesis.designs import published_gains, thesis_plants
@@ -79,7 +79,7 @@ def test_the_published_gains_come_back_from_their_knobs(name: str, knobs: tuple[
 
 @pytest.mark.parametrize("kind", ["notch", "butterworth"])
 def test_the_position_margin_moves_the_position_gain_alone(kind: PrefilterKind) -> None:
-    turns = turned(G_A, kind, "position_phase_margin_deg", np.linspace(45.0, 88.0, 12))
+    turns = designs_along_knob(G_A, kind, "position_phase_margin_deg", np.linspace(45.0, 88.0, 12))
     cascades = [turn.design.cascade for turn in turns if turn.design is not None]
     assert len(cascades) == 12
     assert {(c.kp_nm_s_rad, c.ki_nm_rad) for c in cascades} == {(cascades[0].kp_nm_s_rad, cascades[0].ki_nm_rad)}
@@ -88,7 +88,7 @@ def test_the_position_margin_moves_the_position_gain_alone(kind: PrefilterKind) 
 
 @pytest.mark.parametrize("kind", ["notch", "butterworth"])
 def test_more_velocity_margin_costs_integral_and_position_gain(kind: PrefilterKind) -> None:
-    designs = [turn.design for turn in turned(G_A, kind, "phase_margin_deg", np.linspace(30.0, 78.0, 12))]
+    designs = [turn.design for turn in designs_along_knob(G_A, kind, "phase_margin_deg", np.linspace(30.0, 78.0, 12))]
     assert all(design is not None for design in designs)
     for read in (lambda d: d.cascade.ki_nm_rad, lambda d: d.cascade.kpp_1_s, lambda d: d.crossover_rad_s):
         assert np.all(np.diff([read(design) for design in designs]) < 0.0)
@@ -99,7 +99,7 @@ def test_more_velocity_margin_costs_integral_and_position_gain(kind: PrefilterKi
 @pytest.mark.parametrize(("kind", "peak_db"), [("notch", -5.0), ("butterworth", -11.0)])
 def test_more_suppression_costs_crossover_and_the_integral_gain_has_a_maximum(kind: PrefilterKind, peak_db: float) -> None:
     values = np.arange(-3.0, -25.0, -1.0)
-    found = [(turn.value, turn.design) for turn in turned(G_A, kind, "suppression_db", values) if turn.design is not None]
+    found = [(turn.value, turn.design) for turn in designs_along_knob(G_A, kind, "suppression_db", values) if turn.design is not None]
     assert np.all(np.diff([design.cascade.kp_nm_s_rad for _, design in found]) < 0.0)
     assert np.all(np.diff([design.crossover_rad_s for _, design in found]) < 0.0)
     ki = [design.cascade.ki_nm_rad for _, design in found]
@@ -111,7 +111,7 @@ def test_more_suppression_costs_crossover_and_the_integral_gain_has_a_maximum(ki
 
 
 def test_a_knob_that_cannot_stand_there_says_why() -> None:
-    (turn,) = turned(S_A, "butterworth", "suppression_db", [-10.0])
+    (turn,) = designs_along_knob(S_A, "butterworth", "suppression_db", [-10.0])
     assert turn.design is None
     assert "-18.8 dB" in turn.refusal
 

@@ -12,7 +12,7 @@ from threadpoolctl import ThreadpoolController
 
 from beltcomm.control import Cascade, Prefilter
 from beltcomm.design import design_plant
-from beltcomm.design.design_plant import DesignPlant, sampled_together
+from beltcomm.design.design_plant import DesignPlant, sample_plants
 from beltcomm.design.margins import Margins, margins
 from beltcomm.design.spread import margin_spread, responses_together
 from beltcomm.design.structure import Bodies
@@ -43,7 +43,7 @@ THREE = replace(
 def test_responses_together_are_the_single_ones(plant: DesignPlant) -> None:
     """Through poles and a numerator instead of a matrix inverse, also with a double pole at 1: to 1e-8 from 0.3 rad/s up to π/T."""
     omega = np.geomspace(0.3, 0.999 * math.pi / PERIOD, 60)
-    together = responses_together(*sampled_together([plant, plant], PERIOD), np.array([omega, omega[::-1]]), PERIOD)
+    together = responses_together(*sample_plants([plant, plant], PERIOD), np.array([omega, omega[::-1]]), PERIOD)
     alone = plant.sampled_response(omega, PERIOD)
     np.testing.assert_allclose(together[0], alone, rtol=1e-8)
     np.testing.assert_allclose(together[1][::-1], alone, rtol=1e-8)
@@ -60,7 +60,7 @@ def test_plants_are_sampled_in_one_thread(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(design_plant, "expm", seen)
     with pools.limit(limits=2):
         assert {pool["num_threads"] for pool in pools.info()} == {2}
-        sampled_together([G_A, G_A], PERIOD)
+        sample_plants([G_A, G_A], PERIOD)
     assert threads == {1}
 
 

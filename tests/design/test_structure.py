@@ -7,7 +7,7 @@ import pytest
 
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, CascadeStructure, Prefilter
-from beltcomm.design.compensation import compensated, compensation
+from beltcomm.design.compensation import compensated_effects, compensation
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.structure import in_loop, late_s, loop_model
 from beltcomm.model import Model, load_plant
@@ -82,7 +82,7 @@ def test_what_is_sent_along_lowers_the_error() -> None:
     model = rig()
     for effect, values in MANY.items():
         model = model.with_effect(effect, values)
-    assert set(compensated(model)) == set(MANY)
+    assert set(compensated_effects(model)) == set(MANY)
     cascade = with_feedforward(CASCADE, model, STRUCTURE, 1e-3)
     move = plan_trajectory(0.0, 0.5, TrajectoryLimits(jerk_m_s3=40.0, acceleration_m_s2=7.0, speed_m_s=1.3), PERIOD_S)
     along = compensation(model, cascade.feedforward, move, PERIOD_S)
@@ -105,7 +105,7 @@ def test_the_base_model_needs_nothing_along() -> None:
     model = rig()
     cascade = with_feedforward(CASCADE, model, STRUCTURE, 1e-3)
     move = plan_trajectory(0.0, 0.3, TrajectoryLimits(jerk_m_s3=200.0, acceleration_m_s2=7.0, speed_m_s=1.0), PERIOD_S)
-    assert compensated(model) == ()
+    assert compensated_effects(model) == ()
     assert not np.any(np.abs(compensation(model, cascade.feedforward, move, PERIOD_S)) > 1e-12)
 
 

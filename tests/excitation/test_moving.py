@@ -7,7 +7,7 @@ import pytest
 
 from beltcomm.errors import DataError, UsageError
 from beltcomm.excitation import chirp, prbs
-from beltcomm.excitation.moving import REST_S, TAIL_S, moving, ramp_s, stroke_m
+from beltcomm.excitation.moving import REST_S, TAIL_S, moving_excitation, ramp_s, stroke_m
 from beltcomm.recording import ExcitationNote, Sidecar
 from beltcomm.recording.sidecar import sidecar_from_dict
 from beltcomm.response import estimate_response
@@ -17,7 +17,7 @@ T = 1e-3
 
 def test_every_measured_period_is_the_same_at_constant_speed() -> None:
     signal = prbs(7, 2, 0.2, T, 3, torque_step_nm=1e-3)
-    motion = moving(signal, -0.1, 2, 0.2, 0.3)
+    motion = moving_excitation(signal, -0.1, 2, 0.2, 0.3)
     assert len(motion.starts) == 6
     for k, start in enumerate(motion.starts):
         part = slice(start, start + motion.period_samples)
@@ -31,7 +31,7 @@ def test_every_measured_period_is_the_same_at_constant_speed() -> None:
 
 def test_a_stroke_goes_as_far_as_it_is_planned_with_and_comes_back() -> None:
     signal = prbs(7, 2, 0.2, T, 2)
-    motion = moving(signal, 0.1, 2, 0.2, 0.3)
+    motion = moving_excitation(signal, 0.1, 2, 0.2, 0.3)
     excited_s = (3 * signal.period_samples + 2) * T  # run-in, two periods, one sample to bring the momentum in and one to take it out
     assert motion.base_m.max() == pytest.approx(stroke_m(0.1, 0.2, 0.3, excited_s), rel=1e-3)
     assert motion.base_m[-1] == pytest.approx(0.0, abs=1e-12)
@@ -42,11 +42,11 @@ def test_a_stroke_goes_as_far_as_it_is_planned_with_and_comes_back() -> None:
 
 def test_a_signal_that_begins_with_nothing_keeps_its_place() -> None:
     signal = chirp(500, 5.0, 100.0, 0.1, T, 2)
-    motion = moving(signal, 0.0, 1, 0.1, 0.1)
+    motion = moving_excitation(signal, 0.0, 1, 0.1, 0.1)
     np.testing.assert_array_equal(motion.added[motion.starts[0] : motion.starts[0] + 500], signal.period)
     assert not motion.base_m.any()
     with pytest.raises(UsageError, match="at least one"):
-        moving(signal, 0.1, 0, 0.1, 0.1)
+        moving_excitation(signal, 0.1, 0, 0.1, 0.1)
 
 
 def test_only_the_periods_named_are_used() -> None:

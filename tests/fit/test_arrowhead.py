@@ -20,7 +20,7 @@ def test_it_does_what_the_matrix_written_out_does(lengths: tuple[int, ...]) -> N
     for i, (first, last) in enumerate(pairwise(ends)):
         dense[first:last, 3 + i] = columns[first:last, 3]
     weights, y = rng.uniform(0.5, 1.0, rows), rng.normal(size=3 + len(lengths))
-    found, dense = ArrowheadJacobian(columns, ends).scaled(weights), dense * weights[:, None]
+    found, dense = ArrowheadJacobian(columns, ends).weighted_rows(weights), dense * weights[:, None]
     np.testing.assert_allclose(found.times(y), dense @ y, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(found.information(), dense.T @ dense, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(found.norms(), np.linalg.norm(dense, axis=0), rtol=1e-12)

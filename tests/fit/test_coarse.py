@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltcomm.fit.decimation import decimated_noise, decimated_torque, decimation
+from beltcomm.fit.decimation import decimate_torque, decimated_noise, decimation
 from beltcomm.fit.model_fit import fit_model
 from beltcomm.fit.nuisance import HELD, TOLERANCES
 from beltcomm.fit.segment import segments
@@ -98,7 +98,7 @@ def test_the_second_difference_over_some_periods_is_the_mean_torque_over_them(ev
     torque = np.random.default_rng(5).normal(0.0, 0.1, n)
     speed = np.concatenate(([0.0], np.cumsum(torque / inertia * PERIOD_S)))
     angle = np.concatenate(([0.0], np.cumsum((speed[:-1] + 0.5 * torque / inertia * PERIOD_S) * PERIOD_S)))[:n]
-    means, within = decimated_torque(torque, None, every)
+    means, within = decimate_torque(torque, None, every)
     taken, sample = angle[::every], every * PERIOD_S
     needed = inertia * np.diff(taken, 2) / sample**2
     given = (0.5 * (means[:-1] + means[1:]) + within.triangular()[1:])[: len(needed)]
@@ -108,7 +108,7 @@ def test_the_second_difference_over_some_periods_is_the_mean_torque_over_them(ev
 def test_the_noise_of_a_thinned_torque_is_that_of_its_mean_with_the_triangular_weight() -> None:
     noise = np.random.default_rng(6).normal(0.0, 1.0, 400_000)
     for every in (1, 2, 4):
-        means, within = decimated_torque(noise, None, every)
+        means, within = decimate_torque(noise, None, every)
         weighted = 0.5 * (means[:-1] + means[1:]) + within.triangular()[1:]
         assert float(np.std(weighted[:-1])) == pytest.approx(decimated_noise(every) * np.sqrt(0.5), rel=0.01)
 

@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 
 from beltcomm.fit.arrowhead import ArrowheadJacobian
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import FRICTION, LAW, ParameterSpread, spread_of
+from beltcomm.fit.intervals import FRICTION, LAW, ParameterSpread, parameter_spread
 from beltcomm.fit.intervals import SCALE as SCALE_SHARE
 
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ class Line:
         )  # fmt: skip
         model = Named({"line.slope": float(self.found[0]), "body.level": float(self.found[1])})
         model.effects, rms = self.effects, float(np.sqrt(np.mean(self.left**2)))
-        return spread_of(cast("Fitted", SimpleNamespace(problem=problem, x=x, residual=self.left, model=model, ratio=rms)))
+        return parameter_spread(cast("Fitted", SimpleNamespace(problem=problem, x=x, residual=self.left, model=model, ratio=rms)))
 
 
 def line(rng: np.random.Generator, disagreement: float, records: int = RECORDS) -> Line:

@@ -12,11 +12,11 @@ import pytest
 from beltcomm.effects import effect_named
 from beltcomm.fit import estimate as fitting
 from beltcomm.fit.likelihood import Problem
-from beltcomm.fit.observer import forgotten, stiffest
+from beltcomm.fit.observer import settling_samples, stiffest
 from beltcomm.fit.records import Data, prepare, remade, with_process_noise
 from beltcomm.fit.segment import Segment, evaluate, in_noise, whitened_residual, with_observer
 from beltcomm.fit.start import start_model
-from beltcomm.laboratory.stage import candidate
+from beltcomm.laboratory.forward_selection import candidate
 from beltcomm.model import Model, build_model
 from beltcomm.runfolder import RunFolder
 from truth.hidden import draw, write_session
@@ -86,7 +86,9 @@ def test_an_observer_says_how_much_the_carriage_strays(rattling: tuple[Data, Mod
 def test_behind_a_long_rest_the_carriage_may_be_anywhere() -> None:
     keep = np.ones(200, dtype=np.bool_)
     keep[20:40], keep[60:110], keep[150:] = False, False, False
-    assert np.flatnonzero(forgotten(keep, 1e-3)).tolist() == [109]  # 50 ms; 20 ms are remembered, and behind the last one nothing comes
+    assert np.flatnonzero(settling_samples(keep, 1e-3)).tolist() == [
+        109
+    ]  # 50 ms; 20 ms are remembered, and behind the last one nothing comes
 
 
 def test_without_a_gap_the_observer_is_the_whitening_filter(rattling: tuple[Data, Model]) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltcomm.fit.moving import RUN_IN_S, RUN_IN_TRAVEL_M, ran_in, resting_samples
+from beltcomm.fit.moving import RUN_IN_S, RUN_IN_TRAVEL_M, resting_samples, run_in_samples
 from beltcomm.fit.noise_path import NoiseSchedule, noise_path, way
 from beltcomm.fit.segment import (
     STICK_SPEED_RAD_S,
@@ -289,10 +289,10 @@ def test_the_carriage_runs_in_before_anything_counts() -> None:
     lever, speed = 0.01242, 0.05
     t = PERIOD_S / 16 * np.arange(599 * 16 + 1, dtype=np.float64)
     motion = FineMotion(7.0 - speed / lever * np.maximum(t - 0.1, 0.0), np.where(t > 0.1, -speed / lever, 0.0), 600, PERIOD_S, 16, 0.0)
-    first = int(np.argmax(ran_in(motion, lever)))
+    first = int(np.argmax(run_in_samples(motion, lever)))
     assert first * PERIOD_S == pytest.approx(0.1 + RUN_IN_TRAVEL_M / speed + RUN_IN_S, abs=1.01 * PERIOD_S)
-    assert np.all(ran_in(motion, lever)[first:])
-    assert not np.any(ran_in(swing(20.0, 0.9 * RUN_IN_TRAVEL_M / lever), lever))
+    assert np.all(run_in_samples(motion, lever)[first:])
+    assert not np.any(run_in_samples(swing(20.0, 0.9 * RUN_IN_TRAVEL_M / lever), lever))
 
 
 def without_rows(record: Recording, *lost: slice) -> Recording:

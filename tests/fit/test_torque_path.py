@@ -93,12 +93,12 @@ def test_a_faithful_reading_is_the_torque_whatever_the_setpoint_says(setpoint: n
     """Also of what the drive makes beside its setpoint; how the mean is spread inside follows from the setpoint."""
     cells = means(held(setpoint, 1.4), CELLS)
     reading = cells.mean(axis=1) + np.random.default_rng(2).normal(0.0, 0.05, len(setpoint))
-    torque, inside = TorquePath(DriveLaw(1.4)).acting(reading, setpoint, SAMPLE_S)
+    torque, inside = TorquePath(DriveLaw(1.4)).acting_torque(reading, setpoint, SAMPLE_S)
     np.testing.assert_array_equal(torque, reading)
     assert inside is not None
     np.testing.assert_allclose(inside.above, cells - cells.mean(axis=1)[:, None], atol=1e-12)
-    assert TorquePath(DriveLaw(1.0)).acting(reading, setpoint, SAMPLE_S)[1] is None, "held from sample to sample"
-    torque, inside = FAITHFUL.acting(reading, None, SAMPLE_S)
+    assert TorquePath(DriveLaw(1.0)).acting_torque(reading, setpoint, SAMPLE_S)[1] is None, "held from sample to sample"
+    torque, inside = FAITHFUL.acting_torque(reading, None, SAMPLE_S)
     np.testing.assert_array_equal(torque, reading)
     assert inside is None
 
@@ -117,13 +117,13 @@ def test_what_the_readings_filter_took_from_the_setpoints_part_is_put_back(
     """The noise of the sensor, behind the filter, is passed on as it is."""
     acts = held(setpoint, 1.0).mean(axis=1)
     noise = np.random.default_rng(3).normal(0.0, 0.01, len(acts))
-    torque, _ = TorquePath(DriveLaw(1.0), law).acting(read(acts) + noise, setpoint, SAMPLE_S)
+    torque, _ = TorquePath(DriveLaw(1.0), law).acting_torque(read(acts) + noise, setpoint, SAMPLE_S)
     np.testing.assert_allclose(torque, acts + noise, atol=1e-5)
 
 
 def test_a_reading_that_is_the_command_says_nothing_beside_the_setpoint(setpoint: np.ndarray) -> None:
     path = TorquePath(DriveLaw(1.0, (Lag("first order", (1e-3,)),)), commanded=True)
-    torque, inside = path.acting(np.full(len(setpoint), np.nan), setpoint, SAMPLE_S)
+    torque, inside = path.acting_torque(np.full(len(setpoint), np.nan), setpoint, SAMPLE_S)
     course = behind(held(setpoint, 1.0), SAMPLE_S, *first_order(1e-3))
     np.testing.assert_allclose(torque, course.mean(axis=1), atol=1e-5)
     assert inside is not None
@@ -132,10 +132,10 @@ def test_a_reading_that_is_the_command_says_nothing_beside_the_setpoint(setpoint
 
 @pytest.mark.parametrize(("lag", "share"), [(Lag("sampled", (0.25,)), 0.25), (Lag("first order", (2e-3,)), 1.0 - np.exp(-0.5))])
 def test_without_a_setpoint_the_readings_filter_is_undone(setpoint: np.ndarray, lag: Lag, share: float) -> None:
-    torque, inside = TorquePath(None, ReadingLaw(0.0, (lag,))).acting(smoothed(setpoint, share), None, SAMPLE_S)
+    torque, inside = TorquePath(None, ReadingLaw(0.0, (lag,))).acting_torque(smoothed(setpoint, share), None, SAMPLE_S)
     np.testing.assert_allclose(torque, setpoint, atol=1e-9)
     assert inside is None
-    torque, _ = TorquePath(None, ReadingLaw(1.0)).acting(np.append(setpoint[0], setpoint[:-1]), None, SAMPLE_S)
+    torque, _ = TorquePath(None, ReadingLaw(1.0)).acting_torque(np.append(setpoint[0], setpoint[:-1]), None, SAMPLE_S)
     np.testing.assert_array_equal(torque[:-1], setpoint[:-1])
 
 
@@ -170,14 +170,14 @@ def test_a_late_reading_is_undone_without_a_setpoint(late: float) -> None:
     whole, part = int(late), late - int(late)
     means = np.concatenate((np.full(whole, torque[0]), torque[: len(torque) - whole]))
     before = np.concatenate((means[:1], means[:-1]))
-    found, _ = TorquePath(None, ReadingLaw(late)).acting((1.0 - part) * means + part * before, None, SAMPLE_S)
+    found, _ = TorquePath(None, ReadingLaw(late)).acting_torque((1.0 - part) * means + part * before, None, SAMPLE_S)
     np.testing.assert_allclose(found[40:-40], torque[40:-40], atol=1e-5)
 
 
 def test_noise_of_an_undone_reading_is_as_large_and_coloured_as_is_said() -> None:
     path, noise = TorquePath(None, ReadingLaw(0.3)), np.random.default_rng(10).normal(0.0, 1.0, 200_000)
     size, colour = path.noise_undone(0.0)
-    found, _ = path.acting(noise, None, SAMPLE_S)
+    found, _ = path.acting_torque(noise, None, SAMPLE_S)
     assert float(np.std(found)) == pytest.approx(size, rel=0.01)
     assert float(np.mean(found[1:] * found[:-1]) / np.var(found)) == pytest.approx(colour, abs=0.01)
     assert TorquePath(DriveLaw(1.0), ReadingLaw(0.3)).noise_undone(0.2) == (1.0, 0.2)

@@ -123,7 +123,8 @@ def labview(x_columns: str, *, comma: bool = False, remark: bool = False) -> str
     head = [
         "LabVIEW Measurement\t", "Writer_Version\t2", "Reader_Version\t2", "Separator\tTab", f"Decimal_Separator\t{',' if comma else '.'}",
         "Multi_Headings\tNo", f"X_Columns\t{x_columns}", "Time_Pref\tRelative", "Operator\tnobody", "Date\t2024/05/03",
-        "Time\t14:02:11.204", "***End_of_Header***\t", "\t", "Channels\t2\t\t", f"Samples\t{ROWS}\t{ROWS}\t", "Date\t2024/05/03\t2024/05/03\t",
+        "Time\t14:02:11.204", "***End_of_Header***\t", "\t", "Channels\t2\t\t", f"Samples\t{ROWS}\t{ROWS}\t",
+        "Date\t2024/05/03\t2024/05/03\t",
         "Time\t14:02:11.204\t14:02:11.204\t", "Y_Unit_Label\tN*m\trad\t", "X_Dimension\tTime\tTime\t",
         "X0\t0.0000000000000000E+0\t0.0000000000000000E+0\t", "Delta_X\t0.001000\t0.001000\t", "***End_of_Header***\t\t\t",
     ]  # fmt: skip

@@ -75,9 +75,8 @@ def savvycan(messages: list[can.Message], *, direction: bool) -> str:
     ]
     for m in messages:
         bytes_ = "".join(f"{byte:02X}," for byte in m.data)
-        lines.append(
-            f"{round(m.timestamp * 1e6)},{m.arbitration_id:08X},{str(m.is_extended_id).lower()},{'Rx,' if direction else ''}0,{len(m.data)},{bytes_}"
-        )
+        way, extended = "Rx," if direction else "", str(m.is_extended_id).lower()
+        lines.append(f"{round(m.timestamp * 1e6)},{m.arbitration_id:08X},{extended},{way}0,{len(m.data)},{bytes_}")
     return "\n".join(lines) + "\n"
 
 

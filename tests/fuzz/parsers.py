@@ -33,7 +33,7 @@ from beltcomm.recording.sidecar import load_sidecar
 from beltcomm.response import FrequencyResponse
 from beltcomm.rundata import backups
 from beltcomm.rundata.calibration import calibration_from_dict
-from beltcomm.rundata.kept_result import answered
+from beltcomm.rundata.kept_result import kept_or_new
 from beltcomm.rundata.revisions import revisions
 from beltcomm.rundata.store import cascade_from_dict, delay_from_dict, structure_from_dict
 from beltcomm.runfolder import RunFolder
@@ -192,11 +192,11 @@ def parsers(folder: Path) -> dict[str, Parser]:
         "kept answer": Parser(
             "a.json",
             json.dumps({"key": "k", "data": {"pictures": []}, "text": ["x", ["a", ["b"], [0], True]], "exit_code": 0}).encode(),
-            in_run("kept/a.json", lambda opened: answered(opened, "a", (), result)),
+            in_run("kept/a.json", lambda opened: kept_or_new(opened, "a", (), result)),
             within=True,
         ),
         "run": Parser("run.yaml", (run.path / "run.yaml").read_bytes(), in_run("run.yaml", claimed), within=True),
-        "backup": Parser("backup.yaml", yaml(BACKUP), in_run("results/backup.yaml", lambda o: backups.chosen(o, None)), within=True),
+        "backup": Parser("backup.yaml", yaml(BACKUP), in_run("results/backup.yaml", lambda o: backups.choose_backup(o, None)), within=True),
         "design": Parser("final.yaml", yaml(DESIGN), in_run("designs/final.yaml", design), within=True),
         "drive": Parser(
             "drive.yaml",

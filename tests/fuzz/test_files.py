@@ -112,7 +112,7 @@ def test_run_folders_damaged(tmp_path: Path) -> None:
     jobs: dict[str, Callable[[Path], object]] = {
         "run.yaml": lambda _p: RunFolder.open(run.path).claim_drive({"device_name": "x", "vendor_id": "29"}),
         "axis.yaml": lambda _p: RunFolder.open(run.path),
-        "results/backup.yaml": lambda _p: backups.chosen(RunFolder.open(run.path), None),
+        "results/backup.yaml": lambda _p: backups.choose_backup(RunFolder.open(run.path), None),
         "results/drive.yaml": lambda _p: structure_from_dict((RunFolder.open(run.path).load_result("drive") or {}).get("structure") or {}),
         "designs/final.yaml": design,
     }

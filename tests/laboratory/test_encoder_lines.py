@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from beltcomm.cli.main import cli
 from beltcomm.effects import AxisSummary, effect_named
-from beltcomm.effects.encoder_interpolation import LINES, correction, trials, unlikely
+from beltcomm.effects.encoder_interpolation import LINES, correction, implausible, trials
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory.acceptance import EVIDENCE
 from beltcomm.laboratory.diagnosis import diagnose, fit_base_of
+from beltcomm.laboratory.forward_selection import expected_gain
 from beltcomm.laboratory.score import Scored, Scorer, ground_of
-from beltcomm.laboratory.stage import expected_gain
 from beltcomm.runfolder import RunFolder
 from beltcomm.simulate.imperfect import angle_sensor
 from beltcomm.simulate.inverse import reconstruct, true_motion
@@ -73,13 +73,13 @@ def test_the_lines_are_named_and_counted(erring: tuple[RunFolder, Machine]) -> N
     run, machine = erring
     found = diagnose(run.recordings(), run.axis, start_model(run.axis, run.recordings()))
     assert found.added_effects == [NAME]
-    model = found.after.model
+    model = found.final_fit.model
     assert model[f"{NAME}.lines"] == 512
     once, twice = (math.hypot(model[f"{NAME}.sine{n}"], model[f"{NAME}.cosine{n}"]) for n in ("", "_2"))
     assert once == pytest.approx(1e-4, rel=0.05)
     assert twice == pytest.approx(machine.p[at.LINE_SECOND], rel=0.1)
     assert found.base.ratio > 1.5
-    assert found.after.ratio == pytest.approx(1.0 + THIRD, abs=0.03)
+    assert found.final_fit.ratio == pytest.approx(1.0 + THIRD, abs=0.03)
 
 
 def test_added_by_hand_the_error_falls(erring: tuple[RunFolder, Machine], tmp_path: Path) -> None:
@@ -154,5 +154,5 @@ def test_between_samples_the_error_of_many_lines_is_not_there() -> None:
 
 def test_an_angle_that_runs_back_is_no_machine() -> None:
     size = {"sine": 1e-4, "cosine": 0.0, "sine_2": 0.0, "cosine_2": 1e-4}
-    assert unlikely({"lines": 2048.0, **size}) == ""
-    assert unlikely({"lines": 5000.0, **size}) == "an error that moves 1.5 times as fast as the shaft"
+    assert implausible({"lines": 2048.0, **size}) == ""
+    assert implausible({"lines": 5000.0, **size}) == "an error that moves 1.5 times as fast as the shaft"

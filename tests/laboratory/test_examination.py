@@ -25,7 +25,7 @@ def test_a_line_keeps_every_record() -> None:
         return SimpleNamespace(problem=SimpleNamespace(pieces=pieces, ends=ends), residual=levels, held_residual=(np.full(4, 3.0 * level),))
 
     found: Any = SimpleNamespace(
-        base=fitted((5, 5, 2), 3.0), after=fitted((4, 6, 3), 1.0), data=SimpleNamespace(held_out=[SimpleNamespace(record="c")])
+        base=fitted((5, 5, 2), 3.0), final_fit=fitted((4, 6, 3), 1.0), data=SimpleNamespace(held_out=[SimpleNamespace(record="c")])
     )
     assert hidden_effects.records_of(found) == [("a", False, 3.0, 1.0), ("b", False, 6.0, 2.0), ("c", True, 9.0, 3.0)]
 

@@ -10,7 +10,7 @@ import pytest
 
 from beltcomm.axis import Axis, load_axis
 from beltcomm.laboratory import extracts
-from beltcomm.laboratory.extracts import best_windows, extracted, windows_of
+from beltcomm.laboratory.extracts import best_windows, extract_long, windows_of
 from beltcomm.recording import Recording
 from beltcomm.recording.checks import rigid_inertia
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar
@@ -52,7 +52,7 @@ AXIS = load_axis("egc-70-600")
 @pytest.mark.parametrize("seed", range(4))
 def test_stretches_are_rows_of_the_record(seed: int) -> None:
     whole, remarks = record(seed), list[str]()
-    parts = extracted([whole], AXIS, remarks)["long"]
+    parts = extract_long([whole], AXIS, remarks)["long"]
     rows = sum(len(part.t_s) for part in parts)
     assert 0.5 * extracts.EXTRACT_ROWS < rows <= extracts.EXTRACT_ROWS + 15_000
     for part in parts:
@@ -94,7 +94,7 @@ def test_inertia_is_that_of_the_whole(seed: int) -> None:
     total = rigid_inertia(whole.t_s, whole.torque, whole.position)
     assert total is not None
     judged = 0
-    for part in extracted([whole], AXIS, [])["long"]:
+    for part in extract_long([whole], AXIS, [])["long"]:
         found = rigid_inertia(part.t_s, part.torque, part.position)
         if found is not None and found.dynamic > 0.3:
             assert abs(found.inertia - total.inertia) < 5.0 * math.hypot(found.error, total.error) + 0.05 * total.inertia
@@ -106,27 +106,27 @@ def test_inertia_is_that_of_the_whole(seed: int) -> None:
 def test_what_happens_once_is_seen(seed: int) -> None:
     at = float(np.random.default_rng(seed).uniform(5.0, 85.0))
     whole = record(seed, odd_at_s=at)
-    assert any(part.t_s[0] - 6.0 < at < part.t_s[-1] - 4.0 for part in extracted([whole], AXIS, [])["long"])
+    assert any(part.t_s[0] - 6.0 < at < part.t_s[-1] - 4.0 for part in extract_long([whole], AXIS, [])["long"])
 
 
 def test_short_records_stay_as_they_are() -> None:
     whole, remarks = record(1, 19.9), list[str]()
-    assert extracted([whole], AXIS, remarks) == {}
+    assert extract_long([whole], AXIS, remarks) == {}
     assert remarks == []
 
 
 def test_records_held_out_are_chosen_among_themselves() -> None:
     to_fit, held = record(1), replace(record(2, held_out=True), name="other", notes=())
-    both = extracted([to_fit, held], AXIS, [])
+    both = extract_long([to_fit, held], AXIS, [])
     assert set(both) == {"long", "other"}
-    assert [p.t_s[0] for p in both["long"]] == [p.t_s[0] for p in extracted([to_fit], AXIS, [])["long"]]
+    assert [p.t_s[0] for p in both["long"]] == [p.t_s[0] for p in extract_long([to_fit], AXIS, [])["long"]]
     assert all(part.sidecar.held_out for part in both["other"])
 
 
 def test_an_excited_record_keeps_its_first_whole_periods() -> None:
     note = ExcitationNote("multisine", period_samples=1700, first_sample=900)
     whole, remarks = record(3, excitation=note), list[str]()
-    (part,) = extracted([whole], AXIS, remarks)["long"]
+    (part,) = extract_long([whole], AXIS, remarks)["long"]
     assert part.name == "long"
     assert (len(part.t_s) - 900) % 1700 == 0
     assert extracts.EXTRACT_ROWS - 1700 < len(part.t_s) <= extracts.EXTRACT_ROWS
@@ -135,7 +135,7 @@ def test_an_excited_record_keeps_its_first_whole_periods() -> None:
 
 
 def test_without_a_radius_nobody_knows_where_a_stretch_begins() -> None:
-    parts = extracted([record(2)], Axis(name="one mass"), [])["long"]
+    parts = extract_long([record(2)], Axis(name="one mass"), [])["long"]
     assert parts
     assert all(part.sidecar.start_position_m is None for part in parts)
 
@@ -143,5 +143,5 @@ def test_without_a_radius_nobody_knows_where_a_stretch_begins() -> None:
 def test_a_record_that_hardly_moves() -> None:
     whole = record(4)
     still = np.where(np.arange(len(whole.position)) < 4000, whole.position, whole.position[4000])
-    parts = extracted([replace(whole, position=still, notes=())], AXIS, [])["long"]
+    parts = extract_long([replace(whole, position=still, notes=())], AXIS, [])["long"]
     assert any(part.t_s[0] < 9.0 for part in parts)

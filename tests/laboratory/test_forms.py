@@ -17,7 +17,7 @@ from beltcomm.fit.segment import evaluate
 from beltcomm.fit.start import start_model
 from beltcomm.fit.touches import free_parameters
 from beltcomm.jobs.laboratory import change_of
-from beltcomm.laboratory import forms
+from beltcomm.laboratory import law_shape
 from beltcomm.laboratory.acceptance import exceeds_bounds
 from beltcomm.model import Model, build_model
 from beltcomm.runfolder import RunFolder
@@ -37,9 +37,9 @@ class Axis:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, reached: Any, held_out: float = 0.0) -> None:
         self.reached, self.held_out = reached, held_out
-        monkeypatch.setattr(forms, "fit", lambda data, model, iterations, offsets: self.fitted(model))
-        monkeypatch.setattr(forms, "drop_by", lambda before, after: before.objective - after.objective)
-        monkeypatch.setattr(forms, "promise_at_carriage", lambda *_: self.promised)
+        monkeypatch.setattr(law_shape, "fit", lambda data, model, iterations, offsets: self.fitted(model))
+        monkeypatch.setattr(law_shape, "drop_by", lambda before, after: before.objective - after.objective)
+        monkeypatch.setattr(law_shape, "promise_at_carriage", lambda *_: self.promised)
 
     def fitted(self, model: Model) -> Any:
         free = set(free_parameters(model))
@@ -56,7 +56,7 @@ class Axis:
         model = BASE
         for name in effects:
             model = model.with_effect(name)
-        return forms.fit_law_shapes(None, self.fitted(model), BASE)  # type: ignore[arg-type]
+        return law_shape.fit_law_shapes(None, self.fitted(model), BASE)  # type: ignore[arg-type]
 
 
 def test_a_form_that_explains_enough_is_taken_and_a_small_one_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -96,7 +96,7 @@ def test_what_belongs_to_an_effect_is_tried_with_it(monkeypatch: pytest.MonkeyPa
     axis = Axis(monkeypatch, lambda effects, free: 1000.0 - 500.0 * ("viscous_end_pulley" in effects))
     found = axis.formed("end_pulley")
     assert found.new == ("viscous_end_pulley",)
-    assert [e.name for e in forms.additions(found.fitted.model, BASE)] == ["end_pulley"]
+    assert [e.name for e in law_shape.additions(found.fitted.model, BASE)] == ["end_pulley"]
 
 
 @pytest.mark.parametrize(("gain", "wanted"), [(500.0, ("friction_position_cart",)), (12.0, ())])
@@ -104,7 +104,7 @@ def test_it_is_asked_on_which_body_a_tight_spot_acts(monkeypatch: pytest.MonkeyP
     axis = Axis(monkeypatch, lambda effects, free: 1000.0 - gain * ("friction_position_cart" in effects))
     found = axis.formed("friction_position")
     assert (found.new, found.removed) == (wanted, ())
-    assert [e.name for e in forms.additions(found.fitted.model, BASE)] == ["friction_position"]
+    assert [e.name for e in law_shape.additions(found.fitted.model, BASE)] == ["friction_position"]
 
 
 @pytest.mark.parametrize(("promised", "fits"), [(63.0, [0, 2]), (64.0, [2, 2]), (8.0, [0, 0]), (9.0, [0, 2])])
@@ -122,10 +122,10 @@ def test_nothing_is_fitted_for_a_part_at_the_carriage_that_promises_too_little(
         count += 1
         return axis.fitted(model)
 
-    monkeypatch.setattr(forms, "fit", counted)
-    forms.assign_body(None, fitted, effect)  # type: ignore[arg-type]
+    monkeypatch.setattr(law_shape, "fit", counted)
+    law_shape.assign_body(None, fitted, effect)  # type: ignore[arg-type]
     named = count
-    forms.fit_law_shapes(None, fitted, BASE)  # type: ignore[arg-type]
+    law_shape.fit_law_shapes(None, fitted, BASE)  # type: ignore[arg-type]
     assert [named, count - named] == fits
 
 
@@ -141,7 +141,7 @@ def test_a_part_at_the_carriage_promises_much_where_it_is_and_nothing_where_it_i
     model = start_model(run.axis, records).with_effect(name, {"place": 0.5} if name == "friction_position" else {})
     data, effect, one = prepare(records, run.axis, model), effect_named(name), f"{name}_cart"
     at_motor = fit(data, model, 12)
-    behind = forms.at_carriage(at_motor.model, effect, one)
+    behind = law_shape.at_carriage(at_motor.model, effect, one)
     assert behind is not None
     pieces = []
     for piece in data.fitted:
@@ -149,8 +149,8 @@ def test_a_part_at_the_carriage_promises_much_where_it_is_and_nothing_where_it_i
         pieces.append(replace(piece, torque=piece.torque + needed[1] - needed[0]))
     at_cart = fit(replace(data, fitted=tuple(pieces)), at_motor.model, 12)
     asked = 120.0 + math.log(at_motor.problem.samples)
-    assert forms.promise_at_carriage(at_motor, effect, one) < 0.2 * asked
-    assert forms.promise_at_carriage(at_cart, effect, one) > 5.0 * asked
+    assert law_shape.promise_at_carriage(at_motor, effect, one) < 0.2 * asked
+    assert law_shape.promise_at_carriage(at_cart, effect, one) > 5.0 * asked
 
 
 def test_what_completes_an_effect_comes_beside_its_form(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -164,7 +164,7 @@ def test_what_completes_an_effect_comes_beside_its_form(monkeypatch: pytest.Monk
 def test_without_a_carriage_behind_a_belt_friction_acts_on_the_motor(monkeypatch: pytest.MonkeyPatch) -> None:
     axis = Axis(monkeypatch, lambda effects, free: 1000.0 - 500.0 * ("stribeck_cart" in effects))
     model = build_model("axis", ("viscous", "coulomb"), {}, base_bodies=("motor",))
-    assert forms.fit_law_shapes(None, axis.fitted(model.with_effect("stribeck")), model).new == ()  # type: ignore[arg-type]
+    assert law_shape.fit_law_shapes(None, axis.fitted(model.with_effect("stribeck")), model).new == ()  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -183,7 +183,7 @@ def test_the_body_is_asked_for_as_soon_as_friction_is_named(
     model = BASE.with_effect(name)
     for other in beside:
         model = model.with_effect(other)
-    assert forms.assign_body(None, axis.fitted(model), effect_named(name)).new == wanted  # type: ignore[arg-type]
+    assert law_shape.assign_body(None, axis.fitted(model), effect_named(name)).new == wanted  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -211,7 +211,7 @@ def test_a_part_at_the_motor_must_explain_something_beside_the_carriages(
     axis = Axis(monkeypatch, lambda effects, free: 1000.0 - 500.0 * ("stribeck_cart" in effects) - gain * ({AMOUNT, PART} <= free))
     model = BASE.with_effect("stribeck")
     model = model.with_effect("stribeck_cart", {PART: 3.0}) if known else model
-    found = forms.fit_law_shapes(None, axis.fitted(model), BASE)  # type: ignore[arg-type]
+    found = law_shape.fit_law_shapes(None, axis.fitted(model), BASE)  # type: ignore[arg-type]
     assert found.new == (() if known else ("stribeck_cart",))
     after = found.fitted.model
     assert (AMOUNT in found.fitted.problem.free) is at_motor
@@ -229,7 +229,7 @@ def test_a_law_that_acts_at_the_motor_stays_there(monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_law_can_act_at_the_motor_again_when_its_part_at_the_carriage_is_taken_out() -> None:
-    model = forms.at_carriage(BASE.with_effect("stribeck"), effect_named("stribeck"), "stribeck_cart")
+    model = law_shape.at_carriage(BASE.with_effect("stribeck"), effect_named("stribeck"), "stribeck_cart")
     assert model is not None
     assert AMOUNT not in free_parameters(model)
     again = model.without_effect("stribeck_cart")

@@ -14,9 +14,9 @@ from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import fit
 from beltcomm.fit.records import prepare, with_process_noise
 from beltcomm.fit.start import start_model
-from beltcomm.laboratory import diagnosis, freedom
-from beltcomm.laboratory.freedom import gap_is_supported
-from beltcomm.laboratory.stage import Candidate
+from beltcomm.laboratory import diagnosis, gap_evidence
+from beltcomm.laboratory.forward_selection import Candidate
+from beltcomm.laboratory.gap_evidence import gap_is_supported
 from beltcomm.model import build_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.ladder import added_notes, trial_line
@@ -99,10 +99,10 @@ def test_a_gap_is_asked_about_no_longer_than_the_answer_needs(
         heard.append("stray")
         return data
 
-    monkeypatch.setattr(freedom, "with_stray", lambda data, width: data)
-    monkeypatch.setattr(freedom, "with_likeliest_stray", strayed)
-    monkeypatch.setattr(freedom, "fit", fitted)
-    monkeypatch.setattr(freedom, "exceeds_threshold", lambda grown, closed, times=1.0: closed.lead > times)
+    monkeypatch.setattr(gap_evidence, "with_stray", lambda data, width: data)
+    monkeypatch.setattr(gap_evidence, "with_likeliest_stray", strayed)
+    monkeypatch.setattr(gap_evidence, "fit", fitted)
+    monkeypatch.setattr(gap_evidence, "exceeds_threshold", lambda grown, closed, times=1.0: closed.lead > times)
     grown: Any = SimpleNamespace(model=BASE.with_effect("backlash", {"gap": 5e-5}))
     data: Any = None  # nothing is fitted
     assert gap_is_supported(data, grown, GAP) is answer
@@ -131,7 +131,7 @@ def searched(monkeypatch: pytest.MonkeyPatch, found: list[list[str]], own: Calla
         return (fitted(grown.model.without_effect("backlash")), ("backlash",)) if newest in alone else (grown, ())
 
     heard: list[Candidate] = []
-    monkeypatch.setattr(freedom, "gap_is_supported", lambda _data, grown, _gap: own(grown.model))
+    monkeypatch.setattr(gap_evidence, "gap_is_supported", lambda _data, grown, _gap: own(grown.model))
     monkeypatch.setattr(diagnosis, "find_candidates", search)
     monkeypatch.setattr(diagnosis, "drop_superfluous", superfluous)
     monkeypatch.setattr(diagnosis, "refit_with_rebuilt_motion", lambda data, grown, _iterations: (data, grown))
@@ -159,7 +159,7 @@ def test_where_a_straying_carriage_does_as_well_the_next_effect_is_asked(monkeyp
     after, refused = searched(monkeypatch, found, lambda _model: False)
     assert ([step.added for step in after.steps], refused) == (["cogging", "tilt", ""], ["backlash", "backlash"])
     assert next(c.against for c in after.steps[0].candidates).startswith("a carriage that strays")
-    assert after.after.model.effects == BASE.with_effect("cogging").with_effect("tilt").effects
+    assert after.final_fit.model.effects == BASE.with_effect("cogging").with_effect("tilt").effects
 
 
 def test_what_shows_itself_only_behind_a_gap_in_doubt_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -194,10 +194,10 @@ def test_it_is_said_why_a_gap_is_not_taken() -> None:
 def test_only_a_gap_behind_an_observer_can_be_one_that_a_straying_carriage_does_without(
     monkeypatch: pytest.MonkeyPatch, effect: str, beside: str, own: bool, strays: bool
 ) -> None:
-    monkeypatch.setattr(freedom, "gap_is_supported", lambda *_: own)
+    monkeypatch.setattr(gap_evidence, "gap_is_supported", lambda *_: own)
     grown: Any = SimpleNamespace(model=BASE.with_effect(effect).with_effect(beside))
     data: Any = None
-    assert freedom.is_replaceable_gap(data, grown, effect_named(effect)) is strays
+    assert gap_evidence.is_replaceable_gap(data, grown, effect_named(effect)) is strays
 
 
 def test_who_adds_such_a_gap_is_told() -> None:

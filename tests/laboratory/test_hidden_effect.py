@@ -19,8 +19,8 @@ from beltcomm.fit.records import Data
 from beltcomm.fit.start import start_model
 from beltcomm.jobs.laboratory import better, told_before
 from beltcomm.laboratory.diagnosis import Stage, find_shortcut, fit_base_of
+from beltcomm.laboratory.forward_selection import candidate, with_effect
 from beltcomm.laboratory.score import Scorer, ground_of
-from beltcomm.laboratory.stage import candidate, with_effect
 from beltcomm.laboratory.visible import detection_limits
 from beltcomm.rundata.revisions import revisions, trusted_model
 from beltcomm.runfolder import RunFolder

@@ -13,7 +13,7 @@ from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood import Problem, time_blocks
 from beltcomm.fit.segment import segments
 from beltcomm.fit.touches import free_parameters
-from beltcomm.laboratory.hints import BY_CHANCE, explained_elongation, likeliest
+from beltcomm.laboratory.single_record import BY_CHANCE, explained_elongation, likeliest
 from identify.records import NOISE_NM, STEP_RAD, Recorder, true_model
 from truth.rigs import draw
 

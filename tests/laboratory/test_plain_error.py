@@ -188,7 +188,7 @@ def test_what_a_false_shaft_explains_of_a_rigid_axis_is_not_named(tmp_path: Path
     recordings = run.recordings()
     start = start_model(run.axis, recordings)
     found = diagnose(recordings, run.axis, start, begun=fit_base_of(recordings, run.axis, start))
-    assert (found.added_effects, found.after is found.base) == ([], True)
+    assert (found.added_effects, found.final_fit is found.base) == ([], True)
     assert found.verdict in ("nothing missing", NONE_EXPLAINS)
     (refused,) = (c for c in found.steps[0].candidates if c.effect.name == "elastic_shaft")
     assert refused.against in ("the error in plain units does not fall", "with all fitted again the error as a whole grows")

@@ -14,8 +14,8 @@ from beltcomm.fit.start import start_model
 from beltcomm.laboratory.acceptance import is_refuted
 from beltcomm.laboratory.cross_checks import map_checks, resonances
 from beltcomm.laboratory.diagnosis import fit_base_of, refit_with_rebuilt_motion
+from beltcomm.laboratory.forward_selection import search
 from beltcomm.laboratory.score import Scorer, ground_of
-from beltcomm.laboratory.stage import search
 from beltcomm.model import Model
 from beltcomm.runfolder import RunFolder
 from foreign.judged import COGGING, DATA, EMPS, banded_of, imported, least_squares, record_error, response_error
@@ -120,5 +120,5 @@ def test_cogging_and_the_lag_of_its_reading_hold_at_another_speed(tmp_path: Path
     assert record_error(after.model, slower, *COGGING) < 0.11
     assert after.model["measurement_lag.time"] == pytest.approx(0.125, rel=0.1)  # 1/(8 kHz · 0.001), the drive's report filter
     checks = {check.record: check for check in map_checks(recordings, after.model)}
-    assert checks["cogging_map_forward"].confirmed
-    assert checks["cogging_map_reverse"].confirmed
+    assert checks["cogging_map_forward"].is_confirmed
+    assert checks["cogging_map_reverse"].is_confirmed

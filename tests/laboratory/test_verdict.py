@@ -15,12 +15,12 @@ from beltcomm.cli.talk import PlainTalk
 from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import Fitted
 from beltcomm.jobs import effect_search, laboratory
-from beltcomm.laboratory import acceptance, diagnosis, superfluous
+from beltcomm.laboratory import acceptance, backward_elimination, diagnosis
 from beltcomm.laboratory.acceptance import is_negligible, share_left
 from beltcomm.laboratory.diagnosis import Stage, verdict_of
-from beltcomm.laboratory.plausible import KNOWN, run_away, undetermined_effects, unlikely
-from beltcomm.laboratory.stage import Candidate
-from beltcomm.laboratory.structure import excess, partitions
+from beltcomm.laboratory.forward_selection import Candidate
+from beltcomm.laboratory.plausibility import KNOWN, implausible_effects, parameters_at_bounds, undetermined_effects
+from beltcomm.laboratory.residual_structure import excess, partitions
 from beltcomm.model import build_model
 from beltcomm.rundata.revisions import Revision
 from beltcomm.sentences import ladder
@@ -39,7 +39,7 @@ BASE = build_model("axis", ("belt_stiffness", "belt_damping", "viscous", "viscou
     ],
 )
 def test_a_parameter_that_ran_into_its_bound_is_named(effect: str, values: dict[str, float], wanted: list[str]) -> None:
-    assert run_away(BASE.with_effect(effect, values), BASE) == wanted
+    assert parameters_at_bounds(BASE.with_effect(effect, values), BASE) == wanted
 
 
 @pytest.mark.parametrize(
@@ -62,13 +62,13 @@ def test_an_effect_of_which_no_number_is_known_is_named(widths: dict[str, float 
 @pytest.mark.parametrize(("ratio", "why"), [(0.05, []), (1.8, ["payload_mode as a payload that creeps back instead of swinging"])])
 def test_a_payload_that_does_not_swing_is_named(ratio: float, why: list[str]) -> None:
     values = {"payload.mass": 2.0, "stiffness": 8e4, "damping": 2.0 * ratio * (8e4 * 2.0) ** 0.5}
-    assert [found.partition(" (damping ratio")[0] for found in unlikely(BASE.with_effect("payload_mode", values), BASE)] == why
+    assert [found.partition(" (damping ratio")[0] for found in implausible_effects(BASE.with_effect("payload_mode", values), BASE)] == why
 
 
 @pytest.mark.parametrize(("exponent", "why"), [(0.8, []), (0.5, ["stribeck as friction that falls with the logarithm of the speed"])])
 def test_friction_that_falls_more_slowly_than_any_that_was_measured_is_named(exponent: float, why: list[str]) -> None:
     """So a contact that ages (Dieterich, Ruina) was imitated by Stribeck friction: 7.0 ± 7.1 rad/s, exponent at its end."""
-    assert unlikely(BASE.with_effect("stribeck", {"exponent": exponent}), BASE) == why
+    assert implausible_effects(BASE.with_effect("stribeck", {"exponent": exponent}), BASE) == why
 
 
 @pytest.mark.parametrize(
@@ -114,13 +114,13 @@ def kept_beside_slack(monkeypatch: pytest.MonkeyPatch, grown: Any, smaller: Any,
 
     smaller : its refit without the gap.   drop : by how much O falls from that to the model, nats.
     """
-    monkeypatch.setattr(superfluous, "rise_without", lambda _fitted: {})
-    monkeypatch.setattr(superfluous, "fit_of", lambda *_, **_options: smaller)
-    monkeypatch.setattr(superfluous, "problem_of", lambda *_: None)
-    monkeypatch.setattr(superfluous, "most_within", lambda *_: 0.0)
-    monkeypatch.setattr(superfluous, "drop_by", lambda *_: drop)
+    monkeypatch.setattr(backward_elimination, "rise_without", lambda _fitted: {})
+    monkeypatch.setattr(backward_elimination, "fit_of", lambda *_, **_options: smaller)
+    monkeypatch.setattr(backward_elimination, "problem_of", lambda *_: None)
+    monkeypatch.setattr(backward_elimination, "most_within", lambda *_: 0.0)
+    monkeypatch.setattr(backward_elimination, "drop_by", lambda *_: drop)
     data: Any = SimpleNamespace(fitted=(), held_out=())
-    return superfluous.drop_superfluous(data, grown, BASE, "belt_slack")
+    return backward_elimination.drop_superfluous(data, grown, BASE, "belt_slack")
 
 
 @pytest.mark.parametrize(("gap_m", "removed"), [(2e-8, ("backlash",)), (2e-5, ())])
@@ -257,7 +257,7 @@ def test_what_the_held_out_records_do_not_confirm_is_said(
     found: Any = SimpleNamespace(
         base=base,
         published_base=(None, base),
-        after=after,
+        final_fit=after,
         published_model=after,
         steps=(),
         added_effects=["cogging", "tilt"],
@@ -313,7 +313,7 @@ def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
     nothing: Any = SimpleNamespace()
     after = diagnosis.diagnose([], nothing, nothing, begun=begun)
     assert after.steps[0].added == ("measurement_lag" if added else "")
-    assert after.after.ratio == (grown if added else 2.0)
+    assert after.final_fit.ratio == (grown if added else 2.0)
 
 
 def test_whatever_the_rest_goes_with_has_words() -> None:

@@ -16,7 +16,7 @@ from beltcomm import caches, machine_code
 from beltcomm.axis import load_axis
 from beltcomm.locks import changes_run
 from beltcomm.result import Result
-from beltcomm.rundata.kept_result import answered
+from beltcomm.rundata.kept_result import kept_or_new
 from beltcomm.runfolder import RunFolder
 
 SCRIPT = """
@@ -166,7 +166,7 @@ def test_a_command_finds_its_answer_again(tmp_path: Path) -> None:
 
     @changes_run()
     def asked(run: Path) -> Result:
-        return answered(RunFolder.open(run), "x", (), lambda: made.append(1) or Result({}, ["found"]))
+        return kept_or_new(RunFolder.open(run), "x", (), lambda: made.append(1) or Result({}, ["found"]))
 
     assert [asked(folder.path).text, asked(folder.path).text] == [["found"], ["found"]]
     assert len(made) == 1

@@ -13,7 +13,7 @@ from beltcomm import api, journal
 from beltcomm.axis import load_axis
 from beltcomm.errors import BeltcommError, Refused, SafetyStop, UsageError
 from beltcomm.experiments.options import claim, new_folder
-from beltcomm.experiments.supervised import supervised
+from beltcomm.experiments.supervised import supervise
 from beltcomm.machine.machine import Machine
 from beltcomm.rundata import backups
 from beltcomm.rundata.calibration import RESULT
@@ -34,7 +34,7 @@ def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def killed(bench: Bench, run: Path, options: api.Options) -> None:
     """A session of a run whose limits were lowered, and of which nothing runs any more: the drive's loans stay as they are."""
-    session = supervised(bench.open(bench.name), bench.name, run, options, Listener())
+    session = supervise(bench.open(bench.name), bench.name, run, options, Listener())
     session.__enter__()
     machine = Machine(session, load_axis(AXIS), new_folder(run, load_axis(AXIS), session, options, Listener()), Listener())
     before = session.backup()
@@ -66,7 +66,7 @@ def test_a_mode_that_the_drive_has_no_more_goes_back_all_the_same(connect: Conne
     modes: dict[tuple[int, int], float] = {(0x6060, 0): 8}
     bench = connect(HardwareBench(faults=Faults(readings=modes)))
     bench.settings()
-    session = supervised(bench.open(bench.name), bench.name, tmp_path / "run", YES, Listener())
+    session = supervise(bench.open(bench.name), bench.name, tmp_path / "run", YES, Listener())
     session.__enter__()
     session.write({"kp_nm_s_rad": 0.5})
     assert session._note is not None
@@ -87,7 +87,7 @@ def test_a_rollback_that_wrote_nothing_forgets_nothing(connect: Connect, tmp_pat
     folder = api.RunFolder.create(run, load_axis(AXIS))
     with bench.open(bench.name) as drive:
         backups.keep_first(folder, drive)
-    session = supervised(bench.open(bench.name), bench.name, run, YES, Listener())
+    session = supervise(bench.open(bench.name), bench.name, run, YES, Listener())
     session.__enter__()
     session.write({"kp_nm_s_rad": 0.5})
     assert session._note is not None
@@ -117,7 +117,7 @@ def test_a_full_disk_at_the_end_hides_neither_the_stop_nor_the_run(
     def session_that_stops() -> None:
         with (
             bench.open(bench.name) as drive,
-            supervised(drive, bench.name, run, YES, Listener()) as session,
+            supervise(drive, bench.name, run, YES, Listener()) as session,
             Machine(session, axis, new_folder(run, axis, session, YES, Listener()), Listener()),
         ):
             session.write({"kp_nm_s_rad": 0.5})

@@ -128,9 +128,9 @@ def test_a_documented_meaning_that_does_not_hold_is_refused(make_bench: MakeBenc
 def test_a_drive_measured_before_is_held_against(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(calibration, "user_data_path", lambda _name: tmp_path)
     found = Calibration("cmmp-as", 1.43, 2.2, {"kp_nm_s_rad": GainUnit(1e-4, 1e-6, UNIT, "60F9h:1")})
-    assert calibration.known_of("cmmp-as") is None
+    assert calibration.calibration_of("cmmp-as") is None
     assert str(tmp_path) in calibration.keep_for_kind(found)
-    assert calibration.known_of("cmmp-as") == found
+    assert calibration.calibration_of("cmmp-as") == found
     assert check(found, False, found) == []
     other = replace(found, units={"kp_nm_s_rad": GainUnit(2.1e-4, 1e-6, UNIT, "60F9h:1")})
     with pytest.raises(Refused, match=r"2\.1 times the 0\.0001 of a drive of this kind measured before"):
@@ -140,7 +140,7 @@ def test_a_drive_measured_before_is_held_against(tmp_path: Path, monkeypatch: py
     assert check(replace(found, units={"kp_nm_s_rad": GainUnit(1.9e-4, 1e-6, UNIT, "60F9h:1")}), False, found) == []
     calibration.store_of("cmmp-as").write_text("kind: [", encoding="utf-8")
     with pytest.raises(DataError):
-        calibration.known_of("cmmp-as")
+        calibration.calibration_of("cmmp-as")
 
 
 def test_what_cannot_be_calibrated_is_refused(make_bench: MakeBench, tmp_path: Path) -> None:

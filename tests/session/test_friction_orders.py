@@ -75,10 +75,10 @@ def test_each_order_drives_all_speeds_of_the_table() -> None:
     assert sorted(orders.speeds_of("III", 1)) == table
     assert orders.speeds_of("III", 1)[:3] == (2, 0.1, 0.01)
     assert list(orders.speeds_of("IV", 10)) == [v for v in table for _ in range(10)]
-    assert [order for order, _ in orders.wanted("all", 2, None).sweeps] == ["I", "I", "II", "II", "III", "III", "IV"]
-    assert orders.wanted("IV", None, None).often == 10
-    assert orders.wanted(None, None, None).plain
-    assert not orders.wanted(None, 2, None).plain
+    assert [order for order, _ in orders.sweep_orders("all", 2, None).sweeps] == ["I", "I", "II", "II", "III", "III", "IV"]
+    assert orders.sweep_orders("IV", None, None).often == 10
+    assert orders.sweep_orders(None, None, None).plain
+    assert not orders.sweep_orders(None, 2, None).plain
 
 
 def test_plateaus_hold_whole_turns_where_they_can_and_whole_teeth_else() -> None:
@@ -123,7 +123,7 @@ def test_plateaus_hold_whole_turns_where_they_can_and_whole_teeth_else() -> None
 )
 def test_what_cannot_be_measured_is_refused_with_words(given: tuple[Any, Any, Any], hint: str) -> None:
     with pytest.raises(UsageError, match=hint):
-        orders.wanted(*given)
+        orders.sweep_orders(*given)
 
 
 def test_an_axis_too_short_for_two_speeds_is_refused() -> None:

@@ -19,7 +19,7 @@ from beltcomm.errors import SafetyStop
 from beltcomm.experiments import commission, execute_step, recentre
 from beltcomm.experiments.options import claim
 from beltcomm.experiments.raising import as_made
-from beltcomm.experiments.recentre import brought_back, exhausted, stands_after
+from beltcomm.experiments.recentre import bring_back, may_not_excite, stands_after
 from beltcomm.identify.amplitude import AmplitudeStep, Prediction
 from beltcomm.machine.machine import Machine
 from beltcomm.model import load_plant
@@ -105,7 +105,7 @@ def test_what_a_session_goes_on_after(monkeypatch: pytest.MonkeyPatch) -> None:
     drift, model = SafetyStop("too far", "position"), load_plant("g_b").model
 
     def survived(step: Step, problem: Any, *places_m: float) -> bool:
-        return brought_back(Standing(*places_m), model, step, problem)  # type: ignore[arg-type]
+        return bring_back(Standing(*places_m), model, step, problem)  # type: ignore[arg-type]
 
     assert survived(response, drift, 0.27, 0.27)
     assert moved == [(0.25, recentre.BACK_M_S)]
@@ -121,7 +121,7 @@ def test_stops_are_counted_and_said() -> None:
     seen = []
     for _ in range(3):
         assert stands_after(machine, SafetyStop("too far", "position"))
-        seen.append(exhausted(machine))
+        seen.append(may_not_excite(machine))
     assert seen == [False, False, True]
     assert [re.findall(r"stop (\d) of (\d)", line) for line in machine.talk.said] == [[("1", "3")], [("2", "3")], [("3", "3")]]
     assert not stands_after(machine, SafetyStop("too fast", "speed"))
@@ -144,7 +144,7 @@ def test_the_third_stop_of_a_session_leaves_its_place_out_with_all_responses_aft
     monkeypatch.setattr(recentre.phases, "stroke_ends", lambda _machine: (0.03, 0.47))
     monkeypatch.setattr(execute_step, "make", make)
     monkeypatch.setattr(execute_step, "course_of", lambda *_: SimpleNamespace(place_m=lambda step: step.place))
-    monkeypatch.setattr(execute_step, "measured_already", lambda *_: False)
+    monkeypatch.setattr(execute_step, "is_measured", lambda *_: False)
     monkeypatch.setattr(commission.bounds, "has_room", lambda *_: True)
     monkeypatch.setattr(commission.bounds, "seconds_of", lambda *_: 1.0)
     monkeypatch.setattr(commission, "delay", lambda _findings: 0.0)

@@ -12,7 +12,7 @@ from beltcomm.axis import load_axis
 from beltcomm.drive import Capabilities, open_drive
 from beltcomm.errors import Refused
 from beltcomm.experiments import phases
-from beltcomm.experiments.agreement import agree, planned
+from beltcomm.experiments.agreement import agree, plan_result
 from beltcomm.experiments.options import Options
 from beltcomm.experiments.plan import Plan, commission_plan, identify_plan, move_plan
 from beltcomm.machine.heat import HeatStore, Thermal, heat_plan, path_rms_nm
@@ -135,6 +135,6 @@ def test_a_plan_beyond_continuous_is_spread_by_pauses_and_one_beyond_the_store_r
     with open_drive("virtual:g_a", {"seed": 1}) as drive:
         with pytest.raises(Refused, match=r"the motor would be overloaded: move takes up to 2\.86 N m \(rms\) for 10 s.*nothing was moved"):
             agree(overloading(capabilities, 10.0), Options(yes=True), Silence(), drive, RIG)
-        shown = planned(overloading(capabilities, 10.0), drive.capabilities, Options(), RIG)
+        shown = plan_result(overloading(capabilities, 10.0), drive.capabilities, Options(), RIG)
     assert shown.exit_code == 1
     assert any("This plan will be refused" in line for line in shown.text)

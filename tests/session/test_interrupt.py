@@ -79,11 +79,11 @@ def test_ctrl_c_while_the_axis_moves(
     outcome = commission(run, Listener(at_phase=arm), monkeypatch)
     assert bench.signals == 1
     assert outcome.exit_code == 4
-    said, _, again = outcome.stderr.strip().partition("; it goes on with: ")
+    said, *_, again = outcome.stderr.strip().splitlines()
     assert said == (
         f"beltcomm: interrupted; the axis is stopped and the drive's own gains are restored; what was recorded is kept in {run}"
     )
-    assert again.startswith("beltcomm commission ")
+    assert again.startswith("    beltcomm commission ")
     assert again.endswith(f" --run {run} --resume")
     assert outcome.stdout == ""
     bench.check_stop(run)
@@ -205,7 +205,7 @@ def test_two_ctrl_c_within_two_seconds_leave_at_once_with_the_axis_stopped(
 
     outcome = commission(run, Listener(at_phase=arm), monkeypatch)
     assert outcome.exit_code == 4
-    assert outcome.stderr.strip().partition("; it goes on with: ")[0] == (
+    assert outcome.stderr.strip().splitlines()[0] == (
         "beltcomm: interrupted; left at once, with the axis stopped: the drive's own gains are NOT restored, they are in "
         f"{run / 'results' / 'backup.yaml'}; `beltcomm rollback` writes them again; what was recorded is kept in {run}"
     )

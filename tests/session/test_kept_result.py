@@ -9,7 +9,7 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.result import Result, Row
-from beltcomm.rundata.kept_result import answered
+from beltcomm.rundata.kept_result import kept_or_new
 from beltcomm.runfolder import RunFolder
 
 Ask = Callable[..., Result]
@@ -33,7 +33,7 @@ def ask(folder: RunFolder) -> Ask:
         data = {"times": len(times), "worst": float("inf"), "pictures": ["pictures/one.png"]}
         return Result(data, [Row("a  b", ("a", "b"), (False, True)), "c"], 1)
 
-    return lambda *question: answered(folder, "diagnosis", question, make, drawn=True)
+    return lambda *question: kept_or_new(folder, "diagnosis", question, make, drawn=True)
 
 
 def test_the_same_question_is_answered_as_before(ask: Ask, folder: RunFolder) -> None:

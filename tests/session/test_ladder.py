@@ -108,7 +108,7 @@ def test_a_climb_keeps_the_cost_of_what_it_added(
 
     monkeypatch.setattr(costs, "cost_and_words", cost)
     found: Any = SimpleNamespace(base=SimpleNamespace(model=model), added_effects=named)
-    made = costs.priced(folder, found, revisions(folder), {"move": "whole"})
+    made = costs.with_costs(folder, found, revisions(folder), {"move": "whole"})
     assert [rung.cost for rung in made] == [None, {"of": "backlash", "move": "anew" if computed else "whole"}]
     assert revisions(folder) == made
     assert [after.effects[-1] for _, after in asked] == ["backlash"] * computed

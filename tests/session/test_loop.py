@@ -170,9 +170,9 @@ def test_a_drive_without_torque_offset_is_sent_to_the_speed_setpoint(make_bench:
     with bench.open(bench.name) as drive:
         bare = replace(drive.capabilities, kinds=frozenset({"torque", "position"}))
         with pytest.raises(Refused, match="no speed setpoints"):
-            loop_plan.offered(bare, "setpoint", frozenset(drive.backup()))
+            loop_plan.require_offered(bare, "setpoint", frozenset(drive.backup()))
         with pytest.raises(Refused, match="only --loop open"):
-            loop_plan.offered(drive.capabilities, "setpoint", frozenset())
+            loop_plan.require_offered(drive.capabilities, "setpoint", frozenset())
 
 
 @pytest.mark.usefixtures("fitted")

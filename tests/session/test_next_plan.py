@@ -19,7 +19,7 @@ from beltcomm.errors import UsageError
 from beltcomm.experiments import execute_step
 from beltcomm.experiments.bounds import course_before
 from beltcomm.experiments.paths import Course, path_of, start_of
-from beltcomm.experiments.redundant_steps import Before, shown_already
+from beltcomm.experiments.redundant_steps import Before, record_showing
 from beltcomm.laboratory.visible import DetectionLimit
 from beltcomm.model import load_plant
 from beltcomm.recording import Recording
@@ -28,7 +28,7 @@ from beltcomm.rundata.proof import doubts
 from beltcomm.rundata.revisions import new_revision, trusted_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule import record_schedule
-from beltcomm.schedule.next_plan import apart_of, load_plan, plan_apart, plan_for
+from beltcomm.schedule.next_plan import discriminating_experiment, load_plan, plan_apart, plan_for
 from beltcomm.schedule.record_schedule import Extent
 from beltcomm.schedule.steps import PLACES, Step
 
@@ -59,7 +59,7 @@ def test_twins_get_the_experiment_that_separates_them_and_not_what_shows_each() 
 def test_every_pair_of_twins_has_an_experiment() -> None:
     for effect in EFFECTS:
         for twin in effect.twins:
-            between = apart_of(effect.name, twin) if twin not in effect.apart else effect.apart[twin]
+            between = discriminating_experiment(effect.name, twin) if twin not in effect.apart else effect.apart[twin]
             assert between.records or between.hands, (effect.name, twin)
             if twin in {e.name for e in EFFECTS}:
                 plan_apart((effect.name, twin), lambda _: "")  # its records are steps that a drive knows
@@ -114,14 +114,14 @@ def excited(seconds: float, clock: int, amplitude_nm: float = 1.0, at_m: float =
 )
 def test_a_repetition_is_left_out_only_where_it_shows_nothing_new(record: Recording, there: bool) -> None:
     step = plan_for(("dead_time", "current_lag"), []).steps[0]
-    assert bool(shown_already(step, Before([record], (0.0, 0.56), 0.01, 0.1))) is there
+    assert bool(record_showing(step, Before([record], (0.0, 0.56), 0.01, 0.1))) is there
 
 
 def test_a_quiet_excitation_is_not_there_because_of_a_loud_one() -> None:
     step = plan_for(("presliding_cart", "cart_friction"), []).steps[0]
     loud = excited(20.0, 2)
-    assert not shown_already(step, Before([loud], (0.0, 0.56), 0.01, 0.1))
-    assert shown_already(step, Before([loud, excited(20.0, 2, 0.12)], (0.0, 0.56), 0.01, 0.1))
+    assert not record_showing(step, Before([loud], (0.0, 0.56), 0.01, 0.1))
+    assert record_showing(step, Before([loud, excited(20.0, 2, 0.12)], (0.0, 0.56), 0.01, 0.1))
 
 
 def test_what_was_not_seen_gets_its_records() -> None:
@@ -166,7 +166,7 @@ def session(extent: Extent, but: Collection[str] = ()) -> Before:
     """What a commissioning leaves, the search before it left out.   but : kinds for which there was no time."""
     clock_s, recordings = 0.0, []
     steps = [Step("response"), *(item.step for item in record_schedule.BY_EXTENT[extent] if item.step.kind not in but)]
-    for name, step in record_schedule.named(steps):
+    for name, step in record_schedule.named_steps(steps):
         if step.kind == "response":
             amplitude = execute_step.quieter(1.0, 0.1, step.share)
             made = excited(step.seconds or execute_step.RESPONSE_S, 4, amplitude, course().place_m(step))
@@ -186,7 +186,7 @@ def session(extent: Extent, but: Collection[str] = ()) -> Before:
 
 def proposed(before: Before, *effects: str) -> list[tuple[str, float]]:
     """Kind and place of what is to be recorded."""
-    plan = plan_for((), [blind(name) for name in effects], already=lambda step: shown_already(step, before))
+    plan = plan_for((), [blind(name) for name in effects], already=lambda step: record_showing(step, before))
     return [(step.kind, step.place) for step in plan.steps]
 
 
@@ -215,17 +215,17 @@ def test_a_quick_session_is_told_everything_but_the_first_sweep() -> None:
 
 def test_fast_moves_are_there_as_hard_as_they_were() -> None:
     before = session("standard")
-    assert shown_already(Step("moves", share=0.9), before) == "moves_1"
-    assert not shown_already(Step("moves", share=0.45), before), "half the force tells apart what grows with it"
+    assert record_showing(Step("moves", share=0.9), before) == "moves_1"
+    assert not record_showing(Step("moves", share=0.45), before), "half the force tells apart what grows with it"
 
 
 def test_strokes_of_one_place_are_none_of_another() -> None:
     before = session("thorough")
-    found = [shown_already(Step("strokes", place, speeds_m_s=(0.01, 0.03, 0.06)), before) for place in (*PLACES, 0.62)]
+    found = [record_showing(Step("strokes", place, speeds_m_s=(0.01, 0.03, 0.06)), before) for place in (*PLACES, 0.62)]
     assert found == ["strokes_1", "strokes_2", "strokes_3", ""], "a sweep only passes"
     strokes_only = replace(before, recordings=[r for r in before.recordings if r.name.startswith("strokes")])
-    assert not shown_already(Step("sweep"), strokes_only), "nor a sweep"
-    assert not shown_already(Step("strokes", 0.5, speeds_m_s=(0.003, 0.03)), before), "slower tells more"
+    assert not record_showing(Step("sweep"), strokes_only), "nor a sweep"
+    assert not record_showing(Step("strokes", 0.5, speeds_m_s=(0.003, 0.03)), before), "slower tells more"
 
 
 def test_nothing_to_record() -> None:

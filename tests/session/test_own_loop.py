@@ -32,6 +32,11 @@ def typed_in(bench: Bench, gains: dict[str, float]) -> None:
         bench._bus.send(can.Message(arbitration_id=0x601, data=data, is_extended_id=False))
 
 
+def whole(result: api.Result) -> str:
+    """All that a command says."""
+    return "\n".join(map(str, (*result.text, *result.details)))
+
+
 @pytest.fixture
 def profile(tmp_path: Path) -> str:
     """A profile of one's own: the shipped one of any CiA 402 drive, and that this one has a notch."""
@@ -44,9 +49,9 @@ def profile(tmp_path: Path) -> str:
 def test_the_plan_says_beforehand_that_gains_are_not_written(make_bench: Callable[..., Bench], tmp_path: Path) -> None:
     bench = make_bench("g_a", profile="cia402")
     result = api.commission(bench.name, "egc-70-600", tmp_path / "run", options=api.Options(dry_run=True))
-    said = " ".join(" ".join(map(str, result.text)).split())
+    said = " ".join(whole(result).split())
+    assert "it moves with the gains that stand in the drive" in said
     assert "gains cannot be written" in said
-    assert "no gain" in said
 
 
 def test_the_job_ends_with_model_design_move_and_what_to_type(
@@ -57,8 +62,8 @@ def test_the_job_ends_with_model_design_move_and_what_to_type(
     typed_in(bench, tuned)
     run = tmp_path / "run"
     result = api.commission(bench.name, "egc-70-600", run, options=api.Options(quick=True, **YES), talk=Listener())
-    text = "\n".join(map(str, result.text))
-    assert "can only be typed in" in text
+    text = whole(result)
+    assert "to be typed in with the maker's tool" in text
     assert "To be typed into the maker's tool" in text
     folder = RunFolder.open(run)
     assert {"own_move", "sweep"} <= set(folder.finished_names())
@@ -69,11 +74,11 @@ def test_the_job_ends_with_model_design_move_and_what_to_type(
         api.apply(bench.name, run, options=api.Options(yes=True, force=True))
     # with other gains than those of the design the move tells, and with those of the design, typed in, too
     other = api.verify(bench.name, run, options=api.Options(**YES), talk=Listener())
-    assert "not what stands in it" in "\n".join(map(str, other.text))
+    assert "not what stands in it" in whole(other)
     assert "no verification move was driven with these gains" in doubts(folder)
     typed_in(bench, folder.load("designs", "final")["parameters"])
     verified = api.verify(bench.name, run, options=api.Options(**YES), talk=Listener())
-    assert "did as predicted" in "\n".join(map(str, verified.text))
+    assert "did as predicted" in whole(verified)
     bench.profile = None
     assert bench.parameters()["kp_nm_s_rad"] == pytest.approx(folder.load("designs", "final")["parameters"]["kp_nm_s_rad"])
 
@@ -83,7 +88,7 @@ def test_a_loop_that_does_not_follow_ends_with_model_and_design_too(make_bench: 
     run = tmp_path / "run"
     result = api.commission(bench.name, "egc-70-600", run, options=api.Options(quick=True, **YES), talk=Listener())
     assert result.exit_code == 1
-    text = "\n".join(map(str, result.text))
+    text = whole(result)
     assert "own loop was not used" in text
     assert "To be typed into the maker's tool" in text
     assert bench.stands_disabled()
@@ -104,7 +109,10 @@ def test_a_p_pi_drive_of_unknown_units_travels_by_what_the_host_sends_along(make
     design = RunFolder.open(run).load("designs", "final")["parameters"]
     assert design["kp_nm_s_rad"] < 0.01
     verdict = result.data["verdict"]
-    assert verdict.measured.dynamic_m == pytest.approx(verdict.predicted.dynamic_m, rel=0.3)
-    assert verdict.passed
-    assert RunFolder.open(run).recording("sweep").torque_offset is not None
+    low, high = verdict.predicted_range
+    assert low.dynamic_m <= verdict.measured.dynamic_m <= high.dynamic_m
+    assert verdict.measured.dynamic_m < 1e-3
+    sweep = RunFolder.open(run).recording("sweep")
+    assert sweep.torque_offset is not None
+    assert max(abs(sweep.torque_offset)) > 0.1  # the friction of the axis at least
     assert bench.stands_disabled()

@@ -12,7 +12,7 @@ from beltcomm.axis import load_axis
 from beltcomm.drive import open_drive
 from beltcomm.drive.finding import Finding
 from beltcomm.errors import UsageError
-from beltcomm.experiments.agreement import planned
+from beltcomm.experiments.agreement import plan_result
 from beltcomm.experiments.options import Options
 from beltcomm.experiments.plan import Experiment, Plan, commission_plan
 from beltcomm.experiments.plan_words import commission_points
@@ -43,7 +43,7 @@ def test_what_is_agreed_to_stands_in_short_labelled_lines() -> None:
     """Every label is there, how fast and how hard follow the table, and nothing is a block of words."""
     with open_drive("virtual:g_a", {"seed": 1}) as drive:
         plan = commission_plan(RIG, drive.capabilities)
-    told = {row.cells[0]: row.cells[1] for row in plan.told() if not row.head}
+    told = {row.cells[0]: row.cells[1] for row in plan.table() if not row.head}
     assert list(told) == [
         "what moves", "how far", "how fast", "how hard", "how long", "how heavy", "what stops it", "how it brakes",
         "PC or bus lost", "what is written",
@@ -67,7 +67,7 @@ def test_doctor_plan_and_commissioning_say_one_thing_of_the_encoder() -> None:
     with open_drive("virtual:g_a", {"seed": 1}) as drive:
         with pytest.raises(UsageError, match=r"65536 counts/rev, axis\.yaml says 32768") as refused:
             check_ratings(axis, drive.capabilities)
-        shown = planned(Plan("", ()), drive.capabilities, Options(), axis)
+        shown = plan_result(Plan("", ()), drive.capabilities, Options(), axis)
     assert shown.exit_code == 1
     assert f"This plan will be refused: {refused.value}." in shown.text
     (found,) = [

@@ -24,7 +24,7 @@ from beltcomm.fit.first_estimate import data_sheet_model
 from beltcomm.recording import Recording
 from beltcomm.rundata import analyse
 from beltcomm.schedule import record_schedule
-from beltcomm.schedule.record_schedule import BUDGET_S, BY_EXTENT, STANDARD, THOROUGH, Extent, Item, fitting, named
+from beltcomm.schedule.record_schedule import BUDGET_S, BY_EXTENT, STANDARD, THOROUGH, Extent, Item, fitting_records, named_steps
 from beltcomm.schedule.sequences import calmer_choice
 from beltcomm.schedule.steps import Step
 from beltcomm.simulate.forward import simulate_torque
@@ -101,14 +101,14 @@ def test_random_moves_are_the_same_for_a_seed_and_slow_ones_are_among_them(capab
 def test_what_does_not_fit_is_left_out_by_rank() -> None:
     items = [Item(Step("sweep")), Item(Step("moves"), 2), Item(Step("reversals", amplitudes_m=(1e-3,)), 1), Item(Step("strokes"), 3)]
     seconds = {"sweep": 10.0, "moves": 5.0, "reversals": 4.0, "strokes": 1.0}
-    made, left = fitting(items, lambda step: seconds[step.kind], 15.0)
+    made, left = fitting_records(items, lambda step: seconds[step.kind], 15.0)
     assert [s.kind for s in made] == ["sweep", "reversals", "strokes"], "in the order in which they are made"
     assert [s.kind for s in left] == ["moves"]
 
 
 def test_names_count_and_leave_those_that_are_taken() -> None:
     steps = [Step("sweep"), Step("response"), Step("response"), Step("sweep", again=True), Step("moves")]
-    assert [name for name, _ in named(steps, ("frf_1",))] == ["sweep", "frf_2", "frf_3", "sweep_2", "moves_1"]
+    assert [name for name, _ in named_steps(steps, ("frf_1",))] == ["sweep", "frf_2", "frf_3", "sweep_2", "moves_1"]
 
 
 def test_a_quieter_excitation_still_overcomes_friction() -> None:
@@ -207,15 +207,15 @@ def test_the_default_plan_says_what_its_records_could_name_and_keeps_it(
     found = Counted()
     monkeypatch.setattr(foresight, "foresee", found)
     bare = Plan("", (), notes=("first",))
-    told = [foresight.foretold(bare, AXIS, capabilities, Options()) for _ in range(2)]
+    told = [foresight.with_detectability(bare, AXIS, capabilities, Options()) for _ in range(2)]
     assert found.times == 1, "the second time it is read from the cache"
     assert told[0] == told[1]
     assert told[0].notes[0] == "first"
     assert "assumed 1" in told[0].notes[1]
     assert told[0].visible is not None
-    quick = foresight.foretold(bare, AXIS, capabilities, Options(quick=True))
+    quick = foresight.with_detectability(bare, AXIS, capabilities, Options(quick=True))
     assert found.times == 1
     assert quick.visible is None
     assert "--visible" in quick.notes[-1]
-    foresight.foretold(bare, AXIS, replace(capabilities, counts_per_rev=4096), Options())
+    foresight.with_detectability(bare, AXIS, replace(capabilities, counts_per_rev=4096), Options())
     assert found.times == 2, "another encoder sees other things"

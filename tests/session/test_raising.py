@@ -43,7 +43,7 @@ class Search:
         for name, stand_in in {
             "unknown_axis": lambda *_: (MODEL, [MODEL]),
             "_next": self.next,
-            "_made": self.make,
+            "_record_of_step": self.make,
             "_louder": lambda _machine, _family, _made, most_nm: self.step(most_nm),
             "moves_enough": lambda recording, *_: recording >= self.moves_from_nm,
             "first_path": lambda *_: FirstPath(FAITHFUL, MODEL),

@@ -16,7 +16,7 @@ from beltcomm.drive import open_drive
 from beltcomm.errors import Refused, UsageError
 from beltcomm.experiments import rehearsal
 from beltcomm.experiments.options import Options
-from beltcomm.experiments.rehearsal import Bounds, Played, played_of, twin_of
+from beltcomm.experiments.rehearsal import Bounds, Played, play_record, twin_of
 from beltcomm.model import load_plant
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
@@ -46,7 +46,7 @@ def test_a_record_is_measured_by_hand() -> None:
     t_s = 1e-3 * np.arange(2001)
     angle = 10.0 * np.minimum(t_s, 1.0)
     torque = np.where(t_s < 1.5, 0.5, 0.4)
-    found = played_of(Recording("r", t_s, torque, angle, sidecar=Sidecar("trajectory", 0.1)), RIG, 0.0)
+    found = play_record(Recording("r", t_s, torque, angle, sidecar=Sidecar("trajectory", 0.1)), RIG, 0.0)
     assert (found.low_m, found.high_m) == pytest.approx((0.1, 0.1 + 10.0 * 0.01242))
     assert found.speed_m_s == pytest.approx(0.1242)
     assert found.torque_nm == 0.5
@@ -73,7 +73,7 @@ def test_the_verifying_move_is_played_first_and_then_driven(beside: MakeBench, c
     saved = RunFolder.open(run).load("results", "rehearsal")
     (twin,) = saved["records"]
     move = RunFolder.open(run).recording("move_2")
-    real = played_of(move, RIG, 0.0)
+    real = play_record(move, RIG, 0.0)
     assert twin["record"] == "move_2"
     assert twin["high_m"] == pytest.approx(real.high_m, abs=1e-3)
     assert twin["speed_m_s"] == pytest.approx(real.speed_m_s, rel=0.05)

@@ -19,7 +19,7 @@ from beltcomm.laboratory.diagnosis import fit_base_of
 from beltcomm.pages import at_the_end
 from beltcomm.rundata.fitted_run import records_of
 from beltcomm.rundata.headline import headline_of
-from beltcomm.rundata.kept_fit import FILE, fitted_to
+from beltcomm.rundata.kept_fit import FILE, fit_base
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
 from session.conftest import Complete
@@ -106,7 +106,7 @@ def test_the_first_screen_has_the_numbers_of_the_run(page: str, complete: Comple
     assert 40.0 < float(margin["value"].rstrip("°")) < 60.0
     assert any("beltcomm open" in step for step in numbers["next"])
     assert numbers["sections"] == [
-        "changes", "tracking", "gains", "model", "model-error", "cost", "responses", "friction", "loops", "safety", "journal",
+        "changes", "diagnosed", "tracking", "gains", "model", "model-error", "cost", "responses", "friction", "loops", "safety", "journal",
     ]  # fmt: skip
 
 
@@ -119,7 +119,7 @@ def test_a_fit_that_was_kept_is_the_one_that_was_found(
     assert page
     assert model is not None
     assert run.joinpath(*FILE).is_file()
-    _, data, again = fitted_to(folder, records, model)
+    _, data, again = fit_base(folder, records, model)
     for name, value in model.parameters.items():
         assert again.model[name] == pytest.approx(value.value, rel=1e-9), "that of the commissioning"
     fresh_data, fresh = fit_base_of(records, folder.axis, model)
@@ -130,7 +130,7 @@ def test_a_fit_that_was_kept_is_the_one_that_was_found(
     sidecar.write_text(sidecar.read_text(encoding="utf-8").replace("held_out: false", "held_out: true"), encoding="utf-8")
     monkeypatch.setattr(diagnosis, "fit_base_of", lambda *_: pytest.fail("searched anew"))
     with pytest.raises(pytest.fail.Exception, match="searched anew"):
-        fitted_to(folder, records, model)
+        fit_base(folder, records, model)
 
 
 def test_what_changed_since_another_run_stands_on_the_first_screen(page: str, complete: Complete) -> None:

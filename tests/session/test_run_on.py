@@ -20,7 +20,7 @@ from beltcomm.machine.host_loss import guard_times_s
 from beltcomm.machine.machine import Machine
 from beltcomm.recording.sidecar import Sidecar
 from beltcomm.runfolder import RunFolder
-from beltcomm.simulate.stopping import Braking, HostLoss, run_on, total_friction, total_inertia
+from beltcomm.simulate.stopping import Braking, HostLoss, run_on_distance, total_friction, total_inertia
 from beltcomm.talk import Silence
 from beltcomm.virtual.faults import Faults
 from identify.records import true_model
@@ -54,11 +54,11 @@ def test_the_run_on_is_that_of_its_equation_of_motion(speed: float) -> None:
     """0.3 N m held for 55 ms on 1 kg and 0.1 N m of friction, then 8 m/s2 after 10 ms."""
     inertia = 7.17e-5 + RATIO**2
     loss = HostLoss(0.055, Braking(8.0, 0.010))
-    (found,) = run_on(np.array([speed]), 0.3, 0.1, inertia, RATIO, loss)
+    (found,) = run_on_distance(np.array([speed]), 0.3, 0.1, inertia, RATIO, loss)
     assert found == pytest.approx(stepped(speed, 0.3, 0.1, inertia, 0.055, 8.0, 0.010), rel=1e-3)
-    (turned,) = run_on(np.array([-speed]), 0.3, 0.1, inertia, RATIO, loss)
-    assert turned == run_on(np.zeros(1), 0.3, 0.1, inertia, RATIO, loss)[0]  # one that moves away must first come to rest
-    assert math.isinf(run_on(np.array([speed]), 0.3, 0.1, inertia, RATIO, replace(loss, braking=Braking(0.0, 0.0)))[0])
+    (turned,) = run_on_distance(np.array([-speed]), 0.3, 0.1, inertia, RATIO, loss)
+    assert turned == run_on_distance(np.zeros(1), 0.3, 0.1, inertia, RATIO, loss)[0]  # one that moves away must first come to rest
+    assert math.isinf(run_on_distance(np.array([speed]), 0.3, 0.1, inertia, RATIO, replace(loss, braking=Braking(0.0, 0.0)))[0])
     ways = Braking(2.0, 0.02, besides=Braking(1.0, 0.0))
     speeds = np.linspace(0.0, 2.0, 7)
     assert ways.ways_m(speeds) == pytest.approx([ways.way_m(float(v)) for v in speeds])
@@ -69,7 +69,7 @@ def test_200_ms_are_too_long_for_a_light_carriage_and_50_are_not() -> None:
     from 2.1 m/s within 0.11 m, along 20 m/s2, and from 0.5 m/s within 7 mm."""
     inertia = RATIO * 0.3 / 10.5
     for held_s, way in ((0.2, 0.32), (0.05, 0.020)):
-        (found,) = run_on(np.zeros(1), 0.3, 0.0, inertia, RATIO, HostLoss(held_s, Braking(20.0, 0.0)))
+        (found,) = run_on_distance(np.zeros(1), 0.3, 0.0, inertia, RATIO, HostLoss(held_s, Braking(20.0, 0.0)))
         assert found == pytest.approx(way, rel=0.05)
 
 
@@ -96,7 +96,7 @@ def test_the_watch_stops_where_the_run_on_reaches_the_end() -> None:
     model = true_model(nominal("g_b"))
     loss = HostLoss(0.055, Braking(8.0, 0.010))
     watch = host_loss.RunOnWatch((0.0, 0.5), RATIO, 0.0, [model], 0.2, lambda _model: loss, 2.0)
-    (way,) = run_on(np.array([0.2]), 0.2, total_friction(model), total_inertia(model), RATIO, loss)
+    (way,) = run_on_distance(np.array([0.2]), 0.2, total_friction(model), total_inertia(model), RATIO, loss)
     assert watch.run_on_m(0.2) == pytest.approx(way, rel=0.05)
     for sign, end in ((1.0, 0.5), (-1.0, 0.0)):
         watch = host_loss.RunOnWatch((0.0, 0.5), RATIO, 0.0, [model], 0.2, lambda _model: loss, 2.0)

@@ -55,7 +55,9 @@ def test_the_plan_is_a_screen_with_its_question(name: str, profile: str, monkeyp
     with open_drive("virtual:g_a", {"seed": 1, **({"profile": profile} if profile else {})}) as drive:
         for plan in (commission_plan(axis, drive.capabilities), identify_plan(axis, drive.capabilities, (-0.02, 0.03))):
             plan = replace(plan, thermal=Thermal.of(axis, drive.capabilities))
-            lines = shown([*plan_screen(plan, axis, drive.capabilities), "  the question"], monkeypatch)
+            told = plan_screen(plan, axis, drive.capabilities)
+            assert max(map(len, told)) <= WIDE
+            lines = shown([*told, "  the question"], monkeypatch)
             assert len(lines) <= HIGH
             assert max(map(len, lines)) <= WIDE
             text = "\n".join(lines)

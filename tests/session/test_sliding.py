@@ -58,6 +58,6 @@ def test_only_a_fit_that_leaves_its_records_unexplained_gives_way_and_stops_are_
     machine: Any = SimpleNamespace(folder=folder, write_cascade=lambda cascade: cascade)
     findings: Any = SimpleNamespace(final=SimpleNamespace(fit=SimpleNamespace(suspect=suspect)))
     loop = execute_step.Closed(MODEL, CASCADE, 1e-3)
-    found = friction_feedforward.sent_ahead(machine, findings, loop)
+    found = friction_feedforward.with_measured_friction(machine, findings, loop)
     assert counted == ([found.cascade] if suspect else [])
     assert (found != loop) == suspect

@@ -27,7 +27,7 @@ def fitted(values: dict[str, float]) -> Any:
 
 
 def test_of_two_delays_the_sum_is_known_and_a_short_dead_time_may_be_a_second_pole(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(told, "spread_of", lambda _: SimpleNamespace(half_width=lambda c: 4e-6 if len(c) == 2 else 9e-6))
+    monkeypatch.setattr(told, "parameter_spread", lambda _: SimpleNamespace(half_width=lambda c: 4e-6 if len(c) == 2 else 9e-6))
     (found,) = told.together(fitted({"dead_time.time": 4.3e-5, "current_lag.time": 7.588e-4}), ["current_lag", "dead_time"])
     assert found.value == pytest.approx(8.018e-4)
     assert (found.interval, found.unit) == (4e-6, "s")

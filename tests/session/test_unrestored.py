@@ -15,7 +15,7 @@ import pytest
 from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.errors import UsageError
-from beltcomm.experiments.supervised import supervised
+from beltcomm.experiments.supervised import supervise
 from beltcomm.virtual.faults import Faults
 from session.bench import Bench, Listener
 from session.hardware import HardwareBench, Script
@@ -39,7 +39,7 @@ def notes(state: Path) -> list[Path]:
 def cut_off(bench: Bench, run: Path) -> None:
     """A session that wrote gains and then was gone: nothing of it runs any more but what the system does for it."""
     with bench.open(bench.name) as drive:
-        session = supervised(drive, bench.name, run, YES, Listener())
+        session = supervise(drive, bench.name, run, YES, Listener())
         session.__enter__()
         session.write(LEFT)
         assert session._note is not None
@@ -147,7 +147,7 @@ def test_a_drive_switched_off_since_then_owes_nothing(connect: Connect, tmp_path
 
 def test_a_session_that_lives_is_not_rolled_back(connect: Connect, tmp_path: Path, state: Path) -> None:
     bench = connect(HardwareBench())
-    with bench.open(bench.name) as drive, supervised(drive, bench.name, tmp_path / "run", YES, Listener()) as session:
+    with bench.open(bench.name) as drive, supervise(drive, bench.name, tmp_path / "run", YES, Listener()) as session:
         session.write(LEFT)
         with pytest.raises(UsageError, match="another session is at work on CMMP-AS"):
             creep(YES, Script())
@@ -174,7 +174,7 @@ def test_a_command_that_fails_leaves_a_note_unless_it_restores(
     assert ("6060h" in bench.settings()) == (mode != 0)
 
     def fails() -> None:
-        with bench.open(bench.name) as drive, supervised(drive, bench.name, tmp_path / "run", YES, Listener()) as session:
+        with bench.open(bench.name) as drive, supervise(drive, bench.name, tmp_path / "run", YES, Listener()) as session:
             session.write(LEFT)
             assert len(notes(state)) == 1
             drive._objects.write(0x6060, 0, "int8", mode or 3)  # type: ignore[attr-defined]  # as a record in that mode does

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from beltcomm.compiled import when_compiling
-from beltcomm.effects.current_lag import lagged
-from beltcomm.effects.dead_time import delayed
+from beltcomm.effects.current_lag import lag_torque
+from beltcomm.effects.dead_time import delay_torque
 from beltcomm.effects.measurement_lag import read
 from beltcomm.laboratory.harmonics import gain_kernel, gain_means, load_kernel, load_means, powers_of
-from beltcomm.laboratory.prepared import last_compiled
+from beltcomm.laboratory.precompile import last_compiled
 from beltcomm.model import build_model, expected_parameters
 from beltcomm.simulate.inverse import FineMotion, torque_residuals
 from beltcomm.simulate.kernels import ahead, compile_largest
@@ -123,7 +123,7 @@ def test_what_is_needed_later_is_called_while_there_is_nothing_else_to_do(monkey
 
 def test_what_a_search_compiles_last_is_called_with_the_types_of_its_own_calls() -> None:
     inverse = inverse_kernel()
-    kernels: list[Any] = [load_kernel, gain_kernel, inverse.torque, inverse.angle, delayed, lagged, read]
+    kernels: list[Any] = [load_kernel, gain_kernel, inverse.torque, inverse.angle, delay_torque, lag_torque, read]
     for call in last_compiled():
         call()
     known = [set(kernel.signatures) for kernel in kernels]

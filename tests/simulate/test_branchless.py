@@ -11,7 +11,7 @@ import pytest
 
 from beltcomm.compiled import in_lanes
 from beltcomm.effects._corner import ramp, ramp_slope
-from beltcomm.effects.presliding import turned
+from beltcomm.effects.presliding import friction_share
 from beltcomm.effects.quadratic_drag import force as drag
 from beltcomm.effects.travel_ripple import force as ripple
 from beltcomm.simulate.kernels.branchless import in_vectors
@@ -66,7 +66,7 @@ GRID = np.array([-2.0, -0.7, -0.04, 0.0, 0.04, 0.3, 1.0, 2.5])
         (nested, ()),
         (ramp, ()),
         (ramp_slope, ()),
-        (turned, (0.3,)),
+        (friction_share, (0.3,)),
         (stick_or_slide, (0.4, 0.1)),
         (drag, (0.0, 3.0)),
         (ripple, (0.0, 0.7, 1.0, 0.5)),

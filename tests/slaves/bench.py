@@ -30,6 +30,8 @@ AXIS = "egc-70-600"
 BELT_N = load_axis(AXIS).belt_force_limit_n
 #: A motion is held against that on the model which a quick session has: the real belt may feel so much more.
 MODEL_IS_OFF = 1.1
+#: m: what the first creep of an axis takes, which no doctor can do without.
+CREEP_M = 5e-3
 VERBS = ("doctor", "identify", "commission", "friction", "verify", "apply", "Ctrl-C", "host lost")
 #: s of virtual time for one command, at most.
 LONGEST_S = 600.0
@@ -109,9 +111,9 @@ class SlaveRig(Rig):
 
 @dataclass(frozen=True)
 class Cell:
-    """One verb on one drive.   state : "done", "refused" (before any motion; of the doctor: something is WRONG) or "RED".
+    """One verb on one drive.   state : "done", "refused" (before any motion; of the doctor: something is WRONG), "creep" or "RED".
 
-    why : in words.   moved_s : how long the carriage moved."""
+    why : in words.   moved_s : how long the carriage moved.   powered : the stage was on."""
 
     slave: str
     verb: str
@@ -120,6 +122,7 @@ class Cell:
     why: str
     belt_n: float
     moved_s: float
+    powered: bool = False
 
 
 def sentence(text: str) -> str:
@@ -157,11 +160,22 @@ def judged(rig: SlaveRig, verb: str, slave: str, outcome: Outcome, first: int, a
         state = "refused"
         if not said or not re.search(REMEDY, said):
             wrong.append("no sentence that says what to do")
+    elif outcome.code not in right and float(np.ptp(place)) < CREEP_M and re.search(REMEDY, said):
+        state = "creep"
     else:
         state = "done"
         if outcome.code not in right:
             wrong.append(f"ended with {outcome.code} after {moved_s:.0f} s of motion")
-    return Cell(slave, verb, "RED" if wrong else state, outcome.code, "; ".join((*wrong, *([said] if said else []))), belt_n, moved_s)
+    return Cell(
+        slave,
+        verb,
+        "RED" if wrong else state,
+        outcome.code,
+        "; ".join((*wrong, *([said] if said else []))),
+        belt_n,
+        moved_s,
+        any(watch.powered[first:]),
+    )
 
 
 def words(verb: str, run: Path) -> list[str]:
@@ -171,9 +185,8 @@ def words(verb: str, run: Path) -> list[str]:
         return [verb, "--drive", "virtual", "--run", str(run), "--yes", *(["--force"] if verb == "apply" else [])]
     if verb == "doctor":
         return ["doctor", "--drive", "virtual", "--axis", AXIS]
-    quick = ["--quick", "--no-report"] if verb in ("commission", "Ctrl-C", "host lost") else []
-    name = {"Ctrl-C": "commission", "host lost": "commission"}.get(verb, verb)
-    return [name, *common, *quick, "--run", str(run)]
+    quick = ["--quick", "--no-report"] if verb == "commission" else []
+    return [verb, *common, *quick, "--run", str(run)]
 
 
 def run_row(slave: str, verbs: tuple[str, ...] = VERBS, seed: int = 1, period_s: float | None = None, **options: Any) -> list[Cell]:
@@ -182,7 +195,7 @@ def run_row(slave: str, verbs: tuple[str, ...] = VERBS, seed: int = 1, period_s:
     cells: list[Cell] = []
     with tempfile.TemporaryDirectory(prefix="slaves-") as folder:
         whole = Path(folder) / "commission"
-        healthy: Watch | None = None
+        healthy, moving = None, ""
         for verb in verbs:
             rig = SlaveRig(slave, seed, period_s, **options)
             place = ["--position", f"{1e3 * START_M:g}mm"] if verb not in ("doctor", "apply") else []
@@ -194,15 +207,15 @@ def run_row(slave: str, verbs: tuple[str, ...] = VERBS, seed: int = 1, period_s:
                 instants = np.flatnonzero(speed > 5 * STANDING_M_S)
                 after = float(draw.choice(instants)) * rig.bus.tick_s if len(instants) else 0.5
                 with rig.at(after, verb):
-                    outcome = rig.call(*words(verb, run), *place)
+                    outcome = rig.call(*words(moving, run), *place)
                 if verb == "host lost":
                     rig.run_on(3.0)
                 cells.append(judged(rig, verb, slave, outcome, 0))
             elif verb not in ("Ctrl-C", "host lost"):
                 outcome = rig.call(*words(verb, run), *place)
                 cells.append(judged(rig, verb, slave, outcome, 0, allow_changes=verb == "apply" and outcome.code == 0))
-                if verb == "commission":
-                    healthy = rig.examiner
+                if verb in ("identify", "commission"):
+                    healthy, moving = rig.examiner, verb
             rig.close()
     return _consistent(cells)
 
@@ -213,8 +226,8 @@ def _consistent(cells: list[Cell]) -> list[Cell]:
     doctor, commission = states.get("doctor"), states.get("commission")
     if doctor is None or commission is None or doctor.state == "RED" or commission.state == "RED":
         return cells
-    if (doctor.state == "refused") == (commission.state == "refused"):
-        return cells
+    if (doctor.state == "refused") == (commission.state == "refused") or (commission.state == "refused" and commission.powered):
+        return cells  # what only a torque shows no doctor knows
     says = "nothing is wrong" if doctor.state == "done" else "something is wrong"
     why = f"it says that {says}, commission is {commission.state}; {doctor.why}"
     return [replace(cell, state="RED", why=why) if cell is doctor else cell for cell in cells]

@@ -134,9 +134,9 @@ def test_the_summary_tells_shares_drivers_and_the_worst() -> None:
     assert (passed.of, passed.count) == (200, sum(line.get("found", {}).get("passed", False) for line in lines))
     assert (summary.done, summary.planned, summary.failed) == (200, 300, {7: "no data"})
     strongest = next(one for one in summary.drivers if one.key == "dynamic_m")
-    assert (strongest.parameter, strongest.told) == ("distance from nominal of f", True)
+    assert (strongest.parameter, strongest.excludes_zero) == ("distance from nominal of f", True)
     assert next(one for one in summary.drivers if one.key == "phase_margin_deg").parameter == "m"
-    assert not any(one.told for one in summary.drivers if one.parameter == "f" and one.key == "phase_margin_deg")
+    assert not any(one.excludes_zero for one in summary.drivers if one.parameter == "f" and one.key == "phase_margin_deg")
     assert summary.worst[0] == 7
     worst = max((line for line in lines if "found" in line), key=lambda line: line["found"]["dynamic_m"])
     assert summary.worst[1] == worst["member"]

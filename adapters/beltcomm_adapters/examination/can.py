@@ -18,7 +18,7 @@ from beltcomm_adapters.examination.errors import WORDS
 from beltcomm_adapters.examination.host import Host, group_of
 from beltcomm_adapters.examination.line import not_opened
 from beltcomm_adapters.examination.patient import Patient, examine
-from beltcomm_adapters.identification import read_identity, supported_modes
+from beltcomm_adapters.identification import as_the_drive_is, read_identity
 from beltcomm_adapters.link import HOST_NODE, Link
 from beltcomm_adapters.profiles import choose_profile
 from beltcomm_adapters.sdo import SdoObjects
@@ -122,8 +122,7 @@ def examine_bus(
         link = Link(bus, clock, number)
         objects = SdoObjects(link)
         identity = read_identity(objects, f"{bus.channel_info}, node {number}")
-        chosen = choose_profile(identity, profile)
-        chosen = chosen.with_modes(supported_modes(objects, chosen))
+        chosen = as_the_drive_is(objects, choose_profile(identity, profile))
         objects.locks.add(chosen.never_write)
     except BusError as error:
         problem, _, remedy = str(error).partition("; ")

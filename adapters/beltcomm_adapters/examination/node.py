@@ -39,8 +39,13 @@ def identity(patient: Patient) -> Iterator[Finding]:
     known = ", ".join(f"{sure[word]} {word}" for word in ("read", "simulated", "inferred", "recalled", "unknown") if sure[word])
     values: Values = {"profile": profile.name, **{f"facts_{word}": count for word, count in sure.items()}}
     text = f"profile {profile.name} ({profile.title}); its facts: {known}"
-    if not profile.match:
-        remedy = "records and moves are possible, gains are not written; --profile NAME chooses one (`beltcomm drives` lists them)"
+    if profile.match is None:
+        yield Finding(AREA, "profile", "ok", f"{text}; asked for by name, not recognised", "", values)
+    elif not profile.match:
+        remedy = (
+            "records and moves are possible, gains are typed in by hand; --profile NAME chooses one (`beltcomm drives` lists them), "
+            "`beltcomm drives --new my.yaml --drive D ` begins one"
+        )
         yield Finding(AREA, "profile", "warning", f"no profile of its own fits this drive, so {text}", remedy, values)
     else:
         yield Finding(AREA, "profile", "ok", text, "", values)

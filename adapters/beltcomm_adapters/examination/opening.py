@@ -44,20 +44,21 @@ def opened(patient: Patient) -> Iterator[Finding]:
 def gains_finding(found: Capabilities) -> Finding:
     """Written, calibrated first, or typed in."""
     held = [one for name, one in found.parameters.items() if name in GAIN_NAMES]
+    values = {"gains": found.gains, "peak_torque_nm": found.peak_torque_nm, "max_speed_rad_s": found.max_speed_rad_s}
     places = ", ".join(dict.fromkeys(name_of(one.index) for one in held))
     if found.gains == "writable":
-        return Finding(GAINS, "gains", "ok", f"the gains can be written: {places}", "", {"gains": found.gains})
+        return Finding(GAINS, "gains", "ok", f"the gains can be written: {places}", "", values)
     if found.gains == "to_calibrate":
         return Finding(
             GAINS, "gains", "ok", f"the gains can be written ({places}), once commissioning has measured what one unit of them means, by "
-            "small steps at standstill", "", {"gains": found.gains},
+            "small steps at standstill", "", values,
         )  # fmt: skip
     known = "; ".join(f"{term.place}, {term.what} ({term.missing or 'read'})" for term in found.gain_terms)
     return Finding(
         GAINS, "gains", "warning", "the gains cannot be written: nobody knows where they are, or what they mean"
         + (f"; what is said of them: {known}" if known else ""),
         "commissioning moves it with the loop that stands in the drive, and ends with model, gains and what to type into the maker's "
-        "tool; a profile of your own makes them writable (`beltcomm drives --new`)", {"gains": found.gains},
+        "tool; a profile of your own makes them writable (`beltcomm drives --new`)", values,
     )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from beltcomm.drive import Nameplate
+from beltcomm.drive import KnownMotor
 from beltcomm.drive.finding import Finding
 from beltcomm.errors import BusError, DriveError, ObjectRefused
 from beltcomm_adapters.cia402 import State, state_of
@@ -37,7 +37,7 @@ class Patient:
     nmt: int | None = None
     guarded: bool | None = None
     scaling: Scaling | None = None
-    nameplate: Nameplate | None = None
+    nameplate: KnownMotor | None = None
 
     @property
     def statusword(self) -> int:

@@ -19,7 +19,13 @@ from numpy.typing import NDArray
 
 
 def address(array: NDArray[Any]) -> int:
-    """Address of the first value.   Raises ValueError for an array whose values do not stand one behind the other."""
+    """Address of the first value.
+
+    Raises
+    ------
+    ValueError
+        For an array whose values do not stand one behind the other.
+    """
     if not array.flags.c_contiguous:
         raise ValueError("only the address of a contiguous array says where its values are")
     return array.ctypes.data

@@ -30,7 +30,10 @@ _meanwhile: list[Callable[[], object]] = []
 def begin(meanwhile: Iterable[Callable[[], object]] = ()) -> None:
     """Compile the masked load beside this process, unless that was done before, no cache can be written or there is one processor.
 
-    meanwhile : calls that compile what is needed later, made here while :func:`wait` has nothing else to do.
+    Parameters
+    ----------
+    meanwhile : iterable of callable
+        Calls that compile what is needed later, made here while :func:`wait` has nothing else to do.
     """
     _meanwhile[:] = reversed(tuple(meanwhile))
     note = note_file()

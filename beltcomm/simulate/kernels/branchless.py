@@ -32,7 +32,10 @@ _INSTEAD = {"abs": vectors.size, "min": vectors.least, "max": vectors.most, "eit
 def in_vectors(law: Callable[..., Any]) -> Callable[..., Any]:
     """The law, and every compiled function that it calls, for eight values in a register.
 
-    Raises ValueError for a law with a loop, or with a branch that does not end with a value or sets what another one asks for.
+    Raises
+    ------
+    ValueError
+        For a law with a loop, or with a branch that does not end with a value or sets what another one asks for.
     """
     plain = getattr(law, "py_func", law)
     seen = plain.__globals__ | _INSTEAD

@@ -1,4 +1,4 @@
-"""What stands in the user's cache of kernels, and what of it belongs to a program that is no more.
+"""The user's cache of kernels, and its entries of programs that are no more.
 
 Nothing is taken away but regular files whose whole name is one that this package or numba, for it, has given; and of those, nothing that a
 running program has to find again: a note or machine code that is missing is made again.
@@ -34,7 +34,7 @@ def folder() -> Path:
 
 
 def package() -> Path:
-    """Where this program stands."""
+    """Folder of this program."""
     return Path(__file__).resolve().parents[2]
 
 
@@ -51,7 +51,7 @@ def prune(note: Path) -> None:
     """
     for path in _files(note.parent):
         if _NOTE.fullmatch(path.name) and path != note:
-            _remove(path, _superseded(path))
+            _remove(path, _is_superseded(path))
         elif found := _DRAFT.fullmatch(path.name):
             _remove(path, int(found[1]) < VERSION)
     for path in _files(note.parent / "__pycache__"):
@@ -63,8 +63,8 @@ def _owner() -> dict[str, str]:
     return {"package": str(package()), "numba_cache": os.environ.get("NUMBA_CACHE_DIR", "")}
 
 
-def _superseded(note: Path) -> bool:
-    """Whether nobody will look for a note any more; False for one that this package has not written."""
+def _is_superseded(note: Path) -> bool:
+    """True if nobody will look for a note any more; False for one that this package has not written."""
     try:
         if not note.stat().st_size:
             return True  # from before notes told whose they are

@@ -42,13 +42,15 @@ _IMPORTING = threading.RLock()
 class Kernel:
     """The compiled functions of one combination of effects; arrays are float64, ``p`` is ``Model.vector()``.
 
-    states : length of ``q``: the positions of the bodies, then the state of elastic friction where there is any.
-    advance(q, v, p, torque, t, h, n) -> belt force N: n sub-steps of h seconds with held motor torque, q and v in place.
-    run(q, v, p, torque, t, sample, n, theta, omega, cart, belt): whole record, state at the start of each sample and the
-        largest belt force in it.
-    follow(q, v, p, t, first, carriage, follows_position, coefficients, state, references, sensing, waiting, timing, past, kept, out): a
-        drive's loop closed on the model, see :meth:`beltcomm.simulate.plant.SimulatedPlant.follow`.
-    forces(q, v, p, t, out): smooth forces on all bodies.      levels(q, v, p, t, out): friction levels of all bodies.
+    Attributes
+    ----------
+    states : int
+        Length of ``q``: the positions of the bodies, then the state of elastic friction where there is any. advance(q, v, p, torque, t, h,
+        n) -> belt force N: n sub-steps of h seconds with held motor torque, q and v in place. run(q, v, p, torque, t, sample, n, theta,
+        omega, cart, belt): whole record, state at the start of each sample and the largest belt force in it. follow(q, v, p, t, first,
+        carriage, follows_position, coefficients, state, references, sensing, waiting, timing, past, kept, out): a drive's loop closed on
+        the model, see :meth:`beltcomm.simulate.plant.SimulatedPlant.follow`. forces(q, v, p, t, out): smooth forces on all bodies.
+        levels(q, v, p, t, out): friction levels of all bodies.
     """
 
     bodies: tuple[str, ...]
@@ -94,7 +96,7 @@ def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str
         load.append(f"z{i} = q[{place}]")
         store.append(f"q[{place}] = z{i}")
     path = ["push = torque"]
-    for effect in writer.chosen("torque_path"):
+    for effect in writer.effects_of_slot("torque_path"):
         assert effect.law is not None
         path.append(f"push = {writer.law(effect.law)}(push, q0, t{writer.arguments(effect)})")
     half = [f"q{i} += 0.5 * h * v{i}" for i in everyone]
@@ -120,7 +122,7 @@ def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str
         f"def follow({given}):",
         "    for k in range(references.shape[1]):",
         *indent([
-            *_shown(writer),
+            *_shown_angle_lines(writer),
             "out[0, k], out[1, k], out[2, k] = shown - first, v[0], q[carriage]",
             "asked = setpoint(follows_position, coefficients, state, references, k, shown - first, sensing)",
             "before = waiting[0]",
@@ -147,12 +149,12 @@ def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str
         *indent([*constants, *load, *[f"l{i} = 0.0" for i in everyone], *writer.forces("v"), *writer.levels("v", everyone)], 1),
         *indent([f"out[{i}] = l{i}" for i in everyone], 1),
     ]
-    return writer.assemble([advance, run, _acted(writer), follow, forces, levels])
+    return writer.assemble([advance, run, _acting_torque_lines(writer), follow, forces, levels])
 
 
-def _shown(writer: Writer) -> list[str]:
+def _shown_angle_lines(writer: Writer) -> list[str]:
     """Lines that say what the motor's encoder shows; the laws give the error at the angle shown, see ``imperfect.angle_sensor``."""
-    chosen = [(e.law, e.slope, writer.arguments(e)) for e in writer.chosen("sensor") if e.law is not None and e.slope is not None]
+    chosen = [(e.law, e.slope, writer.arguments(e)) for e in writer.effects_of_slot("sensor") if e.law is not None and e.slope is not None]
     if not chosen:
         return ["shown = q[0]"]
     error, steep = (" + ".join(f"{writer.law(f)}(shown{given})" for f, given in some) for some in
@@ -164,13 +166,15 @@ def _shown(writer: Writer) -> list[str]:
     ]
 
 
-def _acted(writer: Writer) -> list[str]:
+def _acting_torque_lines(writer: Writer) -> list[str]:
     """Sub-steps with a held torque setpoint, through what lets torque act late.   memory : s, how long that remembers.
 
     past : the torque of the cells before, N m, with room for as many again.   kept : (1,), how many of them there are.
     """
     head = ["@compiled", "def acted(q, v, p, torque, t, h, n, memory, past, kept):"]
-    delays = [f"cells = {writer.law(e.law)}(cells, h{writer.arguments(e)})" for e in writer.chosen("torque_delay") if e.law is not None]
+    delays = [
+        f"cells = {writer.law(e.law)}(cells, h{writer.arguments(e)})" for e in writer.effects_of_slot("torque_delay") if e.law is not None
+    ]
     if not delays:
         return [*head, "    return advance(q, v, p, torque, t, h, n)"]
     body = [
@@ -239,7 +243,7 @@ def load_source() -> str:
 
 
 def plain_source() -> str:
-    """The same of the commonest belt alone."""
+    """Source of the inverse kernel of the commonest belt alone."""
     writer = Writer.masked_kernel(e for e in EFFECTS if e.name in PLAIN)
     return writer.assemble([_load(writer, "offset, load, cart", [], [], "-f0", [])])
 
@@ -298,14 +302,14 @@ def motor_side_source() -> str:
         ], 2),
     ]  # fmt: skip
     path = []
-    for effect in writer.chosen("torque_path"):
+    for effect in writer.effects_of_slot("torque_path"):
         assert effect.law is not None
         path += writer.when(
             effect, [f"push = {writer.law(effect.law)}(push, 0.5 * (theta[k] + theta[k + 1]), t{writer.arguments(effect)})"]
         )
     torque = ["for k in range(cells.shape[0]):", *indent(["push = cells[k]", *path, "out[k] = push", "t += h"], 1)]
     fix = ["correction[:] = 0.0"]
-    for effect in writer.chosen("sensor"):
+    for effect in writer.effects_of_slot("sensor"):
         assert effect.law is not None
         law = f"{writer.law(effect.law, in_lanes=True)}(shown[k]{writer.arguments(effect)})"
         fix += writer.when(effect, ["for k in range(shown.shape[0]):", *indent([f"correction[k] += {law}"], 1)])
@@ -350,10 +354,10 @@ def import_stable(source: str) -> ModuleType:
     """Import generated source from a file whose name is its hash; numba caches machine code beside that file."""
     name = f"kernel_{VERSION}_{hashlib.sha256(source.encode()).hexdigest()[:20]}"
     with _IMPORTING:
-        return sys.modules[name] if name in sys.modules else _imported(name, source)
+        return sys.modules[name] if name in sys.modules else _import_source(name, source)
 
 
-def _imported(name: str, source: str) -> ModuleType:
+def _import_source(name: str, source: str) -> ModuleType:
     path = _source_file(name, source)
     module = ModuleType(name)
     sys.modules[name] = module

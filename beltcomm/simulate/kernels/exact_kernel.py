@@ -32,10 +32,22 @@ _MOST_EVENTS = 1000
 
 
 class LinearAxis(NamedTuple):
-    """n bodies, driven one first.   lightness : (n,), 1/inertia.   smooth : (n, 2 n), N m or N by positions and speeds.
+    """n bodies, driven one first.
 
-    constant : (n,), the rest.   level : (n,), friction; rubbing : bodies where it is above 0.   belt : (2 n,), belt force by positions and
-    speeds, N.   cart, lever : body whose position times lever is the carriage's.
+    Attributes
+    ----------
+    lightness : ndarray (n,)
+        1/inertia.
+    smooth : ndarray (n, 2 n)
+        N m or N by positions and speeds.
+    constant : ndarray (n,)
+        The rest.
+    level : ndarray (n,)
+        Friction; rubbing : bodies where it is above 0.
+    belt : ndarray (2 n,)
+        Belt force by positions and speeds, N.
+    cart, lever
+        Body whose position times lever is the carriage's.
     """
 
     lightness: Array
@@ -61,8 +73,14 @@ class Scratch(NamedTuple):
 class Tables(NamedTuple):
     """For pieces of one length, by which bodies stick (bit j: the j-th of those that rub).
 
-    flow : (sets, 2 n, 2 n), F(piece_s).   series : (sets, rows, 2 n, DEGREE + 1), times w the coefficients of (t/piece_s)^k of what is
-    watched, of the belt's force, and of x.   doubt : (sets, watched, 2 n), times |w| how far what is watched may pass below its chord.
+    Attributes
+    ----------
+    flow : ndarray (sets, 2 n, 2 n)
+        F(piece_s).
+    series : ndarray (sets, rows, 2 n, DEGREE + 1)
+        Times w the coefficients of (t/piece_s)^k of what is watched, of the belt's force, and of x.
+    doubt : ndarray (sets, watched, 2 n)
+        Times |w| how far what is watched may pass below its chord.
     """
 
     flow: Array
@@ -72,7 +90,7 @@ class Tables(NamedTuple):
 
 @in_lanes
 def copy(source: Array, target: Array) -> None:
-    """What an assignment of slices does, at once."""
+    """Copy an array, as an assignment of slices does, at once."""
     for c in range(target.shape[0]):
         target[c] = source[c]
 
@@ -89,7 +107,13 @@ def smooth_forces(a: LinearAxis, n: int, x: Array, f: Array) -> None:
 
 @in_lanes
 def rates(a: LinearAxis, n: int, x: Array, f: Array, torque: float, slide: Array, w: Array) -> int:
-    """w = x' and the number of the set that sticks.   slide : of those that rub, +1 or -1, 0 where stuck."""
+    """w = x' and the number of the set that sticks.
+
+    Parameters
+    ----------
+    slide : ndarray
+        Of those that rub, +1 or -1, 0 where stuck.
+    """
     for i in range(n):
         w[i] = x[n + i]
         w[n + i] = f[i]
@@ -118,13 +142,13 @@ def strand_of(a: LinearAxis, n: int, x: Array) -> float:
 
 @in_lanes
 def direction_from_rest(push: float, level: float) -> float:
-    """How a body at rest goes on: 0 held, else the direction in which it is pushed away."""
+    """Direction in which a body at rest is pushed away; 0 where it is held."""
     return 0.0 if abs(push) <= level else math.copysign(1.0, push)
 
 
 @in_lanes
 def polynomial(series: Array, stuck: int, row: int, w: Array, share: float, start: float, p: Array) -> None:
-    """What is watched, along the motion over a share of a piece, as a polynomial over 0..1, into ``p``."""
+    """Polynomial over 0..1 of a watched quantity along a share of a piece, into ``p``."""
     for k in range(DEGREE + 1):
         p[k] = 0.0
     for c in range(w.shape[0]):
@@ -142,9 +166,19 @@ def polynomial(series: Array, stuck: int, row: int, w: Array, share: float, star
 def advance_piece(
     a: LinearAxis, t: Tables, n: int, x: Array, f: Array, torque: float, slide: Array, doubtful: Array, y: Array, after: Array, s: Scratch
 ) -> float:
-    """One piece with all that happens in it; x, f and slide in place.   doubtful : of those that rub, 0 where nothing can happen.
+    """One piece with all that happens in it; x, f and slide in place.
 
-    y, after : x and f at its end when nothing happens.   Returns the largest |belt force|, NaN where events do not end.
+    Parameters
+    ----------
+    doubtful : ndarray
+        Of those that rub, 0 where nothing can happen.
+    y, after : ndarray
+        x and f at its end when nothing happens.
+
+    Returns
+    -------
+    float
+        The largest |belt force|, NaN where events do not end.
     """
     watched = slide.shape[0]
     w, p, moved, kept, fresh = s
@@ -220,7 +254,15 @@ def runner(bodies: int) -> Run:
     def run(a: LinearAxis, t: Tables, pieces: int, x: Array, torques: Array, theta: Array, omega: Array, cart: Array, belt: Array) -> bool:
         """A whole record, each torque held for ``pieces`` pieces: state at the start of each and the largest |belt force| in it.
 
-        x : (2 n,), moved on.   Returns whether all events came to an end.
+        Parameters
+        ----------
+        x : ndarray (2 n,)
+            Moved on.
+
+        Returns
+        -------
+        bool
+            Whether all events came to an end.
         """
         n, watched = bodies if bodies > 0 else a.lightness.shape[0], a.rubbing.shape[0]
         size = 2 * n

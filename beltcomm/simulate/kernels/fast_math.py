@@ -51,7 +51,7 @@ _inlined: Callable[[Any], Any] = numba.njit(error_model="numpy", fastmath={"cont
 
 @_inlined
 def _half_turns(x: float) -> tuple[float, float]:
-    """What is left of x, rad, beside whole half turns, within ±π/2; and the sign that these give, 1 or -1."""
+    """Remainder of x, rad, beside whole half turns, within ±π/2; and the sign that these give, 1 or -1."""
     n = (x * _PER_PI + _ROUND) - _ROUND
     odd = n - 2.0 * ((n * 0.5 + _ROUND) - _ROUND)
     return ((x - n * _PI_1) - n * _PI_2) - n * _PI_3, 1.0 - 2.0 * odd * odd

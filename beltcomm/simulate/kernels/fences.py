@@ -12,8 +12,12 @@ _NAME = re.compile(r"[A-Za-z_]\w*")
 def fence(lines: list[str], usual: set[str]) -> tuple[list[str], list[str]]:
     """Lines that set the switches, and the lines behind them.
 
-    lines : source in which a block that counts only when an effect is on begins with ``if s1:`` or ``if s1 or s2:``.
-    usual : switches that are nearly always on; they stay outside.
+    Parameters
+    ----------
+    lines : list of str
+        Source in which a block that counts only when an effect is on begins with ``if s1:`` or ``if s1 or s2:``.
+    usual : set of str
+        Switches that are nearly always on; they stay outside.
     """
     switches: list[str] = []
     out: list[str] = []

@@ -1,4 +1,4 @@
-"""Where a polynomial first falls below zero, with none of its roots overlooked."""
+"""First root at which a polynomial falls below zero, with none overlooked."""
 
 from __future__ import annotations
 
@@ -40,9 +40,14 @@ def value(p: Array, s: float) -> float:
 
 @in_lanes
 def first_root(p: Array, moved: Array) -> float:
-    """Smallest s in 0..1 behind which sum p_k s^k is negative; ``NEVER`` where it stays.   moved : (DEGREE + 1,), scratch.
+    """Smallest s in 0..1 behind which sum p_k s^k is negative; ``NEVER`` where it stays.
 
     Zero where it begins below zero, or leaves a zero downwards; a root at 0 from which it rises is none.
+
+    Parameters
+    ----------
+    moved : ndarray (DEGREE + 1,)
+        Scratch.
     """
     low, degree = 0, p.shape[0] - 1
     while low <= degree and p[low] == 0.0:
@@ -61,12 +66,12 @@ def first_root(p: Array, moved: Array) -> float:
         return NEVER
     if low < degree and p[low + 1] + steepest < 0.0:  # it falls all the way
         return _between(p, low, 0.0, 1.0) if end < 0.0 else NEVER
-    return _searched(p, low, moved)
+    return _search_root(p, low, moved)
 
 
 @in_lanes
-def _searched(p: Array, low: int, moved: Array) -> float:
-    """The same of p/s^low, which is positive at 0.
+def _search_root(p: Array, low: int, moved: Array) -> float:
+    """First root of p/s^low, which is positive at 0.
 
     Descartes' rule on the Bernstein form: no change of sign, no root; one, one root; more, half the interval.
     """

@@ -174,7 +174,7 @@ def _evaluated(writer: Writer, swinging: _Waves) -> list[str]:
     everyone = range(len(writer.bodies))
     lines = [f"q{i}, w{i} = now[{i}], now[{len(writer.bodies) + i}]" for i in everyone]
     lines.append("push = torque")
-    for effect in writer.chosen("torque_path"):
+    for effect in writer.effects_of_slot("torque_path"):
         assert effect.law is not None
         lines.append(swinging.gain(effect) or f"push = {writer.law(effect.law)}(push, q0, t{writer.arguments(effect)})")
     given, writer.effects = writer.effects, [e for e in writer.effects if e not in swinging.loads]

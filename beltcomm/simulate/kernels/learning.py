@@ -1,4 +1,4 @@
-"""What an observer learns at a sample: its gain, and the covariance ahead; the state's numbers side by side in registers.
+"""Update of an observer at a sample: its gain, and the covariance ahead; the state's numbers side by side in registers.
 
     k = F P h + G V d,    S = h P h + d V d,    P ← F P F' + G V G' - k k'/S
 
@@ -46,7 +46,7 @@ def with_memory(watch: ObserverState) -> ObserverState:
 
 @inlined
 def results(size: int, noises: int, wide: int) -> tuple[int, int]:
-    """Where P and k begin."""
+    """Offsets of P and k."""
     P = (2 + 2 * (size - 2) + 2 * noises) * wide
     return P, P + (size + 1 + size - 2 + noises + size + 1) * wide
 
@@ -55,7 +55,14 @@ def results(size: int, noises: int, wide: int) -> tuple[int, int]:
 def predict_covariance(size: int, noises: int, wide: int, share: float, keep: bool, room: Array) -> float:
     """k and the covariance ahead, which stand in ``room``; variance of ν, (N m)², 0 where it does not count.
 
-    wide : numbers in a row of ``room``.   share : of the sample in which the gap is closed.   keep : whether the sample counts.
+    Parameters
+    ----------
+    wide : int
+        Numbers in a row of ``room``.
+    share : float
+        Of the sample in which the gap is closed.
+    keep : bool
+        Whether the sample counts.
     """
     own, variance = size - 2, 0.0
     P, k = results(size, noises, wide)
@@ -125,7 +132,13 @@ def learn(
     behind: int,
     spread: Array,
 ) -> None:
-    """Gain and deviation of sample n, and the covariance ahead.   innovation : N m, beyond ``LOST`` deviations the carriage is lost."""
+    """Gain and deviation of sample n, and the covariance ahead.
+
+    Parameters
+    ----------
+    innovation : float, N m
+        Beyond ``LOST`` deviations the carriage is lost.
+    """
     size, noises = gains.shape[1], variances.shape[0]
     if size <= SIZE and noises <= NOISES:
         size, noises, wide = SIZE, NOISES, SIZE

@@ -1,4 +1,4 @@
-"""What a drive does between two of its periods, compiled: counts, compares, computes a torque.  Generated kernels close a loop with it."""
+"""A drive's period, compiled: it counts, compares, computes a torque.  Generated kernels close a loop with it."""
 
 from __future__ import annotations
 
@@ -25,9 +25,14 @@ def setpoint(
 ) -> float:
     """Torque setpoint of period ``k``, N m, for a motor that stands at ``motor_rad``; moves ``state`` on.
 
-    coefficients, state : as in :mod:`beltcomm.control.cascade_kernel`.   references : ndarray (4, n): position, speed, acceleration at the
-    motor shaft, torque added.   sensing : ndarray (4,): angle of the encoder's zero and of one count,
-    dead zone and bound of the position error, rad.
+    Parameters
+    ----------
+    coefficients, state : ndarray
+        As in :mod:`beltcomm.control.cascade_kernel`.
+    references : ndarray (4, n)
+        Position, speed, acceleration at the motor shaft, torque added.
+    sensing : ndarray (4,)
+        Angle of the encoder's zero and of one count, dead zone and bound of the position error, rad.
     """
     step = sensing[1]
     counted = sensing[0] + math.floor(motor_rad / step + 0.5) * step

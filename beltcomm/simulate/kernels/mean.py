@@ -27,7 +27,7 @@ def weighted_mean(fine: Array, middle: int, substeps: int) -> float:
 
 
 def triangular_mean(fine: Array, substeps: int) -> Array:
-    """The same around every sample; (n*substeps - substeps + 1,) -> (n,), ends 0."""
+    """Triangular mean around every sample; (n*substeps - substeps + 1,) -> (n,), ends 0."""
     if substeps % 2:
         raise ValueError("Simpson's rule needs an even number of substeps")
     mean = np.zeros((len(fine) - 1) // substeps + 1)

@@ -26,19 +26,50 @@ Array = NDArray[np.float64]
 
 
 class ObserverState(NamedTuple):
-    """What the kernel needs to follow the bodies; without samples in ``wanted`` it does not.
+    """State with which the kernel follows the bodies; without samples in ``wanted`` it does not.
 
-    wanted : (n,), N m, load that the measured torque leaves for everything beyond the motor.   keep : (n,), samples that count.
-    places : place of each body's position in s, -1 for none; its speed stands ``behind`` places further.   substeps : fine steps per
-    sample.   cart : place of the carriage's position in s.   half_gap_m : m, and stiffness : N/m at the belt where it is stiffest: while a
-    torque is passed on the carriage stands half the gap and what the belt gives way behind.   held : (n,), stiffness at the place of each
-    sample over that one: a belt half as stiff is as one that is closed half of the time.   spread : (2,), m² and m²/s², variances of its
-    position and speed once it is lost.   lost : (n,), where it was.   forgets : (n,), where so little was seen before that it may be
-    anywhere.
-    learning : whether gains, deviations, shares and losses are worked out, or taken as they are.   F : (2, k, k).  G : (2, k, m).
-    H : (2, k).   D : (2, m), open and closed.   variances : (m,).   P : (k, k), covariance.   s, ahead : (k,).   gains : (n, k).
-    deviations, shares : (n,).   left : (n,), e.   white : (n,), ν over its deviation.
-    room : memory for learning, see ``learning``; nothing where it is not.
+    Attributes
+    ----------
+    wanted : ndarray (n,), N m
+        Load that the measured torque leaves for everything beyond the motor.
+    keep : ndarray (n,) of bool
+        Samples that count.
+    places : ndarray of int
+        Place of each body's position in s, -1 for none; its speed stands ``behind`` places further.
+    substeps : int
+        Fine steps per sample.
+    cart : int
+        Place of the carriage's position in s.
+    half_gap_m : float, m
+        And stiffness : N/m at the belt where it is stiffest: while a torque is passed on the carriage stands half the gap and what the belt
+        gives way behind.
+    held : ndarray (n,)
+        Stiffness at the place of each sample over that one: a belt half as stiff is as one that is closed half of the time.
+    spread : ndarray (2,), m² and m²/s²
+        Variances of its position and speed once it is lost.
+    lost : ndarray (n,) of bool
+        Where it was.
+    forgets : ndarray (n,) of bool
+        Where so little was seen before that it may be anywhere.
+    learning : bool
+        Whether gains, deviations, shares and losses are worked out, or taken as they are.
+    F : ndarray (2, k, k)
+    G : ndarray (2, k, m)
+    H : ndarray (2, k)
+    D : ndarray (2, m)
+        Open and closed.
+    variances : ndarray (m,)
+    P : ndarray (k, k)
+        Covariance.
+    s, ahead : ndarray (k,)
+    gains : ndarray (n, k)
+    deviations, shares : ndarray (n,)
+    left : ndarray (n,)
+        e.
+    white : ndarray (n,)
+        ν over its deviation.
+    room : ndarray
+        Memory for learning, see ``learning``; nothing where it is not.
     """
 
     wanted: Array
@@ -70,7 +101,7 @@ class ObserverState(NamedTuple):
     room: Array
 
 
-def _nothing() -> ObserverState:
+def _no_state() -> ObserverState:
     none, square, cube = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 0))
     some, places = np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.int64)
     at = ObserverState(none, some, places, 0, 1, 0, 0.0, 1.0, none, none, some, some, False, cube, cube, square, square, *(none,) * 10)
@@ -84,7 +115,7 @@ OPEN = 0.05
 #: Columns or models in lock step: registers of four, and at most as many as there is room for.
 REGISTER, ROOM = 4, 16
 #: A watch that sees nothing.
-NOTHING = _nothing()
+NOTHING = _no_state()
 
 
 def reset(watch: ObserverState, wanted: Array) -> ObserverState:
@@ -121,7 +152,13 @@ def kernel_arguments(fields: Sequence[str]) -> str:
 
 
 def expected_innovation(n: int, left: float, H: Array, s: Array, shares: Array) -> float:
-    """ν[n], N m.   left : e[n], N m."""
+    """ν[n], N m.
+
+    Parameters
+    ----------
+    left : float
+        e[n], N m.
+    """
     share, innovation = shares[n], left
     for i in range(s.shape[0]):
         innovation -= (H[0, i] + share * (H[1, i] - H[0, i])) * s[i]
@@ -140,7 +177,13 @@ def observe(
     shares: Array,
     white: Array,
 ) -> None:
-    """One sample: s[n+1] in place.   innovation : ν[n], N m."""
+    """One sample: s[n+1] in place.
+
+    Parameters
+    ----------
+    innovation : float
+        ν[n], N m.
+    """
     size, own, share = s.shape[0], s.shape[0] - 2, shares[n]
     if keep[n]:
         white[n] = innovation / deviations[n]
@@ -156,7 +199,13 @@ def observe(
 
 
 def take_correction(at: int, behind: int, s: Array) -> tuple[float, float]:
-    """What s says of a body's position and speed, 0 in it from now on; 0, 0 for one it does not know.   at : its place, or -1."""
+    """A body's position and speed in s, 0 in it from now on; 0, 0 for one it does not know.
+
+    Parameters
+    ----------
+    at : int
+        Its place, or -1.
+    """
     if at < 0:
         return 0.0, 0.0
     place, speed = s[at], s[at + behind]
@@ -188,18 +237,18 @@ def contact(
 
 
 def filter_columns(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, shares: Array) -> Array:
-    """What changes e of the residual change of the innovations to first order, over their deviations; (n, k) -> (kept, k)."""
+    """First-order change of the innovations, over their deviations, by changes e of the residual; (n, k) -> (kept, k)."""
     size, columns = h.shape[1], e.shape[1]
     whole = -(-columns // LANES) * LANES
     padded = e if whole == columns else np.pad(e, ((0, 0), (0, whole - columns)))
     out, states, known = np.empty((np.count_nonzero(keep), whole)), aligned_zeros(2 * size, whole), np.empty((size, size))
     fine = np.ascontiguousarray
-    _filtered(fine(padded), keep, fine(f), fine(h), gains, deviations, shares, states.ravel(), known.ravel(), out)
+    _filter_states(fine(padded), keep, fine(f), fine(h), gains, deviations, shares, states.ravel(), known.ravel(), out)
     return out[:, :columns]
 
 
 @in_lanes
-def _filtered(
+def _filter_states(
     e: Array,
     keep: NDArray[np.bool_],
     f: Array,

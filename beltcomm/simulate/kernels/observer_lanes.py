@@ -25,11 +25,20 @@ OWN = 13
 
 
 class LaneRows(NamedTuple):
-    """Where everything of the observers begins in their memory, in rows of ``LANES`` lanes; arrays row by row.
+    """Layout of the observers' memory, in rows of ``LANES`` lanes; arrays row by row.
 
-    size, own, noises : numbers of the state, of those that last, of the noises.   H, F, G, D : each first open, then what it changes by
-    when it closes.   powers, P : ``variances`` and ``P`` of ``ObserverState``.   states, become : s and what it
-    becomes.   The others are memory.
+    The others are memory.
+
+    Attributes
+    ----------
+    size, own, noises : int
+        Numbers of the state, of those that last, of the noises.
+    H, F, G, D : int
+        Each first open, then what it changes by when it closes.
+    powers, P : int
+        ``variances`` and ``P`` of ``ObserverState``.
+    states, become : int
+        s and what it becomes.
     """
 
     size: int
@@ -55,7 +64,15 @@ class LaneRows(NamedTuple):
 
 
 class Observers(NamedTuple):
-    """Of all lanes.   memory : as ``rows`` say.   passes, reaches : what of F and G is not 0 in all lanes, (size, own), (size, noises)."""
+    """Of all lanes.
+
+    Attributes
+    ----------
+    memory : ndarray
+        As ``rows`` say.
+    passes, reaches : ndarray of bool
+        What of F and G is not 0 in all lanes, (size, own), (size, noises).
+    """
 
     rows: LaneRows
     memory: Array
@@ -64,7 +81,7 @@ class Observers(NamedTuple):
 
 
 def observed_rows(watch: ObserverState) -> tuple[float, ...]:
-    """What stands in the rows ``HALF`` to ``HURRY``."""
+    """Values of the rows ``HALF`` to ``HURRY``."""
     return (watch.half_gap_m, watch.stiffness, *watch.spread)
 
 
@@ -81,22 +98,30 @@ def observers(watches: Sequence[ObserverState]) -> Observers:
     for lane, watch in enumerate(watches):
         key = id(watch.F), id(watch.P)
         if key not in known:
-            known[key] = _laid_out(watch, own)
+            known[key] = _lay_out(watch, own)
         memory[: rows.states, lane] = known[key]
     used = (memory != 0.0).any(axis=1)
     passes, reaches = (used[first:end].reshape(2, size, -1).any(axis=0) for first, end in ((rows.F, rows.G), (rows.G, rows.D)))
     return Observers(rows, memory.ravel(), passes, reaches)
 
 
-def _laid_out(watch: ObserverState, own: int) -> Array:
-    """What stands in the rows ``H`` to ``P``."""
+def _lay_out(watch: ObserverState, own: int) -> Array:
+    """Values of the rows ``H`` to ``P``."""
     pairs = ((pair[0], pair[1] - pair[0]) for pair in (watch.H, watch.F[:, :, :own], watch.G, watch.D))
     return np.concatenate([*(part.ravel() for pair in pairs for part in pair), watch.variances, watch.P.ravel()])
 
 
 @within_lanes
 def expected_eight(rows: LaneRows, o: Array, share: Vector, left: Vector, nothing: tuple[int, int]) -> Vector:
-    """ν[n] of eight lanes, N m.   left : e[n], N m.   nothing : what of s is 0."""
+    """ν[n] of eight lanes, N m.
+
+    Parameters
+    ----------
+    left : Vector
+        e[n], N m.
+    nothing : tuple of int
+        What of s is 0.
+    """
     for a in range(rows.size):
         if a != nothing[0] and a != nothing[1]:
             h = at(o, LANES * (rows.H + a)) + share * at(o, LANES * (rows.H + rows.size + a))
@@ -166,7 +191,15 @@ def learn_eight(rows: LaneRows, o: Array, passes: NDArray[np.bool_], reaches: ND
 
 @within_lanes
 def observe_eight(rows: LaneRows, o: Array, passes: NDArray[np.bool_], share: Vector, innovation: Vector, nothing: tuple[int, int]) -> None:
-    """s[n+1] of eight lanes.   innovation : ν[n], N m, 0 where it does not count.   nothing : what of s is 0."""
+    """s[n+1] of eight lanes.
+
+    Parameters
+    ----------
+    innovation : Vector
+        ν[n], N m, 0 where it does not count.
+    nothing : tuple of int
+        What of s is 0.
+    """
     size, own = rows.size, rows.own
     F, states, become = LANES * rows.F, LANES * rows.states, LANES * rows.become
     for a in range(size):
@@ -196,9 +229,15 @@ def advance_sample(
 ) -> None:
     """One sample of all lanes: what the observers find, and ahead in ``rows.states`` by what the bodies are to be corrected.
 
-    where : (12, lanes), addresses of motion and watch, as ``lock_step`` lays them out.   s : rows of this file's names: the load's mean,
-    N m, in ``NEW`` and the sum of the closed shares in ``SHUT`` are read; where ``ASTRAY`` is 1 the carriage is lost, and is to stand so
-    far, ``AIM``, m, behind the belt's end that a lever ``LEVER``, m/rad, drives.   carriage : see ``expected_eight``.
+    Parameters
+    ----------
+    where : ndarray (12, lanes) of int
+        Addresses of motion and watch, as ``lock_step`` lays them out.
+    s : ndarray
+        Rows of this file's names: the load's mean, N m, in ``NEW`` and the sum of the closed shares in ``SHUT`` are read; where ``ASTRAY``
+        is 1 the carriage is lost, and is to stand so far, ``AIM``, m, behind the belt's end that a lever ``LEVER``, m/rad, drives.
+    carriage : tuple of int
+        See ``expected_eight``.
     """
     for c in range(LANES):
         place = n if c < active else 0  # a lane beside the others that go on
@@ -225,7 +264,7 @@ def advance_sample(
             if flag_at(where[5, c], n) or flag_at(where[6, c], n):
                 o[LANES * (rows.P + carriage[0] * (rows.size + 1)) + c] += s[WANDER + c]
                 o[LANES * (rows.P + carriage[1] * (rows.size + 1)) + c] += s[HURRY + c]
-    elif _alike(where[7], active):
+    elif _have_same_array(where[7], active):
         for a in range(rows.size):
             put(o, gains + LANES * a, eight(number_at(where[7, 0], n * rows.size + a)))
     else:
@@ -246,8 +285,8 @@ def advance_sample(
 
 
 @within_lanes
-def _alike(addresses: NDArray[np.int64], active: int) -> bool:
-    """Whether all lanes have the same array."""
+def _have_same_array(addresses: NDArray[np.int64], active: int) -> bool:
+    """True if all lanes have the same array."""
     same = True
     for c in range(1, active):
         same &= addresses[c] == addresses[0]
@@ -256,9 +295,15 @@ def _alike(addresses: NDArray[np.int64], active: int) -> bool:
 
 @within_lanes
 def brought(i: int, active: int, where: NDArray[np.int64], lengths: NDArray[np.int64], course: Array) -> None:
-    """The next steps of each lane's motion, a lane beside the other.   course : (2, steps, lanes), angle and speed."""
+    """The next steps of each lane's motion, a lane beside the other.
+
+    Parameters
+    ----------
+    course : ndarray (2, steps, lanes)
+        Angle and speed.
+    """
     for kind in range(2):
-        if _alike(where[kind], active):
+        if _have_same_array(where[kind], active):
             for e in range(min(course.shape[1], lengths[0] - i)):
                 put(course, LANES * (kind * course.shape[1] + e), eight(number_at(where[kind, 0], i + e)))
             continue

@@ -33,17 +33,22 @@ _ROWS, _MORE = 23, (7, 15, 16)
 
 
 def knows(effects: set[str]) -> bool:
-    """Whether models with these effects beyond the motor, and no others, can be taken side by side."""
+    """True if models with these effects beyond the motor, and no others, can be taken side by side."""
     return "belt_stiffness" in effects and effects <= {*PLAIN, *BESIDE} and not effects >= set(BODIES)
 
 
 def values_of(models: int, get: Callable[[str], Array | float], offsets_m: Array) -> Array:
-    """What the kernel asks of every model, (_ROWS, models).   get : values of a parameter by its full name, 0 where there is none.
+    """Values that the kernel needs of every model, (_ROWS, models).
 
     0 to 6: stiffness N/m, damping N s/m, carriage's mass kg, its viscous N s/m and Coulomb friction N, offset m at the start, share of
     the belt in the direct span;  7 to 11: stretch at which either strand goes slack, m, share of the belt lost then, rounding;  12 to 15:
     share, 1/h(middle), offset and twice the distance of ``stiffness_position``;  16 to 22: the body's mass kg, its springs and dampers to
     the driving end and to the carriage, hardening 1/m² of the latter, viscous friction N s/m.
+
+    Parameters
+    ----------
+    get : callable
+        Values of a parameter by its full name, 0 where there is none.
     """
     rows = np.zeros((_ROWS, models))
     stiffness, damping = np.broadcast_to(get("belt_stiffness.stiffness"), models), np.broadcast_to(get("belt_damping.damping"), models)
@@ -73,8 +78,16 @@ def values_of(models: int, get: Callable[[str], Array | float], offsets_m: Array
 def plain_belt(theta: Array, omega: Array, step_s: float, substeps: int, ratio: float, first: float, values: Array) -> Array:
     """Triangular mean of the belt's load at the motor shaft, N m, (n, models), ends 0.
 
-    theta, omega : (fine,), true motion.   step_s : s, fine step.   first : rad/s, speed at which all begins.
-    values : of :func:`values_of`, (_ROWS, models).
+    Parameters
+    ----------
+    theta, omega : ndarray (fine,)
+        True motion.
+    step_s : float, s
+        Fine step.
+    first : float, rad/s
+        Speed at which all begins.
+    values : ndarray
+        Of :func:`values_of`, (_ROWS, models).
     """
     models = values.shape[1]
     mean = np.zeros(((theta.shape[0] - 1) // substeps + 1, models))

@@ -1,4 +1,4 @@
-"""Where the laws of a kernel are written: a changed one must not meet machine code of the old one."""
+"""Source files of the laws of a kernel: a changed one must not meet machine code of the old one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def fingerprint(laws: Iterable[Callable[..., object]], modules: Iterable[str]) -
 
 
 def modules_of(law: Callable[..., object]) -> set[str]:
-    """Where a law and the compiled functions that it calls are written."""
+    """Modules of a law and of the compiled functions that it calls."""
     plain = getattr(law, "py_func", law)
     called = [plain.__globals__[name] for name in plain.__code__.co_names if name in plain.__globals__]
     written = {definition.__module__ for other in called if (definition := getattr(other, "_defn", None))}  # of intrinsics

@@ -8,9 +8,15 @@ def stick_or_slide(speed: float, push: float, grip: float, h: float) -> float:
 
     dv/dt = push - grip sign(v),   v = 0 held while |push| <= grip
 
-    speed : v before, m/s or rad/s.   push : acceleration by everything but this friction.   grip : friction level over inertia, >= 0.
-    A reversal within the step is placed where it happens: taking the whole step with one sign would shift the friction by half a
-    step at every reversal, which looks like mass (0.3 % of the carriage of rig g_b at 8 kHz).
+    Parameters
+    ----------
+    speed : float
+        v before, m/s or rad/s.
+    push : float
+        Acceleration by everything but this friction.
+    grip : float
+        Friction level over inertia, >= 0. A reversal within the step is placed where it happens: taking the whole step with one sign would
+        shift the friction by half a step at every reversal, which looks like mass (0.3 % of the carriage of rig g_b at 8 kHz).
     """
     direction = 1.0 if (speed if speed != 0.0 else push) > 0.0 else -1.0  # a body at rest starts to where it is pushed
     forward = direction * push

@@ -1,4 +1,4 @@
-"""Where the parameters of a model stand in what the kernels ask for, and which of those is asked: one switchboard for each combination."""
+"""Places of a model's parameters in the vectors of the kernels, and the effects that are on: one switchboard for each combination."""
 
 from __future__ import annotations
 
@@ -24,15 +24,27 @@ _CATALOGUE_SIZE = len(catalogue_parameters())
 
 @dataclass(frozen=True)
 class Switchboard:
-    """Where the parameters of a model stand in the vector of the masked kernel, and which effects are on.
+    """Places of a model's parameters in the vector of the masked kernel, and the effects that are on.
 
-    places : (k,), place of each entry of ``Model.vector()``.    on : (effects of the catalogue,) bool.   motor, belt : the same for
-    those that act on the motor alone, and for the others: the load is the sum of both.
-    delays : effects between reported and acting torque, with their places in the model's vector.     readings : the same for those
-    between the torque and its reading.     bent : whether the torque path is touched by an effect.   sensor : places in the model's vector
-    of the errors of the angle.
-    bare : whether nothing but ``PLAIN``, plain : whether nothing but what ``plain_belt`` knows is beyond the motor.   rubs : places in the
-    model's vector of what the effects that act on the motor alone ask for.
+    Attributes
+    ----------
+    places : ndarray (k,) of int
+        Place of each entry of ``Model.vector()``.
+    on : ndarray of bool, (effects of the catalogue,) bool
+    motor, belt : ndarray of bool
+        The same for those that act on the motor alone, and for the others: the load is the sum of both.
+    delays : tuple of tuple[Callable[..., ndarray], tuple[int, ...]]
+        Effects between reported and acting torque, with their places in the model's vector.
+    readings : tuple of tuple[Callable[..., ndarray], tuple[int, ...]]
+        The same for those between the torque and its reading.
+    bent : bool
+        Whether the torque path is touched by an effect.
+    sensor : tuple of int
+        Places in the model's vector of the errors of the angle.
+    bare : bool
+        Whether nothing but ``PLAIN``, plain : whether nothing but what ``plain_belt`` knows is beyond the motor.
+    rubs : tuple of int
+        Places in the model's vector of what the effects that act on the motor alone ask for.
     """
 
     places: NDArray[np.intp]
@@ -47,7 +59,7 @@ class Switchboard:
     plain: bool
     rubs: tuple[int, ...]
 
-    def spread(self, vector: Array) -> Array:
+    def masked_vector(self, vector: Array) -> Array:
         """The vector of the masked kernel."""
         p = np.zeros(_CATALOGUE_SIZE)
         p[self.places] = vector
@@ -72,12 +84,12 @@ def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switc
         tuple(laws.get("torque_reading", ())),
         any(e.slot == "torque_path" for e in chosen),
         tuple(own.index(name) for e in chosen if e.slot == "sensor" for name in e.full_names()),
-        base_bodies == ("motor", "cart") and _beyond(chosen) <= set(PLAIN),
-        base_bodies == ("motor", "cart") and knows(_beyond(chosen)),
+        base_bodies == ("motor", "cart") and _effects_beyond_motor(chosen) <= set(PLAIN),
+        base_bodies == ("motor", "cart") and knows(_effects_beyond_motor(chosen)),
         tuple(own.index(name) for e in chosen if acts_on_motor(e) for name in (*e.full_names(), *e.uses) if name in own),
     )
 
 
-def _beyond(chosen: Sequence[Effect]) -> set[str]:
+def _effects_beyond_motor(chosen: Sequence[Effect]) -> set[str]:
     """Names of the effects beyond the motor."""
     return {e.name for e in chosen if not acts_on_motor(e) and e.slot not in BEFORE_THE_LOAD}

@@ -77,7 +77,7 @@ class _MaskModel(PrimitiveModel):
         super().__init__(manager, kind, _ANSWERS)  # type: ignore[no-untyped-call]
 
 
-def _spread(builder: Any, value: Any) -> Any:
+def _broadcast_value(builder: Any, value: Any) -> Any:
     one = builder.insert_element(ir.Constant(_REGISTER, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(one, ir.Constant(_REGISTER, ir.Undefined), ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
 
@@ -88,10 +88,10 @@ def _place(context: Any, builder: Any, kind: Any, array: Any, place: Any) -> Any
 
 
 def _eight(_context: Any, value: Any) -> Any:
-    """The same value eight times."""
+    """One value in all eight lanes."""
 
     def written(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        return _spread(builder, arguments[0])
+        return _broadcast_value(builder, arguments[0])
 
     return _vector(types.float64), written
 
@@ -116,7 +116,7 @@ def _put(_context: Any, array: Any, place: Any, vector: Any) -> Any:
 
 
 def _either(_context: Any, mask: Any, one: Any, other: Any) -> Any:
-    """What of two where a mask says yes, and where it says no."""
+    """Select of two vectors by a mask."""
 
     def written(_context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         sides = (_as_vector(builder, kind, value) for kind, value in zip(signature.args[1:], arguments[1:], strict=True))
@@ -143,7 +143,7 @@ def _least(context: Any, one: Any, other: Any) -> Any:
     return _of_two(context, one, other, larger=False)
 
 
-def _called(name: str, arguments: int) -> Callable[..., Any]:
+def _known_function(name: str, arguments: int) -> Callable[..., Any]:
     """A function that the compiler knows itself, of so many vectors."""
 
     def typed(_context: Any, *given: Any) -> Any:
@@ -160,7 +160,7 @@ def _called(name: str, arguments: int) -> Callable[..., Any]:
 
 
 def _as_vector(builder: Any, kind: Any, value: Any) -> Any:
-    return value if kind is _vector else _spread(builder, value)
+    return value if kind is _vector else _broadcast_value(builder, value)
 
 
 def _teach(symbols: Sequence[object], result: types.Type, write: Callable[[Any, Sequence[Any]], Any]) -> None:
@@ -218,6 +218,6 @@ put = cast("Callable[[NDArray[Any], int, Vector], None]", intrinsic(_put))
 either = cast("Callable[[Mask, Vector | float, Vector | float], Vector]", intrinsic(_either))
 most = cast("Callable[[Vector, Vector | float], Vector]", intrinsic(_most))
 least = cast("Callable[[Vector, Vector | float], Vector]", intrinsic(_least))
-size = cast("Callable[[Vector], Vector]", intrinsic(_called("fabs", 1)))
-exp = cast("Callable[[Vector], Vector]", intrinsic(_called("exp", 1)))
-power = cast("Callable[[Vector, Vector | float], Vector]", intrinsic(_called("pow", 2)))
+size = cast("Callable[[Vector], Vector]", intrinsic(_known_function("fabs", 1)))
+exp = cast("Callable[[Vector], Vector]", intrinsic(_known_function("exp", 1)))
+power = cast("Callable[[Vector, Vector | float], Vector]", intrinsic(_known_function("pow", 2)))

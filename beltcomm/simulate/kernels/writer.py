@@ -69,7 +69,7 @@ def catalogue_bodies(effects: Sequence[Effect] = EFFECTS) -> tuple[tuple[str, Bo
 
 
 def acts_on_motor(effect: Effect) -> bool:
-    """Whether an effect adds to the load of the motor whatever the carriage does."""
+    """True if an effect adds to the load of the motor whatever the carriage does."""
     return effect.slot in ("force", "friction_level", "friction_onset") and effect.body == "motor"
 
 
@@ -87,7 +87,10 @@ class Writer:
     def masked_kernel(cls, effects: Iterable[Effect], *, in_vectors: bool = False) -> Writer:
         """A masked kernel that knows these effects, on the parameter vector and the switches of the whole catalogue.
 
-        in_vectors : whether its variables are those of eight models, and its laws such of ``branchless``.
+        Parameters
+        ----------
+        in_vectors : bool
+            Whether its variables are those of eight models, and its laws such of ``branchless``.
         """
         writer = cls.__new__(cls)
         writer.masked, writer.in_vectors = True, in_vectors
@@ -127,14 +130,20 @@ class Writer:
         test = " or ".join(f"s{self.switch[e.name]}" for e in owners) if owners else "belt"
         return [f"if {test}:", *("    " + line for line in lines)]
 
-    def chosen(self, slot: str) -> list[Effect]:
+    def effects_of_slot(self, slot: str) -> list[Effect]:
         """Effects of a slot that have a law."""
         return [e for e in self.effects if e.slot == slot and e.law is not None]
 
     # -- names ------------------------------------------------------------------------------------------------------------------
 
     def law(self, function: Callable[..., object], in_lanes: bool = False) -> str:
-        """Name of a law in the module.   in_lanes : for a loop over samples that do not know each other, on ``fast_math``."""
+        """Name of a law in the module.
+
+        Parameters
+        ----------
+        in_lanes : bool
+            For a loop over samples that do not know each other, on ``fast_math``.
+        """
         name = f"{function.__module__.rsplit('.', 1)[1]}__{function.__name__}"
         self.laws[name] = function
         if in_lanes:
@@ -186,7 +195,7 @@ class Writer:
             ]  # fmt: skip
             angle, rate = "qd", "vd"
         lines += ["gain = 1.0", "ahead = 0.0"]
-        for effect in self.chosen("kinematics"):
+        for effect in self.effects_of_slot("kinematics"):
             assert effect.slope is not None
             assert effect.law is not None
             lines += self.when(
@@ -233,7 +242,7 @@ class Writer:
     def belt_laws(self) -> list[str]:
         """Gap and slack act on the stretch of everything between driving end and carriage; then the stiffness others ask for."""
         lines = ["closed = 1.0"] if self.masked else []
-        for effect in self.chosen("belt_law"):
+        for effect in self.effects_of_slot("belt_law"):
             assert effect.slope is not None
             assert effect.law is not None
             share = [f"share = {self.law(effect.slope)}(stretch{self.arguments(effect)})", "rate *= share"]
@@ -297,7 +306,7 @@ class Writer:
         return lines
 
     def has_level(self, i: int) -> bool:
-        """Whether body i has set-valued friction."""
+        """True if body i has set-valued friction."""
         return bool(self.with_level(i))
 
     def with_level(self, i: int) -> list[Effect]:
@@ -306,7 +315,7 @@ class Writer:
 
     def onsets(self) -> dict[int, Effect]:
         """By body: the law by which its friction turns round, where there is one besides the jump.  Its state is ``z`` and the number."""
-        return {self.number[e.body]: e for e in self.chosen("friction_onset") if e.body in self.number}
+        return {self.number[e.body]: e for e in self.effects_of_slot("friction_onset") if e.body in self.number}
 
     def turn(self, i: int, step: str) -> str:
         """Line that turns the friction of body i round over a step, m at the belt."""
@@ -380,7 +389,7 @@ class Writer:
     # -- how a stretch begins ---------------------------------------------------------------------------------------------------
 
     def start(self, i: int) -> str:
-        """Where body i stands when the belt is not stretched and the motor is at ``q0``."""
+        """Position of body i when the belt is not stretched and the motor is at ``q0``."""
         rotary = self.bodies[i][1].rotary
         return "q0" if rotary == self.bodies[0][1].rotary else "u"
 

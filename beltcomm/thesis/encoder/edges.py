@@ -30,11 +30,18 @@ LEVEL_A, LEVEL_B = np.array([0, 1, 1, 0]), np.array([0, 0, 1, 1])
 
 @dataclass(frozen=True)
 class Flaws:
-    """What a real encoder does beside its steps.
+    """Flaws of a real encoder beside its steps.
 
-    line_rms : standard deviation of where the lines lie, in increments, below 0.15; the same at every passage, repeats after
-    LINES_PER_TURN lines.   bounces : at most so many times a channel falls back after an edge and returns.   bounce_s : within this time,
-    and never longer than half the time to the next edge.   seed : of both.
+    Attributes
+    ----------
+    line_rms : float
+        Standard deviation of where the lines lie, in increments, below 0.15; the same at every passage, repeats after LINES_PER_TURN lines.
+    bounces : int
+        At most so many times a channel falls back after an edge and returns.
+    bounce_s : float
+        Within this time, and never longer than half the time to the next edge.
+    seed : int
+        Of both.
     """
 
     line_rms: float = 0.0
@@ -45,9 +52,20 @@ class Flaws:
 
 @dataclass(frozen=True)
 class Edges:
-    """Edges in order of time.   tick : (n,), in units of tick_s from the beginning.   channel : (n,), 0 for A, 1 for B.
+    """Edges in order of time.
 
-    level : (n,), 0 or 1, after the edge.   level_a, level_b : before the first edge.   increment_m : between edges of the two channels, m.
+    Attributes
+    ----------
+    tick : IntArray, (n,)
+        In units of tick_s from the beginning.
+    channel : IntArray, (n,)
+        0 for A, 1 for B.
+    level : IntArray, (n,)
+        0 or 1, after the edge.
+    level_a, level_b : int
+        Before the first edge.
+    increment_m : float
+        Between edges of the two channels, m.
     """
 
     tick: IntArray
@@ -70,8 +88,19 @@ def edges_of(
 ) -> Edges:
     """Edges that ``motion`` makes in 0 < t ≤ duration_s.
 
-    motion : position in m of times in s, both ndarray of one shape; continuous.   scan_s : the motion must not turn twice within twice
-    this time, s.   Lines lie at the multiples of increment_m.   Raises UsageError for a time, length or flaw that is out of range.
+    Lines lie at the multiples of increment_m.
+
+    Parameters
+    ----------
+    motion : Motion
+        Position in m of times in s, both ndarray of one shape; continuous.
+    scan_s : float
+        The motion must not turn twice within twice this time, s.
+
+    Raises
+    ------
+    UsageError
+        For a time, length or flaw that is out of range.
     """
     _require(increment_m > 0.0 and tick_s > 0.0, f"increment {increment_m:g} m, tick {tick_s:g} s: both must be above 0")
     _require(duration_s >= 2.0 * tick_s, f"the record lasts {duration_s:g} s, less than two ticks of {tick_s:g} s; make it longer")
@@ -98,12 +127,12 @@ def edges_of(
     channel = np.where(line % 2 == 1, 0, 1)
     start = int(counts[0]) % 4
     if flaws.bounces > 0 and flaws.bounce_s > 0.0:
-        tick, channel = _bounced(tick, channel, flaws, tick_s)
-    return _seen(tick, channel, int(LEVEL_A[start]), int(LEVEL_B[start]), increment_m, tick_s)
+        tick, channel = _with_bounces(tick, channel, flaws, tick_s)
+    return _visible_edges(tick, channel, int(LEVEL_A[start]), int(LEVEL_B[start]), increment_m, tick_s)
 
 
 class _Scale:
-    """Where the lines lie: line j between counts j−1 and j."""
+    """Positions of the lines: line j between counts j−1 and j."""
 
     def __init__(self, increment_m: float, flaws: Flaws) -> None:
         self.increment_m = increment_m
@@ -160,7 +189,7 @@ def _first_ticks(motion: Motion, tick_s: float, place: Array, upward: NDArray[np
     return high
 
 
-def _bounced(tick: IntArray, channel: IntArray, flaws: Flaws, tick_s: float) -> tuple[IntArray, IntArray]:
+def _with_bounces(tick: IntArray, channel: IntArray, flaws: Flaws, tick_s: float) -> tuple[IntArray, IntArray]:
     """The edges with extra pairs after each: the channel falls back and returns."""
     rng = np.random.default_rng([flaws.seed, 2])
     room = np.append(np.diff(tick) // 2, np.iinfo(np.int64).max)
@@ -172,7 +201,7 @@ def _bounced(tick: IntArray, channel: IntArray, flaws: Flaws, tick_s: float) -> 
     return np.concatenate([tick, extra]), np.concatenate([channel, channel[source]])
 
 
-def _seen(tick: IntArray, channel: IntArray, level_a: int, level_b: int, increment_m: float, tick_s: float) -> Edges:
+def _visible_edges(tick: IntArray, channel: IntArray, level_a: int, level_b: int, increment_m: float, tick_s: float) -> Edges:
     """Changes in order; what happens twice to one channel within a tick is not seen."""
     key, times = np.unique(2 * tick + channel, return_counts=True)
     key = key[times % 2 == 1]

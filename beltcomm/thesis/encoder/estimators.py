@@ -37,11 +37,26 @@ _EXTENSIONS: dict[Extension, float] = {"none": 0.0, "printed": 1.0, "bounded": 2
 
 @dataclass(frozen=True)
 class EstimatorSettings:
-    """Of the estimators.   increment_m : Δξ_min.   tick_s : Δt_min.   period_s : T_s, a whole number of ticks.
+    """Of the estimators.
 
-    lag_s : T_R of the high-pass (6.1), 0 for the plain difference (6.9).   low_pass_s : time constant of the same first-order lag behind
-    gate and event counter in the combination, 0 for none.   timeout_s : T_out, above T_s, infinite for none.
-    extension : what the gate says while no increment comes.   switching : of the combination.
+    Attributes
+    ----------
+    increment_m : float
+        Δξ_min.
+    tick_s : float
+        Δt_min.
+    period_s : float
+        T_s, a whole number of ticks.
+    lag_s : float
+        T_R of the high-pass (6.1), 0 for the plain difference (6.9).
+    low_pass_s : float
+        Time constant of the same first-order lag behind gate and event counter in the combination, 0 for none.
+    timeout_s : float
+        T_out, above T_s, infinite for none.
+    extension : Extension
+        What the gate says while no increment comes.
+    switching : Switching
+        Of the combination.
     """
 
     increment_m: float = INCREMENT_M
@@ -63,7 +78,11 @@ def coefficients(settings: EstimatorSettings) -> Array:
     """Numbers of the compiled steps: ndarray (9,).
 
     Δξ, Δt, T_s, poles of T_R and of the low-pass, T_s and T_out in ticks, extension (0 none, 1 printed, 2 bounded), guarded (0 or 1).
-    Raises UsageError for a setting out of its range.
+
+    Raises
+    ------
+    UsageError
+        For a setting out of its range.
     """
     s = settings
     for name, value in (("increment", s.increment_m), ("tick", s.tick_s), ("period", s.period_s)):
@@ -97,9 +116,17 @@ def coefficients(settings: EstimatorSettings) -> Array:
 
 @dataclass(frozen=True)
 class Velocities:
-    """A record at its sampling instants, all (n,).   t_s.   position_m : count times increment.   increments : in the period up to t_s.
+    """A record at its sampling instants, all (n,).   t_s.
 
-    high_pass, event_counter, gate, combined : m/s.   invalid : edges that no motion makes; above 0 nothing here is to be trusted.
+    Attributes
+    ----------
+    position_m : ndarray
+        count times increment.
+    increments : IntArray
+        In the period up to t_s.
+    high_pass, event_counter, gate, combined : ndarray, m/s
+    invalid : int
+        Edges that no motion makes; above 0 nothing here is to be trusted.
     """
 
     t_s: Array
@@ -117,8 +144,17 @@ def velocities(
 ) -> Velocities:
     """The four estimators over a record, at the multiples of the sampling period up to ``duration_s``.
 
-    start_velocity_m_s : what the lags read before.   Raises UsageError for a setting out of range or an encoder of other steps, DataError
-    for edges out of order.
+    Parameters
+    ----------
+    start_velocity_m_s : float
+        What the lags read before.
+
+    Raises
+    ------
+    UsageError
+        For a setting out of range or an encoder of other steps.
+    DataError
+        For edges out of order.
     """
     c = coefficients(settings)
     if (edges.increment_m, edges.tick_s) != (settings.increment_m, settings.tick_s):

@@ -65,7 +65,14 @@ def measured_time_s(speed_m_s: ArrayLike, increment_m: float, period_s: float) -
 def time_error_percent(measured_s: ArrayLike, tick_s: float, sign: int = 1) -> Array:
     """100 (T/(T ± Δt_min) − 1) = ∓100 Δt_min/(T ± Δt_min): what a time T, measured wrong by a tick, does to a velocity.
 
-    The middle of (C.5), and (C.8).   measured_s : T, s, above the tick.   sign : 1 for a time measured too long, −1 for too short (worse).
+    The middle of (C.5), and (C.8).
+
+    Parameters
+    ----------
+    measured_s : ArrayLike
+        T, s, above the tick.
+    sign : int
+        1 for a time measured too long, −1 for too short (worse).
     """
     return -sign * 100.0 * tick_s / (_array(measured_s) + sign * tick_s)
 
@@ -75,7 +82,10 @@ def event_counter_error_exact_percent(
 ) -> Array:
     """(C.5): ∓100 Δt_min ξ/(m Δξ_min ± Δt_min ξ), percent, with m = ⌊ξ T_s/Δξ_min⌋.
 
-    fewest : take m = ⌊ξ T_s/Δξ_min⌋ − 1 instead, the true worst case.   nan where m < 1.   sign as in :func:`time_error_percent`.
+    Parameters
+    ----------
+    fewest : bool
+        Take m = ⌊ξ T_s/Δξ_min⌋ − 1 instead, the true worst case. nan where m < 1. sign as in :func:`time_error_percent`.
     """
     count = intervals_fewest if fewest else intervals_printed
     intervals = _at_least_one(count(speed_m_s, increment_m, period_s))
@@ -116,9 +126,14 @@ def gate_time_s(speed_m_s: ArrayLike, increment_m: float) -> Array:
 
 
 def gate_error_percent(speed_m_s: ArrayLike, increment_m: float, tick_s: float, *, sign: int = 1) -> Array:
-    """(6.16), (C.8): ∓100 ξ/(ξ_l,max ± ξ), percent; exact.   sign : 1 for a time measured too long, −1 for too short (worse).
+    """(6.16), (C.8): ∓100 ξ/(ξ_l,max ± ξ), percent; exact.
 
     Meant for speeds below ξ_l,max = Δξ_min/Δt_min (6.15): above, no time is left to be measured.
+
+    Parameters
+    ----------
+    sign : int
+        1 for a time measured too long, −1 for too short (worse).
     """
     speed = _array(speed_m_s)
     return -sign * 100.0 * speed / (highest_speed_m_s(increment_m, tick_s) + sign * speed)
@@ -127,8 +142,18 @@ def gate_error_percent(speed_m_s: ArrayLike, increment_m: float, tick_s: float, 
 def crossing_speed_m_s(increment_m: float, tick_s: float, period_s: float, *, sign: int = 1) -> float:
     """(6.19): 2 Δξ_min/(T_s ∓ Δt_min), m/s, where (6.12) equals |(6.16)|.
 
-    sign : 1 as printed; it belongs to a gate time measured too long, the smaller error.   −1 : to the larger, which is the worst case the
-    source speaks of.   They differ by 2 Δt_min/T_s.   Raises UsageError for a period that is not longer than a tick.
+    They differ by 2 Δt_min/T_s.
+
+    Parameters
+    ----------
+    sign : int
+        1 as printed; it belongs to a gate time measured too long, the smaller error. −1 : to the larger, which is the worst case the source
+        speaks of.
+
+    Raises
+    ------
+    UsageError
+        For a period that is not longer than a tick.
     """
     if period_s <= tick_s:
         raise UsageError(f"the sampling period {period_s:g} s is not longer than the tick {tick_s:g} s; there is no crossing")

@@ -32,22 +32,32 @@ _COUNT, _VELOCITY, _GATE, _EVENTS = range(4)
 def new_decoder(level_a: int = 0, level_b: int = 0, *, debounce: bool = True) -> IntArray:
     """Registers of a state machine that knows the levels it begins with: ndarray (28,), the second half as before the last edge's tick.
 
-    level_a, level_b : 0 or 1.   debounce : False counts every edge, as a plain quadrature counter does.
-
     The direction before the first edge is unknown; it begins in a forward state, so the play of one increment lies below it.
+
+    Parameters
+    ----------
+    level_a, level_b : int
+        0 or 1.
+    debounce : bool
+        False counts every edge, as a plain quadrature counter does.
     """
     registers = np.zeros(2 * _SIZE, dtype=np.int64)
     state = _forward_state(level_a, level_b)
-    registers[[STATE, PREVIOUS, LEVEL_A, LEVEL_B, DEBOUNCE]] = state, _before(state), level_a, level_b, debounce
+    registers[[STATE, PREVIOUS, LEVEL_A, LEVEL_B, DEBOUNCE]] = state, _previous_state(state), level_a, level_b, debounce
     registers[_EDGE_TICK] = _NEVER
     registers[_SIZE:] = registers[:_SIZE]
     return registers
 
 
 def new_estimator(velocity_m_s: float = 0.0) -> Array:
-    """State of the estimators at count 0: ndarray (4,).   velocity_m_s : what they read before the first period, m/s.
+    """State of the estimators at count 0: ndarray (4,).
 
     Count of the last sampling instant; high-pass velocity, low-passed gate and event velocities, m/s.
+
+    Parameters
+    ----------
+    velocity_m_s : float
+        What they read before the first period, m/s.
     """
     return np.array([0.0, velocity_m_s, velocity_m_s, velocity_m_s])
 
@@ -65,7 +75,7 @@ def _next(state: int) -> int:
 
 
 @compiled
-def _before(state: int) -> int:
+def _previous_state(state: int) -> int:
     """The state before this one in its cycle."""
     return (state + 2) % 4 + 1 if state <= 4 else (state - 2) % 4 + 5
 
@@ -74,8 +84,18 @@ def _before(state: int) -> int:
 def take_edge(registers: IntArray, tick: int, channel: int, level: int) -> int:
     """One edge; returns the increment it makes, 1, −1 or 0, and moves ``registers`` on.
 
-    registers : ndarray (28,) of :func:`new_decoder`.   tick : time in ticks, not before the last edge.   channel : 0 for A, 1 for B.
-    level : 0 or 1, after the edge.   A second edge in the same tick takes back what the first one made and returns the opposite of that.
+    A second edge in the same tick takes back what the first one made and returns the opposite of that.
+
+    Parameters
+    ----------
+    registers : IntArray
+        ndarray (28,) of :func:`new_decoder`.
+    tick : int
+        Time in ticks, not before the last edge.
+    channel : int
+        0 for A, 1 for B.
+    level : int
+        0 or 1, after the edge.
     """
     level_a = level if channel == 0 else registers[LEVEL_A]
     level_b = level if channel == 1 else registers[LEVEL_B]
@@ -101,10 +121,10 @@ def _move(registers: IntArray, tick: int, forward: int) -> int:
     state, previous = registers[STATE], registers[PREVIOUS]
     sense = 1 if state <= 4 else -1
     here = forward if sense == 1 else 9 - forward
-    returned = 9 - _before(state)  # the levels of the state before, in the other cycle
+    returned = 9 - _previous_state(state)  # the levels of the state before, in the other cycle
     if previous == returned:  # it stands there already: back, or on in the other direction
         if here == state:
-            registers[PREVIOUS] = _before(state)
+            registers[PREVIOUS] = _previous_state(state)
             return 0
         registers[PREVIOUS], registers[STATE] = returned, 9 - here
         return _count(registers, tick, -sense)
@@ -138,7 +158,7 @@ def _resynchronise(registers: IntArray, level_a: int, level_b: int) -> None:
     forward = _forward_state(level_a, level_b)
     state = forward if registers[STATE] <= 4 else 9 - forward
     registers[LEVEL_A], registers[LEVEL_B] = level_a, level_b
-    registers[STATE], registers[PREVIOUS] = state, _before(state)
+    registers[STATE], registers[PREVIOUS] = state, _previous_state(state)
     registers[INVALID] += 1
     registers[LAST_TICK] = registers[LAST_STEP] = registers[GAP] = 0
     registers[INCREMENTS] = registers[FIRST_TICK] = registers[STEPS] = 0
@@ -155,7 +175,10 @@ def close_period(registers: IntArray) -> None:
 def take_stretch(registers: IntArray, before_m: float, after_m: float, begin_tick: int, ticks: int, increment_m: float) -> None:
     """The edges of a stretch with constant velocity, for loops whose plant gives its position at instants.
 
-    before_m, after_m : m, at begin_tick and ``ticks`` later; the levels in ``registers`` are those of before_m.
+    Parameters
+    ----------
+    before_m, after_m : float, m
+        At begin_tick and ``ticks`` later; the levels in ``registers`` are those of before_m.
     """
     line, last = math.floor(before_m / increment_m), math.floor(after_m / increment_m)
     while line != last:
@@ -189,9 +212,15 @@ def all_increments(registers: IntArray, tick: IntArray, channel: IntArray, level
 
 @compiled
 def high_pass_step(c: Array, state: Array, registers: IntArray) -> float:
-    """(6.1) by backward differences, of the counted position: (1 − z⁻¹)/(T_R + T_s − T_R z⁻¹).   Returns m/s.
+    """(6.1) by backward differences, of the counted position: (1 − z⁻¹)/(T_R + T_s − T_R z⁻¹).
 
-    c, state, registers : ndarray (9,), (4,), (28,).
+    Parameters
+    ----------
+    c, state, registers : ndarray (9,), (4,), (28,)
+
+    Returns
+    -------
+    float, m/s
     """
     difference = (registers[COUNT] - state[_COUNT]) * c[0] / c[2]
     state[_COUNT] = registers[COUNT]
@@ -201,9 +230,15 @@ def high_pass_step(c: Array, state: Array, registers: IntArray) -> float:
 
 @compiled
 def event_counter_step(c: Array, registers: IntArray) -> float:
-    """(6.4): increments after the first of the period over the time from first to last; 0 below two increments.   Returns m/s.
+    """(6.4): increments after the first of the period over the time from first to last; 0 below two increments.
 
-    c, registers : ndarray (9,), (28,).
+    Parameters
+    ----------
+    c, registers : ndarray (9,), (28,)
+
+    Returns
+    -------
+    float, m/s
     """
     if registers[INCREMENTS] < 2:
         return 0.0
@@ -212,9 +247,17 @@ def event_counter_step(c: Array, registers: IntArray) -> float:
 
 @compiled
 def gate_step(c: Array, registers: IntArray, now_tick: int) -> float:
-    """(6.14) with (6.17): one increment over the time between the last two, less while no new one comes, 0 from T_out on.   Returns m/s.
+    """(6.14) with (6.17): one increment over the time between the last two, less while no new one comes, 0 from T_out on.
 
-    c, registers : ndarray (9,), (28,).   now_tick : the sampling instant, in ticks.   0 as long as two increments in a row are not known.
+    Parameters
+    ----------
+    c, registers : ndarray (9,), (28,)
+    now_tick : int
+        The sampling instant, in ticks. 0 as long as two increments in a row are not known.
+
+    Returns
+    -------
+    float, m/s
     """
     waited = now_tick - registers[LAST_TICK]
     if registers[GAP] == 0 or registers[GAP] >= c[6] or waited >= c[6]:
@@ -239,9 +282,17 @@ def switching_weight(speed: float, crossing: float) -> float:
 
 @compiled
 def combined_step(c: Array, state: Array, registers: IntArray, now_tick: int) -> float:
-    """(6.21): gate measurement and event counter, low-passed alike, then weighted by (6.20) with |ξ_l|.   Returns m/s.
+    """(6.21): gate measurement and event counter, low-passed alike, then weighted by (6.20) with |ξ_l|.
 
-    c, state, registers : ndarray (9,), (4,), (28,).   now_tick : the sampling instant, in ticks.
+    Parameters
+    ----------
+    c, state, registers : ndarray (9,), (4,), (28,)
+    now_tick : int
+        The sampling instant, in ticks.
+
+    Returns
+    -------
+    float, m/s
     """
     gate = gate_step(c, registers, now_tick)
     events = event_counter_step(c, registers)

@@ -34,9 +34,16 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Increments:
-    """What a state machine made of a record.   tick, step : of each increment, (n,), step 1 or −1, count their running sum.
+    """Increments that a state machine made of a record.
 
-    invalid : edges that no motion makes, above 0 the position may be wrong by several increments.   edges : edges taken.
+    Attributes
+    ----------
+    tick, step : IntArray
+        Of each increment, (n,), step 1 or −1, count their running sum.
+    invalid : int
+        Edges that no motion makes, above 0 the position may be wrong by several increments.
+    edges : int
+        Edges taken.
     """
 
     tick: IntArray
@@ -51,7 +58,13 @@ class Increments:
 
 
 def count_increments(edges: Edges, *, debounce: bool = True) -> Increments:
-    """All edges of a record through the state machine.   Raises DataError when edges are not in order of time."""
+    """All edges of a record through the state machine.
+
+    Raises
+    ------
+    DataError
+        When edges are not in order of time.
+    """
     require_order(edges)
     registers = new_decoder(edges.level_a, edges.level_b, debounce=debounce)
     tick, step = all_increments(registers, edges.tick, edges.channel, edges.level)
@@ -59,7 +72,13 @@ def count_increments(edges: Edges, *, debounce: bool = True) -> Increments:
 
 
 def require_order(edges: Edges) -> None:
-    """Raises DataError when edges are not in order of time."""
+    """Refuse increments that are not in the order of time.
+
+    Raises
+    ------
+    DataError
+        When edges are not in order of time.
+    """
     wrong = np.flatnonzero(np.diff(edges.tick) < 0)
     if len(wrong):
         at = int(wrong[0])

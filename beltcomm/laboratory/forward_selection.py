@@ -8,12 +8,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from beltcomm.compiled import in_one_thread
+from beltcomm.configfiles import did_you_mean
 from beltcomm.effects import EFFECTS, AxisSummary, Effect
 from beltcomm.errors import UsageError
 from beltcomm.fit.estimate import Fitted, fit, fit_of, problem_of
@@ -60,12 +61,28 @@ STRAYED = 1.5
 class Candidate:
     """An effect on trial.
 
-    evidence, explained : see the module.   promised : drop by the score test.   fitted : with the effect, None where it was not
-    refitted.   held_gain : drop of O on the held-out records.   hollow : it explains much, but only as no axis can be.
-    accepted : by the rule of this module.   grows : it makes the error as a whole larger, from one bad model to the next.
-    unneeded : a carriage that strays as freely without it explains as much, see ``freedom``.   idle : the plain error does not fall, of
-    the fitted records or of those held out.   beside : effect that hides it and with
-    which it was judged, see ``masked``; "" where it explains that alone.
+    Attributes
+    ----------
+    evidence, explained : float
+        See the module.
+    promised : float
+        Drop by the score test.
+    fitted : Fitted or None
+        With the effect, None where it was not refitted.
+    held_gain : float
+        Drop of O on the held-out records.
+    hollow : bool
+        It explains much, but only as no axis can be.
+    accepted : bool
+        By the rule of this module.
+    grows : bool
+        It makes the error as a whole larger, from one bad model to the next.
+    unneeded : bool
+        A carriage that strays as freely without it explains as much, see ``gap_evidence``.
+    idle : bool
+        The plain error does not fall, of the fitted records or of those held out.
+    beside : str
+        Effect that hides it and with which it was judged, see ``gap_behind_delay``; "" where it explains that alone.
     """
 
     effect: Effect
@@ -83,14 +100,14 @@ class Candidate:
 
     @property
     def stands(self) -> bool:
-        """Whether nothing speaks against it: records held out, error as a whole or in plain units, own values, a carriage that strays."""
+        """True if nothing speaks against it: records held out, error as a whole or in plain units, own values, a carriage that strays."""
         return self.fitted is None or not (
             self.hollow or self.grows or self.unneeded or self.idle or is_refuted(self.evidence, self.held_gain)
         )
 
     @property
     def against(self) -> str:
-        """Why it may not be named, in words; "" where it may, or was not fitted."""
+        """Reason in words why it may not be named; "" where it may, or was not fitted."""
         if self.accepted or self.fitted is None:
             return ""
         if self.hollow:
@@ -117,8 +134,12 @@ def search(
 ) -> list[Candidate]:
     """All effects that the model of a score test does not have yet, best first.
 
-    swallowed_above : O per sample from which on, where nothing explains it, it is asked what the base may have swallowed.
-    against : model that the refits must be better than where it is not the base, from which the search begins.
+    Parameters
+    ----------
+    swallowed_above : float
+        O per sample from which on, where nothing explains it, it is asked what the base may have swallowed.
+    against : Fitted or None
+        Model that the refits must be better than where it is not the base, from which the search begins.
     """
     base = scorer.fitted
     wanted = [e for e in (effects or EFFECTS) if e.trials is not None and not e.bound and may_add(base, e)]
@@ -175,7 +196,7 @@ def rank_candidates(candidates: Sequence[Candidate]) -> list[Candidate]:
 
 
 def rubs_behind(effect: Effect) -> bool:
-    """Whether it is friction of the carriage, which holds it in its gap: far from the truth the score test hardly sees that."""
+    """True if it is friction of the carriage, which holds it in its gap: far from the truth the score test hardly sees that."""
     return effect.slot == "friction_level" and effect.body == "cart"
 
 
@@ -196,7 +217,7 @@ def candidates_absorbed_by_base(
 
 
 def may_add(base: Fitted, effect: Effect) -> bool:
-    """Whether the model can take the effect, one of a numbered family at a time."""
+    """True if the model can take the effect, one of a numbered family at a time."""
     present = base.model.effects
     if effect.name in present or (effect.behind_gap and not needs_observer(base.model)):
         return False
@@ -215,7 +236,7 @@ def may_add(base: Fitted, effect: Effect) -> bool:
 
 
 def expected_gain(way: Scored, base: Fitted, starts: int) -> float:
-    """What a way of an effect promises, its price taken off."""
+    """Expected gain of one start of an effect, its BIC penalty taken off."""
     return way.drop - bic_penalty(way.effect, base, starts)
 
 
@@ -242,9 +263,12 @@ def best_standing(data: Data, base: Fitted, ways: Sequence[Scored], against: Fit
 
 
 def left_start_values(base: Fitted, start: Model, above: float = MISSING) -> bool:
-    """Whether a fit that explains little left what the start values say of the masses and of the belt, to make up for what is missing.
+    """True if a fit that explains little left what the start values say of the masses and of the belt, to make up for what is missing.
 
-    above : O per sample from which on it explains little.
+    Parameters
+    ----------
+    above : float
+        O per sample from which on it explains little.
     """
     solid = [inertia for inertia, body in base.model.bodies() if body.name in base.model.base_bodies]
     shared = [name for name in (*solid, STIFFNESS) if name in base.model.parameters and name in start.parameters]
@@ -270,12 +294,12 @@ def merge_candidates(candidates: Sequence[Candidate], more: Sequence[Candidate])
 
 
 def rank(item: Candidate) -> tuple[bool, bool, float]:
-    """What makes one candidate for an effect better than another."""
+    """Sort key: one candidate for an effect is better than another."""
     return item.accepted, item.fitted is not None and item.stands, -item.fitted.objective if item.fitted is not None else item.evidence
 
 
 def candidate(data: Data, base: Fitted, effect: Effect, promised: float, best: Fitted, starts: int) -> Candidate:
-    """What a model fitted with the effect says for it; as one that was not refitted where a body flies off in it."""
+    """Candidate from a model fitted with the effect; as one that was not refitted where a body flies off in it."""
     if not math.isfinite(best.objective + best.held_objective):
         return Candidate(effect, promised, promised, 0.0, 0.0, None, False)
     drop = drop_by(base, best)
@@ -294,7 +318,10 @@ def candidate(data: Data, base: Fitted, effect: Effect, promised: float, best: F
 def refit_with(data: Data, base: Fitted, way: Scored, goal: float = math.inf) -> Fitted:
     """The model with the effect, begun where the score test says, or with no more of the base moved than the trial moves; the better.
 
-    goal : O above which it does not matter where an observer makes the fit dear.
+    Parameters
+    ----------
+    goal : float
+        O above which it does not matter where an observer makes the fit dear.
     """
     here = base.problem
     moved = np.clip(base.x + way.step, here.low, here.high)
@@ -316,8 +343,20 @@ def refit_with(data: Data, base: Fitted, way: Scored, goal: float = math.inf) ->
 
 
 @in_one_thread
-def with_effect(data: Data, base: Fitted, ground: AxisSummary, effect: Effect) -> Fitted:
-    """The model with an effect that was asked for, whatever speaks for it."""
+def with_effect(data: Data, base: Fitted, ground: AxisSummary, effect: Effect, start: Mapping[str, float] | None = None) -> Fitted:
+    """The model with an effect that was asked for, whatever speaks for it.   start : values from which the fit begins, instead of a search.
+
+    Raises UsageError for a name that is no parameter of the effect, or a value outside its bounds.
+    """
+    if start:
+        own = {parameter.name: parameter for parameter in effect.parameters}
+        for name, value in start.items():
+            if name not in own:
+                raise UsageError(f"{effect.name} has no parameter {name!r}{did_you_mean(name, own)}; it has {', '.join(own)}")
+            if not own[name].low <= value <= own[name].high:
+                raise UsageError(f"{name} of {effect.name} is {value:g}; it lies between {own[name].low:g} and {own[name].high:g}")
+        values = {f"{effect.name}.{name}": value for name, value in start.items()}
+        return fit(data, base.model.with_effect(effect.name).with_values(values, "start"), ITERATIONS, offsets=base.offsets)
     scorer = Scorer(base)
     ways = scorer.score(effect, ground)
     if not ways:

@@ -15,7 +15,7 @@ from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
 from beltcomm.laboratory.acceptance import EVIDENCE, STIFFNESS, drop_by, explained_share, impossible
-from beltcomm.laboratory.stage import Candidate, bic_penalty, candidate, may_add
+from beltcomm.laboratory.forward_selection import Candidate, bic_penalty, candidate, may_add
 from beltcomm.model import Model
 
 #: m and s; gaps and delays that are tried with each other: smaller ones hide nothing.
@@ -29,9 +29,14 @@ ITERATIONS = 9
 def gap_with_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | None:
     """The gap as a candidate for what it explains beside a delay; None where both together do not explain nearly all.
 
-    evidence = O_current - O_both - (n ln N + 2 ln ways),   n : parameters of both   (see ``stage``)
+    evidence = O_current - O_both - (n ln N + 2 ln ways),   n : parameters of both   (see ``forward_selection``)
 
-    current : model that they must be better than.   held : the same with masses and belt as the start values have them.
+    Parameters
+    ----------
+    current : Fitted
+        Model that they must be better than.
+    held : Fitted
+        The same with masses and belt as the start values have them.
     """
     if STIFFNESS not in held.model.parameters or needs_observer(held.model):
         return None
@@ -57,7 +62,13 @@ def gap_with_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | Non
 
 
 def both_fitted(data: Data, model: Model, gap: Effect, delay: Effect, goal: float) -> Fitted:
-    """A model fitted with a gap and a delay, from the width and time that suit it best as they are.   goal : see ``fitting.fit``."""
+    """A model fitted with a gap and a delay, from the width and time that suit it best as they are.
+
+    Parameters
+    ----------
+    goal : float
+        See ``fitting.fit``.
+    """
     sizes = itertools.product(GAPS_M, DELAYS_S)
     ways = [
         model.with_effect(gap.name, {gap.parameters[0].name: width}).with_effect(delay.name, {delay.parameters[0].name: time})

@@ -1,4 +1,4 @@
-"""What a search compiles last, for the time in which it waits for what another process compiles (``simulate.kernels.ahead``)."""
+"""Kernels that a search compiles last, for the time in which it waits for what another process compiles (``simulate.kernels.ahead``)."""
 
 from __future__ import annotations
 

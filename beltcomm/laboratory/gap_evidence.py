@@ -28,17 +28,23 @@ CLEARLY = 4.0
 
 
 def is_replaceable_gap(data: Data, grown: Fitted, effect: Effect) -> bool:
-    """Whether an effect is a gap that a carriage which strays can do without."""
+    """True if an effect is a gap that a carriage which strays can do without."""
     return effect.rattles and needs_observer(grown.model) and not gap_is_supported(data, grown, effect)
 
 
 def gap_is_supported(data: Data, grown: Fitted, gap: Effect) -> bool:
-    """Whether a gap may be named beside a carriage that strays without one, by the rule for any effect.
+    """True if a gap may be named beside a carriage that strays without one, by the rule for any effect.
 
     On friction that jumped, a gap that explained 56 000 nats led by 1000 of them, where both models left 3.4 times the noise.
     Asked of the closed model before its fit, behind it, and as far as its carriage strays then: what comes later is likelier, or nearly so.
     A model that the gap does not lead from ends the question, and so does one behind whose fit it leads by a multiple.
-    data : as the model with the gap sees it.   grown : that model, fitted.
+
+    Parameters
+    ----------
+    data : Data
+        As the model with the gap sees it.
+    grown : Fitted
+        That model, fitted.
     """
     names = gap.full_names()
     shut = grown.model.with_values({names[0]: 0.0}, "closed")
@@ -53,7 +59,13 @@ def gap_is_supported(data: Data, grown: Fitted, gap: Effect) -> bool:
 
 
 def exceeds_threshold(grown: Fitted, closed: Fitted, times: float = 1.0) -> bool:
-    """Whether a gap explains enough beside a model of the same records without one.   times : so many times over."""
+    """True if a gap explains enough beside a model of the same records without one.
+
+    Parameters
+    ----------
+    times : float
+        So many times over.
+    """
     lead = lead_of(grown, closed) / times
     return enough(lead, explained_share(lead, closed), lead, 0.0, closed)
 

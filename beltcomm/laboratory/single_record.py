@@ -1,4 +1,4 @@
-"""What single records say of one parameter while everything else stays as fitted: start values where the whole fit took one side."""
+"""Estimates of one parameter from single records while everything else stays as fitted: start values where the whole fit took one side."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def stiffness_by_record(fitted: Fitted) -> tuple[tuple[float, float, float], ...
 
 
 def explained_elongation(fitted: Fitted) -> tuple[float, float]:
-    """How far the belt was stretched, m, to the negative and positive side, in moments that the model explains; (0, 0) without a belt.
+    """Stretch of the belt, m, to the negative and positive side, in moments that the model explains; (0, 0) without a belt.
 
     A strand that goes slack does so beyond it, however little the moments beyond tell of where.
     """

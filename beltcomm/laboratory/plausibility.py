@@ -1,4 +1,4 @@
-"""What the values of added effects say against them: a bound that was met, numbers that nothing is known of, values that no machine has."""
+"""Values of added effects that speak against them: a bound that was met, numbers that nothing is known of, values that no machine has."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from beltcomm.model import Model, effect_parameters
 KNOWN: Final = 0.5
 
 
-def run_away(model: Model, base: Model) -> list[str]:
+def parameters_at_bounds(model: Model, base: Model) -> list[str]:
     """Parameters of added effects that grew until they met a bound: no size of the effect is right."""
     sizes = {name for e in model.effect_list() for name, p in effect_parameters(e).items() if not p.form} - set(base.parameters)
     added = {name: v for name, v in model.parameters.items() if name in sizes and v.low < v.high}
@@ -20,7 +20,13 @@ def run_away(model: Model, base: Model) -> list[str]:
 
 
 def undetermined_effects(model: Model, base: Model) -> list[str]:
-    """Added effects of which no number is known better than to ``KNOWN``: they stand for something else.   model : with intervals."""
+    """Added effects of which no number is known better than to ``KNOWN``: they stand for something else.
+
+    Parameters
+    ----------
+    model : Model
+        With intervals.
+    """
     found = []
     for effect in (e for e in model.effect_list() if e.name not in base.effects):
         own = [model.parameters[name] for name, p in effect_parameters(effect).items() if name not in base.parameters and not p.form]
@@ -30,7 +36,7 @@ def undetermined_effects(model: Model, base: Model) -> list[str]:
     return found
 
 
-def unlikely(model: Model, base: Model) -> list[str]:
+def implausible_effects(model: Model, base: Model) -> list[str]:
     """Of added effects whose values no machine has: the effect, and in words why."""
     found = []
     for effect in (e for e in model.effect_list() if e.name not in base.effects and e.unlikely is not None):

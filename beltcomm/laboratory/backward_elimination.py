@@ -1,4 +1,4 @@
-"""Which earlier additions a newer one made superfluous: the model refitted without each of them is as good."""
+"""Removes earlier additions that a newer one made superfluous: the model refitted without each of them is as good."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from beltcomm.fit.estimate import Fitted, fit_of, problem_of
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
 from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, is_negligible, most_within
-from beltcomm.laboratory.forms import additions, without
+from beltcomm.laboratory.law_shape import additions, without
 from beltcomm.model import Model
 
 #: Iterations of a refit, and where another kind of observer is needed.
@@ -25,7 +25,12 @@ WORSE = 1.5
 def drop_superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[Fitted, tuple[str, ...]]:
     """Throw out earlier additions without which the model is as good, or of which nothing is left: what stays, and their names.
 
-    base : model that the search began with.   newest : name of the effect that was added last, which is not asked.
+    Parameters
+    ----------
+    base : Model
+        Model that the search began with.
+    newest : str
+        Name of the effect that was added last, which is not asked.
     """
     removed = []
     worth = rise_without(fitted)
@@ -58,6 +63,6 @@ def rise_without(fitted: Fitted) -> dict[str, float]:
         linear[effect.name] = [problem.free.index(name) for name in effect.full_names() if name in problem.free]
     if not linear:
         return {}
-    jacobian = problem.jacobian(fitted.x).scaled(problem.weights(fitted.residual))
+    jacobian = problem.jacobian(fitted.x).weighted_rows(problem.weights(fitted.residual))
     inverse = np.linalg.pinv(jacobian.information())
     return {name: float(fitted.x[at] @ np.linalg.pinv(inverse[np.ix_(at, at)]) @ fitted.x[at]) for name, at in linear.items()}

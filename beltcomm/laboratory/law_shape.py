@@ -40,7 +40,15 @@ PARTS = (1.0, 0.3, 0.1)
 
 @dataclass(frozen=True)
 class ShapedFit:
-    """A model with forms.   new : what became free (parameters) or came (effects).   removed : effects that a form made superfluous."""
+    """A model with forms.
+
+    Attributes
+    ----------
+    new : tuple of str
+        What became free (parameters) or came (effects).
+    removed : tuple of str
+        Effects that a form made superfluous.
+    """
 
     fitted: Fitted
     new: tuple[str, ...] = ()
@@ -48,9 +56,14 @@ class ShapedFit:
 
 
 def fit_law_shapes(data: Data, fitted: Fitted, base: Model) -> ShapedFit:
-    """The model with the forms of its added effects fitted where that pays.   base : model without the added effects.
+    """The model with the forms of its added effects fitted where that pays.
 
     First a form in place of an effect that was added later, then one form after the other, in the order of the model's effects.
+
+    Parameters
+    ----------
+    base : Model
+        Model without the added effects.
     """
     if needs_observer(fitted.model):
         return ShapedFit(fitted)  # an observer forgives what a form would explain
@@ -93,10 +106,15 @@ def assign_body(data: Data, fitted: Fitted, effect: Effect) -> ShapedFit:
 
 
 def split_between_bodies(data: Data, fitted: Fitted, effect: Effect, one: str, evidence: float) -> Fitted:
-    """The model with a law's friction where it acts: at the motor, at the carriage, or at both.   evidence : for its part at the carriage.
+    """The model with a law's friction where it acts: at the motor, at the carriage, or at both.
 
     Both parts are nearly the same to a motor that feels them together.  A fit that begins at the motor may stay there, and a part that is
     none takes from the other what it likes: a tight spot of 14 N at the carriage was 11.6 ± 0.7 N beside one at the motor.
+
+    Parameters
+    ----------
+    evidence : float
+        For its part at the carriage.
     """
     behind = at_carriage(fitted.model, effect, one)
     if behind is None:
@@ -126,7 +144,7 @@ def promise_at_carriage(fitted: Fitted, effect: Effect, one: str) -> float:
     behind = at_carriage(fitted.model, effect, one)
     if behind is None:
         return 0.0
-    nearby, part = fitted.nearby, effect_named(one).full_names()[0]
+    nearby, part = fitted.local_quadratic, effect_named(one).full_names()[0]
     found = [nearby.best(residual_change(fitted, behind)).objective]
     for share in PARTS:
         beside = fitted.model.with_effect(one, {part: share * behind[part]})
@@ -156,12 +174,12 @@ def smaller(data: Data, both: Fitted, effect: Effect, one: str) -> Fitted:
 
 
 def rubs_like(effect: Effect, one: str) -> bool:
-    """Whether what completes an effect is the same law at the carriage."""
+    """True if what completes an effect is the same law at the carriage."""
     return effect_named(one).slot == effect.slot
 
 
 def acts_at_carriage_only(model: Model, effect: Effect) -> bool:
-    """Whether all of a law acts at the carriage."""
+    """True if all of a law acts at the carriage."""
     size = model.parameters[effect.full_names()[0]]
     return size.low == size.high == 0.0
 
@@ -224,13 +242,13 @@ def variant(model: Model, effect: Effect, one: str) -> tuple[list[str], Model] |
 
 
 def is_worth_its_parameters(before: Fitted, after: Fitted, evidence: float = EVIDENCE) -> bool:
-    """Whether a form explains so much more than what it costs, and as an axis can be."""
+    """True if a form explains so much more than what it costs, and as an axis can be."""
     price = (len(after.problem.free) - len(before.problem.free)) * math.log(before.problem.samples)
     return drop_by(before, after) - price > evidence and not is_contradicted(before, after)
 
 
 def is_contradicted(before: Fitted, after: Fitted) -> bool:
-    """Whether the held-out records or its own values speak against a form."""
+    """True if the held-out records or its own values speak against a form."""
     against = is_refuted(drop_by(before, after), before.held_objective - after.held_objective)
     new = [e for e in after.model.effect_list() if e.name not in before.model.effects]
     return against or bool(impossible(after.model)) or any(exceeds_bounds(after.model, e) for e in new)
