@@ -62,7 +62,7 @@ _UNIT_WORDS = {other for unit in UNITS.values() for other in unit.others} | {
 }
 
 
-class Line(NamedTuple):
+class TextLine(NamedTuple):
     """A line of a text file.   number : from 1."""
 
     number: int
@@ -88,7 +88,7 @@ class Heading:
 class OtherLength(ValueError):
     """A line that looks like a header and has another number of names than the rows have values."""
 
-    def __init__(self, line: Line, names: int) -> None:
+    def __init__(self, line: TextLine, names: int) -> None:
         super().__init__(line, names)
         self.line, self.names = line, names
 
@@ -107,7 +107,7 @@ class RowShape:
     counted: bool = False
 
 
-def heading_of(above: Sequence[Line], shape: RowShape, commented: tuple[str, ...]) -> Heading:
+def heading_of(above: Sequence[TextLine], shape: RowShape, commented: tuple[str, ...]) -> Heading:
     """What the lines above the first row say.   commented : marks before a comment.   Raises OtherLength."""
     block = _Block(shape)
     rest = [line for line in above if not block.takes(line)]
@@ -140,7 +140,7 @@ class _Block:
         self.clocks: tuple[int, ...] = ()
         self.line = 0
 
-    def takes(self, line: Line) -> bool:
+    def takes(self, line: TextLine) -> bool:
         """Whether the line is one of a block; what it says is kept, the last one of a kind."""
         cells = [cell.strip().strip('"') for cell in self._shape.split(line.text.lstrip("#%/ "))]
         if self._shape.spaces or len(cells) < 2:
@@ -206,7 +206,7 @@ def _by_mark(text: str) -> list[str]:
     return [match[1], match[2], *([match[3]] if match[3] else [])] if match else []
 
 
-def _header(above: Sequence[Line], shape: RowShape, commented: tuple[str, ...], *, required: bool) -> tuple[list[str], list[str], int]:
+def _header(above: Sequence[TextLine], shape: RowShape, commented: tuple[str, ...], *, required: bool) -> tuple[list[str], list[str], int]:
     """Names and units from the nearest lines that have a cell for each column; [] where there are none, and the line of the names."""
     candidates: list[list[str]] = []
     numbers: list[int] = []
@@ -250,7 +250,7 @@ def is_unit(cell: str) -> bool:
     return not plain or plain in _UNIT_WORDS or (cell.startswith(("[", "(")) and cell.endswith(("]", ")")))
 
 
-def _increment_beside(names: list[str], above: Sequence[Line], shape: RowShape) -> tuple[list[str], list[float], list[float]]:
+def _increment_beside(names: list[str], above: Sequence[TextLine], shape: RowShape) -> tuple[list[str], list[float], list[float]]:
     """Start and increment that stand behind the units, under names of their own: ``X,CH1,CH2,Start,Increment``."""
     keys = [_key(name)[0] for name in names]
     for line in reversed(above):

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beltcomm.errors import DataError
-from beltcomm.foreign.heading import Heading, Line, OtherLength, RowShape, heading_of
+from beltcomm.foreign.heading import Heading, TextLine, OtherLength, RowShape, heading_of
 from beltcomm.foreign.longtable import unstacked
 from beltcomm.foreign.ownclocks import with_own_clocks
 from beltcomm.foreign.table import Column, Decimal, Separator, Table
@@ -74,7 +74,7 @@ def read_text_table(path: Path, separator: Separator | None, decimal: Decimal | 
     return with_own_clocks(unstacked(table), heading)
 
 
-def _heading(path: Path, lines: Sequence[Line], begin: Line, form: Format) -> Heading:
+def _heading(path: Path, lines: Sequence[TextLine], begin: TextLine, form: Format) -> Heading:
     firsts = [form.number(form.fields(line.text)[0].strip('"')) for line in lines if line.number >= begin.number][:4]
     counted = (
         len(firsts) > 2 and firsts[0] in (0.0, 1.0) and all(b is not None and a is not None and b - a == 1.0 for a, b in pairwise(firsts))
@@ -96,8 +96,8 @@ class _Look(NamedTuple):
     """encoding : of the file.   head : its first lines, blank ones too.   sample : lines with content, from everywhere in it."""
 
     encoding: str
-    head: list[Line]
-    sample: list[Line]
+    head: list[TextLine]
+    sample: list[TextLine]
 
 
 def _looked_at(path: Path, skip_lines: int) -> _Look:
@@ -117,16 +117,16 @@ def _looked_at(path: Path, skip_lines: int) -> _Look:
 
 
 def _sampled(path: Path, encoding: str, skip_lines: int) -> _Look:
-    head: list[Line] = []
-    sample: list[Line] = []
+    head: list[TextLine] = []
+    sample: list[TextLine] = []
     number, every, blank = 0, 1, True
     for piece in _pieces(path, encoding):
         lines = lines_in(piece)
         blank = blank and not piece.strip()
         if len(head) < _HEAD_LINES:
-            head += [Line(number + k, text) for k, text in enumerate(lines, start=1) if number + k > skip_lines][: _HEAD_LINES - len(head)]
+            head += [TextLine(number + k, text) for k, text in enumerate(lines, start=1) if number + k > skip_lines][: _HEAD_LINES - len(head)]
         sample += [
-            Line(number + k + 1, lines[k])
+            TextLine(number + k + 1, lines[k])
             for k in range(-number % every, len(lines), every)
             if number + k >= skip_lines and lines[k].strip()
         ]
@@ -168,7 +168,7 @@ class TextRows:
         self._path, self._form, self._names, self._torn_rows = path, form, names, torn_rows
         self._parts: list[list[Column]] = [[] for _ in names]
         #: Lines that are no rows: a footer, unless a row comes after them.
-        self._waiting: list[tuple[Line, list[str]]] = []
+        self._waiting: list[tuple[TextLine, list[str]]] = []
         self._torn: list[int] = []
         #: Remarks beside or between the rows: line and words.
         self._said: list[tuple[int, str]] = []
@@ -181,7 +181,7 @@ class TextRows:
             return
         table = self._numbers(text)
         if table is None:
-            self._slowly([Line(first + k, line) for k, line in enumerate(lines_in(text))])
+            self._slowly([TextLine(first + k, line) for k, line in enumerate(lines_in(text))])
             return
         if self._waiting:
             self._keep(self._waiting)
@@ -229,7 +229,7 @@ class TextRows:
             return None
         return table if table.shape[1] == form.width else None
 
-    def _slowly(self, lines: Sequence[Line]) -> None:
+    def _slowly(self, lines: Sequence[TextLine]) -> None:
         """Cell by cell: with text columns, missing values, a footer or a torn last line."""
         form = self._form
         rows = [
@@ -245,7 +245,7 @@ class TextRows:
             self._waiting = []
         self._waiting += rows[end:]
 
-    def _without_remark(self, line: Line, fields: list[str]) -> list[str]:
+    def _without_remark(self, line: TextLine, fields: list[str]) -> list[str]:
         """The cells of a line without words behind them that are no value."""
         form = self._form
         if len(fields) > form.width:
@@ -255,7 +255,7 @@ class TextRows:
                 return fields[: form.width]
         return fields
 
-    def _keep(self, rows: Sequence[tuple[Line, list[str]]]) -> None:
+    def _keep(self, rows: Sequence[tuple[TextLine, list[str]]]) -> None:
         form, path = self._form, self._path
         whole = [row for row in rows if len(row[1]) == form.width and not self._is_remark(*row)]
         torn = [row for row in rows if len(row[1]) != form.width and not self._is_remark(*row)]
@@ -271,14 +271,14 @@ class TextRows:
         cells = list(zip(*(fields for _, fields in whole), strict=True)) or [()] * form.width
         self._append([self._column(j, cells[j], whole) for j in range(form.width)])
 
-    def _is_remark(self, line: Line, fields: Sequence[str]) -> bool:
+    def _is_remark(self, line: TextLine, fields: Sequence[str]) -> bool:
         """Whether a line between rows is words alone; the header again is none, for another record begins there."""
         words = [cell for cell in fields if cell]
         if not words or (len(words) > 1 and self._form.separator != " ") or any(word.strip('"') in self._names for word in words):
             return False
         return not any(character.isdigit() for character in line.text) or all(self._form.number(word) is None for word in words)
 
-    def _column(self, j: int, cells: Sequence[str], rows: Sequence[tuple[Line, list[str]]]) -> Column:
+    def _column(self, j: int, cells: Sequence[str], rows: Sequence[tuple[TextLine, list[str]]]) -> Column:
         if not self._form.numeric[j]:
             return np.array(cells, dtype=np.str_)
         values = [self._form.number(cell) for cell in cells]
