@@ -193,14 +193,10 @@ def _pieces(path: Path, encoding: str) -> Iterator[str]:
     return text_blocks(path, encoding, "strict" if encoding == "utf-8-sig" else "replace")
 
 
-#: Letters of a line up to which quotes count; the reader of such lines takes no longer cell.
-_QUOTED = 100_000
-
-
 def _split(line: str, separator: str) -> list[str]:
     if separator == " ":
         return line.split()
-    if '"' in line and len(line) <= _QUOTED:
+    if '"' in line and len(line) <= 100_000:  # the reader takes no longer cell
         return [cell.strip() for cell in next(csv.reader([line.strip()], delimiter=separator, skipinitialspace=True))]
     return [cell.strip() for cell in line.split(separator)]
 
