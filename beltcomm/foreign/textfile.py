@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beltcomm.errors import DataError
-from beltcomm.foreign.heading import Heading, TextLine, OtherLength, RowShape, heading_of
+from beltcomm.foreign.heading import Heading, OtherLength, RowShape, TextLine, heading_of
 from beltcomm.foreign.longtable import unstacked
 from beltcomm.foreign.ownclocks import with_own_clocks
 from beltcomm.foreign.table import Column, Decimal, Separator, Table
