@@ -124,7 +124,8 @@ def _sampled(path: Path, encoding: str, skip_lines: int) -> _Look:
         lines = lines_in(piece)
         blank = blank and not piece.strip()
         if len(head) < _HEAD_LINES:
-            head += [TextLine(number + k, text) for k, text in enumerate(lines, start=1) if number + k > skip_lines][: _HEAD_LINES - len(head)]
+            begun = [TextLine(number + k, text) for k, text in enumerate(lines, start=1) if number + k > skip_lines]
+            head += begun[: _HEAD_LINES - len(head)]
         sample += [
             TextLine(number + k + 1, lines[k])
             for k in range(-number % every, len(lines), every)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beltcomm.errors import DataError
-from beltcomm.foreign.heading import Line
+from beltcomm.foreign.heading import TextLine
 from beltcomm.foreign.table import Decimal, Separator
 from beltcomm.outside import check_columns
 
@@ -68,7 +68,7 @@ class Format(NamedTuple):
 def _split(line: str, separator: str) -> list[str]:
     if separator == " ":
         return line.split()
-    if '"' in line:
+    if '"' in line and len(line) <= 100_000:  # a line of a million quotes would take minutes
         return [cell.strip() for cell in next(csv.reader([line.strip()], delimiter=separator, skipinitialspace=True))]
     return [cell.strip() for cell in line.split(separator)]
 
@@ -87,7 +87,7 @@ def _number(text: str, decimal_comma: bool, grouped: bool = False) -> float | No
         return None
 
 
-def recognised(path: Path, content: Sequence[Line], separator: Separator | None, decimal: Decimal | None) -> Format:
+def recognised(path: Path, content: Sequence[TextLine], separator: Separator | None, decimal: Decimal | None) -> Format:
     """The format under which the most of the file's cells are numbers, in rows of one length."""
     body = content[len(content) // 4 :]  # a preamble stands at the beginning
     sample = [body[i].text for i in np.unique(np.linspace(0, len(body) - 1, _SAMPLED_LINES).astype(int))]
@@ -114,7 +114,7 @@ def recognised(path: Path, content: Sequence[Line], separator: Separator | None,
     return _looked_through(best[1], content)
 
 
-def _looked_through(form: Format, content: Sequence[Line]) -> Format:
+def _looked_through(form: Format, content: Sequence[TextLine]) -> Format:
     """The format with what only many lines show: columns that seldom hold a value, and those that never do."""
     body = content[len(content) // 4 :]
     rows = [row for row in (form.fields(line.text) for line in body) if len(row) == form.width]
@@ -126,7 +126,7 @@ def _looked_through(form: Format, content: Sequence[Line]) -> Format:
     return form._replace(numeric=tuple(numeric), blank=tuple(blank))
 
 
-def _parts_thousands(body: Sequence[Line], mark: str, comma: bool) -> bool:
+def _parts_thousands(body: Sequence[TextLine], mark: str, comma: bool) -> bool:
     """Whether some cell has both marks, which only a number with parted thousands has."""
     both = _GROUPED[comma]
     lines = (line.text for line in body if "." in line.text and "," in line.text)
