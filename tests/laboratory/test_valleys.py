@@ -103,6 +103,7 @@ def test_the_search_goes_on_from_the_better_valley(monkeypatch: pytest.MonkeyPat
     for name in ("Scorer", "ground_of", "left_start_values", "remaining_structure", "verdict_of"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)
+    monkeypatch.setattr(diagnosis, "least_plain_error", lambda _data, last, *_: last)
     begun: Any = SimpleNamespace(fitted=(), held_out=(), substeps=4), model("base")
     nothing: Any = SimpleNamespace()
     after = diagnosis.diagnose([], nothing, nothing, begun=begun)

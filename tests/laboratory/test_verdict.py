@@ -309,6 +309,7 @@ def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
     for name in ("Scorer", "ground_of", "left_start_values", "remaining_structure", "verdict_of", "escape_if_far_off"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)
+    monkeypatch.setattr(diagnosis, "least_plain_error", lambda _data, last, *_: last)
     begun: Any = SimpleNamespace(fitted=(), held_out=(), substeps=4), fitted(2.0, 2.0)
     nothing: Any = SimpleNamespace()
     after = diagnosis.diagnose([], nothing, nothing, begun=begun)
