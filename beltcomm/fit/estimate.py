@@ -58,6 +58,8 @@ class Fitted:
         O there, 0 without any.
     onward : Model or None
         With which the search would go on, where its iterations ended it.
+    likeliest : Fitted or None
+        The likelihood's own minimum, from which a search begins, of a fit that is told with other values (``fit.far_off``).
     """
 
     model: Model
@@ -68,6 +70,7 @@ class Fitted:
     held_residual: tuple[Array, ...]
     held_objective: float
     onward: Model | None = None
+    likeliest: Fitted | None = None
 
     @property
     def ratio(self) -> float:
@@ -206,10 +209,8 @@ def escape_local_minimum(data: Data, fitted: Fitted, iterations: int) -> Fitted:
     return fit(data, wide.model_at(at.x, "laboratory"), iterations, offsets=wide.offsets(at.x))
 
 
-def evaluate_at(data: Data, model: Model, offsets: Array | None = None, fixed: Sequence[str] = ()) -> Fitted:
-    """A model as it is on the records, whatever minimum it may be near."""
-    problem = problem_of(data, model, fixed)
-    x = problem.start(offsets)
+def evaluate_at(data: Data, problem: Problem, x: Array) -> Fitted:
+    """A model as it is on the records at these unknowns, whatever minimum it may be near."""
     residual = problem.residual(x)
     return _fit_result(problem, Minimum(x, residual, problem.objective(residual, x)), data)
 

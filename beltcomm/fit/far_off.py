@@ -7,6 +7,7 @@ friction differs by direction it left 9.2 % of the force where the same three te
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,13 +37,14 @@ def least_plain_error(data: Data, fitted: Fitted, iterations: int, fixed: Sequen
     band = band_of(data, fitted.model)
     wide = problem_of(data, fitted.model, fixed, STRETCH_S)
     at = wide.minimise(wide.start(fitted.offsets), iterations, enough=ENOUGH)
-    tried = [fitted, evaluate_at(data, wide.model_at(at.x, "laboratory"), wide.offsets(at.x), fixed)]
+    evenly = fitted.problem.start(wide.offsets(at.x), wide.model_at(at.x, "laboratory"))
+    tried = [fitted, evaluate_at(data, fitted.problem, evenly)]
     left = [_plain(data, one, band) for one in tried]
     if not fitted.problem.movable:
-        tried.append(_in_band(data, tried[int(np.argmin([own for own, _ in left]))], band, fixed))
+        tried.append(_in_band(data, tried[int(np.argmin([own for own, _ in left]))], band))
         left.append(_plain(data, tried[-1], band))
     sound = [(own, one) for one, (own, held) in zip(tried, left, strict=True) if held <= left[0][1] and own < (1.0 - LESS) * left[0][0]]
-    return min(sound, key=lambda pair: pair[0])[1] if sound else fitted
+    return replace(min(sound, key=lambda pair: pair[0])[1], likeliest=fitted) if sound else fitted
 
 
 def _plain(data: Data, fitted: Fitted, band_hz: float) -> tuple[float, float]:
@@ -53,15 +55,15 @@ def _plain(data: Data, fitted: Fitted, band_hz: float) -> tuple[float, float]:
     return own, held
 
 
-def _in_band(data: Data, fitted: Fitted, band_hz: float, fixed: Sequence[str]) -> Fitted:
+def _in_band(data: Data, fitted: Fitted, band_hz: float) -> Fitted:
     """Least squares of the band-limited error by the free parameters."""
-    problem = problem_of(data, fitted.model, fixed)
+    problem = fitted.problem
 
     def error(x: Array) -> Array:
         model = problem.model_at(x, "laboratory")
         parts = [in_band(piece, model, model.vector(), band_hz) for piece in problem.pieces]
         return np.concatenate([part.error[part.keep] for part in parts])
 
-    begun = np.clip(problem.start(), problem.low, problem.high)
-    found = least_squares(error, begun, bounds=(problem.low, problem.high), max_nfev=MOST, xtol=CLOSE, diff_step=np.full(len(begun), STEP))
-    return evaluate_at(data, problem.model_at(found.x, "laboratory"), None, fixed)
+    steps = np.full(len(fitted.x), STEP)
+    found = least_squares(error, fitted.x, bounds=(problem.low, problem.high), max_nfev=MOST, xtol=CLOSE, diff_step=steps)
+    return evaluate_at(data, problem, np.asarray(found.x))

@@ -164,10 +164,10 @@ class Problem:
         """Number of residuals."""
         return int(self.ends[-1])
 
-    def start(self, offsets: Array | None = None) -> Array:
-        """The unknowns at the model's values."""
+    def start(self, offsets: Array | None = None, model: Model | None = None) -> Array:
+        """The unknowns at a model's values, those of the problem's own without one."""
         x = np.zeros(len(self.scale))
-        x[: len(self.free)] = self.vector[self.places] / self.scale[: len(self.free)]
+        x[: len(self.free)] = (self.vector if model is None else model.vector())[self.places] / self.scale[: len(self.free)]
         if offsets is not None and self.movable:
             x[len(self.free) :] = offsets
         return np.asarray(np.clip(x, self.low, self.high))

@@ -5,12 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
-from beltcomm.fit.estimate import Fitted, held_objective, held_out_residual, problem_of
+from beltcomm.fit.estimate import Fitted, evaluate_at, problem_of
+from beltcomm.fit.likelihood import Problem
 from beltcomm.fit.nuisance import with_nuisance
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data, prepare_records
@@ -18,6 +21,8 @@ from beltcomm.fit.torque_path import path_from_dict, path_to_dict
 from beltcomm.model import Model, model_from_dict
 from beltcomm.programs import source_hash
 from beltcomm.recording import Recording
+
+Array = NDArray[np.float64]
 
 #: Fine steps of a sample, at most: a file may ask for a day of computing.
 _MOST_SUBSTEPS = 1000
@@ -51,6 +56,7 @@ def store_fit(data: Data, fitted: Fitted) -> dict[str, Any] | None:
         "colour": float(data.colour),
         "single": data.single,
         "unknowns": [float(x) for x in fitted.x],
+        "likeliest": [float(x) for x in fitted.likeliest.x] if fitted.likeliest is not None else None,
         "shares": {piece.record: [float(share) for share in piece.rounding] for piece in (*data.fitted, *data.held_out)},
         "noise_nm": float(data.noise_nm),
         "step_rad": float(data.step_rad),
@@ -84,10 +90,14 @@ def restore_fit(recordings: Sequence[Recording], found: Mapping[str, Any]) -> tu
         bool(found["single"]),
     )
     problem = problem_of(data, model, found["fixed"])
-    x = np.array(found["unknowns"], dtype=np.float64)
+    fitted = evaluate_at(data, problem, _unknowns(found["unknowns"], problem))
+    if found["likeliest"] is not None:
+        fitted = replace(fitted, likeliest=evaluate_at(data, problem, _unknowns(found["likeliest"], problem)))
+    return data, with_nuisance(data, fitted)
+
+
+def _unknowns(kept: Sequence[float], problem: Problem) -> Array:
+    x = np.array(kept, dtype=np.float64)
     if x.shape != problem.scale.shape:
         raise ValueError(f"{len(x)} unknowns kept, {len(problem.scale)} needed")
-    residual = problem.residual(x)
-    best = problem.model_at(x, "laboratory")
-    held = tuple(held_out_residual(piece, best) for piece in data.held_out)
-    return data, with_nuisance(data, Fitted(best, problem, x, residual, problem.objective(residual, x), held, held_objective(data, held)))
+    return x

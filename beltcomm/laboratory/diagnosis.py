@@ -12,7 +12,7 @@ from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.fit.base import FIRST_ITERATIONS, NEXT_ITERATIONS, fit_base, refit_with_rebuilt_motion
 from beltcomm.fit.estimate import Fitted, escape_local_minimum, fit
-from beltcomm.fit.far_off import FAR_ABOVE, least_plain_error
+from beltcomm.fit.far_off import least_plain_error
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, prepare
@@ -149,10 +149,9 @@ def fit_base_of(recordings: Sequence[Recording], axis: Axis, start: Model) -> tu
 
 
 def as_searched(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
-    """The fit of a base with the steps of time, and the weights, of a search."""
-    if needs_observer(fitted.model):
-        return data, fitted
-    return refit_with_rebuilt_motion(data, fitted, SETTLED_ITERATIONS if fitted.ratio <= FAR_ABOVE else FIRST_ITERATIONS)
+    """The fit of a base with the steps of time, and at the likelihood's minimum, of a search."""
+    fitted = fitted.likeliest or fitted
+    return (data, fitted) if needs_observer(fitted.model) else refit_with_rebuilt_motion(data, fitted, SETTLED_ITERATIONS)
 
 
 def final_refit(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
