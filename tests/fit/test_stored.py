@@ -12,6 +12,7 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.errors import BeltcommError
+from beltcomm.fit.estimate import evaluate_at
 from beltcomm.fit.model_fit import ModelFit, fit_model
 from beltcomm.fit.stored import key_of, restore_fit, store_fit
 from beltcomm.recording import Recording
@@ -81,3 +82,13 @@ def test_the_key_goes_with_records_axis_and_start(found: ModelFit) -> None:
         key_of(hashes, axis, found.fitted.problem.model),
     ]
     assert len({key, *others}) == 5
+
+
+def test_a_fit_far_off_keeps_where_its_search_begins(records: list[Recording], found: ModelFit) -> None:
+    """Told with other values than the likelihood's, both are there again to the digit."""
+    told = evaluate_at(found.data, found.fitted.problem, 1.01 * found.fitted.x)
+    there = store_fit(found.data, replace(told, likeliest=found.fitted))
+    _, again = restore_fit(records, json.loads(json.dumps(there)))
+    assert again.likeliest is not None
+    assert again.objective > again.likeliest.objective
+    assert (again.objective, again.likeliest.objective) == (told.objective, found.fitted.objective)
