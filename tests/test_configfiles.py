@@ -111,6 +111,7 @@ def test_suggestions() -> None:
         ("90°", "angle_rad", math.pi / 2),
         ("430 mN m", "torque_nm", 0.43),
         ("1e-3", "ratio", 1e-3),
+        ("0,3", "position_m", 0.3),
     ],
 )
 def test_quantities_with_their_unit(text: str, name: str, value: float) -> None:
@@ -120,7 +121,7 @@ def test_quantities_with_their_unit(text: str, name: str, value: float) -> None:
 @pytest.mark.parametrize(
     ("text", "name", "words"),
     [
-        ("0,3", "position_m", "decimal point"),
+        ("3,000", "position_m", "decimal point"),
         ("three", "position_m", "give a number in m"),
         ("3 kg", "position_m", "'kg' is not a unit of it; understood are m, cm, mm, um"),
         ("3 m", "ratio", "'m' is not a unit"),

@@ -148,5 +148,5 @@ def _stops(plan: Plan) -> list[Line]:
 def _doubts(plan: Plan, capabilities: Capabilities) -> Sequence[str]:
     """What speaks against the plan's records, a line each as far as it goes."""
     scale = capabilities.torque_scale
-    doubts = [*capabilities.cautions, *(note for note in plan.notes if "not be seen" in note or (scale and note.startswith(scale)))]
+    doubts = [*capabilities.cautions, *(note for note in plan.notes if "no response shows" in note or (scale and note.startswith(scale)))]
     return [f"{note[: WIDE - 12]} ... [d]" if len(note) > WIDE - 6 else note for note in doubts[:2]]

@@ -161,7 +161,7 @@ def test_what_is_not_given_is_left_to_the_api(api: StandIn) -> None:
     [
         (["fit", "R", "--solver", "trf"], "fit", (Path("R"),), {"solver": "trf", "model": "two-mass"}),
         (["fit", "R", "--model", "three-mass"], "fit", (Path("R"),), {"model": "three-mass"}),
-        (["design", "R"], "design", (Path("R"),), {"specification": PRODUCT_SPECIFICATION}),
+        (["design", "R"], "design", (Path("R"),), {"specification": None}),
         (
             ["design", "R", "--phase-margin", "60", "--suppression", "-12", "--position-phase-margin", "75"],
             "design",

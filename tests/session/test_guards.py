@@ -111,7 +111,8 @@ def test_homing_stands_in_the_plan_before_it_is_done(make_bench: MakeBench, tmp_
     bench, talk = make_bench(referenced=False), Listener(answer=False)
     with pytest.raises(Refused, match="nothing was moved, as you said"):
         api.identify(bench.name, AXIS, tmp_path / "run", options=api.Options(home=True), talk=talk)
-    assert "homing, until the zero is found" in talk.said[0]
+    assert "First the drive searches its zero, along the whole axis if need be" in talk.said[0]
+    assert "1 homing " in talk.said[0]
     assert not np.any(bench.plant.torque_nm)
 
 
@@ -214,20 +215,24 @@ def test_success_needs_sound_margins_and_a_whole_move(complete: Complete, copy_o
     assert doubts(folder) == ["only slower ones"]
 
 
-def test_the_gains_are_asked_for_and_thin_ones_never_kept(complete: Complete, make_bench: MakeBench, tmp_path: Path) -> None:
+def test_the_gains_are_asked_for_and_thin_ones_never_kept(
+    complete: Complete, make_bench: MakeBench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not of the virtual drive, which keeps nothing: it stands for one that does."""
+    monkeypatch.setattr(sequence.Hardware, "virtual", False)
     bench, folder = make_bench(), RunFolder.create(tmp_path / "run", load_axis(AXIS))
     verdict = complete.result.data["verdict"]
     cascade = sequence.Cascade(0.08, 0.2, 14.0, 4e-3)
-    for answer, reservations, applied, asked in ((True, [], "save", 2), (False, [], "restore", 1), (True, ["thin"], "restore", 0)):
-        talk, findings = Listener(answer=answer), Findings(final=complete.final, verdict=verdict, reservations=reservations)
+    for answer, reservations, applied, asked in ((True, [], "keep", 1), (False, [], "restore", 1), (True, ["thin"], "restore", 0)):
+        talk, findings = Listener(answer=answer), Findings(final=complete.final, verdict=verdict, reservations=reservations, cascade=cascade)
         with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, talk) as machine:
-            sequence.dispose(machine, Settings(apply=None, ask=True), findings, cascade)
-            assert machine.keep_gains is (applied == "save")
+            sequence.dispose(machine, Settings(apply=None, ask=True), findings)
+            assert machine.keep_gains is (applied == "keep")
             machine.keep_gains = False
         assert findings.applied == applied
         assert len(talk.asked) == asked
     findings = Findings(final=complete.final, verdict=verdict, reservations=["thin"])
     with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, Silence()) as machine:
-        sequence.dispose(machine, Settings(apply="save"), findings, cascade)
+        sequence.dispose(machine, Settings(apply="save"), findings)
         assert not machine.keep_gains
     assert findings.remarks == ["the new gains were not kept, because thin; `beltcomm apply --force` writes them all the same"]

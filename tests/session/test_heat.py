@@ -97,7 +97,7 @@ def test_the_weaker_of_motor_and_drive_counts(capabilities: Capabilities) -> Non
 def test_the_plan_says_its_thermal_share_and_what_it_assumes(capabilities: Capabilities) -> None:
     plan = replace(identify_plan(RIG, capabilities), thermal=Thermal.of(RIG, capabilities))
     text = "\n".join(plan.lines())
-    assert "The motor warms by 60 % of what it bears for ever, in the hottest experiment by 75 %" in text  # 75 % is (1.24/1.43)²
+    assert "60 % of the continuous rating (S1) on average, 75 % in the hottest experiment" in text  # 75 % is (1.24/1.43)²
     assert "overload of 3.1 N m for 2 s (assumed: neither axis.yaml nor the drive tells)" in text
     assert plan.heat_dict()["heat"]["hottest"] == pytest.approx((1.24 / 1.43) ** 2, rel=1e-3)
 

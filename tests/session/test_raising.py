@@ -38,6 +38,7 @@ class Search:
             folder=folder,
             talk=Silence(),
             holding_nm=0.0,
+            ratio=1.0,
             withdrawing=nullcontext,
         )
         for name, stand_in in {
@@ -46,6 +47,7 @@ class Search:
             "_record_of_step": self.make,
             "_louder": lambda _machine, _family, _made, most_nm: self.step(most_nm),
             "moves_enough": lambda recording, *_: recording >= self.moves_from_nm,
+            "not_ruled_out": lambda family, *_: family,
             "first_path": lambda *_: FirstPath(FAITHFUL, MODEL),
             "stands_after": lambda _machine, problem: self.stands and problem.reason == "position",
         }.items():

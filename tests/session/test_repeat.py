@@ -79,7 +79,7 @@ def test_a_run_broken_off_goes_on_without_repeating_what_is_finished(make_bench:
 def test_a_finished_run_repeats_nothing_and_is_told_in_one_json_object(
     make_bench: MakeBench, copy_of_complete: Copy, complete: Complete, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(reporting, "report", lambda run: Answer({"page": str(run / "report.html"), "data_sheet_words": []}, []))
+    monkeypatch.setattr(reporting, "report", lambda run: Answer({"page": str(run / "report.html"), "data_sheet_words": [], "data_sheet": []}, []))
     run, bench = copy_of_complete(), make_bench()
     before = contents(run)
     outcome = call("commission", *DRIVE, "--yes", "--run", run, "--resume", "--json")
@@ -90,7 +90,7 @@ def test_a_finished_run_repeats_nothing_and_is_told_in_one_json_object(
     assert data["model"]["parameters"]["cart.mass"]["value"] == pytest.approx(13.44, rel=0.03)
     assert {"run", "machine_seconds", "remarks", "model", "fit", "friction", "design", "verdict"} <= set(data)
     assert data["page"].endswith("report.html")
-    assert "[8/8] verification" in outcome.stderr
+    assert "[8/9] verification move" in outcome.stderr
     assert bench.now_s < 10.0  # the sign check and the way to the start of the move at most
 
 
