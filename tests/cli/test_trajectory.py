@@ -96,7 +96,7 @@ def test_an_existing_file_is_overwritten_only_with_a_yes(tmp_path: Path) -> None
         (("0", "0.5", *T_A, "--jerk-down", "0"), 2, "the jerk down is 0; give a positive number"),
         (("0", "0.5", *T_A, "--speed-back", "-1"), 2, "the speed back is -1; give 0, which forbids to move back"),
         (("0", "0.5", *T_A, "--jerk-down", "3kg"), 2, "'kg' is not a unit of it"),
-        (("0", "0.5", *T_A, "--period", "0"), 2, "the sample period is 0.0 s"),
+        (("0", "0.5", *T_A, "--period", "0"), 2, "the period is 0 s; it must be positive"),
         (("0.5", "0.5", *T_A), 2, "starts and ends in the same state at 0.5 m"),
         (("0", "0.5", *T_A, "--end-velocity", "6"), 2, "6 m/s at its end, outside its bounds -5 to 5 m/s"),
         (("0", "0.5", *ODD, "--start-velocity", "0.75", "--start-acceleration", "3"), 2, "forces the speed to 0.975 m/s after it"),

@@ -241,10 +241,10 @@ def test_noise_has_no_structure_and_a_small_constant_has() -> None:
 @pytest.mark.parametrize(
     ("verdict", "held", "said", "following"),
     [
-        ("explained", (1.5, 1.0), False, "beltcomm add cogging RUN, then beltcomm add tilt RUN"),
-        ("partly explained", (1.49, 1.57), True, "beltcomm add cogging RUN, then beltcomm add tilt RUN"),
-        ("partly explained", (None, None), False, "beltcomm add cogging RUN, then beltcomm add tilt RUN"),
-        (diagnosis.NONE_EXPLAINS, (1.49, 1.57), True, "beltcomm compare RUN shows"),
+        ("explained", (1.5, 1.0), False, "beltcomm improve RUN   (adds cogging and tilt"),
+        ("partly explained", (1.49, 1.57), True, "beltcomm improve RUN   (adds cogging and tilt"),
+        ("partly explained", (None, None), False, "beltcomm improve RUN   (adds cogging and tilt"),
+        (diagnosis.NONE_EXPLAINS, (1.49, 1.57), True, "beltcomm compare RUN   (shows"),
     ],
 )
 def test_what_the_held_out_records_do_not_confirm_is_said(
