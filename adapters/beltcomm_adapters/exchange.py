@@ -47,6 +47,10 @@ ARRANGEMENTS: Final[tuple[tuple[tuple[MappedObject, ...], ...], ...]] = (
     ((_POSITION,), (_TORQUE,), (_WORD,)),
 )
 TRANSMITTED: Final = ARRANGEMENTS[0]
+#: What to do about a mapping that a drive refuses.
+FREE_MAPPING: Final = (
+    "let the mapping be changed with the maker's tool (it may be fixed, or need the node to be pre-operational), or choose --profile"
+)
 _CODES: Final = {_POSITION: "i", _TORQUE: "h", _WORD: "H", _SPEED: "i", _DEMAND: "h"}
 
 
@@ -97,7 +101,8 @@ def not_mapped(error: ObjectRefused, direction: str, mapping: int, entries: Sequ
     wanted = entries[error.subindex - 1 : error.subindex] if error.subindex else entries
     named = ", ".join(name_of(index, part) for index, part, _ in wanted)
     return ObjectRefused(
-        f"the drive does not let {named} be mapped into its {direction} PDO {name_of(mapping)}: {abort_text(error.abort_code)}",
+        f"the drive does not let {named} be mapped into its {direction} PDO {name_of(mapping)}: {abort_text(error.abort_code)}; "
+        f"{FREE_MAPPING}",
         error.abort_code,
         error.index,
         error.subindex,

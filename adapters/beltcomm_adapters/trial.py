@@ -12,7 +12,7 @@ from beltcomm.drive import Limits
 from beltcomm.drive.finding import Finding, State
 from beltcomm.drive.objects import name_of
 from beltcomm.errors import BusError, DriveError, ObjectRefused
-from beltcomm_adapters.exchange import ARRANGEMENTS, TRANSMITTED, map_answers, map_pdo
+from beltcomm_adapters.exchange import ARRANGEMENTS, FREE_MAPPING, TRANSMITTED, map_answers, map_pdo
 from beltcomm_adapters.preparation import lend_settings
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
@@ -57,9 +57,6 @@ def _mapping(objects: Objects, profile: Profile, modes: frozenset[int]) -> Itera
     wrong: list[Finding] = []
     states: dict[str, State] = {kind: "wrong" if kind in NEEDED else "warning" for kind in profile.modes}
     mapped: list[str] = []
-    remedy = (
-        "let the mapping be changed with the maker's tool (it may be fixed, or need the node to be pre-operational), or choose --profile"
-    )
     for kind, mode in profile.modes.items():
         if mode not in modes:
             continue
@@ -71,7 +68,7 @@ def _mapping(objects: Objects, profile: Profile, modes: frozenset[int]) -> Itera
         except BusError:
             raise
         except DriveError as error:
-            wrong.append(Finding(AREA, f"setpoints, {kind}", states[kind], f"for motions of kind {kind}: {_plain(error)}", remedy))
+            wrong.append(Finding(AREA, f"setpoints, {kind}", states[kind], f"for motions of kind {kind}: {_plain(error)}", FREE_MAPPING))
             continue
         mapped += [name_of(*entry[:2]) for entries in layout.received for entry in entries]
     try:
@@ -80,7 +77,7 @@ def _mapping(objects: Objects, profile: Profile, modes: frozenset[int]) -> Itera
     except BusError:
         raise
     except DriveError as error:
-        wrong.append(Finding(AREA, "answers", "wrong", _plain(error), remedy))
+        wrong.append(Finding(AREA, "answers", "wrong", _plain(error), FREE_MAPPING))
     else:
         sent = [entry for entries in ARRANGEMENTS[number] for entry in entries]
         mapped += [name_of(*entry[:2]) for entry in sent]

@@ -66,7 +66,7 @@ EXPECTED: dict[str, tuple[int, list[Named], str]] = {
     ),
     "rated_torque": (
         1,
-        [("axis.yaml", "rated torque", "wrong"), ("axis.yaml", "torque per current", "wrong")],
+        [("axis.yaml", "rated torque", "wrong"), ("axis.yaml", "torque per current", "wrong"), ("axis.yaml", "largest torque", "wrong")],
         "rated torque 2.86 N m (6076h), axis.yaml says 1.43 N m (motor.rated_torque_nm): every torque, mass and gain would be wrong by the "
         "factor 2.00",
     ),

@@ -69,9 +69,9 @@ def ends_well(action: Callable[[], object]) -> str:
 
 @pytest.mark.parametrize("profile", ["reference", "cmmp-as"])
 def test_damaged_answers_to_sdo(profile: str) -> None:
-    """Connect, read everything, write, save: 16 times, with from one to 30 % of all answers damaged."""
+    """Connect, read everything, write, save: 48 times, with from one to 30 % of all answers damaged."""
     draw, sentences, damaged = np.random.default_rng(1), set[str](), 0
-    for _ in range(16):
+    for _ in range(48):
         with virtual(profile) as (bus, _node):
             line = Damaging(bus, draw, float(draw.choice([0.01, 0.03, 0.1, 0.3])), range(0x580, 0x600))
 

@@ -188,7 +188,7 @@ def test_a_real_drive_is_identified_and_its_path_told(tmp_path: Path, instrument
     text = find_config("plants", "g_a").read_text(encoding="utf-8")
     plant.write_text(text.replace("counts_per_rev: 65536}", f"counts_per_rev: 65536, {instrument}}}"), encoding="utf-8")
     result = api.identify(f"virtual:{plant}", "egc-70-600", tmp_path / "run", options=YES)
-    assert any(said in line for line in result.text), result.text
+    assert any(said in line for line in result.details), result.details
     assert said in result.data["fit"][KEY]["words"][0]
     mass, stiffness = (result.data["model"]["parameters"][name] for name in ("cart.mass", "belt_stiffness.stiffness"))
     assert abs(mass["value"] - 13.44) < mass["interval"]
