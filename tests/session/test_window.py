@@ -22,7 +22,7 @@ from beltcomm.virtual.faults import Faults
 from session.bench import Bench, Listener
 from session.test_bad_drive import AXIS, YES, MakeBench, fails
 
-LOW_M, HIGH_M = -0.02, 0.03
+LOW_M, HIGH_M = -0.025, 0.035
 
 
 @dataclass
@@ -63,14 +63,14 @@ def test_the_carriage_never_leaves_the_window(here: Here) -> None:
 
 
 def test_the_plan_states_the_window(here: Here) -> None:
-    assert "-20 ... +30 mm from where it stands" in here.talk.said[0]
+    assert "-25 ... +35 mm from where it stands" in here.talk.said[0]
     plan = here.talk.said[1]
-    assert "between -20 mm and +30 mm of where it stands now" in plan
+    assert "between -25 mm and +35 mm of where it stands now" in plan
     ways = [line for line in plan.splitlines() if " mm " in line and " m/s " in line]
     assert len(ways) == 3
     for line in ways:  # title, travel, with stop, ...: in mm
         travel, reach = (float(words.split()[-1]) for words in line.split(" mm")[:2])
-        assert travel <= reach <= 30.0
+        assert travel <= reach <= 35.0
 
 
 def test_no_recording_claims_to_know_its_place(here: Here) -> None:
@@ -103,7 +103,7 @@ def test_fit_and_design_cope_with_it_and_what_needs_a_reference_says_so(here: He
     fitted = CliRunner().invoke(cli, ["fit", str(here.path), "--details"])
     assert fitted.exit_code == 0
     assert "the stiffness holds for that place alone" in fitted.stdout
-    designed = CliRunner().invoke(cli, ["design", str(here.path)])
+    designed = CliRunner().invoke(cli, ["design", str(here.path), "--details"])
     assert designed.exit_code == 0
     assert "proven for the belt stiffness of that place alone" in designed.stdout
     saved = RunFolder.open(here.path).load("designs", "final")
