@@ -65,6 +65,7 @@ from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.backups import choose_backup
 from beltcomm.rundata.findings import Findings
 from beltcomm.runfolder import RunFolder
+from beltcomm.schedule.next_plan import load_plan
 from beltcomm.schedule.orders import sweep_orders as wanted_sweeps
 from beltcomm.sentences import outcome, words
 from beltcomm.study.job import one_member, study_of
@@ -246,6 +247,7 @@ def follow(drive: str, run: Place, plan: Place, *, options: Options | None = Non
     """
     options, talk, run, plan = given(options), talk or Silence(), place(run), place(plan, "plan")
     named = RunFolder.open(run).axis
+    load_plan(plan)  # one that cannot be read costs the drive nothing
     with able(open_drive(drive, options.for_drive(named)), "torque") as opened, supervise(opened, drive, run, options, talk) as connected:
         agreed = Agreement(options, talk, partial(follow, plan=plan))
         return follow_plan(connected, run, plan, options, agreed, talk)

@@ -27,6 +27,10 @@ _A_TURN = 0.1
 _BOTH_WAYS, _BETTER = 0.1, 0.1
 
 
+class DrivesItsMotor(DataError):
+    """Motion feeds a record's torque, where friction should take it up."""
+
+
 def check(recording: Recording) -> tuple[str, ...]:
     """Sentences on what looks odd.   Raises DataError for a position that wraps, signs that contradict, or an impossible speed."""
     if recording.is_static_map:
@@ -52,9 +56,12 @@ def check(recording: Recording) -> tuple[str, ...]:
     moved = float(np.ptp(recording.position))
     if unit == "m" and moved > LONGEST_TRAVEL_M:
         raise DataError(f"{recording.file}: {position} covers {moved:.6g} m; if that is mm write --map {position}=NAME*mm")
-    judged = _judgement(recording)
+    contradiction = _judgement(recording)
+    judged = contradiction or _driven(recording)
     if judged and not recording.sidecar.accepted:
-        raise DataError(f"{recording.file}: {judged}; if it is right all the same, say why: --accept REASON")
+        raise (DataError if contradiction else DrivesItsMotor)(
+            f"{recording.file}: {judged}; if it is right all the same, say why: --accept REASON"
+        )
     accepted = [f"{judged}: accepted, {recording.sidecar.accepted}"] if judged else []
     return (*accepted, *_period_note(recording), *_level_note(recording.position, position, unit))
 
@@ -86,11 +93,17 @@ def _judgement(recording: Recording) -> str:
             f"positive {torque} drives to negative {position} (mass or friction would be negative); turn one sign, such as --map "
             f"{torque}=-NAME, or --flip torque or --flip position"
         )
+    return ""
+
+
+def _driven(recording: Recording) -> str:
+    """That the axis drives its motor, in words; "" where it does not."""
     share = slow_work_share(recording.t_s, recording.torque, recording.position)
     if share < -ACTIVE:
         return (
-            f"the axis drives its motor: {-100.0 * share:.0f} % of the work of {torque} is taken out of the motion, where friction takes "
-            "it up; the sign of one of the two is wrong (--flip torque), or the rows stand in the wrong order of time"
+            f"the axis drives its motor: {-100.0 * share:.0f} % of the work of {CHANNELS[recording.side]['torque']} is taken out of the "
+            "motion, where friction takes it up; the sign of one of the two is wrong (--flip torque), or the rows stand in the wrong order "
+            "of time"
         )
     return ""
 

@@ -96,14 +96,16 @@ def kind_of_table(path: Path) -> TableKind:
             return "matlab" if kind == "hdf5" and ending == ".mat" else kind
     text = begin.removeprefix(b"\xef\xbb\xbf").lstrip()
     for mark, what, remedy in _OTHERS:
-        if begin.startswith(mark) or (mark.isalpha() and mark in begin[:64]) or (mark[:1] == b"<" and text.startswith(mark)):
+        if mark == b"MZ" and b"\0" not in begin:
+            continue  # a name of a column
+        if begin.startswith(mark) or (mark == b"WAVEDESC" and mark in begin[:64]) or (mark[:1] == b"<" and text.startswith(mark)):
             raise UsageError(f"{path} is {what}; {remedy}")
     if ending in _BY_ENDING and b"\0" in begin:
         what, remedy = _BY_ENDING[ending]
         raise UsageError(f"{path} is {what}; {remedy}")
     if text[:1] in (b"{", b"[") and b"\0" not in begin and _begins_json(text):
         return "json"
-    if ending in _READ_BY_ENDING and (b"\0" in begin or ending != ".mat"):
+    if ending in _READ_BY_ENDING and (b"\0" in begin or ending != ".mat" or begin.startswith(b"MATLAB")):
         return _READ_BY_ENDING[ending]
     if b"\0" in begin and begin[:2] not in {b"\xff\xfe", b"\xfe\xff"}:
         raise DataError(

@@ -193,4 +193,4 @@ def _rises(column: Column) -> bool:
     if column.dtype.kind != "f":
         return False
     finite = column[np.isfinite(column)]
-    return len(finite) > 2 and bool(np.all(np.diff(finite) >= 0.0)) and bool(finite[-1] > finite[0])
+    return len(finite) > 2 and bool(np.all(finite[1:] >= finite[:-1])) and bool(finite[-1] > finite[0])

@@ -27,6 +27,8 @@ _GROUPED = {
     True: re.compile(r"[-+]?\d{1,3}(\.\d{3})+(,\d*)?([eE][-+]?\d+)?"),
     False: re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d*([eE][-+]?\d+)?"),
 }
+#: Quotes in a line of more than 100 000 characters beyond which they are no marks: a million would take minutes.
+_MOST_QUOTES = 1000
 
 
 class Format(NamedTuple):
@@ -68,7 +70,7 @@ class Format(NamedTuple):
 def _split(line: str, separator: str) -> list[str]:
     if separator == " ":
         return line.split()
-    if '"' in line and len(line) <= 100_000:  # a line of a million quotes would take minutes
+    if '"' in line and (len(line) <= 100_000 or line.count('"') <= _MOST_QUOTES):
         return [cell.strip() for cell in next(csv.reader([line.strip()], delimiter=separator, skipinitialspace=True))]
     return [cell.strip() for cell in line.split(separator)]
 

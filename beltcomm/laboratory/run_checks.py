@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.noise_level import torque_noise
-from beltcomm.foreign.checks import check
+from beltcomm.foreign.checks import DrivesItsMotor, check
 from beltcomm.laboratory.extracts import extract_long
 from beltcomm.laboratory.gap_checks import before_gaps, check_whole, gap_remarks
 from beltcomm.laboratory.place_checks import checked_positions, names_of, sensor_remarks
@@ -94,13 +94,22 @@ def check_run(recordings: Sequence[Recording], axis: Axis, *, foreign: bool) -> 
     else:
         remarks += gap_remarks(evened)
     if foreign:
-        for record in evened:
-            check(record)
+        _check_each(evened, axis)
     _refuse_two_axes(evened, axis)
     known = checked_positions(evened, axis, remarks)
     remarks += sensor_remarks(known, axis)
     parts = {record.name: [record] for record in known} | extract_long(known, axis, remarks)
     return Checked(tuple(part for r in recordings for part in parts.get(r.name, [r] if r.is_static_map else [])), tuple(remarks))
+
+
+def _check_each(timed: Sequence[Recording], axis: Axis) -> None:
+    """Raise DataError for a record that is odd by itself; that its axis drives its motor is told sharper by the others, where they can."""
+    for record in timed:
+        try:
+            check(record)
+        except DrivesItsMotor:
+            _refuse_two_axes(timed, axis)
+            raise
 
 
 def _duration(record: Recording) -> float:

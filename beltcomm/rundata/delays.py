@@ -75,6 +75,6 @@ def assume_delay(findings: Findings, structure: CascadeStructure) -> None:
         return
     findings.assumed_delay_s = ASSUMED_DELAY_PERIODS * structure.period_s
     findings.remarks.append(
-        f"the delay from torque setpoint to torque is not known: counted with {1e3 * findings.assumed_delay_s:g} ms, "
+        f"the delay of the torque is not known: counted with {1e3 * findings.assumed_delay_s:g} ms, "
         f"{ASSUMED_DELAY_PERIODS} periods of the drive's loop; record torque_setpoint_nm beside torque_nm to measure it"
     )

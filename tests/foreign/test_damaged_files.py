@@ -18,7 +18,7 @@ from foreign.samples import swing, text
 
 T, CURRENT, ENCODER = swing(60)
 CASES = 60
-#: The same where each file starts a reader of its own.
+#: The same where each file starts a reader of its own, or takes long.
 CASES_APART = 12
 VALUE = {"t": T, "log": {"Time": T, "Data": CURRENT, "Unit": "A"}, "c": [ENCODER, "text"], "s": [{"x": T}, {"x": CURRENT}]}
 
@@ -94,7 +94,7 @@ def test_damage_gives_a_sentence(whole: dict[str, bytes], kind: str, tmp_path: P
     assert parts_of_bytes(whole[kind], tmp_path / f"whole-{kind}"), "the whole file is read"
     rng = np.random.default_rng(int.from_bytes(kind.encode(), "little") % 2**32)
     refused: list[tuple[str, str]] = []
-    for case in range(CASES_APART if kind in {"v5.mat", "v73.mat", "a.npz", "a.blf"} else CASES):
+    for case in range(CASES_APART if kind in {"v5.mat", "v73.mat", "a.npz", "a.blf", "a.trc"} else CASES):
         path = tmp_path / f"{case}-{kind}"
         try:
             parts_of_bytes(damaged(whole[kind], rng), path)

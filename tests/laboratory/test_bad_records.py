@@ -178,7 +178,7 @@ def told_apart_if(
     records, axis = run
     position = records[3].position
 
-    def as_one_mass(_t_s: NDArray[np.float64], _torque: NDArray[np.float64], at: NDArray[np.float64]) -> RigidInertia:
+    def as_one_mass(_t_s: NDArray[np.float64], _torque: NDArray[np.float64], at: NDArray[np.float64], **_weight: object) -> RigidInertia:
         return odd if at is position else others
 
     monkeypatch.setattr(run_checks, "rigid_inertia", as_one_mass)

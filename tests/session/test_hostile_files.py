@@ -109,6 +109,12 @@ def listed(bench: Bench) -> set[tuple[int, int]]:
         return {item.place for item in drive.objects() if not commands(*item.place)}
 
 
+def mapped(bench: Bench, mapping: set[tuple[int, int]]) -> dict[tuple[int, int], float]:
+    """What the drive's PDOs carry, read past the host."""
+    there = bench._bus._nodes[0]._dictionary
+    return {place: there.entry(*place).value for place in sorted(mapping) if there.has(*place)}
+
+
 def test_backups(eyes: Eyes, copy_of_complete: Copy) -> None:
     draw, run = np.random.default_rng(37), copy_of_complete()
     path, allowed, codes = run / "results" / "backup.yaml", listed(eyes.bench), set()
@@ -162,6 +168,8 @@ def test_designs(eyes: Eyes, copy_of_complete: Copy) -> None:
 def test_plans(eyes: Eyes, copy_of_complete: Copy) -> None:
     draw, run = np.random.default_rng(39), copy_of_complete()
     path, allowed, codes = run / "results" / "next.yaml", listed(eyes.bench), set()
+    mapping = {(first + pdo, part) for first in (0x1400, 0x1600, 0x1800, 0x1A00) for pdo in range(4) for part in range(9)}
+    before = mapped(eyes.bench, mapping)
     steps = [
         {"kind": "response", "place": 0.5, "share": 0.4, "seconds": 5.0, "up_to_hz": 0.0, "held_out": False},
         {"kind": "strokes", "place": 0.4, "speeds_m_s": [0.02, 0.06], "held_out": True},
@@ -187,7 +195,10 @@ def test_plans(eyes: Eyes, copy_of_complete: Copy) -> None:
         said(outcome, (number, plan))
         assert outcome.exit_code in (1, 2), (number, plan)
         codes.add(outcome.exit_code)
-        eyes.check(allowed, number)
+        if outcome.exit_code == 2:  # nothing was read but the plan
+            assert eyes.writes == [], (number, plan)
+        eyes.check(allowed | mapping, number)
+        assert mapped(eyes.bench, mapping) == before, (number, "the mapping that is tried before a motion is put back")
     assert codes == {1, 2}
 
 

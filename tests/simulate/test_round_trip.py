@@ -21,7 +21,13 @@ VALUES = {"motor.inertia": 7e-5, "cart.mass": 4.0, "transmission.ratio": RATIO, 
 GROUND = AxisSummary(7e-5, 4.0, 2e5, 25.0, 0.1, RATIO, 0.2, 0.7, 35.6, 26, 2.0, 150.0, 0.05, 1.1)
 #: Axes without a belt: what the effects of a turning load stand on, and a linear axis for what needs no motor angle.
 SHAFT = {"load.inertia": 6e-5, "elastic_shaft.stiffness": 8.0, "elastic_shaft.damping": 2e-3}
-ON_RIGID = {"elastic_shaft": (), "coulomb_load": ("elastic_shaft",), "viscous_load": ("elastic_shaft",), "travel_ripple": ()}
+ON_RIGID = {
+    "elastic_shaft": (),
+    "coulomb_load": ("elastic_shaft",),
+    "viscous_load": ("elastic_shaft",),
+    "travel_ripple": (),
+    "unbalance": (),
+}
 #: What an effect needs beside the base; what is no effect.
 STANDS_ON = {
     "presliding_cart": ("cart_friction",), "stribeck_cart": ("stribeck",), "friction_position_cart": ("friction_position",),
