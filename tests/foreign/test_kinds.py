@@ -13,9 +13,12 @@ import pytest
 from click.testing import CliRunner
 
 from beltcomm.cli.main import cli
+from beltcomm.errors import UsageError
+from beltcomm.foreign.files import read_table
 from beltcomm.recording import load_recording
 from foreign.kinds import KINDS
 from foreign.makers import ANGLE, TORQUE, Kind, T
+from foreign.samples import text
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
@@ -47,3 +50,16 @@ def test_a_kind_of_file_is_read_right_or_called_what_it_is(kind: Kind, tmp_path:
         np.testing.assert_allclose(
             found, wanted[: len(found)], atol=max(kind.tolerance, 2e-6) if expected is not T else max(kind.tolerance, 1e-6)
         )
+
+
+@pytest.mark.parametrize(
+    ("content", "refused"),
+    [(text("t [s],MZ,enc").encode(), False), (b"MZ;t;enc\n" + b"1;2;3\n" * 20, False), (b"MZ\x90\0\x03" + bytes(60), True)],
+)
+def test_a_column_called_as_programs_begin_is_a_column(tmp_path: Path, content: bytes, refused: bool) -> None:
+    (path := tmp_path / "a.csv").write_bytes(content)
+    if refused:
+        with pytest.raises(UsageError, match="is a program"):
+            read_table(path)
+    else:
+        assert "MZ" in read_table(path).columns
