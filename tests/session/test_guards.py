@@ -224,13 +224,21 @@ def test_the_gains_are_asked_for_and_thin_ones_never_kept(
     verdict = complete.result.data["verdict"]
     cascade = sequence.Cascade(0.08, 0.2, 14.0, 4e-3)
     for answer, reservations, applied, asked in ((True, [], "keep", 1), (False, [], "restore", 1), (True, ["thin"], "restore", 0)):
-        talk, findings = Listener(answer=answer), Findings(final=complete.final, verdict=verdict, reservations=reservations, cascade=cascade)
+        talk = Listener(answer=answer)
+        findings = Findings(final=complete.final, verdict=verdict, reservations=reservations, cascade=cascade)
         with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, talk) as machine:
             sequence.dispose(machine, Settings(apply=None, ask=True), findings)
             assert machine.keep_gains is (applied == "keep")
             machine.keep_gains = False
         assert findings.applied == applied
         assert len(talk.asked) == asked
+    findings = Findings(final=complete.final, verdict=verdict, cascade=cascade)
+    monkeypatch.setattr(sequence, "choose", lambda *_: "s")
+    with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, Listener()) as machine:
+        sequence.dispose(machine, Settings(apply=None, ask=True), findings)
+        assert machine.keep_gains
+        machine.keep_gains = False
+    assert findings.applied == "save"
     findings = Findings(final=complete.final, verdict=verdict, reservations=["thin"])
     with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, Silence()) as machine:
         sequence.dispose(machine, Settings(apply="save"), findings)

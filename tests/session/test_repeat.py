@@ -79,7 +79,8 @@ def test_a_run_broken_off_goes_on_without_repeating_what_is_finished(make_bench:
 def test_a_finished_run_repeats_nothing_and_is_told_in_one_json_object(
     make_bench: MakeBench, copy_of_complete: Copy, complete: Complete, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(reporting, "report", lambda run: Answer({"page": str(run / "report.html"), "data_sheet_words": [], "data_sheet": []}, []))
+    known = {"data_sheet_words": [], "data_sheet": []}
+    monkeypatch.setattr(reporting, "report", lambda run: Answer({"page": str(run / "report.html"), **known}, []))
     run, bench = copy_of_complete(), make_bench()
     before = contents(run)
     outcome = call("commission", *DRIVE, "--yes", "--run", run, "--resume", "--json")
