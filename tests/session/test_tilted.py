@@ -66,14 +66,14 @@ def furthest_m(bench: Bench) -> float:
     return float(np.max(np.abs(bench.plant.cart_m(0, len(bench.plant.torque_nm)))))
 
 
-@pytest.mark.parametrize(("rig", "tilt_deg", "axis", "drive"), [("g_b", 90.0, UPRIGHT, "g_b_vertical"), ("g_a", 20.0, TILTED, "g_a_25deg")])
+@pytest.mark.parametrize(("rig", "tilt_deg", "axis", "drive"), [("g_b", 90.0, UPRIGHT, "g_b_vertical"), ("g_a", 25.0, TILTED, "g_a_25deg")])
 @pytest.mark.usefixtures("soft_stops")
 def test_identify_holds_the_axis_and_finds_it(
     make_bench: MakeBench, tmp_path: Path, rig: str, tilt_deg: float, axis: str, drive: str
 ) -> None:
     plant = tilted(rig, tilt_deg)
     bench = make_bench(name=f"virtual:{drive}", plant=plant)
-    result = api.identify(bench.name, standing(axis, tilt_deg), tmp_path / "run", options=api.Options(yes=True, seed=1))
+    result = api.identify(bench.name, axis, tmp_path / "run", options=api.Options(yes=True, seed=1))
     data, truth, torque = result.to_json(), plant.truth, holding_torque_nm(plant)
     for name, real in (("cart.mass", truth["mass_kg"]), ("belt_stiffness.stiffness", truth["stiffness_n_m"])):
         found = data["model"]["parameters"][name]
@@ -165,16 +165,14 @@ def test_torque_and_encoder_that_count_apart(make_bench: MakeBench, tmp_path: Pa
 @pytest.mark.parametrize(("phase", "speed_rad_s"), [(1, 1.0), (2, 4.0)])
 @pytest.mark.usefixtures("soft_stops")
 def test_ctrl_c_ends_held(make_bench: MakeBench, tmp_path: Path, phase: int, speed_rad_s: float) -> None:
-    bench = make_bench(name="virtual:g_a_25deg", plant=tilted("g_a", 20.0))
+    bench = make_bench(name="virtual:g_a_25deg", plant=tilted("g_a", 25.0))
 
     def arm(index: int) -> None:
         if index == phase:
             bench.interrupt_when(bench.faster_than(speed_rad_s))
 
     with pytest.raises(KeyboardInterrupt):
-        api.identify(
-            bench.name, standing(TILTED, 20.0), tmp_path / "run", options=api.Options(yes=True, seed=1), talk=Listener(at_phase=arm)
-        )
+        api.identify(bench.name, TILTED, tmp_path / "run", options=api.Options(yes=True, seed=1), talk=Listener(at_phase=arm))
     assert bench.signals == 1
     assert furthest_m(bench) < FIRST_ROOM_M
     assert bench.parameters() == bench.initial
