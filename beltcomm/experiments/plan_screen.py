@@ -119,12 +119,12 @@ def _records(plan: Plan) -> list[Line]:
         count, travel_m, seconds = groups.get(kind, [0, 0.0, 0.0])
         groups[kind] = [count + 1, max(travel_m, one.travel_m), seconds + one.seconds]
     cells = [
-        f"{number:2} {(tr(title) + (f' x{count:.0f}' if count > 1 else ''))[:21]:<21}{1e3 * travel_m:4.0f} mm{seconds:4.0f} s"
+        f"{number:2} {(tr(title) + (f' x{count:.0f}' if count > 1 else ''))[:22]:<22}{1e3 * travel_m:4.0f} mm{seconds:3.0f} s"
         for number, (title, (count, travel_m, seconds)) in enumerate(groups.items(), start=1)
     ]
     rows = math.ceil(len(cells) / 2)
     shown = min(rows, ROWS)
-    lines = [Line("  ", cells[k], "   ", cells[k + rows] if k + rows < len(cells) else "") for k in range(shown)]
+    lines = [Line(" ", cells[k], "  ", cells[k + rows] if k + rows < len(cells) else "") for k in range(shown)]
     return lines if shown == rows else [*lines, Line("  ", (f"   ... {tr('all of them')}: [d]", "soft"))]
 
 
