@@ -1,4 +1,4 @@
-"""What a diagnosis is checked against, besides its error: data sheets, resonances, static maps, the bound of friction."""
+"""Checks of a diagnosis besides its error: data sheets, resonances, static maps, the bound of friction."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def cross_checked(found: Diagnosis, recordings: Sequence[Recording], axis: Axis)
 
 
 def sheet_lines(doubts: Sequence[SheetDoubt]) -> list[str]:
-    """What was measured against the data sheets, and below it what to check: a wrong data sheet is no effect."""
+    """Measured values against the data sheets, and below what to check: a wrong data sheet is no effect."""
     lines = []
     for doubt in doubts:
         what, usual, where = _SHEETS[doubt.entry]
@@ -114,7 +114,7 @@ def as_data(checks: Checks) -> dict[str, Any]:
 
 
 def check_lines(checks: Checks) -> list[str]:
-    """As sentences."""
+    """Checks as sentences."""
     lines = sheet_lines(checks.sheets)
     if checks.resonances is not None:
         low, high = (", ".join(f"{f:.1f}" for f in row) or "none" for row in asdict(checks.resonances).values())

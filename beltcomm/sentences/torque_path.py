@@ -49,7 +49,7 @@ def path_data(path: TorquePath, sample_s: float) -> dict[str, Any]:
 
 
 def path_lines(path: TorquePath | None, sample_s: float) -> list[str]:
-    """What the drive makes of the torque, one line, and a second where the records do not tell it; empty for an ideal drive."""
+    """Torque path of the drive, one line, and a second where the records do not tell it; empty for an ideal drive."""
     if path is None:
         return []
     said = words_of(path, sample_s)
@@ -64,12 +64,12 @@ def path_lines(path: TorquePath | None, sample_s: float) -> list[str]:
 
 
 def path_sentences(path: TorquePath, recordings: Sequence[Recording]) -> list[str]:
-    """The same as whole sentences, of the drive that made some records."""
+    """Torque path of the drive that made some records, as whole sentences."""
     return [f"{line[0].upper()}{line[1:]}." for line in path_lines(path, period_of(recordings))]
 
 
 def words_of(path: TorquePath, sample_s: float) -> str:
-    """What is not ideal in a path; "" where nothing is."""
+    """Parts of a path that are not ideal; "" for none."""
     drive = [] if path.drive is None else _drive_words(path.drive, sample_s)
     if path.commanded:
         told = "the reported torque is the command: what acts is told by the motion alone"
