@@ -427,7 +427,8 @@ def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, note
     remarks: list[str] = []
     if pictures:
         made, remarks = drawn.change_picture(here.folder, rung, compare(here.data, here.fitted), compare(grown, after), command)
-    model, before = with_intervals(after), of_run(here.data, here.fitted)
+    model, band = with_intervals(after), rung.plain.band_hz if rung.plain else None
+    before = of_run(here.data, here.fitted, band)
     data = {
         "run": str(run),
         "revision": rung.name,
