@@ -20,7 +20,7 @@ from beltcomm.foreign.names import Meaning, meaning_of
 from beltcomm.foreign.relations import relations
 from beltcomm.foreign.table import Table
 from beltcomm.quantities import UNITS
-from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS
+from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS, Side
 
 Confidence = Literal["sure", "likely", "unsure"]
 #: s between rows that a drive or logger has: what a time column without a unit is held against.
@@ -46,6 +46,9 @@ class Guess:
 
 #: What tells columns of one name apart: an index behind it.
 _INDEX = re.compile(r"[_ ]?\d+$")
+
+#: Names of a voltage or of the share of it that a motor gets.
+_VOLTAGE = re.compile(r"volt|spannung|pwm|duty|(^|[_ .])u[aqm]?$", re.IGNORECASE)
 
 Ask = Callable[[Sequence[Guess]], Sequence[str]]
 """Puts all guesses to a person at once: the mappings that hold."""
@@ -102,8 +105,8 @@ def _refuse_mixed(sources: Mapping[str, Source]) -> None:
     turned, theirs = ("position_rad", "mm") if linear == "position_m" else ("velocity_rad_s", "mm/s"), sources[linear].theirs
     raise UsageError(
         f"{at_motor} is meant at the motor, {linear} along the axis: say how far the axis goes per turn, --map "
-        f"{turned[0]}={_quoted(theirs)}*{turned[1]}*rev/10mm (10 mm: its lead or feed constant); where nobody knows it, take the current for "
-        f"the force, --map force_n={_quoted(sources[at_motor].theirs)}: then everything is identified in its unit"
+        f"{turned[0]}={_quoted(theirs)}*{turned[1]}*rev/10mm (10 mm: its lead or feed constant); where nobody knows it, take the current "
+        f"for the force, --map force_n={_quoted(sources[at_motor].theirs)}: then everything is identified in its unit"
     )
 
 
@@ -132,7 +135,7 @@ def guesses_for(table: Table, sources: Mapping[str, Source], axis: Axis, *, time
     channels = CHANNELS[side]
     if timed and "t_s" not in sources:
         found.append(_time(table, meanings))
-    drives = "current" if _share_of_rated(meanings) else {"motor": "torque", "ampere": "current", "load": "force"}[side]
+    drives = "current" if _share_of_rated(meanings) else {"motor": "torque", "ampere": "current", "load": "force", "volt": "voltage"}[side]
     wanted = {"torque": drives, "position": "position"}
     for signal, quantity in wanted.items():
         if channels[signal] not in sources:
@@ -181,9 +184,14 @@ def _by_numbers(table: Table, found: list[Guess], sources: Mapping[str, Source],
             made.append(guess)
             continue
         units = _units_of_time(_step(table, names[0])) if guess.column == "t_s" else ("1",)
-        choices = tuple(_written(guess.column, name, unit) for name in names for unit in units)
+        choices = tuple(_written(_driving(guess.column, name), name, unit) for name in names for unit in units)
         made.append(replace(guess, choices=choices, why=f"by its numbers: {'; '.join(filter(None, map(seen.why, names)))}"))
     return made
+
+
+def _driving(column: str, name: str) -> str:
+    """The column of ours that a driver of the motion is: the motor's voltage where its name says so."""
+    return "motor_voltage_v" if column == "torque_nm" and _VOLTAGE.search(name) else column
 
 
 def _units_of_time(step: float) -> tuple[str, ...]:
@@ -201,7 +209,7 @@ def _theirs(guess: Guess, table: Table) -> str:
     return parse_source(guess.choices[0], table, KNOWN_COLUMNS).theirs
 
 
-def _side(meanings: Sequence[Meaning], sources: Mapping[str, Source]) -> Literal["motor", "load", "ampere"]:
+def _side(meanings: Sequence[Meaning], sources: Mapping[str, Source]) -> Side:
     for side, channels in CHANNELS.items():
         if channels["torque"] in sources:
             return side
