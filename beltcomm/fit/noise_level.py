@@ -24,6 +24,8 @@ QUARTER, JUMP, TOUCHED, FEWEST = 0.3186, 8.0, 0.1, 200
 REPEATING = 2.0
 #: Share of the values that are the same a period later, and share of the torque that they differ by, of a command that comes back.
 SAME, NO_NOISE = 0.3, 2e-3
+#: Share of the rows in which a command in steps stays the same; one read in coarse steps changes more often.
+HELD = 0.98
 #: Correlations of neighbours from which on noise has a colour between periods, from which on beside a setpoint, and up to which;
 #: distance of that two apart from its square.
 COLOURED, LEAST_COLOUR, MOST_COLOUR, LIKE_FIRST_ORDER = 0.25, 0.1, 0.98, 0.08
@@ -81,6 +83,12 @@ def repeats_itself(recordings: Sequence[Recording]) -> bool:
         if np.mean(repeated == 0.0) > SAME and float(np.std(repeated)) < NO_NOISE * float(np.std(recording.torque)):
             return True
     return False
+
+
+def is_held(recordings: Sequence[Recording]) -> bool:
+    """True for a torque that stays the same from row to row as no measured one does: a command in steps, logged as what acted."""
+    shares = [float(np.mean(np.diff(r.torque) == 0.0)) for r in recordings if len(r.torque) > 1]
+    return bool(shares) and min(shares) > HELD
 
 
 def noise_colour(recordings: Sequence[Recording]) -> float:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.fit.estimate import Fitted, fit
-from beltcomm.fit.noise_level import repeats_itself
+from beltcomm.fit.noise_level import is_held, repeats_itself
 from beltcomm.fit.path_values import columns_of, refine_path
 from beltcomm.fit.reading_fit import CLEAR, COMMAND, NORMAL_95, WHOLE, ReadingFit
 from beltcomm.fit.records import Data, prepare_records, rounding_torque
@@ -87,7 +87,7 @@ class PathChoice:
 def commands(chain: ReadingFit | None, recordings: Sequence[Recording]) -> bool:
     """True if the readings are the setpoint that comes back, without noise."""
     if chain is None:
-        return repeats_itself(recordings)
+        return repeats_itself(recordings) or is_held(recordings)
     scale = max(float(np.sqrt(np.mean(r.torque**2))) for r in recordings)
     return chain.rest_nm <= COMMAND * scale or (chain.crest_factor < BOUNDED and chain.rest_nm <= HARDLY * scale)
 
