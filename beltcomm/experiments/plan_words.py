@@ -128,14 +128,15 @@ def _stops(axis: Axis, capabilities: Capabilities) -> tuple[Point, ...]:
         if axis.mounting.tilted
         else ()
     )
-    bite_n = (axis.motor.brake_torque_nm or 0.0) / axis.transmission_m_rad
+    brake_nm, closes_s = axis.motor.brake_torque_nm or 0.0, axis.motor.brake_time_s or UNKNOWN_BRAKE_S
+    bite_n = brake_nm / axis.transmission_m_rad
     bites = (
         (
             (
                 "brake",
                 "a stop takes the torque away when the brake has closed. Where the stage is cut off (STO, power, a fault) the carriage "
-                f"goes on until it closes, {1e3 * (axis.motor.brake_time_s or UNKNOWN_BRAKE_S):.0f} ms, and its {axis.motor.brake_torque_nm:g} N m "
-                f"may pull the belt with {bite_n:.0f} N, which bears {axis.belt_force_limit_n:.0f} N: look at the belt after that",
+                f"goes on until it closes, {1e3 * closes_s:.0f} ms, and its {brake_nm:g} N m may pull the belt with {bite_n:.0f} N, which "
+                f"bears {axis.belt_force_limit_n:.0f} N: look at the belt after that",
             ),
         )
         if bite_n > axis.belt_force_limit_n
