@@ -100,7 +100,7 @@ _CHECKS = {
         "Where they are right: the sample period of the records, or the scale of the torque.",
     ),
     "belt.specific_stiffness_n": (
-        "A sheet states the strands alone: teeth in mesh, clamps and bearings make a sound belt softer (by 25 and 31 % on the thesis's rig).",
+        "A sheet states the strands alone: teeth in mesh, clamps and bearings make a sound belt softer (25 and 31 % on the thesis's rig).",
         "Check on the machine: the belt's tension and its clamps.",
         "Check in axis.yaml: belt.specific_stiffness_n, belt.pulley_distance_m, gearbox.ratio, pulley.effective_radius_m.",
         "The radius by hand: turn the motor ten times and measure how far the carriage goes; the stiffness goes with 1/radius².",
