@@ -73,7 +73,7 @@ class Limits:
         Largest distance from the reference in a motion of kind "position"; None leaves it to the drive's own setting.
     release : bool
         What breaks a motion off takes the stage off at once, for the brake or friction to stop the axis: nobody knows yet whether the
-        drive's own loop would.
+        drive's own loop would (unless the break says that the axis ``answered``).
     brake_s : float, s
         Which a holding brake needs to open after the stage is on: so long the axis is held before it is moved.
     guard_s : float, s
