@@ -52,6 +52,7 @@ from beltcomm.jobs.serve import serve as serve
 from beltcomm.jobs.simulate import run_experiment
 from beltcomm.jobs.trajectory import trajectory as trajectory
 from beltcomm.jobs.verify import verify_with
+from beltcomm.jobs.watch import watch as watch
 from beltcomm.jobs.write import admitted, apply_to, backup_list, roll_back
 from beltcomm.locks import changes_run
 from beltcomm.machine.machine import Machine

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,6 +26,7 @@ from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.words import number
 from beltcomm.talk import Silence
+from beltcomm.watching.limits import LIMITS, Limit, limits_given
 
 NAME = "trend.html"
 #: Times the time observed, from which on an extrapolation is called one.
@@ -37,37 +37,6 @@ STATES = ("reached", "drifts", "unsure", "steady")
 MINUTE = 1e-3
 #: The year 2200: dates beyond it are no dates of a machine.
 LAST_S = 7.258e9
-
-
-@dataclass(frozen=True)
-class Limit:
-    """How far a quantity may go.   low, high : shares of the first run's value, or SI values where ``absolute``.   why : in words."""
-
-    low: float | None
-    high: float | None
-    why: str
-    absolute: bool = False
-
-    def values(self, first: float) -> tuple[float | None, float | None]:
-        """Both in SI.   first : value of the first run."""
-        if self.absolute:
-            return self.low, self.high
-        return tuple(None if share is None else first * (1.0 + share) for share in (self.low, self.high))  # type: ignore[return-value]
-
-
-#: By key; what is not named here is followed without a limit.
-LIMITS: Mapping[str, Limit] = {
-    "belt_stiffness.stiffness": Limit(-0.2, 0.2, "20 % move the resonance by 10 %, further than prefilter and margins were proven for"),
-    "belt_spans.specific_stiffness": Limit(
-        -0.2, 0.2, "20 % move the resonance by 10 %, further than prefilter and margins were proven for"
-    ),
-    "resonance": Limit(-0.1, 0.1, "prefilter and margins were proven for the resonance found; 10 % are one fifth of the belt's stiffness"),
-    "coulomb_total": Limit(-0.4, 0.5, "half as much again: grease, guide or bearing; 40 % less: the belt has lost its tension"),
-    "viscous_total": Limit(None, 1.0, "twice as much: grease that has hardened, or dirt"),
-    "cart.mass": Limit(-0.1, 0.1, "the feedforward sends torque for the mass found: 10 % of it are missing or too much"),
-    "motor.inertia": Limit(-0.1, 0.1, "an inertia does not age: coupling or pulley slips, or the scale of the torque has changed"),
-    "dead_time": Limit(None, 0.5, "half as late again takes the phase margin that the delay was designed with"),
-}
 
 
 def _targets(axis: Axis) -> dict[str, Limit]:
@@ -122,12 +91,12 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
         raise UsageError(f"{len(dates)} dates for {len(runs)} runs; give --date once for each run, in the same order")
     dated = sorted((_dated(run, dates[i] if dates else None) for i, run in enumerate(runs)), key=lambda one: one.t_s)
     known = {key for one in dated for key in one.found}
-    if unknown := sorted(set(_given(limits)) - known):
+    if unknown := sorted(set(limits_given(limits)) - known):
         raise UsageError(f"no run knows {unknown[0]}{did_you_mean(unknown[0], sorted(known))}; there are {', '.join(sorted(known))}")
     folders = [RunFolder.open(run) for run in runs]
     given_dates: list[str | None] = [*dates] or [None] * len(runs)
     asked = max(zip(folders, given_dates, strict=True), key=lambda one: _time_of(*one)[0])[0]
-    bounds = {**LIMITS, **(_targets(asked.axis) if asked.has_axis else {}), **_given(limits)}
+    bounds = {**LIMITS, **(_targets(asked.axis) if asked.has_axis else {}), **limits_given(limits)}
     remarks = _remarks(folders, dated)
     followed = [
         one
@@ -153,22 +122,6 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
     reached = any(one.state == "reached" for one in followed)
     text = [page.verdict, *(f"  {one.text}" for one in followed), *(f"Note: {line}" for line in remarks)]
     return Result({**data, "page": str(where)}, [*text, f"Trend: {where}, numbers in {where.with_suffix('.json').name}"], int(reached))
-
-
-def _given(limits: Sequence[str]) -> dict[str, Limit]:
-    found: dict[str, Limit] = {}
-    for text in limits:
-        match = re.fullmatch(r"([\w.]+)=([-+]?)(\d*\.?\d+(?:e[-+]?\d+)?)(%?)", text.strip())
-        if match is None:
-            raise UsageError(f"the limit {text!r} cannot be read; write KEY=-20%, KEY=+50%, or KEY=0.2 for an upper limit in SI")
-        key, sign, number, share = match.groups()
-        value = float(number) * (-1.0 if sign == "-" else 1.0)
-        before = found.get(key) or Limit(None, None, "given on the command line", absolute=not share)
-        if before.absolute == bool(share):
-            raise UsageError(f"the limits of {key} are given in per cent and in SI; give both in one of them")
-        value = value / 100.0 if share else value
-        found[key] = replace(before, low=value) if sign == "-" and share else replace(before, high=value)
-    return found
 
 
 def _dated(run: Path, date: str | None) -> Dated:
