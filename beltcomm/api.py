@@ -358,6 +358,7 @@ def verify(
     move: Place | None = None,
     trajectory: str | None = None,
     rungs: bool = False,
+    learn: int | None = None,
     over_belt: bool = False,
     options: Options | None = None,
     talk: Talk | None = None,
@@ -378,6 +379,8 @@ def verify(
         Name of a reference motion in ``axis.yaml``; None for the axis's own.
     rungs : bool
         The move once for each step of what the model can bring.
+    learn : int or None
+        The move so many times more, each with a torque that the ones before have taught.
     over_belt : bool
         On a virtual drive, the belt may carry more than its feed force.
     options : Options or None
@@ -392,7 +395,7 @@ def verify(
     """
     options, talk, run = given(options), talk or Silence(), place(run)
     move = None if move is None else place(move, "move")
-    how: dict[str, Any] = {"move": move, "trajectory": trajectory, "rungs": rungs, "over_belt": over_belt}
+    how: dict[str, Any] = {"move": move, "trajectory": trajectory, "rungs": rungs, "learn": learn, "over_belt": over_belt}
     with (
         able(open_drive(drive, options.for_drive(_axis_in(run))), "position") as opened,
         supervise(opened, drive, run, options, talk) as connected,

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from beltcomm.effects import EFFECTS
 from beltcomm.errors import DataError
-from beltcomm.fit.estimate import Fitted, fit
+from beltcomm.fit.estimate import Fitted, evaluate_at, fit, problem_of
 from beltcomm.fit.intervals import parameter_spread
 from beltcomm.fit.records import Data, prepare_records
+from beltcomm.identify.course import NORMAL
 from beltcomm.laboratory.forward_selection import bic_penalty, may_add
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.model import Model
@@ -38,6 +39,9 @@ RIGID: dict[str, tuple[str, ...]] = {"motor.inertia": ("motor.inertia",), "mass"
 ITERATIONS = 6
 #: Share of its value that the interval of one move may have, from which on it tells nothing of a quantity.
 VAGUE = 1.0
+#: Values of the residual without which the quantities are not told: as many moves are taken together as make them, some at most, for behind
+#: a coarse encoder few of a move are independent.   Values without which a motion is no move.
+ENOUGH, MOST_TOGETHER, FEWEST_VALUES = 120, 20, 8
 #: Name of the error over the noise among the quantities.
 ERROR = "model_error"
 
@@ -59,7 +63,7 @@ class JudgedMove:
     ratio : float
         Error over the noise with the few parameters that age told anew: 1 when the model still explains the axis.
     quantities : dict of str to Told
-        By the key of a trend; without those that the move does not tell.
+        By the key of a trend, told by this move and those before it that told none; without those that they do not tell.
     travel_m, duration_s, following_m
         Way (rad where no carriage is known), time, following error of the motor where the stream has a reference, else None.
     """
@@ -95,6 +99,8 @@ class Judge:
             half = spread.half_width(self._weights(key))
             self.reference[key] = Told(self._value(key, self.model), half or 0.0)
         self.ratio = max(1.0, opened.fitted.held_ratio or 0.0, opened.fitted.ratio)
+        self._together: list[Recording] = []
+        self._values = 0
         self.zero_m = _zero_of(opened.records.recordings, self.model.get("transmission.ratio"))
 
     def _weights(self, key: str) -> dict[str, float]:
@@ -133,32 +139,45 @@ class Judge:
         )
 
     def fitted_to(self, moves: Sequence[Recording]) -> Fitted:
-        """The run's model with what ages fitted to moves.   Raises DataError where they hold nothing that counts."""
-        data = self.prepared(moves)
-        if not data.fitted or sum(len(piece.value_samples) for piece in data.fitted) < 10 * (len(self._names) + 1):
-            raise DataError(f"{moves[0].name} moves too little to tell anything of the axis")
-        kept = [name for name in self.model.parameters if name not in self._names.values()]
-        return fit(data, self.model, ITERATIONS, fixed=kept)
+        """The run's model with what ages fitted to moves."""
+        return fit(self.prepared(moves), self.model, ITERATIONS, fixed=self._kept)
+
+    @property
+    def _kept(self) -> list[str]:
+        return [name for name in self.model.parameters if name not in self._names.values()]
 
     def judge(self, move: Recording) -> JudgedMove:
-        """A move held against the fit of the run.   Raises DataError for one that holds nothing that counts."""
-        fitted = self.fitted_to([move])
-        spread = parameter_spread(fitted)
-        ratio = self.model.get("transmission.ratio") or 1.0
+        """One more move held against the fit of the run.   Raises DataError for one that holds nothing that counts."""
+        data = self.prepared([move])
+        values = sum(len(piece.value_samples) for piece in data.fitted)
+        if values < FEWEST_VALUES:
+            raise DataError(f"{move.name} moves too little to tell anything of the axis")
+        self._together.append(move)
+        self._values += values
+        if self._values >= ENOUGH or len(self._together) >= MOST_TOGETHER:
+            fitted = self.fitted_to(self._together)
+            found = self._told(fitted)
+            self._together.clear()
+            self._values = 0
+        else:
+            problem = problem_of(data, self.model, self._kept)
+            fitted, found = evaluate_at(data, problem, problem.start()), {}
+        ratio = (self.model.get("transmission.ratio") or 1.0) if move.side != "load" else 1.0
+        off = None
+        if move.reference_position is not None:
+            off = ratio * float(np.max(np.abs(move.reference_position - move.position)))
+        chance = NORMAL * fitted.ratio / math.sqrt(2.0 * fitted.problem.samples)
+        return JudgedMove(fitted.ratio, chance, found, ratio * float(np.ptp(move.position)), float(move.t_s[-1] - move.t_s[0]), off)
+
+    def _told(self, fitted: Fitted) -> dict[str, Told]:
+        spread, ratio = parameter_spread(fitted), self.model.get("transmission.ratio") or 1.0
         found = {}
         for key, name in self._names.items():
             half = spread.half_width({name: 1.0})
             factor = {"cart_friction.level": ratio, "viscous_cart.damping": ratio**2}.get(name, 1.0)
-            value = self._value(key, fitted.model)
             if half is not None and math.isfinite(half) and factor * half < VAGUE * abs(self.reference[key].value):
-                found[key] = Told(value, factor * half)
-        place = move.position * (ratio if move.side != "load" else 1.0)
-        off = None
-        if move.reference_position is not None:
-            off = float(np.max(np.abs(move.reference_position - move.position))) * (ratio if move.side != "load" else 1.0)
-        samples = sum(len(piece.value_samples) for piece in fitted.problem.pieces)
-        chance = 1.96 * fitted.ratio / math.sqrt(2.0 * samples)
-        return JudgedMove(fitted.ratio, chance, found, float(np.ptp(place)), float(move.t_s[-1] - move.t_s[0]), off)
+                found[key] = Told(self._value(key, fitted.model), factor * half)
+        return found
 
     def suspects(self, moves: Sequence[Recording], most: int = 3) -> list[tuple[str, str, float]]:
         """Effects by which the error of these moves would fall most, by the score test: name, title, evidence."""
@@ -191,8 +210,3 @@ def _zero_of(recordings: Sequence[Recording], ratio: float | None) -> float | No
         r.sidecar.start_position_m - ratio * float(r.position[0]) for r in recordings if r.sidecar.start_position_m is not None and ratio
     ]
     return float(np.median(zeros)) if zeros and np.ptp(zeros) < 1e-3 else None
-
-
-def as_recording(recording: Recording, start_m: float | None) -> Recording:
-    """A move with the place where it begins."""
-    return replace(recording, sidecar=replace(recording.sidecar, start_position_m=start_m))
