@@ -19,7 +19,7 @@ from beltcomm.drive import Drive, open_drive
 from beltcomm.drive.access import able
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.experiments import commission as sequence
-from beltcomm.experiments import referencing
+from beltcomm.experiments import phases, referencing
 from beltcomm.experiments.agreement import Agreement, plan_result
 from beltcomm.experiments.detectability import with_detectability
 from beltcomm.experiments.options import Options, axis_of, claim, given, new_folder, settings_of
@@ -204,15 +204,17 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     whole : bool
         The whole job was asked for, so that this is not success.
     """
+    phases.check_asked(options.asked, options.excitation, axis, connected.capabilities)
     if options.dry_run:
-        return plan_result(identify_plan(axis, connected.capabilities, options.window_m), connected.capabilities, options, axis)
+        plan = identify_plan(axis, connected.capabilities, options.window_m, options.asked)
+        return plan_result(plan, connected.capabilities, options, axis)
     folder = new_folder(run, axis, connected, options, talk, drive)
     findings = Findings()
     with Machine(connected, axis, folder, talk) as machine:
         window = referencing.reference(machine, settings_of(options), needed=False)
         agreed = Agreement(options, talk, partial(identify, axis=axis), goes_on=False)
-        agreed(identify_plan(axis, connected.capabilities, window), machine)
-        machine.titles, machine.excitation = sequence.TITLES[1:4], options.excitation
+        agreed(identify_plan(axis, connected.capabilities, window, options.asked), machine)
+        machine.titles, machine.excitation, machine.asked = sequence.TITLES[1:4], options.excitation, options.asked
         with early_end.kept(machine, findings):
             sequence.identify_here(machine, findings)
         known = machine.place_known

@@ -18,7 +18,7 @@ from beltcomm.cli.reading import reading_of, reading_options
 from beltcomm.cli.terminal import echo
 
 if TYPE_CHECKING:
-    from beltcomm.jobs.watch import Watched
+    from beltcomm.jobs.watch import WatchedMove
 
 
 class WaitingClock:
@@ -83,7 +83,7 @@ def command(
     frame.run = run
     adapter = {"bitrate": bitrate, "seed": seed, "node": reading.node}
 
-    def tell(move: Watched) -> None:
+    def tell(move: WatchedMove) -> None:
         if frame.json:
             click.echo(for_json(move.data), file=sys.stdout)
         else:

@@ -30,9 +30,9 @@ from beltcomm.trajectory import held, plan_trajectory
 from beltcomm.verify import REST_S
 from beltcomm.watching import store
 from beltcomm.watching.bus_stream import BusStream
-from beltcomm.watching.drift import POOL, Drift, Standing
+from beltcomm.watching.drift import POOL, AxisDrift, Standing
 from beltcomm.watching.growing_log import GrowingLog
-from beltcomm.watching.judge import ERROR, Judge, JudgedMove, Told
+from beltcomm.watching.judge import ERROR, Judge, JudgedMove, MoveEstimate
 from beltcomm.watching.limits import LIMITS, limits_given
 from beltcomm.watching.moves import Stretch, moves_in
 
@@ -47,7 +47,7 @@ MARGIN_M, WAY_M = 0.02, 0.5
 
 
 @dataclass(frozen=True)
-class Watched:
+class WatchedMove:
     """One move, judged.
 
     Attributes
@@ -75,10 +75,10 @@ class _Watch:
     """What is known so far."""
 
     judge: Judge
-    drift: Drift
+    drift: AxisDrift
     folder: RunFolder
     date_s: Callable[[float], float]
-    tell: Callable[[Watched], None]
+    tell: Callable[[WatchedMove], None]
     hour: Callable[[float], str]
     counted: int = 0
     left_out: int = 0
@@ -107,7 +107,7 @@ def watch(
     options: Mapping[str, object] | None = None,
     clock: Clock | None = None,
     wall_clock: Callable[[], float] | None = None,
-    tell: Callable[[Watched], None] = lambda _move: None,
+    tell: Callable[[WatchedMove], None] = lambda _move: None,
     hour: Callable[[float], str] = lambda date_s: str(np.datetime64(round(date_s), "s"))[-8:],
     talk: Talk | None = None,
 ) -> Result:
@@ -166,12 +166,12 @@ def watch(
     opened = open_fitted(folder.path, talk or Silence())
     explainable(opened.fitted.ratio, folder.path)
     judge = Judge(opened)
-    reference = {**judge.reference, ERROR: Told(judge.ratio, 0.0)}
+    reference = {**judge.reference, ERROR: MoveEstimate(judge.ratio, 0.0)}
     given = limits_given(limits)
     if unknown := sorted(set(given) - set(reference)):
         raise UsageError(f"a move tells nothing of {unknown[0]}; of this axis it tells {', '.join(sorted(reference))}")
     read = reading or Reading()
-    state = _Watch(judge, Drift(reference, {**LIMITS, **given}), folder, lambda at_s: at_s, tell, hour)
+    state = _Watch(judge, AxisDrift(reference, {**LIMITS, **given}), folder, lambda at_s: at_s, tell, hour)
     with ExitStack() as stack:
         if log is not None:
             pieces, stream = _of_log(GrowingLog(place(log, "log"), read, judge.axis), clock, IDLE_S if idle_s is None else idle_s, stack)
@@ -325,7 +325,7 @@ def _judge_one(state: _Watch, columns: Mapping[str, Any], start_s: float) -> Non
     lines: list[str] = [words.head_line(state.standings)] if number % TITLES == 1 else []
     lines.append(words.move_line(number, state.hour(date_s), judged, state.standings))
     lines += [Line("      ", (f"{kind}: {text}", "bad" if kind == "ALARM" else "note")) for kind, text in events]
-    state.tell(Watched(lines, entry))
+    state.tell(WatchedMove(lines, entry))
 
 
 def _events(state: _Watch) -> list[tuple[str, str]]:

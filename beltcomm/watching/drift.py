@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from beltcomm.identify.course import NORMAL
-from beltcomm.watching.judge import ERROR, JudgedMove, Told
+from beltcomm.watching.judge import ERROR, JudgedMove, MoveEstimate
 from beltcomm.watching.limits import Limit
 
 State = Literal["few", "steady", "changed", "alarm"]
@@ -49,7 +49,7 @@ class Standing:
 
     Attributes
     ----------
-    reference : Told
+    reference : MoveEstimate
         Of the run.
     value, interval : float
         SI, 95 %; nan before enough moves have told it.
@@ -58,7 +58,7 @@ class Standing:
     """
 
     key: str
-    reference: Told
+    reference: MoveEstimate
     value: float
     interval: float
     low: float | None
@@ -77,24 +77,24 @@ class Standing:
         return math.hypot(self.interval, self.reference.interval * self.value / self.reference.value) / abs(self.reference.value)
 
 
-class Drift:
+class AxisDrift:
     """The last moves of an axis, and how each quantity stands by them.
 
     Parameters
     ----------
-    reference : dict of str to Told
+    reference : dict of str to MoveEstimate
         By the run; the error over the noise among them, under :data:`~beltcomm.watching.judge.ERROR`.
     limits : dict of str to Limit
         By key.
     """
 
-    def __init__(self, reference: Mapping[str, Told], limits: Mapping[str, Limit]) -> None:
+    def __init__(self, reference: Mapping[str, MoveEstimate], limits: Mapping[str, Limit]) -> None:
         self._reference, self._limits = dict(reference), dict(limits)
-        self._last: dict[str, deque[Told]] = {key: deque(maxlen=POOL) for key in reference}
+        self._last: dict[str, deque[MoveEstimate]] = {key: deque(maxlen=POOL) for key in reference}
 
     def add(self, move: JudgedMove) -> list[Standing]:
         """One more move; how all stand now."""
-        told = {**move.quantities, ERROR: Told(move.ratio, move.ratio_interval)}
+        told = {**move.quantities, ERROR: MoveEstimate(move.ratio, move.ratio_interval)}
         for key, last in self._last.items():
             if key in told:
                 last.append(told[key])
@@ -118,7 +118,7 @@ class Drift:
         return Standing(key, reference, value, interval, low, high, why, state)
 
 
-def _mean(last: deque[Told]) -> tuple[float, float]:
+def _mean(last: deque[MoveEstimate]) -> tuple[float, float]:
     values, halves = np.array([one.value for one in last]), np.array([max(one.interval, 1e-300) for one in last])
     weights = (NORMAL / halves) ** 2
     value = float(np.sum(weights * values) / np.sum(weights))
@@ -127,7 +127,7 @@ def _mean(last: deque[Told]) -> tuple[float, float]:
     return value, wide / math.sqrt(float(np.sum(weights)))
 
 
-def _median(last: deque[Told]) -> tuple[float, float]:
+def _median(last: deque[MoveEstimate]) -> tuple[float, float]:
     """Median; its interval by the moves' own or by their scatter, √(π/2) wider than that of a mean."""
     values = np.array([one.value for one in last])
     middle = float(np.median(values))

@@ -47,7 +47,7 @@ ERROR = "model_error"
 
 
 @dataclass(frozen=True)
-class Told:
+class MoveEstimate:
     """value, interval : SI, 95 %, of one quantity by one move."""
 
     value: float
@@ -62,7 +62,7 @@ class JudgedMove:
     ----------
     ratio : float
         Error over the noise with the few parameters that age told anew: 1 when the model still explains the axis.
-    quantities : dict of str to Told
+    quantities : dict of str to MoveEstimate
         By the key of a trend, told by this move and those before it that told none; without those that they do not tell.
     travel_m, duration_s, following_m
         Way (rad where no carriage is known), time, following error of the motor where the stream has a reference, else None.
@@ -70,7 +70,7 @@ class JudgedMove:
 
     ratio: float
     ratio_interval: float
-    quantities: dict[str, Told]
+    quantities: dict[str, MoveEstimate]
     travel_m: float
     duration_s: float
     following_m: float | None
@@ -81,7 +81,7 @@ class Judge:
 
     Attributes
     ----------
-    reference : dict of str to Told
+    reference : dict of str to MoveEstimate
         What the run says of each quantity that is followed.
     ratio : float
         Error over the noise that the run's model leaves of its own records, at least 1.
@@ -97,7 +97,7 @@ class Judge:
         self.reference = {}
         for key in self._names:
             half = spread.half_width(self._weights(key))
-            self.reference[key] = Told(self._value(key, self.model), half or 0.0)
+            self.reference[key] = MoveEstimate(self._value(key, self.model), half or 0.0)
         self.ratio = max(1.0, opened.fitted.held_ratio or 0.0, opened.fitted.ratio)
         self._together: list[Recording] = []
         self._values = 0
@@ -169,14 +169,14 @@ class Judge:
         chance = NORMAL * fitted.ratio / math.sqrt(2.0 * fitted.problem.samples)
         return JudgedMove(fitted.ratio, chance, found, ratio * float(np.ptp(move.position)), float(move.t_s[-1] - move.t_s[0]), off)
 
-    def _told(self, fitted: Fitted) -> dict[str, Told]:
+    def _told(self, fitted: Fitted) -> dict[str, MoveEstimate]:
         spread, ratio = parameter_spread(fitted), self.model.get("transmission.ratio") or 1.0
         found = {}
         for key, name in self._names.items():
             half = spread.half_width({name: 1.0})
             factor = {"cart_friction.level": ratio, "viscous_cart.damping": ratio**2}.get(name, 1.0)
             if half is not None and math.isfinite(half) and factor * half < VAGUE * abs(self.reference[key].value):
-                found[key] = Told(self._value(key, fitted.model), factor * half)
+                found[key] = MoveEstimate(self._value(key, fitted.model), factor * half)
         return found
 
     def suspects(self, moves: Sequence[Recording], most: int = 3) -> list[tuple[str, str, float]]:

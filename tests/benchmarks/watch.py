@@ -26,8 +26,8 @@ from beltcomm.errors import DataError
 from beltcomm.recording import Sidecar, recording_from_columns
 from beltcomm.rundata.fitted_run import open_fitted
 from beltcomm.talk import Silence
-from beltcomm.watching.drift import Drift
-from beltcomm.watching.judge import ERROR, Judge, Told
+from beltcomm.watching.drift import AxisDrift
+from beltcomm.watching.judge import ERROR, Judge, MoveEstimate
 from beltcomm.watching.limits import LIMITS
 from truth.hidden import Machine, draw, readings
 from truth.hidden import layout as at
@@ -94,7 +94,7 @@ def one(fault: str, seed: int, moves: int) -> dict[str, Any]:
         write_session(machine, run, "default")
         judge = Judge(open_fitted(run, Silence()))
         fitted_s = time.process_time() - began
-        drift = Drift({**judge.reference, ERROR: Told(judge.ratio, 0.0)}, LIMITS)
+        drift = AxisDrift({**judge.reference, ERROR: MoveEstimate(judge.ratio, 0.0)}, LIMITS)
         production = Production(machine, fault, moves)
         first: dict[str, dict[str, int]] = {"changed": {}, "alarm": {}}
         worst: dict[str, float] = {}
