@@ -53,6 +53,7 @@ class WaitingClock:
     help="End when nothing has come for so long: 10s for a log, never for a bus.",
 )
 @click.option("--follow", is_flag=True, help="Wait for a log to grow, however long that takes.")
+@click.option("--anew", is_flag=True, help="After a maintenance: the next moves are the base that changes are held against.")
 @click.option("--silent", is_flag=True, help="Not even ask the drive what its process data mean: --signal and --map say it.")
 @click.option("--bitrate", type=click.IntRange(9_600, 1_000_000), help="Bit rate of the CAN bus.")
 @click.option("--seed", type=click.IntRange(0), help="Virtual drive: seed of everything random.")
@@ -78,7 +79,7 @@ def command(
 
     Example: beltcomm watch --drive can0 --run runs/axis-1 --until-alarm
     """
-    own = {name: given.pop(name) for name in ("limits", "moves", "until_alarm", "silent")}
+    own = {name: given.pop(name) for name in ("limits", "moves", "until_alarm", "silent", "anew")}
     reading = reading_of(given)
     frame.run = run
     adapter = {"bitrate": bitrate, "seed": seed, "node": reading.node}

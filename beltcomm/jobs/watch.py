@@ -91,6 +91,8 @@ class _Watch:
     last: deque[Recording] = field(default_factory=lambda: deque(maxlen=POOL))
     suspects: list[tuple[str, str, float]] = field(default_factory=list)
     taken_s: float = -math.inf
+    known: set[tuple[float, Any]] = field(default_factory=set)
+    before: int = 0
 
 
 def watch(
@@ -104,6 +106,7 @@ def watch(
     until_alarm: bool = False,
     idle_s: float | None = None,
     silent: bool = False,
+    anew: bool = False,
     options: Mapping[str, object] | None = None,
     clock: Clock | None = None,
     wall_clock: Callable[[], float] | None = None,
@@ -133,6 +136,8 @@ def watch(
         Ends when nothing has come for so long; None is 10 s for a log, never for a drive.
     silent : bool
         Not even asks the drive what its process data mean.
+    anew : bool
+        After a maintenance: the next moves are the base that changes are held against.
     options : dict of str to object or None
         For the adapter, by name.
     clock : Clock or None
@@ -172,6 +177,7 @@ def watch(
         raise UsageError(f"a move tells nothing of {unknown[0]}; of this axis it tells {', '.join(sorted(reference))}")
     read = reading or Reading()
     state = _Watch(judge, AxisDrift(reference, {**LIMITS, **given}), folder, lambda at_s: at_s, tell, hour)
+    _resume(state, anew)
     with ExitStack() as stack:
         if log is not None:
             pieces, stream = _of_log(GrowingLog(place(log, "log"), read, judge.axis), clock, IDLE_S if idle_s is None else idle_s, stack)
@@ -202,6 +208,21 @@ def watch(
     if not state.counted and notes:
         raise DataError(notes[0])
     return _result(state)
+
+
+def _resume(state: _Watch, anew: bool) -> None:
+    """What was watched before goes on: the base of the first moves, and the last ones."""
+    if anew:
+        store.append(state.folder.path, {store.ANEW: True})
+    for entry in store.entries(state.folder.path, marks=True):
+        if store.ANEW in entry:
+            state.drift.begin_anew()
+            continue
+        told = {key: MoveEstimate(*pair) for key, pair in store.told_by(entry).items()}
+        state.standings = state.drift.add_told(told)
+        state.known.add((entry["date_s"], entry.get("error_over_noise")))
+        state.before += 1
+    state.states = {one.key: one.state for one in state.standings}
 
 
 def _of_log(log: GrowingLog, clock: Clock | None, idle_s: float, stack: ExitStack) -> tuple[Iterator[bool], _Stream]:
@@ -313,17 +334,20 @@ def _judge_one(state: _Watch, columns: Mapping[str, Any], start_s: float) -> Non
     except DataError:
         state.left_out += 1
         return
+    date_s = state.date_s(start_s)
+    if (round(date_s, 3), judged.ratio) in state.known:  # of a log that was watched before
+        state.left_out += 1
+        return
     state.counted = number
     state.last.append(recording)
     state.standings = state.drift.add(judged)
-    date_s = state.date_s(start_s)
     state.first_s = date_s if math.isnan(state.first_s) else state.first_s
     state.last_s = date_s + judged.duration_s
     events = _events(state)
-    entry = _entry(number, date_s, judged, state.standings, events)
+    entry = _entry(state.before + number, date_s, judged, state.standings, events)
     store.append(state.folder.path, entry)
     lines: list[str] = [words.head_line(state.standings)] if number % TITLES == 1 else []
-    lines.append(words.move_line(number, state.hour(date_s), judged, state.standings))
+    lines.append(words.move_line(state.before + number, state.hour(date_s), judged, state.standings))
     lines += [Line("      ", (f"{kind}: {text}", "bad" if kind == "ALARM" else "note")) for kind, text in events]
     state.tell(WatchedMove(lines, entry))
 
@@ -371,6 +395,7 @@ def _entry(
         "duration_s": judged.duration_s,
         "following_m": judged.following_m,
         "error_over_noise": judged.ratio,
+        "error_interval": judged.ratio_interval,
         "quantities": {key: {"value": one.value, "interval": one.interval} for key, one in judged.quantities.items()},
         "over_the_last_moves": {
             one.key: {

@@ -26,6 +26,7 @@ from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.words import number
 from beltcomm.talk import Silence
+from beltcomm.watching import store
 from beltcomm.watching.limits import LIMITS, Limit, limits_given
 
 NAME = "trend.html"
@@ -81,15 +82,20 @@ class TrendLine:
 def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[str] = (), out: Path | None = None) -> Result:
     """All quantities that at least two of the runs know, over their dates, with limits.   Exit code 1 where a limit is reached.
 
+    The days on which a run was watched in production count as runs: what a quantity was by the first moves is what it was in the run.
+
     limits : ``KEY=-20%``, ``KEY=+50%``, or an SI value for an upper limit.   dates : ISO 8601, one for each run.
     out : of the page, ``trend.html`` in the folder of the newest run unless told.
     Raises UsageError for fewer than two runs, unknown limits, dates that cannot be read, and runs of different axes.
     """
-    if len(runs) < 2:
-        raise UsageError("a trend needs at least two runs of one axis, and three to tell a trend from scatter")
+    watched = [day for run in runs for day in _days_watched(RunFolder.open(run))]
+    if len(runs) + len(watched) < 2:
+        raise UsageError(
+            "a trend needs at least two runs of one axis, and three to tell a trend from scatter; or one that `beltcomm watch` has followed"
+        )
     if dates and len(dates) != len(runs):
         raise UsageError(f"{len(dates)} dates for {len(runs)} runs; give --date once for each run, in the same order")
-    dated = sorted((_dated(run, dates[i] if dates else None) for i, run in enumerate(runs)), key=lambda one: one.t_s)
+    dated = sorted([*(_dated(run, dates[i] if dates else None) for i, run in enumerate(runs)), *watched], key=lambda one: one.t_s)
     known = {key for one in dated for key in one.found}
     if unknown := sorted(set(limits_given(limits)) - known):
         raise UsageError(f"no run knows {unknown[0]}{did_you_mean(unknown[0], sorted(known))}; there are {', '.join(sorted(known))}")
@@ -107,7 +113,8 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
     if not followed:
         raise DataError("no two of these runs know the same quantity; make models with beltcomm fit")
     given = {run.resolve().name: run for run in runs}
-    page = _page(folders[0].axis.name or "Axis", followed, dated, [given[one.name] for one in dated], remarks)
+    shown = [one for one in dated if one.name in given]
+    page = _page(folders[0].axis.name or "Axis", followed, shown, [given[one.name] for one in shown], remarks)
     newest = max(runs, key=lambda run: next(d.t_s for d in dated if d.name == run.resolve().name))
     where = out or newest / NAME
     data = {
@@ -128,6 +135,21 @@ def _dated(run: Path, date: str | None) -> Dated:
     folder = RunFolder.open(run)
     t_s, source = _time_of(folder, date)
     return Dated(folder.path.resolve().name, t_s, source, quantities_of(current_model(folder), results_of(folder)))
+
+
+def _days_watched(folder: RunFolder) -> list[Dated]:
+    """The days on which production was watched by a run's model."""
+    known = quantities_of(current_model(folder), results_of(folder))
+    found = []
+    for t_s, told in store.by_day(folder.path):
+        here = {
+            key: replace(known[key], value=share * known[key].value, interval=half * abs(known[key].value))
+            for key, (share, half) in told.items()
+            if key in known
+        }
+        if here:
+            found.append(Dated(f"{folder.path.resolve().name}, watched {_date(t_s)}", t_s, "watch", here))
+    return found
 
 
 def _time_of(folder: RunFolder, date: str | None) -> tuple[float, str]:

@@ -27,13 +27,13 @@ _MARK = {"alarm": "!", "changed": "*", "steady": " ", "few": " "}
 
 
 def head_line(standings: Sequence[Standing]) -> Line:
-    """Titles of the columns: change since the run, %, over the last moves."""
+    """Titles of the columns: change since the first moves, %, over the last ones."""
     cells = "".join(f"{SHOWN[one.key][0] + ' %':>13}" for one in standings if one.key != ERROR)
     return Line((f"{'move':>5} {'time':8} {'mm':>5} {'error':>6}{cells}", "title"))
 
 
 def move_line(count: int, clock: str, move: JudgedMove, standings: Sequence[Standing]) -> Line:
-    """One move; what has changed since the run, in per cent with 95 % intervals, over the last :data:`POOL` moves."""
+    """One move; what has changed, in per cent with 95 % intervals, over the last :data:`POOL` moves."""
     parts: list[str | tuple[str, str]] = [f"{count:5d} {clock:8} {1e3 * move.travel_m:5.0f} "]
     error = next(one for one in standings if one.key == ERROR)
     parts.append((f"{move.ratio:5.2f}{_MARK[error.state]}", _STYLE[error.state]))
@@ -56,10 +56,11 @@ def event_sentence(one: Standing) -> str:
     _, words, unit, factor, more, less = SHOWN[one.key]
     if one.state == "steady":
         return f"{words} is back: {number(factor * one.value, factor * one.interval, unit)}"
-    what = more if one.value > one.reference.value else less
-    was = number(factor * one.reference.value, factor * one.reference.interval, unit)
-    text = f"{what}: {words} {number(factor * one.value, factor * one.interval, unit)}, {was} in the run"
-    bound = one.high if one.value > one.reference.value else one.low
+    against, when = one.against, "by the first moves" if one.base is not None else "in the run"
+    what = more if one.value > against.value else less
+    was = number(factor * against.value, factor * against.interval, unit)
+    text = f"{what}: {words} {number(factor * one.value, factor * one.interval, unit)}, {was} {when}"
+    bound = one.high if one.value > against.value else one.low
     if bound is None:
         return text
     if one.state == "alarm":
@@ -78,7 +79,7 @@ def summary_lines(
     if alarms:
         verdict = f"ALARM in {moves} moves ({span}{beside}): {', '.join(alarms)}."
     elif changed:
-        verdict = f"{moves} moves ({span}{beside}): changed since the run, within the limits: {', '.join(changed)}."
+        verdict = f"{moves} moves ({span}{beside}): changed, within the limits: {', '.join(changed)}."
     elif moves < FEWEST:
         verdict = f"{moves} moves ({span}{beside}): too few to tell a change, {FEWEST} are needed."
     else:

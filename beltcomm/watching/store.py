@@ -16,6 +16,8 @@ from beltcomm.errors import UsageError
 from beltcomm.identify.course import NORMAL
 from beltcomm.locks import link_refused
 from beltcomm.outside import opened
+from beltcomm.watching.drift import BASE
+from beltcomm.watching.judge import ERROR
 
 FOLDER, FILE = "watch", "moves.jsonl"
 DAY_S = 86400.0
@@ -37,8 +39,12 @@ def append(run: Path, entry: Mapping[str, Any]) -> None:
         raise UsageError(f"{folder / FILE} cannot be written: {error.strerror or error}; make room, or choose another run") from error
 
 
-def entries(run: Path) -> Iterable[Mapping[str, Any]]:
-    """All moves that were watched; lines that are torn are left out."""
+#: Key of a line that says: what comes next is the base.
+ANEW = "anew"
+
+
+def entries(run: Path, *, marks: bool = False) -> Iterable[Mapping[str, Any]]:
+    """All moves that were watched; lines that are torn are left out.   marks : lines with ``ANEW``, too."""
     path = run / FOLDER / FILE
     if not path.is_file() or path.is_symlink():
         return
@@ -48,30 +54,61 @@ def entries(run: Path) -> Iterable[Mapping[str, Any]]:
                 found = json.loads(line)
             except (ValueError, RecursionError):
                 continue
+            if marks and isinstance(found, dict) and found.get(ANEW) is True:
+                yield found
             if isinstance(found, dict) and isinstance(found.get("date_s"), (int, float)) and isinstance(found.get("quantities"), dict):
                 yield found
 
 
-def by_day(run: Path) -> list[tuple[float, dict[str, tuple[float, float]]]]:
-    """Each day that was watched: its middle, s since 1970, and value and interval of every quantity over its moves."""
-    days: dict[int, list[Mapping[str, Any]]] = {}
-    for entry in entries(run):
-        days.setdefault(int(entry["date_s"] // DAY_S), []).append(entry)
-    return [(float(np.mean([e["date_s"] for e in some])), _pooled(some)) for _, some in sorted(days.items())]
-
-
-def _pooled(moves: list[Mapping[str, Any]]) -> dict[str, tuple[float, float]]:
-    told: dict[str, list[tuple[float, float]]] = {}
-    for move in moves:
-        for key, one in move["quantities"].items():
-            value, interval = (one.get("value"), one.get("interval")) if isinstance(one, dict) else (None, None)
-            if isinstance(value, (int, float)) and isinstance(interval, (int, float)) and math.isfinite(value) and interval > 0.0:
-                told.setdefault(str(key), []).append((float(value), float(interval)))
+def told_by(entry: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """Value and interval of every quantity that a move told, the error over the noise among them."""
+    error = {"value": entry.get("error_over_noise"), "interval": entry.get("error_interval")}
     found = {}
-    for key, pairs in told.items():
-        values, halves = np.array(pairs).T
-        weights = (NORMAL / halves) ** 2
-        mean = float(np.sum(weights * values) / np.sum(weights))
-        square = float(np.sum(weights * (values - mean) ** 2)) / max(len(values) - 1, 1)
-        found[key] = mean, NORMAL * math.sqrt(max(1.0, square) / float(np.sum(weights)))
+    for key, one in {**entry["quantities"], ERROR: error}.items():
+        value, interval = (one.get("value"), one.get("interval")) if isinstance(one, dict) else (None, None)
+        if isinstance(value, (int, float)) and isinstance(interval, (int, float)) and math.isfinite(value) and interval > 0.0:
+            found[str(key)] = float(value), float(interval)
     return found
+
+
+def by_day(run: Path) -> list[tuple[float, dict[str, tuple[float, float]]]]:
+    """Each day that was watched: its middle, s since 1970, and every quantity over its moves, as a share of the base, with its interval.
+
+    The base are the first moves, anew after each maintenance that was told.
+    """
+    told: dict[int, dict[str, list[tuple[float, float]]]] = {}
+    dates: dict[int, list[float]] = {}
+    for part in _parts(run):
+        bases = _together([told_by(entry) for entry in part], BASE)
+        for entry in part:
+            day = int(entry["date_s"] // DAY_S)
+            dates.setdefault(day, []).append(float(entry["date_s"]))
+            for key, (value, interval) in told_by(entry).items():
+                base = abs(bases[key][0])
+                told.setdefault(day, {}).setdefault(key, []).append((value / base, interval / base))
+    return [(float(np.mean(dates[day])), {key: _mean(pairs) for key, pairs in found.items()}) for day, found in sorted(told.items())]
+
+
+def _parts(run: Path) -> list[list[Mapping[str, Any]]]:
+    """Moves between two maintenances."""
+    parts: list[list[Mapping[str, Any]]] = [[]]
+    for entry in entries(run, marks=True):
+        if ANEW in entry:
+            parts.append([])
+        else:
+            parts[-1].append(entry)
+    return [part for part in parts if part]
+
+
+def _together(told: list[dict[str, tuple[float, float]]], most: int) -> dict[str, tuple[float, float]]:
+    """Every quantity over the first moves that told it."""
+    keys = dict.fromkeys(key for one in told for key in one)
+    return {key: _mean([one[key] for one in told if key in one][:most]) for key in keys}
+
+
+def _mean(pairs: list[tuple[float, float]]) -> tuple[float, float]:
+    values, halves = np.array(pairs).T
+    weights = (NORMAL / halves) ** 2
+    mean = float(np.sum(weights * values) / np.sum(weights))
+    square = float(np.sum(weights * (values - mean) ** 2)) / max(len(values) - 1, 1)
+    return mean, NORMAL * math.sqrt(max(1.0, square) / float(np.sum(weights)))

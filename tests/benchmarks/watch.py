@@ -116,7 +116,7 @@ def one(fault: str, seed: int, moves: int) -> dict[str, Any]:
                     turns += states.get(it.key) != it.state
                 states[it.key] = it.state
                 if math.isfinite(it.value):
-                    sure = abs(it.value - it.reference.value) / (math.hypot(it.interval, it.reference.interval) / 1.96)
+                    sure = abs(it.value - it.against.value) / (math.hypot(it.interval, it.against.interval) / 1.96)
                     worst[it.key] = max(worst.get(it.key, 0.0), sure)
                     worst[f"{it.key} %"] = max(worst.get(f"{it.key} %", 0.0), 100.0 * abs(it.change))
         last = {it.key: round(100.0 * it.change, 2) for it in standings}
