@@ -535,6 +535,33 @@ class Service(Protocol):
     def __exit__(self, *exc: object) -> None: ...
 
 
+Heard = tuple[float, int, bytes, bool]
+"""A frame that was heard: time in s, identifier, data, whether it is a remote frame."""
+
+
+class Listening(Protocol):
+    """A bus that is listened to: nothing is written to a drive, nothing moves.   Use as a context manager.
+
+    title : where, in words.
+    """
+
+    title: str
+
+    def frames(self, wait_s: float) -> list[Heard]:
+        """What has come since it was asked last; waits for it so long.   Raises BusError.
+
+        Parameters
+        ----------
+        wait_s : float, s
+            Of the bus's own time.
+        """
+        ...
+
+    def __enter__(self) -> Listening: ...
+
+    def __exit__(self, *exc: object) -> None: ...
+
+
 @dataclass(frozen=True)
 class Adapter:
     """Entry that an adapter package registers.
@@ -579,6 +606,7 @@ class Adapter:
     logs: bool = False
     nameplates: bool = False
     new_profile: Callable[[str | None, Mapping[str, object], Mapping[str, str], Sequence[DictionaryEntry]], str] | None = None
+    listen: Callable[[str, Mapping[str, object]], Listening] | None = None
 
     def taken(self, options: Mapping[str, object]) -> dict[str, object]:
         """Options that this adapter takes, of those that programs add for every adapter.
