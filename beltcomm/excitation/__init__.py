@@ -14,7 +14,6 @@ __all__ = [
     "MAXIMAL_TAPS",
     "SHORT_ORDER",
     "AskedExcitation",
-    "ChirpChoice",
     "Choice",
     "Excitation",
     "ExcitationKind",
