@@ -243,7 +243,7 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
         window = (float(folder.axis.travel.min_m or 0.0), float(folder.axis.travel.max_m or 1.0))
         before = Before(recordings, window, model["transmission.ratio"], total_friction(model))
         blind = [one for one in sights if not one.is_detectable]
-        wanted = plan_for(found.twins, blind, found.added_effects, lambda step: record_showing(step, before))
+        wanted = plan_for(found.twins, blind, found.added_effects, lambda step: record_showing(step, before), "cart" in model.base_bodies)
         data["next"] = wanted.to_dict()
         folder.save_result(NAME, plain(wanted.to_dict()))
         lines += wanted.lines(folder.path)
@@ -427,7 +427,8 @@ def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, note
     remarks: list[str] = []
     if pictures:
         made, remarks = drawn.change_picture(here.folder, rung, compare(here.data, here.fitted), compare(grown, after), command)
-    model, before = with_intervals(after), of_run(here.data, here.fitted)
+    model, band = with_intervals(after), rung.plain.band_hz if rung.plain else None
+    before = of_run(here.data, here.fitted, band)
     data = {
         "run": str(run),
         "revision": rung.name,

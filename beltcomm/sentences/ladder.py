@@ -259,7 +259,9 @@ def change_lines(
         lines.append(
             "Warning: without it records that were not fitted fit worse. It is out all the same, and `design` rests on this model."
         )
-    lines += [f"Saved as {rung.name}.", f"Next: beltcomm design {pasted(run)}   (gains of the model as it is now)"]
+    belt = "cart" in model.base_bodies
+    following = ("design", "gains of the model as it is now") if belt else ("diagnose", "what is still missing")
+    lines += [f"Saved as {rung.name}.", f"Next: beltcomm {following[0]} {pasted(run)}   ({following[1]})"]
     return lines
 
 

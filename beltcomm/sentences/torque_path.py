@@ -40,11 +40,11 @@ def path_data(path: TorquePath, sample_s: float) -> dict[str, Any]:
     -------
     dict
         drive: delay and delay_interval in periods, lags, gain; reading: late in periods, lags, at_end (of the period, else its mean);
-        commanded; rivals of the same shape;
+        commanded; unseen, without a setpoint; rivals of the same shape;
         sample_period_s; delay_s from setpoint to acting torque, None without a setpoint; words, a list of sentences, empty for a whole
         delay and a faithful reading.
     """
-    delay_s = None if path.drive is None else path.drive.delay_s(sample_s)
+    delay_s = None if path.drive is None or path.unseen else path.drive.delay_s(sample_s)
     return {**path_to_dict(path), "sample_period_s": sample_s, "delay_s": delay_s, "words": path_lines(path, sample_s)}
 
 
