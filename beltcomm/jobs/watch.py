@@ -26,7 +26,7 @@ from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import watch as words
 from beltcomm.talk import Silence, Talk
-from beltcomm.trajectory import held, plan_trajectory
+from beltcomm.trajectory import plan_trajectory, with_dwell
 from beltcomm.verify import REST_S
 from beltcomm.watching import store
 from beltcomm.watching.bus_stream import BusStream
@@ -293,7 +293,7 @@ def _production(folder: RunFolder, moves: int | None) -> Callable[[Drive], Itera
         count = 0
         while moves is None or count < moves + 1:
             there = low if here > 0.5 * (low + high) else high
-            path = held(plan_trajectory(here, there, axis.trajectory(axis.targets.limits), period), REST_S)
+            path = with_dwell(plan_trajectory(here, there, axis.trajectory(axis.targets.limits), period), REST_S)
             along = np.zeros(len(path.t_s))
             drive.record(Motion("position", period, path.position_m / ratio, path.velocity_m_s / ratio, along), limits, lambda _row: None)
             here, count = there, count + 1
