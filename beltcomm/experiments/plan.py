@@ -11,6 +11,7 @@ import numpy as np
 
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
+from beltcomm.excitation import AS_CHOSEN, AskedExcitation
 from beltcomm.experiments import gain_steps, own_strokes, phases, sampling_limits
 from beltcomm.experiments.bounds import (
     CREEP_SECONDS,
@@ -83,15 +84,15 @@ class Plan:
 
     @property
     def over_budget(self) -> bool:
-        """Whether some of it is left out if each record takes its longest."""
+        """True if some of it is left out when each record takes its longest."""
         return sum(item.seconds for item in self.experiments) > self.budget_s
 
     def said(self) -> str:
-        """What is said of it beside its numbers; empty for a job that needs no word."""
+        """Words beside its numbers; empty for a job that needs none."""
         return "" if self.text.startswith("The carriage of") and self.text.endswith("will move by itself.") else self.text
 
     def written(self) -> str:
-        """What becomes of the drive's parameters."""
+        """Fate of the drive's parameters."""
         if self.types_gains:
             return tr("gains cannot be written on this drive: it moves with those that stand in it")
         if self.verb == "commission":
@@ -196,17 +197,21 @@ class Plan:
         return point_rows([*self.points[:HOW_FAR], *bounds, *self.points[HOW_FAR:]])
 
 
-def identify_plan(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> Plan:
+def identify_plan(
+    axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None, asked: AskedExcitation = AS_CHOSEN
+) -> Plan:
     """Sign check, rising excitation and one frequency response at the present place.
 
     Parameters
     ----------
     window_m : tuple of float or None
         To be kept, from where it stands.
+    asked : AskedExcitation
+        Of the response.
     """
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will move by itself.",
-        _here(axis, capabilities, window_m),
+        _here(axis, capabilities, window_m, asked),
         notes=sampling_limits.notes_before(axis, capabilities),
         points=identify_points(axis, capabilities, window_m),
         verb="identify",
@@ -335,7 +340,7 @@ def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
 
 
 def _move_seconds(axis: Axis, capabilities: Capabilities) -> float:
-    """How long the standard move takes at least, s: a longer one takes less torque by more than it takes longer."""
+    """Least duration of the standard move, s: a longer one takes less torque by more than it takes longer."""
     limits = axis.trajectories.get(axis.targets.limits)
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     if limits is None or whole <= 0.0:
@@ -365,7 +370,9 @@ HOLDING_CREEP_SECONDS, HOLDING_STROKES_SECONDS = 25.0, 15.0
 HOLDING_SECONDS = HOLDING_CREEP_SECONDS + HOLDING_STROKES_SECONDS
 
 
-def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> tuple[Experiment, ...]:
+def _here(
+    axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None, asked: AskedExcitation = AS_CHOSEN
+) -> tuple[Experiment, ...]:
     widest = max(-window_m[0], window_m[1]) if window_m is not None else math.inf
     torque = min(axis.torque_limit_nm, capabilities.peak_torque_nm)
     force = axis.belt_force_limit_n
@@ -378,6 +385,7 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
     shaken_m = excitation_travel_m(capabilities.sample_period_s)
     travel, reach = min(shaken_m, widest), min(shaken_m + phases.END_MARGIN_M, widest)
     held, slow = held_before_nm(axis), stroking_nm(axis, 0.0)
+    response_s = asked.seconds(capabilities.sample_period_s) or RESPONSE_SECONDS
     binary = math.hypot(phases.excitation_torque_nm(axis, capabilities, held), held)
     return (
         Experiment(
@@ -393,5 +401,5 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
         *gain_steps.line(axis, capabilities),
         Experiment("excitation, rising", travel, reach, shaken, torque, shaking, 3 * short_seconds(capabilities.sample_period_s), binary),
         *([Experiment("holding torque, in slow creep", 5e-3, reach, 0.02, torque, force, HOLDING_STROKES_SECONDS, slow)] if tilted else []),
-        Experiment("frequency response here", travel, reach, shaken, torque, shaking, RESPONSE_SECONDS, binary),
+        Experiment("frequency response here", travel, reach, shaken, torque, shaking, response_s, binary),
     )

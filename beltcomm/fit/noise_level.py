@@ -69,7 +69,7 @@ class Level:
 def torque_noise(recordings: Sequence[Recording], quiet_nm: float = 1e-3) -> float:
     """Noise of the torque signal, N m rms: what a short filter of the setpoint does not explain; the median over the records.
 
-    Where no record has a setpoint it is the least, over the records, of what periods or differences leave: ``_without_setpoint``.
+    Where no record has a setpoint it is of the calmest records, by what periods or differences leave: ``_without_setpoint``.
     """
     return max(_level(recordings).nm, quiet_nm)
 
@@ -164,7 +164,12 @@ def _level(recordings: Sequence[Recording]) -> Level:
     if levels:
         return Level(float(np.median(levels)), True)
     coloured = [level for r in recordings if (level := _coloured_noise(r)) is not None]  # what differences of a high order hardly show
-    return min(coloured or map(_without_setpoint, recordings), key=lambda level: level.nm, default=Level(0.0, True))
+    found = coloured or [_without_setpoint(r) for r in recordings]
+    if not found:
+        return Level(0.0, True)
+    least = min(found, key=lambda level: level.nm)
+    alike = [level for level in found if level.nm <= CLEARLY * least.nm and level.told == least.told]  # the least of many is too low
+    return Level(float(np.median([level.nm for level in alike])), least.told, float(np.median([level.colour for level in alike])))
 
 
 def _coloured_noise(recording: Recording) -> Level | None:

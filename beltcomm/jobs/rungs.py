@@ -61,5 +61,5 @@ def plain_of(found: Diagnosis) -> tuple[Plain, Plain]:
 
 
 def less(after: PlainError | None, trusted: PlainError | None) -> bool:
-    """Whether a plain error is not larger than that of a rung below; also where that was not written down, or in another band."""
+    """True if a plain error is not larger than that of a rung below; also where that was not written down, or in another band."""
     return after is None or trusted is None or after.band_hz != trusted.band_hz or after.error <= trusted.error

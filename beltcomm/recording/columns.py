@@ -62,7 +62,7 @@ INERTIA_UNIT: Final[Mapping[Side, str]] = {"motor": "kg m²", "load": "kg", "amp
 
 
 def side_of(file: str, columns: Mapping[str, object], *, timed: bool) -> Side:
-    """Which side the columns are from.
+    """Side that the columns are from.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def side_of(file: str, columns: Mapping[str, object], *, timed: bool) -> Side:
 
 
 def _hint(wanted: str, columns: Mapping[str, object]) -> str:
-    """What another column probably is."""
+    """Probable meaning of another column."""
     for name in columns:
         factor = in_other_unit(name, wanted)
         if factor is not None:

@@ -1,4 +1,4 @@
-"""What a diagnosis is checked against, besides its error: data sheets, resonances, static maps, the bound of friction."""
+"""Checks of a diagnosis besides its error: data sheets, resonances, static maps, the bound of friction."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def cross_checked(found: Diagnosis, recordings: Sequence[Recording], axis: Axis)
 
 
 def sheet_lines(doubts: Sequence[SheetDoubt]) -> list[str]:
-    """What was measured against the data sheets, and below it what to check: a wrong data sheet is no effect."""
+    """Measured values against the data sheets, and below what to check: a wrong data sheet is no effect."""
     lines = []
     for doubt in doubts:
         what, usual, where = _SHEETS[doubt.entry]
@@ -100,6 +100,7 @@ _CHECKS = {
         "Check in axis.yaml: motor.encoder_counts_per_rev (lines times four; behind a gearbox more), and the unit of the angle.",
     ),
     "belt.specific_stiffness_n": (
+        "A sheet states the strands alone: teeth in mesh, clamps and bearings make a sound belt softer (25 and 31 % on the thesis's rig).",
         "Check on the machine: the belt's tension and its clamps.",
         "Check in axis.yaml: belt.specific_stiffness_n, belt.pulley_distance_m, gearbox.ratio, pulley.effective_radius_m.",
         "The radius by hand: turn the motor ten times and measure how far the carriage goes; the stiffness goes with 1/radius².",
@@ -118,7 +119,7 @@ def as_data(checks: Checks) -> dict[str, Any]:
 
 
 def check_lines(checks: Checks) -> list[str]:
-    """As sentences."""
+    """Checks as sentences."""
     lines = sheet_lines(checks.sheets)
     if checks.resonances is not None:
         low, high = (", ".join(f"{f:.1f}" for f in row) or "none" for row in asdict(checks.resonances).values())
