@@ -20,12 +20,14 @@ from beltcomm.foreign.plausibility import findings
 from beltcomm.foreign.relations import relations
 from beltcomm.foreign.table import Table
 from beltcomm.laboratory.cross_checks import sheet_doubts
+from beltcomm.laboratory.second_sensor import second_sensor
 from beltcomm.model import build_model
 from beltcomm.recording import Recording
 from beltcomm.recording.checks import MOST_JUDGED, livelier, rigid_inertia
 from beltcomm.recording.signalfile import write_columns
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.next_plan import load_plan, plan_for
+from beltcomm.sentences.cross_checks import sensor_lines
 
 Array = NDArray[np.float64]
 NO_BELT = axis_from_dict({"name": "bench"}, "a")
@@ -173,3 +175,29 @@ def test_a_long_record_is_judged_by_the_rows_that_move_most(monkeypatch: pytest.
     assert found is not None
     assert found.inertia == pytest.approx(2e-3, rel=0.03)
     assert MOST_JUDGED > 100_000
+
+
+@pytest.mark.parametrize("ratio", [1.0, 0.25])
+def test_a_sensor_at_the_load_shows_the_antiresonance_by_itself(ratio: float) -> None:
+    """J θ'' + d θ' + c sign θ' = k (motor - θ): the load is drawn, and the motor angle follows; 24 Hz, whatever the sensor counts in."""
+    stiffness, inertia = 9.0, 9.0 / (math.tau * 24.0) ** 2
+    t, slow, _ = moved(11, 12_000)
+    rng = np.random.default_rng(5)
+    load = slow + sum(
+        0.02 * np.sin(math.tau * f * t + p) for f, p in zip(rng.uniform(5.0, 60.0, 12), rng.uniform(0.0, 6.0, 12), strict=True)
+    )
+    speed = np.gradient(load, 1e-3)
+    motor = load + (inertia * np.gradient(speed, 1e-3) + 2e-3 * speed + 0.05 * np.sign(speed)) / stiffness
+    step = math.tau / 65536
+    record = Recording(
+        name="a", t_s=t, torque=speed + rng.normal(0, 0.1, len(t)), position=step * np.round(motor / step),
+        load_position_rad=ratio * step * np.round(load / step),
+    )  # fmt: skip
+    found = second_sensor([record], [24.1, 80.0])
+    assert found is not None
+    assert abs(found.antiresonance_hz - 24.0) < 0.01 * 24.0
+    assert found.confirms
+    assert not second_sensor([record], [30.0]).confirms  # type: ignore[union-attr]
+    assert "one rigid body" in sensor_lines(second_sensor([record]))[0]
+    stiff = Recording(name="a", t_s=t, torque=record.torque, position=step * np.round(load / step), load_position_rad=load)
+    assert second_sensor([stiff]) is None
