@@ -47,6 +47,7 @@ UNITS: Mapping[str, Unit] = {
     "n": Unit("N", {"n": 1.0, "kn": 1e3, "mn": 1e-3}),
     "n_m": Unit("N/m", {"n/m": 1.0, "n/mm": 1e3, "kn/m": 1e3}),
     "a": Unit("A", {"a": 1.0, "ma": 1e-3}),
+    "v": Unit("V", {"v": 1.0, "mv": 1e-3}),
     "kg": Unit("kg", {"kg": 1.0, "g": 1e-3, "t": 1e3}),
     "kg_m2": Unit("kg m²", _INERTIA),
     "hz": Unit("Hz", {"hz": 1.0, "khz": 1e3}),

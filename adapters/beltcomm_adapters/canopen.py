@@ -260,7 +260,7 @@ class CanopenDrive(ObjectDrive):
                     self._machine.confirm_mode(layout.mode)
                     yield run
                 except BaseException as error:
-                    self._halt(run, exchange, error, limits.release)
+                    self._halt(run, exchange, error, limits.release and not getattr(error, "answered", False))
                     link.forget_emergency()  # the error has told of it, or it came of the stop
                     if self._link.restarted and isinstance(error, BusError):  # its boot-up message came after its silence was noticed
                         raise self._machine.fault("moving") from error

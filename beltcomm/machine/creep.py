@@ -50,14 +50,18 @@ class Crept:
 
 
 class Enough(SafetyStop):
-    """Raised by the watcher inside a record when the motion has shown what it was for; the axis is stopped as for any limit."""
+    """Raised by the watcher inside a record when the motion has shown what it was for; the axis is stopped as for any limit.
 
-    def __init__(self) -> None:
+    answered : as of :class:`beltcomm.errors.SafetyStop`.
+    """
+
+    def __init__(self, answered: bool = False) -> None:
         super().__init__("the motion has shown what it was for", "enough")
+        self.answered = answered
 
 
 def run_on_m(axis: Axis, torque_nm: float, held_s: float) -> float:
-    """How far the lightest carriage runs on when the computer dies just as it breaks away, m.   torque_nm : then, N m.
+    """Way that the lightest carriage runs on when the computer dies just as it breaks away, m.   torque_nm : then, N m.
 
     ``SLIDING_SHARE`` of that is left as friction, against the torque that is held for ``held_s`` and then alone.
     """
@@ -107,7 +111,8 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float,
             raise DriveError(_not_held(sign, row[2]) if about_nm else _backwards(sign, abs(row[2]), top))
         coasting = onset and moved * sign * (row[2] - about_nm) > SLIDING_SHARE * onset[0] * reach_m
         if moved > abs(by_m) or coasting or (moved > MOVED_M and moved - before[0] > CREEP_SPEED_M_S * period):
-            raise Enough
+            # with the stage cut off a carriage falls until the brake has closed, which then stops it in the belt
+            raise Enough(answered=bool(about_nm))
         before[0] = moved
 
     zero = np.zeros(len(ramp))
@@ -145,7 +150,7 @@ def _doubted_scale(drive: Drive) -> str:
 
 
 def _no_more(torque_nm: float, way_m: float, guard_s: float, left_m: float) -> str:
-    """What is said when more torque is too much so near to an end."""
+    """Sentence for more torque being too much so near to an end."""
     return (
         f"the axis does not move under {torque_nm:.3f} N m, and more is too much here: if the computer died as it breaks away, a light "
         f"carriage would run on by {1e3 * way_m:.0f} mm before the drive has noticed ({1e3 * guard_s:.0f} ms) and friction has stopped it, "
@@ -154,7 +159,7 @@ def _no_more(torque_nm: float, way_m: float, guard_s: float, left_m: float) -> s
 
 
 def _not_held(sign: float, torque_nm: float) -> str:
-    """What is said when the carriage goes against a torque that rises from the one that held it."""
+    """Sentence for a carriage that goes against a torque that rises from the one that held it."""
     to = "negative" if sign > 0 else "positive"
     return (
         f"the carriage moves to {to} under {torque_nm:.3f} N m, while the torque goes the other way from what held it: look at its load, "
@@ -163,7 +168,7 @@ def _not_held(sign: float, torque_nm: float) -> str:
 
 
 def _backwards(sign: float, torque_nm: float, top_nm: float) -> str:
-    """What is said when the carriage goes against the torque.   torque_nm : at that moment, N m.   top_nm : at the end of the ramp."""
+    """Sentence for a carriage that goes against the torque.   torque_nm : at that moment, N m.   top_nm : at the end of the ramp."""
     ways = ("positive", "negative")
     under, to = ways if sign > 0 else ways[::-1]
     if torque_nm < BY_ITSELF * top_nm:
@@ -180,7 +185,7 @@ def _backwards(sign: float, torque_nm: float, top_nm: float) -> str:
 
 
 def move_limits(drive: Drive, axis: Axis, by_m: float, position_m: float | None) -> Limits:
-    """What a short move must keep to.   position_m : m, where the carriage stands, as the operator says; else the drive's own zero counts.
+    """Limits of a short move.   position_m : m, where the carriage stands, as the operator says; else the drive's own zero counts.
 
     Raises Refused when the move would leave the travel.
     """

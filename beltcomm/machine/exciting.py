@@ -6,13 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from beltcomm.drive import Row
-from beltcomm.errors import DriveError, Refused
+from beltcomm.errors import DriveError, Refused, SafetyStop
 from beltcomm.excitation import Excitation
 from beltcomm.identify.amplitude import Prediction
 from beltcomm.machine import delivered, host_loss
 from beltcomm.machine.host_loss import guard_times_s
 from beltcomm.machine.machine import Machine, Room
-from beltcomm.machine.prediction_watch import Expectation
+from beltcomm.machine.prediction_watch import Expectation, units_of
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar
@@ -21,7 +21,7 @@ from beltcomm.simulate.stopping import HostLoss
 
 @dataclass(frozen=True)
 class Exposed:
-    """What a record is predicted to do, the models that the axis may be, and what the death of the host means for each."""
+    """Predicted motion of a record, the models that the axis may be, and the death of the host for each."""
 
     predicted: Prediction
     family: Sequence[Model]
@@ -29,19 +29,19 @@ class Exposed:
 
 
 def run_on_words(machine: Machine, predicted: Prediction, ends_m: float) -> str:
-    """How far the carriage runs on if the computer dies, with the guard time that the record will have."""
+    """Way that the carriage runs on if the computer dies, in words, with the guard time that the record will have."""
     number = host_loss.chosen(machine, predicted, ends_m)
     return host_loss.words(guard_times_s(machine.drive.capabilities)[number], predicted.run_on_m[number])
 
 
 def guarded(machine: Machine, excitation: Excitation, at: float, room: Room, exposed: Exposed) -> tuple[Room, Callable[[Row], None]]:
-    """What an excitation around a place, m, may use, with the guard time of its run-on, and the watch of its rows."""
+    """Limits of an excitation around a place, m, with the guard time of its run-on, and the watch of its rows."""
     predicted, full = exposed.predicted, machine.full_room()
     (low, high), ends = room.window_m, full.window_m
     number = host_loss.chosen(machine, predicted, min(at - ends[0], ends[1] - at))
     guard_s = guard_times_s(machine.drive.capabilities)[number]
     room = replace(room, window_m=(low + predicted.stop_m, high - predicted.stop_m), guard_s=guard_s)
-    expected = Expectation(predicted, machine.ratio, machine.axis.motor_side_inertia_kg_m2)
+    expected = Expectation(predicted, machine.ratio, machine.axis.motor_side_inertia_kg_m2, units_of(machine.drive.capabilities))
     dying = host_loss.RunOnWatch(
         ends,
         machine.ratio,
@@ -54,7 +54,10 @@ def guarded(machine: Machine, excitation: Excitation, at: float, room: Room, exp
 
     def watch(row: Row) -> None:
         expected(row)
-        dying(row)
+        try:
+            dying(row)
+        except SafetyStop as stop:
+            raise SafetyStop(f"{stop}; or {expected.cause()}", stop.reason) from None
 
     return room, watch
 

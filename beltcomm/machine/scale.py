@@ -16,6 +16,7 @@ from beltcomm.axis import Axis
 from beltcomm.errors import Refused, UsageError
 from beltcomm.given import pasted
 from beltcomm.machine.machine import Machine
+from beltcomm.machine.prediction_watch import other_units, units_of
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.result import Result
@@ -39,7 +40,7 @@ LIGHTEST_KG = 0.03
 
 
 def accelerating_share(recording: Recording, inertia_kg_m2: float) -> float:
-    """How much of the torque of a record went into the acceleration of the motor:  rms(J θ'')/rms(τ), where the torque is large."""
+    """Share of a record's torque that went into the acceleration of the motor:  rms(J θ'')/rms(τ), where the torque is large."""
     acceleration = np.diff(recording.position, 2) / recording.sample_period_s**2
     torque = 0.5 * (recording.torque[1:-1] + recording.torque[:-2])
     large = np.abs(torque) > 0.5 * np.max(np.abs(torque))
@@ -107,7 +108,7 @@ def not_told_apart(axis: Axis, model: Model, first: Model, response: Recording, 
 
 
 def check_first(machine: Machine, model: Model, recording: Recording) -> Model:
-    """The same with the first estimate, which is returned; nothing is said where friction took most of the torque.
+    """Check the scaling by the first estimate, which is returned; nothing is said where friction took most of the torque.
 
     What it does not know makes the estimate wrong: behind a gap the motor moves as if the carriage pushed it, a torque that acts late looks
     like one that moves more.  Friction makes the steps of the torque show more than there is, nothing makes them show less.  Where they
@@ -157,16 +158,16 @@ def check_scale(machine: Machine, model: Model, factor: float) -> None:
     if 1.0 / factor <= share <= factor:
         return
     raise Refused(
-        f"{_contradiction(machine.axis, model)}, and nothing faster is tried. Either the drive's torque is scaled wrongly (6076h; "
-        "thousandths of something else than rated torque), or its angle (encoder resolution 608Fh, gear 6091h, feed 6092h, position factor "
-        "6093h), or gearbox.ratio or an inertia of motor, gearbox, coupling or pulley in axis.yaml is. Turn the motor once by hand and "
-        "watch its position, or measure a creep with a ruler: beltcomm move --drive DRIVE --axis AXIS --by 50mm. A gap spoils this "
-        "estimate too: hold the motor and move the carriage by hand; if there is free play, mend clamp, key or coupling first"
+        f"{_contradiction(machine.axis, model)}, and nothing faster is tried. Either the drive's torque or its angle is scaled wrongly "
+        f"(6076h; 608Fh, 6091h, 6092h, 6093h): {other_units(share, units_of(machine.drive.capabilities))}. Or gearbox.ratio or an inertia "
+        "of motor, gearbox, coupling or pulley in axis.yaml is wrong. A ruler tells: beltcomm move --drive DRIVE --axis AXIS --by 50mm. A "
+        "gap spoils this estimate too: hold the motor and move the carriage by hand; if there is free play, mend clamp, key or coupling "
+        "first"
     )
 
 
 def check_fitted(machine: Machine, model: Model, first: Model, response: Recording) -> None:
-    """The same with the model of a frequency response, before a loop is closed; a feed constant in doubt is a remark.
+    """Check the scaling by the model of a frequency response, before a loop is closed; a feed constant in doubt is a remark.
 
     Parameters
     ----------
