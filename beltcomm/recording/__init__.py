@@ -131,7 +131,7 @@ class Recording:
 
     @property
     def torque_unit(self) -> str:
-        """Unit of torque and torque_setpoint: "N m", "N" or "A"."""
+        """Unit of torque and torque_setpoint: "N m", "N", "A" or "V"."""
         return unit_of(CHANNELS[self.side]["torque"])
 
     @property
