@@ -165,7 +165,7 @@ def _names(folder: RunFolder) -> Callable[[], str]:
 
 
 def _learnt_result(folder: RunFolder, learnt: Learnt, remark: str) -> Result:
-    """What the repetitions came to; the torque stands beside the move, to be driven and exported with it."""
+    """Outcome of the repetitions; the torque stands beside the move, to be driven and exported with it."""
     best, first = learnt.best, learnt.repetitions[0]
     file = folder.path / "designs" / f"{best.name}_learnt.csv"
     path = with_dwell(learnt.path, REST_S)

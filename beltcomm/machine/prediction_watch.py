@@ -98,7 +98,7 @@ class PredictionWatch:
         )
 
     def cause(self) -> str:
-        """What is probably wrong by the rows so far, in words."""
+        """Probable fault by the rows so far, in words."""
         return suspects(self.inertia_kg_m2, measured_inertia(np.array(self._rows)), self.units)
 
 
@@ -136,7 +136,7 @@ def measured_inertia(rows: np.ndarray) -> tuple[float, float] | None:
 
 
 class DriveUnits(NamedTuple):
-    """What a drive's raw numbers are taken for.   thousand_nm : a thousand units of torque, N m.   per_turn : position units of a turn."""
+    """Meaning of a drive's raw numbers.   thousand_nm : a thousand units of torque, N m.   per_turn : position units of a turn."""
 
     thousand_nm: float
     per_turn: int

@@ -258,7 +258,7 @@ class CutOff(SimulatedPlant):
         self._most_nm = most_nm
 
     def step(self, torque_nm: float, duration_s: float) -> None:
-        """As the plant's, with the torque cut off."""
+        """Step of the plant, with the torque cut off."""
         super().step(min(max(torque_nm, -self._most_nm), self._most_nm), duration_s)
 
 
