@@ -44,7 +44,7 @@ def commented(axis: Axis, source: str = "") -> str:
     lines += [f"name: {_scalar(axis.name)}"]
     for section, kind in SECTIONS.items():
         held = getattr(axis, section)
-        if held is None and not axis.has_belt:
+        if held is None and not axis.has_transmission:
             continue
         lines += ["", _remarked(f"{section}:", TITLES[section])]
         known = entries_of(kind)

@@ -27,7 +27,6 @@ from beltcomm.experiments.bounds import (
 )
 from beltcomm.experiments.plan_words import Point, commission_points, host_loss, identify_points, point_rows
 from beltcomm.experiments.sign import sign_seconds, sign_words
-from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.language import tr
 from beltcomm.machine import creep, gravity
 from beltcomm.machine.heat import HeatPlan, Thermal, heat_plan, path_rms_nm
@@ -37,7 +36,7 @@ from beltcomm.schedule import record_schedule
 from beltcomm.schedule.record_schedule import Extent
 from beltcomm.schedule.sequences import excitation_travel_m, short_seconds
 from beltcomm.schedule.strokes import fastest_stroke_m_s
-from beltcomm.simulate.stopping import Braking, total_friction
+from beltcomm.simulate.stopping import Braking, total_friction, unknown_loads_kg
 from beltcomm.trajectory import Trajectory, plan_trajectory
 from beltcomm.verify import demand
 
@@ -329,7 +328,7 @@ def verification_plan(axis: Axis, model: Model, path: Trajectory, braking: Braki
 def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
     """Fastest stroke over the whole travel with the lightest carriage that is thought of."""
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
-    lightest = axis.belt_force_limit_n / 3.0 / max(UNKNOWN_MASSES_KG[0], axis.payload.mass_kg or 0.0)
+    lightest = axis.belt_force_limit_n / 3.0 / max(unknown_loads_kg(axis)[0], axis.payload.mass_kg or 0.0)
     acceleration = min(axis.limits.acceleration_m_s2 or math.inf, lightest)
     return fastest_stroke_m_s(phases.SPEED_SHARE * top_speed_m_s(axis, capabilities), acceleration, whole)
 

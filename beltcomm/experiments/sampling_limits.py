@@ -9,7 +9,7 @@ from beltcomm.drive import Capabilities
 from beltcomm.errors import BeltcommError
 from beltcomm.excitation.record import SELDOM_S
 from beltcomm.fit.first_estimate import data_sheet_model
-from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
+from beltcomm.simulate.stopping import unknown_loads_kg
 from beltcomm.model import Model
 from beltcomm.rundata import analyse
 from beltcomm.schedule.sequences import excitation_travel_m
@@ -34,12 +34,12 @@ def claimed_hz(period_s: float) -> float:
 def expected_hz(axis: Axis) -> tuple[float, float] | None:
     """Lowest and highest resonance by the data sheets, over travel and payloads; None where they do not say enough."""
     stated = axis.payload.mass_kg
-    masses = (stated,) if stated else (UNKNOWN_MASSES_KG[0], UNKNOWN_MASSES_KG[-1])
+    masses = (stated,) if stated else (unknown_loads_kg(axis)[0], unknown_loads_kg(axis)[-1])
     found = []
     try:
         for at in (float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)):
             for mass in masses:
-                model = data_sheet_model(axis, at, 0.0).with_values({"cart.mass": max(mass, UNKNOWN_MASSES_KG[0])})
+                model = data_sheet_model(axis, at, 0.0).with_values({"cart.mass": max(mass, unknown_loads_kg(axis)[0])})
                 found.append(analyse.characteristic_hz(model, at)[1])
     except (BeltcommError, ValueError):
         return None

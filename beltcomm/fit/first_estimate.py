@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -21,8 +21,9 @@ from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.segment import Segment, evaluate, segments
 from beltcomm.fit.seldom import clearly_moves, comes_seldom
 from beltcomm.fit.torque_path import TorquePath
-from beltcomm.model import Model, build_model
+from beltcomm.model import BASE_BODIES, Model, build_model, expected_parameters
 from beltcomm.recording import Recording
+from beltcomm.simulate.stopping import unknown_loads_kg
 
 Array = NDArray[np.float64]
 
@@ -53,6 +54,10 @@ SHEET_WEIGHT = 1e-3
 SMEARED = (2.0, 1.0, 0.0)
 #: N at the carriage, from where its friction is looked for when none is expected.
 LEAST_FRICTION_N = 0.1
+#: What the data sheets must tell of any axis.
+NEEDED = ("motor.inertia_kg_m2", "pulley.effective_radius_m", "belt.specific_stiffness_n", "belt.pulley_distance_m")
+#: m/rad, travel of the belt axes that the bounds of the effects were made for; how far beyond the loads counted with a fit may go.
+USUAL_RATIO, LOADS_BEYOND = 0.0125, 10.0
 #: Parameters that the torque equation is linear in, beside the inertia; and those it is not.
 _LINEAR = ("coulomb.level", "viscous.damping")
 _NONLINEAR = ("cart.mass", "belt_stiffness.stiffness", "cart_friction.level")
@@ -101,7 +106,7 @@ def data_sheet_model(axis: Axis, position_m: float | None, coulomb_nm: float, ti
     UsageError
         When the axis file lacks what the job needs.
     """
-    axis.require("identify", "motor.inertia_kg_m2", "pulley.effective_radius_m", "belt.specific_stiffness_n", "belt.pulley_distance_m")
+    axis.require("identify", *NEEDED)
     ratio = axis.transmission_m_rad
     stiffness = _usual_stiffness(axis) if position_m is None else axis.belt_stiffness_n_m(position_m)
     values = {
@@ -116,7 +121,25 @@ def data_sheet_model(axis: Axis, position_m: float | None, coulomb_nm: float, ti
     effects: tuple[str, ...] = BASE_EFFECTS
     if tilt_rad:
         effects, values = (*effects, "tilt"), {**values, "tilt.angle": tilt_rad}
-    return build_model(axis.name, effects, values, origin="data sheet")
+    return build_for(axis, effects, values)
+
+
+def build_for(axis: Axis, effects: Sequence[str], values: Mapping[str, float]) -> Model:
+    """A model of an axis by its data sheets, with room for the sizes that its kind has: bounds are those of belts, by their usual travel."""
+    if axis.transmission is None:
+        return build_model(axis.name, effects, values, origin="data sheet")
+    expected, share = expected_parameters(effects, ("motor", "cart")), USUAL_RATIO / axis.transmission_m_rad
+    loads = unknown_loads_kg(axis)
+    wide = {name: p for name, p in expected.items() if p.side in ("cart", "belt") and p.unit.startswith(("N", "kg")) and p.high > p.low}
+    bounds = {name: (p.low * min(share, share**2, 1.0), p.high * max(share, share**2, 1.0)) for name, p in wide.items()}
+    bounds["cart.mass"] = loads[0] / LOADS_BEYOND, loads[-1] * LOADS_BEYOND
+    start = {**{name: p.start for name, p in expected.items()}, **values}
+    model = build_model(axis.name, effects, {name: min(max(start[name], p.low), p.high) for name, p in expected.items()}, origin="data sheet")
+    placed = {
+        name: replace(item, value=float(start[name]), low=bounds.get(name, (item.low,))[0], high=bounds.get(name, (0.0, item.high))[1])
+        for name, item in model.parameters.items()
+    }
+    return replace(model, parameters=placed)
 
 
 @dataclass(frozen=True)
@@ -180,21 +203,22 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
     search = _Search(pieces, start)
     friction = max(start["cart_friction.level"], LEAST_FRICTION_N)
     stiffnesses = STIFFNESS_SHARES * start["belt_stiffness.stiffness"]
-    rests = np.full((len(MASSES_KG), len(stiffnesses)), np.inf)
+    masses = masses_tried(start)
+    rests = np.full((len(masses), len(stiffnesses)), np.inf)
 
     def tried(i: int, j: int) -> None:
         if np.isinf(rests[i, j]):
-            rests[i, j] = search.rest((MASSES_KG[i], stiffnesses[j], friction))
+            rests[i, j] = search.rest((masses[i], stiffnesses[j], friction))
 
-    for i, j in itertools.product(range(0, len(MASSES_KG), 2), range(0, len(stiffnesses), 2)):
+    for i, j in itertools.product(range(0, len(masses), 2), range(0, len(stiffnesses), 2)):
         tried(i, j)
     for i, j in _lowest(rests, NEARER):
         for near_i, near_j in itertools.product(range(max(i - 1, 0), i + 2), range(max(j - 1, 0), j + 2)):
-            if near_i < len(MASSES_KG) and near_j < len(stiffnesses):
+            if near_i < len(masses) and near_j < len(stiffnesses):
                 tried(near_i, near_j)
     # How the friction is split between motor and carriage is only a guess so far; a wrong split puts mass and stiffness 15 % off.
     # (Where the carriage stuck before is neglected: 1 % of the mass at usual friction, 6 % where friction is all at the carriage.)
-    starts = [np.log([MASSES_KG[i], stiffnesses[j], friction]) for i, j in _lowest(rests, REFINED)]
+    starts = [np.log([masses[i], stiffnesses[j], friction]) for i, j in _lowest(rests, REFINED)]
 
     def cost(logarithms: Array) -> float:
         return search.rest(np.exp(logarithms))
@@ -203,6 +227,12 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
     nearest = min(tries, key=lambda found: float(found.fun)).x
     best = minimize(cost, nearest, method="Nelder-Mead", options={"xatol": 1e-3, "maxfev": LONGEST_REFINEMENT})
     return FirstEstimate(search.model(np.exp(best.x)), float(best.fun), _moving(pieces))
+
+
+def masses_tried(start: Model) -> Array:
+    """Loads of the grid, kg: those of belt axes, or between the bounds that a data sheet of another kind gives."""
+    item, usual = start.parameters["cart.mass"], BASE_BODIES["cart"].inertia
+    return MASSES_KG if (item.low, item.high) == (usual.low, usual.high) else np.geomspace(item.low, item.high, len(MASSES_KG))
 
 
 def _no_motion_words(recordings: Sequence[Recording], pieces: Sequence[Segment], step_rad: float) -> str:

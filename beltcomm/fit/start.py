@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter1d
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.decimation import smallest_step
-from beltcomm.fit.first_estimate import INERTIA_SHARES, first_estimate
+from beltcomm.fit.first_estimate import INERTIA_SHARES, build_for, first_estimate
 from beltcomm.fit.first_path import first_path
 from beltcomm.fit.low_pass import legible
 from beltcomm.model import Model, build_model
@@ -70,7 +70,9 @@ def data_sheet(axis: Axis, recordings: Sequence[Recording]) -> Model | None:
 
 def sheet_model(axis: Axis, place_m: float) -> Model:
     """The data sheets at a place of the carriage, with what the axis file leaves open as it usually is; no friction."""
-    known_belt = axis.get("belt.specific_stiffness_n") is not None and axis.get("belt.pulley_distance_m") is not None
+    known_belt = axis.transmission is not None or (
+        axis.get("belt.specific_stiffness_n") is not None and axis.get("belt.pulley_distance_m") is not None
+    )
     values = {
         "motor.inertia": axis.motor_side_inertia_kg_m2 if axis.get("motor.inertia_kg_m2") else USUAL["motor.inertia"],
         "cart.mass": axis.payload.mass_kg or USUAL["cart.mass"],
@@ -82,7 +84,7 @@ def sheet_model(axis: Axis, place_m: float) -> Model:
     }
     known = {"motor.inertia": bool(axis.get("motor.inertia_kg_m2")), "belt_stiffness.stiffness": known_belt}
     guessed = {name: values[name] for name, told in known.items() if not told}
-    return build_model(axis.name, (*BELT_BASE, "cart_friction"), values, origin="data sheet").with_values(guessed, "usual value")
+    return build_for(axis, (*BELT_BASE, "cart_friction"), values).with_values(guessed, "usual value")
 
 
 def belt_start(axis: Axis, excited: Sequence[Recording], counts_per_rev: int) -> Model:

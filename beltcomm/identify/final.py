@@ -14,6 +14,7 @@ from beltcomm.effects import effect_named
 from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError
 from beltcomm.fit.acting import acting_recording
+from beltcomm.fit.first_estimate import NEEDED
 from beltcomm.fit.jumps import proven_jumps, refuse
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
 from beltcomm.fit.segment import OUTLIER, Segment, segments, whitened_residual
@@ -69,7 +70,7 @@ def final_model(
                 "no recording with an excitation (experiment: frf); record one with `beltcomm identify`, or if one of the recordings "
                 "is excited, say so in its sidecar"
             )
-        axis.require("identify", "motor.inertia_kg_m2", "pulley.effective_radius_m", "belt.specific_stiffness_n", "belt.pulley_distance_m")
+        axis.require("identify", *NEEDED)
         start = belt_start(axis, excited, counts_per_rev)
     placed = [r for r in excited if not r.sidecar.moving]
     at = [place for r in placed if (place := r.sidecar.start_position_m) is not None]

@@ -208,7 +208,7 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         [
             *text,
             *words.climb_lines(added, found.added_effects, found.final_fit.held_ratio is not None, run),
-            f"Next: beltcomm {'design' if folder.axis.has_belt else 'report'} {pasted(run)}",
+            f"Next: beltcomm {'design' if folder.axis.has_transmission else 'report'} {pasted(run)}",
         ],
     )
 

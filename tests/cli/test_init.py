@@ -114,7 +114,7 @@ def test_the_commented_file_says_every_entry_and_comes_back(name: str, tmp_path:
     path.write_text(commented(axis), encoding="utf-8")
     assert load_axis(path).to_dict() == axis.to_dict()
     text = path.read_text(encoding="utf-8")
-    if axis.has_belt:
+    if axis.has_transmission:
         assert all(key in text for section, kind in SECTIONS.items() for key in entries_of(kind))
 
 

@@ -54,7 +54,7 @@ def test_init_by_questions_asks_again_after_a_wrong_answer(tmp_path: Path) -> No
     outcome = call("init", str(path), answer="\n".join(answers) + "\n")
     assert outcome.exit_code == 0, outcome.stderr
     axis = load_axis(path)
-    assert (axis.name, axis.has_belt, axis.motor.name, axis.travel.max_m) == ("spindle", False, "EMMS", 0.6)
+    assert (axis.name, axis.has_transmission, axis.motor.name, axis.travel.max_m) == ("spindle", False, "EMMS", 0.6)
     assert axis.motor.inertia_kg_m2 == pytest.approx(44.9e-6)
     assert "motor.inertia_kg_m2 is needed for" in outcome.stderr
     assert "'nope' is neither yes nor no" in outcome.stderr
