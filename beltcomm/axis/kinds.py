@@ -15,6 +15,7 @@ from typing import Any
 
 from beltcomm.axis.entries import SECTIONS, AxisEntry, TrajectoryLimits, entries_of
 
+
 @dataclass(frozen=True)
 class Transmission:
     """What lies between motor and load of an axis without a belt.

@@ -24,7 +24,7 @@ _DIGITS_OF = r"\d+(?: \d{3})*(?:\.\d+)?(?:e[-+]?\d+)?"
 _NUMBER = rf"(?<![\w.]){_DIGITS_OF}"
 _BETWEEN = r"(?:\s*\.\.\.?\s*|\s*±\s*|, | to | and | or |/)[-+−±]?"  # noqa: RUF001
 #: Digits that a converted number has at least.
-_DIGITS = 3
+_DIGITS, _MOST_DIGITS = 3, 5
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,14 @@ class Unit:
         By which the number is multiplied.
     alone : str
         Where no number stands before it: what the number would have to be read in.
+    small : tuple of float, str and float, or None
+        Up to which value another unit is written, that unit, and its factor.
     """
 
     symbol: str
     factor: float = 1.0
     alone: str = ""
+    small: tuple[float, str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -70,9 +73,9 @@ class Terms:
     def _patterns(self) -> list[tuple[re.Pattern[str], str]]:
         found = []
         for plain, said in self.words:
-            found.append((re.compile(rf"(?<![\w.]){plain}(?![\w])"), said))
+            found.append((re.compile(rf"(?<![\w./-]){plain}(?![\w/-])(?!\.\w)"), said))
             if plain[0].isalpha() and plain[0].islower():
-                found.append((re.compile(rf"(?<![\w.]){plain[0].upper()}{plain[1:]}(?![\w])"), said[:1].upper() + said[1:]))
+                found.append((re.compile(rf"(?<![\w./-]){plain[0].upper()}{plain[1:]}(?![\w/-])(?!\.\w)"), said[:1].upper() + said[1:]))
         return found
 
     @cached_property
@@ -81,7 +84,7 @@ class Terms:
             return None
         names = "|".join(re.escape(name) for name in sorted(self.units, key=len, reverse=True))
         # no part of a longer unit: N of N m, m of kg m²
-        end = r"(?![\w²³/°])(?! ?(?:m(?:[²/ ,;.)]|$)|s(?:[²/]|$)|rad\b|cm|kg|A\b|mm²))"
+        end = r"(?![\w²³/°])(?! (?:m|m²|s²?|rad|cm²|mm²|A)(?![\w]))"
         return re.compile(rf"(?:({_NUMBER}(?:{_BETWEEN}{_DIGITS_OF})*)(\s?)|(?<![\w/²³°.])(?<!N )(?<!kg )(?<!c))({names}){end}")
 
     def said(self, text: str) -> str:
@@ -106,8 +109,12 @@ class Terms:
         unit = self.units[name]
         if numbers is None:
             return unit.alone or unit.symbol
-        converted = re.sub(_DIGITS_OF, lambda one: times(one[0], unit.factor), numbers)
-        return f"{converted}{'' if unit.symbol == '°' else space}{unit.symbol}"
+        symbol, factor = unit.symbol, unit.factor
+        largest = max(abs(float(one.replace(" ", ""))) for one in re.findall(_DIGITS_OF, numbers)) * factor
+        if unit.small is not None and 0.0 < largest <= unit.small[0]:
+            symbol, factor = unit.small[1], factor * unit.small[2]
+        converted = re.sub(_DIGITS_OF, lambda one: times(one[0], factor), numbers)
+        return f"{converted}{'' if symbol == '°' else space}{symbol}"
 
 
 def times(number: str, factor: float) -> str:
@@ -117,7 +124,7 @@ def times(number: str, factor: float) -> str:
     plain = number.replace(" ", "")
     mantissa = re.sub(r"e.*", "", plain).replace(".", "").lstrip("0")
     value = float(plain) * factor
-    digits = max(len(mantissa), _DIGITS)
+    digits = min(max(len(mantissa), _DIGITS), _MOST_DIGITS)
     text = f"{value:.{digits}g}"
     if "e" in text and 1e-6 < abs(value) < 1e9:
         text = f"{value:.{max(digits - 1 - int(text.partition('e')[2]), 0)}f}"
@@ -146,12 +153,12 @@ _NAMES = {
 
 def _words(kind: str) -> list[tuple[str, str]]:
     drive, pulley, load, antrieb, scheibe, last = _NAMES[kind]
-    force = f"{drive} force" if kind != "rotary" else "torque at the load"
+    force = {"rotary": "load torque", "linear": "thrust"}.get(kind, f"{drive} force")
     own = [
         ("toothed-belt axis", f"{kind} axis"), ("toothed belt", drive),
         ("motor, coupling, gearbox and driving pulley", f"motor, coupling, gearbox and {pulley}"),
         ("the belt force", f"the {force}"), ("belt force", force), ("a belt axis", f"a {kind} axis"), ("belt axis", f"{kind} axis"),
-        ("belt's force", f"{force}" if kind == "rotary" else f"{drive}'s force"),
+        ("belt's force", force),
         ("belt stiffness", "stiffness between motor and load" if kind in ("rotary", "linear") else f"{drive} stiffness"),
         ("belt damping", "damping between motor and load" if kind in ("rotary", "linear") else f"{drive} damping"),
         ("driving pulley", pulley), ("end pulley", "end bearing"), ("pulleys", f"{pulley}s"), ("pulley", pulley), ("belts", f"{drive}s"),
@@ -163,8 +170,8 @@ def _words(kind: str) -> list[tuple[str, str]]:
     if kind == "rotary":
         own = [
             ("feed force", "load torque"), ("feed constant", "gear ratio"), ("mass", "load"), ("masses", "loads"), ("weighed", "measured"),
-            ("weighs", "has"), ("heavier", "of more inertia"), ("with a ruler", "with a protractor"), ("a ruler", "a protractor"),
-            ("the ruler", "the protractor"), ("travel", "travel"), *own,
+            ("weighs", "has"), ("heavier", "larger"), ("heavy", "large"), ("lighter", "smaller"), ("lightest", "smallest"), ("with a ruler", "with a protractor"), ("a ruler", "a protractor"),
+            ("the ruler", "the protractor"), *own,
         ]  # fmt: skip
     if kind == "linear":
         own = [("gearbox.ratio", "transmission.pole_pair_m"), ("Motor torque", "motor force"), ("motor torque", "motor force"),
@@ -188,7 +195,7 @@ _TURNED: Mapping[str, Unit] = {
     "N/m": Unit("N m/rad", ARC_M**2, f"N/m {_ARC}"),
     "kN/m": Unit("N m/rad", 1e3 * ARC_M**2, f"kN/m {_ARC}"),
     "N s/m": Unit("N m s/rad", ARC_M**2, f"N s/m {_ARC}"),
-    "kg": Unit("kg m²", ARC_M**2, f"kg {_ARC}"),
+    "kg": Unit("kg m²", ARC_M**2, f"kg {_ARC}", (2e-3, "kg cm²", 1e4)),
     "g": Unit("kg cm²", 10.0 * ARC_M**2, f"g {_ARC}"),
 }
 

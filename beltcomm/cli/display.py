@@ -134,7 +134,7 @@ def _digits(gauge: Gauge, value: float) -> str:
 
 def window_line(place: CarriagePosition, width: int, ascii_only: bool = False) -> Text:
     """``0 mm [····|······] 570 mm, carriage at 124 mm``, no wider than the terminal; without a bar where the window is not known."""
-    here = f"{tr('carriage at')} {millimetres(place.position_m, place)}"
+    here = f"{tr(f'{place.load} at')} {millimetres(place.position_m, place)}"
     low, high = place.window_m
     if not math.isfinite(high - low) or high <= low:
         return Text(INDENT + here)

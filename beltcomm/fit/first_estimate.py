@@ -23,7 +23,7 @@ from beltcomm.fit.seldom import clearly_moves, comes_seldom
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.model import BASE_BODIES, Model, build_model, expected_parameters
 from beltcomm.recording import Recording
-from beltcomm.simulate.stopping import unknown_loads_kg
+from beltcomm.simulate.stopping import unknown_loads_kg, usual_load_kg
 
 Array = NDArray[np.float64]
 
@@ -111,7 +111,7 @@ def data_sheet_model(axis: Axis, position_m: float | None, coulomb_nm: float, ti
     stiffness = _usual_stiffness(axis) if position_m is None else axis.belt_stiffness_n_m(position_m)
     values = {
         "motor.inertia": axis.motor_side_inertia_kg_m2,
-        "cart.mass": axis.payload.mass_kg or 2.0,
+        "cart.mass": usual_load_kg(axis, 2.0),
         "transmission.ratio": ratio,
         "belt_stiffness.stiffness": stiffness,
         "coulomb.level": 0.7 * coulomb_nm,
@@ -134,7 +134,9 @@ def build_for(axis: Axis, effects: Sequence[str], values: Mapping[str, float]) -
     bounds = {name: (p.low * min(share, share**2, 1.0), p.high * max(share, share**2, 1.0)) for name, p in wide.items()}
     bounds["cart.mass"] = loads[0] / LOADS_BEYOND, loads[-1] * LOADS_BEYOND
     start = {**{name: p.start for name, p in expected.items()}, **values}
-    model = build_model(axis.name, effects, {name: min(max(start[name], p.low), p.high) for name, p in expected.items()}, origin="data sheet")
+    model = build_model(
+        axis.name, effects, {name: min(max(start[name], p.low), p.high) for name, p in expected.items()}, origin="data sheet"
+    )
     placed = {
         name: replace(item, value=float(start[name]), low=bounds.get(name, (item.low,))[0], high=bounds.get(name, (0.0, item.high))[1])
         for name, item in model.parameters.items()

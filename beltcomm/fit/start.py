@@ -18,6 +18,7 @@ from beltcomm.fit.low_pass import legible
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 from beltcomm.recording.checks import rigid_inertia
+from beltcomm.simulate.stopping import usual_load_kg
 
 Array = NDArray[np.float64]
 
@@ -75,7 +76,7 @@ def sheet_model(axis: Axis, place_m: float) -> Model:
     )
     values = {
         "motor.inertia": axis.motor_side_inertia_kg_m2 if axis.get("motor.inertia_kg_m2") else USUAL["motor.inertia"],
-        "cart.mass": axis.payload.mass_kg or USUAL["cart.mass"],
+        "cart.mass": usual_load_kg(axis, USUAL["cart.mass"]),
         "belt_stiffness.stiffness": axis.belt_stiffness_n_m(place_m) if known_belt else USUAL["belt_stiffness.stiffness"],
         "transmission.ratio": axis.transmission_m_rad,
         "coulomb.level": 0.0,

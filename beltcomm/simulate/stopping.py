@@ -208,6 +208,11 @@ def unknown_loads_kg(axis: Axis) -> tuple[float, ...]:
     return tuple(share * axis.motor_side_inertia_kg_m2 / axis.transmission_m_rad**2 for share in UNKNOWN_SHARES)
 
 
+def usual_load_kg(axis: Axis, of_belt_kg: float) -> float:
+    """Load that is thought of before anything tells, kg: the stated payload, or what an axis of this kind often has."""
+    return axis.payload.mass_kg or (of_belt_kg if axis.transmission is None else unknown_loads_kg(axis)[len(UNKNOWN_SHARES) // 2])
+
+
 def first_deceleration(axis: Axis, torque_nm: float) -> Deceleration:
     """Deceleration of a quick stop before the carriage is weighed: the heaviest one thought of, and a step that makes the belt swing."""
     peak = min(torque_nm, axis.motor.peak_torque_nm or math.inf)
