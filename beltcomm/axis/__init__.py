@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 from beltcomm.axis.entries import (
     AT,
+    COMMISSION_NEEDS,
     SECTIONS,
     AxisEntry,
     AxisLimits,
@@ -145,6 +146,12 @@ class Axis:
         section, _, key = entry.partition(".")
         return getattr(getattr(self, section), key, None)
 
+    @property
+    def needs(self) -> dict[str, str]:
+        """What commissioning cannot do without, by dotted name, and what for."""
+        own = KINDS.get(self.kind)
+        return dict(COMMISSION_NEEDS) if own is None else {own.renamed[e].inside if e in own.renamed else e: why for e, why in own.needs.items()}
+
     def require(self, job: str, *entries: str) -> None:
         """Make sure that entries are known.
 
@@ -163,6 +170,8 @@ class Axis:
         own = KINDS.get(self.kind)
         if own is not None:  # what a belt axis needs to know of pulley and belt, this one needs of its transmission
             entries = tuple(entry for entry in entries if entry.partition(".")[0] != "belt")
+            if self.motor.peak_torque_nm is not None:  # which bounds the force where nothing else does
+                entries = tuple(entry for entry in entries if entry != "limits.feed_force_n")
         missing = [entry for entry in entries if self.get(entry) is None]
         if missing:
             named = ", ".join(f"{entry if own is None else own.in_file(entry)} ({self._meaning_of(entry)})" for entry in missing)

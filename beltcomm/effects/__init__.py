@@ -33,6 +33,7 @@ from beltcomm.effects import (
     presliding,
     pulley_eccentricity,
     quadratic_drag,
+    rigid_load,
     stiffness_position,
     stribeck,
     tilt,
@@ -88,6 +89,7 @@ __all__ = [
 ]
 
 EFFECTS: tuple[Effect, ...] = (
+    rigid_load.EFFECT,
     belt_stiffness.EFFECT,
     belt_spans.EFFECT,
     stiffness_position.EFFECT,

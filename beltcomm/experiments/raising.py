@@ -129,8 +129,8 @@ def raise_amplitude(
             first = first_path(recordings[-1], known, counts)
         model = believable(first.model, sheet, unknown_loads_kg(machine.axis)[0])
         machine.folder.journal(
-            f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg, "
-            f"stiffness {model['belt_stiffness.stiffness']:.4g} N/m"
+            f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg"
+            + ("" if model.rigid else f", stiffness {model['belt_stiffness.stiffness']:.4g} N/m")
         )
         model = scale.check_first(machine, model, acting_recording(recordings[-1], first.path))
         stops.lend_brake(machine, model, following.at_m)
@@ -208,6 +208,8 @@ def believable(model: Model, sheet: Model, mass: float) -> Model:
 
     mass : of the lightest load, kg.
     """
+    if model.rigid:
+        return model.with_values({"cart.mass": mass}, "first estimate, bounded") if model["cart.mass"] < mass else model
     stiffness = sheet["belt_stiffness.stiffness"]
     low, high = stiffness / STIFFNESS_FACTOR, stiffness * STIFFNESS_FACTOR
     found = {"cart.mass": max(model["cart.mass"], mass), "belt_stiffness.stiffness": min(max(model["belt_stiffness.stiffness"], low), high)}

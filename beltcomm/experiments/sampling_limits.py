@@ -33,6 +33,8 @@ def claimed_hz(period_s: float) -> float:
 
 def expected_hz(axis: Axis) -> tuple[float, float] | None:
     """Lowest and highest resonance by the data sheets, over travel and payloads; None where they do not say enough."""
+    if axis.rigid:
+        return None
     stated = axis.payload.mass_kg
     masses = (stated,) if stated else (unknown_loads_kg(axis)[0], unknown_loads_kg(axis)[-1])
     found = []
@@ -132,5 +134,5 @@ def note_after(remarks: list[str], model: Model, axis: Axis, capabilities: Capab
     remarks[:] = [one for one in remarks if not one.startswith((_RESONANCE, _INERTIA))]
     stiffness = model.parameters.get("belt_stiffness.stiffness")
     told = stiffness is not None and stiffness.interval is not None and stiffness.interval < WELL_KNOWN * stiffness.value
-    resonance = remark_after(analyse.characteristic_hz(model, at_m)[1], capabilities, told=told)
+    resonance = None if model.rigid else remark_after(analyse.characteristic_hz(model, at_m)[1], capabilities, told=told)
     remarks += [one for one in (resonance, torque_remark(model, axis, capabilities)) if one is not None]

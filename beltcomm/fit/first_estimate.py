@@ -21,7 +21,7 @@ from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.segment import Segment, evaluate, segments
 from beltcomm.fit.seldom import clearly_moves, comes_seldom
 from beltcomm.fit.torque_path import TorquePath
-from beltcomm.model import BASE_BODIES, Model, build_model, expected_parameters
+from beltcomm.model import BASE_BODIES, Model, Value, build_model, expected_parameters
 from beltcomm.recording import Recording
 from beltcomm.simulate.stopping import unknown_loads_kg, usual_load_kg
 
@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 #: The effects that every belt axis gets; what else is needed is found by comparing with measurements.  Viscous friction of the
 #: carriage is not among them: seen from the motor it differs from that of the motor only next to the antiresonance.
 BASE_EFFECTS = ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb", "cart_friction")
+#: Those of an axis without compliance.
+RIGID_EFFECTS = ("rigid_load", "viscous", "coulomb")
 #: kg: carriages between these are tried.  N/m: belts between these shares of the data sheet's stiffness are tried.
 MASSES_KG = np.geomspace(0.1, 100.0, 25)
 STIFFNESS_SHARES = np.geomspace(0.3, 4.0, 16)
@@ -119,29 +121,38 @@ def data_sheet_model(axis: Axis, position_m: float | None, coulomb_nm: float, ti
         "viscous_cart.damping": 0.0,  # unknown: a prediction of the belt force must not count on it
     }
     effects: tuple[str, ...] = BASE_EFFECTS
+    if axis.rigid:
+        effects, values = RIGID_EFFECTS, {**values, "coulomb.level": coulomb_nm}
     if tilt_rad:
         effects, values = (*effects, "tilt"), {**values, "tilt.angle": tilt_rad}
     return build_for(axis, effects, values)
 
 
 def build_for(axis: Axis, effects: Sequence[str], values: Mapping[str, float]) -> Model:
-    """A model of an axis by its data sheets, with room for the sizes that its kind has: bounds are those of belts, by their usual travel."""
+    """A model of an axis by its data sheets.
+
+    The bounds of the effects are those of belts; of another kind they have room for its sizes, by its travel per radian.  Of a rigid axis
+    a motion shows the sum of motor and load: what the data sheet knows of the motor stands.
+    """
     if axis.transmission is None:
         return build_model(axis.name, effects, values, origin="data sheet")
-    expected, share = expected_parameters(effects, ("motor", "cart")), USUAL_RATIO / axis.transmission_m_rad
-    loads = unknown_loads_kg(axis)
-    wide = {name: p for name, p in expected.items() if p.side in ("cart", "belt") and p.unit.startswith(("N", "kg")) and p.high > p.low}
-    bounds = {name: (p.low * min(share, share**2, 1.0), p.high * max(share, share**2, 1.0)) for name, p in wide.items()}
-    bounds["cart.mass"] = loads[0] / LOADS_BEYOND, loads[-1] * LOADS_BEYOND
-    start = {**{name: p.start for name, p in expected.items()}, **values}
-    model = build_model(
-        axis.name, effects, {name: min(max(start[name], p.low), p.high) for name, p in expected.items()}, origin="data sheet"
-    )
-    placed = {
-        name: replace(item, value=float(start[name]), low=bounds.get(name, (item.low,))[0], high=bounds.get(name, (0.0, item.high))[1])
-        for name, item in model.parameters.items()
-    }
-    return replace(model, parameters=placed)
+    base = ("motor",) if axis.rigid else ("motor", "cart")
+    expected, share = expected_parameters(effects, base), USUAL_RATIO / axis.transmission_m_rad
+    narrow, wide = min(share, share**2, 1.0), max(share, share**2, 1.0)
+    loads, own = unknown_loads_kg(axis), axis.motor_side_inertia_kg_m2
+    placed = {}
+    for name, p in expected.items():
+        low, high, origin = p.low, p.high, "data sheet"
+        if name == "cart.mass":
+            low, high = loads[0] / LOADS_BEYOND, loads[-1] * LOADS_BEYOND
+        elif name == "motor.inertia" and axis.rigid:
+            low, high, origin = own, own, "data sheet, held"
+        elif p.form:
+            low, high = p.start, p.start
+        elif p.side in ("cart", "belt") and p.unit.startswith("N"):
+            low, high = p.low * narrow, p.high * wide
+        placed[name] = Value(float(values.get(name, p.start)), p.unit, p.side, low, high, None, origin)
+    return Model(axis.name, tuple(effects), placed, base)
 
 
 @dataclass(frozen=True)
@@ -273,7 +284,7 @@ def legible_stretches(
     two rows.  Then samples count that are away from a reversal by the reach of the filter, over which it smears the friction.
     """
     sample = recording.sample_period_s
-    swings = model["transmission.ratio"] * math.sqrt(model["belt_stiffness.stiffness"] / model["motor.inertia"])
+    swings = 0.0 if model.rigid else model["transmission.ratio"] * math.sqrt(model["belt_stiffness.stiffness"] / model["motor.inertia"])
     if fine(recording.position, step_rad) and swings * sample < SWINGING:
         return segments(recording, model, step_rad, noise_nm, path=path)
     width, _ = legible(recording.position, sample, step_rad, ROUNDING)

@@ -32,6 +32,7 @@ CLEAR = 4.0
 CURVATURE_STEP = 0.01
 #: m; records nearer to each other than this cannot tell a law of the stiffness along the travel.
 PLACES_APART_M = 0.05
+RIGID = "nothing is known to swing between motor and load: both move as one"
 ONE_PLACE = "rows come too seldom to compare places: stiffness taken as constant"
 
 
@@ -81,6 +82,10 @@ def final_model(
         found = final_model(told, axis, counts_per_rev, start=start, progress=progress)
         return replace(found, reason=f"{found.reason}; left out, because nobody knows where it was made: {', '.join(nowhere)}")
     start = as_constant(start, float(np.median(at)) if at else 0.0)
+    if start.rigid:
+        fit = fit_model(recordings, start, counts_per_rev=counts_per_rev, sheet=data_sheet(axis, recordings), progress=progress)
+        refuse_jumps(recordings, fit, counts_per_rev)
+        return FinalModel(fit, None, RIGID)
     if (seldom := fit_seldom(recordings, start, counts_per_rev=counts_per_rev)) is not None and not seldom.suspect:
         progress(1.0)
         return FinalModel(seldom, None, ONE_PLACE)

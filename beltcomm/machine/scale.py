@@ -119,6 +119,8 @@ def check_first(machine: Machine, model: Model, recording: Recording) -> Model:
     ------
     Refused
     """
+    if model.rigid:  # motor and load are one inertia, of which the data sheets know a part
+        return model
     stated = machine.axis.motor_side_inertia_kg_m2
     share = accelerating_share(recording, stated)
     if share < LEAST_SHARE:
@@ -185,6 +187,8 @@ def check_fitted(machine: Machine, model: Model, first: Model, response: Recordi
             "loop is closed on such a model. Look whether the belt is slack or off, and whether clamp, key or coupling are loose; where "
             f"the carriage hardly moved: {machine.more_room}, or allow more torque"
         )
+    if model.rigid:
+        return
     if inertia_share(machine.axis, model) > FITTED_FACTOR and 1.0 / FIRST_FACTOR <= inertia_share(machine.axis, first) <= FIRST_FACTOR:
         raise Refused(not_told_apart(machine.axis, model, first, response, machine.more_room))
     share, shown = inertia_share(machine.axis, model), jumping_inertia(response) / machine.axis.motor_side_inertia_kg_m2

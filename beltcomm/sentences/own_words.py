@@ -44,7 +44,7 @@ def aligned(terms: Terms, text: str) -> str:
 
 
 def _line(terms: Terms, line: Line) -> Line:
-    return Line(*((aligned(terms, text) if style != "command" else text, style) for text, style in line.parts))
+    return Line(*((aligned(terms, text).ljust(len(text)) if style != "command" else text, style) for text, style in line.parts))
 
 
 def _table(terms: Terms, rows: Sequence[Row]) -> list[Row]:

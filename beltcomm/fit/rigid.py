@@ -1,0 +1,67 @@
+"""Inertia and friction of an axis that moves as one, by least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from beltcomm.errors import DataError
+from beltcomm.fit.decimation import smallest_step
+from beltcomm.fit.low_pass import legible
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+
+Array = NDArray[np.float64]
+
+#: Rows that a record needs for least squares.
+SHORTEST = 20
+
+
+def rigid_estimate(sheet: Model, recordings: Sequence[Recording]) -> Model:
+    """A load that moves with the motor rigidly, and the friction of both, by least squares over all records."""
+    inertia, viscous, coulomb = least_squares(recordings)
+    found = {
+        "cart.mass": (float(inertia) - sheet["motor.inertia"]) / sheet["transmission.ratio"] ** 2,
+        "viscous.damping": float(viscous),
+        "coulomb.level": float(coulomb),
+    }
+    bounds = sheet.parameters
+    kept = {name: min(max(value, bounds[name].low), bounds[name].high) for name, value in found.items()}
+    return sheet.with_values(kept, "first estimate")
+
+
+def least_squares(recordings: Sequence[Recording]) -> Array:
+    """Inertia, viscous and Coulomb friction by least squares in the band in which the encoder shows the acceleration, (3,).
+
+    Torque, acceleration, speed and its sign behind one Gaussian low-pass each, so that the filter biases nothing; its cut-off as high as
+    the rounding of the acceleration, σ² = q²/12 2 T (2π)⁴ f⁵/5, stays below a tenth of it.
+    """
+    left, right = [], []
+    for record in recordings:
+        step = smallest_step(record.position)
+        for first, last in pairwise([0, *(int(i) + 1 for i in record.gaps()), len(record.t_s)]):
+            if last - first < SHORTEST:
+                continue
+            rows, torque = band_limited(record.position[first:last], record.torque[first:last], record.sample_period_s, step)
+            left.append(rows)
+            right.append(torque)
+    if not left:
+        raise DataError(f"no recording holds {SHORTEST} samples without a gap; nothing can be fitted")
+    return np.asarray(np.linalg.lstsq(np.concatenate(left), np.concatenate(right), rcond=None)[0])
+
+
+def band_limited(position: Array, torque: Array, sample_s: float, step_rad: float) -> tuple[Array, Array]:
+    """Rows (acceleration, speed, sign of the speed), (n, 3), and torque, (n,), behind the same low-pass, without its ends."""
+    width, smooth_angle = legible(position, sample_s, step_rad)
+    speed = np.gradient(smooth_angle, sample_s)
+    acceleration = np.gradient(speed, sample_s)
+    # the torque acts from its sample to the next: half a sample later than the angle
+    shifted = np.append(torque[0], 0.5 * (torque[1:] + torque[:-1]))
+    sign = gaussian_filter1d(np.sign(speed), width, mode="nearest")
+    inside = slice(round(4.0 * width), max(len(position) - round(4.0 * width), round(4.0 * width) + 1))
+    rows = np.stack([acceleration, speed, sign], axis=1)[inside]
+    return rows, gaussian_filter1d(shifted, width, mode="nearest")[inside]
