@@ -74,7 +74,6 @@ from beltcomm.study.members import Doing
 from beltcomm.talk import Silence, Talk
 from beltcomm.thesis.topics import thesis as thesis
 
-
 ruler = own_words(_ruler)
 
 

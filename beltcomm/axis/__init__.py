@@ -150,7 +150,9 @@ class Axis:
     def needs(self) -> dict[str, str]:
         """What commissioning cannot do without, by dotted name, and what for."""
         own = KINDS.get(self.kind)
-        return dict(COMMISSION_NEEDS) if own is None else {own.renamed[e].inside if e in own.renamed else e: why for e, why in own.needs.items()}
+        if own is None:
+            return dict(COMMISSION_NEEDS)
+        return {own.renamed[name].inside if name in own.renamed else name: purpose for name, purpose in own.needs.items()}
 
     def require(self, job: str, *entries: str) -> None:
         """Make sure that entries are known.
@@ -500,7 +502,7 @@ def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:
 
     read: dict[str, Any] = {"source": str(path) if path else ""}
     stated = mapping(data.get("transmission"), "transmission")
-    named = stated.get("kind")
+    named: Any = stated.get("kind")
     if "transmission" in data and named != BELT:
         if named not in KINDS:
             words = f"is {shown(named)}{did_you_mean(str(named), KINDS)}" if named is not None else "is not stated"

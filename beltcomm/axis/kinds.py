@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from beltcomm.axis.entries import SECTIONS, AxisEntry, TrajectoryLimits, entries_of
+from beltcomm.axis.entries import AT, SECTIONS, AxisEntry, TrajectoryLimits, entries_of
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,9 @@ class Transmission:
 ARC_M = 0.18 / math.pi
 #: Kind of a belt axis, which needs no entry.
 BELT = "belt"
+#: Sections of a file as they stand in it and are asked for: from the motor on to the load.
+_TO_LOAD = ("name", "motor", "gearbox", "coupling", "transmission", "pulley", "belt")
+ORDER = (*_TO_LOAD, "travel", "limits", "trajectories", "mounting", "payload", "targets")
 #: Entries that are words, by section.
 WORDS: Mapping[str, tuple[str, ...]] = {"motor": ("name",), "targets": ("at", "move"), "transmission": ("kind",)}
 RADIUS = "pulley.effective_radius_m"
@@ -84,6 +87,8 @@ class Kind:
         By dotted name in the file, what commissioning cannot do without, and what for.
     rotary : bool
         Its load turns.
+    load : str
+        What moves is called.
     """
 
     title: str
@@ -92,6 +97,7 @@ class Kind:
     titles: Mapping[str, str] = field(default_factory=dict)
     needs: Mapping[str, str] = field(default_factory=dict)
     rotary: bool = False
+    load: str = "carriage"
 
     def in_file(self, inside: str) -> str:
         """Dotted name in the file of one inside."""
@@ -103,12 +109,15 @@ class Kind:
         for section, kind in SECTIONS.items():
             if section in self.without:
                 continue
-            inside = {name: entry for name, entry in entries_of(kind).items() if f"{section}.{name}" not in self.without}
-            found[section] = {self.in_file(f"{section}.{name}").partition(".")[2]: entry for name, entry in inside.items()}
-        for name, entry in self.renamed.items():
+            found[section] = {}
+            for name, entry in entries_of(kind).items():
+                named, _, key = self.in_file(f"{section}.{name}").partition(".")
+                if f"{section}.{name}" not in self.without and named == section:
+                    found[section][key] = entry
+        for name, own in self.renamed.items():
             section, _, key = name.partition(".")
-            found.setdefault(section, {})[key] = entry.entry
-        return {section: entries for section, entries in found.items() if entries or section == "transmission"}
+            found.setdefault(section, {})[key] = own.entry
+        return {section: found[section] for section in sorted(found, key=ORDER.index) if found[section]}
 
     def trajectory_entries(self) -> dict[str, AxisEntry]:
         """The numbers of a reference motion in the file."""
@@ -148,6 +157,10 @@ _LINEAR_NEEDS = {
 }
 _MOTOR_NEEDS = {"motor.inertia_kg_m2": "start values and the plausibility of the model", "motor.peak_torque_nm": "the torque limit"}
 _NO_BELT = frozenset({"pulley", "belt", "travel.driven_side_offset_m"})
+#: What a motor that does not turn has none of.
+_TURNS = frozenset(
+    {"gearbox", "coupling", "motor.max_speed_rad_s", "motor.brake_torque_nm", "motor.brake_time_s", "limits.pulley_torque_nm"}
+)
 _SCREW = Kind(
     title="ball screw or spindle",
     renamed={
@@ -155,7 +168,8 @@ _SCREW = Kind(
         **_axial("screw"),
         "limits.screw_torque_nm": _known("limits.pulley_torque_nm", "largest torque at the screw", 1e-3, 1e5),
     },
-    without=_NO_BELT | {"limits.pulley_torque_nm"},
+    without=_NO_BELT,
+    load="table",
     titles={
         "transmission": "Screw",
         "coupling": "Coupling between motor and screw",
@@ -171,7 +185,7 @@ _RACK = Kind(
         **_axial("pinion"),
         "limits.pinion_torque_nm": _known("limits.pulley_torque_nm", "largest torque at the pinion", 1e-3, 1e5),
     },
-    without=_NO_BELT | {"limits.pulley_torque_nm"},
+    without=_NO_BELT,
     titles={
         "transmission": "Rack and pinion",
         "coupling": "Coupling between motor and pinion",
@@ -188,7 +202,10 @@ _ROTARY = Kind(
         "transmission.stiffness_nm_rad": _known(
             "transmission.stiffness_n_m",
             "torsional stiffness between output and load, beside that of the coupling; none: it counts as rigid",
-            1e-2, 1e10, ARC_M**-2, usual=(10.0, 1e8),
+            1e-2,
+            1e10,
+            ARC_M**-2,
+            usual=(10.0, 1e8),
         ),
         "travel.min_deg": FileEntry("travel.min_m", AxisEntry("lowest angle of the load", at_least=-1e5, at_most=1e5), _GRADE),
         "travel.max_deg": FileEntry("travel.max_m", AxisEntry("highest angle of the load", at_least=-1e5, at_most=1e5), _GRADE),
@@ -202,11 +219,7 @@ _ROTARY = Kind(
         "targets.settled_error_deg": _known("targets.settled_error_m", "largest error once settled", 1e-4, 90.0, _GRADE),
         "targets.distance_deg": _known("targets.distance_m", "length of the move that is judged", 1.0, 1e5, _GRADE),
     },
-    without=_NO_BELT
-    | {
-        "mounting", "travel.min_m", "travel.max_m", "limits.speed_m_s", "limits.acceleration_m_s2", "limits.feed_force_n",
-        "limits.pulley_torque_nm", "payload.mass_kg", "targets.following_error_m", "targets.settled_error_m", "targets.distance_m",
-    },  # fmt: skip
+    without=_NO_BELT | {"mounting", "limits.pulley_torque_nm"},
     titles={
         "transmission": "Output shaft",
         "coupling": "Coupling between motor and load",
@@ -220,7 +233,8 @@ _ROTARY = Kind(
         "limits.speed_deg_s": "the speed limit",
     },
     rotary=True,
-)  # fmt: skip
+    load="load",
+)
 _LINEAR = Kind(
     title="linear motor",
     renamed={
@@ -235,14 +249,9 @@ _LINEAR = Kind(
         "motor.counts_per_pole_pair": FileEntry(
             "motor.encoder_counts_per_rev", AxisEntry("encoder counts per pole pair", above=0.0, at_most=2.0**32, whole=True)
         ),
-        "motor.overload_time_s": _known("motor.overload_time_s", "time for which the motor bears its peak force from cold (I²t)", 1e-3, 60.0),
+        "motor.overload_time_s": _known("motor.overload_time_s", "time for which it bears its peak force from cold (I²t)", 1e-3, 60.0),
     },
-    without=_NO_BELT
-    | {
-        "gearbox", "coupling", "motor.inertia_kg_m2", "motor.torque_constant_nm_a", "motor.rated_torque_nm", "motor.peak_torque_nm",
-        "motor.encoder_counts_per_rev", "motor.max_speed_rad_s", "motor.brake_torque_nm", "motor.brake_time_s", "motor.overload_time_s",
-        "limits.pulley_torque_nm",
-    },
+    without=_NO_BELT | _TURNS,
     titles={"motor": "Motor", "transmission": "Pole pairs", "travel": "Travel of the carriage, from the axis zero"},
     needs={
         "transmission.pole_pair_m": "travel per turn that the drive counts",
@@ -276,7 +285,7 @@ def to_inside(kind: Kind, data: Mapping[str, Any]) -> dict[str, Any]:
     moved: dict[str, Any] = {RADIUS: ARC_M} if kind.rotary else {}
     for name, entry in kind.renamed.items():
         section, _, key = name.partition(".")
-        held = found.get(section)
+        held: Any = found.get(section)
         if isinstance(held, dict) and key in held:
             factor = _factor(entry, radius)
             value = held.pop(key)
@@ -284,6 +293,7 @@ def to_inside(kind: Kind, data: Mapping[str, Any]) -> dict[str, Any]:
     for inside, value in moved.items():
         section, _, key = inside.partition(".")
         found.setdefault(section, {})[key] = value
+    _rename_place(found, kind.load, AT[1])
     motions = found.get("trajectories")
     if kind.rotary and isinstance(motions, Mapping):
         found["trajectories"] = {
@@ -308,13 +318,20 @@ def to_file(kind: Kind, data: Mapping[str, Any]) -> dict[str, Any]:
         }
     if kind.rotary:
         found.get("pulley", {}).pop("effective_radius_m", None)
-    own = kind.sections()
-    for section, held in found.items():
-        if isinstance(held, dict) and section != "trajectories":
-            known = {*own.get(section, ()), *WORDS.get(section, ())}
-            found[section] = {key: value for key, value in held.items() if key in known}
-    order = ["name", "transmission", *SECTIONS, "trajectories"]
-    return {key: found[key] for key in sorted(found, key=order.index) if found[key]}
+    _rename_place(found, AT[1], kind.load)
+    sections = kind.sections()
+    for section, values in found.items():
+        if isinstance(values, dict) and section != "trajectories":
+            known = {*sections.get(section, ()), *WORDS.get(section, ())}
+            found[section] = {key: value for key, value in values.items() if key in known}
+    return {key: found[key] for key in sorted(found, key=ORDER.index) if found[key]}
+
+
+def _rename_place(data: Mapping[str, Any], word: str, other: str) -> None:
+    """Say otherwise where targets count."""
+    targets = data.get("targets")
+    if isinstance(targets, dict) and targets.get("at") == word:
+        targets["at"] = other
 
 
 def _radius(kind: Kind, data: Mapping[str, Any]) -> float | None:
@@ -323,5 +340,6 @@ def _radius(kind: Kind, data: Mapping[str, Any]) -> float | None:
     section, _, key = name.partition(".")
     held = data.get(section)
     value = held.get(key) if isinstance(held, Mapping) else None
-    known = isinstance(value, (int, float)) and not isinstance(value, bool)
-    return float(value) * kind.renamed[name].factor if known else None
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    return float(value) * kind.renamed[name].factor

@@ -15,6 +15,7 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 from beltcomm.axis.kinds import ARC_M, BELT, KINDS
+from beltcomm.axis.aliases import ALIASES
 
 if TYPE_CHECKING:
     from beltcomm.axis import Axis
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 #: A number, and what stands between the numbers of a list with one unit behind it.
 _DIGITS_OF = r"\d+(?: \d{3})*(?:\.\d+)?(?:e[-+]?\d+)?"
 _NUMBER = rf"(?<![\w.]){_DIGITS_OF}"
-_BETWEEN = r"(?:\s*\.\.\.?\s*|\s*±\s*|, | to | and | or |/)[-+−±]?"  # noqa: RUF001
+_BETWEEN = r"(?:\s*\.\.\.?\s*|\s*±\s*|, | to | and | or |/)[-+−±]?"
 #: Digits that a converted number has at least.
 _DIGITS, _MOST_DIGITS = 3, 5
 
@@ -59,11 +60,12 @@ class Terms:
         Pattern and what is said instead, the longest first.
     units : dict of str to Unit
         By the unit of a belt axis.
-    scales : dict of str to tuple of str and float
-        Unit of a picture's axis -> unit and factor that its numbers are shown in.
+    names : dict of str to str
+        Of effects, which may be typed too.
     """
 
     words: Sequence[tuple[str, str]] = ()
+    names: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, Unit] = field(default_factory=dict)
 
     def __bool__(self) -> bool:
@@ -71,7 +73,7 @@ class Terms:
 
     @cached_property
     def _patterns(self) -> list[tuple[re.Pattern[str], str]]:
-        found = []
+        found = [(re.compile(rf"(?<![\w/-]){plain}(?![\w/-])"), said) for plain, said in self.names.items()]
         for plain, said in self.words:
             found.append((re.compile(rf"(?<![\w./-]){plain}(?![\w/-])(?!\.\w)"), said))
             if plain[0].isalpha() and plain[0].islower():
@@ -168,14 +170,18 @@ def _words(kind: str) -> list[tuple[str, str]]:
         ("Antriebsscheibe", scheibe), ("Scheibe", scheibe), ("Schlittens", "Tisches" if kind == "screw" else last), ("Schlitten", last),
     ]  # fmt: skip
     if kind == "rotary":
-        own = [
-            ("feed force", "load torque"), ("feed constant", "gear ratio"), ("mass", "load"), ("masses", "loads"), ("weighed", "measured"),
-            ("weighs", "has"), ("heavier", "larger"), ("heavy", "large"), ("lighter", "smaller"), ("lightest", "smallest"), ("with a ruler", "with a protractor"), ("a ruler", "a protractor"),
-            ("the ruler", "the protractor"), *own,
-        ]  # fmt: skip
+        other = {
+            "feed force": "load torque", "feed constant": "gear ratio", "carriage mass": "load inertia", "mass": "load", "masses": "loads",
+            "weighed": "measured", "weighs": "has", "heavier": "larger", "heavy": "large", "lighter": "smaller", "lightest": "smallest",
+            "with a ruler": "with a protractor", "a ruler": "a protractor", "the ruler": "the protractor",
+        }  # fmt: skip
+        own = [*other.items(), *own]
     if kind == "linear":
-        own = [("gearbox.ratio", "transmission.pole_pair_m"), ("Motor torque", "motor force"), ("motor torque", "motor force"),
-               ("torque", "force"), ("torques", "forces"), ("inertia", "mass"), ("motor-side inertia", "mass of the motor"), *own]  # fmt: skip
+        other = {
+            "motor-side inertia": "mass of the motor", "motor torque": "motor force", "torque": "force", "torques": "forces",
+            "inertia": "mass",
+        }  # fmt: skip
+        own = [*other.items(), *own]
     return own
 
 
@@ -184,11 +190,11 @@ _TURNED: Mapping[str, Unit] = {
     "mm": Unit("°"),
     "µm": Unit("m°"),
     "um": Unit("m°"),
-    "m": Unit("°", 1e3, "k°"),
+    "m": Unit("°", 1e3, "1000°"),
     "mm/s": Unit("°/s"),
-    "m/s": Unit("°/s", 1e3, "k°/s"),
-    "m/s²": Unit("°/s²", 1e3, "k°/s²"),
-    "m/s³": Unit("°/s³", 1e3, "k°/s³"),
+    "m/s": Unit("°/s", 1e3, "1000°/s"),
+    "m/s²": Unit("°/s²", 1e3, "1000°/s²"),
+    "m/s³": Unit("°/s³", 1e3, "1000°/s³"),
     "N": Unit("N m", ARC_M, f"N {_ARC}"),
     "mN": Unit("mN m", ARC_M, f"mN {_ARC}"),
     "kN": Unit("N m", 1e3 * ARC_M, f"kN {_ARC}"),
@@ -238,7 +244,8 @@ def terms(kind: str, ratio_m: float = 0.0) -> Terms:
     if kind in ("", BELT) or kind not in KINDS:
         return PLAIN
     units: Mapping[str, Unit] = _TURNED if kind == "rotary" else _straight(ratio_m) if kind == "linear" and ratio_m else {}
-    return Terms((*_file_names(kind), *_words(kind)), units)
+    names = {name: alias for alias, name in ALIASES.items()} | {r"cart\.mass": "load.mass"}
+    return Terms((*_file_names(kind), *_words(kind)), names, units)
 
 
 def terms_of(axis: Axis) -> Terms:

@@ -64,6 +64,7 @@ from beltcomm.effects._effect import (
     Trial,
     is_plain_belt,
 )
+from beltcomm.axis.aliases import ALIASES
 from beltcomm.errors import UsageError
 
 __all__ = [
@@ -152,6 +153,7 @@ def effect_named(name: str) -> Effect:
     UsageError
         With the nearest names.
     """
+    name = ALIASES.get(name, name)
     if name in _BY_NAME:
         return _BY_NAME[name]
     near = difflib.get_close_matches(name, _BY_NAME, n=3)

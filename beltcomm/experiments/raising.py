@@ -221,8 +221,9 @@ def _remedy(machine: Machine, step: AmplitudeStep, breakaway: Breakaway) -> str:
     by_travel = "travel" in step.binds
     if (by_travel or step.binds == "speed") and not machine.axis.payload.mass_kg:
         room = f"{machine.more_room}, or " if by_travel else ""
+        lightest = unknown_loads_kg(machine.axis)[0]
         return (
-            f"{room}state payload.mass_kg in axis.yaml: a carriage of {unknown_loads_kg(machine.axis)[0]:.2g} kg is counted with until it is weighed, and "
+            f"{room}state payload.mass_kg in axis.yaml: a carriage of {lightest:.2g} kg is counted with until it is weighed, and "
             "a heavier one may be shaken harder"
         )
     if by_travel:

@@ -9,11 +9,10 @@ from beltcomm.drive import Capabilities
 from beltcomm.errors import BeltcommError
 from beltcomm.excitation.record import SELDOM_S
 from beltcomm.fit.first_estimate import data_sheet_model
-from beltcomm.simulate.stopping import unknown_loads_kg
 from beltcomm.model import Model
 from beltcomm.rundata import analyse
 from beltcomm.schedule.sequences import excitation_travel_m
-from beltcomm.simulate.stopping import REACTION_PERIODS
+from beltcomm.simulate.stopping import REACTION_PERIODS, unknown_loads_kg
 
 #: Share of the sampling rate up to which a resonance can be seen: beyond it the hold between samples and the alias beside it take over.
 CLAIMED_SHARE = 0.35

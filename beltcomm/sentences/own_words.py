@@ -25,6 +25,8 @@ V = TypeVar("V")
 #: Between the columns of a line of text; at least this much stays.
 _GAP = re.compile(r"( {2,})")
 _APART = 2
+#: A number, or one with its interval.
+_VALUE = re.compile(r"-?[\d.]+(e[-+]?\d+)?( ± [\d.]+)?")
 #: Text of a picture, between the marks of SVG.
 _TEXT = re.compile(r">([^<>]+)<")
 
@@ -83,6 +85,9 @@ def said_in(terms: Terms, value: V, *, keys: bool = False) -> V:
         if value.lstrip().startswith("<svg"):
             return cast(V, _TEXT.sub(lambda one: f">{terms.said(one[1])}<", value))
         return cast(V, terms.said(value)) if keys or " " in value else value
+    if dataclasses.is_dataclass(value) and not isinstance(value, type) and hasattr(value, "head") and hasattr(value, "rows"):
+        rows = [_in_its_unit(terms, value.head, row) for row in value.rows]
+        value = dataclasses.replace(value, rows=rows)  # type: ignore[call-arg]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         changed = {one.name: said_in(terms, getattr(value, one.name), keys=keys) for one in dataclasses.fields(value) if one.init}
         return cast(V, dataclasses.replace(value, **changed))
@@ -91,6 +96,20 @@ def said_in(terms: Terms, value: V, *, keys: bool = False) -> V:
     if isinstance(value, (list, tuple)) and not hasattr(value, "_fields"):
         return cast(V, type(value)(said_in(terms, one, keys=keys) for one in value))
     return value
+
+
+def _in_its_unit(terms: Terms, head: Sequence[str], row: Sequence[str]) -> list[str]:
+    """A row of a page's table whose unit stands in a cell of its own: the numbers before it, and what a data sheet says, are in that unit."""
+    cells = list(row)
+    for at, cell in enumerate(row):
+        unit = terms.units.get(cell)
+        if unit is None or unit.factor == 1.0:
+            continue
+        meant = [i for i in range(at) if _VALUE.fullmatch(row[i])] + [i for i, name in enumerate(head) if name == "data sheet" and i > at]
+        for i in meant:
+            cells[i] = terms.said(f"{row[i]} {cell}").removesuffix(unit.symbol).strip() if row[i] else ""
+        cells[at] = unit.symbol
+    return cells
 
 
 class OwnWords:
@@ -140,7 +159,9 @@ def _shown(terms: Terms, place: CarriagePosition) -> dict[str, Any]:
     gauges = []
     for gauge in place.gauges:
         unit = terms.units.get(gauge.unit)
-        own = {} if unit is None else {"value": unit.factor * gauge.value, "limit": unit.factor * gauge.limit, "unit": unit.symbol}
+        own: dict[str, Any] = (
+            {} if unit is None else {"value": unit.factor * gauge.value, "limit": unit.factor * gauge.limit, "unit": unit.symbol}
+        )
         gauges.append(dataclasses.replace(gauge, name=terms.said(gauge.name), **own))
     unit = terms.units.get("mm")
     return {"gauges": tuple(gauges), "load": terms.said(place.load), "unit": place.unit if unit is None else unit.symbol}

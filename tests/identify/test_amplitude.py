@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltcomm.axis import load_axis
+from beltcomm.axis import Axis, Payload, load_axis
 from beltcomm.errors import Refused
 from beltcomm.excitation import prbs
 from beltcomm.fit.first_estimate import data_sheet_model
