@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
-from beltcomm.axis.kinds import ARC_M, BELT, KINDS
 from beltcomm.axis.aliases import ALIASES
+from beltcomm.axis.kinds import ARC_M, BELT, KINDS
 
 if TYPE_CHECKING:
     from beltcomm.axis import Axis

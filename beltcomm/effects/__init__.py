@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 
+from beltcomm.axis.aliases import ALIASES
 from beltcomm.effects import (
     backlash,
     belt_damping,
@@ -64,7 +65,6 @@ from beltcomm.effects._effect import (
     Trial,
     is_plain_belt,
 )
-from beltcomm.axis.aliases import ALIASES
 from beltcomm.errors import UsageError
 
 __all__ = [

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 from beltcomm.axis import Axis
-from beltcomm.axis.terms import PLAIN, Terms, terms_of
+from beltcomm.axis.terms import PLAIN, Terms, terms_of, times
 from beltcomm.errors import BeltcommError
 from beltcomm.result import Line, Result, Row
 from beltcomm.runfolder import RunFolder
@@ -86,8 +86,7 @@ def said_in(terms: Terms, value: V, *, keys: bool = False) -> V:
             return cast(V, _TEXT.sub(lambda one: f">{terms.said(one[1])}<", value))
         return cast(V, terms.said(value)) if keys or " " in value else value
     if dataclasses.is_dataclass(value) and not isinstance(value, type) and hasattr(value, "head") and hasattr(value, "rows"):
-        rows = [_in_its_unit(terms, value.head, row) for row in value.rows]
-        value = dataclasses.replace(value, rows=rows)  # type: ignore[call-arg]
+        value = dataclasses.replace(value, **_table_in(terms, value.head, value.rows))
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         changed = {one.name: said_in(terms, getattr(value, one.name), keys=keys) for one in dataclasses.fields(value) if one.init}
         return cast(V, dataclasses.replace(value, **changed))
@@ -98,16 +97,31 @@ def said_in(terms: Terms, value: V, *, keys: bool = False) -> V:
     return value
 
 
+def _table_in(terms: Terms, head: Sequence[str], rows: Sequence[Sequence[str]]) -> dict[str, Any]:
+    """Head and rows of a page's table; a unit stands behind the title of its column, or in a cell of its own."""
+    titles, cells = list(head), [_in_its_unit(terms, head, row) for row in rows]
+    for i, title in enumerate(head):
+        name = next((one for one in sorted(terms.units, key=len, reverse=True) if title.endswith((f" {one}", f", {one}"))), "")
+        if not name or title.endswith(f"N {name}"):
+            continue
+        unit = terms.units[name]
+        titles[i] = f"{title.removesuffix(name)}{unit.symbol}"
+        for row in cells:
+            if i < len(row) and _VALUE.fullmatch(row[i]):
+                row[i] = " ± ".join(times(one, unit.factor) for one in row[i].split(" ± "))
+    return {"head": titles, "rows": cells}
+
+
 def _in_its_unit(terms: Terms, head: Sequence[str], row: Sequence[str]) -> list[str]:
-    """A row of a page's table whose unit stands in a cell of its own: the numbers before it, and what a data sheet says, are in that unit."""
+    """A row whose unit stands in a cell of its own: the numbers before it, and what a data sheet says, are in that unit."""
     cells = list(row)
     for at, cell in enumerate(row):
         unit = terms.units.get(cell)
         if unit is None or unit.factor == 1.0:
             continue
-        meant = [i for i in range(at) if _VALUE.fullmatch(row[i])] + [i for i, name in enumerate(head) if name == "data sheet" and i > at]
+        meant = [i for i, name in enumerate(head[: len(row)]) if (i < at or name == "data sheet") and _VALUE.fullmatch(row[i])]
         for i in meant:
-            cells[i] = terms.said(f"{row[i]} {cell}").removesuffix(unit.symbol).strip() if row[i] else ""
+            cells[i] = " ± ".join(times(one, unit.factor) for one in row[i].split(" ± "))
         cells[at] = unit.symbol
     return cells
 
