@@ -51,6 +51,7 @@ UNITS: Mapping[str, Unit] = {
     "n_m": Unit("N/m", {"n/m": 1.0, "n/mm": 1e3, "kn/m": 1e3, "n/um": 1e6, "kn/mm": 1e6}),
     "n_a": Unit("N/A", {"n/a": 1.0, "kn/a": 1e3}),
     "a": Unit("A", {"a": 1.0, "ma": 1e-3}),
+    "v": Unit("V", {"v": 1.0, "mv": 1e-3}),
     "kg": Unit("kg", {"kg": 1.0, "g": 1e-3, "t": 1e3}),
     "kg_m2": Unit("kg m²", _INERTIA),
     "hz": Unit("Hz", {"hz": 1.0, "khz": 1e3}),

@@ -89,7 +89,7 @@ class QuantityType(Numbers):
 
 
 class Window(Pairs):
-    """How far the carriage may move from where it stands: ``-20mm..30mm``, or ``25mm`` either way."""
+    """Option type of the travel allowed around the present position: ``-20mm..30mm``, or ``25mm`` either way."""
 
     name = "window"
 
@@ -197,7 +197,7 @@ def drive_options(function: Function, *, needed: bool = True, of_run: bool = Tru
 
 
 def serving_options(function: Function) -> Function:
-    """Which virtual drive is served, and how its time passes."""
+    """Options of the virtual drive that is served, and of how its time passes."""
     for decorate in reversed(
         (
             click.option("--drive", default="virtual", metavar="DRIVE", help="virtual (when left out) or virtual:PLANT."),
@@ -213,7 +213,7 @@ def serving_options(function: Function) -> Function:
 
 
 def machine_options(function: Function, *, needed: bool = True, of_run: bool = True) -> Function:
-    """What every verb that moves an axis has.   needed : as in :func:`drive_options`."""
+    """Options of every verb that moves an axis.   needed : as in :func:`drive_options`."""
     for decorate in reversed(
         (
             yes_option,
@@ -251,7 +251,7 @@ def machine_options(function: Function, *, needed: bool = True, of_run: bool = T
 
 
 def writing_options(function: Function, *, needed: bool = True) -> Function:
-    """What every verb that writes a run's parameters to a drive has.   needed : as in :func:`drive_options`."""
+    """Options of every verb that writes a run's parameters to a drive.   needed : as in :func:`drive_options`."""
     for decorate in reversed(
         (
             partial(drive_options, needed=needed),
@@ -267,7 +267,7 @@ def writing_options(function: Function, *, needed: bool = True) -> Function:
 
 
 def _targets(ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]) -> dict[str, Any]:
-    """What was asked for by ``--target``, as ``targets`` of axis.yaml has it."""
+    """Values of ``--target``, as ``targets`` of axis.yaml has them."""
     found: dict[str, Any] = {}
     for text in values:
         key, equals, value = text.partition("=")
@@ -367,7 +367,7 @@ def specification_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def specification_of(given: dict[str, Any]) -> Specification | None:
-    """What these options ask for, taken out of what was given; None where nothing was.   Raises UsageError."""
+    """Specification made of these options, which are taken out of what was given; None without any.   Raises UsageError."""
     demand = given.pop("demand")
     asked = {name: value for name in ASKED if (value := given.pop(name)) is not None}
     if not asked and demand is None:

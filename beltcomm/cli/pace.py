@@ -32,7 +32,7 @@ class Pace:
 
 
 def machine_left(place: CarriagePosition) -> str:
-    """What the whole job still takes on the machine; nothing where it is not known."""
+    """Time that the whole job still takes on the machine; nothing where it is not known."""
     return "" if place.left_s is None else f"{place.left_s:.0f} s left on the machine"
 
 

@@ -12,7 +12,7 @@ from beltcomm.given import word
 
 
 def able(drive: Drive, kind: MotionKind) -> Drive:
-    """The same drive, if it offers this kind of motion and takes what a record sets; nothing has moved yet.
+    """Drive itself, if it offers this kind of motion and takes what a record sets; nothing has moved yet.
 
     An adapter may offer ``trial() -> list[Finding]``, which tries that and puts it back: what is wrong closes the drive, what it refuses
     goes into ``Capabilities.cautions``.   Raises Refused with the reason, DriveError with what the drive does not take.

@@ -68,6 +68,8 @@ BETWEEN_S = 1.0
 FIRST_AND_LAST_S = 19.0
 #: Sub-steps of a sampling period.
 SUBSTEPS = 20
+#: Answers that are kept on a computer: axes and drives that it meets in turn.
+MOST_KEPT = 20
 
 
 @dataclass(frozen=True)
@@ -297,8 +299,9 @@ class _Simulated:
 
 
 def kept_or_new(axis: Axis, capabilities: Capabilities, extent: Extent, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """The last answer of this extent where everything is as it was, else a new one.   Raises what ``make`` raises."""
-    path, key = user_cache_path("beltcomm") / f"foresight_{extent}.json", key_of(axis, capabilities, extent)
+    """The answer kept for this axis, drive and extent where everything is as it was, else a new one.   Raises what ``make`` raises."""
+    key = key_of(axis, capabilities, extent)
+    path = user_cache_path("beltcomm") / f"foresight_{key[:12]}.json"
     if found := caches.found(path, key):
         try:
             return dict(found["visible"])
@@ -306,6 +309,7 @@ def kept_or_new(axis: Axis, capabilities: Capabilities, extent: Extent, make: Ca
             caches.damaged(path)
     visible = make()
     caches.keep(path, key, {"visible": visible})
+    caches.keep_newest(path.parent, "foresight_*.json", MOST_KEPT)
     return visible
 
 

@@ -84,15 +84,15 @@ class Plan:
 
     @property
     def over_budget(self) -> bool:
-        """Whether some of it is left out if each record takes its longest."""
+        """True if some of it is left out when each record takes its longest."""
         return sum(item.seconds for item in self.experiments) > self.budget_s
 
     def said(self) -> str:
-        """What is said of it beside its numbers; empty for a job that needs no word."""
+        """Words beside its numbers; empty for a job that needs none."""
         return "" if self.text.startswith("The carriage of") and self.text.endswith("will move by itself.") else self.text
 
     def written(self) -> str:
-        """What becomes of the drive's parameters."""
+        """Fate of the drive's parameters."""
         if self.types_gains:
             return tr("gains cannot be written on this drive: it moves with those that stand in it")
         if self.verb == "commission":
@@ -338,7 +338,7 @@ def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
 
 
 def _move_seconds(axis: Axis, capabilities: Capabilities) -> float:
-    """How long the standard move takes at least, s: a longer one takes less torque by more than it takes longer."""
+    """Least duration of the standard move, s: a longer one takes less torque by more than it takes longer."""
     limits = axis.trajectories.get(axis.targets.limits)
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     if limits is None or whole <= 0.0:

@@ -109,8 +109,6 @@ def _fit_base(
     progress(0.3)
     chosen = path if path is not None else replace(choose_path(data, first, start, chain).path, commanded=commanded)
     if chosen != data.path:
-        size, colour = chosen.noise_undone(data.colour)
-        data = replace(data, noise_nm=data.noise_nm * size, colour=colour)
         data = prepare_records(
             data.recordings, first.model if commanded else start, data.noise_nm, data.step_rad, {}, path=chosen, colour=data.colour
         )

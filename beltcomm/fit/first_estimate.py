@@ -20,7 +20,7 @@ from beltcomm.fit.low_pass import fine, legible, smooth
 from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.segment import Segment, evaluate, segments
 from beltcomm.fit.seldom import clearly_moves, comes_seldom
-from beltcomm.fit.torque_path import TorquePath
+from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.model import BASE_BODIES, Model, Value, build_model, expected_parameters
 from beltcomm.recording import Recording
 from beltcomm.simulate.stopping import unknown_loads_kg, usual_load_kg
@@ -286,7 +286,7 @@ def legible_stretches(
     sample = recording.sample_period_s
     swings = 0.0 if model.rigid else model["transmission.ratio"] * math.sqrt(model["belt_stiffness.stiffness"] / model["motor.inertia"])
     if fine(recording.position, step_rad) and swings * sample < SWINGING:
-        return segments(recording, model, step_rad, noise_nm, path=path)
+        return segments(recording, model, step_rad, noise_nm, path=path or FAITHFUL)
     width, _ = legible(recording.position, sample, step_rad, ROUNDING)
     torque, angle = recording.torque.copy(), recording.position.copy()
     for first, last in pairwise([0, *(int(i) + 1 for i in recording.gaps()), len(torque)]):

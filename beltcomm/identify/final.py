@@ -20,7 +20,7 @@ from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
 from beltcomm.fit.segment import OUTLIER, Segment, segments, whitened_residual
 from beltcomm.fit.seldom_fit import fit_seldom
 from beltcomm.fit.start import belt_start, data_sheet
-from beltcomm.fit.torque_path import TorquePath
+from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -164,7 +164,7 @@ def clear_spread(places: Mapping[str, PlaceStiffness]) -> float:
 
 
 def stiffness_by_record(
-    recordings: Sequence[Recording], model: Model, counts_per_rev: int, noise_nm: float, path: TorquePath | None = None
+    recordings: Sequence[Recording], model: Model, counts_per_rev: int, noise_nm: float, path: TorquePath = FAITHFUL
 ) -> dict[str, PlaceStiffness]:
     """Belt stiffness that each excited record wants for itself, all else as in ``model``; not of held-out records, nor of moving ones.
 

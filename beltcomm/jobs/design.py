@@ -1,4 +1,4 @@
-"""What ``design`` and the page with sliders share: what a design rests on in a run, its proof on the run's own data, and keeping it."""
+"""Parts that ``design`` and the page with sliders share: the basis of a design in a run, its proof on the run's data, and keeping it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ GENTLE = (0.5, 2.0)
 
 @dataclass(frozen=True)
 class Basis:
-    """What a design of a run rests on.   which : a sentence on the model's ``revision``.   findings : delay and damping, no design yet."""
+    """Basis of a design in a run.   which : a sentence on the model's ``revision``.   findings : delay and damping, no design yet."""
 
     folder: RunFolder
     model: Model
@@ -160,7 +160,7 @@ def delivered(
 
 
 def _headline(basis: Basis, doubted: Sequence[str]) -> Line:
-    """Whether the gains may be used, before a move has proven them."""
+    """Headline on whether the gains may be used, before a move has proven them."""
     name = (basis.folder.axis.name if basis.folder.has_axis else "") or "the axis"
     word = (tr("IN DOUBT"), "bad") if doubted else (tr("DESIGNED"), "good")
     proven = headline_of(basis.folder).state in ("pass", "fail")

@@ -105,7 +105,7 @@ def export(
 
 
 def _dcf(folder: RunFolder, saved: Mapping[str, Any], out: Path | None, when: str, options: Options, talk: Talk) -> Result:
-    """What the design writes into its drive, as a device configuration file (CiA 306).
+    """Values that the design writes into its drive, as a device configuration file (CiA 306).
 
     Raises
     ------
@@ -142,7 +142,7 @@ def _dcf(folder: RunFolder, saved: Mapping[str, Any], out: Path | None, when: st
 
 
 def _torque_limit_nm(folder: RunFolder, structure: CascadeStructure, given: float | None) -> float:
-    """What was asked for, else what the run's drive can give, else its motor."""
+    """Torque limit asked for, else that of the run's drive, else that of its motor, N m."""
     if given is not None:
         if not (given > 0.0 and math.isfinite(given)):
             raise UsageError(f"the torque limit is {given:g} N m; give a positive torque")
@@ -161,7 +161,7 @@ def _torque_limit_nm(folder: RunFolder, structure: CascadeStructure, given: floa
 
 
 def _apart(cascade: Cascade, structure: CascadeStructure, saved: Mapping[str, Any]) -> list[str]:
-    """What of the design the exported text does not hold, and what of the text the drive that it was designed for has not, in sentences."""
+    """Differences between design and exported text, in sentences: left out of the text, or not offered by the drive of the design."""
     name, forward = structure.name, cascade.feedforward
     torque = any((forward.inertia_kg_m2, forward.viscous_nm_s_rad, forward.coulomb_nm, forward.offset_nm))
     found = []

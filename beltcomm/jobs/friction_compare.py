@@ -145,7 +145,7 @@ def _one_axis(folders: Sequence[RunFolder]) -> None:
 
 
 def _told_apart(studies: Sequence[tuple[RunFolder, FrictionStudy, Model | None]]) -> list[str]:
-    """What else may differ between the runs, in words."""
+    """Other differences between the runs, in words."""
     remarks = []
     drives = [dict(folder.drive) for folder, _, _ in studies]
     known = [

@@ -231,7 +231,7 @@ def with_lines(result: Result, lines: Sequence[str]) -> Result:
 
 
 def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], following: bool) -> tuple[dict[str, Any], list[str], str]:
-    """What these data could not have shown, and with ``following`` the plan of what to record next, saved, and the command that does it."""
+    """Detection limits of these data, and with ``following`` the saved plan of further records and the command that makes them."""
     planned = ""
     sights = detection_limits(found.scorer, ground_of(found.base, found.base.problem.pieces, folder.axis))
     data: dict[str, Any] = {"visible": [seen_as(one) for one in sights]}
@@ -246,7 +246,7 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
         window = (float(folder.axis.travel.min_m or 0.0), float(folder.axis.travel.max_m or 1.0))
         before = Before(recordings, window, model["transmission.ratio"], total_friction(model))
         blind = [one for one in sights if not one.is_detectable]
-        wanted = plan_for(found.twins, blind, found.added_effects, lambda step: record_showing(step, before))
+        wanted = plan_for(found.twins, blind, found.added_effects, lambda step: record_showing(step, before), "cart" in model.base_bodies)
         data["next"] = wanted.to_dict()
         folder.save_result(NAME, plain(wanted.to_dict()))
         lines += wanted.lines(folder.path)
@@ -277,7 +277,7 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
 
 
 def change_of(new: Sequence[str], removed: Sequence[str] = ()) -> str:
-    """What a revision changes: effects with + and -, ``with its form`` or ``form of EFFECT`` where one became free."""
+    """Changes of a revision: effects with + and -, ``with its form`` or ``form of EFFECT`` where one became free."""
     effects = [f"+{name}" for name in new if "." not in name and name not in removed]
     effects += [f"-{name}" for name in removed if name not in new]
     owners = dict.fromkeys(name.split(".")[0] for name in new if "." in name)
@@ -421,7 +421,7 @@ def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Re
 
 
 def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, notes: Sequence[str], command: str, pictures: bool) -> Result:
-    """What ``add`` and ``remove`` say.
+    """Result of ``add`` and ``remove``.
 
     Parameters
     ----------
@@ -433,7 +433,8 @@ def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, note
     remarks: list[str] = []
     if pictures:
         made, remarks = drawn.change_picture(here.folder, rung, compare(here.data, here.fitted), compare(grown, after), command)
-    model, before = with_intervals(after), of_run(here.data, here.fitted)
+    model, band = with_intervals(after), rung.plain.band_hz if rung.plain else None
+    before = of_run(here.data, here.fitted, band)
     data = {
         "run": str(run),
         "revision": rung.name,

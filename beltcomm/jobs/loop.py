@@ -125,6 +125,6 @@ def _numbers(one: LoopReading) -> dict[str, Any]:
 
 
 def _remarks(recording: Recording, ways: Sequence[LoopReading], others: Sequence[str]) -> list[str]:
-    """What to know beside the table; of the record just made only."""
+    """Remarks beside the table, of the record just made only."""
     said = [f"{s.way}: {remark}" for s in ways if s.record == recording.name for remark in s.remarks]
     return [*said, *others]

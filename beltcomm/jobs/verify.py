@@ -196,13 +196,13 @@ def set_by_hand(drive: Drive, folder: RunFolder) -> Iterator[None]:
 
 
 def as_predicted(verdict: Verdict) -> bool:
-    """Whether a drive behaved, no worse and no better, as it would with the gains of the prediction."""
+    """True if a drive behaved, no worse and no better, as it would with the gains of the prediction."""
     off, said = verdict.measured.dynamic_m, verdict.predicted.dynamic_m
     return off <= AS_PREDICTED * said + SLACK_M and said <= AS_PREDICTED * off + SLACK_M
 
 
 def typed_words(verdict: Verdict) -> str:
-    """The same in words, of gains that a person has typed in."""
+    """Words on a move with gains that a person has typed in, against the prediction."""
     off, said = verdict.measured.dynamic_m, verdict.predicted.dynamic_m
     if as_predicted(verdict):
         return "The drive did as predicted with the gains of the design: they are in it, as far as this move can tell."

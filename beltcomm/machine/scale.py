@@ -40,7 +40,7 @@ LIGHTEST_SHARE = 0.1
 
 
 def accelerating_share(recording: Recording, inertia_kg_m2: float) -> float:
-    """How much of the torque of a record went into the acceleration of the motor:  rms(J θ'')/rms(τ), where the torque is large."""
+    """Share of a record's torque that went into the acceleration of the motor:  rms(J θ'')/rms(τ), where the torque is large."""
     acceleration = np.diff(recording.position, 2) / recording.sample_period_s**2
     torque = 0.5 * (recording.torque[1:-1] + recording.torque[:-2])
     large = np.abs(torque) > 0.5 * np.max(np.abs(torque))
@@ -108,7 +108,7 @@ def not_told_apart(axis: Axis, model: Model, first: Model, response: Recording, 
 
 
 def check_first(machine: Machine, model: Model, recording: Recording) -> Model:
-    """The same with the first estimate, which is returned; nothing is said where friction took most of the torque.
+    """Check the scaling by the first estimate, which is returned; nothing is said where friction took most of the torque.
 
     What it does not know makes the estimate wrong: behind a gap the motor moves as if the carriage pushed it, a torque that acts late looks
     like one that moves more.  Friction makes the steps of the torque show more than there is, nothing makes them show less.  Where they
@@ -169,7 +169,7 @@ def check_scale(machine: Machine, model: Model, factor: float) -> None:
 
 
 def check_fitted(machine: Machine, model: Model, first: Model, response: Recording) -> None:
-    """The same with the model of a frequency response, before a loop is closed; a feed constant in doubt is a remark.
+    """Check the scaling by the model of a frequency response, before a loop is closed; a feed constant in doubt is a remark.
 
     Parameters
     ----------

@@ -30,9 +30,9 @@ BASE_BODIES = {
 }
 TRANSMISSION = Parameter("ratio", "m/rad", "motor", 0.0125, 1e-5, 10.0, "i_t = r/i_g: travel per radian of the motor (2.16)")
 
-Side = Literal["motor", "load", "ampere"]
-#: N m/A and m/rad, usual values: they only carry bounds and start values over to another side.
-_USUAL_CONSTANT, _USUAL_RATIO = 0.1, 0.0125
+Side = Literal["motor", "load", "ampere", "volt"]
+#: N m/A, N m/V and m/rad, usual values: they only carry bounds and start values over to another side.
+_USUAL_CONSTANT, _USUAL_GAIN, _USUAL_RATIO = 0.1, 0.05, 0.0125
 #: Unit on the motor side -> (unit, factor of usual numbers) on another one.
 _OTHER_SIDE: Mapping[str, Mapping[str, tuple[str, float]]] = {
     "load": {
@@ -49,6 +49,12 @@ _OTHER_SIDE: Mapping[str, Mapping[str, tuple[str, float]]] = {
         "N m s/rad": ("A s/rad", 1.0 / _USUAL_CONSTANT),
         "N m/rad": ("A/rad", 1.0 / _USUAL_CONSTANT),
         "kg m2": ("A s2/rad", 1.0 / _USUAL_CONSTANT),
+    },
+    "volt": {
+        "N m": ("V", 1.0 / _USUAL_GAIN),
+        "N m s/rad": ("V s/rad", 1.0 / _USUAL_GAIN),
+        "N m/rad": ("V/rad", 1.0 / _USUAL_GAIN),
+        "kg m2": ("V s2/rad", 1.0 / _USUAL_GAIN),
     },
 }
 

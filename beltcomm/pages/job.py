@@ -100,7 +100,7 @@ def page_of(found: Gathered, before: Gathered | None = None) -> Page:
 
 
 def numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> dict[str, Any]:
-    """What the page shows, for programs."""
+    """Numbers of the page, for programs."""
     comparison = found.comparison
     doubts = found.laboratory.sheets if found.laboratory is not None else ()
     return {

@@ -58,7 +58,7 @@ def _shown(value: Value, scale: float) -> str:
 
 
 def _sheet(run: Gathered, name: str) -> tuple[float, float] | None:
-    """What axis.yaml expects of a parameter, from and to, None where it says nothing.
+    """Range of a parameter by axis.yaml, None where it says nothing.
 
     A stiffness for the places in the middle of those that were recorded, as :func:`beltcomm.laboratory.cross_checks.sheet_doubts` has it.
     """

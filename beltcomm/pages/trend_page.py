@@ -41,7 +41,7 @@ LAST_S = 7.258e9
 
 @dataclass(frozen=True)
 class Limit:
-    """How far a quantity may go.   low, high : shares of the first run's value, or SI values where ``absolute``.   why : in words."""
+    """Range of a quantity.   low, high : shares of the first run's value, or SI values where ``absolute``.   why : in words."""
 
     low: float | None
     high: float | None
@@ -71,7 +71,7 @@ LIMITS: Mapping[str, Limit] = {
 
 
 def _targets(axis: Axis) -> dict[str, Limit]:
-    """What the newest run's axis is asked for, as limits."""
+    """Targets of the newest run's axis, as limits."""
     why = "the target" if axis.targets.stated else "the default target"
     return {
         "dynamic_error": Limit(None, axis.targets.following_m, f"{why} of the move that verifies", absolute=True),
@@ -178,7 +178,7 @@ def _dated(run: Path, date: str | None) -> Dated:
 
 
 def _time_of(folder: RunFolder, date: str | None) -> tuple[float, str]:
-    """When a run was made: as given, as its drive's session noted it, else by its oldest file."""
+    """Time of a run: as given, as its drive's session noted it, else by its oldest file."""
     if date is not None:
         try:
             return float(np.datetime64(date, "s").astype(np.int64)), "given"
@@ -195,7 +195,7 @@ def _time_of(folder: RunFolder, date: str | None) -> tuple[float, str]:
 
 
 def _remarks(folders: Sequence[RunFolder], dated: Sequence[Dated]) -> list[str]:
-    """What else than time differs between the runs."""
+    """Differences between the runs other than time."""
     remarks = []
     if any(one.source == "the files' own date" for one in dated):
         names = ", ".join(one.name for one in dated if one.source == "the files' own date")

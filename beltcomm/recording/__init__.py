@@ -1,7 +1,8 @@
 """One experiment: signals that were checked once and never change, and what was done.
 
 Formats: ``run-folder.md``.  Torque and motion are at the motor shaft (side "motor"), or on the load side where only that is
-known (side "load"), or the torque is in ampere where no torque constant is known (side "ampere").
+known (side "load"), or the torque is in ampere where no torque constant is known (side "ampere"), or only the motor's voltage is
+known (side "volt").
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class Recording:
     t_s : ndarray (n,), s
         Strictly rising; of a static map ndarray (0,): it has no time.
     torque : ndarray (n,)
-        N m at the motor shaft (side "load": N; "ampere": A); torque[n] acts from t[n] to t[n+1].
+        N m at the motor shaft (side "load": N; "ampere": A; "volt": V); torque[n] acts from t[n] to t[n+1].
     position : ndarray (n,), rad
         Motor shaft (side "load": m), sampled at t[n].
     torque_setpoint, velocity, reference_position, reference_velocity : ndarray or None
@@ -194,7 +195,7 @@ class Recording:
             quotient = float(np.ptp(self.cart_position_m)) / (moved * ratio)
             if abs(quotient / 1000.0 - 1.0) < 0.2:
                 raise self._fault("cart_position_m is in mm: it moves 1000 times as far as the motor says; divide it by 1000")
-        if self.side == "ampere":
+        if self.side in ("ampere", "volt"):
             return
         entry = "motor.peak_torque_nm" if self.side == "motor" else "limits.feed_force_n"
         limit, largest = axis.get(entry), float(np.abs(self.torque).max())
@@ -315,6 +316,11 @@ class Recording:
                 remarks.append(f"{CHANNELS[self.side].get(signal, signal)} never changes")
         if self.side == "ampere":
             remarks.append("no torque constant is known: torque is in ampere, and so is everything identified from it")
+        if self.side == "volt":
+            remarks.append(
+                "only the motor's voltage is known, so everything is identified in volt: viscous friction has the back-EMF in it, and the "
+                "torque per volt is the inertia over the one that is found"
+            )
         if self.is_static_map:
             return remarks
         lost = self.gaps()
@@ -471,7 +477,7 @@ def common_side(recordings: Iterable[Recording]) -> Side:
     Returns
     -------
     Side
-        "motor", "load" or "ampere".
+        "motor", "load", "ampere" or "volt".
 
     Raises
     ------

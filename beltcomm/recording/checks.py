@@ -139,7 +139,7 @@ def _noise(torque: Array, setpoint: Array) -> float:
 
 
 def reference_unit_fault(signal: Array, reference: Array) -> str:
-    """What is wrong with the unit of a signal's reference, in words; "" when they agree or nothing can be told."""
+    """Fault in the unit of a signal's reference, in words; "" when they agree or nothing can be told."""
     measured, asked = signal - signal.mean(), reference - reference.mean()
     power = float(measured @ measured), float(asked @ asked)
     if min(power) <= 0.0 or abs(measured @ asked) < 0.98 * math.sqrt(power[0] * power[1]):
@@ -165,7 +165,7 @@ def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
 
 
 def backwards(t_s: Array, torque: Array, position: Array) -> bool:
-    """Whether time runs backwards: the mass is positive and the friction drives, in what moves slowly, where no lag of a reading counts."""
+    """True if time runs backwards: the mass is positive and the friction drives, in what moves slowly, where no lag of a reading counts."""
     rigid = rigid_inertia(t_s, torque, position)
     if rigid is None or rigid.inertia < CERTAIN * rigid.error or rigid.dissipated >= 0.0:
         return False
@@ -307,7 +307,7 @@ def _in_runs(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def velocity_unit_fault(t_s: Array, position: Array, velocity: Array) -> str:
-    """What is wrong with the units of position and velocity, in words; "" when they agree or nothing can be told.
+    """Fault in the units of position and velocity, in words; "" when they agree or nothing can be told.
 
     Compares travel with the integral of the velocity over 100 windows, so that a filtered velocity passes.
     """
@@ -321,7 +321,7 @@ def velocity_unit_fault(t_s: Array, position: Array, velocity: Array) -> str:
 
 
 def unit_words(quotient: float, upper: str, lower: str) -> str:
-    """What a quotient of two signals tells of their units; "" when it is none of UNIT_FACTORS."""
+    """Units that a quotient of two signals tells; "" when it is none of UNIT_FACTORS."""
     for factor, words in UNIT_FACTORS.items():
         if abs(quotient / factor - 1.0) < 0.05:
             return f"the {upper} has {words}"

@@ -175,6 +175,11 @@ def fit_for_belt_model(folder: RunFolder) -> Checked:
     side = common_side(recordings)
     if side == "ampere":
         folder.axis.require("the fit of records in ampere", "motor.torque_constant_nm_a")
+    if side == "volt":
+        raise DataError(
+            f"the records of {folder.path} hold the motor's voltage; the fit of a belt axis needs torque_nm or current_a. The laboratory "
+            f"takes one rigid mass: `beltcomm diagnose {pasted(folder.path)}` of a run without belt and pulley"
+        )
     if side == "load":
         raise DataError(
             f"the records of {folder.path} hold force and carriage position; the fit of a belt axis needs torque_nm (or current_a) "

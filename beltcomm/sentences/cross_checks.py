@@ -1,4 +1,4 @@
-"""What a diagnosis is checked against, besides its error: data sheets, resonances, static maps, the bound of friction."""
+"""Checks of a diagnosis besides its error: data sheets, resonances, static maps, the bound of friction."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def cross_checked(found: Diagnosis, recordings: Sequence[Recording], axis: Axis)
 
 
 def sheet_lines(doubts: Sequence[SheetDoubt]) -> list[str]:
-    """What was measured against the data sheets, and below it what to check: a wrong data sheet is no effect."""
+    """Measured values against the data sheets, and below what to check: a wrong data sheet is no effect."""
     lines = []
     for doubt in doubts:
         what, usual, where = _SHEETS[doubt.entry]
@@ -89,11 +89,15 @@ _UNITS = {"N/m": (1e-3, "kN/m"), "kg m2": (1e4, "kg cm²")}
 _SHEETS = {
     "motor.inertia_kg_m2": ("motor-side inertia", "-17 to +20 %", ""),
     "belt.specific_stiffness_n": ("belt stiffness", "-23 to +30 %", " at the places recorded"),
+    "motor.encoder_counts_per_rev": ("steps of the angle", "the same, or a whole share", ""),
 }
 _CHECKS = {
     "motor.inertia_kg_m2": (
         "Check in axis.yaml: motor.inertia_kg_m2 (1 kg cm² is 1e-4 kg m²; a brake adds to it), inertias of coupling, gearbox and pulley.",
         "Where they are right: the sample period of the records, or the scale of the torque.",
+    ),
+    "motor.encoder_counts_per_rev": (
+        "Check in axis.yaml: motor.encoder_counts_per_rev (lines times four; behind a gearbox more), and the unit of the angle.",
     ),
     "belt.specific_stiffness_n": (
         "Check on the machine: the belt's tension and its clamps.",
@@ -114,7 +118,7 @@ def as_data(checks: Checks) -> dict[str, Any]:
 
 
 def check_lines(checks: Checks) -> list[str]:
-    """As sentences."""
+    """Checks as sentences."""
     lines = sheet_lines(checks.sheets)
     if checks.resonances is not None:
         low, high = (", ".join(f"{f:.1f}" for f in row) or "none" for row in asdict(checks.resonances).values())

@@ -360,6 +360,6 @@ def _check_limits(path: Path, move: Trajectory, axis: Axis) -> None:
 
 
 def held(trajectory: Trajectory, seconds: float) -> Trajectory:
-    """The same with a rest at its end."""
+    """Path with a rest at its end."""
     period = trajectory.sample_period_s
     return join([trajectory, at_rest(float(trajectory.position_m[-1]), seconds, period)])

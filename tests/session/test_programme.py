@@ -221,3 +221,5 @@ def test_the_default_plan_says_what_its_records_could_name_and_keeps_it(
     assert "--visible" in quick.notes[-1]
     foresight.with_detectability(bare, AXIS, replace(capabilities, counts_per_rev=4096), Options())
     assert found.times == 2, "another encoder sees other things"
+    foresight.with_detectability(bare, AXIS, capabilities, Options())
+    assert found.times == 2, "two drives in turn are both known"
