@@ -67,7 +67,7 @@ def least_squares(recordings: Sequence[Recording]) -> Array:
 
 def _solved(rows: Array, torque: Array) -> tuple[Array, float]:
     """Least squares, and the sum of squares left."""
-    found = np.linalg.lstsq(rows, torque, rcond=None)[0]
+    found = np.asarray(np.linalg.lstsq(rows, torque, rcond=None)[0], dtype=np.float64)
     return found, float(np.sum((torque - rows @ found) ** 2))
 
 
