@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from beltcomm.configfiles import find_config, read_yaml
 from beltcomm.effects import BELT_DAMPING, BELT_SPRING, BELT_STIFFNESS, DRIVING_END, Body, Effect, Parameter, effect_named
+from beltcomm.effects.rigid_load import driven
 from beltcomm.errors import UsageError
 from beltcomm.plant.drive_section import IDEAL, Instruments, drive_section, drive_values
 
@@ -171,7 +172,7 @@ class Model:
         if not self.rigid:
             return float(values[own])
         ratio = float(values[self._index["transmission.ratio"]])
-        return float(values[own]) + ratio**2 * float(values[self._index["cart.mass"]])
+        return driven(float(values[own]), ratio, float(values[self._index["cart.mass"]]))
 
     def vector(self) -> NDArray[np.float64]:
         """All values in their fixed order, float64."""
