@@ -34,7 +34,7 @@ from beltcomm.axis.entries import (
     entries_of,
     meaning_of,
 )
-from beltcomm.axis.kinds import BELT, KINDS, WORDS, Kind, Transmission, to_file, to_inside
+from beltcomm.axis.kinds import BELT, KINDS, WORDS, AxisKind, Transmission, to_file, to_inside
 from beltcomm.configfiles import did_you_mean, find_config, line_of, read_yaml, to_yaml, write_text
 from beltcomm.errors import UsageError
 from beltcomm.given import pasted
@@ -454,7 +454,7 @@ def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:
             raise fault(f"{'.'.join(keys)} is {shown(value)}; it must hold names and values", *keys)
         return value
 
-    def checked(kind: Kind) -> None:
+    def checked(kind: AxisKind) -> None:
         """Refuse what this kind of axis does not have, and numbers out of its bounds, by the names in the file."""
         sections = kind.sections()
         for key, value in data.items():

@@ -70,7 +70,7 @@ class FileEntry:
 
 
 @dataclass(frozen=True)
-class Kind:
+class AxisKind:
     """One kind of axis.
 
     Attributes
@@ -161,7 +161,7 @@ _NO_BELT = frozenset({"pulley", "belt", "travel.driven_side_offset_m"})
 _TURNS = frozenset(
     {"gearbox", "coupling", "motor.max_speed_rad_s", "motor.brake_torque_nm", "motor.brake_time_s", "limits.pulley_torque_nm"}
 )
-_SCREW = Kind(
+_SCREW = AxisKind(
     title="ball screw or spindle",
     renamed={
         "transmission.lead_m": _known(RADIUS, "lead: travel per turn of the screw", 1e-4, 1.0, 1.0 / math.tau, usual=(1e-3, 0.1)),
@@ -178,7 +178,7 @@ _SCREW = Kind(
     },
     needs={**_MOTOR_NEEDS, "transmission.lead_m": "travel per motor revolution", **_LINEAR_NEEDS},
 )
-_RACK = Kind(
+_RACK = AxisKind(
     title="rack and pinion",
     renamed={
         "transmission.pinion_radius_m": _known(RADIUS, "pitch radius of the pinion: travel per radian", 1e-3, 1.0, usual=(5e-3, 0.2)),
@@ -193,7 +193,7 @@ _RACK = Kind(
     },
     needs={**_MOTOR_NEEDS, "transmission.pinion_radius_m": "travel per motor revolution", **_LINEAR_NEEDS},
 )
-_ROTARY = Kind(
+_ROTARY = AxisKind(
     title="rotary axis: table, direct drive, or a motor with a load that turns",
     renamed={
         "transmission.inertia_kg_m2": FileEntry(
@@ -235,7 +235,7 @@ _ROTARY = Kind(
     rotary=True,
     load="load",
 )
-_LINEAR = Kind(
+_LINEAR = AxisKind(
     title="linear motor",
     renamed={
         "transmission.pole_pair_m": _known(
@@ -261,7 +261,7 @@ _LINEAR = Kind(
     },
 )  # fmt: skip
 #: By the word in ``transmission.kind``.
-KINDS: Mapping[str, Kind] = {"screw": _SCREW, "rack": _RACK, "rotary": _ROTARY, "linear": _LINEAR}
+KINDS: Mapping[str, AxisKind] = {"screw": _SCREW, "rack": _RACK, "rotary": _ROTARY, "linear": _LINEAR}
 
 
 def _factor(entry: FileEntry, radius_m: float | None) -> float | None:
@@ -278,7 +278,7 @@ def _times(value: Any, factor: float) -> Any:
     return float(f"{value * factor:.15g}")
 
 
-def to_inside(kind: Kind, data: Mapping[str, Any]) -> dict[str, Any]:
+def to_inside(kind: AxisKind, data: Mapping[str, Any]) -> dict[str, Any]:
     """The sections of a file of this kind as they are inside; what is unknown to it is left as it stands."""
     radius = _radius(kind, data)
     found: dict[str, Any] = {key: dict(value) if isinstance(value, Mapping) else value for key, value in data.items()}
@@ -303,7 +303,7 @@ def to_inside(kind: Kind, data: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def to_file(kind: Kind, data: Mapping[str, Any]) -> dict[str, Any]:
+def to_file(kind: AxisKind, data: Mapping[str, Any]) -> dict[str, Any]:
     """Inverse of :func:`to_inside`: sections as they are inside, in the shape of the file."""
     radius = dict(data.get("pulley") or {}).get("effective_radius_m")
     found: dict[str, Any] = {key: dict(value) if isinstance(value, Mapping) else value for key, value in data.items()}
@@ -334,7 +334,7 @@ def _rename_place(data: Mapping[str, Any], word: str, other: str) -> None:
         targets["at"] = other
 
 
-def _radius(kind: Kind, data: Mapping[str, Any]) -> float | None:
+def _radius(kind: AxisKind, data: Mapping[str, Any]) -> float | None:
     """Travel per radian of the transmission in a file, m/rad, where it says it as a number."""
     name = kind.in_file(RADIUS)
     section, _, key = name.partition(".")
