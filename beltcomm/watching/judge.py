@@ -100,6 +100,7 @@ class Judge:
             self.reference[key] = MoveEstimate(self._value(key, self.model), half or 0.0)
         self.ratio = max(1.0, opened.fitted.held_ratio or 0.0, opened.fitted.ratio)
         self._together: list[Recording] = []
+        self._latest = self.model
         self._values = 0
         self.zero_m = _zero_of(opened.records.recordings, self.model.get("transmission.ratio"))
 
@@ -157,10 +158,11 @@ class Judge:
         if self._values >= ENOUGH or len(self._together) >= MOST_TOGETHER:
             fitted = self.fitted_to(self._together)
             found = self._told(fitted)
+            self._latest = fitted.model
             self._together.clear()
             self._values = 0
         else:
-            problem = problem_of(data, self.model, self._kept)
+            problem = problem_of(data, self._latest, self._kept)  # what has aged is no error of the model
             fitted, found = evaluate_at(data, problem, problem.start()), {}
         ratio = (self.model.get("transmission.ratio") or 1.0) if move.side != "load" else 1.0
         off = None
