@@ -731,4 +731,5 @@ __all__ = [
     "trajectory",
     "trend",
     "verify",
+    "watch",
 ]
