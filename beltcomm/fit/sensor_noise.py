@@ -134,7 +134,7 @@ def _colour(sums: Array) -> float:
 def rest_of(recording: Recording, data: Data) -> Array | None:
     """Torque reading less the reading predicted from the setpoint, (n,), N m at the motor; None without setpoint, or with gaps."""
     drive = data.path.drive
-    if recording.torque_setpoint is None or drive is None or len(recording.gaps()):
+    if recording.torque_setpoint is None or drive is None or len(recording.gaps):
         return None
     shown = data.path.reading.read(drive.cells(recording.torque_setpoint, recording.sample_period_s), recording.sample_period_s)
     rest = recording.torque - shown
