@@ -119,7 +119,7 @@ def designs(folder: RunFolder, model: Model) -> _Told:
     solved: dict[str, Cascade] = {}
     for kind in ("none", "notch", "butterworth"):
         try:
-            found = thesis_design(plant, kind)  # type: ignore[arg-type]
+            found = thesis_design(plant, kind)
         except Refused as error:
             rows[kind] = {"refused": str(error)}
             text.append(f"  {kind:12} no root: {error}")

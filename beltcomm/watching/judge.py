@@ -93,6 +93,8 @@ class Judge:
         free = set(opened.fitted.problem.free)
         wanted = FOLLOWED if "cart" in self.model.base_bodies else {**FOLLOWED, **RIGID}
         self._names = {key: name for key, names in wanted.items() if (name := next((n for n in names if n in free), None)) is not None}
+        # What the run has found to be nothing has no shares of itself.
+        self._names = {key: name for key, name in self._names.items() if self._value(key, self.model) > 0.0}
         spread = parameter_spread(opened.fitted)
         self.reference = {}
         for key in self._names:
@@ -115,6 +117,8 @@ class Judge:
         return {name: weight for name, weight in parts.items() if name in free} if parts else {self._names[key]: 1.0}
 
     def _value(self, key: str, model: Model) -> float:
+        if not model.get("transmission.ratio"):
+            return model[self._names[key]]
         if key == "coulomb_total" and self._names[key] in ("coulomb.level", "cart_friction.level"):
             return total_friction(model)
         if key == "viscous_total" and self._names[key] in ("viscous.damping", "viscous_cart.damping"):
