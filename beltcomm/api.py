@@ -746,4 +746,5 @@ __all__ = [
     "trajectory",
     "trend",
     "verify",
+    "watch",
 ]
