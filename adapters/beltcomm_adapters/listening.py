@@ -15,6 +15,8 @@ from beltcomm_adapters.sdo import SdoObjects
 
 #: s for which it is listened who is there.
 HEARKEN_S: Final = 0.5
+#: s: less is rounding of a time.
+_INSTANT_S: Final = 1e-6
 #: Functions that a node sends by: its four process data objects, and its sign of life (CiA 301, table 38).
 _SENT: Final = (0x180, 0x280, 0x380, 0x480, 0x700)
 #: Communication and mapping objects, received and sent; how many of each are asked for.
@@ -95,7 +97,7 @@ class BusListening:
 
     def _wait(self, wait_s: float) -> None:
         end_s = self._clock.now() + wait_s
-        while (left_s := end_s - self._clock.now()) > 0.0:
+        while (left_s := end_s - self._clock.now()) > _INSTANT_S:
             self._link.receive(left_s)
 
     def _who(self, ask: bool) -> int:

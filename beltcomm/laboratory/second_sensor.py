@@ -89,7 +89,7 @@ def second_sensor(recordings: Sequence[Recording], model_hz: Sequence[float] = (
 
 def _rows(record: Recording, sensor: Array | None) -> tuple[Array, Array, NDArray[np.intp]] | None:
     """Regressors (n, 4), motor angle (n,) and numbers of the blocks (n,) of a record, all of mean 0; None where it moves too little."""
-    if sensor is None or record.is_static_map or len(record.gaps()) or np.ptp(sensor) == 0.0 or record.side == "load":
+    if sensor is None or record.is_static_map or len(record.gaps) or np.ptp(sensor) == 0.0 or record.side == "load":
         return None
     sample = record.sample_period_s
     width = max(legible(values, sample, smallest_step(values))[0] for values in (record.position, sensor))

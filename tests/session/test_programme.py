@@ -158,8 +158,8 @@ def test_a_first_estimate_stays_within_what_can_be() -> None:
     """Inside a gap the motor feels a feather on a rod; as soon as the gap is crossed, ten kilograms."""
     sheet = data_sheet_model(AXIS, 0.25, 0.1)
     usual = sheet.with_values({"cart.mass": 5.0})
-    assert believable(usual, sheet) is usual
-    bounded = believable(sheet.with_values({"cart.mass": 0.09, "belt_stiffness.stiffness": 5.5e6}), sheet)
+    assert believable(usual, sheet, 0.3) is usual
+    bounded = believable(sheet.with_values({"cart.mass": 0.09, "belt_stiffness.stiffness": 5.5e6}), sheet, 0.3)
     assert bounded["cart.mass"] == 0.3
     assert bounded["belt_stiffness.stiffness"] == pytest.approx(4.0 * sheet["belt_stiffness.stiffness"])
 
