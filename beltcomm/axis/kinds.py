@@ -9,11 +9,13 @@ their digits, a torque at the load is a force at that radius, an inertia a mass 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from beltcomm.axis.entries import AT, SECTIONS, AxisEntry, TrajectoryLimits, entries_of
+from beltcomm.configfiles import did_you_mean
+from beltcomm.quantities import unit_of
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,8 @@ _TO_LOAD = ("name", "motor", "gearbox", "coupling", "transmission", "pulley", "b
 ORDER = (*_TO_LOAD, "travel", "limits", "trajectories", "mounting", "payload", "targets")
 #: Entries that are words, by section.
 WORDS: Mapping[str, tuple[str, ...]] = {"motor": ("name",), "targets": ("at", "move"), "transmission": ("kind",)}
+#: Characters of a wrong value that are shown.
+LONGEST_SHOWN = 60
 RADIUS = "pulley.effective_radius_m"
 
 
@@ -70,7 +74,7 @@ class FileEntry:
 
 
 @dataclass(frozen=True)
-class Kind:
+class AxisKind:
     """One kind of axis.
 
     Attributes
@@ -161,7 +165,7 @@ _NO_BELT = frozenset({"pulley", "belt", "travel.driven_side_offset_m"})
 _TURNS = frozenset(
     {"gearbox", "coupling", "motor.max_speed_rad_s", "motor.brake_torque_nm", "motor.brake_time_s", "limits.pulley_torque_nm"}
 )
-_SCREW = Kind(
+_SCREW = AxisKind(
     title="ball screw or spindle",
     renamed={
         "transmission.lead_m": _known(RADIUS, "lead: travel per turn of the screw", 1e-4, 1.0, 1.0 / math.tau, usual=(1e-3, 0.1)),
@@ -178,7 +182,7 @@ _SCREW = Kind(
     },
     needs={**_MOTOR_NEEDS, "transmission.lead_m": "travel per motor revolution", **_LINEAR_NEEDS},
 )
-_RACK = Kind(
+_RACK = AxisKind(
     title="rack and pinion",
     renamed={
         "transmission.pinion_radius_m": _known(RADIUS, "pitch radius of the pinion: travel per radian", 1e-3, 1.0, usual=(5e-3, 0.2)),
@@ -193,7 +197,7 @@ _RACK = Kind(
     },
     needs={**_MOTOR_NEEDS, "transmission.pinion_radius_m": "travel per motor revolution", **_LINEAR_NEEDS},
 )
-_ROTARY = Kind(
+_ROTARY = AxisKind(
     title="rotary axis: table, direct drive, or a motor with a load that turns",
     renamed={
         "transmission.inertia_kg_m2": FileEntry(
@@ -235,7 +239,7 @@ _ROTARY = Kind(
     rotary=True,
     load="load",
 )
-_LINEAR = Kind(
+_LINEAR = AxisKind(
     title="linear motor",
     renamed={
         "transmission.pole_pair_m": _known(
@@ -261,7 +265,7 @@ _LINEAR = Kind(
     },
 )  # fmt: skip
 #: By the word in ``transmission.kind``.
-KINDS: Mapping[str, Kind] = {"screw": _SCREW, "rack": _RACK, "rotary": _ROTARY, "linear": _LINEAR}
+KINDS: Mapping[str, AxisKind] = {"screw": _SCREW, "rack": _RACK, "rotary": _ROTARY, "linear": _LINEAR}
 
 
 def _factor(entry: FileEntry, radius_m: float | None) -> float | None:
@@ -278,7 +282,7 @@ def _times(value: Any, factor: float) -> Any:
     return float(f"{value * factor:.15g}")
 
 
-def to_inside(kind: Kind, data: Mapping[str, Any]) -> dict[str, Any]:
+def to_inside(kind: AxisKind, data: Mapping[str, Any]) -> dict[str, Any]:
     """The sections of a file of this kind as they are inside; what is unknown to it is left as it stands."""
     radius = _radius(kind, data)
     found: dict[str, Any] = {key: dict(value) if isinstance(value, Mapping) else value for key, value in data.items()}
@@ -303,7 +307,7 @@ def to_inside(kind: Kind, data: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def to_file(kind: Kind, data: Mapping[str, Any]) -> dict[str, Any]:
+def to_file(kind: AxisKind, data: Mapping[str, Any]) -> dict[str, Any]:
     """Inverse of :func:`to_inside`: sections as they are inside, in the shape of the file."""
     radius = dict(data.get("pulley") or {}).get("effective_radius_m")
     found: dict[str, Any] = {key: dict(value) if isinstance(value, Mapping) else value for key, value in data.items()}
@@ -334,7 +338,7 @@ def _rename_place(data: Mapping[str, Any], word: str, other: str) -> None:
         targets["at"] = other
 
 
-def _radius(kind: Kind, data: Mapping[str, Any]) -> float | None:
+def _radius(kind: AxisKind, data: Mapping[str, Any]) -> float | None:
     """Travel per radian of the transmission in a file, m/rad, where it says it as a number."""
     name = kind.in_file(RADIUS)
     section, _, key = name.partition(".")
@@ -343,3 +347,39 @@ def _radius(kind: Kind, data: Mapping[str, Any]) -> float | None:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None
     return float(value) * kind.renamed[name].factor
+
+
+def faults_of(kind: AxisKind, data: Mapping[str, Any]) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """What of a file this kind of axis does not have, and numbers out of its bounds, in words, with the keys that lead there."""
+    sections = kind.sections()
+    for key, value in data.items():
+        if key not in (*sections, "name", "trajectories"):
+            belongs = f" of {kind.title}" if key in SECTIONS else ""
+            yield f"unknown key {shown(key)}{belongs}{did_you_mean(key, sections)}; known are {', '.join(sections)}", (str(key),)
+        if key == "trajectories" and isinstance(value, Mapping):
+            for name, one in value.items():
+                yield from _faults_in(kind, (key, str(name)), kind.trajectory_entries(), one)
+        elif key in sections:
+            yield from _faults_in(kind, (key,), sections[key], value)
+
+
+def _faults_in(kind: AxisKind, at: tuple[str, ...], entries: Mapping[str, AxisEntry], held: Any) -> Iterator[tuple[str, tuple[str, ...]]]:
+    if not isinstance(held, Mapping):
+        if held is not None:
+            yield f"{'.'.join(at)} is {shown(held)}; it must hold names and values", at
+        return
+    known = [*WORDS.get(at[0], ()), *entries]
+    for name, number in held.items():
+        place, unit = ".".join((*at, str(name))), unit_of(str(name))
+        if name not in known:
+            yield f"unknown key {shown(name)} in {'.'.join(at)}{did_you_mean(name, known)}", (*at, str(name))
+        elif name in entries and number is not None:
+            if isinstance(number, bool) or not isinstance(number, (int, float)):
+                yield f"{place} is {shown(number)}; give a number{unit and f' in {unit}'}", (*at, name)
+            elif place in kind.renamed and (wrong := entries[name].fault(number)):
+                yield f"{place} is {shown(number)} {unit}".rstrip() + f"; {wrong}", (*at, name)
+
+
+def shown(value: Any) -> str:
+    """A wrong value, as far as it is short."""
+    return text if len(text := repr(value)) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]} ..."

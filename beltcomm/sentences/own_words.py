@@ -15,6 +15,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 from beltcomm.axis import Axis
 from beltcomm.axis.terms import PLAIN, Terms, terms_of, times
 from beltcomm.errors import BeltcommError
+from beltcomm.locks import changes_run
 from beltcomm.result import Line, Result, Row
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import CarriagePosition, Talk, choose, detail, found
@@ -225,3 +226,12 @@ def own_words(command: Callable[P, Result]) -> Callable[P, Result]:
         )
 
     return call
+
+
+def about_run(*, waits: bool = True) -> Callable[[Callable[P, Result]], Callable[P, Result]]:
+    """A public function that changes a run, :func:`beltcomm.locks.changes_run`, in the words of its axis."""
+
+    def made(command: Callable[P, Result]) -> Callable[P, Result]:
+        return own_words(changes_run(waits=waits)(command))
+
+    return made
