@@ -19,7 +19,7 @@ from beltcomm.drive import Drive, open_drive
 from beltcomm.drive.access import able
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.experiments import commission as sequence
-from beltcomm.experiments import referencing
+from beltcomm.experiments import phases, referencing
 from beltcomm.experiments.agreement import Agreement, plan_result
 from beltcomm.experiments.detectability import with_detectability
 from beltcomm.experiments.options import Options, axis_of, claim, given, new_folder, settings_of
@@ -52,6 +52,7 @@ from beltcomm.jobs.serve import serve as serve
 from beltcomm.jobs.simulate import run_experiment
 from beltcomm.jobs.trajectory import trajectory as trajectory
 from beltcomm.jobs.verify import verify_with
+from beltcomm.jobs.watch import watch as watch
 from beltcomm.jobs.write import admitted, apply_to, backup_list, roll_back
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.scale import ruler as _ruler
@@ -205,15 +206,17 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     whole : bool
         The whole job was asked for, so that this is not success.
     """
+    phases.check_asked(options.asked, options.excitation, axis, connected.capabilities)
     if options.dry_run:
-        return plan_result(identify_plan(axis, connected.capabilities, options.window_m), connected.capabilities, options, axis)
+        plan = identify_plan(axis, connected.capabilities, options.window_m, options.asked)
+        return plan_result(plan, connected.capabilities, options, axis)
     folder = new_folder(run, axis, connected, options, talk, drive)
     findings = Findings()
     with Machine(connected, axis, folder, talk) as machine:
         window = referencing.reference(machine, settings_of(options), needed=False)
         agreed = Agreement(options, talk, partial(identify, axis=axis), goes_on=False)
-        agreed(identify_plan(axis, connected.capabilities, window), machine)
-        machine.titles, machine.excitation = sequence.TITLES[1:4], options.excitation
+        agreed(identify_plan(axis, connected.capabilities, window, options.asked), machine)
+        machine.titles, machine.excitation, machine.asked = sequence.TITLES[1:4], options.excitation, options.asked
         with early_end.kept(machine, findings):
             sequence.identify_here(machine, findings)
         known = machine.place_known
@@ -359,6 +362,7 @@ def verify(
     move: Place | None = None,
     trajectory: str | None = None,
     rungs: bool = False,
+    learn: int | None = None,
     over_belt: bool = False,
     options: Options | None = None,
     talk: Talk | None = None,
@@ -379,6 +383,8 @@ def verify(
         Name of a reference motion in ``axis.yaml``; None for the axis's own.
     rungs : bool
         The move once for each step of what the model can bring.
+    learn : int or None
+        The move so many times more, each with a torque that the ones before have taught.
     over_belt : bool
         On a virtual drive, the belt may carry more than its feed force.
     options : Options or None
@@ -393,7 +399,7 @@ def verify(
     """
     options, talk, run = given(options), talk or Silence(), place(run)
     move = None if move is None else place(move, "move")
-    how: dict[str, Any] = {"move": move, "trajectory": trajectory, "rungs": rungs, "over_belt": over_belt}
+    how: dict[str, Any] = {"move": move, "trajectory": trajectory, "rungs": rungs, "learn": learn, "over_belt": over_belt}
     with (
         able(open_drive(drive, options.for_drive(_axis_in(run))), "position") as opened,
         supervise(opened, drive, run, options, talk) as connected,

@@ -102,6 +102,7 @@ class SafetyStop(BeltcommError):
     """A watched limit was reached and the axis was stopped.
 
     ``reason`` is a word for programs: position, speed, torque, lag, belt_force, interrupted, lost_frames.
+    ``answered``: the axis went the way its torque pushed it, so the drive's own loop may brake it, even if its stage was to go off.
     """
 
     exit_code = 4
@@ -109,6 +110,7 @@ class SafetyStop(BeltcommError):
     def __init__(self, message: str, reason: str = "limit") -> None:
         super().__init__(message)
         self.reason = reason
+        self.answered = False
 
 
 class DriveError(BeltcommError):

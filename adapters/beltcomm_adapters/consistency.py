@@ -18,7 +18,8 @@ _SLOW_RAD_S: Final = 2.0
 #: belt may ring, and not for the motion below.
 _SMOOTH_S: Final = 0.008
 _RPM: Final = 2.0 * math.pi / 60.0
-_RPM_TURN: Final = 60.0
+#: Position units of a turn that makers use, within this factor of what was measured.
+_ROUND: Final = 1.06
 #: rad of the motor after which a unit of speed that nobody tells is known; position units of a change that is a motion.
 _LEARNT_RAD: Final = 0.25
 _CLEAR_STEPS: Final = 2
@@ -68,6 +69,16 @@ class Odometer:
 _ALIKE: Final = 1.2
 
 
+def _round_near(per_turn: float) -> float:
+    """The power of two, or round decimal number, nearest to so many position units of a turn; itself where none is near."""
+    if not math.isfinite(per_turn) or per_turn < 1.0:
+        return per_turn
+    decade = 10.0 ** math.floor(math.log10(per_turn))
+    usual = [2.0 ** round(math.log2(per_turn)), *(k * decade for k in (1.0, 2.0, 2.5, 3.6, 4.0, 5.0, 8.0, 10.0))]
+    nearest = min(usual, key=lambda one: abs(math.log(one / per_turn)))
+    return nearest if abs(math.log(nearest / per_turn)) < math.log(_ROUND) else round(per_turn)
+
+
 class SpeedUnit:
     """What one raw number of a reported speed is, by the rate of the position meanwhile, over whole records:  u = Σ φ' v Δt / Σ v² Δt.
 
@@ -106,11 +117,13 @@ class SpeedUnit:
         usual = [_RPM * 10.0**-power for power in range(5)] + [self._position_rad * 10.0**-power for power in range(1, 3)]
         nearest = min(usual, key=lambda one: abs(math.log(one / unit))) if unit > 0.0 else 0.0
         if unit <= 0.0 or abs(math.log(nearest / unit)) > math.log(_NEAR):
-            per_turn = _RPM_TURN * unit / self._position_rad
+            per_turn = 60.0 * unit / self._position_rad
+            turn = _round_near(per_turn)
             raise DriveError(
-                f"the drive does not tell what its speeds (606Ch) count in, and by what its position does one is {unit:.4g} rad/s, "
-                f"which is no unit that makers use; in min⁻¹ one turn would be {per_turn:.0f} position units: state "
-                "position_unit or velocity_unit in a drive profile (--profile)"
+                "the drive tells neither its position unit nor that of its speeds (606Ch), and by what its position does one is "
+                f"{unit:.4g} rad/s, which no maker uses: one of both is wrong. If it shows speeds in rpm, one turn is about {per_turn:.0f} "
+                f"position units (a round number near it: {turn:.10g}). Turn the motor once by hand, see how far 6064h goes, and state it "
+                f'in a profile, position_unit: "{1.0 / turn:.10g} rev" and velocity_unit: "1 rpm"; then start again with --profile'
             )
         # 0.001 min⁻¹ and a count of 65536 per turn differ by 9 %, less than a filter makes of a shaken axis: then as CiA 402 says
         return self._position_rad if abs(math.log(nearest / self._position_rad)) < math.log(_ALIKE) else nearest

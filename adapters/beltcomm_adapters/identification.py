@@ -146,7 +146,8 @@ def read_capabilities(
         gain_terms=profile.known_gains,
         exchange=exchange.words,
         torque_scale=""
-        if profile.torque_scale.confidence in ("read", "simulated") and profile.torque_scale.of == "rated_torque"
+        if profile.torque_scale.confidence in ("read", "simulated")
+        and (profile.torque_scale.of == "rated_torque" or profile.torque_scale.nm)
         else _doubt(profile),
         shortest_guard_s=max(SHORTEST_GUARD_S, GUARD_PERIODS * period_s),
     )

@@ -126,7 +126,10 @@ PROFILE: Final = FieldGroup(
         "guarding": _choice("heartbeat", "node_guarding"),
         "torque_sampling": _choice("over", "after"),
         "torque_scale": FieldGroup(
-            {"of": _choice("rated_torque", "rated_current", "drive_peak", "unknown"), "check": _word("what tells whether it is right")},
+            {
+                "of": _choice("rated_torque", "rated_current", "drive_peak", "unknown"), "check": _word("what tells whether it is right"),
+                "nm": _number("N m that a thousand units are, where it is not the rated torque", 1e-6, 1e6),
+            },
             ("of", "check"),
         ),
         "sync": FieldGroup(

@@ -36,12 +36,13 @@ RATED_PERMILLE: Final = 1000
 class TorqueScale:
     """What the drive's torques count in thousandths of.   of : "rated_torque" (6076h), "rated_current", "drive_peak" or "unknown".
 
-    confidence : of that.   check : what tells whether it is right, in words.
+    confidence : of that.   check : what tells whether it is right, in words.   nm : N m that a thousand are; None is the rated torque.
     """
 
     of: Literal["rated_torque", "rated_current", "drive_peak", "unknown"]
     confidence: str
     check: str
+    nm: float | None = None
 
 
 @dataclass(frozen=True)

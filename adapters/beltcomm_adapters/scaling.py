@@ -84,10 +84,11 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
     """
     plate, said = nameplate or KnownMotor(), list[str]()
     torque_nm = _rated_torque_nm(objects, profile, plate, said)
+    unit_nm = 1e-3 * (profile.torque_scale.nm or torque_nm)
     current_a = _rated_current_a(objects, plate, torque_nm, said)
     if profile.units == "factor_group":
         position, speed, acceleration, internal = _factor_group(objects, lending)
-        return Scaling(position, speed, acceleration, torque_nm * 1e-3, internal, torque_nm, current_a, said=tuple(said))
+        return Scaling(position, speed, acceleration, unit_nm, internal, torque_nm, current_a, said=tuple(said))
     counts = _counts(objects, profile, plate, said)
     position, metres = _position(objects, profile, counts, said)
     ground = Ground(position, _TURN / counts if counts else None, metres)
@@ -102,7 +103,7 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
     acceleration = ground.si(acceleration_unit, "acceleration (60AAh)")
     whole = counts or round(_TURN / abs(position))
     return Scaling(
-        position, speed, acceleration, torque_nm * 1e-3, whole, torque_nm, current_a, acceleration_unit.ramp, tuple(said), speed_told,
+        position, speed, acceleration, unit_nm, whole, torque_nm, current_a, acceleration_unit.ramp, tuple(said), speed_told,
         acceleration_told,
     )  # fmt: skip
 

@@ -135,7 +135,7 @@ class SyncTimeBus(can.BusABC):
         while message is not None and self._is_ours(message):  # of a wait that was interrupted
             message = self._bus.recv(wait_s)
         if message is not None:
-            message.timestamp = round(self.clock.now() / _TICK_S) / _TICKS_PER_SECOND  # the drive samples on whole ticks
+            message.timestamp = round(self.clock.now() * 1e6) / 1e6  # the drive samples on whole ticks, of microseconds at the finest
         return message
 
     def _catch_up(self, t_s: float) -> None:

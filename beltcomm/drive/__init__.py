@@ -73,7 +73,7 @@ class Limits:
         Largest distance from the reference in a motion of kind "position"; None leaves it to the drive's own setting.
     release : bool
         What breaks a motion off takes the stage off at once, for the brake or friction to stop the axis: nobody knows yet whether the
-        drive's own loop would.
+        drive's own loop would (unless the break says that the axis ``answered``).
     brake_s : float, s
         Which a holding brake needs to open after the stage is on: so long the axis is held before it is moved.
     guard_s : float, s
@@ -535,6 +535,33 @@ class Service(Protocol):
     def __exit__(self, *exc: object) -> None: ...
 
 
+Heard = tuple[float, int, bytes, bool]
+"""A frame that was heard: time in s, identifier, data, whether it is a remote frame."""
+
+
+class Listening(Protocol):
+    """A bus that is listened to: nothing is written to a drive, nothing moves.   Use as a context manager.
+
+    title : where, in words.
+    """
+
+    title: str
+
+    def frames(self, wait_s: float) -> list[Heard]:
+        """What has come since it was asked last; waits for it so long.   Raises BusError.
+
+        Parameters
+        ----------
+        wait_s : float, s
+            Of the bus's own time.
+        """
+        ...
+
+    def __enter__(self) -> Listening: ...
+
+    def __exit__(self, *exc: object) -> None: ...
+
+
 @dataclass(frozen=True)
 class Adapter:
     """Entry that an adapter package registers.
@@ -579,6 +606,7 @@ class Adapter:
     logs: bool = False
     nameplates: bool = False
     new_profile: Callable[[str | None, Mapping[str, object], Mapping[str, str], Sequence[DictionaryEntry]], str] | None = None
+    listen: Callable[[str, Mapping[str, object]], Listening] | None = None
 
     def taken(self, options: Mapping[str, object]) -> dict[str, object]:
         """Options that this adapter takes, of those that programs add for every adapter.

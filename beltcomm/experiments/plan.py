@@ -11,6 +11,7 @@ import numpy as np
 
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
+from beltcomm.excitation import AS_CHOSEN, AskedExcitation
 from beltcomm.experiments import gain_steps, own_strokes, phases, sampling_limits
 from beltcomm.experiments.bounds import (
     CREEP_SECONDS,
@@ -197,17 +198,21 @@ class Plan:
         return point_rows([*self.points[:HOW_FAR], *bounds, *self.points[HOW_FAR:]])
 
 
-def identify_plan(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> Plan:
+def identify_plan(
+    axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None, asked: AskedExcitation = AS_CHOSEN
+) -> Plan:
     """Sign check, rising excitation and one frequency response at the present place.
 
     Parameters
     ----------
     window_m : tuple of float or None
         To be kept, from where it stands.
+    asked : AskedExcitation
+        Of the response.
     """
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will move by itself.",
-        _here(axis, capabilities, window_m),
+        _here(axis, capabilities, window_m, asked),
         notes=sampling_limits.notes_before(axis, capabilities),
         points=identify_points(axis, capabilities, window_m),
         verb="identify",
@@ -368,7 +373,9 @@ HOLDING_CREEP_SECONDS, HOLDING_STROKES_SECONDS = 25.0, 15.0
 HOLDING_SECONDS = HOLDING_CREEP_SECONDS + HOLDING_STROKES_SECONDS
 
 
-def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> tuple[Experiment, ...]:
+def _here(
+    axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None, asked: AskedExcitation = AS_CHOSEN
+) -> tuple[Experiment, ...]:
     widest = max(-window_m[0], window_m[1]) if window_m is not None else math.inf
     torque = min(axis.torque_limit_nm, capabilities.peak_torque_nm)
     force = axis.belt_force_limit_n
@@ -381,6 +388,7 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
     shaken_m = excitation_travel_m(capabilities.sample_period_s)
     travel, reach = min(shaken_m, widest), min(shaken_m + phases.END_MARGIN_M, widest)
     held, slow = held_before_nm(axis), stroking_nm(axis, 0.0)
+    response_s = asked.seconds(capabilities.sample_period_s) or RESPONSE_SECONDS
     binary = math.hypot(phases.excitation_torque_nm(axis, capabilities, held), held)
     return (
         Experiment(
@@ -396,5 +404,5 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
         *gain_steps.line(axis, capabilities),
         Experiment("excitation, rising", travel, reach, shaken, torque, shaking, 3 * short_seconds(capabilities.sample_period_s), binary),
         *([Experiment("holding torque, in slow creep", 5e-3, reach, 0.02, torque, force, HOLDING_STROKES_SECONDS, slow)] if tilted else []),
-        Experiment("frequency response here", travel, reach, shaken, torque, shaking, RESPONSE_SECONDS, binary),
+        Experiment("frequency response here", travel, reach, shaken, torque, shaking, response_s, binary),
     )

@@ -10,6 +10,7 @@ from beltcomm.drive import Capabilities
 from beltcomm.experiments import holding, phases
 from beltcomm.machine import creep, gravity
 from beltcomm.machine.host_loss import guard_times_s
+from beltcomm.machine.machine import UNKNOWN_BRAKE_S
 from beltcomm.result import Row
 from beltcomm.simulate.stopping import first_deceleration
 
@@ -127,8 +128,23 @@ def _stops(axis: Axis, capabilities: Capabilities) -> tuple[Point, ...]:
         if axis.mounting.tilted
         else ()
     )
+    brake_nm, closes_s = axis.motor.brake_torque_nm or 0.0, axis.motor.brake_time_s or UNKNOWN_BRAKE_S
+    bite_n = brake_nm / axis.transmission_m_rad
+    bites = (
+        (
+            (
+                "brake",
+                "a stop takes the torque away when the brake has closed. Where the stage is cut off (STO, power, a fault) the carriage "
+                f"goes on until it closes, {1e3 * closes_s:.0f} ms, and its {brake_nm:g} N m may pull the belt with {bite_n:.0f} N, which "
+                f"bears {axis.belt_force_limit_n:.0f} N: look at the belt after that",
+            ),
+        )
+        if bite_n > axis.belt_force_limit_n
+        else ()
+    )
     return (
         *held,
+        *bites,
         (
             "what stops it",
             "Ctrl-C, at any time; a limit that is passed; the end of the job. It stands within the way 'incl. stop', in closed loop within "

@@ -19,7 +19,7 @@ from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import BELT_BEYOND
 from beltcomm.model import Model
 from beltcomm.recording.sidecar import Sidecar
-from beltcomm.rundata.proof import proof
+from beltcomm.rundata.proof import LEARNT, proof
 from beltcomm.simulate.setpoints import SetpointGrid
 from beltcomm.trajectory import Trajectory, held
 from beltcomm.verify import (
@@ -105,11 +105,14 @@ def verify_move(
     name: str = "move_1",
     payloads_kg: Sequence[float] = (),
     sending: Sending = "nothing",
+    learnt: Array | None = None,
 ) -> tuple[Verdict, Demand]:
     """Phase 7: run the move with the new gains and compare with its prediction.
 
     Parameters
     ----------
+    learnt : ndarray (n,) or None, N m
+        Torque that repetitions of the move have taught, sent along too; n: samples of the trajectory and its rest.
     payloads_kg : sequence of float
         Further ones that the design holds for, noted with the record, see :mod:`beltcomm.rundata.proof`.
 
@@ -125,6 +128,10 @@ def verify_move(
     grid = SetpointGrid(trajectory.sample_period_s, drive.structure.period_s, len(sent.motor.t_s))
     if sent.torque_nm is not None:
         sent = replace(sent, torque_nm=grid.along(sent.torque_nm))
+    if learnt is not None:
+        learnt = np.pad(learnt, (0, max(0, len(sent.motor.t_s) - len(learnt))))[: len(sent.motor.t_s)]
+        along = learnt if sent.torque_nm is None else sent.torque_nm + learnt
+        sent = replace(sent, torque_nm=along, demanded_nm=sent.demanded_nm + float(np.max(np.abs(learnt))))
     path = predict_move(model, running, sent.motor, drive, extra_torque_nm=sent.torque_nm, time_s=clock_s)
     _check_path(machine, path)
     _check_along(machine, sent)
@@ -142,7 +149,7 @@ def verify_move(
         session_time_s=machine.session_time_s,
         closed_loop=True,
         held_out=True,
-        controller=proof(cascade, trajectory, payloads_kg, "" if sent.led is None else sending),
+        controller=proof(cascade, trajectory, payloads_kg, LEARNT if learnt is not None else "" if sent.led is None else sending),
     )
     motion = machine.follow(beside, "position", sent.torque_nm)
     recording = machine.record(name, motion, replace(machine.full_room(), lag_m=lag), sidecar)
@@ -160,7 +167,7 @@ def verify_move(
         predicted_range=spread,
         targets=machine.axis.targets,
     )
-    if sent.torque_nm is not None:
+    if sent.torque_nm is not None and learnt is None:
         alone = predict_move(model, running, held(trajectory, REST_S), drive, time_s=clock_s)
         verdict = replace(verdict, reasons=(*verdict.reasons, *_brought(sent, alone)))
     return verdict, demand(trajectory, model)

@@ -88,7 +88,13 @@ def raise_amplitude(
     counts = machine.drive.capabilities.counts_per_rev
     sheet, family = unknown_axis(machine, breakaway, masses_kg)
     known = sheet.with_effect("constant_offset", {"torque": machine.holding_nm}) if machine.holding_nm else sheet
-    at_most = 2.0 * breakaway.coulomb_nm
+    asked_nm = machine.asked.amplitude_nm or np.inf
+    if asked_nm < OVER_BREAKAWAY * breakaway.coulomb_nm:
+        raise Refused(
+            f"±{asked_nm:g} N m of excitation is asked for, and the axis broke away at {breakaway.coulomb_nm:.3f} N m only: friction would "
+            "hold it; ask for more"
+        )
+    at_most = min(2.0 * breakaway.coulomb_nm, asked_nm)
     shapes: Sequence[tuple[int, int]] = shapes_at(machine.drive.capabilities.sample_period_s)
     recordings: list[Recording] = []
     found: Excited | None = None
@@ -106,7 +112,7 @@ def raise_amplitude(
             return found
         except NoMotion:
             if following.step.binds == "step":
-                at_most = GROWTH * following.step.amplitude_nm
+                at_most = min(GROWTH * following.step.amplitude_nm, asked_nm)
             elif len(shapes) > 1:
                 shapes = shapes[1:]
             else:
@@ -120,7 +126,7 @@ def raise_amplitude(
         if len(recordings) < MOST_STEPS and not moves_enough(recordings[-1], sheet, counts):
             family = not_ruled_out(family, recordings[-1], machine.ratio, following.at_m)
             if step.binds == "step":  # an axis without Coulomb friction breaks away long before it moves visibly
-                at_most = GROWTH * step.amplitude_nm
+                at_most = min(GROWTH * step.amplitude_nm, asked_nm)
                 continue
             if len(shapes) > 1:  # a heavy carriage hardly follows fast changes
                 shapes = shapes[1:]
@@ -135,7 +141,7 @@ def raise_amplitude(
         model = scale.check_first(machine, model, acting_recording(recordings[-1], first.path))
         stops.lend_brake(machine, model, following.at_m)
         family = family_around(without_offset(model))
-        at_most = GROWTH * step.amplitude_nm
+        at_most = min(GROWTH * step.amplitude_nm, asked_nm)
         last = _louder(machine, family, following, at_most)
         bound = last.amplitude_nm < 1.1 * step.amplitude_nm
         if response is not None and not bound:

@@ -6,7 +6,6 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -289,7 +288,7 @@ def legible_stretches(
         return segments(recording, model, step_rad, noise_nm, path=path or FAITHFUL)
     width, _ = legible(recording.position, sample, step_rad, ROUNDING)
     torque, angle = recording.torque.copy(), recording.position.copy()
-    for first, last in pairwise([0, *(int(i) + 1 for i in recording.gaps()), len(torque)]):
+    for first, last in recording.pieces:
         piece = slice(first, last)
         setpoint = None if recording.torque_setpoint is None else recording.torque_setpoint[piece]
         acting = torque[piece] if path is None else path.acting_torque(torque[piece], setpoint, sample)[0]

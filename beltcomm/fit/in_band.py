@@ -181,7 +181,7 @@ def noise_spectrum(piece: Segment, model: Model) -> tuple[Array, Array]:
     """Frequencies from 0 to half the sample rate, Hz, (k,), and the predicted power of e's noise there, N² m² a sample, (k,)."""
     found = noise_paths_of(piece, model)
     usual = int(np.bincount(found.level).argmax())
-    path, variances, _ = noises(found.paths[usual], piece.step_rad, piece.noise_nm, piece.rounding)
+    path, variances, _ = noises(found.paths[usual], piece.step_rad, piece.noise_nm, piece.rounding, piece.colour)
     freq = (np.arange(LINES) + 0.5) * 0.5 / LINES / path.sample_s
     z = np.exp(1j * math.tau * freq * path.sample_s)
     answers = np.linalg.solve(z[:, None, None] * np.eye(len(path.H)) - path.F, np.broadcast_to(path.G + 0j, (LINES, *path.G.shape)))

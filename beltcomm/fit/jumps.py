@@ -55,7 +55,7 @@ def largest_step(recording: Recording, inertia_kg_m2: float, step_rad: float, st
         return None
     by_torque = recording.sample_period_s**2 / (4.0 * inertia_kg_m2) * (torque[:-3] - torque[2:-1])
     odd = steps[1:-1] - 0.5 * (steps[:-2] + steps[2:]) - by_torque
-    lost = recording.gaps()
+    lost = recording.gaps
     for near in (lost - 2, lost - 1, lost):  # a step over lost samples is longer, and so do its neighbours see it
         odd[near[(near >= 0) & (near < len(odd))]] = 0.0
     at = int(np.argmax(np.abs(odd)))

@@ -208,7 +208,7 @@ def _period_difference(recording: Recording) -> Array | None:
     if note.period_starts:
         periods = [torque[start : start + length] for start in note.period_starts if start + length <= len(torque)]
         return np.concatenate(np.diff(periods, axis=0)) / np.sqrt(2.0) if len(periods) > 1 else None
-    if len(recording.gaps()):
+    if len(recording.gaps):
         return _across_gaps(recording, length, note.first_sample)
     excited = torque[note.first_sample :]
     if len(excited) >= 2 * length:
@@ -260,7 +260,7 @@ def _floor(recording: Recording) -> float | None:
 
     The window's side lobes (-92 dB) keep what is excited out of bands that are not; the median over parts, what happens once.
     """
-    if recording.sidecar.experiment not in RESTLESS or len(recording.torque) < 4 * PART or len(recording.gaps()):
+    if recording.sidecar.experiment not in RESTLESS or len(recording.torque) < 4 * PART or len(recording.gaps):
         return None
     from scipy.signal import welch  # takes longer to import than a page of a report to draw
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +46,7 @@ def least_squares(recordings: Sequence[Recording]) -> Array:
     left, right, still, pulled = [], [], [], []
     for record in recordings:
         step = smallest_step(record.position)
-        for first, last in pairwise([0, *(int(i) + 1 for i in record.gaps()), len(record.t_s)]):
+        for first, last in record.pieces:
             if last - first < SHORTEST:
                 continue
             rows, torque, place = band_limited(record.position[first:last], record.torque[first:last], record.sample_period_s, step)

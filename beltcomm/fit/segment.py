@@ -9,7 +9,6 @@ Coulomb friction cannot stick.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -253,10 +252,9 @@ def segments(
     counted = min(step_rad, smallest_step(recording.position)) if fitted else step_rad  # without the angle's own noise, which is white
     every = decimation(own, counted, "cart" in model.base_bodies) if fitted else 1
     sample, noise_factor = every * own, decimated_noise(every)
-    cuts = [0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]
     start = recording.sidecar.start_position_m
     pieces = []
-    for first, last in itertools.pairwise(cuts):
+    for first, last in recording.pieces:
         if last - first < 50:
             continue
         part = slice(first, last)

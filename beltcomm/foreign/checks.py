@@ -141,7 +141,7 @@ def _period_note(recording: Recording) -> list[str]:
     note = recording.sidecar.excitation
     if note is None or note.period_samples is None:
         return []
-    if len(recording.gaps()):
+    if len(recording.gaps):
         return ["rows are missing, so whether the torque repeats as --period-samples says was not looked at"]
     excited = recording.torque[note.first_sample :]
     periods = len(excited) / note.period_samples

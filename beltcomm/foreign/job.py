@@ -230,7 +230,7 @@ def _described(item: store.Imported) -> dict[str, Any]:
         "findings": [asdict(finding) for finding in item.findings],
     }
     if not recording.is_static_map:
-        steps, lost = np.diff(recording.t_s), recording.gaps()
+        steps, lost = np.diff(recording.t_s), recording.gaps
         period = recording.sample_period_s
         found |= {"period_s": period, "rate_hz": 1.0 / period, "duration_s": float(recording.t_s[-1] - recording.t_s[0])}
         found["gaps"] = [

@@ -29,6 +29,8 @@ _APART = 100.0
 _AGREE, _ALIKE = 0.05, 0.995
 #: Rows that a slower torque stays the same in, changes and levels that it needs to be one, and share of those that may follow at once.
 _HELD_ROWS, _FEWEST_CHANGES, _SELDOM = 3, 40, 0.2
+#: Rows of a long record on which that is judged.
+_MOST_JUDGED = 200_000
 #: Share of the rate at which rows that a logger read twice or not at all are no more seen.
 _EASILY = 0.1
 #: s; slower sampling shows no resonance of a belt, faster stamps come from no drive.
@@ -79,7 +81,7 @@ def _sampling(recording: Recording) -> Iterator[Doubt]:
             "correct the unit of time: --map t_s=NAME*FACTOR",
         )  # fmt: skip
     position, torque = (CHANNELS[recording.side][signal] for signal in ("position", "torque"))
-    uneven = uneven_rows(recording.t_s, recording.position)
+    uneven = uneven_rows(recording.t_s[:_MOST_JUDGED], recording.position[:_MOST_JUDGED])
     slower = f"--resample {_EASILY / period:.2g}Hz takes even rows, slow enough to hold each; or record again with true time stamps"
     for rows, what in ((uneven.repeated, "stand still between steps"), (uneven.missing, "are twice those beside them")):
         if len(rows) > 1:
@@ -107,7 +109,7 @@ def _held_rows(recording: Recording) -> int:
 
 def _inertia(recording: Recording, axis: Axis, ratio: float | None) -> Iterator[Doubt]:
     """Torque against acceleration: the sum of everything that is moved must be positive, and of this axis's size."""
-    found = rigid_inertia(recording.t_s, recording.torque, recording.position)
+    found = rigid_inertia(recording.t_s, recording.torque, recording.position, weight=ratio is None and recording.side != "load")
     if found is None or abs(found.inertia) < _CERTAIN * found.error or found.dynamic < _DYNAMIC:
         return
     motor = axis.motor.inertia_kg_m2

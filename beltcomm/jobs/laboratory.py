@@ -52,7 +52,7 @@ from beltcomm.rundata.revisions import (
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.next_plan import NAME, plan_for
 from beltcomm.sentences import ladder as words
-from beltcomm.sentences.cross_checks import as_data, check_lines, cross_checked, sheet_lines
+from beltcomm.sentences.cross_checks import as_data, check_lines, cross_checked, sensed, sensor_data, sensor_lines, sheet_lines
 from beltcomm.sentences.diagnosis_data import diagnosis_data, error_data, seen_as, values_of
 from beltcomm.sentences.own_words import about_run
 from beltcomm.sentences.response_table import table_lines, table_of
@@ -94,6 +94,7 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     chosen, doubt = worst(comparison), noise_doubt(comparison.ratio, here.records.recordings)
     named = landmarks(here.fitted.model, drawn.middle_of(here.folder))
     table = table_of(acting_recordings(here.records.recordings, here.data.path), here.fitted.model)
+    sensor = sensed(here.fitted.model, here.records.recordings)
     made, remarks = drawn.comparison_pictures(here.folder, here.data, here.fitted, comparison, command) if pictures else ([], [])
     made += drawn.responses_picture(here.folder, table, command)[0] if pictures and not remarks else []
     data = {
@@ -120,10 +121,16 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
         "remarks": list(here.records.remarks),
         "doubts": [doubt] if doubt else [],
         "data_sheet": [plain(doubt) for doubt in here.sheets],
+        "second_sensor": sensor_data(sensor),
     }
     text = words.remark_lines(here.records.remarks)
     text += words.comparison_lines(comparison, [in_words(p, named) for p in chosen], here.fitted.model, run, doubt)
-    text[-1:-1] = [*path_sentences(here.data.path, here.data.recordings), *table_lines(table), *sheet_lines(here.sheets)]
+    text[-1:-1] = [
+        *path_sentences(here.data.path, here.data.recordings),
+        *table_lines(table),
+        *sheet_lines(here.sheets),
+        *sensor_lines(sensor),
+    ]
     return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 

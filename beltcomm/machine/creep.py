@@ -49,10 +49,14 @@ class Crept:
 
 
 class Enough(SafetyStop):
-    """Raised by the watcher inside a record when the motion has shown what it was for; the axis is stopped as for any limit."""
+    """Raised by the watcher inside a record when the motion has shown what it was for; the axis is stopped as for any limit.
 
-    def __init__(self) -> None:
+    answered : as of :class:`beltcomm.errors.SafetyStop`.
+    """
+
+    def __init__(self, answered: bool = False) -> None:
         super().__init__("the motion has shown what it was for", "enough")
+        self.answered = answered
 
 
 def run_on_m(axis: Axis, torque_nm: float, held_s: float) -> float:
@@ -106,7 +110,8 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float,
             raise DriveError(_not_held(sign, row[2]) if about_nm else _backwards(sign, abs(row[2]), top))
         coasting = onset and moved * sign * (row[2] - about_nm) > SLIDING_SHARE * onset[0] * reach_m
         if moved > abs(by_m) or coasting or (moved > MOVED_M and moved - before[0] > CREEP_SPEED_M_S * period):
-            raise Enough
+            # with the stage cut off a carriage falls until the brake has closed, which then stops it in the belt
+            raise Enough(answered=bool(about_nm))
         before[0] = moved
 
     zero = np.zeros(len(ramp))

@@ -6,13 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from beltcomm.drive import Row
-from beltcomm.errors import DriveError, Refused
+from beltcomm.errors import DriveError, Refused, SafetyStop
 from beltcomm.excitation import Excitation
 from beltcomm.identify.amplitude import Prediction
 from beltcomm.machine import delivered, host_loss
 from beltcomm.machine.host_loss import guard_times_s
 from beltcomm.machine.machine import Machine, Room
-from beltcomm.machine.prediction_watch import Expectation
+from beltcomm.machine.prediction_watch import Expectation, units_of
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar
@@ -41,7 +41,7 @@ def guarded(machine: Machine, excitation: Excitation, at: float, room: Room, exp
     number = host_loss.chosen(machine, predicted, min(at - ends[0], ends[1] - at))
     guard_s = guard_times_s(machine.drive.capabilities)[number]
     room = replace(room, window_m=(low + predicted.stop_m, high - predicted.stop_m), guard_s=guard_s)
-    expected = Expectation(predicted, machine.ratio, machine.axis.motor_side_inertia_kg_m2)
+    expected = Expectation(predicted, machine.ratio, machine.axis.motor_side_inertia_kg_m2, units_of(machine.drive.capabilities))
     dying = host_loss.RunOnWatch(
         ends,
         machine.ratio,
@@ -54,7 +54,10 @@ def guarded(machine: Machine, excitation: Excitation, at: float, room: Room, exp
 
     def watch(row: Row) -> None:
         expected(row)
-        dying(row)
+        try:
+            dying(row)
+        except SafetyStop as stop:
+            raise SafetyStop(f"{stop}; or {expected.cause()}", stop.reason) from None
 
     return room, watch
 

@@ -20,7 +20,7 @@ from beltcomm.control import Cascade, Feedforward, feedforward_torque
 from beltcomm.drive import COLUMNS, Drive, Guarding, Limits, LoopKind, Motion, Row
 from beltcomm.drive.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, SafetyStop, UsageError
-from beltcomm.excitation import ExcitationKind
+from beltcomm.excitation import AS_CHOSEN, ExcitationKind
 from beltcomm.machine.closed_loop_watch import foreseen as foreseen_of
 from beltcomm.machine.closed_loop_watch import unwatched, within
 from beltcomm.machine.envelope import Room as Room
@@ -79,6 +79,7 @@ class Machine:
         self.friction = (0.0, 0.0)
         self.holding_nm = 0.0
         self.excitation: ExcitationKind = "prbs"
+        self.asked = AS_CHOSEN
         self.deceleration_m_s2 = first_deceleration(axis, drive.capabilities.peak_torque_nm).value_m_s2
         self.braking: Braking | None = None
         self.guarding: Guarding | None = None

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 
-from beltcomm.drive import Row
+from beltcomm.drive import Capabilities, Row
 from beltcomm.errors import SafetyStop
 from beltcomm.identify.amplitude import Prediction
 
@@ -68,12 +71,12 @@ class BeltWatch:
 class Expectation:
     """Call it with every row of a record.
 
-    predicted : of the record.   ratio : m/rad at the motor.   inertia_kg_m2 : of the motor side, as axis.yaml says.
-    Raises SafetyStop when speed or travel leave the prediction, naming what is probably wrong in axis.yaml.
+    predicted : of the record.   ratio : m/rad at the motor.   inertia_kg_m2 : of the motor side, as axis.yaml says.   units : of the drive.
+    Raises SafetyStop when speed or travel leave the prediction, naming what is probably wrong in axis.yaml or in the units.
     """
 
-    def __init__(self, predicted: Prediction, ratio: float, inertia_kg_m2: float) -> None:
-        self.predicted, self.ratio, self.inertia_kg_m2 = predicted, ratio, inertia_kg_m2
+    def __init__(self, predicted: Prediction, ratio: float, inertia_kg_m2: float, units: Units | None = None) -> None:
+        self.predicted, self.ratio, self.inertia_kg_m2, self.units = predicted, ratio, inertia_kg_m2, units
         self.farthest_m = SURPRISE * predicted.travel_m + TRAVEL_SLACK_M
         self._rows: list[tuple[float, float, float]] = []
 
@@ -90,10 +93,13 @@ class Expectation:
         seen, most = told_apart(value, limit)
         raise SafetyStop(
             f"the {what} of {seen} {unit} is more than the {most} {unit} that were to be expected at most; "
-            "the axis was stopped and the amplitude is not raised further; "
-            f"{suspects(self.inertia_kg_m2, measured_inertia(np.array(self._rows)))}",
+            f"the axis was stopped and the amplitude is not raised further; {self.cause()}",
             reason,
         )
+
+    def cause(self) -> str:
+        """What is probably wrong by the rows so far, in words."""
+        return suspects(self.inertia_kg_m2, measured_inertia(np.array(self._rows)), self.units)
 
 
 def told_apart(value: float, limit: float) -> tuple[str, str]:
@@ -129,8 +135,29 @@ def measured_inertia(rows: np.ndarray) -> tuple[float, float] | None:
     return 1.0 / float(found[0]), deviation / float(found[0]) ** 2
 
 
-def suspects(stated_kg_m2: float, measured: tuple[float, float] | None) -> str:
-    """In words, which entries of axis.yaml to look at, with the measured inertia where there is one."""
+class Units(NamedTuple):
+    """What a drive's raw numbers are taken for.   thousand_nm : a thousand units of torque, N m.   per_turn : position units of a turn."""
+
+    thousand_nm: float
+    per_turn: int
+
+
+def units_of(capabilities: Capabilities) -> Units:
+    """The units that a drive's torques and positions are taken for."""
+    return Units(1e3 * (capabilities.torque_step_nm or math.nan), capabilities.counts_per_rev)
+
+
+def other_units(share: float, units: Units) -> str:
+    """Units that would make an inertia of so many times that of the data sheets right, in words."""
+    return (
+        f"a thousand units of torque would be {units.thousand_nm / share:.3g} N m instead of {units.thousand_nm:.3g} N m (thousandths of "
+        f"the drive's peak?), or a turn {units.per_turn / share:.3g} position units instead of {units.per_turn} (turn the motor once by "
+        "hand): torque_scale or position_unit of a profile says so (beltcomm drives --new FILE, then --profile FILE)"
+    )
+
+
+def suspects(stated_kg_m2: float, measured: tuple[float, float] | None, units: Units | None = None) -> str:
+    """In words, which entries of axis.yaml to look at, with the measured inertia where there is one.   units : of the drive."""
     others = "the feed constant (pulley.effective_radius_m, gearbox.ratio), the payload, whether the encoder jumped or something moves it"
     if measured is None:
         return f"look at motor.inertia_kg_m2 in axis.yaml, {others}"
@@ -139,9 +166,10 @@ def suspects(stated_kg_m2: float, measured: tuple[float, float] | None) -> str:
         f"the motor side shows an inertia of about {value:.2g} ± {2.0 * deviation:.1g} kg m², axis.yaml makes it {stated_kg_m2:.3g} kg m²"
     )
     if max(value / stated_kg_m2, stated_kg_m2 / value) > WRONG_INERTIA:
+        unit = f"; where those are right, {other_units(value / stated_kg_m2, units)}" if units else ""
         return (
-            f"{seen}: check the unit of motor.inertia_kg_m2 (and of coupling and pulley); then {others}. A gap looks like this too: hold "
-            "the motor and move the carriage by hand; if there is free play, mend clamp, key or coupling first; `beltcomm diagnose RUN` "
-            "looks for it in what was recorded"
+            f"{seen}: check the unit of motor.inertia_kg_m2 (and of coupling and pulley){unit}; then {others}. A gap looks like this too: "
+            "hold the motor and move the carriage by hand; if there is free play, mend clamp, key or coupling first; `beltcomm diagnose "
+            "RUN` looks for it in what was recorded"
         )
     return f"{seen}, so rather check {others}"

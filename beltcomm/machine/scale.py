@@ -16,6 +16,7 @@ from beltcomm.axis import Axis
 from beltcomm.errors import Refused, UsageError
 from beltcomm.given import pasted
 from beltcomm.machine.machine import Machine
+from beltcomm.machine.prediction_watch import other_units, units_of
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.result import Result
@@ -160,11 +161,11 @@ def check_scale(machine: Machine, model: Model, factor: float) -> None:
     if 1.0 / factor <= share <= factor:
         return
     raise Refused(
-        f"{_contradiction(machine.axis, model)}, and nothing faster is tried. Either the drive's torque is scaled wrongly (6076h; "
-        "thousandths of something else than rated torque), or its angle (encoder resolution 608Fh, gear 6091h, feed 6092h, position factor "
-        "6093h), or gearbox.ratio or an inertia of motor, gearbox, coupling or pulley in axis.yaml is. Turn the motor once by hand and "
-        "watch its position, or measure a creep with a ruler: beltcomm move --drive DRIVE --axis AXIS --by 50mm. A gap spoils this "
-        "estimate too: hold the motor and move the carriage by hand; if there is free play, mend clamp, key or coupling first"
+        f"{_contradiction(machine.axis, model)}, and nothing faster is tried. Either the drive's torque or its angle is scaled wrongly "
+        f"(6076h; 608Fh, 6091h, 6092h, 6093h): {other_units(share, units_of(machine.drive.capabilities))}. Or gearbox.ratio or an inertia "
+        "of motor, gearbox, coupling or pulley in axis.yaml is wrong. A ruler tells: beltcomm move --drive DRIVE --axis AXIS --by 50mm. A "
+        "gap spoils this estimate too: hold the motor and move the carriage by hand; if there is free play, mend clamp, key or coupling "
+        "first"
     )
 
 

@@ -11,6 +11,7 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -110,7 +111,7 @@ class Recording:
         self._check_signals()
         object.__setattr__(self, "notes", (*self.notes, *self._remarks()))
 
-    @property
+    @cached_property
     def is_static_map(self) -> bool:
         """True if this is position against holding torque, without time."""
         return self.sidecar.experiment == "static_map"
@@ -130,7 +131,7 @@ class Recording:
 
     @property
     def torque_unit(self) -> str:
-        """Unit of torque and torque_setpoint: "N m", "N" or "A"."""
+        """Unit of torque and torque_setpoint: "N m", "N", "A" or "V"."""
         return unit_of(CHANNELS[self.side]["torque"])
 
     @property
@@ -143,9 +144,15 @@ class Recording:
         """Unit of torque over acceleration: "kg m²", "kg" or "A s²/rad" (inertia over the unknown torque constant)."""
         return INERTIA_UNIT[self.side]
 
+    @cached_property
     def gaps(self) -> NDArray[np.intp]:
         """Indices of the samples after which samples were lost."""
         return gaps(self.t_s)
+
+    @cached_property
+    def pieces(self) -> tuple[tuple[int, int], ...]:
+        """Gapless pieces in time: first sample, and the one behind the last, of each."""
+        return tuple(pairwise([0, *(int(i) + 1 for i in self.gaps), len(self.t_s)]))
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """The columns of its file by name, in the file's order."""
@@ -323,7 +330,7 @@ class Recording:
             )
         if self.is_static_map:
             return remarks
-        lost = self.gaps()
+        lost = self.gaps
         if len(lost):
             steps = np.diff(self.t_s)
             worst = lost[int(np.argmax(steps[lost]))]

@@ -20,6 +20,8 @@ from beltcomm.laboratory.cross_checks import (
     resonances,
 )
 from beltcomm.laboratory.score import ground_of
+from beltcomm.laboratory.second_sensor import SecondSensor, second_sensor
+from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.sentences.words import number
 
@@ -36,13 +38,14 @@ SHOWN = 6
 class Checks:
     """resonances : None for one rigid body.   amplitudes : whether the records show a dependence on amplitude.   maps : static maps.
     friction_bound : share of the squares that any further law of friction could explain; None where nothing is missing.
-    sheets : what contradicts the data sheets."""
+    sheets : what contradicts the data sheets.   sensor : what one at the load shows of the compliance before it."""
 
     resonances: Resonances | None
     amplitudes: bool
     maps: tuple[MapCheck, ...]
     friction_bound: float | None
     sheets: tuple[SheetDoubt, ...]
+    sensor: SecondSensor | None = None
 
 
 def cross_checked(found: Diagnosis, recordings: Sequence[Recording], axis: Axis) -> Checks:
@@ -57,7 +60,30 @@ def cross_checked(found: Diagnosis, recordings: Sequence[Recording], axis: Axis)
         map_checks(recordings, model),
         friction_bound(found.final_fit, ground_of(found.final_fit, found.data.fitted, axis)) if open_question else None,
         doubts_of(found.final_fit, axis, recordings),
+        sensed(model, recordings),
     )
+
+
+def sensed(model: Model, recordings: Sequence[Recording]) -> SecondSensor | None:
+    """A sensor at the load against the antiresonances of a model."""
+    if not any(r.load_position_rad is not None or r.cart_position_m is not None for r in recordings):
+        return None
+    places = [r.sidecar.start_position_m for r in recordings if r.sidecar.start_position_m is not None]
+    own = resonances(model, float(np.median(places)) if places else 0.0)
+    return second_sensor(recordings, own.antiresonance_hz if own else ())
+
+
+def sensor_lines(sensor: SecondSensor | None) -> list[str]:
+    """The sensor at the load as a sentence; none where it shows nothing."""
+    if sensor is None:
+        return []
+    seen = f"The sensor at the load ({sensor.column}), which no fit uses, shows an antiresonance at " + number(
+        sensor.antiresonance_hz, sensor.interval_hz, "Hz"
+    )
+    if sensor.model_hz is None:
+        return [f"{seen}: something between motor and load gives way, and the model is one rigid body."]
+    word = "which confirms it" if sensor.confirms else "which does not agree"
+    return [f"{seen}; the model has it at {sensor.model_hz:.1f} Hz, {word}."]
 
 
 def sheet_lines(doubts: Sequence[SheetDoubt]) -> list[str]:
@@ -100,6 +126,7 @@ _CHECKS = {
         "Check in axis.yaml: motor.encoder_counts_per_rev (lines times four; behind a gearbox more), and the unit of the angle.",
     ),
     "belt.specific_stiffness_n": (
+        "A sheet states the strands alone: teeth in mesh, clamps and bearings make a sound belt softer (25 and 31 % on the thesis's rig).",
         "Check on the machine: the belt's tension and its clamps.",
         "Check in axis.yaml: belt.specific_stiffness_n, belt.pulley_distance_m, gearbox.ratio, pulley.effective_radius_m.",
         "The radius by hand: turn the motor ten times and measure how far the carriage goes; the stiffness goes with 1/radius².",
@@ -114,7 +141,13 @@ def as_data(checks: Checks) -> dict[str, Any]:
         "static_maps": [{**asdict(check), "confirmed": check.is_confirmed} for check in checks.maps],
         "friction_bound": checks.friction_bound,
         "data_sheet": [asdict(doubt) for doubt in checks.sheets],
+        "second_sensor": sensor_data(checks.sensor),
     }
+
+
+def sensor_data(sensor: SecondSensor | None) -> dict[str, Any] | None:
+    """For ``--json``."""
+    return None if sensor is None else {**asdict(sensor), "confirmed": sensor.confirms}
 
 
 def check_lines(checks: Checks) -> list[str]:
@@ -128,6 +161,7 @@ def check_lines(checks: Checks) -> list[str]:
                 "Whether they depend on the amplitude: cannot tell, the fitted records hold one amplitude. "
                 "Record the same excitation at half and at twice the torque."
             )
+    lines += sensor_lines(checks.sensor)
     for check in checks.maps:
         orders = sorted(check.orders, key=lambda order: -order.model)[:SHOWN]
         seen = ", ".join(f"{order.order:g}: {order.map:.3g} for {order.model:.3g}" for order in orders)

@@ -35,7 +35,7 @@ EXPLAINED = 1.1
 #: What of a data sheet is off, in the words of a screen: entry -> (found less, found more).
 OFF = {
     "belt.specific_stiffness_n": (
-        "belt {share:.0f} % softer than its data sheet: check its tension",
+        "belt {share:.0f} % softer than its data sheet: its teeth, radius, tension?",
         "belt {share:.0f} % stiffer than its data sheet: check axis.yaml",
     ),
     "motor.inertia_kg_m2": (

@@ -44,6 +44,7 @@ class VirtualDrive:
     faults : what goes wrong.   brake : torque of a holding brake, N m, 0 for none, and s in which it opens or closes.
     gain_units : as :func:`beltcomm.virtual.profiles.with_gain_units` takes them: what the host must find out.
     hardware : what 1009h says.   instruments : what else lies between setpoint, torque, 6077h and 6064h.
+    answers_at_once : by SDO, however slow the maker's drive is: where SYNCs make the time, none passes while the host waits.
     Raises UsageError for an unknown profile, a node ID or a delay out of range.
     """
 
@@ -120,6 +121,7 @@ class VirtualDrive:
         self._silent = False
         self._answer_ticks = round(kind.sdo_delay_ms * loops.ticks_per_ms)
         self._answers: deque[tuple[int, bytes]] = deque()
+        self.answers_at_once = False
         self._counter_overflow = entry(0x1019) if has(0x1019) else None
         if self._counter_overflow is not None:
             self._counter_overflow.check = self._check_overflow
@@ -154,10 +156,10 @@ class VirtualDrive:
         return self._servo.machine.powered
 
     @property
-    def sync_ticks(self) -> int:
-        """Ticks that a SYNC stands for where it makes the time: the period 60C2h while PDOs are exchanged, else one."""
+    def sync_ticks(self) -> float:
+        """Ticks that a SYNC stands for where it makes the time: the period 60C2h while PDOs are exchanged, else a millisecond."""
         if self._nmt.state != OPERATIONAL:
-            return 1
+            return self._loops.ticks_per_ms
         return self._loops.interpolation_ticks
 
     def receive(self, identifier: int, data: bytes, remote: bool) -> None:
@@ -180,7 +182,7 @@ class VirtualDrive:
         elif identifier == _SDO_REQUEST + self._node_id:
             if self._nmt.state in (PRE_OPERATIONAL, OPERATIONAL):
                 for answer in self._sdo_answer(data):
-                    if self._answer_ticks:
+                    if self._answer_ticks and not self.answers_at_once:
                         self._answers.append((self._bus.tick + self._answer_ticks, answer))
                     else:
                         self._send(_SDO_ANSWER + self._node_id, answer)

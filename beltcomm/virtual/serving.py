@@ -6,6 +6,7 @@ may be as slow as they like and every run is the same.  By the wall clock: 1 kHz
 
 from __future__ import annotations
 
+import math
 from typing import Final, Protocol
 
 import can
@@ -14,6 +15,8 @@ from beltcomm.virtual.bus import LockstepBus, WallClock
 from beltcomm.virtual.device import VirtualDrive
 
 _SYNC: Final = 0x80
+#: Part of a tick.
+_ROUNDING: Final = 1e-6
 #: s: how long at most nobody looks after time and interrupts.
 _LOOK_S: Final = 0.1
 #: s of the wall clock: a host that is silent for so long while the motor carries torque is dead, and time runs on without
@@ -42,9 +45,11 @@ class Pump:
     def __init__(self, wire: CanInterface, bus: LockstepBus, drive: VirtualDrive, clock: WallClock) -> None:
         self._wire, self._bus, self._drive, self._clock = wire, bus, drive, clock
         self.frames = self.syncs = self.missed_ticks = 0
+        self._left_ticks = 0.0
 
     def by_sync(self) -> None:
         """Serve in the time of SYNCs; see the module.   Raises what the wire raises."""
+        self._drive.answers_at_once = True  # no time passes while its host waits for it
         self._pass_on()
         heard_s = self._clock.now()
         while True:
@@ -52,7 +57,9 @@ class Pump:
             if message is not None:
                 heard_s = self._clock.now()
                 if message.arbitration_id == _SYNC and _is_data(message):
-                    self._run(self._drive.sync_ticks)
+                    ticks = self._left_ticks + self._drive.sync_ticks
+                    self._left_ticks = ticks - math.floor(ticks + _ROUNDING)
+                    self._run(round(ticks - self._left_ticks))
                 self._take(message)
             elif self._drive.powered and self._clock.now() - heard_s >= SILENCE_S:
                 self._run(round(_LOOK_S / self._bus.tick_s))

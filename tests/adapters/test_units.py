@@ -179,6 +179,6 @@ def test_a_speed_in_no_unit_at_all_is_refused() -> None:
         learner(60, 3, 1e-3)
     with pytest.raises(
         DriveError,
-        match=r"no unit that makers use; in min⁻¹ one turn would be 1200000 position units: state position_unit or velocity_unit",
+        match=r'no maker uses: .* one turn is about 1200000 position units .* position_unit: "8.333333333e-07 rev" and velocity_unit',
     ):
         learner.found_rad_s()

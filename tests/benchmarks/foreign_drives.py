@@ -6,9 +6,10 @@
     python tests/benchmarks/foreign_drives.py --keep FILE                      (rows that are there already are not run again)
 
 "done": the verb reached its end, whatever its verdict.  "refused": nothing moved, with a sentence that says what to do (of the doctor:
-something is WRONG).  "creep": refused with such a sentence after the first creep, which showed what the drive does not tell.  RED: anything
-else: motion and then a failure, a setting that is not restored, a belt force above what the belt bears, an axis that does not stand in the
-end, a doctor that finds nothing wrong where commissioning is refused.
+something is WRONG).  "found": refused with such a sentence within the room that the plan gives its first motions, which showed a unit that
+the drive does not tell; the row with ``+`` is the same drive with the profile that the sentence asks for.  RED: anything else: motion and
+then a failure, a setting that is not restored, a belt force above what a plan allows, an axis that does not stand in the end, a doctor that
+finds nothing wrong where commissioning is refused.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from beltcomm.configfiles import config_names
-from slaves.bench import VERBS, Cell, run_row
+from slaves.bench import TOLD, VERBS, Cell, run_row
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--drives", default=",".join(("reference", "cmmp-as", *config_names("slaves"))))
+    parser.add_argument("--drives", default=",".join(("reference", "cmmp-as", *config_names("slaves"), *(f"{name}+" for name in TOLD))))
     parser.add_argument("--verbs", default=",".join(VERBS))
     parser.add_argument("--period", type=float)
     parser.add_argument("--seed", type=int, default=1)

@@ -66,7 +66,7 @@ def test_data_sheet_model_holds_the_sheet() -> None:
     """71.73e-6 kg m² = 44.90 + 3.20 + 23.63 (table A.1); (2.26) with the coupling in series; friction as it was split."""
     model = data_sheet_model(AXIS, 0.28, COULOMB_NM)
     assert model["motor.inertia"] == pytest.approx(71.73e-6)
-    belt = 85000.0 * (1.0 / 0.33 + 1.0 / (1.58 - 0.33))
+    belt = 106250.0 * (1.0 / 0.33 + 1.0 / (1.58 - 0.33))
     assert model["belt_stiffness.stiffness"] == pytest.approx(1.0 / (1.0 / belt + 0.01242**2 / 168.75))
     assert model["coulomb.level"] + 0.01242 * model["cart_friction.level"] == pytest.approx(COULOMB_NM)
     assert "tilt.angle" not in model.parameters

@@ -34,6 +34,7 @@ Connect = Callable[[Bench], Bench]
 AXIS = "egc-70-600"
 RIG = load_axis(AXIS)
 YES = api.Options(yes=True, seed=1)
+DRIVE = SimpleNamespace(capabilities=SimpleNamespace(torque_step_nm=1.43e-3, counts_per_rev=65536))
 
 
 class OtherUnits:
@@ -191,7 +192,9 @@ def test_a_fit_that_takes_the_carriage_for_the_motor_is_not_blamed_on_the_scalin
     t = np.arange(500) * 1e-3
     shaken = 0.5 * np.sin(40.0 * t)
     response = Recording("frf_1", t, shaken, 0.1 * shaken)
-    machine: Any = SimpleNamespace(axis=RIG, more_room="give a wider --window", folder=SimpleNamespace(journal=lambda _text: None))
+    machine: Any = SimpleNamespace(
+        axis=RIG, drive=DRIVE, more_room="give a wider --window", folder=SimpleNamespace(journal=lambda _text: None)
+    )
     with pytest.raises(Refused) as refused:
         check_fitted(machine, first.with_values({"motor.inertia": both}), first, response)
     words = str(refused.value)
@@ -230,7 +233,7 @@ def test_steps_of_the_torque_show_the_inertia_behind_a_gap_as_well() -> None:
 
 
 def test_an_estimate_that_a_gap_made_light_does_not_end_the_session_and_a_wrong_scale_does() -> None:
-    machine: Any = SimpleNamespace(axis=RIG, folder=SimpleNamespace(journal=lambda _text: None))
+    machine: Any = SimpleNamespace(axis=RIG, drive=DRIVE, folder=SimpleNamespace(journal=lambda _text: None))
     light = data_sheet_model(RIG, 0.25, 0.1).with_values({"motor.inertia": 0.5 * RIG.motor_side_inertia_kg_m2})
     assert check_first(machine, light, stepped(gapped(), 0.3))["motor.inertia"] == RIG.motor_side_inertia_kg_m2
     with pytest.raises(Refused, match="2 times less"):
@@ -239,7 +242,7 @@ def test_an_estimate_that_a_gap_made_light_does_not_end_the_session_and_a_wrong_
 
 def test_an_estimate_that_a_delay_or_a_ripple_made_wrong_does_not_end_the_session_and_a_wrong_scale_does() -> None:
     """A torque that acts late makes twice the inertia, a ripple half of it; barely broken away, the steps show friction beside it."""
-    machine: Any = SimpleNamespace(axis=RIG, folder=SimpleNamespace(journal=lambda _text: None))
+    machine: Any = SimpleNamespace(axis=RIG, drive=DRIVE, folder=SimpleNamespace(journal=lambda _text: None))
     stated = RIG.motor_side_inertia_kg_m2
     heavy, light = (data_sheet_model(RIG, 0.25, 0.1).with_values({"motor.inertia": share * stated}) for share in (2.0, 0.5))
     late, rippled = (HiddenPlant(draw(seed, (e,), 0.7, "rig"), 0.25) for seed, e in ((882011, "dead_time"), (882003, "tooth_ripple")))
@@ -256,7 +259,9 @@ def test_a_fit_that_lacks_a_body_is_no_wrong_scale_where_the_steps_of_the_torque
     """Of an end pulley a fit makes less inertia; a torque that is scaled wrongly shows at its steps as well."""
     remarks: list[str] = []
     folder = SimpleNamespace(journal=lambda _text: None)
-    machine: Any = SimpleNamespace(axis=RIG, more_room="", folder=folder, remark=remarks.append, place_m=lambda _at: None, position_m=0.0)
+    machine: Any = SimpleNamespace(
+        axis=RIG, drive=DRIVE, more_room="", folder=folder, remark=remarks.append, place_m=lambda _at: None, position_m=0.0
+    )
     first = data_sheet_model(RIG, 0.25, 0.1)
     light = first.with_values({"motor.inertia": 0.72 * RIG.motor_side_inertia_kg_m2})
     check_fitted(machine, light, first, stepped(nominal("g_a"), 0.3))

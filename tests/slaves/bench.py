@@ -5,16 +5,19 @@ from __future__ import annotations
 import re
 import signal
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from beltcomm.axis import load_axis
 from beltcomm.drive import Drive
+from beltcomm.experiments.phases import SIGN_REACH_M
+from beltcomm.experiments.verification import BELT_SWING
 from beltcomm.model import load_plant
 from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.virtual.bus import LockstepBus
@@ -26,12 +29,22 @@ from campaign.judge import REMEDY, TRAVEL_M, UNMOVED_M
 from campaign.rig import BUFFERS_M, PLANT, STANDING_M_S, START_M, Examiner, Outcome, Rig
 
 AXIS = "egc-70-600"
-#: N: what the belt of the axis bears.
-BELT_N = load_axis(AXIS).belt_force_limit_n
-#: A motion is held against that on the model which a quick session has: the real belt may feel so much more.
-MODEL_IS_OFF = 1.1
-#: m: what the first creep of an axis takes, which no doctor can do without.
-CREEP_M = 5e-3
+_MACHINE = load_plant(PLANT).model
+#: N: what a move may load the belt with by the plan: the feed force of the sheet, which leaves the guide's friction out, as it swings.
+BELT_N = BELT_SWING * (load_axis(AXIS).belt_force_limit_n + _MACHINE.get("cart_friction.level"))
+#: m: what the first motions take by the plan, which no doctor can do without.
+CREEP_M = SIGN_REACH_M
+#: What a technician writes into a profile of a drive after its first motions have shown that a unit is another one, and looked at it.
+TOLD = {
+    "akd": {
+        "position_unit": "9.5367431640625e-07 rev",
+        "velocity_unit": "0.001 rpm",
+        "acceleration_unit": "1 rpm/s",
+        "torque_scale": {"of": "drive_peak", "nm": 3.1, "check": "the inertia found"},
+    },
+    "lexium32": {"position_unit": "6.103515625e-05 rev", "velocity_unit": "1 rpm", "acceleration_unit": "1 rpm/s"},
+    "asda-a2": {"position_unit": "1e-05 rev", "velocity_unit": "0.1 rpm", "acceleration_unit": "ms to 3000 rpm"},
+}
 VERBS = ("doctor", "identify", "commission", "friction", "verify", "apply", "Ctrl-C", "host lost")
 #: s of virtual time for one command, at most.
 LONGEST_S = 600.0
@@ -111,7 +124,7 @@ class SlaveRig(Rig):
 
 @dataclass(frozen=True)
 class Cell:
-    """One verb on one drive.   state : "done", "refused" (before any motion; of the doctor: something is WRONG), "creep" or "RED".
+    """One verb on one drive.   state : "done", "refused" (before any motion; of the doctor: something is WRONG), "found" or "RED".
 
     why : in words.   moved_s : how long the carriage moved.   powered : the stage was on."""
 
@@ -149,7 +162,7 @@ def judged(rig: SlaveRig, verb: str, slave: str, outcome: Outcome, first: int, a
         wrong.append("the carriage moves in the end")
     if watch.powered[-1]:
         wrong.append("the stage is on in the end")
-    if belt_n > BELT_N * MODEL_IS_OFF:
+    if belt_n > BELT_N:
         wrong.append(f"{belt_n:.0f} N in the belt")
     if len(place) and (place.min() < TRAVEL_M[0] or place.max() > TRAVEL_M[1]):
         wrong.append("outside its travel")
@@ -161,7 +174,7 @@ def judged(rig: SlaveRig, verb: str, slave: str, outcome: Outcome, first: int, a
         if not said or not re.search(REMEDY, said):
             wrong.append("no sentence that says what to do")
     elif outcome.code not in right and float(np.ptp(place)) < CREEP_M and re.search(REMEDY, said):
-        state = "creep"
+        state = "found"
     else:
         state = "done"
         if outcome.code not in right:
@@ -178,41 +191,48 @@ def judged(rig: SlaveRig, verb: str, slave: str, outcome: Outcome, first: int, a
     )
 
 
-def words(verb: str, run: Path) -> list[str]:
-    """A command line."""
-    common = ["--drive", "virtual", "--axis", AXIS, "--yes"]
+def words(verb: str, run: Path, profile: Sequence[str] = ()) -> list[str]:
+    """A command line.   profile : words that name one."""
+    common = ["--drive", "virtual", "--axis", AXIS, "--yes", *profile]
     if verb in ("friction", "verify", "apply"):
-        return [verb, "--drive", "virtual", "--run", str(run), "--yes", *(["--force"] if verb == "apply" else [])]
+        return [verb, "--drive", "virtual", "--run", str(run), "--yes", *profile, *(["--force"] if verb == "apply" else [])]
     if verb == "doctor":
-        return ["doctor", "--drive", "virtual", "--axis", AXIS]
+        return ["doctor", "--drive", "virtual", "--axis", AXIS, *profile]
     quick = ["--quick", "--no-report"] if verb == "commission" else []
     return [verb, *common, *quick, "--run", str(run)]
 
 
 def run_row(slave: str, verbs: tuple[str, ...] = VERBS, seed: int = 1, period_s: float | None = None, **options: Any) -> list[Cell]:
-    """A row of the table: each verb on a drive that has just been switched on, verify and apply on the finished run."""
+    """A row of the table: each verb on a drive that has just been switched on, verify and apply on the finished run.
+
+    slave : a name; with ``+``, with a profile that says what ``TOLD`` holds.
+    """
     draw = np.random.default_rng(seed)
     cells: list[Cell] = []
     with tempfile.TemporaryDirectory(prefix="slaves-") as folder:
-        whole = Path(folder) / "commission"
+        whole, profile = Path(folder) / "commission", list[str]()
+        if slave.endswith("+"):
+            told = {"name": "told", "title": f"{slave[:-1]} as found", **TOLD[slave[:-1]]}
+            (Path(folder) / "told.yaml").write_text(yaml.safe_dump(told))
+            profile = ["--profile", str(Path(folder) / "told.yaml")]
         healthy, moving = None, ""
         for verb in verbs:
-            rig = SlaveRig(slave, seed, period_s, **options)
+            rig = SlaveRig(slave.removesuffix("+"), seed, period_s, **options)
             place = ["--position", f"{1e3 * START_M:g}mm"] if verb not in ("doctor", "apply") else []
             run = whole if verb in ("friction", "verify", "apply") else Path(folder) / verb.replace(" ", "-")
             if verb == "doctor":
-                cells.append(_doctor(rig, slave, words(verb, run)))
+                cells.append(_doctor(rig, slave, words(verb, run, profile)))
             elif verb in ("Ctrl-C", "host lost") and healthy is not None:
                 speed = np.abs(healthy.speed_m_s)
                 instants = np.flatnonzero(speed > 5 * STANDING_M_S)
                 after = float(draw.choice(instants)) * rig.bus.tick_s if len(instants) else 0.5
                 with rig.at(after, verb):
-                    outcome = rig.call(*words(moving, run), *place)
+                    outcome = rig.call(*words(moving, run, profile), *place)
                 if verb == "host lost":
                     rig.run_on(3.0)
                 cells.append(judged(rig, verb, slave, outcome, 0))
             elif verb not in ("Ctrl-C", "host lost"):
-                outcome = rig.call(*words(verb, run), *place)
+                outcome = rig.call(*words(verb, run, profile), *place)
                 cells.append(judged(rig, verb, slave, outcome, 0, allow_changes=verb == "apply" and outcome.code == 0))
                 if verb in ("identify", "commission"):
                     healthy, moving = rig.examiner, verb
@@ -235,7 +255,7 @@ def _consistent(cells: list[Cell]) -> list[Cell]:
 
 def _doctor(rig: SlaveRig, slave: str, line: list[str]) -> Cell:
     """On a drive of its own, through the adapter."""
-    outcome = rig.call(*line, "--as", slave) if slave not in ("reference", "cmmp-as") else rig.call(*line)
+    outcome = rig.call(*line, "--as", slave.removesuffix("+")) if slave not in ("reference", "cmmp-as") else rig.call(*line)
     wrong = [] if outcome.code in (0, 1) else [f"exit code {outcome.code}"]
     if re.search(r"Traceback|unexpected error", outcome.text):
         wrong.append("an error that nobody thought of")

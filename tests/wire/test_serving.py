@@ -67,9 +67,9 @@ START = (0, b"\x01\x01")
 ENABLE = [written(0x6060, 0, 4, 1), *(written(0x6040, 0, word, 2) for word in (6, 7, 15))]
 
 
-def served(script: Script) -> tuple[LockstepBus, VirtualDrive, RigidPlant]:
-    bus, plant = LockstepBus(), RigidPlant()
-    drive = VirtualDrive(bus, plant, torque_noise_nm=0.0)
+def served(script: Script, profile: str = "reference", ticks_per_second: int = 1000) -> tuple[LockstepBus, VirtualDrive, RigidPlant]:
+    bus, plant = LockstepBus(ticks_per_second=ticks_per_second), RigidPlant()
+    drive = VirtualDrive(bus, plant, profile, torque_noise_nm=0.0)
     with pytest.raises(Over):
         Pump(script, bus, drive, script).by_sync()
     bus.shutdown()
@@ -82,6 +82,18 @@ def test_a_sync_is_a_tick_and_time_stands_between_two():
     assert bus.tick == len(plant.steps) == 3
     assert script.heard[0] == (0x701, b"\x00")  # what the drive said before anybody listened
     assert [identifier for identifier, _ in script.heard] == [0x701, 0x581]
+
+
+@pytest.mark.parametrize("profile", ["accelnet", "bare"])
+def test_a_drive_that_answers_late_answers_while_time_stands(profile: str):
+    bus, _, _ = served(script := Script(SYNC, (0x601, b"\x40\x41\x60\x00\0\0\0\0"), None), profile)
+    assert [identifier for identifier, _ in script.heard] == [0x701, 0x581]
+    assert bus.tick == 1
+
+
+def test_a_sync_is_a_millisecond_also_of_a_drive_with_another_cycle():
+    bus, _, _ = served(Script(*[SYNC] * 10), "cmms-as", 2500)
+    assert bus.tick == 25
 
 
 def test_while_operational_a_sync_is_the_interpolation_period():
