@@ -26,6 +26,8 @@ V = TypeVar("V")
 #: Between the columns of a line of text; at least this much stays.
 _GAP = re.compile(r"( {2,})")
 _APART = 2
+#: Columns of a screen.
+WIDE = 80
 #: A number, or one with its interval.
 _VALUE = re.compile(r"-?[\d.]+(e[-+]?\d+)?( ± [\d.]+)?")
 #: Text of a picture, between the marks of SVG.
@@ -46,8 +48,15 @@ def aligned(terms: Terms, text: str) -> str:
     return made
 
 
-def _line(terms: Terms, line: Line) -> Line:
-    return Line(*((aligned(terms, text).ljust(len(text)) if style != "command" else text, style) for text, style in line.parts))
+def _line(terms: Terms, line: Line) -> list[Line]:
+    """A line of a screen; one that has become too wide for it goes on below its first text, from a gap between two columns on."""
+    made = Line(*((aligned(terms, text).ljust(len(text)) if style != "command" else text, style) for text, style in line.parts))
+    *before, (last, style) = made.parts
+    begun = sum(len(text) for text, _ in before)
+    gaps = [gap for gap in _GAP.finditer(last.rstrip()) if begun + gap.start() <= WIDE]
+    if len(made) <= WIDE or len(line) > WIDE or style == "command" or not gaps:
+        return [made]
+    return [Line(*before, (last[: gaps[-1].start()], style)), Line(" " * begun, (last[gaps[-1].end() :], style))]
 
 
 def _table(terms: Terms, rows: Sequence[Row]) -> list[Row]:
@@ -70,7 +79,8 @@ def lines_in(terms: Terms, lines: Sequence[str]) -> list[str]:
         if width:
             made += _table(terms, [line for line in some if isinstance(line, Row)])
         else:
-            made += [_line(terms, line) if isinstance(line, Line) else aligned(terms, line) for line in some]
+            for line in some:
+                made += _line(terms, line) if isinstance(line, Line) else [aligned(terms, line)]
     return made
 
 
