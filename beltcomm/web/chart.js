@@ -12,6 +12,8 @@ export function element(tag, attributes = {}, ...children) {
   return made;
 }
 
+export const floats = (text) => new Float32Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
+
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
 export function number(value, digits = 3) {
@@ -87,10 +89,14 @@ export function chart(place, spec) {
   };
   one.remove = () => { one.u?.destroy(); figure.remove(); charts.delete(one); };
   picture.addEventListener("click", () => {
-    const own = one.u.ctx.canvas, whole = element("canvas", { width: own.width, height: own.height }), ctx = whole.getContext("2d");
+    const own = one.u.ctx.canvas, px = devicePixelRatio, top = 40 * px, whole = element("canvas", { width: own.width, height: own.height + top }), ctx = whole.getContext("2d");
     ctx.fillStyle = colour("paper");
     ctx.fillRect(0, 0, whole.width, whole.height);
-    ctx.drawImage(own, 0, 0);
+    ctx.drawImage(own, 0, top);
+    // Away from the page a picture must say itself what it is.
+    const write = (words, x, y, look, weight = "") => { ctx.font = `${weight} ${11 * px}px ${colour("font")}`; ctx.fillStyle = colour(look); ctx.fillText(words, x, y * px); return x + ctx.measureText(words).width + 12 * px; };
+    write(document.title.replace("beltcomm – ", ""), write(spec.title || spec.y.label, 6 * px, 14, "ink", "bold"), 14, "soft");
+    spec.series.reduce((x, s, k) => (one.u.series[k + 1].show && one.data[k + 1].some((v) => v !== null && v !== undefined) ? write(`${s.dots ? "●" : s.dash ? "┄" : "━"} ${s.name}`, x, 32, s.look) : x), 6 * px);
     whole.toBlob((blob) => kept(blob, `${spec.name || "picture"}.png`));
   });
   table.addEventListener("click", () => {

@@ -1,0 +1,56 @@
+// One record, measured and by the model: torque over time, frequency response.
+
+import { chart, element, floats, number } from "./chart.js";
+
+const $ = (id) => document.getElementById(id);
+const BREAK = 180;
+
+export function recordView(ask) {
+  let found = null, plots = null, asked = 0, drawn = "";
+
+  function make() {
+    const hz = { label: "frequency, Hz", log: true }, both = [{ name: "measured", look: "second", dots: true, size: 3.5 }, { name: "model", look: "first", width: 1.5 }];
+    const word = { "N m": "torque", N: "force", A: "current", V: "voltage" }[found.units.force];
+    plots?.forEach((one) => one.remove());
+    plots = [
+      chart($("record-charts"), { title: `Over time: ${word}`, name: "record-time", x: { label: "session's clock, s" }, y: { label: found.units.force }, height: 230, series: [{ name: "measured", look: "second", width: 1 }, { name: "model", look: "first", width: 1 }] }),
+      chart($("record-charts"), { title: "Frequency response, gain", name: "record-gain", x: hz, y: { label: "dB" }, height: 230, sync: "record", series: [...both, { name: "noise of the measurement, 95 %", look: "soft", width: 1, dash: [2, 3] }] }),
+      chart($("record-charts"), { title: "Frequency response, phase", name: "record-phase", x: hz, y: { label: "degrees", range: [-370, 10] }, height: 230, sync: "record", series: both }),
+    ];
+  }
+
+  // A new model: the same record again, where it is still there.
+  async function draw(now) {
+    found = now;
+    const names = found.records.map((one) => one.name), before = $("record-name").value;
+    $("record-name").replaceChildren(...names.map((name) => element("option", { value: name }, name)));
+    $("record-name").value = names.includes(before) ? before : found.responses[0] || names[0];
+    if (!plots || drawn !== found.units.force) make();
+    drawn = found.units.force;
+    await show();
+  }
+
+  async function show(name = $("record-name").value) {
+    const mine = ++asked, told = await ask("laboratory-record", { record: name });
+    if (mine !== asked) return;
+    $("record-name").value = name;
+    const x = [], measured = [], model = [];
+    for (const part of told.parts.sort((a, b) => a.begin_s - b.begin_s)) {
+      if (x.length) [x, measured, model].forEach((one, k) => one.push(k ? null : part.begin_s - 0.5 * part.step_s)); // a gap is no line
+      const [was, says] = [floats(part.measured), floats(part.model)];
+      was.forEach((value, i) => { x.push(part.begin_s + i * part.step_s); measured.push(value); model.push(says[i]); });
+    }
+    plots[0].set([x, measured, model]);
+    const own = found.records.find((one) => one.name === name), response = told.response;
+    $("record-words").textContent = `${own.ratio.toFixed(2)} times the noise` + (own.plain ? `; error ${number(found.units.factor * own.plain.error)} ${found.units.small} rms, ${number(own.plain.percent)} % of the whole` : "") + (own.held_out ? "; held out, never fitted" : "") + "." +
+      (response ? ` Response: ${response.of}; model for the measured motion, friction included.` : " It holds no periodic excitation, so it has no frequency response.");
+    for (const one of plots.slice(1)) one.figure.hidden = !response;
+    if (!response) return;
+    const whole = (deg) => deg.map((v, i) => (i && v !== null && deg[i - 1] !== null && Math.abs(v - deg[i - 1]) > BREAK ? null : v));
+    plots[1].set([response.freq_hz, ...response.db, response.noise_db || response.freq_hz.map(() => null)]);
+    plots[2].set([response.freq_hz, response.deg[0], whole(response.deg[1])]);
+  }
+
+  $("record-name").addEventListener("change", () => show().catch((problem) => { $("record-words").textContent = problem.message; }));
+  return { draw, show };
+}
