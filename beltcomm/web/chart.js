@@ -141,6 +141,8 @@ export function vertical(u, ctx, x, words, stroke, row = 0) {
 
 const again = () => { for (const one of charts) if (one.data && one.box.clientWidth) one.build(); };
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
+// On paper: dark lines, and as wide as a sheet, whatever the screen has.
+for (const kind of ["beforeprint", "afterprint"]) addEventListener(kind, () => { document.documentElement.toggleAttribute("data-printing", kind === "beforeprint"); again(); });
 let waiting = 0;
 new ResizeObserver(() => {
   clearTimeout(waiting);
