@@ -23,7 +23,7 @@ from beltcomm.given import pasted
 from beltcomm.laboratory.acceptance import EVIDENCE
 from beltcomm.residuals.candidates import CandidateEffect
 from beltcomm.residuals.cells import COORDINATES
-from beltcomm.residuals.responses import below
+from beltcomm.residuals.responses import below, compared
 from beltcomm.residuals.spectra import filtered, power
 from beltcomm.rundata.revisions import as_mapping, revisions
 from beltcomm.runfolder import RunFolder
@@ -147,7 +147,9 @@ class LaboratoryTab:
         noise = count
         if band is not None:  # what lies in the band, of every sample: those marked hold other frequencies, too
             within = cells.record == cells.names.index(record) if record else np.ones(len(chosen), dtype=np.bool_)
-            squares, noise = float((level * cells.count)[within].sum()), share * float(cells.count[within].sum())
+            inside = power(view.rows, view.white, np.array([0.0, low, high, math.inf]), within[cells.of])[1]
+            noise = share * float(cells.count[within].sum())
+            squares = float(np.nan_to_num(inside)) * noise
         whole = float(((cells.square - 1.0) * cells.count).sum())
         by_record = np.bincount(cells.record[chosen], ((cells.square - 1.0) * cells.count)[chosen], minlength=len(cells.names))
         told = sorted((self._told(one, view, chosen, band) for one in self._known()), key=lambda one: -one["share"])
@@ -173,14 +175,15 @@ class LaboratoryTab:
         """Torque over time and frequency response of a record, measured and by the model.   Raises UsageError for none that is here."""
         view = self._shown()
         name = _record_of(asked, view)
-        parts = [one for one in view.traces if one.record == name]
+        trace = next(one for one in view.traces if one.record == name)
+        measured, model = compared(trace)
         pair = next((one for one in view.responses if one.record == name), None)
         return {
             "record": name,
-            "parts": [
-                {"begin_s": one.begin_s, "step_s": one.step_s, "measured": _packed(one.measured), "model": _packed(one.model)}
-                for one in parts
-            ],
+            "excited": trace.excited,
+            "t_s": _packed(trace.t_s),
+            "measured": _packed(measured),
+            "model": _packed(model),
             "response": None
             if pair is None
             else {

@@ -16,7 +16,7 @@ from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.samples import Units
 from beltcomm.pages import pictures as drawn
 from beltcomm.residuals.cells import Cells, cells_of
-from beltcomm.residuals.responses import ResponsePair, TorqueTrace, response_pairs, traces_of
+from beltcomm.residuals.responses import ResponsePair, Trace, response_pairs, trace_of
 from beltcomm.residuals.spectra import GridRow, edges_of, power, rows_of
 from beltcomm.result import plain
 from beltcomm.rundata.fitted_run import Opened, explainable
@@ -58,7 +58,7 @@ class ResidualView:
     rows: tuple[GridRow, ...]
     edges: Array
     spectrum: Array
-    traces: Sequence[TorqueTrace]
+    traces: Sequence[Trace]
     responses: Sequence[ResponsePair]
 
 
@@ -72,6 +72,8 @@ def view_of(here: Opened, stamp: str) -> ResidualView:
     edges = edges_of(rows)
     named = landmarks(here.fitted.model, drawn.middle_of(here.folder))
     model = here.fitted.model
+    responses = response_pairs(here.data.recordings, judged)
+    excited = {one.record for one in responses}
     return ResidualView(
         stamp,
         model.effects,
@@ -94,8 +96,8 @@ def view_of(here: Opened, stamp: str) -> ResidualView:
         rows,
         edges,
         power(rows, white, edges),
-        traces_of(judged),
-        response_pairs(here.data.recordings, judged),
+        [trace_of(judged, name, name in excited) for name in dict.fromkeys(one.piece.record for one in judged)],
+        responses,
     )
 
 

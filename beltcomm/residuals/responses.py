@@ -18,6 +18,10 @@ ComplexArray = NDArray[np.complex128]
 
 #: A line counts as excited from this share of the strongest on; the lowest ones hold the drift of the carriage.
 LEAST_EXCITATION, FIRST_LINE = 0.05, 3
+#: s, the mean that takes the encoder's rounding out of a record that is not excited.
+MEAN_S = 0.02
+#: Samples to one that counts, within which an excited record's model is drawn as a line.
+NEAR = 4
 
 
 @dataclass(frozen=True)
@@ -101,34 +105,58 @@ def below(response: ComplexArray) -> Array:
 
 
 @dataclass(frozen=True)
-class TorqueTrace:
-    """Torque of one gapless stretch of a record.
-
-    Attributes
-    ----------
-    record : str
-    begin_s, step_s : float
-        On the session's clock.
-    measured, model : ndarray
-        What acted, and what the model says that the measured motion needed; N m, or what the axis is measured in, (n,).
+class Trace:
+    """One record as a line of samples, gaps closed by nan.   t_s : from its start.   measured, model : torque in units of the axis.
+    white : residual over noise, nan where it does not count.   excited : by a multisine or the like, so that every sample matters.
     """
 
     record: str
-    begin_s: float
-    step_s: float
-    measured: NDArray[np.float32]
-    model: NDArray[np.float32]
+    held_out: bool
+    t_s: Array
+    measured: Array
+    model: Array
+    white: Array
+    excited: bool
+    units: Units
+
+    @property
+    def ratio(self) -> float:
+        """rms of the residual over the noise."""
+        return float(np.sqrt(np.nanmean(self.white**2)))
 
 
-def traces_of(judged: Sequence[Judged]) -> list[TorqueTrace]:
-    """Of every stretch."""
-    return [
-        TorqueTrace(
-            one.piece.record,
-            float(one.piece.motion.time_s),
-            float(one.piece.motion.sample_s),
-            one.piece.torque.astype(np.float32),
-            (one.piece.torque + one.whole).astype(np.float32),
-        )
-        for one in judged
-    ]
+def trace_of(judged: Sequence[Judged], record: str, excited: bool) -> Trace:
+    """The stretches of a record behind each other."""
+    columns: list[list[Array]] = [[], [], [], []]
+    held_out = False
+    begin = min(j.piece.motion.time_s for j in judged if j.piece.record == record)
+    for item in (j for j in judged if j.piece.record == record):
+        piece = item.piece
+        held_out = held_out or piece.held_out
+        time = piece.motion.time_s - begin + piece.motion.sample_s * np.arange(len(piece.torque))
+        white = np.full(len(piece.torque), np.nan)
+        white[piece.value_samples] = item.white
+        for column, values in zip(columns, (time, piece.torque, piece.torque + item.whole, white), strict=True):
+            column.append(np.append(values, np.nan))
+    joined = [np.concatenate(column) for column in columns]
+    return Trace(
+        record, held_out, joined[0], joined[1], joined[2], joined[3], excited, next(j.units for j in judged if j.piece.record == record)
+    )
+
+
+def compared(trace: Trace) -> tuple[Array, Array]:
+    """Torque measured and by the model where it counts; means of ``MEAN_S`` for a record that is not excited."""
+    known = np.isfinite(trace.white)
+    if trace.excited:  # of its samples every second or fourth counts
+        return trace.measured, np.where(np.convolve(known, np.ones(2 * NEAR + 1), mode="same") > 0.5, trace.model, np.nan)
+    model = np.where(known, trace.model, np.nan)
+    width = max(1, round(MEAN_S / float(np.nanmedian(np.diff(trace.t_s)))))
+    return running_mean(np.where(known, trace.measured, np.nan), width), running_mean(model, width)
+
+
+def running_mean(values: Array, width: int) -> Array:
+    """Running mean over the samples that are there: of grouped ones every second or fourth is."""
+    known = np.isfinite(values)
+    total = np.convolve(np.where(known, values, 0.0), np.ones(width), mode="same")
+    count = np.convolve(known, np.ones(width), mode="same")
+    return np.asarray(np.where(count > 0.5 * max(float(np.max(count, initial=0.0)), 1.0), total / np.maximum(count, 1.0), np.nan))

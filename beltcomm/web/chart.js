@@ -27,7 +27,7 @@ function kept(text, name, type) {
   setTimeout(() => URL.revokeObjectURL(link.href), 5000);
 }
 
-/* spec: title, name (of files), x and y: {label, log, range: [low, high] or a function of the data, values}, series: [{name, look: "first", width, dash, dots, size, hidden}],
+/* spec: title, name (of files), x and y: {label, log, range: [low, high] or a function of the data, values}, series: [{name, look: "first", width, dash, dots, size, hidden, gaps}],
    overlay(u, ctx), onSelect(low, high) for a drag (shift still magnifies), sync: key of charts that share a cursor, height. */
 export function chart(place, spec) {
   const box = element("div", { className: "chart" });
@@ -55,7 +55,7 @@ export function chart(place, spec) {
       cursor: { drag: { x: true, y: false, setScale: !spec.onSelect }, sync: spec.sync ? { key: spec.sync } : undefined, points: { size: 6 }, focus: { prox: 24 },
         bind: { mousedown: (u, target, handler) => (event) => { shifted = event.shiftKey; handler(event); } } },
       series: [{ label: spec.x.label, value: (u, v) => (v === null ? "" : number(v, 4)) }, ...spec.series.map((s) => ({
-        label: s.name, stroke: colour(s.look), width: s.dots ? 0 : s.width || 2, dash: s.dash, spanGaps: true, show: !s.hidden,
+        label: s.name, stroke: colour(s.look), width: s.dots ? 0 : s.width || 2, dash: s.dash, spanGaps: !s.gaps, show: !s.hidden,
         paths: s.dots ? () => null : undefined,
         points: { show: Boolean(s.dots), size: s.size || 3, fill: colour(s.look), stroke: colour(s.look), width: 0 },
         value: (u, v) => (v === null || v === undefined ? "" : number(v, 4)),

@@ -9,11 +9,11 @@ export function recordView(ask) {
   let found = null, plots = null, asked = 0, drawn = "";
 
   function make() {
-    const hz = { label: "frequency, Hz", log: true }, both = [{ name: "measured", look: "second", dots: true, size: 3.5 }, { name: "model", look: "first", width: 1.5 }];
+    const hz = { label: "frequency, Hz", log: true }, both = [{ name: "measured", look: "second", dots: true, size: 3.5 }, { name: "model", look: "first", width: 1.5, gaps: true }];
     const word = { "N m": "torque", N: "force", A: "current", V: "voltage" }[found.units.force];
     plots?.forEach((one) => one.remove());
     plots = [
-      chart($("record-charts"), { title: `Over time: ${word}`, name: "record-time", x: { label: "session's clock, s" }, y: { label: found.units.force }, height: 230, series: [{ name: "measured", look: "second", width: 1 }, { name: "model", look: "first", width: 1 }] }),
+      chart($("record-charts"), { title: `Over time: ${word}`, name: "record-time", x: { label: "time in the record, s" }, y: { label: found.units.force }, height: 230, series: [{ name: "measured", look: "second", width: 1, gaps: true }, { name: "model", look: "first", width: 1, gaps: true }] }),
       chart($("record-charts"), { title: "Frequency response, gain", name: "record-gain", x: hz, y: { label: "dB" }, height: 230, sync: "record", series: [...both, { name: "noise of the measurement, 95 %", look: "soft", width: 1, dash: [2, 3] }] }),
       chart($("record-charts"), { title: "Frequency response, phase", name: "record-phase", x: hz, y: { label: "degrees", range: [-370, 10] }, height: 230, sync: "record", series: both }),
     ];
@@ -34,15 +34,10 @@ export function recordView(ask) {
     const mine = ++asked, told = await ask("laboratory-record", { record: name });
     if (mine !== asked) return;
     $("record-name").value = name;
-    const x = [], measured = [], model = [];
-    for (const part of told.parts.sort((a, b) => a.begin_s - b.begin_s)) {
-      if (x.length) [x, measured, model].forEach((one, k) => one.push(k ? null : part.begin_s - 0.5 * part.step_s)); // a gap is no line
-      const [was, says] = [floats(part.measured), floats(part.model)];
-      was.forEach((value, i) => { x.push(part.begin_s + i * part.step_s); measured.push(value); model.push(says[i]); });
-    }
-    plots[0].set([x, measured, model]);
+    const time = floats(told.t_s), ends = (v, i) => (Number.isFinite(v) ? v : time[i - 1]), known = (text) => Array.from(floats(text), (v) => (Number.isFinite(v) ? v : null)); // a gap is no line
+    plots[0].set([Array.from(time, ends), known(told.measured), known(told.model)]);
     const own = found.records.find((one) => one.name === name), response = told.response;
-    $("record-words").textContent = `${own.ratio.toFixed(2)} times the noise` + (own.plain ? `; error ${number(found.units.factor * own.plain.error)} ${found.units.small} rms, ${number(own.plain.percent)} % of the whole` : "") + (own.held_out ? "; held out, never fitted" : "") + "." +
+    $("record-words").textContent = `${own.ratio.toFixed(2)} times the noise` + (own.plain ? `; error ${number(found.units.factor * own.plain.error)} ${found.units.small} rms, ${number(own.plain.percent)} % of the whole` : "") + (own.held_out ? "; held out, never fitted" : "") + "." + (told.excited ? "" : " Means of 20 ms; gaps where friction at rest leaves the torque open.") +
       (response ? ` Response: ${response.of}; model for the measured motion, friction included.` : " It holds no periodic excitation, so it has no frequency response.");
     for (const one of plots.slice(1)) one.figure.hidden = !response;
     if (!response) return;
