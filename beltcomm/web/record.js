@@ -9,13 +9,13 @@ export function recordView(ask) {
   let found = null, plots = null, asked = 0, drawn = "";
 
   function make() {
-    const hz = { label: "frequency, Hz", log: true }, both = [{ name: "measured", look: "second", dots: true, size: 3.5 }, { name: "model", look: "first", width: 1.5, gaps: true }];
+    const hz = { label: "frequency, Hz", log: true, range: (u, low, high) => [low, high] }, both = [{ name: "measured", look: "second", dots: true, size: 3.5 }, { name: "model", look: "first", width: 1.5, gaps: true }];
     const word = { "N m": "torque", N: "force", A: "current", V: "voltage" }[found.units.force];
     plots?.forEach((one) => one.remove());
     plots = [
-      chart($("record-charts"), { title: `Over time: ${word}`, name: "record-time", x: { label: "time in the record, s" }, y: { label: found.units.force }, height: 230, series: [{ name: "measured", look: "second", width: 1, gaps: true }, { name: "model", look: "first", width: 1, gaps: true }] }),
-      chart($("record-charts"), { title: "Frequency response, gain", name: "record-gain", x: hz, y: { label: "dB" }, height: 230, sync: "record", series: [...both, { name: "noise of the measurement, 95 %", look: "soft", width: 1, dash: [2, 3] }] }),
-      chart($("record-charts"), { title: "Frequency response, phase", name: "record-phase", x: hz, y: { label: "degrees", range: [-370, 10] }, height: 230, sync: "record", series: both }),
+      chart($("record-charts"), { title: `Over time: ${word}`, name: "record-time", x: { label: "time in the record, s" }, y: { label: found.units.force }, height: 200, quiet: true, series: [{ name: "measured", look: "second", width: 1, gaps: true }, { name: "model", look: "first", width: 1, gaps: true }] }),
+      chart($("record-charts"), { title: "Frequency response, gain", name: "record-gain", x: hz, y: { label: "dB" }, height: 200, quiet: true, sync: "record", series: [...both, { name: "noise, 95 %", look: "soft", width: 1, dash: [2, 3] }] }),
+      chart($("record-charts"), { title: "Frequency response, phase", name: "record-phase", x: hz, y: { label: "degrees", range: [-370, 10] }, height: 200, quiet: true, sync: "record", series: both }),
     ];
   }
 
@@ -38,7 +38,7 @@ export function recordView(ask) {
     plots[0].set([Array.from(time, ends), known(told.measured), known(told.model)]);
     const own = found.records.find((one) => one.name === name), response = told.response;
     $("record-words").textContent = `${own.ratio.toFixed(2)} times the noise` + (own.plain ? `; error ${number(found.units.factor * own.plain.error)} ${found.units.small} rms, ${number(own.plain.percent)} % of the whole` : "") + (own.held_out ? "; held out, never fitted" : "") + "." + (told.excited ? "" : " Means of 20 ms; gaps where friction at rest leaves the torque open.") +
-      (response ? ` Response: ${response.of}; model for the measured motion, friction included.` : " It holds no periodic excitation, so it has no frequency response.");
+      (response ? ` Response: ${response.of}; model for the measured motion, friction included; dashed: the noise of the measurement, 95 %.` : " It holds no periodic excitation, so it has no frequency response.");
     for (const one of plots.slice(1)) one.figure.hidden = !response;
     if (!response) return;
     const whole = (deg) => deg.map((v, i) => (i && v !== null && deg[i - 1] !== null && Math.abs(v - deg[i - 1]) > BREAK ? null : v));
