@@ -28,7 +28,7 @@ function kept(text, name, type) {
 }
 
 /* spec: title, name (of files), x and y: {label, log, range: [low, high] or a function of the data, values}, series: [{name, look: "first", width, dash, dots, size, hidden, gaps}],
-   overlay(u, ctx), onSelect(low, high) for a drag (shift still magnifies), sync: key of charts that share a cursor, height. */
+   of: what it shows, behind the title in an export, overlay(u, ctx), onSelect(low, high) for a drag (shift still magnifies), sync: key of charts that share a cursor, height. */
 export function chart(place, spec) {
   const box = element("div", { className: "chart" });
   const picture = element("button", { type: "button", title: "the picture as PNG" }, "PNG"), table = element("button", { type: "button", title: "the numbers as CSV" }, "CSV");
@@ -95,7 +95,7 @@ export function chart(place, spec) {
     ctx.drawImage(own, 0, top);
     // Away from the page a picture must say itself what it is.
     const write = (words, x, y, look, weight = "") => { ctx.font = `${weight} ${11 * px}px ${colour("font")}`; ctx.fillStyle = colour(look); ctx.fillText(words, x, y * px); return x + ctx.measureText(words).width + 12 * px; };
-    write(document.title.replace("beltcomm – ", ""), write(spec.title || spec.y.label, 6 * px, 14, "ink", "bold"), 14, "soft");
+    write(document.title.replace("beltcomm – ", ""), write([spec.title || spec.y.label, spec.of].filter(Boolean).join(", "), 6 * px, 14, "ink", "bold"), 14, "soft");
     spec.series.reduce((x, s, k) => (one.u.series[k + 1].show && one.data[k + 1].some((v) => v !== null && v !== undefined) ? write(`${s.dots ? "●" : s.dash ? "┄" : "━"} ${s.name}`, x, 32, s.look) : x), 6 * px);
     whole.toBlob((blob) => kept(blob, `${spec.name || "picture"}.png`));
   });

@@ -13,7 +13,7 @@ export function recordView(ask) {
     const word = { "N m": "torque", N: "force", A: "current", V: "voltage" }[found.units.force];
     plots?.forEach((one) => one.remove());
     plots = [
-      chart($("record-charts"), { title: `Over time: ${word}`, name: "record-time", x: { label: "time in the record, s" }, y: { label: found.units.force }, height: 200, quiet: true, series: [{ name: "measured", look: "second", width: 1, gaps: true }, { name: "model", look: "first", width: 1, gaps: true }] }),
+      chart($("record-charts"), { title: `Over time: ${word}`, name: "record-time", x: { label: "time in the record, s" }, y: { label: found.units.force }, height: 200, quiet: true, series: [{ name: "measured", look: "second", width: 3, gaps: true }, { name: "model", look: "first", width: 1, gaps: true }] }),
       chart($("record-charts"), { title: "Frequency response, gain", name: "record-gain", x: hz, y: { label: "dB" }, height: 200, quiet: true, sync: "record", series: [...both, { name: "noise, 95 %", look: "soft", width: 1, dash: [2, 3] }] }),
       chart($("record-charts"), { title: "Frequency response, phase", name: "record-phase", x: hz, y: { label: "degrees", range: [-370, 10] }, height: 200, quiet: true, sync: "record", series: both }),
     ];
@@ -35,6 +35,7 @@ export function recordView(ask) {
     if (mine !== asked) return;
     $("record-name").value = name;
     const time = floats(told.t_s), ends = (v, i) => (Number.isFinite(v) ? v : time[i - 1]), known = (text) => Array.from(floats(text), (v) => (Number.isFinite(v) ? v : null)); // a gap is no line
+    for (const one of plots) one.spec.of = name;
     plots[0].set([Array.from(time, ends), known(told.measured), known(told.model)]);
     const own = found.records.find((one) => one.name === name), response = told.response;
     $("record-words").textContent = `${own.ratio.toFixed(2)} times the noise` + (own.plain ? `; error ${number(found.units.factor * own.plain.error)} ${found.units.small} rms, ${number(own.plain.percent)} % of the whole` : "") + (own.held_out ? "; held out, never fitted" : "") + "." + (told.excited ? "" : " Means of 20 ms; gaps where friction at rest leaves the torque open.") +
