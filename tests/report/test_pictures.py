@@ -12,9 +12,10 @@ from matplotlib.textpath import text_to_path
 
 from beltcomm.laboratory.samples import Units
 from beltcomm.report import measuring, style
-from beltcomm.report.overlay import Trace, overlay_figure
+from beltcomm.report.overlay import overlay_figure
 from beltcomm.report.page import svg_of
 from beltcomm.report.staircase import RecordChange, Stair, change_figure, staircase_figure
+from beltcomm.residuals.responses import Trace
 
 CAPTION = style.Caption("beltcomm compare RUN", "RUN/recordings, 3 records")
 
