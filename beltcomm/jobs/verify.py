@@ -10,6 +10,7 @@ from pathlib import Path
 from beltcomm.axis import Axis, axis_from_dict
 from beltcomm.control import Cascade
 from beltcomm.design.feedforward import FeedforwardKind
+from beltcomm.design.led_reference import can_lead
 from beltcomm.drive import Drive, simulated
 from beltcomm.errors import Refused, SafetyStop
 from beltcomm.experiments import referencing, verification
@@ -103,17 +104,22 @@ def verify_with(
             f"{structure.name} takes no torque along with a reference, so its motor cannot be led ahead of the carriage; "
             "use nonlinear, linear or none"
         )
-    own: FeedforwardKind | None = "nonlinear" if feedforward == "compliant" else feedforward
+    own: FeedforwardKind | None = "nonlinear" if feedforward == "compliant" else None if feedforward == "led" else feedforward
     analyse.require_offered(structure, None, own)
     cascade, delay_s = offline.cascade_of(saved, model, structure, own)
     along = bool(saved.get("compensated")) and structure.torque_feedforward and feedforward in (None, "nonlinear")
     sending: Sending = "compliant" if feedforward == "compliant" else "rigid" if along else "nothing"
+    if feedforward == "led" or (feedforward is None and can_lead(structure, cascade) and not axis.mounting.tilted):
+        sending = "led"
     driven: list[tuple[str, Verdict, Demand]] = []
     with Machine(drive, axis, folder, talk) as machine:
         machine.over_belt = over_belt
         referencing.reference(machine, settings_of(replace(options, feedforward=None)))
         braking = stops.count_on_loop(machine, [model], cascade, delay_s)
         path, remark = verification.move_asked_for(machine, model, move, trajectory)
+        if sending == "led" and move is None and trajectory is None:  # as fast as the drive's bounds let its reference lead
+            standard = verification.standard_move(machine, model)
+            path, remark = verification.within_target(machine, model, cascade, delay_s, standard)
         verification.refuse_broken(machine, model, path)
         plan = verification_plan(machine.axis, model, path, braking, len(RUNGS) if rungs else 1)
         if planned is not None:
@@ -127,7 +133,7 @@ def verify_with(
             record = f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
             with set_by_hand(drive, folder):
                 verdict, asked = verify_move(machine, model, gains, delay_s, path, record, sending=how)
-            driven_with = proof(gains, path, (), how if how in ("stretch", "compliant") else "")
+            driven_with = proof(gains, path, (), how if how in ("stretch", "compliant", "led") else "")
             shown = {"proof": driven_with, OF: hashes_of(driven_with["gains"], model)}
             if drive.capabilities.gains == "unknown" and not as_predicted(verdict):
                 shown = {}  # what was driven are other gains
