@@ -19,7 +19,7 @@ from beltcomm.drive import Drive, open_drive
 from beltcomm.drive.access import able
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.experiments import commission as sequence
-from beltcomm.experiments import referencing
+from beltcomm.experiments import phases, referencing
 from beltcomm.experiments.agreement import Agreement, plan_result
 from beltcomm.experiments.detectability import with_detectability
 from beltcomm.experiments.options import Options, axis_of, claim, given, new_folder, settings_of
@@ -52,10 +52,11 @@ from beltcomm.jobs.serve import serve as serve
 from beltcomm.jobs.simulate import run_experiment
 from beltcomm.jobs.trajectory import trajectory as trajectory
 from beltcomm.jobs.verify import verify_with
+from beltcomm.jobs.watch import watch as watch
 from beltcomm.jobs.write import admitted, apply_to, backup_list, roll_back
 from beltcomm.locks import changes_run
 from beltcomm.machine.machine import Machine
-from beltcomm.machine.scale import ruler as ruler
+from beltcomm.machine.scale import ruler as _ruler
 from beltcomm.model import load_plant
 from beltcomm.pages import at_the_end
 from beltcomm.pages import report as report
@@ -68,10 +69,13 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.next_plan import load_plan
 from beltcomm.schedule.orders import sweep_orders as wanted_sweeps
 from beltcomm.sentences import outcome, words
+from beltcomm.sentences.own_words import own_words
 from beltcomm.study.job import one_member, study_of
 from beltcomm.study.members import Doing
 from beltcomm.talk import Silence, Talk
 from beltcomm.thesis.topics import thesis as thesis
+
+ruler = own_words(_ruler)
 
 
 def _axis_in(run: Path) -> Axis | None:
@@ -82,6 +86,7 @@ def _axis_in(run: Path) -> Axis | None:
         return None
 
 
+@own_words
 @changes_run(waits=False)
 @early_end.searched
 def commission(
@@ -160,6 +165,7 @@ def commission(
     return Result(found, [*answer.screen, *closing], 0 if findings.meets_targets else 1, details=answer.details, told=told)
 
 
+@own_words
 @changes_run(waits=False)
 @early_end.searched
 def identify(drive: str, axis: Axis | Place, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
@@ -203,15 +209,17 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     whole : bool
         The whole job was asked for, so that this is not success.
     """
+    phases.check_asked(options.asked, options.excitation, axis, connected.capabilities)
     if options.dry_run:
-        return plan_result(identify_plan(axis, connected.capabilities, options.window_m), connected.capabilities, options, axis)
+        plan = identify_plan(axis, connected.capabilities, options.window_m, options.asked)
+        return plan_result(plan, connected.capabilities, options, axis)
     folder = new_folder(run, axis, connected, options, talk, drive)
     findings = Findings()
     with Machine(connected, axis, folder, talk) as machine:
         window = referencing.reference(machine, settings_of(options), needed=False)
         agreed = Agreement(options, talk, partial(identify, axis=axis), goes_on=False)
-        agreed(identify_plan(axis, connected.capabilities, window), machine)
-        machine.titles, machine.excitation = sequence.TITLES[1:4], options.excitation
+        agreed(identify_plan(axis, connected.capabilities, window, options.asked), machine)
+        machine.titles, machine.excitation, machine.asked = sequence.TITLES[1:4], options.excitation, options.asked
         with early_end.kept(machine, findings):
             sequence.identify_here(machine, findings)
         known = machine.place_known
@@ -223,6 +231,7 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     return Result({**outcome.data(folder, findings), "nonlinearity": plain(split)}, text, int(whole), details=details)
 
 
+@own_words
 @changes_run(waits=False)
 def follow(drive: str, run: Place, plan: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Record what a plan of ``diagnose`` asks for, into the run that it was written for.
@@ -253,6 +262,7 @@ def follow(drive: str, run: Place, plan: Place, *, options: Options | None = Non
         return follow_plan(connected, run, plan, options, agreed, talk)
 
 
+@own_words
 @changes_run(waits=False)
 def friction(
     drive: str, run: Place, *, options: Options | None = None, pictures: bool = False, command: str = "", talk: Talk | None = None
@@ -300,6 +310,7 @@ def friction(
     return friction_job.result(folder, model, findings.thesis, made, drawn=pictures, command=command)
 
 
+@own_words
 @changes_run()
 def design(
     run: Place,
@@ -349,6 +360,7 @@ def design(
     return delivered(basis, along, options.payload_kg, seed=options.seed or 0, pictures=pictures, command=command)
 
 
+@own_words
 @changes_run(waits=False)
 def verify(
     drive: str,
@@ -357,6 +369,7 @@ def verify(
     move: Place | None = None,
     trajectory: str | None = None,
     rungs: bool = False,
+    learn: int | None = None,
     over_belt: bool = False,
     options: Options | None = None,
     talk: Talk | None = None,
@@ -377,6 +390,8 @@ def verify(
         Name of a reference motion in ``axis.yaml``; None for the axis's own.
     rungs : bool
         The move once for each step of what the model can bring.
+    learn : int or None
+        The move so many times more, each with a torque that the ones before have taught.
     over_belt : bool
         On a virtual drive, the belt may carry more than its feed force.
     options : Options or None
@@ -391,7 +406,7 @@ def verify(
     """
     options, talk, run = given(options), talk or Silence(), place(run)
     move = None if move is None else place(move, "move")
-    how: dict[str, Any] = {"move": move, "trajectory": trajectory, "rungs": rungs, "over_belt": over_belt}
+    how: dict[str, Any] = {"move": move, "trajectory": trajectory, "rungs": rungs, "learn": learn, "over_belt": over_belt}
     with (
         able(open_drive(drive, options.for_drive(_axis_in(run))), "position") as opened,
         supervise(opened, drive, run, options, talk) as connected,
@@ -408,6 +423,7 @@ def verify(
         )
 
 
+@own_words
 @changes_run(waits=False)
 def apply(
     drive: str, run: Place, *, dcf: Place | None = None, shown: bool = False, options: Options | None = None, talk: Talk | None = None
@@ -447,6 +463,7 @@ def apply(
         return apply_to(connected, drive, folder, options, talk, agreed, dcf=dcf, shown=shown)
 
 
+@own_words
 def backups(run: Place) -> Result:
     """The backups of a run, with dates; no drive is needed.
 
@@ -463,6 +480,7 @@ def backups(run: Place) -> Result:
     return backup_list(RunFolder.open(place(run)))
 
 
+@own_words
 @changes_run(waits=False)
 def rollback(drive: str, run: Place, *, backup: str | None = None, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Write back what the drive had when the run began, or another backup of the run.
@@ -498,6 +516,7 @@ def rollback(drive: str, run: Place, *, backup: str | None = None, options: Opti
         return roll_back(connected, drive, folder, backup, options, talk)
 
 
+@own_words
 @changes_run(waits=False)
 def calibrate(drive: str, axis: Axis | Place | None, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Calibrate the drive's gains by small steps of its setpoints, into a run: a new one for ``axis``, or an existing one without it.
@@ -531,6 +550,7 @@ def calibrate(drive: str, axis: Axis | Place | None, run: Place, *, options: Opt
         return calibrate_job.calibrate_on(connected, drive, folder, settings_of(options), partial(agreed, plan), talk)
 
 
+@own_words
 def move(drive: str, axis: Axis | Place, by_m: float, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Move the carriage slowly by a small distance with the gains that are in the drive.
 
@@ -567,6 +587,7 @@ def move(drive: str, axis: Axis | Place, by_m: float, *, options: Options | None
         return short_move.moved(connected, drive, axis, by_m, options, talk)
 
 
+@own_words
 @changes_run(waits=False)
 def simulate(
     plant: str, axis: Axis | Place, run: Place, *, experiment: str = "frf", options: Options | None = None, talk: Talk | None = None

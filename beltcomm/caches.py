@@ -58,3 +58,14 @@ def keep(path: Path, key: str, content: Mapping[str, Any]) -> None:
         atomic.write(path, json.dumps({"key": key, **content}).encode() + b"\n")
     except OSError as error:
         tell(f"{path} cannot be kept ({error.strerror or error}); the next command finds it anew.")
+
+
+def keep_newest(folder: Path, pattern: str, most: int) -> None:
+    """Leave so many of the files of a pattern, those written last; another process may do the same meanwhile."""
+    written: dict[Path, float] = {}
+    for path in folder.glob(pattern):
+        with suppress(OSError):
+            written[path] = path.stat().st_mtime
+    for path in sorted(written, key=lambda file: -written[file])[most:]:
+        with suppress(OSError):
+            path.unlink()

@@ -40,7 +40,7 @@ def kept(dispatcher: Any) -> None:
 
 
 def user_folder() -> Path:
-    """Where machine code is kept that cannot stand beside its source."""
+    """Folder for machine code that cannot stand beside its source."""
     return user_cache_path("beltcomm") / "machine_code"
 
 
@@ -140,7 +140,7 @@ class _Files(caching.IndexDataCacheFile):
         atomic.write(Path(path), _MAGIC + hashlib.sha256(data).digest() + data)
 
     def _read(self, path: str) -> Any:
-        """What a file holds; None where there is none, or none that can be used."""
+        """Content of a file; None where there is none, or none that can be used."""
         try:
             content = Path(path).read_bytes()
         except FileNotFoundError:

@@ -42,6 +42,8 @@ class CarriagePosition:
         s on the machine that the whole job takes from now on at most; None when not known.
     gauges : tuple of Gauge
         Torque, belt force and speed against their limits.
+    load, unit : str
+        What moves is called, and mm, or what a mm of it is.
     """
 
     record: str
@@ -50,6 +52,8 @@ class CarriagePosition:
     known: bool = True
     left_s: float | None = None
     gauges: tuple[Gauge, ...] = ()
+    load: str = "carriage"
+    unit: str = "mm"
 
 
 class Talk(Protocol):

@@ -11,7 +11,7 @@ from typing import Any, Final
 import can
 import numpy as np
 
-from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Guarding, KnownMotor, Limits, Motion, Sink
+from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Guarding, KnownMotor, Limits, Listening, Motion, Sink
 from beltcomm.drive.finding import Finding
 from beltcomm.drive.objects import DictionaryEntry
 from beltcomm.errors import BusError, DriveError, Refused, UsageError
@@ -32,6 +32,7 @@ from beltcomm_adapters.identification import (
 )
 from beltcomm_adapters.interrupts import deferred_interrupt
 from beltcomm_adapters.link import NMT_PRE_OPERATIONAL, Link, find_nodes
+from beltcomm_adapters.listening import BusListening, HeardBus
 from beltcomm_adapters.logged import LoggedBus
 from beltcomm_adapters.motion import Run
 from beltcomm_adapters.new_profile import facts_of_bus, facts_of_file, text_of
@@ -346,6 +347,16 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     return connect(bus, clock, node, profile, bitrate, bus.shutdown, period_s, given.get("nameplate"))
 
 
+def _listen(address: str, options: Mapping[str, object]) -> Listening:
+    _check_known(options, ("node", "bitrate", "silent"))
+    node = whole_number(options, "node", None, 1, 126)
+    bitrate = whole_number(options, "bitrate", DEFAULT_BITRATE, 10_000, 1_000_000)
+    assert bitrate is not None
+    clock = MonotonicClock()
+    bus = HeardBus(open_bus(Address.parse(address), bitrate), clock)
+    return BusListening(bus, bus.heard, clock, node, bus.shutdown, ask=not options.get("silent"))
+
+
 def _check_known(options: Mapping[str, object], known: tuple[str, ...]) -> None:
     if unknown := sorted(set(options) - set(known)):
         raise UsageError(f"a CAN drive has no option {', '.join(unknown)}; it has {', '.join(known)}")
@@ -415,4 +426,5 @@ ADAPTER = Adapter(
     logs=True,
     nameplates=True,
     new_profile=_new_profile,
+    listen=_listen,
 )

@@ -6,13 +6,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from beltcomm.drive import Adapter, Drive, Service
+from beltcomm.drive import Adapter, Drive, Heard, Listening, Service
 from beltcomm.drive.finding import Finding
 from beltcomm.drive.objects import DictionaryEntry
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm_adapters.buses import MonotonicClock
 from beltcomm_adapters.canopen import EXAMINATION_OPTIONS, connect, number, whole_number
 from beltcomm_adapters.examination.can import examine_bus
+from beltcomm_adapters.listening import PlayedListening
 from beltcomm_adapters.new_profile import facts_of_bus, text_of
 from beltcomm_adapters.virtual_node import NODE, attached, played, ticks_per_second
 
@@ -49,6 +50,22 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     identity = {**drive.capabilities.identity, "plant": machine}  # the machine behind it is part of what a run was made on
     drive.capabilities = replace(drive.capabilities, identity=identity)
     return drive
+
+
+def _listen(address: str, options: Mapping[str, object]) -> Listening:
+    """Options: those of :func:`_playing`; ``silent``; ``production``: made of a drive, an iterator that drives one move for each step, for
+    a virtual machine has no master of its own."""
+    given: Mapping[str, Any] = options
+    production = given.get("production")
+    bus, _ = _playing(address, {name: value for name, value in options.items() if name not in ("silent", "production", "node")})
+    heard: list[Heard] = []
+
+    def hear(frame: tuple[float, int, bytes, str]) -> None:
+        heard.append((*frame[:3], frame[3].endswith("rtr")))
+
+    bus.on_frame = hear
+    master = iter(()) if production is None else production(connect(bus, bus.clock, NODE, played(options)[1], None, lambda: None))
+    return PlayedListening(master, bus, heard, bus.clock, NODE, bus.shutdown, ask=not options.get("silent"))
 
 
 def _examine(address: str, options: Mapping[str, object]) -> Iterator[Finding]:
@@ -88,4 +105,5 @@ ADAPTER = Adapter(
     logs=True,
     nameplates=True,
     new_profile=_new_profile,
+    listen=_listen,
 )

@@ -135,7 +135,7 @@ class TunedDesign:
         return {"move": self._move_words}
 
     def begin(self) -> dict[str, Any]:
-        """What the page needs once: where the controls stand, their ranges and choices."""
+        """State that the page needs once: positions of the controls, their ranges and choices."""
         ground, start, targets = self.bench.ground, self._start, self._basis.folder.axis.targets
         return {
             "run": str(self._basis.folder.path),
@@ -252,7 +252,7 @@ class TunedDesign:
 
 
 def ground_of(basis: Basis, saved: Mapping[str, Any], move: Path | None = None) -> DesignInput:
-    """What tuning of a run rests on.
+    """Basis of the tuning of one run.
 
     Parameters
     ----------

@@ -70,7 +70,7 @@ class LaboratoryTab:
         }
 
     def state(self) -> dict[str, Any]:
-        """What runs, and whether something is there that the page has not seen; a run that was changed by others is read anew."""
+        """Running work, and news since the page's last look; a run that was changed by others is read anew."""
         stamp = stamp_of(self._run)
         with self._lock:
             stale = stamp != (self._view.stamp if self._view is not None else self._asked_for)
@@ -115,14 +115,14 @@ class LaboratoryTab:
         }
 
     def candidates(self) -> dict[str, Any]:
-        """What could explain the rest over all records, best first, each with its law."""
+        """Candidates for the rest over all records, best first, each with its law."""
         view = self._shown()
         chosen = np.ones(len(view.cells.count), dtype=np.bool_)
         told = sorted(self._known(), key=lambda one: -one.evidence)
         return {"searched": self._searched, "candidates": [self._told(one, view, chosen, None) for one in told if one.evidence > EVIDENCE]}
 
     def segment(self, asked: Any) -> dict[str, Any]:
-        """What lies in a range of one coordinate, and what could explain it.   Raises UsageError for what is no range."""
+        """Samples in a range of one coordinate, and candidates for their rest.   Raises UsageError for what is no range."""
         view = self._shown()
         along, low, high, record = _checked(asked, view)
         cells = view.cells
@@ -298,7 +298,7 @@ HEARD: Mapping[str, Callable[..., None]] = {
 
 
 def _static(one: CandidateEffect, view: ResidualView) -> dict[str, Any]:
-    """What of a candidate does not depend on what is chosen."""
+    """Part of a candidate that does not depend on what is chosen."""
     cells, effect, after = view.cells, effect_named(one.effect), {}
     if len(one.left):
         squares, count = cells.sums(one.left.astype(np.float64) ** 2), cells.sums(np.ones(view.fitted))
@@ -333,7 +333,7 @@ def _mean(values: NDArray[np.float64], count: NDArray[np.float64]) -> float | No
 
 
 def _packed(values: NDArray[Any]) -> str:
-    """As 32-bit numbers in base64, which a page reads without parsing."""
+    """Numbers of 32 bits in base64, which a page reads without parsing."""
     return base64.b64encode(np.asarray(values, dtype="<f4").tobytes()).decode()
 
 

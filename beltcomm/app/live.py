@@ -28,7 +28,7 @@ LINES = 12
 
 
 class LiveTab:
-    """What happens in a run folder now."""
+    """Tab of what happens in a run folder now."""
 
     def __init__(self, run: Path) -> None:
         self._run = run
@@ -40,7 +40,7 @@ class LiveTab:
         return {"state": lambda _: self.state()}
 
     def running(self) -> bool:
-        """Whether a session is in the folder: its lock stands there, and what it writes has grown since one of the last looks."""
+        """True if a session is in the folder: its lock stands there, and what it writes has grown since one of the last looks."""
         part, told = self._part(), self._run / journal.TEXT
         seen = tuple(file.stat().st_size if file is not None and file.is_file() else 0 for file in (part, told))
         self._still = 0 if seen != self._seen else self._still + 1
@@ -48,7 +48,7 @@ class LiveTab:
         return (self._run / LOCK).exists() and self._still < STILL
 
     def state(self) -> dict[str, Any]:
-        """Where the carriage is, what the motor does against its limits, what is done and what is to come."""
+        """Position of the carriage, load of the motor against its limits, steps done and to come."""
         folder = RunFolder.open(self._run)
         axis = folder.axis if folder.has_axis else None
         part = self._part()

@@ -43,12 +43,12 @@ class RunPage:
         return found
 
     def begin(self) -> dict[str, Any]:
-        """What the page says at its top."""
+        """Head of the page."""
         folder = RunFolder.open(self._run)
         return {"run": str(self._run), "axis": folder.axis.name if folder.has_axis else "", "live": self.live.running()}
 
     def close(self) -> None:
-        """What runs beside it ends."""
+        """End what runs beside it."""
         self.laboratory.close()
 
 

@@ -1,4 +1,4 @@
-"""What the laboratory tab shows of a run's present model, as values that go from the worker to the page."""
+"""View of a run's present model in the laboratory tab, as values that go from the worker to the page."""
 
 from __future__ import annotations
 

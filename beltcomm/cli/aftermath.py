@@ -1,4 +1,4 @@
-"""What a command on a machine leaves behind when it fails: its folder, the state of the drive, and the command to type next."""
+"""State left by a command on a machine that failed: its folder, the drive's parameters, and the command to type next."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a shell can complete: drives, axes, plants, effects, run folders.  Verbs, options and choices click knows by itself.
+"""Shell completion of drives, axes, plants, effects and run folders.  Verbs, options and choices click knows by itself.
 
 Installed by ``eval "$(_BELTCOMM_COMPLETE=bash_source beltcomm)"`` in ``~/.bashrc``; ``zsh_source`` and ``fish_source`` likewise.
 """

@@ -16,8 +16,9 @@ from beltcomm.cli.frame import Invocation, api, options_of, today
     "--format",
     "format_",
     required=True,
-    type=shared.WordChoice(["yaml", "c", "st", "dcf"]),
-    help="yaml: coefficients and equations; c: one C99 file; st: an IEC 61131-3 function block; dcf: what goes into the drive (CiA 306).",
+    type=shared.WordChoice(["yaml", "c", "st", "dcf", "mcap"]),
+    help="yaml: coefficients and equations; c: one C99 file; st: an IEC 61131-3 function block; dcf: what goes into the drive (CiA 306); "
+    "mcap: the recordings, for PlotJuggler and Foxglove.",
 )
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Write to FILE; to stdout when left out.")
 @click.option(
@@ -26,10 +27,13 @@ from beltcomm.cli.frame import Invocation, api, options_of, today
     type=shared.QuantityType("torque_limit_nm"),
     help="Largest torque of the controller at the motor shaft; the drive's peak torque when left out.",
 )
+@click.option("--recording", metavar="NAME", help="Of mcap: this recording alone; all when left out.")
 @click.option("--yes", is_flag=True, help="Overwrite an existing file.")
 @shared.output_options
 @click.pass_obj
-def command(frame: Invocation, /, run: Path, format_: str, out: Path | None, torque_limit_nm: float | None, yes: bool) -> int:
+def command(
+    frame: Invocation, /, run: Path, format_: str, out: Path | None, torque_limit_nm: float | None, recording: str | None, yes: bool
+) -> int:
     """Write the controller that was designed in the run folder RUN as text for another machine; nothing moves."""
     return frame.show(
         api("beltcomm.jobs.export").export(
@@ -37,6 +41,7 @@ def command(frame: Invocation, /, run: Path, format_: str, out: Path | None, tor
             format_,
             out=out,
             torque_limit_nm=torque_limit_nm,
+            recording=recording,
             command=frame.line(),
             when=today(),
             options=options_of(yes=yes),

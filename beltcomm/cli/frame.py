@@ -1,4 +1,4 @@
-"""What all verbs share: results to stdout, talk to stderr, one exit code for whatever happens."""
+"""Frame of every verb: results to stdout, talk to stderr, one exit code for whatever happens."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ VIRTUAL_AXIS = "egc-70-600"
 
 
 class CommandResult(Protocol):
-    """What a function of :mod:`beltcomm.api` returns."""
+    """Protocol of the result of a function of :mod:`beltcomm.api`."""
 
     @property
     def exit_code(self) -> int:
@@ -65,7 +65,7 @@ class CommandResult(Protocol):
         ...
 
     def lines(self) -> Iterable[str]:
-        """The same for people."""
+        """Result as lines for people."""
         ...
 
 
@@ -100,7 +100,7 @@ class Invocation:
         self._events_before = len(events_of(folder)) if folder else 0
 
     def _events(self) -> list[str]:
-        """What this command wrote into the run's journal: how an earlier one left the drive says nothing of today."""
+        """Events that this command wrote into the run's journal; how an earlier one left the drive says nothing of today."""
         return events_of(self._run)[self._events_before :] if self._run else []
 
     def guarded(self, command: Callable[[], Any]) -> int:
@@ -155,7 +155,7 @@ class Invocation:
             return self._unexpected(error)
 
     def _left_behind(self) -> str:
-        """How axis and drive were left, by the last event of the run's journal: nothing is promised that did not happen."""
+        """Axis and drive as they were left, by the last event of the run's journal: nothing is promised that did not happen."""
         last = (self._events() or [""])[-1]
         backup = "" if self._run is None else f", they are in {self._run / 'results' / 'backup.yaml'}"
         return {
@@ -181,7 +181,7 @@ class Invocation:
         return result.exit_code
 
     def print(self, data: Mapping[str, Any], lines: Iterable[str]) -> None:
-        """The same from a mapping and lines."""
+        """Print a result given as a mapping and lines."""
         self._end_talk(done=True)
         if self.json:
             from beltcomm.result import jsonable  # numpy, which a command that prints help does without
@@ -195,7 +195,7 @@ class Invocation:
         return shlex.join(["beltcomm", *self.words])
 
     def talk(self) -> Talk:
-        """Where progress and questions go: stderr."""
+        """Listener that shows progress and questions on stderr."""
         from beltcomm.cli.talk import terminal_talk
 
         if self._talk is None:
@@ -222,7 +222,7 @@ class Invocation:
         return {"next": f"{again_command(self.words, self.run, resumes=True)}   (goes on where it stopped)"}
 
     def _kept(self) -> str:
-        """What is left of an interrupted run, in words."""
+        """Records of an interrupted run that are kept, in words."""
         verb = self.words[0] if self.words else ""
         if not self.run or not self.run.is_dir() or verb not in RECORDING:
             return ""
@@ -271,7 +271,7 @@ class Invocation:
 
 
 def _left_lines(left: Mapping[str, str]) -> Iterator[str]:
-    """What a failed command leaves behind; what to type next stands alone on its line."""
+    """Lines on the state that a failed command left; the command to type next stands alone on its line."""
     for label, words in left.items():
         first = LEFT_NEXT.fullmatch(words) if label == "next" else None
         if first is None:
@@ -283,7 +283,7 @@ def _left_lines(left: Mapping[str, str]) -> Iterator[str]:
 
 
 def typed(lines: Iterable[str]) -> Iterator[str]:
-    """What to type next: alone on its line, as this terminal finds it: by its path where no folder of ``PATH`` holds the program."""
+    """Next command, alone on its line, as this terminal finds it: by its path where no folder of ``PATH`` holds the program."""
     from beltcomm.result import Line, command_lines
 
     program = Path(sys.argv[0])

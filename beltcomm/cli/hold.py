@@ -33,7 +33,7 @@ class HeldKey:
         self._told = False
 
     def begin(self) -> bool:
-        """See :class:`beltcomm.talk.Hold`; what was typed before does not count."""
+        """Begin to look for the key, as :class:`beltcomm.talk.Hold` asks; what was typed before does not count."""
         self._without_lines()
         if not self._told:
             self._say(
@@ -56,7 +56,7 @@ class HeldKey:
         return True
 
     def held(self) -> bool:
-        """See :class:`beltcomm.talk.Hold`."""
+        """True as long as the key is held (:class:`beltcomm.talk.Hold`)."""
         now = self._clock()
         if self._look(0.0):
             self._last_s = now
@@ -77,7 +77,7 @@ class HeldKey:
             raise UsageError("this system's terminal gives no key while it is held; hold to run by a script: --hold-to-run=FD")
 
     def _look(self, wait_s: float) -> bool | None:
-        """Whether the key gave a sign within this time; None when nothing will ever come."""
+        """True if the key gave a sign within this time; None when nothing will ever come."""
         if not select.select([self._fd], [], [], wait_s)[0]:
             return False
         found = os.read(self._fd, 4096)

@@ -10,6 +10,7 @@ import click
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api, axis_for, run_folder
 from beltcomm.errors import UsageError
+from beltcomm.quantities import parse_quantity
 
 
 @click.command("identify")
@@ -24,6 +25,10 @@ from beltcomm.errors import UsageError
     default="prbs",
     help="Signal of the frequency response; prbs when left out.  A multisine tells nonlinearity from noise.",
 )
+@click.option("--order", "prbs_order", type=click.IntRange(3, 16), metavar="N", help="Of a PRBS: 2^N - 1 bits; chosen when left out.")
+@click.option("--clock", "bit", metavar="SAMPLES|TIME", help="Of a PRBS: how long a bit lasts, 2 samples or 8ms.")
+@click.option("--amplitude", "amplitude_nm", type=shared.QuantityType("amplitude_nm"), help="± at the motor; refused beyond the limits.")
+@click.option("--periods", type=click.IntRange(3), metavar="N", help="Measured ones, after one of run-in.")
 @click.option(
     "--loop",
     type=shared.WordChoice(("open", "direct", "indirect", "setpoint")),
@@ -41,12 +46,23 @@ from beltcomm.errors import UsageError
 @shared.force_option
 @shared.output_options
 @click.pass_obj
-def command(frame: Invocation, /, drive: str, axis: str | None, run: Path | None, resume: bool, plan: Path | None, **given: Any) -> int:
+def command(
+    frame: Invocation,
+    /,
+    drive: str,
+    axis: str | None,
+    run: Path | None,
+    resume: bool,
+    plan: Path | None,
+    bit: str | None,
+    **given: Any,
+) -> int:
     """Measure frequency responses; the machine moves by some millimetres, with --loop along its travel.
 
     The amplitude rises step by step inside limits that are predicted before each step. A drive that does not know where the carriage
     stands needs --position or --home, or --window for a record at this place alone.
     """
+    given["bit_s"] = _bit_s(bit, given["sample_period_s"])
     closed = given["loop"] != "open"
     if closed and (run is None or plan is not None):
         raise UsageError(f"--loop {given['loop']} goes on with a run that has a model: give its folder with --run, and no --plan")
@@ -59,3 +75,12 @@ def command(frame: Invocation, /, drive: str, axis: str | None, run: Path | None
     frame.run = run_folder(run, known.name)
     options = frame.options(resume=resume, search=True, **given)
     return frame.show(api().identify(drive, known, frame.run, options=options, talk=frame.talk()))
+
+
+def _bit_s(text: str | None, sample_period_s: float | None) -> float | None:
+    """How long a bit lasts: a time, or samples of the period that is asked for, 1 ms where none is.   Raises UsageError."""
+    if text is None:
+        return None
+    if text.strip().isdigit():
+        return int(text) * (sample_period_s or 1e-3)
+    return parse_quantity(text, "bit_s")

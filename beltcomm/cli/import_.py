@@ -11,11 +11,11 @@ import click
 
 from beltcomm.borders import for_terminal
 from beltcomm.cli import options as shared
+from beltcomm.cli import reading
 from beltcomm.cli.frame import Invocation, api, run_folder
 from beltcomm.cli.init import axis_with
 from beltcomm.errors import BeltcommError, Refused, UsageError
 from beltcomm.outside import read_text
-from beltcomm.quantities import parse_quantity
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -44,13 +44,7 @@ class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic 
 
 @click.command("import")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path), metavar="FILE...")
-@click.option(
-    "--map",
-    "mapping",
-    multiple=True,
-    metavar="OURS=THEIRS*SCALE|FILE",
-    help="torque_nm=Iq*0.65, t_s=time*ms, position_rad=enc*rev/65536; or a file of such lines.",
-)
+@reading.MAP
 @click.option(
     "--run",
     type=click.Path(path_type=Path),
@@ -59,8 +53,8 @@ class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic 
 @click.option("--axis", metavar="FILE", help="axis.yaml, or the name of a shipped axis. Without: one rigid mass.")
 @click.option("--set", "entries", multiple=True, metavar="KEY=VALUE", help="An entry of axis.yaml: name=EMPS, limits.speed_m_s=0.2.")
 @click.option("--name", help="Of the recording; the file's name when left out.")
-@click.option("--rate", metavar="HZ", help="Rows per second, when there is no time column (1000Hz, 2kHz).")
-@click.option("--period", metavar="S", help="The same as time between rows (1ms).")
+@reading.RATE
+@reading.PERIOD
 @click.option("--resample", metavar="HZ", help="Take uneven rows at so many even ones per second; no more than there are.")
 @click.option(
     "--experiment", type=shared.WordChoice(_EXPERIMENTS), default="free", show_default=True, help="What was done; a log of frames tells it."
@@ -86,30 +80,24 @@ class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic 
     metavar="REASON",
     help="Take a record that is judged wrong (sign, clipped, no relation); kept with it.",
 )
-@click.option(
-    "--torque-acts",
-    type=shared.WordChoice(["after", "before"]),
-    help="After its row's time stamp, as in a table when left out, or before it; in a log of frames as the drive's profile says.",
-)
-@click.option("--flip", multiple=True, type=shared.WordChoice(["torque", "position"]), help="Turn the sign of all columns of the kind.")
-@click.option("--unwrap", metavar="SPAN", help="The position is a counter that starts anew after SPAN, after scaling (1rev, 200mm).")
+@reading.TORQUE_ACTS
+@reading.FLIP
+@reading.UNWRAP
 @click.option("--rows", type=Rows(), metavar="FIRST:LAST", help="Only these rows, counted from 1.")
 @click.option(
     "--from", "from_s", type=shared.QuantityType("from_s"), help="Leave out what was recorded before this time after the first row."
 )
 @click.option("--until", "until_s", type=shared.QuantityType("until_s"), help="Leave out what was recorded after this time.")
-@click.option("--drop-incomplete", is_flag=True, help="Leave out rows in which a value is missing.")
+@reading.DROP
 @click.option("--keep", multiple=True, metavar="NAME", help="Keep a further column under its own name; all keeps all.")
-@click.option(
-    "--separator", type=shared.WordChoice(["comma", "semicolon", "tab", "space"]), help="Of a text file; recognised when left out."
-)
-@click.option("--decimal", type=shared.WordChoice(["point", "comma"]), help="Of a text file; recognised when left out.")
+@reading.SEPARATOR
+@reading.DECIMAL
 @click.option("--skip-lines", type=click.IntRange(0), default=0, help="Leave out so many lines at the beginning of a text file.")
 @click.option("--record", type=click.IntRange(1), help="Of a log of CAN frames: only this move, from 1.")
-@click.option("--channel", metavar="NAME", help="Of a log of several interfaces: can0.")
-@click.option("--node", type=click.IntRange(1, 127), help="Of a log of several drives: the node.")
-@click.option("--signal", "signals", multiple=True, metavar="NAME=ID:BYTE:TYPE", help="What frames carry: 6064h=181:0:i32.")
-@click.option("--dbc", type=click.Path(path_type=Path), help="DBC file that says what frames carry.")
+@reading.CHANNEL
+@reading.NODE
+@reading.SIGNAL
+@reading.DBC
 @click.option("--dry-run", is_flag=True, help="Show what would be read and write nothing.")
 @click.option("--check", "check_only", is_flag=True, help="Repeat the imports of --run from their originals and compare; no FILE.")
 @shared.output_options
@@ -150,7 +138,7 @@ def command(
     try:
         return frame.show(
             api("beltcomm.foreign.job").import_recordings(
-                files, frame.run, _reading(given), **words, ask=_ask if _can_be_asked() else None, talk=frame.talk()
+                files, frame.run, reading.reading_of(given), **words, ask=_ask if _can_be_asked() else None, talk=frame.talk()
             )
         )
     except NeedsAnswers as error:
@@ -217,57 +205,6 @@ def _holds(path: Path, text: str) -> bool:
         return read_text(path) == text
     except (OSError, BeltcommError):
         return False
-
-
-def _mappings(written: tuple[str, ...]) -> tuple[str, ...]:
-    """Each mapping, those in files too.   Raises UsageError for a file that is not there or is no text."""
-    from beltcomm.foreign.guess import mappings_in
-
-    found: list[str] = []
-    for text in written:
-        if "=" in text and not Path(text).is_file():
-            found.append(text)
-            continue
-        try:
-            found += mappings_in(read_text(Path(text), failure=UsageError))
-        except (OSError, ValueError) as error:
-            raise UsageError(
-                f"--map {text} is no mapping and no file of mappings; write OURS=THEIRS*SCALE, such as torque_nm=Iq*0.65"
-            ) from error
-    return tuple(found)
-
-
-def _reading(given: dict[str, Any]) -> Any:
-    from beltcomm.foreign.convert import Reading
-
-    first, last = given["rows"] or (None, None)
-    same = (
-        *("keep", "separator", "decimal", "skip_lines", "from_s", "until_s", "torque_acts", "unwrap", "drop_incomplete"),
-        *("flip", "record", "channel", "node", "signals"),
-    )
-    return Reading(
-        mapping=_mappings(given["mapping"]),
-        **{key: given[key] for key in same},
-        dbc=str(given["dbc"]) if given["dbc"] else None,
-        period_s=_period_s(given["rate"], given["period"]),
-        even_s=_period_s(given["resample"], None, "--resample"),
-        first_row=first,
-        last_row=last,
-    )
-
-
-def _period_s(rate: str | None, period: str | None, option: str = "--rate") -> float | None:
-    """The time between rows from --rate or --period.  Raises UsageError for both, or what is no positive number."""
-    if rate is not None and period is not None:
-        raise UsageError("--rate and --period say the same; give one of them")
-    if period is not None:
-        return parse_quantity(period, "period_s")
-    if rate is None:
-        return None
-    value = parse_quantity(rate, "rate_hz")
-    if value <= 0.0:
-        raise UsageError(f"{option} is {value:g} Hz; it must be positive")
-    return 1.0 / value
 
 
 def _sidecar(given: dict[str, Any]) -> Any:

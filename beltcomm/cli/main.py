@@ -61,6 +61,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "open": "A run on a local page: model, design with sliders, live.",
         "runs": "The runs here, the newest first, and what is said of each.",
         "report": "Everything known of a run, as one page.",
+        "watch": "Production moves judged by a run's model; reads only.",
         "trend": "One axis over many runs: what drifts.",
         "study": "Thousands of virtual axes, or a fleet's runs.",
         "bundle": "A run in one zip, for whoever helps: no paths, no user name.",

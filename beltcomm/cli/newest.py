@@ -22,7 +22,7 @@ def runs_here(folder: Path = RUNS) -> list[Path]:
 
 
 def written(path: Path) -> float:
-    """When something was last done in a run, s since 1970."""
+    """Time at which something was last done in a run, s since 1970."""
     files = [path / name for name in ("journal.txt", *MARKS)]
     return max((file.stat().st_mtime for file in files if file.is_file()), default=0.0)
 

@@ -1,4 +1,4 @@
-"""What a command on a real drive leaves behind: the bus's log, and when it ended badly a bundle for whoever helps."""
+"""Traces of a command on a real drive: the bus's log, and when it ended badly a bundle for whoever helps."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _WITHOUT_BUS = ("virtual", "serial")
 
 
 def private_words() -> list[str]:
-    """What tells whose machine this is: its user and its name."""
+    """Words that tell whose machine this is: its user and its name."""
     words = [platform.node()]
     with contextlib.suppress(OSError, KeyError, ImportError):  # a user without an entry in the password file
         words.append(getpass.getuser())
@@ -43,7 +43,7 @@ class Traces:
             self._log = BusLog()
 
     def drive_options(self) -> dict[str, Any]:
-        """What the adapter is given beside what the user said."""
+        """Options of the adapter beside those that the user gave."""
         return {} if self._log is None else {"log": self._log}
 
     def leave(self, run: Path, verb: str, code: int) -> list[str]:

@@ -21,6 +21,12 @@ from beltcomm.errors import UsageError
 @shared.target_option
 @click.option("--rungs", is_flag=True, help="The move five times: what each step beyond the design source brings, in µm.")
 @click.option(
+    "--learn",
+    type=click.IntRange(2, 50),
+    metavar="N",
+    help="The move N times more: each time with a torque learnt from what was left before, as far as the model is trusted.",
+)
+@click.option(
     "--over-belt",
     is_flag=True,
     help="Virtual drives only: no limit of the belt, nor of the way of a stop, holds the move back (T_B of the thesis).",
@@ -36,6 +42,7 @@ def command(
     move: Path | None,
     trajectory: str | None,
     rungs: bool,
+    learn: int | None,
     over_belt: bool,
     targets: dict[str, Any],
     **given: Any,
@@ -46,8 +53,10 @@ def command(
     options = frame.options(targets=targets or None, **given)
     if rungs and options.feedforward is not None:
         raise UsageError("--rungs drives every feedforward in turn; leave --feedforward out")
+    if rungs and learn is not None:
+        raise UsageError("--rungs and --learn both repeat the move; give one of them")
     frame.run = run
     result = api().verify(
-        drive, run, move=move, trajectory=trajectory, rungs=rungs, over_belt=over_belt, options=options, talk=frame.talk()
+        drive, run, move=move, trajectory=trajectory, rungs=rungs, learn=learn, over_belt=over_belt, options=options, talk=frame.talk()
     )
     return frame.show(result)

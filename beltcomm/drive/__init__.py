@@ -1,4 +1,4 @@
-"""What beltcomm asks of a servo drive, and how an adapter for one is found.
+"""Interface of a servo drive, and the search for its adapter.
 
 An adapter is a guest: a package registers a value of type :class:`Adapter` under the entry-point group
 ``beltcomm.adapters``; nothing here imports one.  Everything crossing this border is SI at the **motor shaft**
@@ -59,7 +59,7 @@ class Clock(Protocol):
 
 @dataclass(frozen=True)
 class Limits:
-    """What must not be exceeded while the axis moves; watched in the drive and row by row on the host.
+    """Limits of a motion; watched in the drive and row by row on the host.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Motion:
-    """What the axis is asked to do, one entry per sample period; starts and ends at rest.
+    """Motion asked of the axis, one entry per sample period; starts and ends at rest.
 
     "torque" is a torque setpoint, all loops open (cyclic synchronous or profile torque).  In "position" the drive closes its cascade on
     ``position_rad`` (cyclic synchronous or interpolated position), ``velocity_rad_s`` is its velocity feedforward and ``torque_nm`` is
@@ -161,7 +161,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Guarding:
-    """How a drive took the silence of its host, seen once at standstill (:meth:`Drive.prove_guarding`).
+    """Reaction of a drive to the silence of its host, seen once at standstill (:meth:`Drive.prove_guarding`).
 
     Attributes
     ----------
@@ -178,7 +178,7 @@ class Guarding:
     brakes: bool
 
     def held_s(self, guard_s: float) -> float:
-        """How long the last torque is held at worst.
+        """Longest time for which the last torque is held.
 
         Parameters
         ----------
@@ -194,7 +194,7 @@ class Guarding:
 
 @dataclass(frozen=True)
 class KnownMotor:
-    """What is known of a motor beforehand, for what a drive does not tell; None where nobody knows it.
+    """Motor as known beforehand, for what a drive does not tell; None where nobody knows it.
 
     Attributes
     ----------
@@ -215,7 +215,7 @@ class KnownMotor:
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What a connected drive can do, as read from it or from its profile (never assumed).
+    """Capabilities of a connected drive, as read from it or from its profile (never assumed).
 
     Attributes
     ----------
@@ -295,7 +295,7 @@ class Capabilities:
 
 @dataclass(frozen=True)
 class ExchangeReport:
-    """How one recording went: rows delivered, cycles lost on the bus, and the largest deviation of a period, s.
+    """Quality of one recording: rows delivered, cycles lost on the bus, and the largest deviation of a period, s.
 
     Attributes
     ----------
@@ -546,9 +546,36 @@ class Service(Protocol):
     def __exit__(self, *exc: object) -> None: ...
 
 
+Heard = tuple[float, int, bytes, bool]
+"""A frame that was heard: time in s, identifier, data, whether it is a remote frame."""
+
+
+class Listening(Protocol):
+    """A bus that is listened to: nothing is written to a drive, nothing moves.   Use as a context manager.
+
+    title : where, in words.
+    """
+
+    title: str
+
+    def frames(self, wait_s: float) -> list[Heard]:
+        """What has come since it was asked last; waits for it so long.   Raises BusError.
+
+        Parameters
+        ----------
+        wait_s : float, s
+            Of the bus's own time.
+        """
+        ...
+
+    def __enter__(self) -> Listening: ...
+
+    def __exit__(self, *exc: object) -> None: ...
+
+
 @dataclass(frozen=True)
 class Adapter:
-    """What an adapter package registers.
+    """Entry that an adapter package registers.
 
     Attributes
     ----------
@@ -590,6 +617,7 @@ class Adapter:
     logs: bool = False
     nameplates: bool = False
     new_profile: Callable[[str | None, Mapping[str, object], Mapping[str, str], Sequence[DictionaryEntry]], str] | None = None
+    listen: Callable[[str, Mapping[str, object]], Listening] | None = None
 
     def taken(self, options: Mapping[str, object]) -> dict[str, object]:
         """Options that this adapter takes, of those that programs add for every adapter.
@@ -634,7 +662,7 @@ def find_adapters() -> list[FoundAdapter]:
 
 
 def simulated(name: str) -> bool:
-    """Whether a drive's name is that of a virtual one: ``virtual:g_a``, ``serial:virtual``.
+    """True if a drive's name is that of a virtual one: ``virtual:g_a``, ``serial:virtual``.
 
     Parameters
     ----------

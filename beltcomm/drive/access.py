@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from beltcomm.drive import Drive, MotionKind, Service, find_adapters
+from beltcomm.drive import Drive, Listening, MotionKind, Service, adapter_for, find_adapters
 from beltcomm.drive.finding import Finding
 from beltcomm.errors import DriveError, Refused, UsageError
 from beltcomm.given import word
 
 
 def able(drive: Drive, kind: MotionKind) -> Drive:
-    """The same drive, if it offers this kind of motion and takes what a record sets; nothing has moved yet.
+    """Drive itself, if it offers this kind of motion and takes what a record sets; nothing has moved yet.
 
     An adapter may offer ``trial() -> list[Finding]``, which tries that and puts it back: what is wrong closes the drive, what it refuses
     goes into ``Capabilities.cautions``.   Raises Refused with the reason, DriveError with what the drive does not take.
@@ -46,3 +46,14 @@ def serve_drive(name: str, on: str, options: Mapping[str, object] | None = None)
         if item.adapter and item.adapter.serve and scheme in item.adapter.schemes:
             return item.adapter.serve(address, on, options or {})
     raise UsageError(f"{name!r} is no simulated drive, so it cannot be served; give virtual or virtual:PLANT")
+
+
+def listen_to(name: str, options: Mapping[str, object] | None = None) -> Listening:
+    """The bus of the drive called ``name``, listened to.
+
+    Raises UsageError when no adapter listens to one of this name, and what the adapter raises.
+    """
+    adapter, address = adapter_for(name, find_adapters())
+    if adapter.listen is None:
+        raise UsageError(f"{name!r} has no bus that can be listened to; record what it does into a log, and watch that (--log FILE)")
+    return adapter.listen(address, options or {})

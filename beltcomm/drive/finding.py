@@ -1,4 +1,4 @@
-"""What an examination finds: one statement about a machine, a port or a drive, and what to do about it."""
+"""Finding of an examination: one statement about a machine, a port or a drive, and what to do about it."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ def name_of(index: int, subindex: int = 0) -> str:
 
 
 def commands(index: int, subindex: int = 0) -> bool:
-    """Whether an object is a command and no setting."""
+    """True if an object is a command and no setting."""
     return index in COMMANDS and (index, subindex) != NO_COMMAND
 
 
@@ -74,7 +74,7 @@ def packed(kind: str, raw: float) -> bytes:
 
 @dataclass(frozen=True)
 class DictionaryEntry:
-    """What a file says of an object.   kind : data type, None for no single number.   value : that or default, None for none."""
+    """Entry of a file on an object.   kind : data type, None for no single number.   value : that or default, None for none."""
 
     index: int
     subindex: int
@@ -147,7 +147,7 @@ class ParameterObject:
 
 @dataclass(frozen=True)
 class ObjectValue:
-    """What stands, or shall stand, in one object.   kind : data type.   raw : the number on the wire.
+    """Value that stands, or shall stand, in one object.   kind : data type.   raw : the number on the wire.
 
     name, value : the parameter that it holds and its SI value, "" and None for none.
     """

@@ -43,7 +43,7 @@ GainAccess = Literal["writable", "to_calibrate", "unknown"]
 
 @dataclass(frozen=True)
 class GainTerm:
-    """What is known of a gain that beltcomm does not write: how a person calls it in the maker's tool.
+    """Gain that beltcomm does not write: how a person calls it in the maker's tool.
 
     place : object, parameter number or name there.   what : it does, in words.   missing : what is not known of it; "" for nothing.
     parameter : which of :data:`GAIN_NAMES` it holds, or ``integral_time_s``; "" where that is not known.   unit : as the tool shows it.

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from math import floor
-from typing import Final, Literal, Protocol
+from typing import Final, Literal
 
 from scipy.fft import next_fast_len
 
 from beltcomm.errors import Refused, UsageError
-from beltcomm.excitation.binary import ZERO_OVER_HIGHEST, choose_prbs
-from beltcomm.excitation.random_binary import GprbsChoice
+from beltcomm.excitation.binary import ZERO_OVER_HIGHEST, PrbsChoice, choose_prbs
+from beltcomm.excitation.random_binary import gprbs
 from beltcomm.excitation.record import (
     FEWEST_REPEATS,
     LOWEST_OVER_LINE,
@@ -21,8 +23,8 @@ from beltcomm.excitation.record import (
     Excitation,
     check_band,
 )
-from beltcomm.excitation.sines import MultisineChoice
-from beltcomm.excitation.sweep import ChirpChoice
+from beltcomm.excitation.sines import multisine
+from beltcomm.excitation.sweep import chirp
 
 ExcitationKind = Literal["prbs", "gprbs", "chirp", "multisine"]
 KINDS: Final[Sequence[ExcitationKind]] = ("prbs", "gprbs", "chirp", "multisine")
@@ -34,37 +36,26 @@ UP_TO_NYQUIST = 0.95
 BELOW_LOWEST = 0.2
 
 
-class Choice(Protocol):
-    """A signal but for its amplitude."""
+@dataclass(frozen=True)
+class PeriodicChoice:
+    """A signal but for its amplitude, the number of its measured periods, and in words why this one.
 
-    @property
-    def repeats(self) -> int:
-        """Measured periods."""
-        ...
+    Attributes
+    ----------
+    signal : callable
+        (amplitude N m at the motor shaft, sampling period s, measured periods, ``torque_step_nm``) to the excitation.
+    """
 
-    @property
-    def reason(self) -> str:
-        """In words, why this one."""
-        ...
+    signal: Callable[..., Excitation]
+    repeats: int
+    reason: str
 
     def excitation(self, amplitude_nm: float, sample_period_s: float, *, torque_step_nm: float = 0.0) -> Excitation:
-        """The record with this amplitude, N m.
+        """The record with this amplitude, as :meth:`PrbsChoice.excitation`."""
+        return self.signal(amplitude_nm, sample_period_s, self.repeats, torque_step_nm=torque_step_nm)
 
-        Parameters
-        ----------
-        amplitude_nm : float, N m, motor shaft
-            About the mean.
-        sample_period_s : float, s
-            Sampling period.
-        torque_step_nm : float, N m
-            Resolution of the drive's torque setpoint, 0 for none.
 
-        Returns
-        -------
-        Excitation
-            The record, ready to be run.
-        """
-        ...
+Choice = PrbsChoice | PeriodicChoice
 
 
 def choose(
@@ -125,6 +116,6 @@ def choose(
     words = f"lines every {1.0 / (period * sample_period_s):.3g} Hz, {repeats} measured periods of {period * sample_period_s:.3g} s"
     if kind == "gprbs":
         hold = max(2.0, 1.0 / (ZERO_OVER_HIGHEST * highest_hz * sample_period_s))
-        return GprbsChoice(period, hold, repeats, f"sign kept for {hold:.3g} samples on average, {words}", seed)
-    shown = f"{band[0]:.3g} to {band[1]:.4g} Hz, {words}"
-    return ChirpChoice(period, band, repeats, shown) if kind == "chirp" else MultisineChoice(period, band, repeats, shown, seed)
+        return PeriodicChoice(partial(gprbs, period, hold, seed=seed), repeats, f"sign kept for {hold:.3g} samples on average, {words}")
+    signal = partial(chirp, period, *band) if kind == "chirp" else partial(multisine, period, *band, seed=seed)
+    return PeriodicChoice(signal, repeats, f"{band[0]:.3g} to {band[1]:.4g} Hz, {words}")

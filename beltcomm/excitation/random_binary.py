@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from beltcomm.errors import UsageError
@@ -13,48 +11,10 @@ from beltcomm.excitation.record import Excitation, finish
 FEWEST_CHANGES = 8
 
 
-@dataclass(frozen=True)
-class GprbsChoice:
-    """Period, mean time between changes and number of measured periods of a GPRBS, and in words why these."""
-
-    period_samples: int
-    mean_hold: float
-    repeats: int
-    reason: str
-    seed: int = 1
-
-    def excitation(self, amplitude_nm: float, sample_period_s: float, *, torque_step_nm: float = 0.0) -> Excitation:
-        """The record with ±amplitude, N m, about its mean.
-
-        Parameters
-        ----------
-        amplitude_nm : float, N m, motor shaft
-            About the mean.
-        sample_period_s : float, s
-            Sampling period.
-        torque_step_nm : float, N m
-            Resolution of the drive's torque setpoint, 0 for none.
-
-        Returns
-        -------
-        Excitation
-            The record, ready to be run.
-        """
-        return gprbs(
-            self.period_samples,
-            self.mean_hold,
-            2.0 * amplitude_nm,
-            sample_period_s,
-            self.repeats,
-            seed=self.seed,
-            torque_step_nm=torque_step_nm,
-        )
-
-
 def gprbs(
     period_samples: int,
     mean_hold: float,
-    peak_to_peak_nm: float,
+    amplitude_nm: float,
     sample_period_s: float,
     repeats: int,
     *,
@@ -64,11 +24,11 @@ def gprbs(
 ) -> Excitation:
     """Binary torque that changes its sign at every sample with the probability 1/h.
 
-    P(u[n] = u[n-1]) = 1 - 1/h,   so  E u[n] u[n+k] = (A/2)² (1 - 2/h)^|k|   and the spectrum
+    P(u[n] = u[n-1]) = 1 - 1/h,   so  E u[n] u[n+k] = A² (1 - 2/h)^|k|   and the spectrum
 
     S(ω) ∝ (1 - ρ²)/(1 - 2 ρ cos ωT + ρ²),  ρ = 1 - 2/h,   has no zero; h = 2 is white.
 
-    As many samples are +A/2 as -A/2, as far as the period allows; what is left over is taken away as mean.
+    As many samples are +A as -A, as far as the period allows; what is left over is taken away as mean.
 
     Parameters
     ----------
@@ -76,8 +36,8 @@ def gprbs(
         Samples of a period.
     mean_hold : float
         h, samples, above 1.
-    peak_to_peak_nm : float, N m, motor shaft
-        A.
+    amplitude_nm : float, N m, motor shaft
+        A, about the mean.
     sample_period_s : float
         T, s.
     repeats : int
@@ -108,17 +68,17 @@ def gprbs(
             f"{period_samples} samples of which each sign lasts {mean_hold:g} on average: the latter must be above 1, and the period "
             f"at least {FEWEST_CHANGES} times as long"
         )
-    if not peak_to_peak_nm > 0 or not sample_period_s > 0:
-        raise UsageError(f"peak to peak {peak_to_peak_nm} N m, sample period {sample_period_s} s: both must be positive")
+    if not amplitude_nm > 0 or not sample_period_s > 0:
+        raise UsageError(f"amplitude {amplitude_nm} N m, sample period {sample_period_s} s: both must be positive")
     rng = np.random.default_rng(seed)
     signs = np.where(np.cumsum(rng.random(period_samples) < 1.0 / mean_hold) % 2, 1.0, -1.0)
     return finish(
         "gprbs",
-        0.5 * peak_to_peak_nm * signs,
+        amplitude_nm * signs,
         repeats,
         sample_period_s,
         (1.0 / (period_samples * sample_period_s), 0.5 / sample_period_s),
-        {"mean_hold": mean_hold, "peak_to_peak_nm": peak_to_peak_nm, "seed": seed},
+        {"mean_hold": mean_hold, "peak_to_peak_nm": 2.0 * amplitude_nm, "seed": seed},
         run_in_periods=run_in_periods,
         torque_step_nm=torque_step_nm,
     )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,44 +12,6 @@ from beltcomm.excitation.record import Excitation, finish
 GROUP = 4
 #: Sets of random phases of which the one with the smallest crest factor is taken.
 TRIALS = 64
-
-
-@dataclass(frozen=True)
-class MultisineChoice:
-    """Period, band and number of measured periods of a multisine, and in words why these."""
-
-    period_samples: int
-    band_hz: tuple[float, float]
-    repeats: int
-    reason: str
-    seed: int = 1
-
-    def excitation(self, amplitude_nm: float, sample_period_s: float, *, torque_step_nm: float = 0.0) -> Excitation:
-        """The record with this largest torque, N m.
-
-        Parameters
-        ----------
-        amplitude_nm : float, N m, motor shaft
-            About the mean.
-        sample_period_s : float, s
-            Sampling period.
-        torque_step_nm : float, N m
-            Resolution of the drive's torque setpoint, 0 for none.
-
-        Returns
-        -------
-        Excitation
-            The record, ready to be run.
-        """
-        return multisine(
-            self.period_samples,
-            *self.band_hz,
-            amplitude_nm,
-            sample_period_s,
-            self.repeats,
-            seed=self.seed,
-            torque_step_nm=torque_step_nm,
-        )
 
 
 def multisine(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -12,35 +11,6 @@ from beltcomm.excitation.record import Excitation, finish
 
 #: Share of a period over which the trapezoid rises, and falls.
 FADE = 0.05
-
-
-@dataclass(frozen=True)
-class ChirpChoice:
-    """Period, band and number of measured periods of a chirp, and in words why these."""
-
-    period_samples: int
-    band_hz: tuple[float, float]
-    repeats: int
-    reason: str
-
-    def excitation(self, amplitude_nm: float, sample_period_s: float, *, torque_step_nm: float = 0.0) -> Excitation:
-        """The record with this amplitude, N m.
-
-        Parameters
-        ----------
-        amplitude_nm : float, N m, motor shaft
-            About the mean.
-        sample_period_s : float, s
-            Sampling period.
-        torque_step_nm : float, N m
-            Resolution of the drive's torque setpoint, 0 for none.
-
-        Returns
-        -------
-        Excitation
-            The record, ready to be run.
-        """
-        return chirp(self.period_samples, *self.band_hz, amplitude_nm, sample_period_s, self.repeats, torque_step_nm=torque_step_nm)
 
 
 def chirp(

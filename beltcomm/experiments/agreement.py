@@ -47,7 +47,7 @@ class Agreement:
     goes_on: bool = True
 
     def __call__(self, plan: Plan, machine: Machine) -> None:
-        """See :func:`agree`."""
+        """Ask as :func:`agree` does."""
         agree(plan, self.options, self.talk, machine.drive, machine.axis, machine, self)
 
 
@@ -111,7 +111,7 @@ def agree(
 
 
 def _asked(plan: Plan, options: Options, talk: Talk, machine: Machine | None, agreement: Agreement | None) -> bool:
-    """Whether it may begin; the details, and the plan on a twin, may be asked for before that."""
+    """True if it may begin; the details, and the plan on a twin, may be asked for before that."""
     choices = {"y": tr("start"), "d": tr("details"), "s": tr("simulate first"), "q": tr("quit")}
     if machine is None or agreement is None or options.simulate_first:
         del choices["s"]

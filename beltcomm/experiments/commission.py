@@ -92,7 +92,7 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
         Fewer steps and a shorter response.
     """
     machine.begin(TITLES[1])
-    masses = unknown_masses_kg(machine.axis.payload.mass_kg)
+    masses = unknown_masses_kg(machine.axis)
     if machine.axis.mounting.tilted:
         findings.breakaway, findings.holding = holding.sign_and_scale(machine)
         masses = holding.masses_kg(machine, machine.holding_nm)
@@ -175,7 +175,7 @@ def first_model(machine: Machine, findings: Findings) -> Model:
 
 
 def tell_model(machine: Machine, model: Model, at_m: float) -> None:
-    """What the model says of the axis so far.
+    """Tell the axis as the model knows it so far.
 
     Parameters
     ----------
@@ -337,7 +337,7 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
 
 
 def lags_behind(machine: Machine, kind: str, problem: SafetyStop) -> bool:
-    """Whether a first loop, too weak for what its feedforward does not know yet, was left behind by a path; the axis stands then."""
+    """True if a path left behind a first loop, too weak for what its feedforward does not know yet; the axis stands then."""
     return kind != "response" and problem.reason == "lag" and stands(machine)
 
 
@@ -499,7 +499,7 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
 
 
 def asks(machine: Machine, settings: Settings, findings: Findings) -> bool:
-    """Whether a person decides about the gains: they are good, nothing was said of them, and this drive keeps what is written."""
+    """True if a person decides about the gains: they are good, nothing was said of them, and this drive keeps what is written."""
     lasting = not Hardware.of("", machine.drive.capabilities).virtual
     return settings.apply is None and settings.ask and findings.meets_targets and lasting and not findings.own_loop
 

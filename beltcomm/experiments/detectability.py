@@ -54,6 +54,8 @@ Array = NDArray[np.float64]
 #: Assumed where no sheet says it: friction as a share of the torque that the axis may be driven with, belt damping, viscous friction
 #: as a share of Coulomb friction at 1 m/s, noise of the torque signal as a share of the motor's rated torque.
 FRICTION_SHARE, BELT_DAMPING_NS_M, VISCOUS_SHARE, NOISE_SHARE = 0.1, 20.0, 0.5, 0.004
+#: Damping ratio of what swings on anything but a belt.
+DAMPING_RATIO = 0.02
 #: Units that are shown in thousandths or millionths where they are small.
 PREFIXED = ("m", "s", "N m", "rad", "N")
 #: What a quick plan says instead.
@@ -66,6 +68,8 @@ BETWEEN_S = 1.0
 FIRST_AND_LAST_S = 19.0
 #: Sub-steps of a sampling period.
 SUBSTEPS = 20
+#: Answers that are kept on a computer: axes and drives that it meets in turn.
+MOST_KEPT = 20
 
 
 @dataclass(frozen=True)
@@ -192,13 +196,17 @@ def sheet_model(axis: Axis) -> Model:
     """The base model with what the data sheets say, and with the assumptions of this module."""
     friction = FRICTION_SHARE * axis.torque_limit_nm
     middle = 0.5 * (float(axis.travel.min_m or 0.0) + float(axis.travel.max_m or 0.0))
-    sheet = data_sheet_model(axis, middle, friction).without_effect("cart_friction")
+    sheet = data_sheet_model(axis, middle, friction)
+    sheet = sheet.without_effect("cart_friction") if "cart_friction" in sheet.effects else sheet
     values = {
         "coulomb.level": friction,
         "viscous.damping": VISCOUS_SHARE * friction * axis.transmission_m_rad,
         "belt_damping.damping": BELT_DAMPING_NS_M,
     }
-    return sheet.with_values(values, "assumed")
+    if axis.transmission is not None and not sheet.rigid:
+        light = 1.0 / (1.0 / sheet["cart.mass"] + axis.transmission_m_rad**2 / sheet["motor.inertia"])
+        values["belt_damping.damping"] = 2.0 * DAMPING_RATIO * math.sqrt(sheet["belt_stiffness.stiffness"] * light)
+    return sheet.with_values({name: value for name, value in values.items() if name in sheet.parameters}, "assumed")
 
 
 def records(axis: Axis, capabilities: Capabilities, model: Model, extent: Extent, noise_nm: float) -> Iterator[Recording]:
@@ -291,8 +299,9 @@ class _Simulated:
 
 
 def kept_or_new(axis: Axis, capabilities: Capabilities, extent: Extent, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """The last answer of this extent where everything is as it was, else a new one.   Raises what ``make`` raises."""
-    path, key = user_cache_path("beltcomm") / f"foresight_{extent}.json", key_of(axis, capabilities, extent)
+    """The answer kept for this axis, drive and extent where everything is as it was, else a new one.   Raises what ``make`` raises."""
+    key = key_of(axis, capabilities, extent)
+    path = user_cache_path("beltcomm") / f"foresight_{key[:12]}.json"
     if found := caches.found(path, key):
         try:
             return dict(found["visible"])
@@ -300,6 +309,7 @@ def kept_or_new(axis: Axis, capabilities: Capabilities, extent: Extent, make: Ca
             caches.damaged(path)
     visible = make()
     caches.keep(path, key, {"visible": visible})
+    caches.keep_newest(path.parent, "foresight_*.json", MOST_KEPT)
     return visible
 
 

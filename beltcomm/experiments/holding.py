@@ -299,7 +299,7 @@ def _integrate(machine: Machine, centre_nm: float, friction_nm: float) -> Settle
 
 
 def plausibility(holding: Holding, model: Model, axis: Axis) -> list[str]:
-    """Whether the torque found is that of the mass found at the tilt stated, in words:  τ_g = i_t m_c g sin(α)."""
+    """Holding torque found against that of the mass found at the tilt stated, in words:  τ_g = i_t m_c g sin(α)."""
     mass, tilt = model.parameters["cart.mass"], axis.mounting.tilt_deg
     would = gravity.holding_torque_nm(axis, mass.value, tilt)
     share = (mass.interval or 0.0) / mass.value

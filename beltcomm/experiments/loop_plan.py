@@ -168,6 +168,7 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
     loop = ClosedLoop(excited, drive, kind, into, capabilities.sample_period_s)
     band = visible_band(capabilities.sample_period_s, *analyse.characteristic_hz(model, sum(machine.full_room().window_m) / 2.0))
     choice: Choice = choose(machine.excitation, capabilities.sample_period_s, *band, RESPONSE_S)
+    choice = machine.asked.of(choice, capabilities.sample_period_s)
     period_s = choice.excitation(1.0, capabilities.sample_period_s).period_samples * capabilities.sample_period_s
     near, far = phases.stroke_ends(machine)
     gentle = phases.gentle_limits(machine, model, math.inf)
@@ -178,7 +179,7 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
         settle = _settling(model, loop, choice, speed, ramp, near)
     periods, strokes = _strokes(speed, far - near, ramp, settle, period_s)
     least = LEAST_STEPS * capabilities.torque_step_nm if into == "torque" else max(LEAST_SHARE * speed / machine.ratio, LEAST_RAD_S)
-    most = machine.axis.torque_limit_nm
+    most = machine.asked.amplitude_nm or machine.axis.torque_limit_nm
     if into == "velocity":
         most = MOST_SHARE * (speed or phases.EXCITATION_SPEED_M_S) / machine.ratio
     limits = MotionLimits(
@@ -193,6 +194,7 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
     family = family_around(model)
     start = near if speed else min(max(machine.position_m, near), far)
     step = largest_moving(family, loop, shape, start, limits, max(most, least), least)
+    machine.asked.amplitude_of(step.amplitude, step.binds)
     found = step.prediction
     job = LoopJob(
         way, model, loop, cascade, margin, signal, speed, why, ramp, settle, periods, strokes, step, found, capabilities.torque_step_nm

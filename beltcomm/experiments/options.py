@@ -12,7 +12,7 @@ from beltcomm.control import PrefilterKind
 from beltcomm.design.feedforward import SentFeedforward
 from beltcomm.drive import Capabilities, Drive
 from beltcomm.errors import Declined, Refused, UsageError
-from beltcomm.excitation import ExcitationKind
+from beltcomm.excitation import AskedExcitation, ExcitationKind
 from beltcomm.given import Place, Reached, choice, number, pasted, place, whole, word
 from beltcomm.identify.loop_response import CLOSED_WAYS, Way
 from beltcomm.machine.hardware import Hardware
@@ -42,10 +42,12 @@ NUMBERS = {
     "mounted_kg": ("kg", 1e5),
     "sample_period_s": ("s", 1.0),
     "longest_s": ("s", 1e9),
+    "amplitude_nm": ("N m", 1e5),
+    "bit_s": ("s", 1e3),
 }
 #: Ratings of a drive that a session lowers while it works.
 RATINGS = ("peak_torque_nm", "max_speed_rad_s")
-COUNTS = ("seed", "repeat", "node", "bitrate")
+COUNTS = ("seed", "repeat", "node", "bitrate", "prbs_order", "periods")
 NAMES = ("profile", "slave", "first_motion")
 #: s: longest plan that ``yes`` answers for; a person beside the machine looks at it once in a quarter of an hour.
 LONGEST_S = 900.0
@@ -83,6 +85,8 @@ class Options:
         Of a quick session, too, say what it could show.
     excitation : ExcitationKind
         Of the long frequency response; the rising ones before it stay binary.
+    prbs_order, bit_s, amplitude_nm, periods
+        Of it, in place of what would be chosen: order and s of a bit of a PRBS, ± N m at the motor shaft, measured periods.
     force : bool
         Gains in doubt, files edited.
     longest_s : float
@@ -134,6 +138,10 @@ class Options:
     thorough: bool = False
     visible: bool = False
     excitation: ExcitationKind = "prbs"
+    prbs_order: int | None = None
+    bit_s: float | None = None
+    amplitude_nm: float | None = None
+    periods: int | None = None
     loop: Way = "open"
     base_speed_m_s: float | None = None
     pictures: bool = True
@@ -221,6 +229,11 @@ class Options:
         if self.base_speed_m_s is not None and not self.base_speed_m_s >= 0.0:
             raise UsageError(f"the base speed is {self.base_speed_m_s:g} m/s; give a positive one, or 0 to stand")
         return True
+
+    @property
+    def asked(self) -> AskedExcitation:
+        """What is asked of the excitation."""
+        return AskedExcitation(self.prbs_order, self.bit_s, self.amplitude_nm, self.periods)
 
     def reached(self, drive: str) -> Reached:
         """The drive's name for the next command, with the options that it is reached by.

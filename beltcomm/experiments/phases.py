@@ -18,7 +18,7 @@ from beltcomm.axis import Axis
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.drive import Capabilities
 from beltcomm.errors import NoMotion, Refused, SafetyStop, UsageError
-from beltcomm.excitation import Choice, Excitation, PrbsChoice, choose, choose_prbs, visible_band
+from beltcomm.excitation import AskedExcitation, Choice, Excitation, ExcitationKind, PrbsChoice, choose, choose_prbs, visible_band
 from beltcomm.excitation.record import SELDOM_S
 from beltcomm.experiments import own_strokes
 from beltcomm.identify.amplitude import (
@@ -148,6 +148,12 @@ def excitation_torque_nm(axis: Axis, capabilities: Capabilities, held_nm: float)
     return min(axis.torque_limit_nm, math.sqrt(max(rated**2 - held_nm**2, 0.0)))
 
 
+def check_asked(asked: AskedExcitation, kind: ExcitationKind, axis: Axis, capabilities: Capabilities) -> None:
+    """Raise UsageError or Refused for an excitation that this axis and drive cannot be asked for; before anything moves."""
+    most = min(excitation_torque_nm(axis, capabilities, 0.0), capabilities.peak_torque_nm)
+    asked.check(kind, capabilities.sample_period_s, capabilities.torque_step_nm, most)
+
+
 def frequency_response(
     machine: Machine,
     name: str,
@@ -235,9 +241,13 @@ def response_to_come(
         kind = (
             machine.excitation if machine.excitation != "prbs" or period <= SELDOM_S else "chirp"
         )  # what jumps makes the motor swing unseen
-        choice = choose(kind, period, antiresonance, resonance, seconds)
+        choice = machine.asked.of(choose(kind, period, antiresonance, resonance, seconds), period)
+        if machine.asked.amplitude_nm is not None:
+            step = _loudest(machine, model, choice, min(machine.asked.amplitude_nm, amplitude_nm), at, limits)
+            machine.asked.amplitude_of(step.amplitude_nm, step.binds)
+            return choice, step
     step = _loudest(machine, model, choice, amplitude_nm, at, limits)
-    if loud and isinstance(choice, PrbsChoice) and step.amplitude_nm < HARDLY * total_friction(model):
+    if loud and not machine.asked.shape and isinstance(choice, PrbsChoice) and step.amplitude_nm < HARDLY * total_friction(model):
         calm = calmer_choice(choice, resonance, period)
         louder = _loudest(machine, model, calm, machine.axis.torque_limit_nm, at, limits)
         choice, step = (calm, louder) if louder.amplitude_nm > step.amplitude_nm else (choice, step)

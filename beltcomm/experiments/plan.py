@@ -11,10 +11,12 @@ import numpy as np
 
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
+from beltcomm.excitation import AS_CHOSEN, AskedExcitation
 from beltcomm.experiments import gain_steps, own_strokes, phases, sampling_limits
 from beltcomm.experiments.bounds import (
     CREEP_SECONDS,
     Experiment,
+    bounds_of,
     course_before,
     fastest_m_s,
     friction_before_nm,
@@ -27,7 +29,6 @@ from beltcomm.experiments.bounds import (
 )
 from beltcomm.experiments.plan_words import Point, commission_points, host_loss, identify_points, point_rows
 from beltcomm.experiments.sign import sign_seconds, sign_words
-from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.language import tr
 from beltcomm.machine import creep, gravity
 from beltcomm.machine.heat import HeatPlan, Thermal, heat_plan, path_rms_nm
@@ -36,8 +37,9 @@ from beltcomm.result import Row, plain, table
 from beltcomm.schedule import record_schedule
 from beltcomm.schedule.record_schedule import Extent
 from beltcomm.schedule.sequences import excitation_travel_m, short_seconds
+from beltcomm.schedule.steps import Step
 from beltcomm.schedule.strokes import fastest_stroke_m_s
-from beltcomm.simulate.stopping import Braking, total_friction
+from beltcomm.simulate.stopping import Braking, total_friction, unknown_loads_kg
 from beltcomm.trajectory import Trajectory, plan_trajectory
 from beltcomm.verify import demand
 
@@ -83,15 +85,15 @@ class Plan:
 
     @property
     def over_budget(self) -> bool:
-        """Whether some of it is left out if each record takes its longest."""
+        """True if some of it is left out when each record takes its longest."""
         return sum(item.seconds for item in self.experiments) > self.budget_s
 
     def said(self) -> str:
-        """What is said of it beside its numbers; empty for a job that needs no word."""
+        """Words beside its numbers; empty for a job that needs none."""
         return "" if self.text.startswith("The carriage of") and self.text.endswith("will move by itself.") else self.text
 
     def written(self) -> str:
-        """What becomes of the drive's parameters."""
+        """Fate of the drive's parameters."""
         if self.types_gains:
             return tr("gains cannot be written on this drive: it moves with those that stand in it")
         if self.verb == "commission":
@@ -196,17 +198,21 @@ class Plan:
         return point_rows([*self.points[:HOW_FAR], *bounds, *self.points[HOW_FAR:]])
 
 
-def identify_plan(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> Plan:
+def identify_plan(
+    axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None, asked: AskedExcitation = AS_CHOSEN
+) -> Plan:
     """Sign check, rising excitation and one frequency response at the present place.
 
     Parameters
     ----------
     window_m : tuple of float or None
         To be kept, from where it stands.
+    asked : AskedExcitation
+        Of the response.
     """
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will move by itself.",
-        _here(axis, capabilities, window_m),
+        _here(axis, capabilities, window_m, asked),
         notes=sampling_limits.notes_before(axis, capabilities),
         points=identify_points(axis, capabilities, window_m),
         verb="identify",
@@ -270,7 +276,9 @@ def _sweep(axis: Axis, capabilities: Capabilities, seconds: float) -> Experiment
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
     travel, speed = (1.0 - 2.0 * phases.stroke_share(capabilities)) * whole, _sweep_speed_m_s(axis, capabilities)
-    return Experiment("constant-speed sweep", travel, whole, speed, torque, gentle_force_n(axis), seconds, stroking_nm(axis))
+    # Where only the motor bounds the force, all of its torque all the time would be far from what a sweep takes.
+    heating = stroking_nm(axis) if axis.transmission is None else bounds_of(axis, capabilities, Step("sweep")).heating_nm
+    return Experiment("constant-speed sweep", travel, whole, speed, torque, gentle_force_n(axis), seconds, heating)
 
 
 def gentle_force_n(axis: Axis) -> float:
@@ -329,13 +337,13 @@ def verification_plan(axis: Axis, model: Model, path: Trajectory, braking: Braki
 def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
     """Fastest stroke over the whole travel with the lightest carriage that is thought of."""
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
-    lightest = axis.belt_force_limit_n / 3.0 / max(UNKNOWN_MASSES_KG[0], axis.payload.mass_kg or 0.0)
+    lightest = axis.belt_force_limit_n / 3.0 / max(unknown_loads_kg(axis)[0], axis.payload.mass_kg or 0.0)
     acceleration = min(axis.limits.acceleration_m_s2 or math.inf, lightest)
     return fastest_stroke_m_s(phases.SPEED_SHARE * top_speed_m_s(axis, capabilities), acceleration, whole)
 
 
 def _move_seconds(axis: Axis, capabilities: Capabilities) -> float:
-    """How long the standard move takes at least, s: a longer one takes less torque by more than it takes longer."""
+    """Least duration of the standard move, s: a longer one takes less torque by more than it takes longer."""
     limits = axis.trajectories.get(axis.targets.limits)
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     if limits is None or whole <= 0.0:
@@ -365,7 +373,9 @@ HOLDING_CREEP_SECONDS, HOLDING_STROKES_SECONDS = 25.0, 15.0
 HOLDING_SECONDS = HOLDING_CREEP_SECONDS + HOLDING_STROKES_SECONDS
 
 
-def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> tuple[Experiment, ...]:
+def _here(
+    axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None, asked: AskedExcitation = AS_CHOSEN
+) -> tuple[Experiment, ...]:
     widest = max(-window_m[0], window_m[1]) if window_m is not None else math.inf
     torque = min(axis.torque_limit_nm, capabilities.peak_torque_nm)
     force = axis.belt_force_limit_n
@@ -378,6 +388,7 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
     shaken_m = excitation_travel_m(capabilities.sample_period_s)
     travel, reach = min(shaken_m, widest), min(shaken_m + phases.END_MARGIN_M, widest)
     held, slow = held_before_nm(axis), stroking_nm(axis, 0.0)
+    response_s = asked.seconds(capabilities.sample_period_s) or RESPONSE_SECONDS
     binary = math.hypot(phases.excitation_torque_nm(axis, capabilities, held), held)
     return (
         Experiment(
@@ -393,5 +404,5 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
         *gain_steps.line(axis, capabilities),
         Experiment("excitation, rising", travel, reach, shaken, torque, shaking, 3 * short_seconds(capabilities.sample_period_s), binary),
         *([Experiment("holding torque, in slow creep", 5e-3, reach, 0.02, torque, force, HOLDING_STROKES_SECONDS, slow)] if tilted else []),
-        Experiment("frequency response here", travel, reach, shaken, torque, shaking, RESPONSE_SECONDS, binary),
+        Experiment("frequency response here", travel, reach, shaken, torque, shaking, response_s, binary),
     )

@@ -86,7 +86,7 @@ def _heat(plan: Plan) -> Line:
 
 
 def _range(plan: Plan, axis: Axis, reach_m: float) -> str:
-    """Where the carriage may be, stopping distance included."""
+    """Range of the carriage, stopping distance included."""
     low, high = axis.travel.min_m, axis.travel.max_m
     if plan.window_m is not None:
         return tr(
@@ -146,7 +146,7 @@ def _stops(plan: Plan) -> list[Line]:
 
 
 def _doubts(plan: Plan, capabilities: Capabilities) -> Sequence[str]:
-    """What speaks against the plan's records, a line each as far as it goes."""
+    """Doubts about the plan's records, a line each as far as it goes."""
     scale = capabilities.torque_scale
     doubts = [*capabilities.cautions, *(note for note in plan.notes if "no response shows" in note or (scale and note.startswith(scale)))]
     return [f"{note[: WIDE - 12]} ... [d]" if len(note) > WIDE - 6 else note for note in doubts[:2]]

@@ -23,7 +23,7 @@ from beltcomm.model import Model
 from beltcomm.recording.sidecar import Sidecar
 from beltcomm.rundata import led_gains
 from beltcomm.rundata.led_gains import as_in_drive
-from beltcomm.rundata.proof import move_name, proof
+from beltcomm.rundata.proof import LEARNT, move_name, proof
 from beltcomm.simulate.setpoints import SetpointGrid
 from beltcomm.trajectory import Trajectory, held
 from beltcomm.verify import (
@@ -115,11 +115,14 @@ def verify_move(
     name: str = "move_1",
     payloads_kg: Sequence[float] = (),
     sending: Sending = "nothing",
+    learnt: Array | None = None,
 ) -> tuple[Verdict, Demand]:
     """Phase 7: run the move with the new gains and compare with its prediction.
 
     Parameters
     ----------
+    learnt : ndarray (n,) or None, N m
+        Torque that repetitions of the move have taught, sent along too; n: samples of the trajectory and its rest.
     payloads_kg : sequence of float
         Further ones that the design holds for, noted with the record, see :mod:`beltcomm.rundata.proof`.
 
@@ -141,6 +144,10 @@ def verify_move(
     grid = SetpointGrid(trajectory.sample_period_s, drive.structure.period_s, len(sent.motor.t_s))
     if sent.torque_nm is not None:
         sent = replace(sent, torque_nm=grid.along(sent.torque_nm))
+    if learnt is not None:
+        learnt = np.pad(learnt, (0, max(0, len(sent.motor.t_s) - len(learnt))))[: len(sent.motor.t_s)]
+        along = learnt if sent.torque_nm is None else sent.torque_nm + learnt
+        sent = replace(sent, torque_nm=along, demanded_nm=sent.demanded_nm + float(np.max(np.abs(learnt))))
 
     def predict(other: Model, stretch_m: float = 0.0) -> PredictedMove:
         if sent.reference is not None:
@@ -161,13 +168,15 @@ def verify_move(
         phases.move_to(machine, start, model, max(top, phases.POSITIONING_SPEED_M_S))
     # Positioning ends a little beside its goal; a reference that begins elsewhere would be a step, and no part of the move.
     beside = replace(sent.motor, position_m=sent.motor.position_m + machine.position_m - start)
+    led_by: str = "" if sent.led is None and sent.reference is None else sending
+    led_by = LEARNT if learnt is not None else led_by
     sidecar = Sidecar(
         experiment="trajectory",
         start_position_m=machine.position_m,
         session_time_s=machine.session_time_s,
         closed_loop=True,
         held_out=True,
-        controller=proof(cascade, trajectory, payloads_kg, "" if sent.led is None and sent.reference is None else sending),
+        controller=proof(cascade, trajectory, payloads_kg, led_by),
     )
     motion = machine.follow(beside, "position", sent.torque_nm, None if sent.reference is None else sent.reference.lead_m)
     recording = machine.record(name, motion, replace(machine.full_room(), lag_m=lag), sidecar)
@@ -189,7 +198,7 @@ def verify_move(
         predicted_range=spread,
         targets=machine.axis.targets,
     )
-    if sent.torque_nm is not None or sent.reference is not None:
+    if (sent.torque_nm is not None and learnt is None) or sent.reference is not None:
         alone = predict_move(model, running, whole, drive, time_s=clock_s)
         verdict = replace(verdict, reasons=(*verdict.reasons, *_brought(sent, alone)))
     return verdict, demand(trajectory, model)

@@ -15,7 +15,6 @@ from beltcomm.fit.acting import acting_recording
 from beltcomm.fit.first_estimate import data_sheet_model, moves_enough, stiffness_range
 from beltcomm.fit.first_path import first_path
 from beltcomm.identify.amplitude import (
-    UNKNOWN_MASSES_KG,
     AmplitudeStep,
     MotionLimits,
     family_around,
@@ -29,7 +28,7 @@ from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.rundata.first_motions import Breakaway, Excited
 from beltcomm.schedule.sequences import shapes_at, short_sequence
-from beltcomm.simulate.stopping import HostLoss
+from beltcomm.simulate.stopping import UNKNOWN_MASSES_KG, HostLoss, unknown_loads_kg
 
 #: An excitation must reach this share of the breakaway torque; the ramp finds the latter some 20 % too high.
 OVER_BREAKAWAY = 1.0
@@ -89,7 +88,13 @@ def raise_amplitude(
     counts = machine.drive.capabilities.counts_per_rev
     sheet, family = unknown_axis(machine, breakaway, masses_kg)
     known = sheet.with_effect("constant_offset", {"torque": machine.holding_nm}) if machine.holding_nm else sheet
-    at_most = 2.0 * breakaway.coulomb_nm
+    asked_nm = machine.asked.amplitude_nm or np.inf
+    if asked_nm < OVER_BREAKAWAY * breakaway.coulomb_nm:
+        raise Refused(
+            f"±{asked_nm:g} N m of excitation is asked for, and the axis broke away at {breakaway.coulomb_nm:.3f} N m only: friction would "
+            "hold it; ask for more"
+        )
+    at_most = min(2.0 * breakaway.coulomb_nm, asked_nm)
     shapes: Sequence[tuple[int, int]] = shapes_at(machine.drive.capabilities.sample_period_s)
     recordings: list[Recording] = []
     found: Excited | None = None
@@ -107,7 +112,7 @@ def raise_amplitude(
             return found
         except NoMotion:
             if following.step.binds == "step":
-                at_most = GROWTH * following.step.amplitude_nm
+                at_most = min(GROWTH * following.step.amplitude_nm, asked_nm)
             elif len(shapes) > 1:
                 shapes = shapes[1:]
             else:
@@ -121,22 +126,22 @@ def raise_amplitude(
         if len(recordings) < MOST_STEPS and not moves_enough(recordings[-1], sheet, counts):
             family = not_ruled_out(family, recordings[-1], machine.ratio, following.at_m)
             if step.binds == "step":  # an axis without Coulomb friction breaks away long before it moves visibly
-                at_most = GROWTH * step.amplitude_nm
+                at_most = min(GROWTH * step.amplitude_nm, asked_nm)
                 continue
             if len(shapes) > 1:  # a heavy carriage hardly follows fast changes
                 shapes = shapes[1:]
                 continue
         with machine.withdrawing():
             first = first_path(recordings[-1], known, counts)
-        model = believable(first.model, sheet)
+        model = believable(first.model, sheet, unknown_loads_kg(machine.axis)[0])
         machine.folder.journal(
-            f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg, "
-            f"stiffness {model['belt_stiffness.stiffness']:.4g} N/m"
+            f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg"
+            + ("" if model.rigid else f", stiffness {model['belt_stiffness.stiffness']:.4g} N/m")
         )
         model = scale.check_first(machine, model, acting_recording(recordings[-1], first.path))
         stops.lend_brake(machine, model, following.at_m)
         family = family_around(without_offset(model))
-        at_most = GROWTH * step.amplitude_nm
+        at_most = min(GROWTH * step.amplitude_nm, asked_nm)
         last = _louder(machine, family, following, at_most)
         bound = last.amplitude_nm < 1.1 * step.amplitude_nm
         if response is not None and not bound:
@@ -204,9 +209,14 @@ def as_made(step: AmplitudeStep, recording: Recording) -> AmplitudeStep:
     return replace(step, amplitude_nm=own_nm, binds="step" if own_nm < KEPT_SHARE * step.amplitude_nm else step.binds)
 
 
-def believable(model: Model, sheet: Model) -> Model:
-    """A first estimate within what can be: a gap or a lag drives it to a feather on a rod, and no prediction may count on that."""
-    stiffness, mass = sheet["belt_stiffness.stiffness"], UNKNOWN_MASSES_KG[0]
+def believable(model: Model, sheet: Model, mass: float) -> Model:
+    """A first estimate within what can be: a gap or a lag drives it to a feather on a rod, and no prediction may count on that.
+
+    mass : of the lightest load, kg.
+    """
+    if model.rigid:
+        return model.with_values({"cart.mass": mass}, "first estimate, bounded") if model["cart.mass"] < mass else model
+    stiffness = sheet["belt_stiffness.stiffness"]
     low, high = stiffness / STIFFNESS_FACTOR, stiffness * STIFFNESS_FACTOR
     found = {"cart.mass": max(model["cart.mass"], mass), "belt_stiffness.stiffness": min(max(model["belt_stiffness.stiffness"], low), high)}
     return model if all(model[name] == value for name, value in found.items()) else model.with_values(found, "first estimate, bounded")
@@ -217,8 +227,9 @@ def _remedy(machine: Machine, step: AmplitudeStep, breakaway: Breakaway) -> str:
     by_travel = "travel" in step.binds
     if (by_travel or step.binds == "speed") and not machine.axis.payload.mass_kg:
         room = f"{machine.more_room}, or " if by_travel else ""
+        lightest = unknown_loads_kg(machine.axis)[0]
         return (
-            f"{room}state payload.mass_kg in axis.yaml: a carriage of {UNKNOWN_MASSES_KG[0]:g} kg is counted with until it is weighed, and "
+            f"{room}state payload.mass_kg in axis.yaml: a carriage of {lightest:.2g} kg is counted with until it is weighed, and "
             "a heavier one may be shaken harder"
         )
     if by_travel:

@@ -116,7 +116,7 @@ class Rehearsal:
         return [text for played in (*self.records, self.whole) for text in self.bounds.broken(played)]
 
     def lines(self) -> list[str]:
-        """As a table."""
+        """Rehearsal as a table."""
         named: list[tuple[str, Played | Bounds]] = [*((one.record, one) for one in (*self.records, self.whole)), ("limit", self.bounds)]
         rows = [
             [

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from itertools import pairwise
 
 import numpy as np
 
@@ -30,7 +29,7 @@ def acting_recording(recording: Recording, path: TorquePath | None) -> Recording
     if path is None or path.read_as_acts or recording.is_static_map:
         return recording
     parts = []
-    for first, last in pairwise([0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]):
+    for first, last in recording.pieces:
         setpoint = None if recording.torque_setpoint is None else recording.torque_setpoint[first:last]
         parts.append(path.acting_torque(recording.torque[first:last], setpoint, recording.sample_period_s)[0])
     torque = np.concatenate(parts)

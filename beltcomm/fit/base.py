@@ -109,8 +109,6 @@ def _fit_base(
     progress(0.3)
     chosen = path if path is not None else replace(choose_path(data, first, start, chain).path, commanded=commanded)
     if chosen != data.path:
-        size, colour = chosen.noise_undone(data.colour)
-        data = replace(data, noise_nm=data.noise_nm * size, colour=colour)
         data = prepare_records(
             data.recordings, first.model if commanded else start, data.noise_nm, data.step_rad, {}, path=chosen, colour=data.colour
         )
@@ -125,6 +123,9 @@ def _fit_base(
         acts = split.process_nm**2 / (split.process_nm**2 + split.sensor_nm**2)
         quieter = split.sensor_nm < CALMER * data.noise_nm
         data = replace(data, noise_nm=split.sensor_nm, colour=split.colour, path=replace(data.path, acts=acts))
+        if split.most_nm > split.sensor_nm:
+            most = likeliest_noise(data, fitted.model, _residuals(fitted), split.most_nm)
+            data = replace(data, noise_nm=max(split.sensor_nm, most))
         if quieter and path is None:  # the motion tells more of the path now
             data, fitted = refine_path(*refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS, fixed=fixed))
     elif chain is None or commanded:

@@ -15,6 +15,7 @@ from scipy.optimize import least_squares
 
 from beltcomm.fit.estimate import ENOUGH, STRETCH_S, Fitted, evaluate_at, problem_of
 from beltcomm.fit.in_band import band_limited_errors, band_of, in_band
+from beltcomm.fit.likelihood import Problem
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
 
@@ -55,15 +56,26 @@ def _plain(data: Data, fitted: Fitted, band_hz: float) -> tuple[float, float]:
     return own, held
 
 
+def start_in_band(problem: Problem, x: Array, band_hz: float) -> Array:
+    """Unknowns of a rigid axis by least squares of the band-limited error, begun at x.
+
+    No likelihood leads there from a model that lacks so much that what it leaves was taken for noise.
+    """
+    return _least_in_band(problem, x, band_hz)
+
+
 def _in_band(data: Data, fitted: Fitted, band_hz: float) -> Fitted:
     """Least squares of the band-limited error by the free parameters."""
-    problem = fitted.problem
+    return evaluate_at(data, fitted.problem, _least_in_band(fitted.problem, fitted.x, band_hz))
+
+
+def _least_in_band(problem: Problem, begin: Array, band_hz: float) -> Array:
 
     def error(x: Array) -> Array:
         model = problem.model_at(x, "laboratory")
         parts = [in_band(piece, model, model.vector(), band_hz) for piece in problem.pieces]
         return np.concatenate([part.error[part.keep] for part in parts])
 
-    steps = np.full(len(fitted.x), STEP)
-    found = least_squares(error, fitted.x, bounds=(problem.low, problem.high), max_nfev=MOST, xtol=CLOSE, diff_step=steps)
-    return evaluate_at(data, problem, np.asarray(found.x))
+    steps = np.full(len(begin), STEP)
+    found = least_squares(error, begin, bounds=(problem.low, problem.high), max_nfev=MOST, xtol=CLOSE, diff_step=steps)
+    return np.asarray(found.x)

@@ -88,6 +88,14 @@ def band_of(data: Data, model: Model) -> float:
     return bands[-1]
 
 
+def shared_band(*seen: tuple[Data, Model]) -> float:
+    """Edge of the band in which several models are held against each other, Hz: the narrowest of theirs.
+
+    One whose inertia has gone to nothing would let the rounding of the others count as their error.
+    """
+    return min(band_of(data, model) for data, model in seen)
+
+
 def band_limited_errors(data: Data, fitted: Fitted, band_hz: float) -> list[Banded]:
     """All stretches of the records, those held out last, as a model leaves them in the band."""
     pieces = (*data.fitted, *data.held_out)
@@ -116,7 +124,7 @@ def in_band(piece: Segment, model: Model, vector: Array, band_hz: float) -> Band
 
 
 def changes(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None) -> tuple[tuple[float, float], tuple[float, float]]:
-    """:func:`change` on the fitted records and on those held out, in the band of the model before.
+    """:func:`change` on the fitted records and on those held out, in the band of both models.
 
     Parameters
     ----------
@@ -125,7 +133,7 @@ def changes(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None
     ahead : Data or None
         As the model after does; the same without it.
     """
-    band = band_of(data, before.model)
+    band = shared_band((data, before.model), (ahead or data, after.model))
     pairs = list(zip(band_limited_errors(data, before, band), band_limited_errors(ahead or data, after, band), strict=True))
     fitted, held = ([pair for pair in pairs if pair[0].held_out is out] for out in (False, True))
     return change(fitted), change(held)
@@ -173,7 +181,7 @@ def noise_spectrum(piece: Segment, model: Model) -> tuple[Array, Array]:
     """Frequencies from 0 to half the sample rate, Hz, (k,), and the predicted power of e's noise there, N² m² a sample, (k,)."""
     found = noise_paths_of(piece, model)
     usual = int(np.bincount(found.level).argmax())
-    path, variances, _ = noises(found.paths[usual], piece.step_rad, piece.noise_nm, piece.rounding)
+    path, variances, _ = noises(found.paths[usual], piece.step_rad, piece.noise_nm, piece.rounding, piece.colour)
     freq = (np.arange(LINES) + 0.5) * 0.5 / LINES / path.sample_s
     z = np.exp(1j * math.tau * freq * path.sample_s)
     answers = np.linalg.solve(z[:, None, None] * np.eye(len(path.H)) - path.F, np.broadcast_to(path.G + 0j, (LINES, *path.G.shape)))

@@ -55,7 +55,7 @@ def largest_step(recording: Recording, inertia_kg_m2: float, step_rad: float, st
         return None
     by_torque = recording.sample_period_s**2 / (4.0 * inertia_kg_m2) * (torque[:-3] - torque[2:-1])
     odd = steps[1:-1] - 0.5 * (steps[:-2] + steps[2:]) - by_torque
-    lost = recording.gaps()
+    lost = recording.gaps
     for near in (lost - 2, lost - 1, lost):  # a step over lost samples is longer, and so do its neighbours see it
         odd[near[(near >= 0) & (near < len(odd))]] = 0.0
     at = int(np.argmax(np.abs(odd)))
@@ -70,7 +70,7 @@ def proven_jumps(recording: Recording, model: Model, step_rad: float, noise_nm: 
     remaining = recording
     before = _squares(remaining, model, step_rad, noise_nm)
     while before is not None and len(found) < MOST_JUMPS:
-        step = largest_step(remaining, model["motor.inertia"], step_rad, SUSPICIOUS)
+        step = largest_step(remaining, model.driven_inertia(), step_rad, SUSPICIOUS)
         if step is None:
             break
         first, size = step

@@ -19,7 +19,7 @@ from beltcomm.fit.noise_level import noise_colour, torque_noise
 from beltcomm.fit.nuisance import held_remarks
 from beltcomm.fit.records import Data, apparent_step, prepare_records
 from beltcomm.fit.remarks import remark_on, remarks_on_pairs
-from beltcomm.fit.torque_path import TorquePath
+from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -193,7 +193,7 @@ def fit_model(
     to_fit = [r for r in recordings if not r.sidecar.held_out]
     noise = torque_noise(to_fit) if noise_nm is None else noise_nm
     step = apparent_step(to_fit, 2.0 * np.pi / counts_per_rev, noise)
-    data = prepare_records(recordings, start, noise, step, {}, path=path, colour=noise_colour(to_fit))
+    data = prepare_records(recordings, start, noise, step, {}, path=path or FAITHFUL, colour=noise_colour(to_fit))
     _check_enough(data, len(start.parameters) - len(fixed) - 1)
     data, fitted = fit_base(data, start, fixed=fixed, path=path, sheet=sheet, progress=progress)
     if not math.isfinite(fitted.objective):

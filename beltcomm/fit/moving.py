@@ -47,20 +47,41 @@ def creeping_samples(position: Array, sample_s: float, step_rad: float) -> tuple
     found, even = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     if n <= 2 * w + 2:
         return found, even
-    around, along = np.lib.stride_tricks.sliding_window_view(position, 2 * w + 1), np.linspace(0.0, 1.0, 2 * w + 1)
     edges = np.linspace(0, 2 * w, PARTS + 1).round().astype(np.intp)
+    first = np.arange(n - 2 * w)
     for side in (1.0, -1.0):
-        path = side * around
-        back = np.max(np.maximum.accumulate(path, axis=1) - path, axis=1)
-        gets_on = np.minimum(path[:, w] - path[:, 0], path[:, -1] - path[:, w]) > CREEP_STEPS * step_rad
-        parts = np.diff(path[:, edges], axis=1)
+        path = side * position
+        gets_on = np.minimum(path[w : n - w] - path[: n - 2 * w], path[2 * w :] - path[w : n - w]) > CREEP_STEPS * step_rad
+        parts = np.diff(path[first[:, None] + edges], axis=1)
         least = np.maximum(LEAST_STEPS * step_rad, LEAST_SHARE * parts.mean(axis=1))
-        goes_on = gets_on & (back <= step_rad) & (parts.min(axis=1) > least)
-        off = np.abs(path - path[:, :1] - (path[:, -1:] - path[:, :1]) * along).max(axis=1)
-        found[w : n - w] |= goes_on
-        even[w : n - w] |= goes_on & (off <= EVEN_STEPS * step_rad)
+        goes_on = gets_on & (parts.min(axis=1) > least) & ~_goes_back(path, 2 * w, step_rad)
+        begins = first[goes_on]
+        found[begins + w] = True
+        even[begins[_deviation(path, begins, 2 * w) <= EVEN_STEPS * step_rad] + w] = True
     found[[0, -1]] = even[[0, -1]] = False
     return found, even
+
+
+def _goes_back(path: Array, span: int, step: float) -> NDArray[np.bool_]:
+    """Beginnings of a span of samples in which a path falls from some sample to a later one by more than a step, (n - span,)."""
+    last = np.full(len(path), -1)  # before each sample, the last one that stands so much higher
+    for lag in range(1, span + 1):
+        at = np.flatnonzero((path[:-lag] - path[lag:] > step) & (last[lag:] < 0))
+        last[at + lag] = at
+    falls = np.flatnonzero(last >= 0)
+    open_spans = np.zeros(len(path) + 1, dtype=np.intp)
+    np.add.at(open_spans, np.maximum(falls - span, 0), 1)
+    np.add.at(open_spans, last[falls] + 1, -1)
+    return np.cumsum(open_spans)[: len(path) - span] > 0
+
+
+def _deviation(path: Array, begins: NDArray[np.intp], span: int) -> Array:
+    """Largest distance of a path from the straight line through both ends of the spans that begin there, (len(begins),)."""
+    start, off = path[begins], np.zeros(len(begins))
+    rise = path[begins + span] - start
+    for number, along in enumerate(np.linspace(0.0, 1.0, span + 1)):
+        np.maximum(off, np.abs(path[begins + number] - start - rise * along), out=off)
+    return off
 
 
 def creep_motion(motion: FineMotion, position: Array, creeps: NDArray[np.bool_]) -> tuple[Array, Array] | None:

@@ -24,6 +24,8 @@ QUARTER, JUMP, TOUCHED, FEWEST = 0.3186, 8.0, 0.1, 200
 REPEATING = 2.0
 #: Share of the values that are the same a period later, and share of the torque that they differ by, of a command that comes back.
 SAME, NO_NOISE = 0.3, 2e-3
+#: Share of the rows in which a command in steps stays the same; one read in coarse steps changes more often.
+HELD = 0.98
 #: Correlations of neighbours from which on noise has a colour between periods, from which on beside a setpoint, and up to which;
 #: distance of that two apart from its square.
 COLOURED, LEAST_COLOUR, MOST_COLOUR, LIKE_FIRST_ORDER = 0.25, 0.1, 0.98, 0.08
@@ -67,7 +69,7 @@ class Level:
 def torque_noise(recordings: Sequence[Recording], quiet_nm: float = 1e-3) -> float:
     """Noise of the torque signal, N m rms: what a short filter of the setpoint does not explain; the median over the records.
 
-    Where no record has a setpoint it is the least, over the records, of what periods or differences leave: ``_without_setpoint``.
+    Where no record has a setpoint it is of the calmest records, by what periods or differences leave: ``_without_setpoint``.
     """
     return max(_level(recordings).nm, quiet_nm)
 
@@ -81,6 +83,12 @@ def repeats_itself(recordings: Sequence[Recording]) -> bool:
         if np.mean(repeated == 0.0) > SAME and float(np.std(repeated)) < NO_NOISE * float(np.std(recording.torque)):
             return True
     return False
+
+
+def is_held(recordings: Sequence[Recording]) -> bool:
+    """True for a torque that stays the same from row to row as no measured one does: a command in steps, logged as what acted."""
+    shares = [float(np.mean(np.diff(r.torque) == 0.0)) for r in recordings if len(r.torque) > 1]
+    return bool(shares) and min(shares) > HELD
 
 
 def noise_colour(recordings: Sequence[Recording]) -> float:
@@ -156,7 +164,12 @@ def _level(recordings: Sequence[Recording]) -> Level:
     if levels:
         return Level(float(np.median(levels)), True)
     coloured = [level for r in recordings if (level := _coloured_noise(r)) is not None]  # what differences of a high order hardly show
-    return min(coloured or map(_without_setpoint, recordings), key=lambda level: level.nm, default=Level(0.0, True))
+    found = coloured or [_without_setpoint(r) for r in recordings]
+    if not found:
+        return Level(0.0, True)
+    least = min(found, key=lambda level: level.nm)
+    alike = [level for level in found if level.nm <= CLEARLY * least.nm and level.told == least.told]  # the least of many is too low
+    return Level(float(np.median([level.nm for level in alike])), least.told, float(np.median([level.colour for level in alike])))
 
 
 def _coloured_noise(recording: Recording) -> Level | None:
@@ -195,7 +208,7 @@ def _period_difference(recording: Recording) -> Array | None:
     if note.period_starts:
         periods = [torque[start : start + length] for start in note.period_starts if start + length <= len(torque)]
         return np.concatenate(np.diff(periods, axis=0)) / np.sqrt(2.0) if len(periods) > 1 else None
-    if len(recording.gaps()):
+    if len(recording.gaps):
         return _across_gaps(recording, length, note.first_sample)
     excited = torque[note.first_sample :]
     if len(excited) >= 2 * length:
@@ -247,7 +260,7 @@ def _floor(recording: Recording) -> float | None:
 
     The window's side lobes (-92 dB) keep what is excited out of bands that are not; the median over parts, what happens once.
     """
-    if recording.sidecar.experiment not in RESTLESS or len(recording.torque) < 4 * PART or len(recording.gaps()):
+    if recording.sidecar.experiment not in RESTLESS or len(recording.torque) < 4 * PART or len(recording.gaps):
         return None
     from scipy.signal import welch  # takes longer to import than a page of a report to draw
 

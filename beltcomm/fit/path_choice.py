@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.fit.estimate import Fitted, fit
-from beltcomm.fit.noise_level import repeats_itself
+from beltcomm.fit.noise_level import is_held, repeats_itself
 from beltcomm.fit.path_values import columns_of, refine_path
 from beltcomm.fit.reading_fit import CLEAR, COMMAND, NORMAL_95, WHOLE, ReadingFit
 from beltcomm.fit.records import Data, prepare_records, rounding_torque
@@ -42,6 +42,8 @@ TIMES_S = (2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
 LOOP_SHARES = (0.03, 0.1, 0.25, 0.5, 1.0)
 #: Lateness of a reading without setpoint that is tried, in sampling periods; between the last two neighbours cancel.
 LATE_SHARES = (0.08, 0.2, 0.35, 0.65, 0.8, 1.0)
+#: Shares of the period at which the command may change where no setpoint was recorded; things not ideal that a path may have then.
+SWITCHING, UNSEEN_AT_MOST = (0.1, 0.3, 0.5, 0.7, 0.9), 3
 #: Share that is new in each sample of a reading whose filter hardly shows.
 NEARLY_NEW = 0.9
 #: Damping ratios of a current loop that are tried.
@@ -85,7 +87,7 @@ class PathChoice:
 def commands(chain: ReadingFit | None, recordings: Sequence[Recording]) -> bool:
     """True if the readings are the setpoint that comes back, without noise."""
     if chain is None:
-        return repeats_itself(recordings)
+        return repeats_itself(recordings) or is_held(recordings)
     scale = max(float(np.sqrt(np.mean(r.torque**2))) for r in recordings)
     return chain.rest_nm <= COMMAND * scale or (chain.crest_factor < BOUNDED and chain.rest_nm <= HARDLY * scale)
 
@@ -106,8 +108,9 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     faithful = TorquePath(chain.law if chain is not None else None)
     shaped = chain is not None and (bool(chain.law.lags) or abs(chain.law.delay - round(chain.law.delay)) > WHOLE)
     if chain is None:
-        good = fitted.ratio <= GOOD and not _motion_asks_for_path(data, fitted)
-        return PathChoice(faithful, chain) if good else _undone(data, start, to_fit)
+        if fitted.ratio <= GOOD and not _motion_asks_for_path(data, fitted):
+            return PathChoice(faithful, chain)
+        return _by_motion(data, fitted.model, to_fit, chain) if data.path.commanded else _undone(data, start, to_fit)
     if (fitted.ratio <= GOOD and not shaped) or _illegible(data, start):
         return PathChoice(faithful, chain)
     lively = _liveliest(to_fit)
@@ -130,7 +133,7 @@ def _refine(data: Data, recordings: Sequence[Recording], path: TorquePath, fitte
 
 def _illegible(data: Data, start: Model) -> bool:
     """True where the rounding of the acceleration hides all that a torque does within a few samples."""
-    feigned = [rounding_torque(start["motor.inertia"], data.step_rad, piece.motion.sample_s) for piece in data.fitted]
+    feigned = [rounding_torque(start.driven_inertia(), data.step_rad, piece.motion.sample_s) for piece in data.fitted]
     return all(nm > ILLEGIBLE * float(np.std(piece.torque)) for nm, piece in zip(feigned, data.fitted, strict=True))
 
 
@@ -266,9 +269,13 @@ def _best(
 
 def _differ(one: TorquePath, other: TorquePath, sample_s: float) -> bool:
     """True if by two paths the torque acts at different times."""
-    if one.drive is None or other.drive is None:
-        return one.reading != other.reading
-    return abs(one.drive.delay_s(sample_s) - other.drive.delay_s(sample_s)) > WHOLE * sample_s
+
+    def ahead_s(path: TorquePath) -> float:
+        if path.unseen or path.drive is None:
+            return path.reading.delay_s(sample_s)
+        return -path.drive.delay_s(sample_s)
+
+    return abs(ahead_s(one) - ahead_s(other)) > WHOLE * sample_s
 
 
 def _best_time_constant(
@@ -277,17 +284,16 @@ def _best_time_constant(
     start: Model,
     first: Fitted,
     path_of: Callable[[float, float], TorquePath],
-    times_s: Sequence[float] = TIMES_S,
 ) -> tuple[TorquePath, Fitted]:
     """The best time constant of a family of paths, with its interval from the curvature of O.   first : by the plain one.
 
-    path_of : of a time constant and half its interval at 95 %, s.   times_s : that are tried.
+    path_of : of a time constant and half its interval at 95 %, s.
     """
 
     def level(logarithm: float) -> float:
         return _level(_fit_by(data, recordings, start, path_of(math.exp(logarithm), 0.0)), first)
 
-    grid = np.log(times_s)
+    grid = np.log(TIMES_S)
     levels = [level(float(x)) for x in grid]
     at = int(np.argmin(levels))
     low, high = grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)]
@@ -303,33 +309,87 @@ def _best_time_constant(
 
 
 def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice:
-    """Without setpoint: whether the motion asks for a reading whose filter is undone."""
+    """Without setpoint: what the motion asks for of a drive and a reading that are not ideal, one thing after the other."""
     lively = _liveliest(to_fit)
-    faithful = TorquePath()
-    sample_s = lively[0].sample_period_s
+    families = unseen_families(lively[0].sample_period_s)
+    path = TorquePath(unseen=True)
+    choice = PathChoice(path, None, _fit_by(data, lively, start, path))
+    for number in range(UNSEEN_AT_MOST):
+        assert choice.fitted is not None
+        if number and choice.fitted.ratio <= GOOD:
+            break
+        tried = [_best_value(data, lively, start, choice, paths) for family in families if (paths := family(choice.path))]
+        tried.sort(key=lambda trial: _level(trial[1], choice.fitted))
+        trials = [*(_refine(data, lively, *trial) for trial in tried[:REFINED]), *tried[REFINED:]]
+        further = _best([(choice.path, choice.fitted), *trials], None, plain_first=True)
+        if further.fitted is choice.fitted:
+            return further if choice.path == path else choice
+        choice = further
+    return choice
 
-    def path_of(time_s: float, half_s: float) -> TorquePath:
-        keeps = math.exp(-sample_s / time_s)
-        return TorquePath(None, ReadingLaw(0.0, (Lag("sampled", (1.0 - keeps,), (keeps * sample_s / time_s**2 * half_s,)),)))
 
-    def behind_loop(time_s: float, half_s: float) -> TorquePath:
-        return TorquePath(loop_s=time_s)
+def _best_value(
+    data: Data, recordings: Sequence[Recording], start: Model, first: PathChoice, paths: Sequence[TorquePath]
+) -> tuple[TorquePath, Fitted]:
+    """The best of some paths, and the fit by it."""
+    return min(((path, _fit_by(data, recordings, start, path)) for path in paths), key=lambda trial: _level(trial[1], first.fitted))
 
-    def late(time_s: float, half_s: float) -> TorquePath:
-        return TorquePath(None, ReadingLaw(min(time_s / sample_s, 1.0)))
 
-    first = _fit_by(data, lively, start, faithful)
-    found = [(faithful, first), _best_time_constant(data, lively, start, first, path_of)]
-    for family, shares in ((behind_loop, LOOP_SHARES), (late, LATE_SHARES)):
-        found.append(_best_time_constant(data, lively, start, first, family, [share * sample_s for share in shares]))
-    return _best(found, None, plain_first=True)
+def unseen_families(sample_s: float) -> tuple[Callable[[TorquePath], list[TorquePath]], ...]:
+    """Paths without setpoint that have one thing more than another one, for each kind of thing; none where it has that already.
+
+    A reading behind a filter, at the end of the period; a late one; a current loop; one whose reading is the torque at the end of the
+    period; a command that changes inside the period; a current loop of second order in place of one of first.
+    """
+
+    def drive_of(path: TorquePath) -> DriveLaw:
+        return path.drive or DriveLaw(0.0)
+
+    def possible(paths: Iterator[TorquePath]) -> list[TorquePath]:
+        return [path for path in paths if path.can_be_undone(sample_s)]
+
+    def filtered(path: TorquePath) -> list[TorquePath]:
+        lags = [Lag("first order", (time_s,)) for time_s in TIMES_S]
+        return (
+            [] if path.reading.lags else possible(replace(path, reading=ReadingLaw(path.reading.late, (lag,), at_end=True)) for lag in lags)
+        )
+
+    def late(path: TorquePath) -> list[TorquePath]:
+        return [] if path.reading.late else possible(replace(path, reading=replace(path.reading, late=late)) for late in LATE_SHARES)
+
+    def behind_loop(path: TorquePath) -> list[TorquePath]:
+        """At the same delay where the command changes inside the period."""
+        drive = drive_of(path)
+        shares = [share for share in LOOP_SHARES if not drive.delay or share < drive.delay]
+        laws = [DriveLaw(max(drive.delay - share, 0.0), (Lag("first order", (share * sample_s,)),)) for share in shares]
+        return [] if drive.lags else possible(replace(path, drive=law) for law in laws)
+
+    def read_at_end(path: TorquePath) -> list[TorquePath]:
+        if path.reading.at_end:
+            return []
+        at_end = [replace(path, reading=replace(path.reading, at_end=True, late=late)) for late in (0.0, *LATE_SHARES[1:-1])]
+        return possible(iter(at_end)) if drive_of(path).lags else [behind for one in at_end for behind in behind_loop(one)]
+
+    def switched(path: TorquePath) -> list[TorquePath]:
+        return [] if drive_of(path).delay else possible(replace(path, drive=replace(drive_of(path), delay=part)) for part in SWITCHING)
+
+    def of_second_order(path: TorquePath) -> list[TorquePath]:
+        lags = drive_of(path).lags
+        if len(lags) != 1 or lags[0].kind != "first order":
+            return []
+        others = [Lag("second order", (ratio / (math.pi * lags[0].values[0]), ratio)) for ratio in DAMPING_RATIOS]
+        return possible(replace(path, drive=replace(drive_of(path), lags=(lag,))) for lag in others)
+
+    return filtered, late, behind_loop, read_at_end, switched, of_second_order
 
 
 def _motion_asks_for_path(data: Data, fitted: Fitted) -> bool:
     """True where the motion asks for a loop inside the period, or for a reading that is late or filtered, to first order."""
     sample_s = data.recordings[0].sample_period_s
     late, filtered = ReadingLaw(LATE_SHARES[0]), ReadingLaw(0.0, (Lag("sampled", (NEARLY_NEW,)),))
-    for path in (TorquePath(loop_s=LOOP_SHARES[0] * sample_s), TorquePath(None, late), TorquePath(None, filtered)):
+    loop = DriveLaw(0.0, (Lag("first order", (LOOP_SHARES[0] * sample_s,)),))
+    drives = (TorquePath(law, unseen=True) for law in (loop, DriveLaw(SWITCHING[0])))
+    for path in (*drives, TorquePath(None, late), TorquePath(None, filtered)):
         columns = columns_of(replace(data, path=path), fitted)
         if columns is not None and np.any(columns):
             near = fitted.local_quadratic.best(columns=columns)
@@ -339,23 +399,23 @@ def _motion_asks_for_path(data: Data, fitted: Fitted) -> bool:
     return False
 
 
-def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: ReadingFit) -> PathChoice:
+def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: ReadingFit | None) -> PathChoice:
     """The reading is the command: what lies between it and the torque is told by the motion alone."""
-    lively = _liveliest(to_fit)
-    plain, sample_s = TorquePath(chain.law, commanded=True), lively[0].sample_period_s
+    lively, law = _liveliest(to_fit), DriveLaw(0.0) if chain is None else chain.law
+    plain, sample_s = TorquePath(law, commanded=True, unseen=chain is None), lively[0].sample_period_s
 
     def behind(time_s: float, half_s: float) -> TorquePath:
-        return TorquePath(replace(chain.law, lags=(*chain.law.lags, Lag("first order", (time_s,), (half_s,)))), commanded=True)
+        return replace(plain, drive=replace(law, lags=(*law.lags, Lag("first order", (time_s,), (half_s,)))))
 
     def later(time_s: float, half_s: float) -> TorquePath:
-        law = replace(chain.law, delay=chain.law.delay + time_s / sample_s, delay_interval=half_s / sample_s)
-        return TorquePath(law, commanded=True)
+        return replace(plain, drive=replace(law, delay=law.delay + time_s / sample_s, delay_interval=half_s / sample_s))
 
-    swing = max((float(np.abs(np.diff(r.torque_setpoint)).max()) for r in lively if r.torque_setpoint is not None), default=0.0)
+    commands_nm = [r.torque if r.torque_setpoint is None else r.torque_setpoint for r in lively]
+    swing = max(float(np.abs(np.diff(command)).max()) for command in commands_nm)
 
     def limited(time_s: float, half_s: float) -> TorquePath:
         limit = Lag("slew rate", (swing / time_s,), (half_s * swing / time_s**2,))
-        return TorquePath(replace(chain.law, lags=(*chain.law.lags, limit)), commanded=True)
+        return replace(plain, drive=replace(law, lags=(*law.lags, limit)))
 
     first = _fit_by(data, lively, start, plain)
     families = (behind, later, limited) if swing > 0.0 else (behind, later)

@@ -49,6 +49,8 @@ def refine_path(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
         step = np.linalg.solve(known + told.information, known @ near.amounts + told.pull)
         step *= min(1.0, float(np.min(_most(data.path, values) / np.maximum(np.abs(step), 1e-300))))  # what one loses another gains
         path = _with_values(data.path, values + step)
+        if not path.can_be_undone(data.recordings[0].sample_period_s):
+            break
         ahead = by_path(data, fitted.model, path)
         held = [name for name in fitted.model.parameters if name not in fitted.problem.free]
         better = fit(ahead, fitted.model, ITERATIONS, offsets=fitted.offsets, fixed=held)
@@ -140,9 +142,8 @@ def _lags(path: TorquePath) -> tuple[Lag, ...]:
 
 
 def _values(path: TorquePath) -> Array:
-    """Values of all filters of the drive, then of the reading, then delays that are not whole, then the loop's that no setpoint shows."""
-    own = [value for lag in _lags(path) for value in lag.values] + [_delays(path)[place] for place in _free_delays(path)]
-    return np.array([*own, *([path.loop_s] if path.loop_s > 0.0 else [])])
+    """Values of all filters of the drive, then of the reading, then delays that are not whole."""
+    return np.array([value for lag in _lags(path) for value in lag.values] + [_delays(path)[place] for place in _free_delays(path)])
 
 
 def _delays(path: TorquePath) -> tuple[float, float]:
@@ -171,7 +172,7 @@ def _with_values(path: TorquePath, values: Array, halves: Array | None = None) -
         drive, place = replace(drive, delay=float(values[place]), delay_interval=half), place + 1
     if 1 in free:
         reading, place = replace(reading, late=float(values[place])), place + 1
-    return replace(path, drive=drive, reading=reading, loop_s=float(values[place]) if path.loop_s > 0.0 else 0.0)
+    return replace(path, drive=drive, reading=reading)
 
 
 def columns_of(data: Data, fitted: Fitted) -> Array | None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,7 +157,7 @@ def lively_pairs(recordings: Sequence[Recording]) -> tuple[list[Pair], float]:
     for recording in recordings:
         if recording.torque_setpoint is None:
             continue
-        for first, last in pairwise([0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]):
+        for first, last in recording.pieces:
             setpoint, reading = recording.torque_setpoint[first:last], recording.torque[first:last]
             liveliness = float(np.mean(np.diff(setpoint) ** 2)) if last - first >= SHORTEST else 0.0
             if liveliness > 0.0:

@@ -18,7 +18,7 @@ from beltcomm.fit.decimation import smallest_step
 from beltcomm.fit.moving import creeping_samples
 from beltcomm.fit.noise_level import noise_colour, torque_noise
 from beltcomm.fit.observer import needs_observer
-from beltcomm.fit.segment import Segment, evaluate, noise_paths_of, segments, whitener_of, with_observers
+from beltcomm.fit.segment import Segment, acting_noise, evaluate, noise_paths_of, segments, whitener_of, with_observers
 from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.fit.whitening import whitener
 from beltcomm.model import Model
@@ -70,7 +70,7 @@ class Data:
     recordings : tuple of Recording
         All of them.
     noise_nm : float
-        rms of the torque's noise, N m.
+        rms of the noise of the torque reading, N m.
     step_rad : float
         Step of the encoder, rad.
     path : TorquePath
@@ -80,7 +80,7 @@ class Data:
     reversals : bool
         Whether samples count in which the motor passes through a reversal.
     colour : float
-        Of the torque's noise.
+        Pole of the noise of the torque reading.
     single : bool
         Whether each value is one by itself, see :func:`is_mostly_rounding`.
     """
@@ -124,7 +124,7 @@ def prepare_records(
     step_rad: float,
     shares: Mapping[str, tuple[float, float]],
     usual: int = SUBSTEPS,
-    path: TorquePath | None = None,
+    path: TorquePath = FAITHFUL,
     reversals: bool = False,
     colour: float = 0.0,
     single: bool = False,
@@ -137,10 +137,9 @@ def prepare_records(
         By record, :func:`rounding_shares`; all of it white where it is missing.
     usual : int
         Fine steps a sample.
-    path : TorquePath or None
-        Of the torque; None takes the reading.
+    path : TorquePath
+        Of the torque.
     """
-    path = path or FAITHFUL
     pieces = []
     rattles = any(effect.rattles for effect in model.effect_list())
     for recording in recordings:
@@ -148,8 +147,10 @@ def prepare_records(
         group = 1 if usual == PUBLISHED_SUBSTEPS or single else group_of(recording)
         stroke = recording.sidecar.experiment == "friction_sweep"
         substeps = (RATTLING_STROKE_SUBSTEPS if rattles else STROKE_SUBSTEPS) if stroke else (RATTLING_SUBSTEPS if rattles else usual)
-        for piece in segments(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps, path=path, reversals=reversals):
-            known = with_whitener(replace(piece, rounding=shown, group=group, colour=colour), model)
+        for piece in segments(
+            recording, model, step_rad, noise_nm, fitted=True, substeps=substeps, path=path, reversals=reversals, colour=colour
+        ):
+            known = with_whitener(replace(piece, rounding=shown, group=group), model)
             pieces.append(band_limited(known, EXCITED_BAND_HZ if recording.sidecar.experiment == "frf" else CALM_BAND_HZ))
     return Data(
         tuple(recordings),
@@ -168,7 +169,7 @@ def prepare_records(
 def is_mostly_rounding(data: Data, model: Model) -> bool:
     """True where rounding is most of the noise: at a steady speed it goes with the motion, and over several samples it is not white."""
     sample_s = min(recording.sample_period_s for recording in data.recordings)
-    return rounding_torque(model["motor.inertia"], data.step_rad, sample_s) > ROUNDED * data.noise_nm
+    return rounding_torque(model.driven_inertia(), data.step_rad, sample_s) > ROUNDED * data.noise_nm
 
 
 def rounding_torque(inertia: float, step_rad: float, sample_s: float) -> float:
@@ -197,7 +198,7 @@ def with_whitener(piece: Segment, model: Model) -> Segment:
     """A segment with the noise as a model passes it on."""
     worked_out = whitener_of(piece, model)
     kept = worked_out.deviations[piece.keep]
-    torque = 0.25 * (1.0 - piece.colour**2) * piece.noise_nm**2  # of the innovations of its mean with the triangular weight
+    torque = piece.colour.new * piece.noise_nm**2  # of the innovations of its mean with the triangular weight
     own = "cart" in model.base_bodies and len(kept) > 0 and float(np.median(kept)) ** 2 > OWN_NOISE_FROM * torque
     return replace(piece, whitener=worked_out, reference=model, own_noise=own)
 
@@ -217,10 +218,12 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS,
         shares = {piece.record: piece.rounding for piece in pieces}
     else:
         left: dict[str, list[tuple[Segment, Array]]] = {}
+        sample_of = {recording.name: recording.sample_period_s for recording in data.recordings}
         for piece, offset in zip(pieces, [*offsets_m, *np.zeros(len(data.held_out))], strict=True):
-            known = replace(
-                piece, noise_nm=piece.noise_factor * data.noise_nm, colour=data.colour
-            )  # by now maybe better than when the segment was made
+            # By now the noise is maybe known better than when the segment was made.
+            own = sample_of[piece.record]
+            colour = acting_noise(data.path, data.colour, own, round(piece.motion.sample_s / own))
+            known = replace(piece, noise_nm=piece.noise_factor * data.noise_nm, colour=colour)
             left.setdefault(piece.record, []).append((known, evaluate(piece, model, model.vector(), float(offset))))
         # Where rounding is most of the noise, a share of it found from few samples would make them count for all others.
         calm = {name: parts for name, parts in left.items() if not any(piece.own_noise for piece, _ in parts)}

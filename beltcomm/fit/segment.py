@@ -9,7 +9,6 @@ Coulomb friction cannot stick.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -22,12 +21,13 @@ from scipy.optimize import minimize_scalar
 from beltcomm.compiled import compiled
 from beltcomm.fit.decimation import decimate, decimate_torque, decimated_noise, decimation, smallest_step
 from beltcomm.fit.moving import creep_motion, creeping_samples, resting_samples, run_in_samples, samples_between_counts
+from beltcomm.fit.noise_colour import WHITE_NOISE, NoiseColour
 from beltcomm.fit.noise_path import NoiseSchedule, way
 from beltcomm.fit.observer import Observation, Observer, innovations, needs_observer, tuned_observers, untuned_observer
 from beltcomm.fit.reversals import LEVEL, motion_through_reversals, turns_at_once
 from beltcomm.fit.slack import stiffness_left
 from beltcomm.fit.smoother import smooth_motion
-from beltcomm.fit.torque_path import TorquePath
+from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.fit.whitening import Whitener, whitener
 from beltcomm.model import Model
 from beltcomm.model.linear import matrices, operating_point
@@ -103,8 +103,8 @@ class Segment:
     turns : ndarray or None
         What the kernel's Coulomb friction of level 1 lacks at the reversals that count, (n,); None where none of those count, or the motor
         has no such friction.
-    colour : float
-        Of the torque's noise, see ``whitening``.
+    colour : NoiseColour
+        Of the noise of the torque that acts.
     noise_factor : float
         Factor on the noise of a segment that was decimated.
     own_noise : bool
@@ -128,7 +128,7 @@ class Segment:
     group: int = 1
     observer: Observer | None = None
     turns: Array | None = None
-    colour: float = 0.0
+    colour: NoiseColour = WHITE_NOISE
     noise_factor: float = 1.0
     own_noise: bool = False
     #: Whiteners of the models that were judged last, each in its own noise.
@@ -212,7 +212,8 @@ def segments(
     fitted: bool = False,
     substeps: int = SUBSTEPS,
     reversals: bool = False,
-    path: TorquePath | None = None,
+    path: TorquePath = FAITHFUL,
+    colour: float = 0.0,
 ) -> list[Segment]:
     """The gapless pieces of a recording that hold at least 50 samples.
 
@@ -232,39 +233,43 @@ def segments(
         Fine steps then.
     reversals : bool
         Samples in which the motor passes through a reversal count too, for a model with :func:`turns_at_once`, and fitted.
-    path : TorquePath or None
-        From the reading to the torque that acts; None takes the reading.
+    path : TorquePath
+        From the reading to the torque that acts.
+    colour : float
+        Pole of the noise of the torque reading.
 
     Returns
     -------
     list of Segment
         In the order of time.
+
+    Raises
+    ------
+    ValueError
+        For a path that cannot be undone.
     """
     own = recording.sample_period_s
     counted = min(step_rad, smallest_step(recording.position)) if fitted else step_rad  # without the angle's own noise, which is white
     every = decimation(own, counted, "cart" in model.base_bodies) if fitted else 1
     sample, noise_factor = every * own, decimated_noise(every)
-    cuts = [0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]
     start = recording.sidecar.start_position_m
     pieces = []
-    for first, last in itertools.pairwise(cuts):
+    for first, last in recording.pieces:
         if last - first < 50:
             continue
         part = slice(first, last)
         ratio = model["transmission.ratio"]
-        position, torque, within = recording.position[part], recording.torque[part], None
-        push = torque
-        if path is not None:
-            setpoint = recording.torque_setpoint
-            torque, within = path.acting_torque(torque, None if setpoint is None else setpoint[part], own)
-            push = path.likeliest(torque, None if setpoint is None else setpoint[part], own)
+        position, torque = recording.position[part], recording.torque[part]
+        setpoint = None if recording.torque_setpoint is None else recording.torque_setpoint[part]
+        torque, within = path.acting_torque(torque, setpoint, own)
+        push = path.likeliest(torque, setpoint, own)
         if every > 1:
             position, push = position[::every][: len(position) // every], decimate(push, every)
             torque, within = decimate_torque(torque, within, every)
         # Without a start position the recorded angle is the absolute one: a phase of cogging holds for all records of a run.
         place = float(recording.position[first]) if start is None else start / ratio + recording.position[first] - recording.position[0]
         time = (recording.sidecar.session_time_s or 0.0) + recording.t_s[first] - recording.t_s[0]
-        inertia = model["motor.inertia"]
+        inertia = model.driven_inertia()
         motion = reconstruct(
             position,
             push,
@@ -314,10 +319,37 @@ def segments(
                 step_rad,
                 start_offset(model, motion),
                 turns=turns,
+                colour=acting_noise(path, colour, own, every),
                 noise_factor=noise_factor,
             )
         )
     return pieces
+
+
+def acting_noise(path: TorquePath, pole: float, sample_s: float, every: int) -> NoiseColour:
+    """Colour of the noise of the torque that acts.
+
+    Parameters
+    ----------
+    path : TorquePath
+        From the reading to the torque that acts.
+    pole : float
+        Of the reading's noise.
+    sample_s : float, s
+        Sampling period of the recording.
+    every : int
+        Every which sample is taken: of the mean of several the slow part is left, and no path changes that.
+
+    Returns
+    -------
+    NoiseColour
+
+    Raises
+    ------
+    ValueError
+        For a path that cannot be undone.
+    """
+    return NoiseColour(pole) if every > 1 else path.acting_noise(pole, sample_s)
 
 
 def rebuild_motion(
@@ -336,7 +368,7 @@ def rebuild_motion(
         return motion
     acting = acting_cells(model, true, torque)
     push = coarse(acting, len(acting) // (len(motion.theta) - 1)) - lacking
-    found = reconstruct(position, push, motion.sample_s, model["motor.inertia"], start_rad=start_rad, substeps=motion.substeps, load=load)
+    found = reconstruct(position, push, motion.sample_s, model.driven_inertia(), start_rad=start_rad, substeps=motion.substeps, load=load)
     return replace(found, time_s=motion.time_s, within=motion.within)
 
 

@@ -85,7 +85,7 @@ def fit_seldom(recordings: Sequence[Recording], start: Model, *, counts_per_rev:
     DataError
         When nothing moves.
     """
-    told = [r for r in recordings if comes_seldom(r) and not r.sidecar.held_out and not len(r.gaps())]
+    told = [r for r in recordings if comes_seldom(r) and not r.sidecar.held_out and not len(r.gaps)]
     if not told:
         return None
     here = told[0].sidecar.start_position_m or 0.0

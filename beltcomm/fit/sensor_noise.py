@@ -19,7 +19,9 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.noise_level import LEAST_COLOUR, MOST_COLOUR, correlation, robust_rms, torque_step
 from beltcomm.fit.records import Data
 from beltcomm.fit.segment import Segment
+from beltcomm.fit.torque_path import TorquePath
 from beltcomm.recording import Recording
+from beltcomm.simulate.intersample import CELLS
 
 Array = NDArray[np.float64]
 
@@ -27,6 +29,8 @@ Array = NDArray[np.float64]
 LEAST_SHARE, KNOWN = 0.02, 4.0
 #: Share of the sensor from which on nearly all is its.
 MOSTLY = 0.8
+#: Samples before a pulse, and of its answer until it has died away.
+BEFORE, SETTLED = 4, 400
 #: Deviations of a colour from which on there is one.
 COLOURED = 4.0
 
@@ -43,12 +47,15 @@ class NoiseSplit:
         Of the first, one standard deviation.
     colour : float
         ρ of the sensor's noise.
+    most_nm : float
+        N m rms, of the sensor and of torque that acts unread, behind a reading that is filtered or late.
     """
 
     sensor_nm: float
     process_nm: float
     deviation_nm: float
     colour: float = 0.0
+    most_nm: float = 0.0
 
 
 def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
@@ -83,7 +90,19 @@ def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
     share = min(max(share, LEAST_SHARE), 1.0)
     # Where nearly all is the sensor's, its colour is that of the difference, which no rounding hides.
     colour = _own_colour(rests) if share > MOSTLY else _colour(colours)
-    return NoiseSplit(total * math.sqrt(share), total * math.sqrt(1.0 - share), 0.5 * total * deviation / math.sqrt(share), colour)
+    sensor, process = total * math.sqrt(share), total * math.sqrt(1.0 - share)
+    most = math.hypot(sensor, process * _unread(data.path, data.recordings[0].sample_period_s))
+    return NoiseSplit(sensor, process, 0.5 * total * deviation / math.sqrt(share), colour, most)
+
+
+def _unread(path: TorquePath, sample_s: float) -> float:
+    """White torque that acts unread over what is read of it:  √(Σ (δ_k - l_k)²/Σ l_k²),  l the reading's answer to a sample."""
+    if path.reading.faithful:
+        return 0.0
+    pulse = np.zeros(SETTLED)
+    pulse[BEFORE] = 1.0
+    read = path.reading.read(np.repeat(pulse[:, None], CELLS, axis=1), sample_s)
+    return float(np.linalg.norm(pulse - read) / np.linalg.norm(read))
 
 
 def _own_colour(rests: list[Array]) -> float:
@@ -115,7 +134,7 @@ def _colour(sums: Array) -> float:
 def rest_of(recording: Recording, data: Data) -> Array | None:
     """Torque reading less the reading predicted from the setpoint, (n,), N m at the motor; None without setpoint, or with gaps."""
     drive = data.path.drive
-    if recording.torque_setpoint is None or drive is None or len(recording.gaps()):
+    if recording.torque_setpoint is None or drive is None or len(recording.gaps):
         return None
     shown = data.path.reading.read(drive.cells(recording.torque_setpoint, recording.sample_period_s), recording.sample_period_s)
     rest = recording.torque - shown

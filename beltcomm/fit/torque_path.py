@@ -10,19 +10,23 @@ the setpoint explains put back:
 
 A faithful reading (L = 1) is taken as it is, so the torque of disturbances inside the drive counts as acting, and the noise of u is the
 sensor's, whatever L.
+
+Where no setpoint was recorded the reading tells it, by the inverse of both laws, and the noise of u is the sensor's behind that inverse.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
+from beltcomm.fit.deconvolution import deconvolve, undone_noise
+from beltcomm.fit.noise_colour import NoiseColour
 from beltcomm.simulate.intersample import CELLS, Intersample
 
 Array = NDArray[np.float64]
@@ -38,6 +42,8 @@ VALUES: Mapping[Kind, tuple[str, ...]] = {
 }
 #: Deviation from its mean below which a torque is held, as a share of the largest mean.
 HELD = 1e-6
+#: Samples before a pulse and behind the end of its answer, share of it that has died away, and slowest pole until then.
+BEFORE, BEHIND, FADED, SLOWEST = 4, 8, 1e-9, 0.97
 
 
 @dataclass(frozen=True)
@@ -85,11 +91,37 @@ class Lag:
             ends = lfilter([1.0 - keeps], [1.0, -keeps], u, zi=[keeps * u[0]])[0]
             means = u + (np.append(u[0], ends[:-1]) - u) * (self.values[0] / h * (1.0 - keeps))
             return np.asarray(means.reshape(cells.shape))
-        omega, ratio = math.tau * self.values[0], self.values[1]
-        root = np.sqrt(complex(ratio**2 - 1.0))
-        b, a = _held_second_order((-omega * (ratio + root), -omega * (ratio - root)), h)
+        slow, fast = self._roots()
+        b, a = _held_second_order((slow, fast), h)
         ends = lfilter(b, a, u - u[0]) + u[0]
         return np.asarray(0.5 * (np.append(u[0], ends[:-1]) + ends).reshape(cells.shape))
+
+    def poles(self, sample_s: float) -> tuple[complex, ...]:
+        """Poles in the clock of the samples.
+
+        Parameters
+        ----------
+        sample_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        tuple of complex
+            None of a slew rate, which is not linear.
+        """
+        if self.kind == "sampled":
+            return (1.0 - self.values[0],)
+        if self.kind == "slew rate":
+            return ()
+        return tuple(complex(np.exp(root * sample_s)) for root in self._roots())
+
+    def _roots(self) -> tuple[complex, ...]:
+        """Poles in continuous time, 1/s."""
+        if self.kind == "first order":
+            return (-1.0 / self.values[0],)
+        omega, ratio = math.tau * self.values[0], self.values[1]
+        root = np.sqrt(complex(ratio**2 - 1.0))
+        return -omega * (ratio + root), -omega * (ratio - root)
 
     def delay_s(self, sample_s: float) -> float:
         """Delay of a slow torque.
@@ -239,13 +271,13 @@ class TorquePath:
     Attributes
     ----------
     drive : DriveLaw or None
-        None where no setpoint was recorded.
+        None where no setpoint was recorded, and the torque is held over each period.
     commanded : bool
         Whether the reading is only the command.
     acts : float
         Share of what the reading differs from the setpoint's part by that acts and is no noise of the sensor; 1 where nobody knows.
-    loop_s : float
-        Time constant of the current loop where no setpoint was recorded, s, told by the motion alone.
+    unseen : bool
+        Whether no setpoint was recorded: then the delay is known to whole periods only, and all else is told by the motion.
     rivals : tuple of TorquePath
         Other paths that the records do not tell from this one.
     """
@@ -254,7 +286,7 @@ class TorquePath:
     reading: ReadingLaw = field(default_factory=ReadingLaw)
     commanded: bool = False
     acts: float = 1.0
-    loop_s: float = 0.0
+    unseen: bool = False
     rivals: tuple[TorquePath, ...] = field(default=(), compare=False)
 
     @property
@@ -303,9 +335,12 @@ class TorquePath:
             Mean over each period, (n,), N m, and its spread inside.
         """
         if self.drive is None or setpoint is None:
-            torque = self._undo_filter(torque, sample_s)
-            return torque, None if self.loop_s == 0.0 else Intersample(_behind_loop(torque, self.loop_s, sample_s))
-        cells = self.drive.cells(setpoint, sample_s)
+            if self.drive is None and self.reading.faithful:
+                return torque, None
+            law, setpoint = self._law, torque if self.commanded else deconvolve(torque, *self._answers(sample_s)[::2])
+        else:
+            law = self.drive
+        cells = law.cells(setpoint, sample_s)
         means = cells.mean(axis=1)
         if self.commanded:
             torque = means
@@ -315,37 +350,71 @@ class TorquePath:
         held = float(np.abs(above).max()) <= HELD * max(float(np.abs(means).max()), 1e-300)
         return torque, None if held else Intersample(above)
 
-    def noise_undone(self, colour: float) -> tuple[float, float]:
-        """Noise of a late reading that is undone without a setpoint.
-
-        x[n] = (w[n] - c x[n-1])/p,   p the larger part of the sample, c = (1 - p)/p:   factor 1/(p √(1 - c²)), colour -c.
+    def acting_noise(self, pole: float, sample_s: float) -> NoiseColour:
+        """Colour of the noise of the torque that acts, as the reading tells it.
 
         Parameters
         ----------
-        colour : float
+        pole : float
             Of the reading's noise.
+        sample_s : float, s
+            Sampling period.
 
         Returns
         -------
-        tuple of float
-            Factor on the noise, and its colour then; 1 and as it was for other paths.
-        """
-        part = self.reading.late - math.floor(self.reading.late)
-        if self.drive is not None or part == 0.0:
-            return 1.0, colour
-        larger = max(part, 1.0 - part)
-        c = (1.0 - larger) / larger
-        return 1.0 / (larger * math.sqrt(1.0 - c**2)), colour if colour else -c
+        NoiseColour
+            Of reading noise with variance 1.
 
-    def _undo_filter(self, torque: Array, sample_s: float) -> Array:
-        """The reading with its filter undone, as one of samples."""
-        undone = torque
-        for lag in self.reading.lags:
-            share = lag.values[0] if lag.kind == "sampled" else 1.0 - math.exp(-sample_s / lag.values[0])
-            undone = (undone - (1.0 - share) * _later(undone, 1)) / share
-        whole = math.floor(self.reading.late)
-        undone = np.append(undone[whole:], np.full(whole, undone[-1])) if whole else undone
-        return _undo_mixing(undone, self.reading.late - whole)
+        Raises
+        ------
+        ValueError
+            For a path that cannot be undone.
+        """
+        if self.commanded or (self.reading.faithful and self.drive is None) or not (self.unseen or self.drive is None):
+            return NoiseColour(pole)
+        shown, cells, poles = self._answers(sample_s)
+        rising = (np.arange(CELLS) + 0.5) / CELLS**2  # the residual has the triangular mean of the torque over two periods
+        falling = rising[::-1]
+        acts = cells @ falling + np.concatenate(([0.0], cells[:-1] @ rising))
+        return undone_noise(shown, acts, poles, pole)
+
+    def can_be_undone(self, sample_s: float) -> bool:
+        """True if the reading and what was recorded of the setpoint tell the torque that acts.
+
+        Parameters
+        ----------
+        sample_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        bool
+        """
+        try:
+            self.acting_noise(0.0, sample_s)
+        except ValueError:
+            return False
+        return True
+
+    @property
+    def _law(self) -> DriveLaw:
+        """Law from an unseen setpoint, whose delay is less than a period, or from the command that is read."""
+        law = self.drive or DriveLaw(0.0)
+        if self.commanded:
+            return law
+        return replace(
+            law, delay=law.delay - math.floor(law.delay), lags=tuple(lag for lag in law.lags if lag.kind != "slew rate"), gain=1.0
+        )
+
+    def _answers(self, sample_s: float) -> tuple[Array, Array, tuple[complex, ...]]:
+        """Answers to an unseen setpoint that is 1 for a period, of the reading and of the torque in each cell; their poles."""
+        law = self._law
+        poles = tuple(pole for lag in (*law.lags, *self.reading.lags) for pole in lag.poles(sample_s))
+        slowest = max((abs(pole) for pole in poles), default=0.0)
+        pulse = np.zeros(BEFORE + BEHIND + math.ceil(math.log(FADED) / math.log(max(min(slowest, SLOWEST), FADED))))
+        pulse[BEFORE] = 1.0
+        cells = law.cells(pulse, sample_s)
+        return self.reading.read(cells, sample_s)[BEFORE:], cells[BEFORE:], poles
 
 
 #: The reading is the torque that acts.
@@ -384,7 +453,7 @@ def path_to_dict(path: TorquePath) -> dict[str, Any]:
         "reading": {"late": float(path.reading.late), "lags": lags(path.reading), "at_end": path.reading.at_end},
         "commanded": path.commanded,
         "acts": float(path.acts),
-        "loop_s": float(path.loop_s),
+        "unseen": path.unseen,
         "rivals": [path_to_dict(rival) for rival in path.rivals],
     }
 
@@ -426,26 +495,7 @@ def path_from_dict(data: Mapping[str, Any]) -> TorquePath:
         law = DriveLaw(float(drive["delay"]), lags(drive), float(drive["gain"]), float(drive["delay_interval"]))
     reading = ReadingLaw(float(data["reading"]["late"]), lags(data["reading"]), bool(data["reading"].get("at_end", False)))
     rivals = tuple(path_from_dict(rival) for rival in data["rivals"])
-    return TorquePath(law, reading, bool(data["commanded"]), float(data["acts"]), float(data["loop_s"]), rivals)
-
-
-def _behind_loop(means: Array, time_s: float, sample_s: float) -> Array:
-    """Torque above its mean in each cell of every period, (n, CELLS), N m, behind a loop of first order whose input is held.
-
-    y' = (u[n] - y)/τ;  from the means over the periods, (n,):  u[n] = (m[n] - μ y[n])/(1 - μ),  y[n+1] = (1 - e) u[n] + e y[n],
-    e = exp(-T/τ),  μ = τ (1 - e)/T.
-    """
-    from scipy.signal import lfilter  # takes a second to import, and most drives have no filter
-
-    keeps = math.exp(-sample_s / time_s)
-    share = time_s / sample_s * (1.0 - keeps)
-    into, on = (1.0 - keeps) / (1.0 - share), keeps - (1.0 - keeps) * share / (1.0 - share)
-    start = means[0]
-    begins = np.concatenate(([start], lfilter([into], [1.0, -on], means, zi=[on * start])[0][:-1]))
-    held = (means - share * begins) / (1.0 - share)
-    edges = np.exp(-np.arange(CELLS + 1) / CELLS * sample_s / time_s)
-    falling = (edges[:-1] - edges[1:]) * time_s / sample_s * CELLS
-    return np.asarray((begins - held)[:, None] * (falling - share))
+    return TorquePath(law, reading, bool(data["commanded"]), float(data["acts"]), bool(data["unseen"]), rivals)
 
 
 def torque_at(cells: Array, share: float) -> Array:
@@ -474,19 +524,6 @@ def torque_at(cells: Array, share: float) -> Array:
 
     here = beginning(whole)
     return here if part == 0.0 else here + part * (beginning(whole + 1) - here)
-
-
-def _undo_mixing(read: Array, part: float) -> Array:
-    """Torque m of a reading (1 - part) m[n] + part m[n-1], (n,): solved forwards, or backwards where more of it is of the sample before."""
-    from scipy.signal import lfilter  # takes a second to import, and most drives have no filter
-
-    if part == 0.0:
-        return read
-    if part <= 0.5:
-        return np.asarray(lfilter([1.0 / (1.0 - part)], [1.0, part / (1.0 - part)], read, zi=[-part / (1.0 - part) * read[0]])[0])
-    back = (1.0 - part) / part
-    found = lfilter([1.0 / part], [1.0, back], read[::-1], zi=[-back * read[-1]])[0][::-1]
-    return np.append(found[1:], found[-1])
 
 
 def _later(row: Array, samples: int) -> Array:

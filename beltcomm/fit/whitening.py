@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled, in_lanes, inlined
+from beltcomm.fit.noise_colour import WHITE_NOISE, NoiseColour, filter_states
 from beltcomm.fit.noise_path import SLOW, NoisePath, NoiseSchedule, with_state_in_front
 from beltcomm.simulate.kernels.observer import filter_columns, lanes_for
 
@@ -88,7 +89,7 @@ def whitener(
     step_rad: float,
     noise_nm: float,
     shares: tuple[float, float] = (1.0, 0.0),
-    colour: float = 0.0,
+    colour: NoiseColour = WHITE_NOISE,
 ) -> Whitener:
     """Gains for the kept samples of a segment.
 
@@ -134,7 +135,13 @@ def gains_of(
 
 
 def noises(
-    path: NoisePath, step_rad: float, noise_nm: float, shares: tuple[float, float], colour: float = 0.0, *, alike: bool = False
+    path: NoisePath,
+    step_rad: float,
+    noise_nm: float,
+    shares: tuple[float, float],
+    colour: NoiseColour = WHITE_NOISE,
+    *,
+    alike: bool = False,
 ) -> tuple[NoisePath, Array, Array]:
     """The path with its own states for slow rounding and coloured noise, variances of the noises, covariance of s at the first sample.
 
@@ -147,12 +154,17 @@ def noises(
     variances = np.array([fast, torque])
     if slow > 0.0 or alike:
         path, variances = with_slow_rounding(path), np.array([fast, slow, torque])
-    start = path.begins @ np.array([1.0, fast, slow, torque])
+    start = path.begins @ np.array([1.0, fast, slow, 0.0 if colour.numerator else torque])
     if slow > 0.0 or alike:
         start[0] = start[:, 0] = slow * np.diag(path.begins[:, :, SLOW])
         start[0, 0] = slow
-    if colour != 0.0:
-        path, size = with_coloured_torque(path, colour), len(path.H)
+    if colour.numerator:
+        path, own = with_filtered_torque(path, colour)
+        size = len(own)
+        start = np.pad(start, ((size, 0), (size, 0)))
+        start[:size, :size] = torque * own
+    elif colour.pole != 0.0:
+        path, size = with_coloured_torque(path, colour.pole), len(path.H)
         coloured = np.zeros((size + 1, size + 1))
         coloured[1:, 1:] = start
         coloured[0, 0] = coloured[0, size] = coloured[size, 0] = torque
@@ -170,6 +182,19 @@ def with_coloured_torque(path: NoisePath, colour: float) -> NoisePath:
     d, h = path.D.copy(), np.concatenate(([colour * path.D[last]], path.H))
     d[last] *= new
     return NoisePath(f, g, h, d, with_state_in_front(path.begins), path.sample_s)
+
+
+def with_filtered_torque(path: NoisePath, colour: NoiseColour) -> tuple[NoisePath, Array]:
+    """The path for noise of the torque behind b(z)/a(z): its states in front, noises (…, ν), and their covariance."""
+    own_f, own_g, covariance = filter_states(colour)
+    size, own, last = len(path.H), len(own_g), path.G.shape[1] - 1
+    f, g = np.zeros((size + own, size + own)), np.zeros((size + own, last + 1))
+    f[:own, :own], f[own:, own:] = own_f, path.F
+    g[:own, last], g[own:, :last] = own_g, path.G[:, :last]
+    d, h = path.D.copy(), np.concatenate((np.eye(own)[0], path.H))
+    d[last] = colour.numerator[0]
+    begins = np.pad(path.begins, ((own, 0), (own, 0), (0, 0)))
+    return NoisePath(f, g, h, d, begins, path.sample_s), covariance
 
 
 def with_slow_rounding(path: NoisePath) -> NoisePath:

@@ -100,7 +100,7 @@ def records_of(
             made.append(record)
     early = _before_the_setup(log, seen, node)
     taken = sum(len(record.table.columns["t_s"]) for record in made)
-    balance = _balance(log, rows, early, taken, len(made))
+    balance = _balance(log, node, rows, early, taken, len(made))
     if not made:
         standing = " or give the SYNC's rate with --rate" if rows.clock.standing.any() else ""
         raise DataError(
@@ -127,13 +127,15 @@ def _before_the_setup(log: FrameLog, seen: list[Seen], node: int) -> int:
     return int(np.isin(log.identifier[:first], known).sum())
 
 
-def _balance(log: FrameLog, rows: _Rows, early: int, taken: int, moves: int) -> str:
+def _balance(log: FrameLog, node: int, rows: _Rows, early: int, taken: int, moves: int) -> str:
     """Where all frames and rows of a log went, in words."""
     size = len(log.t_s)
     read = f"all {size}" if log.in_file == size else f"{size} of {log.in_file}" if log.in_file else f"{size}"
     standing = int(rows.clock.standing.sum())
     there = int(np.isfinite(rows.columns[("sent", (_POSITION, 0))]).sum())
-    words = [f"{read} frames of the file were read"]
+    words = [f"{read} frames of the file were read, {log.of_node(node)} of node {node}"]
+    twice = log.doubled()
+    words += [f"{twice} stand there twice at the same time"] * (twice > 0)
     words += [f"not read are {early} frames with the position before the set-up, which the log does not explain"] * (early > 0)
     words += [f"{standing} rows have standing stamps and no known period, and were left out"] * (standing > 0)
     where = f"{max(there - standing - taken, 0)} with the stage off, at rest or homing"

@@ -81,12 +81,13 @@ def _judgement(recording: Recording) -> str:
     if found is not None and not found.together:
         return (
             f"{torque} and {position} do not belong together: the motion explains {100.0 * max(found.explained, 0.0):.2g} % of the torque, "
-            "as of one of another time; look for the columns of one axis and one record, and for rows that were sorted apart"
+            "as of one of another time; look for the columns of one axis and one record, for rows that were sorted apart, and for other "
+            "joints or a hand that moved the load along"
         )
     if backwards(recording.t_s, recording.torque, recording.position):
         return (
             "time seems to run backwards: the mass is positive and the friction drives; turn the order of the rows, or, where it is right, "
-            f"look at the signs of {torque} and {position}"
+            f"look at the signs of {torque} and {position}, and for other joints that moved along"
         )
     if opposite_signs(recording.t_s, recording.torque, recording.position):
         return (
@@ -140,7 +141,7 @@ def _period_note(recording: Recording) -> list[str]:
     note = recording.sidecar.excitation
     if note is None or note.period_samples is None:
         return []
-    if len(recording.gaps()):
+    if len(recording.gaps):
         return ["rows are missing, so whether the torque repeats as --period-samples says was not looked at"]
     excited = recording.torque[note.first_sample :]
     periods = len(excited) / note.period_samples

@@ -34,6 +34,8 @@ _AT_TURN_NS = 1_000_000_000
 #: Damaged stamps end here, that differences of two fit; and what stands for none.
 _LAST_NS = 1 << 61
 _NO_STAMP = -(1 << 62)
+#: Identifiers between which those of nodes are: emergency, PDOs, SDO, heartbeat.
+_FIRST_OWN, _END_OWN = 0x80, 0x780
 #: Interfaces that are told apart.
 _MOST_CHANNELS = 1000
 
@@ -53,6 +55,20 @@ class FrameLog:
     data: NDArray[np.uint8]
     notes: tuple[str, ...] = ()
     in_file: int = 0
+
+    def doubled(self) -> int:
+        """Frames that stand there twice: the same identifier and content at the same time, as two sockets on one bus write them."""
+        if not len(self.t_s):
+            return 0
+        order = np.lexsort((*self.data.T, self.length, self.identifier, self.t_s))
+        same = np.ones(len(order) - 1, dtype=bool)
+        for column in (self.t_s, self.identifier, self.length, self.remote, *self.data.T):
+            same &= column[order[1:]] == column[order[:-1]]
+        return int(same.sum())
+
+    def of_node(self, node: int) -> int:
+        """Frames with one of the node's own identifiers (CiA 301, predefined connection set)."""
+        return int(np.sum((self.identifier > _FIRST_OWN) & (self.identifier < _END_OWN) & (self.identifier % 0x80 == node)))
 
     def summary(self, most: int = 12) -> str:
         """What is on the bus: identifier, frames, bytes and rate of the most frequent ones, in words."""

@@ -14,13 +14,13 @@ from typing import Literal
 import numpy as np
 
 from beltcomm.axis import Axis
-from beltcomm.errors import Refused
+from beltcomm.errors import Refused, UsageError
 from beltcomm.foreign.mapping import Source, parse_source, sources_for
 from beltcomm.foreign.names import Meaning, meaning_of
 from beltcomm.foreign.relations import relations
 from beltcomm.foreign.table import Table
 from beltcomm.quantities import UNITS
-from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS
+from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS, Side
 
 Confidence = Literal["sure", "likely", "unsure"]
 #: s between rows that a drive or logger has: what a time column without a unit is held against.
@@ -47,6 +47,9 @@ class Guess:
 #: What tells columns of one name apart: an index behind it.
 _INDEX = re.compile(r"[_ ]?\d+$")
 
+#: Names of a voltage or of the share of it that a motor gets.
+_VOLTAGE = re.compile(r"volt|spannung|pwm|duty|(^|[_ .])u[aqm]?$", re.IGNORECASE)
+
 Ask = Callable[[Sequence[Guess]], Sequence[str]]
 """Puts all guesses to a person at once: the mappings that hold."""
 
@@ -70,6 +73,7 @@ def completed(
     sources = sources_for(table, written, KNOWN_COLUMNS)
     twins = _twins_of_ours(table, sources)
     sources = {name: source for name, source in sources.items() if name not in {guess.column for guess in twins}}
+    _refuse_mixed(sources)
     if not twins and _makes_a_recording(sources, timed):
         return tuple(written), ()
     asked = {guess.column for guess in twins}
@@ -87,10 +91,23 @@ def completed(
 
 
 def _makes_a_recording(sources: Mapping[str, Source], timed: bool) -> bool:
-    """Whether torque and position of one side are mapped; a speed stands for the position, but not without time."""
-    motion = ("position", "velocity") if timed else ("position",)
-    whole = any(c["torque"] in sources and any(c[signal] in sources for signal in motion) for c in CHANNELS.values())
+    """Whether torque and position of one side are mapped; a speed stands for the position."""
+    whole = any(c["torque"] in sources and any(c[signal] in sources for signal in ("position", "velocity")) for c in CHANNELS.values())
     return whole and ("t_s" in sources or not timed)
+
+
+def _refuse_mixed(sources: Mapping[str, Source]) -> None:
+    """Refuse torque or current at the motor with a motion along the axis alone: what lies between them is the user's to say."""
+    at_motor = next((name for name in ("torque_nm", "current_a") if name in sources), "")
+    linear = next((name for name in ("position_m", "velocity_m_s") if name in sources), "")
+    if not at_motor or not linear or "force_n" in sources or {"position_rad", "velocity_rad_s"} & sources.keys():
+        return
+    turned, theirs = ("position_rad", "mm") if linear == "position_m" else ("velocity_rad_s", "mm/s"), sources[linear].theirs
+    raise UsageError(
+        f"{at_motor} is meant at the motor, {linear} along the axis: say how far the axis goes per turn, --map "
+        f"{turned[0]}={_quoted(theirs)}*{turned[1]}*rev/10mm (10 mm: its lead or feed constant); where nobody knows it, take the current "
+        f"for the force, --map force_n={_quoted(sources[at_motor].theirs)}: then everything is identified in its unit"
+    )
 
 
 def _twins_of_ours(table: Table, sources: Mapping[str, Source]) -> list[Guess]:
@@ -118,7 +135,7 @@ def guesses_for(table: Table, sources: Mapping[str, Source], axis: Axis, *, time
     channels = CHANNELS[side]
     if timed and "t_s" not in sources:
         found.append(_time(table, meanings))
-    drives = "current" if _share_of_rated(meanings) else {"motor": "torque", "ampere": "current", "load": "force"}[side]
+    drives = "current" if _share_of_rated(meanings) else {"motor": "torque", "ampere": "current", "load": "force", "volt": "voltage"}[side]
     wanted = {"torque": drives, "position": "position"}
     for signal, quantity in wanted.items():
         if channels[signal] not in sources:
@@ -137,7 +154,7 @@ def guesses_for(table: Table, sources: Mapping[str, Source], axis: Axis, *, time
         if column not in sources and guess.confidence == "sure":
             found.append(replace(guess, needed=False))
     found += [replace(g, needed=False) for g in _second_sensors(meanings, sources, taken)]
-    return _by_numbers(table, _from_speed_alone(found, channels, timed), sources, channels)
+    return _by_numbers(table, _from_speed_alone(found, channels), sources, channels)
 
 
 def _or_commanded(
@@ -167,9 +184,14 @@ def _by_numbers(table: Table, found: list[Guess], sources: Mapping[str, Source],
             made.append(guess)
             continue
         units = _units_of_time(_step(table, names[0])) if guess.column == "t_s" else ("1",)
-        choices = tuple(_written(guess.column, name, unit) for name in names for unit in units)
+        choices = tuple(_written(_driving(guess.column, name), name, unit) for name in names for unit in units)
         made.append(replace(guess, choices=choices, why=f"by its numbers: {'; '.join(filter(None, map(seen.why, names)))}"))
     return made
+
+
+def _driving(column: str, name: str) -> str:
+    """The column of ours that a driver of the motion is: the motor's voltage where its name says so."""
+    return "motor_voltage_v" if column == "torque_nm" and _VOLTAGE.search(name) else column
 
 
 def _units_of_time(step: float) -> tuple[str, ...]:
@@ -177,17 +199,17 @@ def _units_of_time(step: float) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*fitting, "s")))
 
 
-def _from_speed_alone(found: list[Guess], channels: Mapping[str, str], timed: bool) -> list[Guess]:
+def _from_speed_alone(found: list[Guess], channels: Mapping[str, str]) -> list[Guess]:
     """Without the question for a position where a speed is sure, which is integrated."""
     speed = any(guess.column == channels["velocity"] and guess.confidence == "sure" for guess in found)
-    return [guess for guess in found if not (timed and speed and guess.column == channels["position"] and not guess.choices)]
+    return [guess for guess in found if not (speed and guess.column == channels["position"] and not guess.choices)]
 
 
 def _theirs(guess: Guess, table: Table) -> str:
     return parse_source(guess.choices[0], table, KNOWN_COLUMNS).theirs
 
 
-def _side(meanings: Sequence[Meaning], sources: Mapping[str, Source]) -> Literal["motor", "load", "ampere"]:
+def _side(meanings: Sequence[Meaning], sources: Mapping[str, Source]) -> Side:
     for side, channels in CHANNELS.items():
         if channels["torque"] in sources:
             return side

@@ -108,7 +108,7 @@ def import_recordings(
     text += _closing(run, folder, known, axis, dry_run)
     if sidecar.experiment != "static_map" and any("record" not in item.recording.sidecar.extra["import"]["reading"] for item in found):
         text.append(alignment(reading, found[0].converted.columns))
-    if known.has_belt and not dry_run:
+    if known.has_transmission and not dry_run:
         text.append(_next(run, folder, found))
     return Result(data, text)
 
@@ -230,7 +230,7 @@ def _described(item: store.Imported) -> dict[str, Any]:
         "findings": [asdict(finding) for finding in item.findings],
     }
     if not recording.is_static_map:
-        steps, lost = np.diff(recording.t_s), recording.gaps()
+        steps, lost = np.diff(recording.t_s), recording.gaps
         period = recording.sample_period_s
         found |= {"period_s": period, "rate_hz": 1.0 / period, "duration_s": float(recording.t_s[-1] - recording.t_s[0])}
         found["gaps"] = [
@@ -241,7 +241,7 @@ def _described(item: store.Imported) -> dict[str, Any]:
 
 
 def _axis_dict(axis: Axis, folder: RunFolder | None, given: Axis | str | None) -> dict[str, Any]:
-    return {"name": axis.name, "belt": axis.has_belt, "minimal": folder is None and given is None}
+    return {"name": axis.name, "belt": axis.has_transmission, "minimal": folder is None and given is None}
 
 
 def _lines(found: dict[str, Any], item: store.Imported) -> list[str]:

@@ -89,7 +89,8 @@ def _readings(expression: str, table: Table) -> Iterator[tuple[str, str, str]]:
     for spelled in spelled_names:
         at = lowered.find(spelled.lower())
         while at >= 0:
-            found = table.find(expression[at : at + len(spelled)].strip('"'))
+            seen = expression[at : at + len(spelled)]
+            found = table.find(seen[1:-1] if spelled not in names else seen)  # with quotation marks around it, or without
             if found is not None:
                 yield found, expression[:at].strip(), expression[at + len(spelled) :].strip()
             at = lowered.find(spelled.lower(), at + 1)

@@ -15,6 +15,7 @@ from beltcomm.axis import Axis
 from beltcomm.recording import Recording
 from beltcomm.recording.checks import Array, RigidInertia, rigid_inertia
 from beltcomm.recording.columns import CHANNELS
+from beltcomm.recording.sampling import uneven_rows
 
 #: kg: heavier carriages with payload belong to no toothed-belt axis.
 _HEAVIEST_KG = 200.0
@@ -26,6 +27,12 @@ _CERTAIN, _DYNAMIC = 4.0, 0.05
 _APART = 100.0
 #: Two measures of one motion agree to this; where their likeness is smaller, filters and noise part them too.
 _AGREE, _ALIKE = 0.05, 0.995
+#: Rows that a slower torque stays the same in, changes and levels that it needs to be one, and share of those that may follow at once.
+_HELD_ROWS, _FEWEST_CHANGES, _SELDOM = 3, 40, 0.2
+#: Rows of a long record on which that is judged.
+_MOST_JUDGED = 200_000
+#: Share of the rate at which rows that a logger read twice or not at all are no more seen.
+_EASILY = 0.1
 #: s; slower sampling shows no resonance of a belt, faster stamps come from no drive.
 _SLOWEST_S, _FASTEST_S = 0.01, 2e-5
 #: Factors between what a column holds and what it should hold, and how it is mapped then.
@@ -73,11 +80,36 @@ def _sampling(recording: Recording) -> Iterator[Doubt]:
             "the time between rows", f"{1e6 * period:.4g} us", f"at least {1e6 * _FASTEST_S:g} us",
             "correct the unit of time: --map t_s=NAME*FACTOR",
         )  # fmt: skip
+    position, torque = (CHANNELS[recording.side][signal] for signal in ("position", "torque"))
+    uneven = uneven_rows(recording.t_s[:_MOST_JUDGED], recording.position[:_MOST_JUDGED])
+    slower = f"--resample {_EASILY / period:.2g}Hz takes even rows, slow enough to hold each; or record again with true time stamps"
+    for rows, what in ((uneven.repeated, "stand still between steps"), (uneven.missing, "are twice those beside them")):
+        if len(rows) > 1:
+            yield Doubt(
+                f"the number of steps of {position} that {what}", f"{len(rows)}, the first in row {rows[0] + 1}",
+                "1 at most: no analysis takes such a record as it is", slower,
+            )  # fmt: skip
+    held = _held_rows(recording)
+    if held >= _HELD_ROWS:
+        yield Doubt(
+            f"the time in which {torque} gets a new value", f"{1e3 * held * period:.3g} ms, {held} rows",
+            "each row", f"what happens faster cannot be told; --resample {0.7 / (held * period):.2g}Hz takes its mean over even rows",
+        )  # fmt: skip
+
+
+def _held_rows(recording: Recording) -> int:
+    """In how many rows a torque of many levels changes once while the axis moves; 1 where each is measured."""
+    changes = np.flatnonzero(np.diff(recording.torque))
+    if len(changes) < _FEWEST_CHANGES or len(np.unique(recording.torque)) < _FEWEST_CHANGES:
+        return 1
+    rows = np.diff(changes)
+    moved = np.abs(np.diff(recording.position[changes])) > 0.0
+    return int(np.median(rows[moved])) if np.any(moved) and float(np.mean(rows[moved] == 1)) < _SELDOM else 1
 
 
 def _inertia(recording: Recording, axis: Axis, ratio: float | None) -> Iterator[Doubt]:
     """Torque against acceleration: the sum of everything that is moved must be positive, and of this axis's size."""
-    found = rigid_inertia(recording.t_s, recording.torque, recording.position)
+    found = rigid_inertia(recording.t_s, recording.torque, recording.position, weight=ratio is None and recording.side != "load")
     if found is None or abs(found.inertia) < _CERTAIN * found.error or found.dynamic < _DYNAMIC:
         return
     motor = axis.motor.inertia_kg_m2

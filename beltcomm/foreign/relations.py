@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 _ROWS, _MOST_COLUMNS, _WINDOWS, _ALIKE = 20_000, 24, 100, 0.98
 #: Share of a column that a motion explains, from which it is said to drive it.
 _DRIVES, _MOST_DRIVERS = 0.6, 4
+#: Shares of a position's range: off its middle, and near another column; share of those rows from which on that is its setpoint.
+_AWAY, _NEAR, _OFTEN = 0.1, 0.03, 0.25
 #: Times the usual step that nearly all steps of a time stay below.
 _EVEN = 2.5
 
@@ -110,7 +112,7 @@ def _drivers(
     found: list[tuple[float, str, str]] = []
     for motion in motions:
         for name in names:
-            if name != motion and _rough(values[name]) > _rough(values[motion]):
+            if name != motion and not _same(values[name], values[motion]) and _rough(values[name]) > _rough(values[motion]):
                 told = belonging(stamps, values[name], values[motion])
                 if told is not None and told.together and told.explained > _DRIVES:
                     found.append((told.explained, name, motion))
@@ -126,6 +128,13 @@ def _drivers(
     if not position:
         words.append((motion, f"column {place(drivers[0][1]) + 1} looks like what drives it"))
     return tuple(name for _, name in drivers), motion
+
+
+def _same(one: Array, position: Array) -> bool:
+    """Whether a column often stands where the position stands, off the middle of its range, as its setpoint does: none drives the other."""
+    span = float(np.ptp(position))
+    away = np.abs(position - np.median(position)) > _AWAY * span
+    return bool(away.any()) and float(np.mean(np.abs(one - position)[away] < _NEAR * span)) > _OFTEN
 
 
 def _rough(signal: Array) -> float:

@@ -14,12 +14,13 @@ from beltcomm.effects import effect_named
 from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError
 from beltcomm.fit.acting import acting_recording
+from beltcomm.fit.first_estimate import NEEDED
 from beltcomm.fit.jumps import proven_jumps, refuse
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
 from beltcomm.fit.segment import OUTLIER, Segment, segments, whitened_residual
 from beltcomm.fit.seldom_fit import fit_seldom
 from beltcomm.fit.start import belt_start, data_sheet
-from beltcomm.fit.torque_path import TorquePath
+from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -31,6 +32,7 @@ CLEAR = 4.0
 CURVATURE_STEP = 0.01
 #: m; records nearer to each other than this cannot tell a law of the stiffness along the travel.
 PLACES_APART_M = 0.05
+RIGID = "nothing is known to swing between motor and load: both move as one"
 ONE_PLACE = "rows come too seldom to compare places: stiffness taken as constant"
 
 
@@ -69,7 +71,7 @@ def final_model(
                 "no recording with an excitation (experiment: frf); record one with `beltcomm identify`, or if one of the recordings "
                 "is excited, say so in its sidecar"
             )
-        axis.require("identify", "motor.inertia_kg_m2", "pulley.effective_radius_m", "belt.specific_stiffness_n", "belt.pulley_distance_m")
+        axis.require("identify", *NEEDED)
         start = belt_start(axis, excited, counts_per_rev)
     placed = [r for r in excited if not r.sidecar.moving]
     at = [place for r in placed if (place := r.sidecar.start_position_m) is not None]
@@ -80,6 +82,10 @@ def final_model(
         found = final_model(told, axis, counts_per_rev, start=start, progress=progress)
         return replace(found, reason=f"{found.reason}; left out, because nobody knows where it was made: {', '.join(nowhere)}")
     start = as_constant(start, float(np.median(at)) if at else 0.0)
+    if start.rigid:
+        fit = fit_model(recordings, start, counts_per_rev=counts_per_rev, sheet=data_sheet(axis, recordings), progress=progress)
+        refuse_jumps(recordings, fit, counts_per_rev)
+        return FinalModel(fit, None, RIGID)
     if (seldom := fit_seldom(recordings, start, counts_per_rev=counts_per_rev)) is not None and not seldom.suspect:
         progress(1.0)
         return FinalModel(seldom, None, ONE_PLACE)
@@ -158,7 +164,7 @@ def clear_spread(places: Mapping[str, PlaceStiffness]) -> float:
 
 
 def stiffness_by_record(
-    recordings: Sequence[Recording], model: Model, counts_per_rev: int, noise_nm: float, path: TorquePath | None = None
+    recordings: Sequence[Recording], model: Model, counts_per_rev: int, noise_nm: float, path: TorquePath = FAITHFUL
 ) -> dict[str, PlaceStiffness]:
     """Belt stiffness that each excited record wants for itself, all else as in ``model``; not of held-out records, nor of moving ones.
 

@@ -205,7 +205,7 @@ def apparent(fit: MagnitudeFit) -> Value:
 def _apparent_damping(model: Model, recording: Recording, fit: MagnitudeFit) -> float | None:
     """The apparent damping of a model under the torque of a record; None where it cannot be simulated or fitted."""
     note = recording.sidecar.excitation
-    if note is None or not note.period_samples or len(recording.gaps()):
+    if note is None or not note.period_samples or len(recording.gaps):
         return None
     still: dict[str, Any] = {name: 0.0 for name in ("constant_offset.torque", "tilt.angle") if name in model.parameters}
     period = recording.sample_period_s

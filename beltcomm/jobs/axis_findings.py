@@ -1,4 +1,4 @@
-"""What a drive says beside what axis.yaml says: encoder, gear, feed, ratings, place."""
+"""Statements of a drive beside those of axis.yaml: encoder, gear, feed, ratings, place."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def compared(findings: Sequence[Finding], axis: Axis) -> list[Finding]:
 
 
 def _entries(axis: Axis) -> Iterator[Finding]:
-    """Whether the file has what commissioning needs; silent when it has."""
+    """Findings on entries that commissioning needs; silent where the file has them."""
     try:
         suitable(axis)
     except BeltcommError as error:
@@ -139,13 +139,13 @@ def _feed(seen: dict[str, float], axis: Axis) -> Iterator[Finding]:
 
 
 def _decimal_of(value: float, base: float) -> bool:
-    """Whether ``value`` is ``base`` times a power of ten."""
+    """True if ``value`` is ``base`` times a power of ten."""
     exponent = math.log10(value / base)
     return math.isclose(10.0 ** (exponent - round(exponent)), 1.0, rel_tol=_FEED_TOLERANCE)
 
 
 def _position(seen: dict[str, float], axis: Axis) -> Iterator[Finding]:
-    """Where the carriage stands, when the drive knows its zero; else where it would, counted from the drive's own."""
+    """Position of the carriage when the drive knows its zero; else counted from the drive's own."""
     angle, low, high = seen.get("position_rad"), axis.travel.min_m, axis.travel.max_m
     if angle is None or axis.get("pulley.effective_radius_m") is None:
         return

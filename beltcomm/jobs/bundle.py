@@ -111,7 +111,7 @@ def bundle(run: Place, out: Place, *, recordings: bool = False, private: Sequenc
 
 
 def _stands_in(file: Path, run: Path) -> bool:
-    """Whether a file is one of the run's own: what a link points to may be anything that this user can read."""
+    """True if a file is one of the run's own: a link may point to anything that this user can read."""
     inside = file.relative_to(run)
     return file.is_file() and not any((run / part).is_symlink() for part in (inside, *inside.parents[:-1]))
 

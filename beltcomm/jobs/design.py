@@ -1,4 +1,4 @@
-"""What ``design`` and the page with sliders share: what a design rests on in a run, its proof on the run's own data, and keeping it."""
+"""Parts that ``design`` and the page with sliders share: the basis of a design in a run, its proof on the run's data, and keeping it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ GENTLE = (0.5, 2.0)
 
 @dataclass(frozen=True)
 class Basis:
-    """What a design of a run rests on.   which : a sentence on the model's ``revision``.   findings : delay and damping, no design yet."""
+    """Basis of a design in a run.   which : a sentence on the model's ``revision``.   findings : delay and damping, no design yet."""
 
     folder: RunFolder
     model: Model
@@ -57,7 +57,7 @@ class Basis:
 def basis_of(run: Path, talk: Talk) -> Basis:
     """The trusted model of a run, its drive, delay and damping; fitted anew where the run has records since.   Raises DataError."""
     folder = RunFolder.open(run)
-    if not folder.axis.has_belt:
+    if not folder.axis.has_transmission:
         raise UsageError(
             f"{folder.axis} has neither belt nor pulley; the controller is designed for a motor that drives a carriage by a belt. What the "
             f"laboratory knows of this axis: `beltcomm report {pasted(run)}`"
@@ -160,7 +160,7 @@ def delivered(
 
 
 def _headline(basis: Basis, doubted: Sequence[str]) -> Line:
-    """Whether the gains may be used, before a move has proven them."""
+    """Headline on whether the gains may be used, before a move has proven them."""
     name = (basis.folder.axis.name if basis.folder.has_axis else "") or "the axis"
     word = (tr("IN DOUBT"), "bad") if doubted else (tr("DESIGNED"), "good")
     proven = headline_of(basis.folder).state in ("pass", "fail")

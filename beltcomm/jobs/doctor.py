@@ -15,6 +15,7 @@ from beltcomm.experiments.options import Options
 from beltcomm.given import pasted
 from beltcomm.jobs.axis_findings import compared
 from beltcomm.result import Result, Row, plain
+from beltcomm.sentences.own_words import own_words
 from beltcomm.talk import Silence, Talk
 
 #: How a state is printed before its sentence.
@@ -22,6 +23,7 @@ MARKS: Final[dict[State, str]] = {"ok": "ok", "warning": "warning", "wrong": "WR
 _WIDTH: Final = max(map(len, MARKS.values())) + 2
 
 
+@own_words
 def doctor(
     drive: str | None,
     axis: Axis | str | None = None,

@@ -67,7 +67,7 @@ def searched(job: Callable[P, Result]) -> Callable[P, Result]:
 
 
 def by_the_axis(problem: BeltcommError) -> bool:
-    """Whether an error can come from the axis: not from a no, from drive and bus, or from whoever stopped it."""
+    """True if an error can come from the axis: not from a no, from drive and bus, or from whoever stopped it."""
     if isinstance(problem, SafetyStop):
         return problem.reason not in NOT_THE_AXIS
     return not isinstance(problem, (Declined, DriveError))

@@ -7,13 +7,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from beltcomm.configfiles import write_text
+from beltcomm import atomic
+from beltcomm.configfiles import did_you_mean, write_text
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.drive.objects import object_values
 from beltcomm.drive.parameters import cascade_to_parameters
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.experiments.options import Options
 from beltcomm.export.dcf import dcf_text
+from beltcomm.export.mcap import write_mcap
 from beltcomm.export.program import controller_of
 from beltcomm.export.texts import FORMATS, text_of
 from beltcomm.given import Place, may_write, pasted, place
@@ -22,33 +24,38 @@ from beltcomm.rundata import offline
 from beltcomm.rundata.proof import doubts
 from beltcomm.rundata.store import cascade_from_dict, parameters_from_dict, saved_design, structure_from_dict
 from beltcomm.runfolder import RunFolder
+from beltcomm.sentences.own_words import own_words
 from beltcomm.talk import Silence, Talk
 from beltcomm.version import __version__
 
 
+@own_words
 def export(
     run: Place,
     format_: str,
     *,
     out: Place | None = None,
     torque_limit_nm: float | None = None,
+    recording: str | None = None,
     command: str = "",
     when: str = "",
     options: Options | None = None,
     talk: Talk | None = None,
 ) -> Result:
-    """The run's design as "yaml", "c" or "st" text, or as "dcf" for its drive; into a file when ``out`` is given.
+    """The run's design as "yaml", "c" or "st" text, or as "dcf" for its drive; into a file when ``out`` is given; or its records as "mcap".
 
     Parameters
     ----------
     run : Place
         Run folder.
     format_ : str
-        "yaml", "c", "st" or "dcf".
+        "yaml", "c", "st", "dcf" or "mcap".
     out : Place or None
         File to be written; None only returns the text.
     torque_limit_nm : float or None, N m, motor shaft
         The drive's peak torque when left out, else the motor's.
+    recording : str or None
+        Of "mcap": this one alone; None takes all.
     command : str
         Kept as provenance.
     when : str
@@ -74,9 +81,11 @@ def export(
     """
     run, options, talk = place(run), options or Options(), talk or Silence()
     out = None if out is None else place(out, "file")
-    if format_ not in (*FORMATS, "dcf"):
-        raise UsageError(f"there is no format {format_!r}; there are {', '.join(FORMATS)}, dcf")
+    if format_ not in (*FORMATS, "dcf", "mcap"):
+        raise UsageError(f"there is no format {format_!r}; there are {', '.join(FORMATS)}, dcf, mcap")
     folder = RunFolder.open(run)
+    if format_ == "mcap":
+        return _mcap(folder, recording, out, options, talk)
     saved = saved_design(folder)
     if format_ == "dcf":
         return _dcf(folder, saved, out, when, options, talk)
@@ -102,8 +111,27 @@ def export(
     return Result({**data, "file": str(out)}, [*said, *(f"Note: {note}" for note in notes)])
 
 
+def _mcap(folder: RunFolder, name: str | None, out: Path | None, options: Options, talk: Talk) -> Result:
+    """Recordings in a file that other programs read; `beltcomm import` reads it back."""
+    if out is None:
+        raise UsageError("an MCAP file is no text: give --out FILE.mcap")
+    found = [one for one in folder.recordings() if name in (None, one.name)]
+    if not found:
+        raise UsageError(f"{folder.path} has no recording {name!r}{did_you_mean(name or '', [one.name for one in folder.recordings()])}")
+    may_write(out, options.yes, talk)
+    try:
+        with atomic.replacing(out) as stream:
+            write_mcap(stream, found)
+    except OSError as error:
+        raise UsageError(f"{out} cannot be written: {error.strerror or error}; choose another place") from error
+    rows = {one.name: len(one.torque) for one in found}
+    listed = ", ".join(f"/{topic} ({count} rows)" for topic, count in rows.items())
+    data = {"run": str(folder.path), "format": "mcap", "file": str(out), "topics": rows}
+    return Result(data, [f"{out} is written, a topic for each recording: {listed}."])
+
+
 def _dcf(folder: RunFolder, saved: Mapping[str, Any], out: Path | None, when: str, options: Options, talk: Talk) -> Result:
-    """What the design writes into its drive, as a device configuration file (CiA 306).
+    """Values that the design writes into its drive, as a device configuration file (CiA 306).
 
     Raises
     ------
@@ -140,7 +168,7 @@ def _dcf(folder: RunFolder, saved: Mapping[str, Any], out: Path | None, when: st
 
 
 def _torque_limit_nm(folder: RunFolder, structure: CascadeStructure, given: float | None) -> float:
-    """What was asked for, else what the run's drive can give, else its motor."""
+    """Torque limit asked for, else that of the run's drive, else that of its motor, N m."""
     if given is not None:
         if not (given > 0.0 and math.isfinite(given)):
             raise UsageError(f"the torque limit is {given:g} N m; give a positive torque")
@@ -159,7 +187,7 @@ def _torque_limit_nm(folder: RunFolder, structure: CascadeStructure, given: floa
 
 
 def _apart(cascade: Cascade, structure: CascadeStructure, saved: Mapping[str, Any]) -> list[str]:
-    """What of the design the exported text does not hold, and what of the text the drive that it was designed for has not, in sentences."""
+    """Differences between design and exported text, in sentences: left out of the text, or not offered by the drive of the design."""
     name, forward = structure.name, cascade.feedforward
     torque = any((forward.inertia_kg_m2, forward.viscous_nm_s_rad, forward.coulomb_nm, forward.offset_nm))
     found = []

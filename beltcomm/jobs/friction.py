@@ -45,7 +45,7 @@ TOO_HEAVY = 1.05
 
 @dataclass(frozen=True)
 class Made:
-    """What was recorded.   left_out_m_s : speeds without a way, or without one to stop.   remarks : on records that were not usable."""
+    """Sweeps recorded.   left_out_m_s : speeds without a way, or without one to stop.   remarks : on records that were not usable."""
 
     names: tuple[str, ...]
     left_out_m_s: tuple[float, ...] = ()
@@ -75,7 +75,7 @@ def _sidecars(folder: RunFolder) -> dict[str, Sidecar]:
 
 
 def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted) -> Plan:
-    """What the sweeps will do, with the seconds of each, before anything moves.   Raises Refused for orders where it is polled."""
+    """Plan of the sweeps, with the seconds of each, before anything moves.   Raises Refused for orders where it is polled."""
     usual = friction_plan(axis, capabilities)
     if asked.plain:
         return usual
@@ -183,7 +183,7 @@ def _recorded(machine: Machine, path: Trajectory, note: SweepNote, asked: Wanted
 
 
 def _judges(folder: RunFolder) -> bool:
-    """Whether the next sweep is held out: the first of a run is fitted, for a model needs one, and the others contradict or confirm it."""
+    """True if the next sweep is held out: the first of a run is fitted, for a model needs one, and the others contradict or confirm it."""
     return any(s.experiment == "friction_sweep" and not s.held_out for s in _sidecars(folder).values())
 
 

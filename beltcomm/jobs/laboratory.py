@@ -53,14 +53,16 @@ from beltcomm.rundata.revisions import (
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.next_plan import NAME, plan_for
 from beltcomm.sentences import ladder as words
-from beltcomm.sentences.cross_checks import as_data, check_lines, cross_checked, sheet_lines
+from beltcomm.sentences.cross_checks import as_data, check_lines, cross_checked, sensed, sensor_data, sensor_lines, sheet_lines
 from beltcomm.sentences.diagnosis_data import diagnosis_data, error_data, seen_as, values_of
+from beltcomm.sentences.own_words import own_words
 from beltcomm.sentences.response_table import table_lines, table_of
 from beltcomm.sentences.torque_path import path_data, path_sentences, period_of
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.talk import Silence, Talk
 
 
+@own_words
 @changes_run()
 def compare_run(run: Place, *, pictures: bool = True, command: str = "", talk: Talk | None = None) -> Result:
     """Compare model and measurement: ratios to the noise per record, and where the model fails.
@@ -94,6 +96,7 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     chosen, doubt = worst(comparison), noise_doubt(comparison.ratio, here.records.recordings)
     named = landmarks(here.fitted.model, drawn.middle_of(here.folder))
     table = table_of(acting_recordings(here.records.recordings, here.data.path), here.fitted.model)
+    sensor = sensed(here.fitted.model, here.records.recordings)
     made, remarks = drawn.comparison_pictures(here.folder, here.data, here.fitted, comparison, command) if pictures else ([], [])
     made += drawn.responses_picture(here.folder, table, command)[0] if pictures and not remarks else []
     data = {
@@ -120,13 +123,20 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
         "remarks": list(here.records.remarks),
         "doubts": [doubt] if doubt else [],
         "data_sheet": [plain(doubt) for doubt in here.sheets],
+        "second_sensor": sensor_data(sensor),
     }
     text = words.remark_lines(here.records.remarks)
     text += words.comparison_lines(comparison, [in_words(p, named) for p in chosen], here.fitted.model, run, doubt)
-    text[-1:-1] = [*path_sentences(here.data.path, here.data.recordings), *table_lines(table), *sheet_lines(here.sheets)]
+    text[-1:-1] = [
+        *path_sentences(here.data.path, here.data.recordings),
+        *table_lines(table),
+        *sheet_lines(here.sheets),
+        *sensor_lines(sensor),
+    ]
     return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 
+@own_words
 @changes_run()
 def diagnose_run(
     run: Place,
@@ -208,7 +218,7 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         [
             *text,
             *words.climb_lines(added, found.added_effects, found.final_fit.held_ratio is not None, run),
-            f"Next: beltcomm {'design' if folder.axis.has_belt else 'report'} {pasted(run)}",
+            f"Next: beltcomm {'design' if folder.axis.has_transmission else 'report'} {pasted(run)}",
         ],
     )
 
@@ -228,7 +238,7 @@ def with_lines(result: Result, lines: Sequence[str]) -> Result:
 
 
 def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], following: bool) -> tuple[dict[str, Any], list[str], str]:
-    """What these data could not have shown, and with ``following`` the plan of what to record next, saved, and the command that does it."""
+    """Detection limits of these data, and with ``following`` the saved plan of further records and the command that makes them."""
     planned = ""
     sights = detection_limits(found.scorer, ground_of(found.base, found.base.problem.pieces, folder.axis))
     data: dict[str, Any] = {"visible": [seen_as(one) for one in sights]}
@@ -243,7 +253,7 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
         window = (float(folder.axis.travel.min_m or 0.0), float(folder.axis.travel.max_m or 1.0))
         before = Before(recordings, window, model["transmission.ratio"], total_friction(model))
         blind = [one for one in sights if not one.is_detectable]
-        wanted = plan_for(found.twins, blind, found.added_effects, lambda step: record_showing(step, before))
+        wanted = plan_for(found.twins, blind, found.added_effects, lambda step: record_showing(step, before), "cart" in model.base_bodies)
         data["next"] = wanted.to_dict()
         folder.save_result(NAME, plain(wanted.to_dict()))
         lines += wanted.lines(folder.path)
@@ -274,13 +284,14 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
 
 
 def change_of(new: Sequence[str], removed: Sequence[str] = ()) -> str:
-    """What a revision changes: effects with + and -, ``with its form`` or ``form of EFFECT`` where one became free."""
+    """Changes of a revision: effects with + and -, ``with its form`` or ``form of EFFECT`` where one became free."""
     effects = [f"+{name}" for name in new if "." not in name and name not in removed]
     effects += [f"-{name}" for name in removed if name not in new]
     owners = dict.fromkeys(name.split(".")[0] for name in new if "." in name)
     return " ".join(effects + ["with its form" if owner in new else f"form of {owner}" for owner in owners])
 
 
+@own_words
 @changes_run()
 def add_to_run(
     effect: str,
@@ -344,6 +355,7 @@ def add_to_run(
     return Result({**result.data, "cost": price}, [*result.text[:-1], *lines, result.text[-1]])
 
 
+@own_words
 @changes_run()
 def remove_from_run(
     effect: str, run: Place, *, pictures: bool = True, command: str = "", when: str = "", talk: Talk | None = None
@@ -383,6 +395,7 @@ def remove_from_run(
     return change_result(here, data, after, rung, [], command, pictures)
 
 
+@own_words
 @changes_run()
 def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Result:
     """Show all revisions of the model as a staircase.
@@ -415,7 +428,7 @@ def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Re
 
 
 def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, notes: Sequence[str], command: str, pictures: bool) -> Result:
-    """What ``add`` and ``remove`` say.
+    """Result of ``add`` and ``remove``.
 
     Parameters
     ----------
@@ -427,7 +440,8 @@ def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, note
     remarks: list[str] = []
     if pictures:
         made, remarks = drawn.change_picture(here.folder, rung, compare(here.data, here.fitted), compare(grown, after), command)
-    model, before = with_intervals(after), of_run(here.data, here.fitted)
+    model, band = with_intervals(after), rung.plain.band_hz if rung.plain else None
+    before = of_run(here.data, here.fitted, band)
     data = {
         "run": str(run),
         "revision": rung.name,

@@ -9,7 +9,7 @@ from typing import Any
 from beltcomm.axis import Axis
 from beltcomm.drive import Drive
 from beltcomm.errors import UsageError
-from beltcomm.experiments import loop_plan, loop_record, referencing
+from beltcomm.experiments import loop_plan, loop_record, phases, referencing
 from beltcomm.experiments.options import Options, claim, settings_of
 from beltcomm.experiments.plan import Plan, with_homing
 from beltcomm.experiments.plan_screen import plan_screen
@@ -42,11 +42,16 @@ def identify_in_loop(drive: Drive, axis: Axis, run: Path, options: Options, agre
     folder = RunFolder.create(run, axis, resume=True)
     model = offline.trusted_revision(folder)[0]
     loop_plan.require_offered(drive.capabilities, options.loop, frozenset(drive.backup()))
+    if options.periods is not None:
+        raise UsageError("a closed way travels, and its periods follow from its strokes: leave --periods out")
+    phases.check_asked(options.asked, options.excitation, axis, drive.capabilities)
+    if options.amplitude_nm is not None and options.loop == "setpoint":
+        raise UsageError("--loop setpoint excites the speed, no torque: leave --amplitude out")
     claim(folder, drive.capabilities, options, talk)
     findings = offline.fit_run(folder, "lm", Silence(), model)
     findings.remarks.clear()  # of other records
     with Machine(drive, axis, folder, talk) as machine:
-        machine.excitation = options.excitation
+        machine.excitation, machine.asked = options.excitation, options.asked
         referencing.reference(machine, settings_of(options))
         job = loop_plan.plan_job(machine, findings, model, options.loop, options.base_speed_m_s)
         plan = loop_plan.plan_of(machine, job)
@@ -125,6 +130,6 @@ def _numbers(one: LoopReading) -> dict[str, Any]:
 
 
 def _remarks(recording: Recording, ways: Sequence[LoopReading], others: Sequence[str]) -> list[str]:
-    """What to know beside the table; of the record just made only."""
+    """Remarks beside the table, of the record just made only."""
     said = [f"{s.way}: {remark}" for s in ways if s.record == recording.name for remark in s.remarks]
     return [*said, *others]

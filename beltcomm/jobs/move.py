@@ -39,12 +39,12 @@ def admit(axis: Axis, by_m: float) -> None:
 
 
 def by_drive(capabilities: Capabilities) -> bool:
-    """Whether the drive makes the move by itself."""
+    """True if the drive makes the move by itself."""
     return stroking(capabilities) == "profile"
 
 
 def plan_of(axis: Axis, capabilities: Capabilities, by_m: float) -> Plan:
-    """What will happen to the machine, before it happens."""
+    """Plan of the move, before anything happens."""
     torque = axis.torque_limit_nm if by_drive(capabilities) else BREAKAWAY_SHARE * axis.torque_limit_nm
     speed, seconds = CREEP_SPEED_M_S, RAMP_S * (1.0 + abs(by_m) / 3e-3)
     what = f"creep {1e3 * by_m:+.1f} mm under slowly rising torque, in several goes"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.in_band import band_of
+from beltcomm.fit.in_band import shared_band
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.records import Data
 from beltcomm.laboratory.acceptance import is_confirmed
@@ -32,7 +32,7 @@ def revision_of(folder: RunFolder, new: tuple[Data, Fitted], old: tuple[Data, Fi
     """
     (data, after), (seen, before) = new, old
     fell = None if change.startswith("-") else is_confirmed(seen, before, after, data)  # who takes one out has decided
-    plain = of_run(data, after, band_of(seen, before.model))
+    plain = of_run(data, after, shared_band((seen, before.model), (data, after.model)))
     parent = current_revision(folder)
     if fell and parent is not None and after.held_ratio is not None:
         trusted = not_contradicted(parent, revisions(folder))
@@ -54,12 +54,12 @@ def revision_of(folder: RunFolder, new: tuple[Data, Fitted], old: tuple[Data, Fi
 
 
 def plain_of(found: Diagnosis) -> tuple[Plain, Plain]:
-    """Errors of the first and of the last model of a search in plain units, in the band of the first."""
-    band = band_of(found.published_base[0], found.base.model)
+    """Errors of the first and of the last model of a search in plain units, in the band of both."""
+    band = shared_band((found.published_base[0], found.base.model), (found.data, found.final_fit.model))
     before = of_run(*found.published_base, band)
     return before, before if found.final_fit is found.base else of_run(found.data, found.final_fit, band)
 
 
 def less(after: PlainError | None, trusted: PlainError | None) -> bool:
-    """Whether a plain error is not larger than that of a rung below; also where that was not written down, or in another band."""
+    """True if a plain error is not larger than that of a rung below; also where that was not written down, or in another band."""
     return after is None or trusted is None or after.band_hz != trusted.band_hz or after.error <= trusted.error

@@ -19,6 +19,7 @@ from beltcomm.rundata import offline
 from beltcomm.rundata.led_gains import as_in_drive
 from beltcomm.rundata.store import saved_design, structure_from_dict
 from beltcomm.runfolder import RunFolder
+from beltcomm.sentences.own_words import own_words
 from beltcomm.talk import Silence, Talk
 from beltcomm.trajectory import Trajectory, held
 from beltcomm.trajectory.seven_phases import MotionBounds, MotionState, SevenPhases, bounds_reached, fastest_motion, on_grid
@@ -42,6 +43,7 @@ MOST_ROWS = 10_000_000
 ROUNDING = 1e-12
 
 
+@own_words
 def trajectory(
     file: Place,
     start_m: float,

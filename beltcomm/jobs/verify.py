@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from beltcomm.axis import Axis, axis_from_dict
 from beltcomm.control import Cascade
@@ -14,6 +17,8 @@ from beltcomm.design.led_reference import can_lead
 from beltcomm.drive import Drive, simulated
 from beltcomm.errors import Refused, SafetyStop
 from beltcomm.experiments import referencing, verification
+from beltcomm.experiments.learning import Learnt
+from beltcomm.experiments.learning import learn as repeat_and_learn
 from beltcomm.experiments.options import Options, admit_edited, claim, settings_of
 from beltcomm.experiments.plan import Plan, verification_plan
 from beltcomm.experiments.proving import Sending, verify_move
@@ -22,16 +27,17 @@ from beltcomm.given import pasted
 from beltcomm.language import tr
 from beltcomm.machine import stops
 from beltcomm.machine.machine import Machine
+from beltcomm.recording.signalfile import write_columns
 from beltcomm.result import Line, Result
 from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.headline import OF, Following, behind, drive_of, following, hashes_of, headline_of
-from beltcomm.rundata.proof import proof
+from beltcomm.rundata.proof import LEARNT, proof
 from beltcomm.rundata.store import saved_design, verdict_to_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import screens, words
 from beltcomm.talk import Talk
-from beltcomm.trajectory import Trajectory
-from beltcomm.verify import AS_PREDICTED, SLACK_M, Demand, Verdict
+from beltcomm.trajectory import Trajectory, held, torque_of_move
+from beltcomm.verify import AS_PREDICTED, REST_S, SLACK_M, Demand, Verdict
 
 
 @dataclass(frozen=True)
@@ -75,6 +81,7 @@ def verify_with(
     move: Path | None = None,
     trajectory: str | None = None,
     rungs: bool = False,
+    learn: int | None = None,
     over_belt: bool = False,
     planned: Callable[[Plan, Axis], Result] | None = None,
 ) -> Result:
@@ -83,6 +90,7 @@ def verify_with(
     name : of the drive, for what to do next.   agree : shows what will move and raises Refused for a no.   move, trajectory : a file, or
     limits named in axis.yaml.   ``options.feedforward`` replaces the design's for this move only.   rungs : the move once for each of
     ``RUNGS``.
+    learn : the move so many times more, each with the torque that the ones before have taught.
     over_belt : a virtual belt may carry more than its feed force, as T_B of the design source asks for.
     planned : makes the result of a plan that is only shown.
     """
@@ -99,6 +107,12 @@ def verify_with(
         talk.say(line)
     structure = drive.capabilities.structure
     leads = rungs or feedforward == "compliant"
+    taught = None if move is None else torque_of_move(move, drive.capabilities.sample_period_s)
+    if (learn or taught is not None) and "position" not in drive.capabilities.torque_along:
+        raise Refused(
+            f"{structure.name} takes no torque along with a reference, so nothing that is learnt could be sent to it; "
+            "leave --learn out, and the column torque_along_nm of the move"
+        )
     if leads and not (structure.torque_feedforward and structure.velocity_feedforward):
         raise Refused(
             f"{structure.name} takes no torque along with a reference, so its motor cannot be led ahead of the carriage; "
@@ -109,7 +123,12 @@ def verify_with(
     cascade, delay_s = offline.cascade_of(saved, model, structure, own)
     along = bool(saved.get("compensated")) and structure.torque_feedforward and feedforward in (None, "nonlinear")
     sending: Sending = "compliant" if feedforward == "compliant" else "rigid" if along else "nothing"
-    if feedforward == "led" or (feedforward is None and can_lead(structure, cascade) and not axis.mounting.tilted):
+    own_loop = drive.capabilities.gains == "unknown"  # whose inverse nobody knows
+    if feedforward == "led" and own_loop:
+        raise Refused(
+            f"the gains of {structure.name} cannot be read, so no reference can be led by the inverse of its loops; leave led out"
+        )
+    if feedforward == "led" or (feedforward is None and can_lead(structure, cascade) and not axis.mounting.tilted and not own_loop):
         sending = "led"
     driven: list[tuple[str, Verdict, Demand]] = []
     with Machine(drive, axis, folder, talk) as machine:
@@ -121,19 +140,22 @@ def verify_with(
             standard = verification.standard_move(machine, model)
             path, remark = verification.within_target(machine, model, cascade, delay_s, standard)
         verification.refuse_broken(machine, model, path)
-        plan = verification_plan(machine.axis, model, path, braking, len(RUNGS) if rungs else 1)
+        plan = verification_plan(machine.axis, model, path, braking, len(RUNGS) if rungs else 1 + (learn or 0))
         if planned is not None:
             return planned(plan, folder.axis)
         if drive.capabilities.gains == "unknown":
             talk.say("This drive's gains can neither be written nor read: the move is planned for those of the design, typed in by hand.")
         agree(plan, machine)
         check_sign(machine)
+        if learn:
+            return _learnt_result(folder, repeat_and_learn(machine, model, cascade, delay_s, path, learn, _names(folder), sending), remark)
         ways = [(rung.change(cascade), rung.sending) for rung in RUNGS] if rungs else [(cascade, sending)]
         for gains, how in ways:
-            record = f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
+            record = _names(folder)()
             with set_by_hand(drive, folder):
-                verdict, asked = verify_move(machine, model, gains, delay_s, path, record, sending=how)
-            driven_with = proof(gains, path, (), how if how in ("stretch", "compliant", "led") else "")
+                verdict, asked = verify_move(machine, model, gains, delay_s, path, record, sending=how, learnt=taught)
+            led_by = LEARNT if taught is not None else how if how in ("stretch", "compliant", "led") else ""
+            driven_with = proof(gains, path, (), led_by)
             shown = {"proof": driven_with, OF: hashes_of(driven_with["gains"], model)}
             if drive.capabilities.gains == "unknown" and not as_predicted(verdict):
                 shown = {}  # what was driven are other gains
@@ -147,6 +169,53 @@ def verify_with(
     if rungs:
         return _rungs_result(folder, path, driven)
     return _result(folder, options.reached(name), driven[0], feedforward, remark, typed=drive.capabilities.gains == "unknown")
+
+
+def _names(folder: RunFolder) -> Callable[[], str]:
+    """Names of the next moves."""
+    return lambda: f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
+
+
+def _learnt_result(folder: RunFolder, learnt: Learnt, remark: str) -> Result:
+    """What the repetitions came to; the torque stands beside the move, to be driven and exported with it."""
+    best, first = learnt.best, learnt.repetitions[0]
+    file = folder.path / "designs" / f"{best.name}_learnt.csv"
+    path = held(learnt.path, REST_S)
+    columns = {"t_s": path.t_s, "position_m": path.position_m, "velocity_m_s": path.velocity_m_s, "torque_along_nm": best.torque_nm}
+    if best is not first:
+        file.parent.mkdir(exist_ok=True)
+        write_columns(file, {name: np.asarray(column) for name, column in columns.items()})
+    for one in learnt.repetitions[1:]:
+        folder.save_result(f"verify_{one.name}", {**verdict_to_dict(one.verdict), "proof": {"led_by": LEARNT, "repetitions": one.name}})
+    data = {
+        "run": str(folder.path),
+        "repetitions": [
+            {"recording": one.name, "rms_m": one.rms_m, "largest_m": one.largest_m, "torque_nm": float(np.max(np.abs(one.torque_nm)))}
+            for one in learnt.repetitions
+        ],
+        "best": best.name,
+        "noise_limit_m": None if math.isnan(learnt.limit_m) else learnt.limit_m,
+        "band_hz": learnt.band_hz,
+        "ended": learnt.ended,
+        "file": str(file) if best is not first else None,
+    }
+    text: list[str] = [f"  {'drive':>8} {'rms error':>12} {'largest':>12} {'learnt torque':>15}"]
+    for number, one in enumerate(learnt.repetitions):
+        mark = "   <- kept" if one is best else ""
+        most = 1e3 * float(np.max(np.abs(one.torque_nm)))
+        text.append(f"  {number + 1:8d} {1e6 * one.rms_m:9.2f} µm {1e6 * one.largest_m:9.2f} µm {most:10.1f} mN m{mark}")
+    if not math.isnan(learnt.limit_m):
+        text.append(
+            f"  noise's limit: two drives with the same torque differ by {1e6 * learnt.limit_m:.2f} µm rms, which nothing learns away"
+        )
+    text.append(f"  learnt up to {learnt.band_hz:.0f} Hz, where the model knows how the axis answers")
+    text += words.remarks_lines([note for note in (learnt.ended, remark) if note])
+    if best is first:
+        text.append("Nothing was learnt that made the move better.")
+    else:
+        where = f"--drive {pasted(drive_of(folder))} --run {pasted(folder.path)}"
+        text.append(f"Next: beltcomm verify {where} --move {pasted(file)}   (the same move with it)")
+    return Result(data, text, 0 if best.verdict.passed else 1)
 
 
 def asked_of(axis: Axis, targets: Mapping[str, object] | None) -> Axis:
@@ -202,13 +271,13 @@ def set_by_hand(drive: Drive, folder: RunFolder) -> Iterator[None]:
 
 
 def as_predicted(verdict: Verdict) -> bool:
-    """Whether a drive behaved, no worse and no better, as it would with the gains of the prediction."""
+    """True if a drive behaved, no worse and no better, as it would with the gains of the prediction."""
     off, said = verdict.measured.dynamic_m, verdict.predicted.dynamic_m
     return off <= AS_PREDICTED * said + SLACK_M and said <= AS_PREDICTED * off + SLACK_M
 
 
 def typed_words(verdict: Verdict) -> str:
-    """The same in words, of gains that a person has typed in."""
+    """Words on a move with gains that a person has typed in, against the prediction."""
     off, said = verdict.measured.dynamic_m, verdict.predicted.dynamic_m
     if as_predicted(verdict):
         return "The drive did as predicted with the gains of the design: they are in it, as far as this move can tell."

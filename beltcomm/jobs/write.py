@@ -119,7 +119,7 @@ def backup_list(folder: RunFolder) -> Result:
 
 
 def _of_file(read: ObjectFile, drive: Drive) -> tuple[list[ObjectValue], list[str]]:
-    """What of a file is written, and in words what is left alone: it may hold a whole drive, for another tool."""
+    """Entries of a file that are written, and in words those left alone: it may hold a whole drive, for another tool."""
     kept = Writable.of(drive).kinds
     orders = [item for item in read.values if commands(*item.place)]
     wanted = [item for item in read.values if item.place in kept and item not in orders and item.index not in COMMUNICATION]

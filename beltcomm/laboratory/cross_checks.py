@@ -18,6 +18,7 @@ from beltcomm.laboratory.score import Scorer
 from beltcomm.model import Model
 from beltcomm.model.linear import modes, operating_point, values_of
 from beltcomm.recording import Recording
+from beltcomm.recording.sampling import encoder_grid
 
 Array = NDArray[np.float64]
 
@@ -36,6 +37,8 @@ COMPARABLE, KNOWN_TO = 1.5, 0.1
 INERTIA_SHEET, STIFFNESS_SHEET, UNEXCITED = 0.2, 0.3, 0.5
 #: ln of the quotient of two factors that are one, and of a factor and a known one.
 ONE_FACTOR, KNOWN_FACTOR = 0.3, 0.15
+#: Quotient of two numbers of counts that are one.
+SAME_COUNTS = 1.01
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,9 @@ def sheet_doubts(model: Model, ratio: float, axis: Axis, recordings: Sequence[Re
     ratio : float
         Its error over the noise.
     """
-    if "cart" not in model.base_bodies or model.side != "motor" or ratio > COMPARABLE:
+    if "cart" not in model.base_bodies:
+        return _rigid_doubts(axis, recordings)
+    if model.side != "motor" or ratio > COMPARABLE:
         return ()
     excited = any(r.sidecar.experiment == "frf" and not r.sidecar.held_out for r in recordings)
     inertia = stiffness = None
@@ -84,7 +89,7 @@ def sheet_doubts(model: Model, ratio: float, axis: Axis, recordings: Sequence[Re
         sheet = axis.motor_side_inertia_kg_m2
         inertia = _doubt(model, "motor.inertia", "motor.inertia_kg_m2", sheet, sheet, INERTIA_SHEET if excited else UNEXCITED)
     places = [r.sidecar.start_position_m for r in recordings if r.sidecar.experiment == "frf" and r.sidecar.start_position_m is not None]
-    known = axis.get("belt.specific_stiffness_n") is not None and axis.get("belt.pulley_distance_m") is not None
+    known = knows_stiffness(axis)
     if excited and known and places and "belt_stiffness" in model.effects:
         # one stiffness was fitted to all places: it stands for those in the middle
         sheets = [axis.belt_stiffness_n_m(float(place)) for place in np.percentile(places, [25.0, 75.0])]
@@ -94,6 +99,30 @@ def sheet_doubts(model: Model, ratio: float, axis: Axis, recordings: Sequence[Re
         common = _scale_words(factor, axis)
         inertia, stiffness = replace(inertia, common=common), replace(stiffness, common=common)
     return tuple(doubt for doubt in (inertia, stiffness) if doubt is not None)
+
+
+def knows_stiffness(axis: Axis) -> bool:
+    """True if the data sheets say how stiff it is between motor and load."""
+    if axis.transmission is not None:
+        return not axis.rigid
+    return axis.get("belt.specific_stiffness_n") is not None and axis.get("belt.pulley_distance_m") is not None
+
+
+def _rigid_doubts(axis: Axis, recordings: Sequence[Recording]) -> tuple[SheetDoubt, ...]:
+    """Of an axis without a belt: the angle comes in the steps of its encoder.
+
+    Its inertia has the load in it, which no data sheet knows; one below the motor's own is refused before anything is fitted.
+    """
+    counts = axis.get("motor.encoder_counts_per_rev")
+    steps = [step for r in recordings if r.side != "load" and (step := encoder_grid(r.position)) is not None]
+    if counts is None or not steps:
+        return ()
+    sheet, seen = float(counts), math.tau / min(steps)
+    quotient = max(seen, sheet) / min(seen, sheet)
+    # a coarser reading of the same encoder is none other
+    if seen < SAME_COUNTS * sheet and abs(quotient - round(quotient)) < SAME_COUNTS - 1.0:
+        return ()
+    return (SheetDoubt("motor.encoder_counts_per_rev", "per turn", sheet, seen, None, seen / sheet),)
 
 
 def doubts_of(fitted: Fitted, axis: Axis, recordings: Sequence[Recording]) -> tuple[SheetDoubt, ...]:

@@ -18,6 +18,7 @@ from beltcomm.configfiles import did_you_mean
 from beltcomm.effects import EFFECTS, AxisSummary, Effect
 from beltcomm.errors import UsageError
 from beltcomm.fit.estimate import Fitted, fit, fit_of, problem_of
+from beltcomm.fit.far_off import start_in_band
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
 from beltcomm.laboratory.acceptance import (
@@ -53,6 +54,8 @@ SIMPLER = 25.0
 MOSTLY = 0.5
 #: Iterations of a refit, also beside an observer and from far away, and the gain that is not worth another one, nats.
 ITERATIONS, FOLLOWED_ITERATIONS, SWALLOWED_ITERATIONS, ENOUGH = 10, 6, 25, 0.5
+#: Hz below which a weight, a spring or an offset of a rigid axis shows, however coarse its encoder is.
+WEIGHED_HZ = 8.0
 #: Factor by which masses and stiffness may leave their start values before the search begins there as well.
 STRAYED = 1.5
 
@@ -335,6 +338,11 @@ def refit_with(data: Data, base: Fitted, way: Scored, goal: float = math.inf) ->
         problem = problem_of(data, model)
         begin = problem.start(here.offsets(x))
         starts.append((problem.objective(problem.residual(begin), begin), problem, here.offsets(x)))
+    if not here.movable and impossible(base.model):  # a rigid axis whose base made up for what it lacks by an inertia of nothing
+        problem = problem_of(data, base.model.with_effect(way.effect.name, way.values))
+        banded = problem_of(data, problem.model_at(start_in_band(problem, problem.start(None), WEIGHED_HZ), "trial"))
+        begin = banded.start(None)
+        starts.append((banded.objective(banded.residual(begin), begin), banded, base.offsets))
     _, problem, offsets = min(starts, key=lambda start: start[0])
     starts.clear()  # the other one's observers are large
     if needs_observer(problem.model):

@@ -42,9 +42,9 @@ def check_whole(recordings: Sequence[Recording]) -> None:
 
 
 def _gap_words(with_gaps: Sequence[Recording], timed: Sequence[Recording]) -> str:
-    count, lost = sum(len(r.gaps()) for r in with_gaps), sum(map(_lost_rows, with_gaps))
+    count, lost = sum(len(r.gaps) for r in with_gaps), sum(map(_lost_rows, with_gaps))
     share = lost / (sum(len(r.t_s) for r in timed) + lost)
-    longest = max(float(np.diff(r.t_s)[r.gaps()].max()) for r in with_gaps)
+    longest = max(float(np.diff(r.t_s)[r.gaps].max()) for r in with_gaps)
     return (
         f"samples were lost at {count} place{'s' if count > 1 else ''} of {names_of(with_gaps)} (about {lost}, {100.0 * share:.2g} % of "
         f"the rows, the longest gap is {1e3 * longest:.3g} ms)"
@@ -53,13 +53,13 @@ def _gap_words(with_gaps: Sequence[Recording], timed: Sequence[Recording]) -> st
 
 def _lost_rows(record: Recording) -> int:
     """Rows that a record lacks."""
-    steps = np.diff(record.t_s)[record.gaps()] / record.sample_period_s
+    steps = np.diff(record.t_s)[record.gaps] / record.sample_period_s
     return int(np.sum(np.maximum(np.round(steps) - 1.0, 1.0)))
 
 
 def gap_remarks(timed: Sequence[Recording]) -> list[str]:
     """Remarks on lost samples where each piece counts."""
-    with_gaps = [r for r in timed if len(r.gaps())]
+    with_gaps = [r for r in timed if len(r.gaps)]
     return [f"{_gap_words(with_gaps, timed)}: the pieces between them are judged on their own"] if with_gaps else []
 
 
@@ -73,10 +73,10 @@ def before_gaps(timed: Sequence[Recording], remarks: list[str]) -> list[Recordin
     DataError
         When too little is left.
     """
-    with_gaps = [r for r in timed if len(r.gaps())]
+    with_gaps = [r for r in timed if len(r.gaps)]
     if not with_gaps:
         return list(timed)
-    kept = [r if not len(r.gaps()) else first_rows(r, int(r.gaps()[0]) + 1) for r in timed]
+    kept = [r if not len(r.gaps) else first_rows(r, int(r.gaps[0]) + 1) for r in timed]
     used = [r for r in kept if r is not None]
     rows, left = sum(len(r.t_s) for r in timed), sum(len(r.t_s) for r in used)
     if left < LEFT * rows or all(r.sidecar.held_out for r in used):

@@ -257,7 +257,8 @@ def _refuse_repeated(amiss: Sequence[tuple[Recording, Uneven]]) -> None:
     alike = [np.any(np.isin([worst.torque[i]], worst.torque[[i - 1, min(i + 1, len(worst.torque) - 1)]])) for i in uneven.repeated]
     if np.mean(alike) > 0.5:
         what = "rows were written twice although t_s goes on"
-        remedy = "leave one of each out and keep the true time stamps, or record again: the logger reads faster than the drive answers"
+        remedy = "leave one of each out and keep the true time stamps, or record again: the logger reads faster than the drive answers "
+        remedy += f"(a file from elsewhere may be imported again with --resample {0.1 / worst.sample_period_s:.2g}Hz)"
     else:
         what = "the angle stands still for single samples while the motor turns"
         remedy = "look at the encoder, its cable and its coupling (codes that stick), then record again"

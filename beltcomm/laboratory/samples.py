@@ -34,7 +34,7 @@ class Units:
     Attributes
     ----------
     force : str
-        "N m", "N" or "A".
+        "N m", "N", "A" or "V".
     length : str
         "m" of the carriage or "rad" of the motor.
     """
@@ -45,12 +45,12 @@ class Units:
     @property
     def word(self) -> str:
         """Torque, force or current."""
-        return {"N m": "torque", "N": "force", "A": "current"}[self.force]
+        return {"N m": "torque", "N": "force", "A": "current", "V": "voltage"}[self.force]
 
     @property
     def small(self) -> str:
         """Unit of what is left over."""
-        return {"N m": "mN m", "N": "N", "A": "mA"}[self.force]
+        return {"N m": "mN m", "N": "N", "A": "mA", "V": "mV"}[self.force]
 
     @property
     def factor(self) -> float:
@@ -71,7 +71,8 @@ def units_of(model: Model) -> Units:
     """Units of a model's side."""
     if model.side == "load":
         return Units("N", "m")
-    return Units("A" if model.side == "ampere" else "N m", "m" if "cart" in model.base_bodies else "rad")
+    length = "m" if "cart" in model.base_bodies or model.rigid else "rad"
+    return Units({"ampere": "A", "volt": "V"}.get(model.side, "N m"), length)
 
 
 @dataclass(frozen=True)

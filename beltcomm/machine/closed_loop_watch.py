@@ -1,4 +1,4 @@
-"""What is watched in every row of a closed loop, whatever it is for: the force in the belt, and swings around the resonance."""
+"""Watch of every row of a closed loop, whatever it is for: the force in the belt, and swings around the resonance."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ OVER_PLAN, OVER_RIGID = 1.5, 3.0
 
 
 class Watched(Protocol):
-    """What of :class:`beltcomm.machine.machine.Machine` the watch of a closed loop rests on, named as there."""
+    """Part of :class:`beltcomm.machine.machine.Machine` that the watch of a closed loop rests on, named as there."""
 
     axis: Axis
     drive: Drive
@@ -43,7 +43,7 @@ class Watched(Protocol):
 
 
 def rigid_torque(model: Model, motion: Motion, holding_nm: float) -> NDArray[np.float64]:
-    """What a rigid axis takes along a motion:  J φ̈ + τ_C sign φ̇ + d φ̇ + τ_g, N m, (n,)."""
+    """Torque of a rigid axis along a motion:  J φ̈ + τ_C sign φ̇ + d φ̇ + τ_g, N m, (n,)."""
     speed = motion.velocity_rad_s
     acceleration = np.gradient(speed, motion.period_s)
     return np.asarray(
@@ -57,7 +57,7 @@ def unwatched(_row: Row) -> None:
 
 @dataclass(frozen=True)
 class Foreseen:
-    """What a motion in the drive's own loops is to be held against.   watch : called with every row.   torque_nm : limit in the drive."""
+    """Prediction of a motion in the drive's own loops.   watch : called with every row.   torque_nm : limit in the drive."""
 
     watch: Callable[[Row], None]
     torque_nm: float = math.inf

@@ -10,10 +10,9 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.drive import GUARD_S, Drive, Guarding, Limits, Motion, Row
 from beltcomm.errors import DriveError, Refused, SafetyStop
-from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.machine.host_loss import guard_times_s
 from beltcomm.rundata.first_motions import MOVED_M, SLIDING_SHARE
-from beltcomm.simulate.stopping import Braking, HostLoss, first_deceleration, run_on_distance
+from beltcomm.simulate.stopping import Braking, HostLoss, first_deceleration, run_on_distance, unknown_loads_kg
 
 #: Share of the torque that axis and motor allow at which an axis that does not move is given up.
 BREAKAWAY_SHARE = 0.6
@@ -61,12 +60,12 @@ class Enough(SafetyStop):
 
 
 def run_on_m(axis: Axis, torque_nm: float, held_s: float) -> float:
-    """How far the lightest carriage runs on when the computer dies just as it breaks away, m.   torque_nm : then, N m.
+    """Way that the lightest carriage runs on when the computer dies just as it breaks away, m.   torque_nm : then, N m.
 
     ``SLIDING_SHARE`` of that is left as friction, against the torque that is held for ``held_s`` and then alone.
     """
     ratio, friction = axis.transmission_m_rad, SLIDING_SHARE * torque_nm
-    inertia = axis.motor_side_inertia_kg_m2 + ratio**2 * max(UNKNOWN_MASSES_KG[0], axis.payload.mass_kg or 0.0)
+    inertia = axis.motor_side_inertia_kg_m2 + ratio**2 * max(unknown_loads_kg(axis)[0], axis.payload.mass_kg or 0.0)
     loss = HostLoss(held_s, Braking(ratio * friction / inertia, 0.0))
     return float(run_on_distance(np.zeros(1), torque_nm, friction, inertia, ratio, loss)[0])
 
@@ -150,7 +149,7 @@ def _doubted_scale(drive: Drive) -> str:
 
 
 def _no_more(torque_nm: float, way_m: float, guard_s: float, left_m: float) -> str:
-    """What is said when more torque is too much so near to an end."""
+    """Sentence for more torque being too much so near to an end."""
     return (
         f"the axis does not move under {torque_nm:.3f} N m, and more is too much here: if the computer died as it breaks away, a light "
         f"carriage would run on by {1e3 * way_m:.0f} mm before the drive has noticed ({1e3 * guard_s:.0f} ms) and friction has stopped it, "
@@ -159,7 +158,7 @@ def _no_more(torque_nm: float, way_m: float, guard_s: float, left_m: float) -> s
 
 
 def _not_held(sign: float, torque_nm: float) -> str:
-    """What is said when the carriage goes against a torque that rises from the one that held it."""
+    """Sentence for a carriage that goes against a torque that rises from the one that held it."""
     to = "negative" if sign > 0 else "positive"
     return (
         f"the carriage moves to {to} under {torque_nm:.3f} N m, while the torque goes the other way from what held it: look at its load, "
@@ -168,7 +167,7 @@ def _not_held(sign: float, torque_nm: float) -> str:
 
 
 def _backwards(sign: float, torque_nm: float, top_nm: float) -> str:
-    """What is said when the carriage goes against the torque.   torque_nm : at that moment, N m.   top_nm : at the end of the ramp."""
+    """Sentence for a carriage that goes against the torque.   torque_nm : at that moment, N m.   top_nm : at the end of the ramp."""
     ways = ("positive", "negative")
     under, to = ways if sign > 0 else ways[::-1]
     if torque_nm < BY_ITSELF * top_nm:
@@ -185,7 +184,7 @@ def _backwards(sign: float, torque_nm: float, top_nm: float) -> str:
 
 
 def move_limits(drive: Drive, axis: Axis, by_m: float, position_m: float | None) -> Limits:
-    """What a short move must keep to.   position_m : m, where the carriage stands, as the operator says; else the drive's own zero counts.
+    """Limits of a short move.   position_m : m, where the carriage stands, as the operator says; else the drive's own zero counts.
 
     Raises Refused when the move would leave the travel.
     """

@@ -49,11 +49,11 @@ class Delivered:
 
     @property
     def sound(self) -> bool:
-        """Whether nothing is to be said."""
+        """True if nothing is to be said."""
         return SOUND[0] <= self.share <= SOUND[1] and self.correlation >= RELATED and self.lost <= LOST
 
     def words(self) -> str:
-        """What was delivered and what probably limits it."""
+        """Delivered torque and its probable limit, in words."""
         parts = []
         if self.correlation <= -RELATED:
             parts.append(
@@ -71,7 +71,7 @@ class Delivered:
         return "; ".join(parts)
 
     def _limit(self) -> str:
-        """What probably makes the difference."""
+        """Probable cause of the difference."""
         if self.step_share < AT_ONCE:
             return (
                 f"limited by its rate, {self.slope_nm_s:.3g} N m/s; a switch takes {1.0 / self.step_share:.0f} samples. Raise the torque "
@@ -87,7 +87,7 @@ class Delivered:
 
 
 def delivered(recording: Recording) -> Delivered | None:
-    """What of an open-loop record's setpoint its torque shows; None for a record without one, or with a constant one."""
+    """Share of an open-loop record's setpoint that its torque shows; None for a record without one, or with a constant one."""
     asked = recording.torque_setpoint
     if asked is None or not np.all(np.isfinite(asked)) or np.ptp(asked) <= 0.0:
         return None
@@ -147,7 +147,7 @@ def _limited_rest(asked: Array, torque: Array, step_nm: float) -> float:
 
 
 def check(recording: Recording) -> str:
-    """What is to be said of an excitation that was delivered otherwise than asked for; "" when nothing is.
+    """Sentence on an excitation that was delivered otherwise than asked for; "" when it was not.
 
     Raises DriveError for a torque with the wrong sign, Refused for one that shows something else than was asked for.
     """

@@ -1,4 +1,4 @@
-"""What a phase may use of the axis, and which loop of the drive follows strokes."""
+"""Envelope in which a phase may use the axis, and the loop of the drive that follows strokes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from beltcomm.drive import GUARD_S, Capabilities, LoopKind
 
 @dataclass(frozen=True)
 class Room:
-    """What the present phase may use.  window_m : (min, max) of the carriage.   speed_m_s, torque_nm (motor shaft).
+    """Envelope of the present phase.  window_m : (min, max) of the carriage.   speed_m_s, torque_nm (motor shaft).
 
     lag_m : how far a position loop may be off its reference; None leaves it to the drive's own setting.
     guard_s : within which the drive is to notice that its host is gone.

@@ -21,7 +21,7 @@ from beltcomm.simulate.stopping import HostLoss
 
 @dataclass(frozen=True)
 class Exposed:
-    """What a record is predicted to do, the models that the axis may be, and what the death of the host means for each."""
+    """Predicted motion of a record, the models that the axis may be, and the death of the host for each."""
 
     predicted: Prediction
     family: Sequence[Model]
@@ -29,13 +29,13 @@ class Exposed:
 
 
 def run_on_words(machine: Machine, predicted: Prediction, ends_m: float) -> str:
-    """How far the carriage runs on if the computer dies, with the guard time that the record will have."""
+    """Way that the carriage runs on if the computer dies, in words, with the guard time that the record will have."""
     number = host_loss.chosen(machine, predicted, ends_m)
     return host_loss.words(guard_times_s(machine.drive.capabilities)[number], predicted.run_on_m[number])
 
 
 def guarded(machine: Machine, excitation: Excitation, at: float, room: Room, exposed: Exposed) -> tuple[Room, Callable[[Row], None]]:
-    """What an excitation around a place, m, may use, with the guard time of its run-on, and the watch of its rows."""
+    """Limits of an excitation around a place, m, with the guard time of its run-on, and the watch of its rows."""
     predicted, full = exposed.predicted, machine.full_room()
     (low, high), ends = room.window_m, full.window_m
     number = host_loss.chosen(machine, predicted, min(at - ends[0], ends[1] - at))

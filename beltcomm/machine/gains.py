@@ -69,13 +69,13 @@ class ParameterChange:
 
 @dataclass(frozen=True)
 class Differences:
-    """What would change, and in words what is wanted but not in this drive, or left alone."""
+    """Differences between the wanted and the present values, and in words what is wanted but not in this drive, or left alone."""
 
     changes: tuple[ParameterChange, ...]
     left_out: tuple[str, ...] = ()
 
     def table(self) -> list[str]:
-        """As plain text: object, raw values, and SI values where the object holds a parameter."""
+        """Differences as plain text: object, raw values, and SI values where the object holds a parameter."""
         rows = []
         for one in self.changes:
             name = one.wanted.name
@@ -107,7 +107,7 @@ def _shown(name: str, value: float | None) -> str:
 
 
 def named_differences(drive: Drive, folder: RunFolder, wanted: Mapping[str, float]) -> Differences:
-    """What would change with these SI values.   Raises Refused where the meaning of a gain is not known yet, UsageError out of range."""
+    """Differences to these SI values.   Raises Refused where the meaning of a gain is not known yet, UsageError out of range."""
     offered = drive.capabilities.parameters
     values = object_values(offered, {name: value for name, value in wanted.items() if name in offered})
     found = differences(drive, folder, values)
@@ -121,7 +121,7 @@ def named_differences(drive: Drive, folder: RunFolder, wanted: Mapping[str, floa
 
 
 def differences(drive: Drive, folder: RunFolder | None, wanted: Sequence[ObjectValue], left_out: Sequence[str] = ()) -> Differences:
-    """What would change with these raw values.   folder : of the run, None for what this computer itself noted of the drive.
+    """Differences to these raw values.   folder : of the run, None for what this computer itself noted of the drive.
 
     Raises Refused for what is never written, see :mod:`beltcomm.machine.writable`; what the drive has not, or holds already, is not.
     """
@@ -145,7 +145,7 @@ def _same(item: ObjectValue, before: float) -> bool:
 
 
 def _si(drive: Drive, item: ObjectValue, wanted: Sequence[ObjectValue], name: str) -> float | None:
-    """What a raw value will mean beside the others that are wanted."""
+    """SI value of a raw one beside the others that are wanted."""
     offered = drive.capabilities.parameters
     entry = offered.get(name)
     if entry is None:
@@ -177,5 +177,5 @@ def write(
 
 
 def put_back(drive: Drive, found: Differences) -> None:
-    """What stood there before :func:`write`.   Raises DriveError."""
+    """Restore the values from before :func:`write`.   Raises DriveError."""
     drive.write_objects([replace(one.wanted, raw=one.before) for one in found.changes])

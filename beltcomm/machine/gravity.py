@@ -33,7 +33,7 @@ LOOK_S, STANDS_M = 0.3, 2e-5
 
 @dataclass(frozen=True)
 class Expected:
-    """What axis.yaml says of the holding torque: the value and its bounds for wrong entries, N m, with sign.   mass_kg : moved."""
+    """Holding torque by axis.yaml: the value and its bounds for wrong entries, N m, with sign.   mass_kg : moved."""
 
     torque_nm: float
     bounds_nm: tuple[float, float]
@@ -143,7 +143,7 @@ def held_by(machine: Machine, holding_nm: float, friction_nm: float) -> str:
 
 
 def less_steep(machine: Machine, limit_n: float, needed_n: float) -> str:
-    """What to do where the carriage's weight leaves the belt too little, in words.   limit_n : it may carry.   needed_n : to excite."""
+    """Advice where the carriage's weight leaves the belt too little, in words.   limit_n : it may carry.   needed_n : to excite."""
     weight, tilt = machine.weight_n, machine.axis.mounting.tilt_deg
     share = (limit_n - needed_n) / weight * math.sin(math.radians(abs(tilt)))
     works = f"up to {math.degrees(math.asin(share)):.0f} deg would work" if 0.0 < share < 1.0 else "no tilt would work"

@@ -1,4 +1,4 @@
-"""Which drive is which, and what this computer remembers of drives: in the user's state folder, one small file each."""
+"""Identity of drives, and what this computer remembers of them: in the user's state folder, one small file each."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ VIRTUAL = "virtual"
 
 
 def state_folder() -> Path:
-    """Where beltcomm keeps what it remembers: ``$XDG_STATE_HOME/beltcomm`` or what the system uses instead."""
+    """Folder in which beltcomm remembers drives: ``$XDG_STATE_HOME/beltcomm`` or the system's own."""
     return Path(platformdirs.user_state_path("beltcomm"))
 
 
@@ -46,17 +46,17 @@ class Hardware:
 
     @property
     def virtual(self) -> bool:
-        """Whether it is a simulated drive, in this process or in another one."""
+        """True for a simulated drive, in this process or in another one."""
         return self.identity.get("hardware", "").startswith(VIRTUAL)
 
     @property
     def forgetful(self) -> bool:
-        """Whether it begins anew with every command: the virtual drive inside this process, which names its plant."""
+        """True if it begins anew with every command: the virtual drive inside this process, which names its plant."""
         return "plant" in self.identity
 
     @property
     def unique(self) -> bool:
-        """Whether its serial number tells it from every other drive."""
+        """True if its serial number tells it from every other drive."""
         return bool(self.serial) and not self.virtual
 
     @property
@@ -68,12 +68,12 @@ class Hardware:
 
     @property
     def confirmation(self) -> str:
-        """What ``--first-motion-confirmed`` must name: the serial number, else the device's name, else vendor:product."""
+        """Word that ``--first-motion-confirmed`` must name: the serial number, else the device's name, else vendor:product."""
         numbers = f"{self.identity.get('vendor_id', '')}:{self.identity.get('product_code', '')}"
         return self.serial or self.identity.get("device_name") or numbers
 
     def named_by(self, word: str) -> bool:
-        """Whether a word names this drive; ``vendor:product:serial`` does too."""
+        """True if a word names this drive; ``vendor:product:serial`` does too."""
         long = ":".join(self.identity.get(key, "") for key in TELLING[:3])
         return word.strip() in (self.confirmation, long)
 
@@ -87,7 +87,7 @@ class Hardware:
         return f"{plain}-{hashlib.sha256(repr(telling).encode()).hexdigest()[:8]}"
 
     def remembered(self) -> dict[str, Any]:
-        """What is remembered of it; empty when nothing is, or nothing that can be read."""
+        """Notes remembered of it; empty when there are none, or none that can be read."""
         path = self._file
         try:
             return read_yaml(path) if path.is_file() else {}

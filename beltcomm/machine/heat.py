@@ -1,4 +1,4 @@
-"""What a motor may be loaded with for long, and for a short time: I²t, before anything moves and while it does.
+"""Continuous and short-time load of a motor: I²t, before anything moves and while it does.
 
 Torque is proportional to current, so  (τ/τ_rated)²  is the heat of the winding as a share of what it gives off for ever.  Above 1 the
 excess  e(t) = ∫ ((τ/τ_rated)² - 1) dt ≥ 0  fills a store of  ((τ_peak/τ_rated)² - 1) T,  with T the time for which the motor bears its
@@ -46,7 +46,7 @@ class Thermal:
 
     @property
     def store_s(self) -> float:
-        """How much excess the winding takes, s of rated heat."""
+        """Excess that the winding takes, s of rated heat."""
         return ((self.peak_nm / self.rated_nm) ** 2 - 1.0) * self.overload_s
 
     def share(self, torque_nm: float) -> float:

@@ -1,4 +1,4 @@
-"""What becomes of the axis when the computer dies in torque mode: proven, computed before every record, and watched in it.
+"""Death of the computer in torque mode: proven, computed before every record, and watched in it.
 
 A drive in torque mode holds its last torque until it notices that nobody guards it; only then it brakes, or lets the axis coast.
 """
@@ -30,7 +30,7 @@ GUARD_TIMES_S = (GUARD_S, 0.035, 0.025, 0.02)
 
 
 def prove(machine: Machine, holding_nm: float | None = None) -> Guarding:
-    """How this drive takes the silence of its host; seen at standstill when nobody has looked yet.
+    """Reaction of this drive to the silence of its host; seen at standstill when nobody has looked yet.
 
     holding_nm : what holds the axis meanwhile, N m.   Raises DriveError for a drive that does not react.
     """
@@ -49,7 +49,7 @@ def prove(machine: Machine, holding_nm: float | None = None) -> Guarding:
 
 
 def _withhold(machine: Machine, guard_s: float, holding_nm: float) -> Guarding:
-    """See :meth:`beltcomm.drive.Drive.prove_guarding`; the axis must stay within ``REACH_M`` of where it stands."""
+    """Prove the guarding (:meth:`beltcomm.drive.Drive.prove_guarding`); the axis must stay within ``REACH_M`` of where it stands."""
     machine.let_settle()
     full, at, begun = machine.full_room(), machine.position_m, machine.drive.clock.now()
     window = (max(full.window_m[0], at - REACH_M), min(full.window_m[1], at + REACH_M))
@@ -61,7 +61,7 @@ def _withhold(machine: Machine, guard_s: float, holding_nm: float) -> Guarding:
 
 @dataclass(frozen=True)
 class Losses:
-    """What the death of the host means for a model, by guard time.
+    """Consequences of the host's death for a model, by guard time.
 
     held_s : s, how long the last torque is held with each guard time.   counted : what a stop of the drive is counted with.
     brakes : the drive brakes then; else it takes its stage off, and friction stops the axis, or its brake (torque, N m, and time to
@@ -92,7 +92,7 @@ class Losses:
 
 
 def losses_of(machine: Machine, sliding_nm: Callable[[float, float], float] | None = None) -> Losses:
-    """What the death of the host means on this machine now.   sliding_nm : as in :func:`braking_of`."""
+    """Consequences of the host's death on this machine now.   sliding_nm : as in :func:`braking_of`."""
     guarding, own, motor = prove(machine), machine.drive.capabilities, machine.axis.motor
     held = tuple(guarding.held_s(time) + own.sample_period_s for time in guard_times_s(own))
     counted = braking_of(machine, sliding_nm)
@@ -141,7 +141,7 @@ class RunOnWatch:
         self._rows: list[tuple[float, float]] = []
 
     def run_on_m(self, speed_m_s: float) -> float:
-        """How far the carriage would run on from this speed, m, at the next speed above of the table."""
+        """Way that the carriage would run on from this speed, m, at the next speed above of the table."""
         number = math.ceil(speed_m_s / self._step)
         return self._ways[number] if number < len(self._ways) else math.inf
 

@@ -1,4 +1,4 @@
-"""How hard a motion loads motor and belt, and how fast it is, while it is made: for whoever watches, not for what stops it."""
+"""Load of motor and belt by a motion, and its speed, while it is made: for whoever watches, not for what stops it."""
 
 from __future__ import annotations
 

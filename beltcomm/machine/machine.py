@@ -20,7 +20,7 @@ from beltcomm.control import Cascade, Feedforward, feedforward_torque
 from beltcomm.drive import COLUMNS, Drive, Guarding, Limits, LoopKind, Motion, Row
 from beltcomm.drive.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, SafetyStop, UsageError
-from beltcomm.excitation import ExcitationKind
+from beltcomm.excitation import AS_CHOSEN, ExcitationKind
 from beltcomm.machine.closed_loop_watch import foreseen as foreseen_of
 from beltcomm.machine.closed_loop_watch import unwatched, within
 from beltcomm.machine.envelope import Room as Room
@@ -79,6 +79,7 @@ class Machine:
         self.friction = (0.0, 0.0)
         self.holding_nm = 0.0
         self.excitation: ExcitationKind = "prbs"
+        self.asked = AS_CHOSEN
         self.deceleration_m_s2 = first_deceleration(axis, drive.capabilities.peak_torque_nm).value_m_s2
         self.braking: Braking | None = None
         self.guarding: Guarding | None = None
@@ -122,7 +123,7 @@ class Machine:
         return f"{self.drive.clock.now() - self._started:9.3f} s"
 
     def meaning_changed(self) -> None:
-        """What raw gains mean is known now: they stand in the drive under other values."""
+        """Take over the meaning of raw gains, which is known now: they stand in the drive under other values."""
         self._backup = self.drive.backup()
 
     def remark(self, sentence: str) -> None:
@@ -132,7 +133,7 @@ class Machine:
         self.remarks.append(sentence)
 
     def detail(self, sentence: str) -> None:
-        """What only some want to read while it happens."""
+        """Tell a detail, which only some want to read while it happens."""
         detail(self.talk, sentence)
         self.folder.journal(sentence)
 
@@ -147,17 +148,17 @@ class Machine:
 
     @property
     def weight_n(self) -> float:
-        """What of the belt's force holds a tilted carriage, N."""
+        """Share of the belt's force that holds a tilted carriage, N."""
         return abs(self.holding_nm) / self.ratio
 
     @property
     def belt_left_n(self) -> float:
-        """What of the belt's force is left for motions, N."""
+        """Share of the belt's force that is left for motions, N."""
         return self.axis.belt_force_limit_n - self.weight_n
 
     @property
     def holds_in_loops(self) -> bool:
-        """Whether the drive sends the holding torque along in its own loops, the quick stop included."""
+        """True if the drive sends the holding torque along in its own loops, the quick stop included."""
         return OFFSET in self._backup
 
     def hold_with(self, torque_nm: float) -> None:
@@ -210,12 +211,12 @@ class Machine:
 
     @property
     def room_word(self) -> str:
-        """What bounds the carriage's way, in a word."""
+        """Bound of the carriage's way, in a word."""
         return "travel" if math.isinf(self._window_m[0]) else "window"
 
     @property
     def more_room(self) -> str:
-        """What to do where the way is too short."""
+        """Advice where the way is too short."""
         further = "move the carriage further in"
         return f"{further} or correct travel in axis.yaml" if self.room_word == "travel" else f"give a wider --window or {further}"
 
@@ -239,7 +240,7 @@ class Machine:
         return Room((low, high), speed, torque)
 
     def drive_limits(self, room: Room) -> Limits:
-        """The same limits at the motor shaft in the drive's zero."""
+        """Limits of the envelope at the motor shaft, in the drive's zero."""
         low, high = sorted(self.origin_rad + x / self.ratio for x in room.window_m)
         speed = min(room.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
         lag = None if room.lag_m is None else room.lag_m / self.ratio
@@ -249,7 +250,7 @@ class Machine:
 
     @property
     def brake_s(self) -> float:
-        """What a holding brake needs to open or to close, s; 0 where there is none."""
+        """Time that a holding brake needs to open or to close, s; 0 without one."""
         motor = self.axis.motor
         return (UNKNOWN_BRAKE_S if motor.brake_time_s is None else motor.brake_time_s) if motor.brake_torque_nm else 0.0
 
@@ -362,7 +363,7 @@ class Machine:
             raise
 
     def _place(self, record: str, position_rad: float, begun_s: float, gauges: tuple[Gauge, ...]) -> CarriagePosition:
-        """Where the carriage is in a record that began at ``begun_s`` of the drive's clock."""
+        """Position of the carriage in a record that began at ``begun_s`` of the drive's clock."""
         gone = self.machine_seconds + self.drive.clock.now() - begun_s
         left = None if self.planned_s is None else max(0.0, self.planned_s - gone)
         return CarriagePosition(
@@ -395,7 +396,7 @@ class Machine:
             self.machine_seconds += self.drive.clock.now() - begun
 
     def stroking(self) -> LoopKind:
-        """See :func:`stroking`."""
+        """Loop of the drive that follows strokes, as :func:`stroking` has it."""
         return stroking(self.drive.capabilities)
 
     def write_cascade(self, cascade: Cascade) -> Cascade:
@@ -416,12 +417,12 @@ class Machine:
 
     @property
     def sends_feedforward(self) -> bool:
-        """Whether the drive takes a torque along with a reference and holds no feedforward of its own: the host computes and sends it."""
+        """True if the drive takes a torque along with a reference and holds no feedforward of its own: the host computes and sends it."""
         own = self.drive.capabilities
         return own.structure.torque_feedforward and bool(own.torque_along) and "ff_coulomb_nm" not in self._backup
 
     def _along(self, motion_rad_s: Array, kind: LoopKind, torque_nm: Array | None) -> Array:
-        """What is sent along with a reference, N m."""
+        """Torque sent along with a reference, N m."""
         along = np.zeros(len(motion_rad_s)) if torque_nm is None else torque_nm
         if self._sent is None or kind not in self.drive.capabilities.torque_along:
             return along

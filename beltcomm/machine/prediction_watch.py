@@ -1,4 +1,4 @@
-"""What an excitation is expected to do at most, watched row by row: the first row beyond it ends the rise of the amplitude."""
+"""Largest motion expected of an excitation, watched row by row: the first row beyond it ends the rise of the amplitude."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the drive says of its motor against axis.yaml, before anything moves: identified masses and every limit rest on it."""
+"""Motor as the drive knows it against axis.yaml, before anything moves: identified masses and every limit rest on it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ RATED_TOLERANCE = 0.05
 
 
 def nameplate_of(axis: Axis) -> KnownMotor:
-    """What the axis file knows of its motor, for a drive that does not tell it."""
+    """Motor as the axis file knows it, for a drive that does not tell."""
     motor, speed = axis.motor, axis.limits.speed_m_s
     fastest = speed / axis.transmission_m_rad if speed is not None and axis.get("pulley.effective_radius_m") is not None else None
     return KnownMotor(
@@ -44,7 +44,7 @@ class Rating:
 
     @property
     def wrong(self) -> bool:
-        """Whether they differ by more than rounding."""
+        """True if they differ by more than rounding."""
         return self.share > 1.0 + RATED_TOLERANCE or (not self.most and self.share < 1.0 - RATED_TOLERANCE)
 
     def words(self) -> str:
@@ -55,7 +55,7 @@ class Rating:
 
 
 def ratings(axis: Axis, capabilities: Capabilities) -> tuple[Rating, ...]:
-    """What can be compared; a limit may be set lower in a drive than the motor bears, not higher."""
+    """Ratings that can be compared; a limit may be set lower in a drive than the motor bears, not higher."""
     motor = axis.motor
     share = capabilities.rated_torque_nm / motor.rated_torque_nm if motor.rated_torque_nm else 1.0
     current = motor.rated_torque_nm / motor.torque_constant_nm_a if motor.rated_torque_nm and motor.torque_constant_nm_a else None
@@ -113,7 +113,7 @@ def check_ratings(axis: Axis, capabilities: Capabilities) -> list[str]:
 
 
 def fault_of(axis: Axis, capabilities: Capabilities) -> str:
-    """What :func:`check_ratings` would refuse, in words; "" for nothing."""
+    """Sentence with which :func:`check_ratings` would refuse; "" for nothing."""
     try:
         check_ratings(axis, capabilities)
     except UsageError as problem:

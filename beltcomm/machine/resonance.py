@@ -77,7 +77,7 @@ def predicted_torque(model: Model, cascade: Cascade, motion: Motion, drive: Loop
 
 
 def allowed(torque_nm: Array, period_s: float, band_hz: tuple[float, float], rated_nm: float) -> Swing:
-    """What of a predicted torque lies in a band, and what is allowed there.   rated_nm : of the drive."""
+    """Part of a predicted torque that lies in a band, and what is allowed there.   rated_nm : of the drive."""
     within = float(np.max(amplitude_nm(torque_nm, period_s, band_hz)))
     share = 2.0 * period_s * (band_hz[1] - band_hz[0])
     noise = NOISE_PEAK * math.sqrt(2.0 * share) * NOISE_OF_RATED * rated_nm

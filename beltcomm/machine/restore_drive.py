@@ -1,4 +1,4 @@
-"""How a session leaves its drive: stopped, and with the parameters that it is to have, whatever made it end."""
+"""End of a session for its drive: stopped, and with the parameters that it is to have, whatever made it end."""
 
 from __future__ import annotations
 

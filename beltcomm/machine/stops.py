@@ -1,4 +1,4 @@
-"""What stops the axis during a session: friction at first, then a loop designed from the first estimate, then each loop in turn."""
+"""Braking of the axis during a session: friction at first, then a loop designed from the first estimate, then each loop in turn."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ VELOCITY_GAINS = ("kp_nm_s_rad", "ki_nm_rad")
 
 @dataclass(frozen=True)
 class PassiveBraking:
-    """What stops an axis whose drive is as it was found: friction, or the velocity loop in it, whichever needs less way.
+    """Braking of an axis whose drive is as it was found: friction, or the velocity loop in it, whichever needs less way.
 
     sliding_nm : friction at least, N m, by inertia and transmission; None takes the model's own.
     """
@@ -44,7 +44,7 @@ class PassiveBraking:
     sliding_nm: Callable[[float, float], float] | None = None
 
     def __call__(self, model: Model) -> Braking:
-        """What a stop of this model is counted with."""
+        """Braking that a stop of this model is counted with."""
         friction = total_friction(model)
         if self.sliding_nm is not None:
             friction = self.sliding_nm(total_inertia(model), model["transmission.ratio"])
@@ -59,12 +59,12 @@ class Designed:
     braking: Braking
 
     def __call__(self, _model: Model) -> Braking:
-        """What a stop is counted with."""
+        """Braking that a stop is counted with."""
         return self.braking
 
 
 def braking_of(machine: Machine, sliding_nm: Callable[[float, float], float] | None = None) -> PassiveBraking | Designed:
-    """What a stop is counted with now.   sliding_nm : as in :class:`PassiveBraking`."""
+    """Braking that a stop is counted with now.   sliding_nm : as in :class:`PassiveBraking`."""
     if machine.braking is not None:
         return Designed(machine.braking)
     gains = machine.drive.backup()
@@ -80,7 +80,9 @@ def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, d
     low, high = room.window_m
     if machine.axis.mounting.tilted:
         machine.holding_nm = analyse.holding_nm(family[0])
-    limits = replace(machine.axis.limits, feed_force_n=max((machine.axis.limits.feed_force_n or math.inf) - machine.weight_n, 1.0))
+    limits = replace(
+        machine.axis.limits, feed_force_n=max((machine.axis.limits.feed_force_n or machine.axis.belt_force_limit_n) - machine.weight_n, 1.0)
+    )
     rigid = rigid_deceleration(machine.axis, family[0]["cart.mass"], room.torque_nm).value_m_s2
     speed = min(room.speed_m_s, math.sqrt(2.0 * rigid * SIMULATED_SHARE * (high - low)))
     braking, stop = braked_by_loop(

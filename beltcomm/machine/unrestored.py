@@ -41,7 +41,7 @@ class Note:
         self._held: FileLock | None = None
 
     def found(self) -> dict[str, Any] | None:
-        """What an earlier session left; None when every session has ended well.
+        """Note that an earlier session left; None when every session has ended well.
 
         Raises UsageError when that session is still at work on this drive, or the note was damaged since.
         """

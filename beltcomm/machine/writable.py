@@ -1,4 +1,4 @@
-"""What may be written to a drive, whoever asks: a backup, a design, a file, a calibration, an unfinished session.
+"""Closed list of what may be written to a drive, whoever asks: a backup, a design, a file, a calibration, an unfinished session.
 
 A closed list: the objects that this drive's adapter keeps in a backup, each once; no command, no setpoint, no mode; limits no higher than
 motor and drive are rated.  All of it is asked where files are compared with the drive, so that a dry run says what is refused; the list
@@ -85,7 +85,7 @@ class Writable:
             )
 
     def check_named(self, names: Iterable[str], capabilities: Capabilities) -> None:
-        """The same for the objects behind named parameters, whatever a profile calls so.   Raises ObjectLocked."""
+        """Check the objects behind named parameters, whatever a profile calls so.   Raises ObjectLocked."""
         for name in names:
             entry = capabilities.parameters.get(name)
             if entry is not None and commands(entry.index, entry.subindex):

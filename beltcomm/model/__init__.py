@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from beltcomm.configfiles import find_config, read_yaml
 from beltcomm.effects import BELT_DAMPING, BELT_SPRING, BELT_STIFFNESS, DRIVING_END, Body, Effect, Parameter, effect_named
+from beltcomm.effects.rigid_load import driven
 from beltcomm.errors import UsageError
 from beltcomm.plant.drive_section import IDEAL, Instruments, drive_section, drive_values
 
@@ -30,9 +31,9 @@ BASE_BODIES = {
 }
 TRANSMISSION = Parameter("ratio", "m/rad", "motor", 0.0125, 1e-5, 10.0, "i_t = r/i_g: travel per radian of the motor (2.16)")
 
-Side = Literal["motor", "load", "ampere"]
-#: N m/A and m/rad, usual values: they only carry bounds and start values over to another side.
-_USUAL_CONSTANT, _USUAL_RATIO = 0.1, 0.0125
+Side = Literal["motor", "load", "ampere", "volt"]
+#: N m/A, N m/V and m/rad, usual values: they only carry bounds and start values over to another side.
+_USUAL_CONSTANT, _USUAL_GAIN, _USUAL_RATIO = 0.1, 0.05, 0.0125
 #: Unit on the motor side -> (unit, factor of usual numbers) on another one.
 _OTHER_SIDE: Mapping[str, Mapping[str, tuple[str, float]]] = {
     "load": {
@@ -49,6 +50,12 @@ _OTHER_SIDE: Mapping[str, Mapping[str, tuple[str, float]]] = {
         "N m s/rad": ("A s/rad", 1.0 / _USUAL_CONSTANT),
         "N m/rad": ("A/rad", 1.0 / _USUAL_CONSTANT),
         "kg m2": ("A s2/rad", 1.0 / _USUAL_CONSTANT),
+    },
+    "volt": {
+        "N m": ("V", 1.0 / _USUAL_GAIN),
+        "N m s/rad": ("V s/rad", 1.0 / _USUAL_GAIN),
+        "N m/rad": ("V/rad", 1.0 / _USUAL_GAIN),
+        "kg m2": ("V s2/rad", 1.0 / _USUAL_GAIN),
     },
 }
 
@@ -141,6 +148,31 @@ class Model:
             From 0.
         """
         return self._index[name]
+
+    @property
+    def rigid(self) -> bool:
+        """True if its load moves with the motor without compliance."""
+        return "rigid_load" in self.effects
+
+    def driven_inertia(self, vector: NDArray[np.float64] | None = None) -> float:
+        """Inertia of the driven body, with a load that moves with it rigidly:  J + i_t² m, kg m² (kg, A s²/rad).
+
+        Parameters
+        ----------
+        vector : ndarray (k,) or None
+            Values in place of the model's, in the order of :meth:`vector`.
+
+        Returns
+        -------
+        float
+            At the motor shaft.
+        """
+        own = self._index[self.bodies()[0][0]]
+        values = [item.value for item in self.parameters.values()] if vector is None else vector
+        if not self.rigid:
+            return float(values[own])
+        ratio = float(values[self._index["transmission.ratio"]])
+        return driven(float(values[own]), ratio, float(values[self._index["cart.mass"]]))
 
     def vector(self) -> NDArray[np.float64]:
         """All values in their fixed order, float64."""
@@ -310,7 +342,7 @@ def _body_list(effects: tuple[str, ...], base_bodies: tuple[str, ...]) -> tuple[
 def effect_parameters(effect: Effect) -> dict[str, Parameter]:
     """Parameters that an effect brings into a model, by full name: inertias of its bodies and its own."""
     own = {f"{body.name}.{body.inertia.name}": body.inertia for body in effect.bodies}
-    own |= {f"{effect.name}.{parameter.name}": parameter for parameter in effect.parameters}
+    own |= dict(zip(effect.full_names(), effect.parameters, strict=True))
     return own
 
 

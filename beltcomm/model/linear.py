@@ -196,7 +196,7 @@ def matrices(model: Model, point: Point, standstill: Standstill = "refuse", clos
     bodies = model.bodies()
     names = tuple(body.name for _, body in bodies)
     ratio = point.transmission_m_rad
-    mass = np.diag([model[name] for name, _ in bodies])
+    mass = np.diag([model.driven_inertia(), *(model[name] for name, _ in bodies[1:])])
     damping, stiffness = np.zeros_like(mass), np.zeros_like(mass)
     stuck: list[str] = []
     for effect in model.effect_list():

@@ -1,4 +1,4 @@
-"""What was measured of the axis itself: frequency responses by place and amplitude, friction over speed."""
+"""Measurements of the axis itself: frequency responses by place and amplitude, friction over speed."""
 
 from __future__ import annotations
 

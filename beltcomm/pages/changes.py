@@ -79,7 +79,7 @@ def _digits(interval: float | None) -> int:
 
 
 def named(changes: Sequence[QuantityChange], before: Gathered, now: Gathered) -> list[str]:
-    """What changed, in words, the largest first: what the first screen says."""
+    """Changes in words, the largest first, for the first screen."""
     told = [c for c in changes if c.state in ("changed", "unsure")]
     clear = sorted(told, key=lambda c: (c.state == "unsure", -abs(c.share) / c.now.usual))
     lines, effects = [change.words() for change in clear], _effects(before, now)
@@ -99,7 +99,7 @@ def _effects(before: Gathered, now: Gathered) -> list[str]:
 
 
 def _doubts(before: Gathered, now: Gathered) -> list[str]:
-    """What else differs between the runs than time."""
+    """Differences between the runs other than time."""
     lines = [f"axis.yaml differs: {change}" for change in before.folder.axis.changes(now.folder.axis)[:3]]
     serials = [run.folder.drive.get("serial_number", "") for run in (before, now)]
     if all(serials) and serials[0] != serials[1]:

@@ -1,4 +1,4 @@
-"""What was found wrong with the axis: cause, check and remedy of each effect that was named, with its law over the records."""
+"""Faults of the axis: cause, check and remedy of each effect that was named, with its law over the records."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ def _raw(places: Mapping[str, ParameterObject], values: Mapping[str, float]) -> 
 
 
 def _step(place: ParameterObject) -> str:
-    """What one unit of an object means."""
+    """Meaning of one unit of an object."""
     if place.law != "linear":
         return f"{1e6 * place.scale:g} µs of T_n = K_P/K_I"
     return "1 SI unit" if place.scale == 1.0 else f"{place.scale:g} SI units"

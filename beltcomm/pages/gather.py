@@ -1,4 +1,4 @@
-"""What a run folder holds, read once for all sections of its report."""
+"""Contents of a run folder, read once for all sections of its report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What effects cost that the model missed, in tracking error."""
+"""Cost in tracking error of effects that the model missed."""
 
 from __future__ import annotations
 

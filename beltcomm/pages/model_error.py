@@ -1,4 +1,4 @@
-"""Where the model fails: error maps, the worst record, and the ladder of revisions."""
+"""Failures of the model: error maps, the worst record, and the ladder of revisions."""
 
 from __future__ import annotations
 

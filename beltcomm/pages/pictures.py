@@ -35,7 +35,7 @@ SENTENCES = 3
 
 
 def middle_of(folder: RunFolder) -> float:
-    """Where the frequencies of a model are named: the middle of the travel, m."""
+    """Position at which the frequencies of a model are named: the middle of the travel, m."""
     travel = folder.axis.travel
     return 0.5 * (float(travel.min_m or 0.0) + float(travel.max_m or 0.0))
 
@@ -46,7 +46,7 @@ def comparison_pictures(folder: RunFolder, data: Data, fitted: Fitted, found: Co
 
 
 def comparison_figures(folder: RunFolder, data: Data, fitted: Fitted, found: Comparison, command: str) -> dict[str, Figure]:
-    """The same as figures, by name."""
+    """Figures of a comparison, by name."""
     from beltcomm.report import bode
 
     figures = error_figures(folder, data, fitted, found, command)
@@ -100,7 +100,7 @@ def ladder_picture(folder: RunFolder, rungs: Sequence[Revision], command: str) -
 
 
 def ladder_figures(folder: RunFolder, rungs: Sequence[Revision], command: str) -> dict[str, Figure]:
-    """The same as a figure."""
+    """Figure of the ladder."""
     from beltcomm.report import staircase, style
 
     caption = style.Caption(command or f"beltcomm ladder {pasted(folder.path)}", f"{folder.path.resolve().name}/results/ladder.yaml")
@@ -218,5 +218,5 @@ def _written(folder: RunFolder, draw: Callable[[], dict[str, Figure]]) -> tuple[
 
 
 def lines(folder: RunFolder, made: Sequence[str], remarks: Sequence[str]) -> list[str]:
-    """What a command says of its pictures."""
+    """Sentences of a command on its pictures."""
     return [*([f"Pictures in {folder.path}: {', '.join(made)}"] if made else []), *(f"Note: {remark}" for remark in remarks)]

@@ -1,4 +1,4 @@
-"""What a run says of its axis in numbers that can be compared between runs, with 95 % intervals where they are known."""
+"""Numbers of a run that can be compared between runs, with 95 % intervals where they are known."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was planned, what the machine did of it, what limits acted, and how hot the motor got; the journal itself at the end."""
+"""Plan, motions made, limits that acted, and heat of the motor; the journal itself at the end."""
 
 from __future__ import annotations
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,6 +26,8 @@ from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.words import number
 from beltcomm.talk import Silence
+from beltcomm.watching import store
+from beltcomm.watching.limits import LIMITS, Limit, limits_given
 
 NAME = "trend.html"
 #: Times the time observed, from which on an extrapolation is called one.
@@ -39,39 +40,8 @@ MINUTE = 1e-3
 LAST_S = 7.258e9
 
 
-@dataclass(frozen=True)
-class Limit:
-    """How far a quantity may go.   low, high : shares of the first run's value, or SI values where ``absolute``.   why : in words."""
-
-    low: float | None
-    high: float | None
-    why: str
-    absolute: bool = False
-
-    def values(self, first: float) -> tuple[float | None, float | None]:
-        """Both in SI.   first : value of the first run."""
-        if self.absolute:
-            return self.low, self.high
-        return tuple(None if share is None else first * (1.0 + share) for share in (self.low, self.high))  # type: ignore[return-value]
-
-
-#: By key; what is not named here is followed without a limit.
-LIMITS: Mapping[str, Limit] = {
-    "belt_stiffness.stiffness": Limit(-0.2, 0.2, "20 % move the resonance by 10 %, further than prefilter and margins were proven for"),
-    "belt_spans.specific_stiffness": Limit(
-        -0.2, 0.2, "20 % move the resonance by 10 %, further than prefilter and margins were proven for"
-    ),
-    "resonance": Limit(-0.1, 0.1, "prefilter and margins were proven for the resonance found; 10 % are one fifth of the belt's stiffness"),
-    "coulomb_total": Limit(-0.4, 0.5, "half as much again: grease, guide or bearing; 40 % less: the belt has lost its tension"),
-    "viscous_total": Limit(None, 1.0, "twice as much: grease that has hardened, or dirt"),
-    "cart.mass": Limit(-0.1, 0.1, "the feedforward sends torque for the mass found: 10 % of it are missing or too much"),
-    "motor.inertia": Limit(-0.1, 0.1, "an inertia does not age: coupling or pulley slips, or the scale of the torque has changed"),
-    "dead_time": Limit(None, 0.5, "half as late again takes the phase margin that the delay was designed with"),
-}
-
-
 def _targets(axis: Axis) -> dict[str, Limit]:
-    """What the newest run's axis is asked for, as limits."""
+    """Targets of the newest run's axis, as limits."""
     why = "the target" if axis.targets.stated else "the default target"
     return {
         "dynamic_error": Limit(None, axis.targets.following_m, f"{why} of the move that verifies", absolute=True),
@@ -112,22 +82,27 @@ class TrendLine:
 def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[str] = (), out: Path | None = None) -> Result:
     """All quantities that at least two of the runs know, over their dates, with limits.   Exit code 1 where a limit is reached.
 
+    The days on which a run was watched in production count as runs: what a quantity was by the first moves is what it was in the run.
+
     limits : ``KEY=-20%``, ``KEY=+50%``, or an SI value for an upper limit.   dates : ISO 8601, one for each run.
     out : of the page, ``trend.html`` in the folder of the newest run unless told.
     Raises UsageError for fewer than two runs, unknown limits, dates that cannot be read, and runs of different axes.
     """
-    if len(runs) < 2:
-        raise UsageError("a trend needs at least two runs of one axis, and three to tell a trend from scatter")
+    watched = [day for run in runs for day in _days_watched(RunFolder.open(run))]
+    if len(runs) + len(watched) < 2:
+        raise UsageError(
+            "a trend needs at least two runs of one axis, and three to tell a trend from scatter; or one that `beltcomm watch` has followed"
+        )
     if dates and len(dates) != len(runs):
         raise UsageError(f"{len(dates)} dates for {len(runs)} runs; give --date once for each run, in the same order")
-    dated = sorted((_dated(run, dates[i] if dates else None) for i, run in enumerate(runs)), key=lambda one: one.t_s)
+    dated = sorted([*(_dated(run, dates[i] if dates else None) for i, run in enumerate(runs)), *watched], key=lambda one: one.t_s)
     known = {key for one in dated for key in one.found}
-    if unknown := sorted(set(_given(limits)) - known):
+    if unknown := sorted(set(limits_given(limits)) - known):
         raise UsageError(f"no run knows {unknown[0]}{did_you_mean(unknown[0], sorted(known))}; there are {', '.join(sorted(known))}")
     folders = [RunFolder.open(run) for run in runs]
     given_dates: list[str | None] = [*dates] or [None] * len(runs)
     asked = max(zip(folders, given_dates, strict=True), key=lambda one: _time_of(*one)[0])[0]
-    bounds = {**LIMITS, **(_targets(asked.axis) if asked.has_axis else {}), **_given(limits)}
+    bounds = {**LIMITS, **(_targets(asked.axis) if asked.has_axis else {}), **limits_given(limits)}
     remarks = _remarks(folders, dated)
     followed = [
         one
@@ -138,7 +113,8 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
     if not followed:
         raise DataError("no two of these runs know the same quantity; make models with beltcomm fit")
     given = {run.resolve().name: run for run in runs}
-    page = _page(folders[0].axis.name or "Axis", followed, dated, [given[one.name] for one in dated], remarks)
+    shown = [one for one in dated if one.name in given]
+    page = _page(folders[0].axis.name or "Axis", followed, shown, [given[one.name] for one in shown], remarks)
     newest = max(runs, key=lambda run: next(d.t_s for d in dated if d.name == run.resolve().name))
     where = out or newest / NAME
     data = {
@@ -155,30 +131,29 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
     return Result({**data, "page": str(where)}, [*text, f"Trend: {where}, numbers in {where.with_suffix('.json').name}"], int(reached))
 
 
-def _given(limits: Sequence[str]) -> dict[str, Limit]:
-    found: dict[str, Limit] = {}
-    for text in limits:
-        match = re.fullmatch(r"([\w.]+)=([-+]?)(\d*\.?\d+(?:e[-+]?\d+)?)(%?)", text.strip())
-        if match is None:
-            raise UsageError(f"the limit {text!r} cannot be read; write KEY=-20%, KEY=+50%, or KEY=0.2 for an upper limit in SI")
-        key, sign, number, share = match.groups()
-        value = float(number) * (-1.0 if sign == "-" else 1.0)
-        before = found.get(key) or Limit(None, None, "given on the command line", absolute=not share)
-        if before.absolute == bool(share):
-            raise UsageError(f"the limits of {key} are given in per cent and in SI; give both in one of them")
-        value = value / 100.0 if share else value
-        found[key] = replace(before, low=value) if sign == "-" and share else replace(before, high=value)
-    return found
-
-
 def _dated(run: Path, date: str | None) -> Dated:
     folder = RunFolder.open(run)
     t_s, source = _time_of(folder, date)
     return Dated(folder.path.resolve().name, t_s, source, quantities_of(current_model(folder), results_of(folder)))
 
 
+def _days_watched(folder: RunFolder) -> list[Dated]:
+    """The days on which production was watched by a run's model."""
+    known = quantities_of(current_model(folder), results_of(folder))
+    found = []
+    for t_s, told in store.by_day(folder.path):
+        here = {
+            key: replace(known[key], value=share * known[key].value, interval=half * abs(known[key].value))
+            for key, (share, half) in told.items()
+            if key in known
+        }
+        if here:
+            found.append(Dated(f"{folder.path.resolve().name}, watched {_date(t_s)}", t_s, "watch", here))
+    return found
+
+
 def _time_of(folder: RunFolder, date: str | None) -> tuple[float, str]:
-    """When a run was made: as given, as its drive's session noted it, else by its oldest file."""
+    """Time of a run: as given, as its drive's session noted it, else by its oldest file."""
     if date is not None:
         try:
             return float(np.datetime64(date, "s").astype(np.int64)), "given"
@@ -195,7 +170,7 @@ def _time_of(folder: RunFolder, date: str | None) -> tuple[float, str]:
 
 
 def _remarks(folders: Sequence[RunFolder], dated: Sequence[Dated]) -> list[str]:
-    """What else than time differs between the runs."""
+    """Differences between the runs other than time."""
     remarks = []
     if any(one.source == "the files' own date" for one in dated):
         names = ", ".join(one.name for one in dated if one.source == "the files' own date")

@@ -1,7 +1,8 @@
 """One experiment: signals that were checked once and never change, and what was done.
 
 Formats: ``run-folder.md``.  Torque and motion are at the motor shaft (side "motor"), or on the load side where only that is
-known (side "load"), or the torque is in ampere where no torque constant is known (side "ampere").
+known (side "load"), or the torque is in ampere where no torque constant is known (side "ampere"), or only the motor's voltage is
+known (side "volt").
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -59,7 +61,7 @@ class Recording:
     t_s : ndarray (n,), s
         Strictly rising; of a static map ndarray (0,): it has no time.
     torque : ndarray (n,)
-        N m at the motor shaft (side "load": N; "ampere": A); torque[n] acts from t[n] to t[n+1].
+        N m at the motor shaft (side "load": N; "ampere": A; "volt": V); torque[n] acts from t[n] to t[n+1].
     position : ndarray (n,), rad
         Motor shaft (side "load": m), sampled at t[n].
     torque_setpoint, velocity, reference_position, reference_velocity : ndarray or None
@@ -109,7 +111,7 @@ class Recording:
         self._check_signals()
         object.__setattr__(self, "notes", (*self.notes, *self._remarks()))
 
-    @property
+    @cached_property
     def is_static_map(self) -> bool:
         """True if this is position against holding torque, without time."""
         return self.sidecar.experiment == "static_map"
@@ -129,7 +131,7 @@ class Recording:
 
     @property
     def torque_unit(self) -> str:
-        """Unit of torque and torque_setpoint: "N m", "N" or "A"."""
+        """Unit of torque and torque_setpoint: "N m", "N", "A" or "V"."""
         return unit_of(CHANNELS[self.side]["torque"])
 
     @property
@@ -142,9 +144,15 @@ class Recording:
         """Unit of torque over acceleration: "kg m²", "kg" or "A s²/rad" (inertia over the unknown torque constant)."""
         return INERTIA_UNIT[self.side]
 
+    @cached_property
     def gaps(self) -> NDArray[np.intp]:
         """Indices of the samples after which samples were lost."""
         return gaps(self.t_s)
+
+    @cached_property
+    def pieces(self) -> tuple[tuple[int, int], ...]:
+        """Gapless pieces in time: first sample, and the one behind the last, of each."""
+        return tuple(pairwise([0, *(int(i) + 1 for i in self.gaps), len(self.t_s)]))
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """The columns of its file by name, in the file's order."""
@@ -194,7 +202,7 @@ class Recording:
             quotient = float(np.ptp(self.cart_position_m)) / (moved * ratio)
             if abs(quotient / 1000.0 - 1.0) < 0.2:
                 raise self._fault("cart_position_m is in mm: it moves 1000 times as far as the motor says; divide it by 1000")
-        if self.side == "ampere":
+        if self.side in ("ampere", "volt"):
             return
         entry = "motor.peak_torque_nm" if self.side == "motor" else "limits.feed_force_n"
         limit, largest = axis.get(entry), float(np.abs(self.torque).max())
@@ -315,9 +323,14 @@ class Recording:
                 remarks.append(f"{CHANNELS[self.side].get(signal, signal)} never changes")
         if self.side == "ampere":
             remarks.append("no torque constant is known: torque is in ampere, and so is everything identified from it")
+        if self.side == "volt":
+            remarks.append(
+                "only the motor's voltage is known, so everything is identified in volt: viscous friction has the back-EMF in it, and the "
+                "torque per volt is the inertia over the one that is found"
+            )
         if self.is_static_map:
             return remarks
-        lost = self.gaps()
+        lost = self.gaps
         if len(lost):
             steps = np.diff(self.t_s)
             worst = lost[int(np.argmax(steps[lost]))]
@@ -471,7 +484,7 @@ def common_side(recordings: Iterable[Recording]) -> Side:
     Returns
     -------
     Side
-        "motor", "load" or "ampere".
+        "motor", "load", "ampere" or "volt".
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Whether torque and motion are of one axis at one time: how much of the torque the motion explains, beside chance.
+"""Torque and motion of one axis at one time: the share of the torque that the motion explains, beside chance.
 
     torque = inertia acceleration + damping speed + level sign(speed) + stiffness position + constant,   and a law of the place,
 
@@ -34,7 +34,7 @@ _ROUGHER = 2.0
 
 @dataclass(frozen=True)
 class Belonging:
-    """How a record belongs to an axis.
+    """Share of a record's torque that belongs to its motion.
 
     Attributes
     ----------
@@ -52,12 +52,12 @@ class Belonging:
 
     @property
     def together(self) -> bool:
-        """Whether they may belong together: refused only where the motion explains no more than chance."""
+        """True if they may belong together: refused only where the motion explains no more than chance."""
         return not self.swapped and (self.explained >= SURE or self.explained > max(self.chance, NOTHING))
 
 
 def belonging(t_s: Array, torque: Array, position: Array) -> Belonging | None:
-    """Whether they belong together; None for a record that is too short to tell."""
+    """Evidence that they belong together; None for a record that is too short to tell."""
     t_s, torque, position = t_s[:_MOST_ROWS], torque[:_MOST_ROWS], position[:_MOST_ROWS]
     even = np.arange(t_s[0], t_s[-1], usual_step(t_s))
     torque, position = np.interp(even, t_s, torque), np.interp(even, t_s, position)

@@ -139,7 +139,7 @@ def _noise(torque: Array, setpoint: Array) -> float:
 
 
 def reference_unit_fault(signal: Array, reference: Array) -> str:
-    """What is wrong with the unit of a signal's reference, in words; "" when they agree or nothing can be told."""
+    """Fault in the unit of a signal's reference, in words; "" when they agree or nothing can be told."""
     measured, asked = signal - signal.mean(), reference - reference.mean()
     power = float(measured @ measured), float(asked @ asked)
     if min(power) <= 0.0 or abs(measured @ asked) < 0.98 * math.sqrt(power[0] * power[1]):
@@ -155,6 +155,7 @@ def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
     triangle, a negative mass or a friction that drives explains most of what the rest leaves, and under none a positive one
     even half as much.
     """
+    t_s, torque, position = livelier(t_s, torque, position)
     works = slow_work_share(t_s, torque, position) > WORKS
     even = np.arange(t_s[0], t_s[-1], usual_step(t_s))
     torque, position = np.interp(even, t_s, torque), np.interp(even, t_s, position)
@@ -165,16 +166,25 @@ def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
 
 
 def backwards(t_s: Array, torque: Array, position: Array) -> bool:
-    """Whether time runs backwards: the mass is positive and the friction drives, in what moves slowly, where no lag of a reading counts."""
+    """True if time runs backwards: the mass is positive and the friction drives, in what moves slowly, where no lag of a reading counts."""
     rigid = rigid_inertia(t_s, torque, position)
     if rigid is None or rigid.inertia < CERTAIN * rigid.error or rigid.dissipated >= 0.0:
         return False
     return slow_work_share(t_s, torque, position) < -BACKWARDS
 
 
+def livelier(t_s: Array, torque: Array, position: Array) -> tuple[Array, Array, Array]:
+    """Of a long record the MOST_JUDGED rows in a row that move most: enough to judge it, and it need not be in memory several times."""
+    if len(t_s) <= MOST_JUDGED:
+        return t_s, torque, position
+    begins = range(0, len(t_s) - MOST_JUDGED + 1, MOST_JUDGED)
+    first = max(begins, key=lambda begin: float(np.std(position[begin : begin + MOST_JUDGED])))
+    return tuple(signal[first : first + MOST_JUDGED] for signal in (t_s, torque, position))  # type: ignore[return-value]
+
+
 def slow_work_share(t_s: Array, torque: Array, position: Array) -> float:
     """:func:`work_share` of what moves slowly; 0 for a record that is too short to tell."""
-    t_s, torque, position = t_s[:MOST_JUDGED], torque[:MOST_JUDGED], position[:MOST_JUDGED]
+    t_s, torque, position = livelier(t_s, torque, position)
     even = np.arange(t_s[0], t_s[-1], usual_step(t_s))
     width = max(2, round(SLOW_S / float(even[1] - even[0]))) if len(even) > 1 else 0
     if width == 0 or len(even) < 8 * width:
@@ -230,6 +240,7 @@ def rigid_inertia(t_s: Array, torque: Array, position: Array, *, weight: bool = 
     below the antiresonance of any drive train this is motor and carriage together.  Neighbouring rows of the regression overlap by
     three quarters: the error counts each eighth row.
     """
+    t_s, torque, position = livelier(t_s, torque, position)
     even = np.arange(t_s[0], t_s[-1], usual_step(t_s))
     width = max(2, round(0.08 / float(even[1] - even[0]))) if len(even) > 1 else 0
     if width == 0 or len(even) < 8 * width:
@@ -307,7 +318,7 @@ def _in_runs(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def velocity_unit_fault(t_s: Array, position: Array, velocity: Array) -> str:
-    """What is wrong with the units of position and velocity, in words; "" when they agree or nothing can be told.
+    """Fault in the units of position and velocity, in words; "" when they agree or nothing can be told.
 
     Compares travel with the integral of the velocity over 100 windows, so that a filtered velocity passes.
     """
@@ -321,7 +332,7 @@ def velocity_unit_fault(t_s: Array, position: Array, velocity: Array) -> str:
 
 
 def unit_words(quotient: float, upper: str, lower: str) -> str:
-    """What a quotient of two signals tells of their units; "" when it is none of UNIT_FACTORS."""
+    """Units that a quotient of two signals tells; "" when it is none of UNIT_FACTORS."""
     for factor, words in UNIT_FACTORS.items():
         if abs(quotient / factor - 1.0) < 0.05:
             return f"the {upper} has {words}"

@@ -9,7 +9,7 @@ from beltcomm.configfiles import did_you_mean
 from beltcomm.errors import DataError
 from beltcomm.quantities import in_other_unit
 
-Side = Literal["motor", "load", "ampere"]
+Side = Literal["motor", "load", "ampere", "volt"]
 
 #: Column of each signal, by side.  ``force_setpoint_n``, ``current_setpoint_a`` and ``reference_velocity_m_s`` follow the
 #: pattern of the others; an offset is what was added to a controller's torque (60B2h).
@@ -41,6 +41,15 @@ CHANNELS: Final[Mapping[Side, Mapping[str, str]]] = {
         "reference_velocity": "reference_velocity_rad_s",
         "torque_offset": "current_offset_a",
     },
+    "volt": {
+        "torque": "motor_voltage_v",
+        "torque_setpoint": "motor_voltage_setpoint_v",
+        "position": "position_rad",
+        "velocity": "velocity_rad_s",
+        "reference_position": "reference_position_rad",
+        "reference_velocity": "reference_velocity_rad_s",
+        "torque_offset": "motor_voltage_offset_v",
+    },
 }
 #: What a drive reports, in this order.
 MOTOR_COLUMNS: Final = ("t_s", *CHANNELS["motor"].values())
@@ -48,12 +57,12 @@ MOTOR_COLUMNS: Final = ("t_s", *CHANNELS["motor"].values())
 COMMON: Final = ("temperature_c", "cart_position_m", "load_position_rad")
 #: Every column that means something, in the order of the sides.
 KNOWN_COLUMNS: Final = tuple(dict.fromkeys(("t_s", *(name for channels in CHANNELS.values() for name in channels.values()), *COMMON)))
-#: Unit of what resists acceleration, by side: inertia, mass, or inertia over an unknown torque constant.
-INERTIA_UNIT: Final[Mapping[Side, str]] = {"motor": "kg m²", "load": "kg", "ampere": "A s²/rad"}
+#: Unit of what resists acceleration, by side: inertia, mass, or inertia over an unknown torque per ampere or volt.
+INERTIA_UNIT: Final[Mapping[Side, str]] = {"motor": "kg m²", "load": "kg", "ampere": "A s²/rad", "volt": "V s²/rad"}
 
 
 def side_of(file: str, columns: Mapping[str, object], *, timed: bool) -> Side:
-    """Which side the columns are from.
+    """Side that the columns are from.
 
     Parameters
     ----------
@@ -77,12 +86,12 @@ def side_of(file: str, columns: Mapping[str, object], *, timed: bool) -> Side:
         missing = CHANNELS[torque]["position"]
         beside = f" beside {CHANNELS[torque]['torque']}"
     else:
-        missing, beside = ("force_n", "") if "position_m" in columns else ("torque_nm", " (or current_a, or force_n)")
+        missing, beside = ("force_n", "") if "position_m" in columns else ("torque_nm", " (or current_a, motor_voltage_v, force_n)")
     raise DataError(f"{file} has no column {missing}{beside}{_hint(missing, columns)}; it has {', '.join(columns)}")
 
 
 def _hint(wanted: str, columns: Mapping[str, object]) -> str:
-    """What another column probably is."""
+    """Probable meaning of another column."""
     for name in columns:
         factor = in_other_unit(name, wanted)
         if factor is not None:

@@ -1,4 +1,4 @@
-"""What the motion itself says of how a record was sampled: rows that are missing or written twice, time stamps that are not true.
+"""Sampling as the motion itself tells it: rows that are missing or written twice, time stamps that are not true.
 
 A motor cannot change its speed at once: where the steps before and after agree, the step between them is like them.  A step of two is
 a row that is missing, none is a row that was written twice.  Arrays in, numbers out.
@@ -169,7 +169,7 @@ class Jitter:
 
 
 def stamp_jitter(t_s: Array, position: Array, long_steps: NDArray[np.intp]) -> Jitter | None:
-    """How time stamps jitter, and whether the motion followed them; None for even ones.
+    """Jitter of time stamps, and whether the motion followed them; None for even ones.
 
         x[n+1] - x[n] - its neighbours' mean = slope · speed · (the same of t)
 

@@ -54,7 +54,7 @@ class ExcitationNote:
 
 @dataclass(frozen=True)
 class Sidecar:
-    """What was done.  None means not known.
+    """Circumstances of a record.  None means not known.
 
     Attributes
     ----------

@@ -139,7 +139,7 @@ def _points(axes: Axes, at: np.ndarray, values: Sequence[Value]) -> float:
 
 
 def _title(sweep: Sweep) -> str:
-    """What a sweep is called in pictures: repetitions have one name."""
+    """Name of a sweep in pictures: repetitions have one name."""
     if not sweep.note.measurement:
         return sweep.records[0]
     return "sweep" if sweep.note.order == "default" else f"order {sweep.note.order}"

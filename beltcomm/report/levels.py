@@ -1,4 +1,4 @@
-"""What a frequency response is made of: the linear answer, what repeats with the excitation and is not linear, and noise."""
+"""Parts of a frequency response: the linear answer, what repeats with the excitation and is not linear, and noise."""
 
 from __future__ import annotations
 

@@ -97,7 +97,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """What is shown.   verdict : the first sentence.   next_steps : commands, in the order in which they help.
+    """Contents of a page.   verdict : the first sentence.   next_steps : commands, in the order in which they help.
 
     changes : since another run, in words.
     """

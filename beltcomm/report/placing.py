@@ -120,7 +120,7 @@ def _farthest(numbers: Sequence[Text], *, along: bool) -> list[Text]:
 
 
 def _beyond(axes: Axes, extents: Any) -> Array:
-    """How far a box in pixels reaches beyond each side of axes, inches."""
+    """Reach of a box in pixels beyond each side of axes, inches."""
     x0, y0, x1, y1 = extents
     left, bottom, right, top = axes.bbox.extents
     return np.maximum(np.array([left - x0, x1 - right, bottom - y0, y1 - top]) / axes.figure.dpi, 0.0)

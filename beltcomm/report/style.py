@@ -1,4 +1,4 @@
-"""What all pictures share: colours, the floor of the noise, the line below that names command and data, saving."""
+"""Style of all pictures: colours, the floor of the noise, the line below that names command and data, saving."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ _STYLE: Any = {
 
 @dataclass(frozen=True)
 class Caption:
-    """Where a picture comes from.   command : that made it.   data : run folder and records it shows."""
+    """Origin of a picture.   command : that made it.   data : run folder and records it shows."""
 
     command: str
     data: str

@@ -78,7 +78,7 @@ def without(axis: Axis) -> None:
 
 
 def _shares(axis: Axis, at: Sequence[float] | Array) -> Array:
-    """Where values lie: 0 at the left or lower end of an axis, 1 at the other."""
+    """Values as shares of an axis: 0 at its left or lower end, 1 at the other."""
     if not len(at):
         return np.zeros(0)
     low, high, *scaled = axis.get_transform().transform(np.array([*axis.get_view_interval(), *at], dtype=np.float64))

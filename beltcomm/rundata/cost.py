@@ -84,7 +84,7 @@ def cost_of(folder: RunFolder, before: Model, after: Model) -> Cost:
         Where no loop or no move can be had.
     """
     axis, findings = folder.axis, Findings(kept_path=kept_path(folder))
-    if not axis.has_belt or before.side != "motor":
+    if not axis.has_transmission or before.side != "motor":
         raise Refused("an axis without a belt has no verification move yet")
     excited = [r for r in folder.recordings() if r.sidecar.experiment == "frf"]
     measure_delay_and_damping(findings, excited, before)

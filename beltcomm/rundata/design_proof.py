@@ -21,7 +21,7 @@ from beltcomm.fit.model_fit import SUSPECT_MISFIT, fit_model
 from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.remarks import joint_draws
 from beltcomm.fit.segment import segments, squares_left, whitened_residual, with_observer
-from beltcomm.fit.torque_path import TorquePath
+from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.identify.dead_time import DeadTime
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -330,7 +330,7 @@ def contradicting(
     fixed = [n for n in model.parameters if not n.startswith(LOAD)]
     found = []
     for recording in recordings:
-        pieces = [with_observer(p, model) for p in segments(recording, model, step, noise, fitted=True, path=grounds.path)]
+        pieces = [with_observer(p, model) for p in segments(recording, model, step, noise, fitted=True, path=grounds.path or FAITHFUL)]
         pieces = [p for p in pieces if p.keep.any()]
         if not pieces or np.mean(np.concatenate([whitened_residual(p, model, model.vector()) for p in pieces]) ** 2) <= SUSPECT_MISFIT:
             continue
@@ -340,7 +340,9 @@ def contradicting(
             continue
         condition = condition_of(recording, model["transmission.ratio"])
         try:
-            alone = fit_model([_to_fit(recording)], model, counts_per_rev=counts, fixed=fixed, noise_nm=noise, path=grounds.path)
+            alone = fit_model(
+                [_to_fit(recording)], model, counts_per_rev=counts, fixed=fixed, noise_nm=noise, path=grounds.path or FAITHFUL
+            )
             reached = margins(cascade, _plants(grounds, alone.model, grounds.delay_s), design.structure.period_s)
         except (DataError, Refused, UsageError):
             found.append(Contradiction(condition, misfit, None, None, (), holds=False))

@@ -73,7 +73,7 @@ def explainable(ratio: float, run: Path) -> None:
     """
     if not ratio < FARTHEST:
         raise DataError(
-            f"the records of {run} cannot be explained by any model of a belt axis (its error would be more than {FARTHEST:.0f} times the "
+            f"the records of {run} cannot be explained by any model of an axis (its error would be more than {FARTHEST:.0f} times the "
             "noise): they are of a session that failed, or hold another quantity than they say. Make them again with `beltcomm "
             f"commission`, or take the wrong ones out of {run / 'recordings'}; `beltcomm bundle {pasted(run)}` packs all for whoever helps"
         )

@@ -1,4 +1,4 @@
-"""What is said of a run first, everywhere in the same words: terminal, ``verdict.txt``, report, JSON; and the one command to type next."""
+"""Headline of a run, everywhere in the same words: terminal, ``verdict.txt``, report, JSON; and the one command to type next."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Headline:
 
     @property
     def good(self) -> bool:
-        """Whether the axis does what was asked, by a model that explains it and with nothing that speaks against it."""
+        """True if the axis does what was asked, by a model that explains it and with nothing that speaks against it."""
         return self.state == "pass"
 
     def to_dict(self) -> dict[str, Any]:
@@ -102,7 +102,7 @@ class Following:
 
 
 def targets_dict(targets: AxisTargets) -> dict[str, Any]:
-    """What holds, and whether anybody stated it."""
+    """Targets in force, and whether anybody stated them."""
     return {
         "following_error_m": targets.following_m,
         "settled_error_m": targets.settled_m,
@@ -157,7 +157,7 @@ def headline_of(folder: RunFolder) -> Headline:
 
 
 def targets_of(result: Mapping[str, Any], asked: AxisTargets) -> AxisTargets:
-    """What a move was judged by.
+    """Targets that a move was judged by.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def following(folder: RunFolder, headline: Headline, drive: str = "", *, applied
     run = pasted(called or folder.path)
     drive = drive or drive_of(folder)
     with_drive = f"--drive {pasted(drive)} --run {run}"
-    if folder.has_axis and not folder.axis.has_belt:
+    if folder.has_axis and not folder.axis.has_transmission:
         return Following(f"beltcomm diagnose {run}", tr("what the model misses"))
     if "final" not in folder.names("models"):
         return Following(f"beltcomm fit {run}", tr("a model of the records"))
@@ -230,7 +230,7 @@ def _outdated(design: Mapping[str, Any], model: Model | None) -> bool:
 
 
 def drive_of(folder: RunFolder) -> str:
-    """What the drive of a run is called; DRIVE where it does not tell."""
+    """Name of a run's drive; DRIVE where it does not tell."""
     drive = folder.load_result("drive") or {}
     called, by = drive.get("reached_as"), drive.get("reached_by")
     found = Reached(called if isinstance(called, str) and called else "DRIVE")
@@ -247,7 +247,7 @@ def _model_of(folder: RunFolder) -> Model | None:
 
 
 def _changed(result: Mapping[str, Any], gains: Any, model: Model | None) -> list[str]:
-    """What is not as it was when a move was driven."""
+    """Changes since a move was driven."""
     proof, of = result.get("proof"), result.get(OF)
     driven = proof.get("gains") if isinstance(proof, Mapping) else None
     changed = [] if driven is None or result.get(OWN) or same_gains(driven, gains) else ["other gains"]

@@ -166,7 +166,7 @@ def fit_for_belt_model(folder: RunFolder) -> Checked:
         For records without torque or unfit for a model.
     """
     recordings = [item for item in folder.recordings() if not item.is_static_map]
-    if not folder.axis.has_belt:
+    if not folder.axis.has_transmission:
         raise UsageError(
             f"{folder.axis} has neither belt nor pulley; the fit's model is a motor that drives a carriage by a belt. "
             f"The laboratory takes one rigid mass: `beltcomm diagnose {pasted(folder.path)}`. If there is a belt, state "
@@ -175,6 +175,11 @@ def fit_for_belt_model(folder: RunFolder) -> Checked:
     side = common_side(recordings)
     if side == "ampere":
         folder.axis.require("the fit of records in ampere", "motor.torque_constant_nm_a")
+    if side == "volt":
+        raise DataError(
+            f"the records of {folder.path} hold the motor's voltage; the fit of a belt axis needs torque_nm or current_a. The laboratory "
+            f"takes one rigid mass: `beltcomm diagnose {pasted(folder.path)}` of a run without belt and pulley"
+        )
     if side == "load":
         raise DataError(
             f"the records of {folder.path} hold force and carriage position; the fit of a belt axis needs torque_nm (or current_a) "

@@ -24,6 +24,8 @@ SAME_GAIN = 1e-3
 SURE_MARGIN_DEG = 30.0
 #: m: ends of a path that differ by less are the same.
 SAME_PLACE_M = 1e-4
+#: How the host led a move whose feedforward its repetitions have taught.
+LEARNT = "learnt"
 #: Of a file whose checksum is missing or another one.
 EDITED = "was edited since, or is of a version that kept no checksum"
 #: Files that say what gains a drive gets, and what its raw numbers mean.

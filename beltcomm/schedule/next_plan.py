@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,16 @@ FAST_SHARE = 0.9
 #: Steps of one plan: with all sets of records there are some 20.
 MOST_STEPS = 100
 SETS = ("sweep", "places", "quiet", "slow", "reversals", "fast", "sweep again")
+#: The sets of records of an axis without a belt, which no plan of steps moves: what is recorded with its own drive, and imported.
+BY_OWN_DRIVE: Mapping[str, str] = {
+    "sweep": "speeds held for a second each, six from slow to the fastest, in both directions over the whole range",
+    "places": "a torque that changes at random, or a multisine, for 20 s, as fast as the drive takes it",
+    "quiet": "the same with a fifth of the torque",
+    "slow": "one turn, or the whole travel, each way as slowly as the drive goes, at two places; one more held out",
+    "reversals": "triangles of the angle, a hundredth, a tenth and all of a typical move high",
+    "fast": "moves at nine tenths of the largest torque; others, half as fast, held out",
+    "sweep again": "the held speeds once more when the axis is warm",
+}
 
 
 @dataclass(frozen=True)
@@ -52,6 +62,8 @@ class NextPlan:
         Steps that would show nothing new, and the record that shows it.
     edited : bool
         Its file is not as beltcomm wrote it.
+    own_drive : tuple of str
+        Records of an axis without a belt, made with its own drive.
     """
 
     reasons: Mapping[str, str]
@@ -59,11 +71,13 @@ class NextPlan:
     steps: tuple[Step, ...]
     left_out: tuple[str, ...] = ()
     edited: bool = False
+    own_drive: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """As it stands in the file."""
         steps = [step.to_dict() for step in self.steps]
-        return {"reasons": dict(self.reasons), "by_hand": list(self.by_hand), "steps": steps, "left_out": list(self.left_out)}
+        found = {"reasons": dict(self.reasons), "by_hand": list(self.by_hand), "steps": steps, "left_out": list(self.left_out)}
+        return {**found, **({"own_drive": list(self.own_drive)} if self.own_drive else {})}
 
     def lines(self, run: Path) -> list[str]:
         """For people."""
@@ -71,6 +85,14 @@ class NextPlan:
             return ["Nothing more needs to be recorded: every effect of typical size would have been seen."]
         lines = ["Record next, for " + ", ".join(self.reasons) + ":"]
         out = [f"  left out: {text}" for text in self.left_out]
+        if self.own_drive:
+            lines += [f"  {number}. {text}" for number, text in enumerate(self.own_drive, start=1)]
+            lines += [f"  by hand: {text}" for text in self.by_hand]
+            columns = "time, position, torque (or current) and, above all, its setpoint"
+            return [
+                *lines,
+                f"An axis without a belt is moved by its own drive: record {columns}, each row, and `beltcomm import` them here.",
+            ]
         if not self.steps:
             why = [f"  {name}: {reason}" for name, reason in self.reasons.items()]
             hand = [f"  by hand: {text}" for text in self.by_hand]
@@ -93,6 +115,7 @@ def plan_for(
     blind: Sequence[DetectionLimit],
     named: Sequence[str] = (),
     already: Callable[[Step], str] = lambda _step: "",
+    belt: bool = True,
 ) -> NextPlan:
     """The plan that tells twins apart, or where there are none shows what could not be seen.
 
@@ -102,9 +125,12 @@ def plan_for(
         Effects that were found.
     already : callable
         The record that shows what a step would, "" for none.
+    belt : bool
+        Without one no step is planned: what would show it is said in words.
     """
     if twins:
-        return plan_apart(twins, already)
+        apart = plan_apart(twins, already)
+        return apart if belt else replace(apart, steps=(), left_out=(), own_drive=tuple(BY_OWN_DRIVE[name] for name in ("sweep", "fast")))
     reasons: dict[str, str] = {}
     by_hand: list[str] = []
     sets = set[str]()
@@ -120,6 +146,9 @@ def plan_for(
         sets.update(records_showing(sight.effect))
         if not any(judged[name][0] for name in records_showing(sight.effect)):
             by_hand.append(f"{sight.effect.name}: such records are here already; it shows only beyond the limits in axis.yaml")
+    if not belt:
+        hand = tuple(text for text in by_hand if "axis.yaml" not in text)
+        return NextPlan(reasons, hand, (), own_drive=tuple(BY_OWN_DRIVE[name] for name in SETS if name in sets))
     chosen = [judged[name] for name in SETS if name in sets]
     return NextPlan(reasons, tuple(by_hand), tuple(s for steps, _ in chosen for s in steps), tuple(t for _, out in chosen for t in out))
 
@@ -205,7 +234,9 @@ def load_plan(path: Path) -> NextPlan:
     entries = data.get("steps")
     if entries == [] and data.get("reasons"):
         by_hand = data.get("by_hand")
-        text = "; ".join(map(str, by_hand if isinstance(by_hand, list) else ())) or "what it would record is there already"
+        own = data.get("own_drive")
+        texts = [*(own if isinstance(own, list) else ()), *(by_hand if isinstance(by_hand, list) else ())]
+        text = "; ".join(map(str, texts)) or "what it would record is there already"
         raise UsageError(f"{path} has no steps: no record of this axis would tell more. By hand: {text}")
     if not isinstance(entries, list) or not entries:
         raise UsageError(f"{path} has no steps; write a plan with `beltcomm diagnose RUN --next`")

@@ -1,4 +1,4 @@
-"""What a diagnosis is checked against, besides its error: data sheets, resonances, static maps, the bound of friction."""
+"""Checks of a diagnosis besides its error: data sheets, resonances, static maps, the bound of friction."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ from beltcomm.laboratory.cross_checks import (
     resonances,
 )
 from beltcomm.laboratory.score import ground_of
+from beltcomm.laboratory.second_sensor import SecondSensor, second_sensor
+from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.sentences.words import number
 
@@ -36,13 +38,14 @@ SHOWN = 6
 class Checks:
     """resonances : None for one rigid body.   amplitudes : whether the records show a dependence on amplitude.   maps : static maps.
     friction_bound : share of the squares that any further law of friction could explain; None where nothing is missing.
-    sheets : what contradicts the data sheets."""
+    sheets : what contradicts the data sheets.   sensor : what one at the load shows of the compliance before it."""
 
     resonances: Resonances | None
     amplitudes: bool
     maps: tuple[MapCheck, ...]
     friction_bound: float | None
     sheets: tuple[SheetDoubt, ...]
+    sensor: SecondSensor | None = None
 
 
 def cross_checked(found: Diagnosis, recordings: Sequence[Recording], axis: Axis) -> Checks:
@@ -57,11 +60,34 @@ def cross_checked(found: Diagnosis, recordings: Sequence[Recording], axis: Axis)
         map_checks(recordings, model),
         friction_bound(found.final_fit, ground_of(found.final_fit, found.data.fitted, axis)) if open_question else None,
         doubts_of(found.final_fit, axis, recordings),
+        sensed(model, recordings),
     )
 
 
+def sensed(model: Model, recordings: Sequence[Recording]) -> SecondSensor | None:
+    """A sensor at the load against the antiresonances of a model."""
+    if not any(r.load_position_rad is not None or r.cart_position_m is not None for r in recordings):
+        return None
+    places = [r.sidecar.start_position_m for r in recordings if r.sidecar.start_position_m is not None]
+    own = resonances(model, float(np.median(places)) if places else 0.0)
+    return second_sensor(recordings, own.antiresonance_hz if own else ())
+
+
+def sensor_lines(sensor: SecondSensor | None) -> list[str]:
+    """The sensor at the load as a sentence; none where it shows nothing."""
+    if sensor is None:
+        return []
+    seen = f"The sensor at the load ({sensor.column}), which no fit uses, shows an antiresonance at " + number(
+        sensor.antiresonance_hz, sensor.interval_hz, "Hz"
+    )
+    if sensor.model_hz is None:
+        return [f"{seen}: something between motor and load gives way, and the model is one rigid body."]
+    word = "which confirms it" if sensor.confirms else "which does not agree"
+    return [f"{seen}; the model has it at {sensor.model_hz:.1f} Hz, {word}."]
+
+
 def sheet_lines(doubts: Sequence[SheetDoubt]) -> list[str]:
-    """What was measured against the data sheets, and below it what to check: a wrong data sheet is no effect."""
+    """Measured values against the data sheets, and below what to check: a wrong data sheet is no effect."""
     lines = []
     for doubt in doubts:
         what, usual, where = _SHEETS[doubt.entry]
@@ -88,16 +114,16 @@ _UNITS = {"N/m": (1e-3, "kN/m"), "kg m2": (1e4, "kg cm²")}
 #: What stands behind an entry of the axis file: words, what it usually differs by, and where it holds.
 _SHEETS = {
     "motor.inertia_kg_m2": ("motor-side inertia", "-17 to +20 %", ""),
-    "belt.specific_stiffness_n": (
-        "belt stiffness",
-        "-23 to +30 %",
-        " at the places recorded",
-    ),
+    "belt.specific_stiffness_n": ("belt stiffness", "-23 to +30 %", " at the places recorded"),
+    "motor.encoder_counts_per_rev": ("steps of the angle", "the same, or a whole share", ""),
 }
 _CHECKS = {
     "motor.inertia_kg_m2": (
         "Check in axis.yaml: motor.inertia_kg_m2 (1 kg cm² is 1e-4 kg m²; a brake adds to it), inertias of coupling, gearbox and pulley.",
         "Where they are right: the sample period of the records, or the scale of the torque.",
+    ),
+    "motor.encoder_counts_per_rev": (
+        "Check in axis.yaml: motor.encoder_counts_per_rev (lines times four; behind a gearbox more), and the unit of the angle.",
     ),
     "belt.specific_stiffness_n": (
         "A sheet states the strands alone: teeth in mesh, clamps and bearings make a sound belt softer (25 and 31 % on the thesis's rig).",
@@ -115,11 +141,17 @@ def as_data(checks: Checks) -> dict[str, Any]:
         "static_maps": [{**asdict(check), "confirmed": check.is_confirmed} for check in checks.maps],
         "friction_bound": checks.friction_bound,
         "data_sheet": [asdict(doubt) for doubt in checks.sheets],
+        "second_sensor": sensor_data(checks.sensor),
     }
 
 
+def sensor_data(sensor: SecondSensor | None) -> dict[str, Any] | None:
+    """For ``--json``."""
+    return None if sensor is None else {**asdict(sensor), "confirmed": sensor.confirms}
+
+
 def check_lines(checks: Checks) -> list[str]:
-    """As sentences."""
+    """Checks as sentences."""
     lines = sheet_lines(checks.sheets)
     if checks.resonances is not None:
         low, high = (", ".join(f"{f:.1f}" for f in row) or "none" for row in asdict(checks.resonances).values())
@@ -129,6 +161,7 @@ def check_lines(checks: Checks) -> list[str]:
                 "Whether they depend on the amplitude: cannot tell, the fitted records hold one amplitude. "
                 "Record the same excitation at half and at twice the torque."
             )
+    lines += sensor_lines(checks.sensor)
     for check in checks.maps:
         orders = sorted(check.orders, key=lambda order: -order.model)[:SHOWN]
         seen = ", ".join(f"{order.order:g}: {order.map:.3g} for {order.model:.3g}" for order in orders)

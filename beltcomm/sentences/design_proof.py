@@ -19,7 +19,7 @@ STANDING = (
 
 
 def proof_lines(proof: DesignProof, grounds: Grounds, asked: Specification) -> list[str]:
-    """What was examined beyond the model's own margins, the worst of all, and what contradicts."""
+    """Margins examined beyond the model's own, the worst of all, and what contradicts."""
     lines = ["Proof:", *(f"  {line}" for line in _measured_lines(proof, asked))]
     drawn, values = proof.spread, proof.spread.worst_values
     lines.append(

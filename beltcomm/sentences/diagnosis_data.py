@@ -1,4 +1,4 @@
-"""What the laboratory found, for ``--json``."""
+"""Findings of the laboratory, for ``--json``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What sweeps of friction say, in sentences and small tables.  No printing here."""
+"""Sweeps of friction in sentences and small tables.  No printing here."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MISSED_SHARE = 0.1
 
 
 def stroke_lines(strokes: Sequence[Stroke], left_out_m_s: Sequence[float]) -> list[str]:
-    """Which stroke is driven at which speed, neighbours with the same way on one line, after the plan's table."""
+    """Strokes and their speeds, neighbours with the same way on one line, after the plan's table."""
     lines = ["Strokes, forth and back at each speed; measured is what stands here, behind 0.2 s of running in:"]
     for unit, group in itertools.groupby(sorted(strokes, key=lambda s: s.speed_m_s), key=lambda s: s.way.split(" ", 1)[1].rstrip("s")):
         some = list(group)
@@ -141,7 +141,7 @@ def _change(value: Value, base: Value) -> str:
 
 
 def drifts(drift: Drift) -> bool:
-    """Whether friction changes with time beyond its scatter."""
+    """True if friction changes with time beyond its scatter."""
     return clear(drift.viscous) or clear(drift.coulomb)
 
 

@@ -38,7 +38,7 @@ LEFT_WORDS = {
 
 
 def remark_lines(remarks: Sequence[str]) -> list[str]:
-    """What is odd about the records, before anything else."""
+    """Oddities of the records, before anything else."""
     return ["Of the records:", *(f"  {remark}" for remark in remarks), ""] if remarks else []
 
 
@@ -57,7 +57,7 @@ def comparison_lines(comparison: Comparison, places: Sequence[str], model: Model
 
 
 def trial_line(candidate: Candidate) -> str:
-    """What is said while a diagnosis goes on."""
+    """Line on a trial while a diagnosis goes on."""
     if candidate.grows or candidate.unneeded or candidate.idle:
         return f"{candidate.effect.name} taken back, {candidate.against}; the next best is asked"
     share = 100.0 * min(1.0, candidate.explained)
@@ -121,7 +121,7 @@ def diagnosis_lines(found: Diagnosis, before: Plain = (None, None), after: Plain
 
 
 def after_diagnosis(found: Diagnosis, run: Path, planned: str = "") -> list[str]:
-    """What to do next.   planned : the command that makes the records that were planned."""
+    """Next steps.   planned : the command that makes the records that were planned."""
     if planned:
         return [f"Next: {planned}"]
     open_ = undetermined_effects(with_intervals(found.final_fit), found.base.model) if found.added_effects else []
@@ -139,7 +139,7 @@ def after_diagnosis(found: Diagnosis, run: Path, planned: str = "") -> list[str]
 
 
 def lacking_lines(missing: Sequence[str]) -> list[str]:
-    """Which records are not there."""
+    """Records that are not there."""
     return ["Little can be seen here of some things:", *(f"  {line}" for line in missing)] if missing else []
 
 
@@ -149,7 +149,7 @@ def untried_lines(effects: Sequence[Effect]) -> list[str]:
 
 
 def sight_lines(sights: Sequence[DetectionLimit], run: Path, unnamed: Collection[str] = (), planned: bool = False) -> list[str]:
-    """What these data could not have shown.   unnamed : effects that are not named from them, whatever they show.   planned : what to
+    """Detection limits of these data.   unnamed : effects that are not named from them, whatever they show.   planned : what to
     record next is said beside it.
     """
     blind = [sight for sight in sights if not sight.is_detectable and sight.effect.name not in unnamed]
@@ -168,13 +168,13 @@ def sight_lines(sights: Sequence[DetectionLimit], run: Path, unnamed: Collection
 
 
 def beyond_bounds(sight: DetectionLimit) -> bool:
-    """Whether an effect that could be seen would be larger than any."""
+    """True if an effect that could be seen would be larger than any."""
     highs = [p.high for p in sight.effect.parameters if p.name == sight.parameter]
     return bool(highs) and sight.hardest * sight.size > highs[0]
 
 
 def effect_lines(effect: Effect, model: Model) -> list[str]:
-    """What an effect is, its numbers, causes and what to check."""
+    """Effect, its numbers, causes and what to check."""
     lines, elsewhere = [f"{effect.name}: {effect.title}."], body_lines(effect, model)
     for name, parameter in effect_parameters(effect).items():
         item = model.parameters[name]
@@ -206,7 +206,7 @@ def body_lines(effect: Effect, model: Model) -> list[str]:
 
 
 def family_lines(effect: Effect, model: Model) -> list[str]:
-    """What tells the causes apart that an effect stands for, where no motion does; as which tilt a constant torque would be."""
+    """Checks that tell the causes apart that an effect stands for, where no motion does; as which tilt a constant torque would be."""
     causes = families(effect)
     if not causes:
         return []
@@ -223,7 +223,7 @@ def family_lines(effect: Effect, model: Model) -> list[str]:
 
 
 def added_notes(asked: str, effect: str, strays: bool) -> list[str]:
-    """What is to be said beside an effect that was asked for.   strays : it is a gap that a carriage which strays can do without."""
+    """Notes beside an effect that was asked for.   strays : it is a gap that a carriage which strays can do without."""
     notes = []
     if asked != effect:
         notes.append(f"{asked}, friction by direction and an offset of the current look alike on this axis: added as {effect}")
@@ -259,7 +259,9 @@ def change_lines(
         lines.append(
             "Warning: without it records that were not fitted fit worse. It is out all the same, and `design` rests on this model."
         )
-    lines += [f"Saved as {rung.name}.", f"Next: beltcomm design {pasted(run)}   (gains of the model as it is now)"]
+    belt = "cart" in model.base_bodies
+    following = ("design", "gains of the model as it is now") if belt else ("diagnose", "what is still missing")
+    lines += [f"Saved as {rung.name}.", f"Next: beltcomm {following[0]} {pasted(run)}   ({following[1]})"]
     return lines
 
 
@@ -288,7 +290,7 @@ def ladder_lines(rungs: Sequence[Revision], changed: Sequence[str]) -> list[str]
 
 
 def provenance_lines(rung: Revision) -> list[str]:
-    """When, from which data and by which command a revision was made; what not knowing its effects costs."""
+    """Date, data and command of a revision; what not knowing its effects costs."""
     number = f"{len(rung.data)} recording{'' if len(rung.data) == 1 else 's'}"
     lines = [f"  {rung.name}  {', '.join(filter(None, [rung.when, f'{number}, data {rung.data_hash}']))}"]
     lines += [f"    {rung.command}"] if rung.command else []

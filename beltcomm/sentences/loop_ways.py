@@ -158,7 +158,7 @@ def all_ways(recordings: Sequence[Recording], model: Model, first: str) -> list[
 
 
 def bias_by(recording: Recording, ways: Sequence[LoopReading]) -> Biased | None:
-    """What a wrong controller would do to the indirect reading of a record; None where it has none."""
+    """Bias of the indirect reading of a record under a wrong controller; None where it has none."""
     own = next((s for s in ways if s.record == recording.name and s.way in ("indirect", "setpoint")), None)
     if own is None:
         return None
@@ -189,7 +189,7 @@ def _cell(item: Characteristic | None, unit: str, factor: float) -> str:
 
 
 def friction_words(recording: Recording, ways: Sequence[LoopReading], slowest: float) -> list[str]:
-    """What friction did to the record, with numbers."""
+    """Effect of friction on the record, with numbers."""
     own = next(s for s in ways if s.record == recording.name)
     standing = next((s for s in ways if not s.speed_m_s and s.record != recording.name and s.damping is not None), None)
     said = []

@@ -1,4 +1,4 @@
-"""What a session has found out: into the run folder, as a mapping for programs, as text for people."""
+"""Findings of a session: into the run folder, as a mapping for programs, as text for people."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from beltcomm.axis.terms import terms_of
 from beltcomm.configfiles import write_text
 from beltcomm.experiments import holding
 from beltcomm.given import pasted
@@ -23,6 +24,7 @@ from beltcomm.rundata.kept_path import KEY
 from beltcomm.rundata.store import design_to_dict, fit_to_dict, verdict_to_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import friction, screens, typed_gains, words
+from beltcomm.sentences.own_words import lines_in
 from beltcomm.sentences.torque_path import path_data, path_lines, period_of
 
 
@@ -123,7 +125,7 @@ def gravity_text(folder: RunFolder, findings: Findings) -> list[str]:
 
 
 def model_screen(folder: RunFolder, findings: Findings) -> list[Line]:
-    """What is known of the axis so far, on a screen: axis, model, friction, and what to look at."""
+    """Axis as known so far, on a screen: axis, model, friction, and what to look at."""
     final = findings.final
     if final is None:
         return screens.warning_lines(findings.remarks)
@@ -159,12 +161,12 @@ def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known
 
 
 def keep_text(folder: RunFolder, text: list[str]) -> None:
-    """What is shown at the end, as ``verdict.txt`` in the run folder."""
-    write_text(folder.path / "verdict.txt", "\n".join(text) + "\n")
+    """Keep the text shown at the end as ``verdict.txt`` in the run folder."""
+    write_text(folder.path / "verdict.txt", "\n".join(lines_in(terms_of(folder.axis), text)) + "\n")
 
 
 class ReportWords(Protocol):
-    """What a report tells of a run that was just commissioned: see :class:`beltcomm.pages.Ended`."""
+    """Words of a report on a run that was just commissioned: :class:`beltcomm.pages.Ended`."""
 
     @property
     def error(self) -> float | None:
@@ -173,12 +175,12 @@ class ReportWords(Protocol):
 
     @property
     def doubts(self) -> Sequence[str]:
-        """What of the data sheets the model contradicts, in sentences."""
+        """Contradictions between data sheets and model, in sentences."""
         ...
 
     @property
     def sheets(self) -> Sequence[Mapping[str, Any]]:
-        """The same as numbers."""
+        """Contradictions between data sheets and model, as numbers."""
         ...
 
 
@@ -188,7 +190,7 @@ UNHURRIED = "not recorded, for "
 
 @dataclass(frozen=True)
 class Ending:
-    """What a commissioning says at its end.   screen : the answer.   details : for whoever checks.   warnings : of the report."""
+    """Last words of a commissioning.   screen : the answer.   details : for whoever checks.   warnings : of the report."""
 
     screen: list[Line]
     details: list[str]
@@ -239,7 +241,7 @@ def commission_text(folder: RunFolder, findings: Findings, ended: ReportWords | 
 
 
 def closing(folder: RunFolder, findings: Findings, drive: str, page: str = "") -> list[str]:
-    """Where the report is, what became of the gains, and the command to type next."""
+    """Path of the report, fate of the gains, and the command to type next."""
     state = {
         "restore": tr("old gains restored"),
         "keep": tr("new gains kept until power-off"),

@@ -164,7 +164,7 @@ def _differences(rows: Sequence[ResponseRow]) -> tuple[list[Difference], list[st
 
 
 def _alike(a: ResponseRow, b: ResponseRow, *what: str) -> bool:
-    """Whether two records have these conditions in common."""
+    """True if two records have these conditions in common."""
     one, other = a.condition, b.condition
     if "place" in what and (one.place_m is None or other.place_m is None or abs(one.place_m - other.place_m) > SAME_PLACE_M):
         return False
@@ -181,7 +181,7 @@ def _marks(row: ResponseRow) -> dict[str, Landmark]:
 
 
 def _what(a: ResponseRow, b: ResponseRow) -> list[tuple[float, str]]:
-    """What differs: size over its 95 % interval, and name, largest first."""
+    """Differences: size over its 95 % interval, and name, largest first."""
     one, other = _marks(a), _marks(b)
     sizes = []
     for name in one.keys() & other.keys():
@@ -214,7 +214,7 @@ def _told(cause: str, a: ResponseRow, b: ResponseRow) -> Difference:
 
 
 def _hint(cause: str, a: ResponseRow, b: ResponseRow, clear: Sequence[str]) -> str:
-    """What a difference hints at."""
+    """Probable cause of a difference."""
     one, other = _marks(a), _marks(b)
     if cause == "amplitude":
         return "friction takes more of the quieter excitation and poses as damping and as another mass: the louder one is nearer the axis"
@@ -240,7 +240,7 @@ def _hint(cause: str, a: ResponseRow, b: ResponseRow, clear: Sequence[str]) -> s
 
 
 def _moved_apart(one: dict[str, Landmark], other: dict[str, Landmark]) -> bool:
-    """Whether f_r/f_z differs between two records beyond the noise."""
+    """True if f_r/f_z differs between two records beyond the noise."""
     ratios = [math.log(m["resonance"].freq_hz / m["antiresonance"].freq_hz) for m in (one, other)]
     width = math.sqrt(sum((mark.interval_hz / mark.freq_hz) ** 2 for m in (one, other) for mark in m.values()))
     return abs(ratios[0] - ratios[1]) > CLEAR * width

@@ -97,11 +97,11 @@ def _error_row(
 
 
 def axis_lines(model: Model, at_m: float, delay_s: float | None = None) -> list[Line]:
-    """What the axis is: mass, belt, friction at the carriage, resonances for a place."""
+    """Axis in lines: mass, belt, friction at the carriage, resonances for a place."""
     ratio = model["transmission.ratio"]
     coulomb = model.get("coulomb.level") / ratio + model.get("cart_friction.level")
     viscous = model.get("viscous.damping") / ratio**2 + model.get("viscous_cart.damping")
-    belt = ""
+    belt = f"   {tr('rigid')}" if model.rigid else ""
     if "belt_stiffness.stiffness" in model.parameters:
         belt = f"   {tr('belt')} {_digits(model['belt_stiffness.stiffness'] / 1e3)} kN/m"
     elif "belt_spans.specific_stiffness" in model.parameters:
@@ -110,7 +110,7 @@ def axis_lines(model: Model, at_m: float, delay_s: float | None = None) -> list[
     second = []
     try:
         low, high = analyse.characteristic_hz(model, at_m)
-        second = [f"{tr('antiresonance')} {_digits(low)} Hz", f"{tr('resonance')} {_digits(high)} Hz"]
+        second = [] if model.rigid else [f"{tr('antiresonance')} {_digits(low)} Hz", f"{tr('resonance')} {_digits(high)} Hz"]
     except BeltcommError:
         pass
     second += [f"{tr('delay')} {1e3 * delay_s:.3g} ms"] if delay_s else []
@@ -119,7 +119,7 @@ def axis_lines(model: Model, at_m: float, delay_s: float | None = None) -> list[
 
 
 def model_line(level: float, suspect: bool | None = None) -> Line:
-    """Whether the model explains what was measured.   level : error over the noise."""
+    """Verdict on the model against what was measured.   level : error over the noise."""
     label = ("   ", ""), (f"{tr('model'):<9}", "title")
     if error_floor_words(level):
         return Line(*label, (tr("leaves {level:.2f} x the noise, less than noise can leave: not judged", level=level), "note"))
@@ -201,7 +201,7 @@ def proof_lines(proof: DesignProof) -> list[Line]:
 
 
 def sheet_words(doubts: Iterable[Mapping[str, Any]]) -> list[str]:
-    """What of the data sheets the model contradicts, a line each."""
+    """Contradictions between data sheets and model, a line each."""
     told = []
     for doubt in doubts:
         less, more = OFF.get(str(doubt["entry"]), ("{share:.0f} % less than in axis.yaml", "{share:.0f} % more than in axis.yaml"))
@@ -212,7 +212,7 @@ def sheet_words(doubts: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 def warning_lines(texts: Sequence[str], where: str = "--details") -> list[Line]:
-    """What to look at, a line each; how many more there are.   where : the rest is told."""
+    """Warnings, a line each; how many more there are.   where : the rest is told."""
     lines = [Line("   ", (shorten(f"! {text}", WIDE - 4, placeholder=" ..."), "note")) for text in texts[:MOST_WARNINGS]]
     left = len(texts) - MOST_WARNINGS
     return lines + ([Line("   ", (f"! {tr('{count} more notes', count=left)}: {where}", "note"))] if left > 0 else [])
@@ -224,7 +224,7 @@ def next_lines(step: Following) -> list[Line]:
 
 
 def _limit(reason: str) -> str:
-    """What binds, without its value: ``velocity phase margin``."""
+    """Binding limit without its value: ``velocity phase margin``."""
     return tr(re.split(r" -?[\d.]", reason.partition(" (")[0])[0])
 
 

@@ -40,16 +40,16 @@ def path_data(path: TorquePath, sample_s: float) -> dict[str, Any]:
     -------
     dict
         drive: delay and delay_interval in periods, lags, gain; reading: late in periods, lags, at_end (of the period, else its mean);
-        commanded; rivals of the same shape;
+        commanded; unseen, without a setpoint; rivals of the same shape;
         sample_period_s; delay_s from setpoint to acting torque, None without a setpoint; words, a list of sentences, empty for a whole
         delay and a faithful reading.
     """
-    delay_s = None if path.drive is None else path.drive.delay_s(sample_s)
+    delay_s = None if path.drive is None or path.unseen else path.drive.delay_s(sample_s)
     return {**path_to_dict(path), "sample_period_s": sample_s, "delay_s": delay_s, "words": path_lines(path, sample_s)}
 
 
 def path_lines(path: TorquePath | None, sample_s: float) -> list[str]:
-    """What the drive makes of the torque, one line, and a second where the records do not tell it; empty for an ideal drive."""
+    """Torque path of the drive, one line, and a second where the records do not tell it; empty for an ideal drive."""
     if path is None:
         return []
     said = words_of(path, sample_s)
@@ -64,12 +64,12 @@ def path_lines(path: TorquePath | None, sample_s: float) -> list[str]:
 
 
 def path_sentences(path: TorquePath, recordings: Sequence[Recording]) -> list[str]:
-    """The same as whole sentences, of the drive that made some records."""
+    """Torque path of the drive that made some records, as whole sentences."""
     return [f"{line[0].upper()}{line[1:]}." for line in path_lines(path, period_of(recordings))]
 
 
 def words_of(path: TorquePath, sample_s: float) -> str:
-    """What is not ideal in a path; "" where nothing is."""
+    """Parts of a path that are not ideal; "" for none."""
     drive = [] if path.drive is None else _drive_words(path.drive, sample_s)
     if path.commanded:
         told = "the reported torque is the command: what acts is told by the motion alone"

@@ -38,13 +38,13 @@ def typed_lines(cascade: Cascade, drive: Mapping[str, Any]) -> list[str]:
 
 
 def of_run(folder: RunFolder, cascade: Cascade) -> list[str]:
-    """The same for the drive of a run; nothing where beltcomm writes its gains itself."""
+    """Gains to type into the drive of a run; nothing where beltcomm writes them itself."""
     drive = folder.load_result("drive") or {}
     return typed_lines(cascade, drive) if drive.get("gains") == "unknown" else []
 
 
 def _gains(cascade: Cascade, per_amp: float) -> list[tuple[str, list[str]]]:
-    """What a cascade needs, and the ways in which tools write it."""
+    """Gains that a cascade needs, and the ways in which tools write them."""
     kp, forward = cascade.kp_nm_s_rad, cascade.feedforward
     found = [
         ("velocity controller, gain", [*_torque(kp, per_amp, "s/rad"), f"{_short(1e3 * kp * _PER_RPM)} mN m per r/min"]),

@@ -40,9 +40,15 @@ _DERIVED = (
 )
 
 
+#: Share of a value below which its interval says nothing of it.
+LEAST_SHARE = 1e-7
+
+
 def number(value: float, interval: float | None, unit: str) -> str:
     """Value with its 95 % interval, rounded to the interval's second digit."""
     if interval is None or not math.isfinite(interval) or interval <= 0.0:
+        return f"{value:.4g} {unit}"
+    if interval < LEAST_SHARE * abs(value):  # of a number that the search met and never left: it is not known that well
         return f"{value:.4g} {unit}"
     digits = max(0, 1 - math.floor(math.log10(interval)))
     return f"{value:.{digits}f} ± {interval:.{digits}f} {unit}"
@@ -149,7 +155,7 @@ def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
 
 
 def knowledge_lines(model: Model, along: Sequence[str], which: str) -> list[str]:
-    """What of the effects in a model the controller uses, and how.   which : sentence on the model, "" for none."""
+    """Effects of a model that the controller uses, and how.   which : sentence on the model, "" for none."""
     lines = [f"  {which}"] if which else []
     if model.get("constant_offset.torque") or model.get("tilt.angle"):
         lines.append("  the feedforward holds the constant torque of the axis")
@@ -202,12 +208,12 @@ def remarks_lines(remarks: Sequence[str]) -> list[str]:
 
 
 def lasting(drive: str) -> str:
-    """What a virtual drive keeps of what is written to it; nothing is said of a real one."""
+    """Values that a virtual drive keeps of those written to it; nothing is said of a real one."""
     return ". A virtual drive begins anew with every command and forgets what was written" if simulated(drive) else ""
 
 
 def nonlinearity_lines(found: Mapping[str, Nonlinearity]) -> list[str]:
-    """What the silent lines of multisines show, one line each."""
+    """Findings of the silent lines of multisines, one line each."""
     return [
         f"{name}: on lines that were not excited, {n.low_hz:.3g} to {n.high_hz:.3g} Hz, the axis answers with {100 * n.odd:.1f} % of the "
         f"linear answer on odd and {100 * n.even:.1f} % on even ones (noise {100 * n.noise:.2f} %): "

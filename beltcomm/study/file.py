@@ -227,7 +227,7 @@ def _ground_of_run(run: Path, file: Path | None, base: Mapping[str, Any], target
     folder = RunFolder.open(run)
     saved = saved_design(folder)
     model, _, _ = offline.trusted_revision(folder, str(saved.get("revision") or ""))
-    if model.side != "motor" or not folder.axis.has_belt:
+    if model.side != "motor" or not folder.axis.has_transmission:
         raise UsageError(f"base.run {run} is an axis without a belt, or one in ampere; a move cannot be predicted on it")
     structure = offline.structure_of(folder, Findings())
     cascade, delay_s = offline.cascade_of(saved, model, structure)

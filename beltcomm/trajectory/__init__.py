@@ -338,6 +338,22 @@ def load_move(path: Path | str, sample_period_s: float, axis: Axis | None = None
     return move
 
 
+def torque_of_move(path: Path | str, sample_period_s: float) -> Array | None:
+    """Torque that goes along with a move of a file, its column ``torque_along_nm``, N m at the motor shaft; None where it has none.
+
+    Parameters
+    ----------
+    sample_period_s : float, s
+        Of the result, which ends with a rest as long as :func:`load_move`'s motion is followed by one.
+    """
+    columns = read_columns(Path(path), {"t_s", "torque_along_nm"})
+    if "torque_along_nm" not in columns or "t_s" not in columns:
+        return None
+    t_s = columns["t_s"] - columns["t_s"][0]
+    grid = _grid(math.ceil(t_s[-1] / sample_period_s - 1e-6) + 1, sample_period_s)
+    return np.asarray(np.interp(grid, t_s, columns["torque_along_nm"]))
+
+
 def _grid(samples: int, sample_period_s: float) -> Array:
     return np.asarray(sample_period_s * np.arange(samples), dtype=np.float64)
 
@@ -360,6 +376,6 @@ def _check_limits(path: Path, move: Trajectory, axis: Axis) -> None:
 
 
 def held(trajectory: Trajectory, seconds: float) -> Trajectory:
-    """The same with a rest at its end."""
+    """Path with a rest at its end."""
     period = trajectory.sample_period_s
     return join([trajectory, at_rest(float(trajectory.position_m[-1]), seconds, period)])

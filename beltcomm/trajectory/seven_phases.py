@@ -32,7 +32,7 @@ WHOLE, MORE, TRIES = 1e-6, 1.1, 60
 
 @dataclass(frozen=True)
 class MotionState:
-    """Where a motion begins or ends.   m, m/s, m/s²; (6.27) to (6.32)."""
+    """State in which a motion begins or ends.   m, m/s, m/s²; (6.27) to (6.32)."""
 
     position_m: float
     velocity_m_s: float = 0.0
@@ -69,7 +69,7 @@ class MotionBounds:
 
     @classmethod
     def symmetric(cls, limits: TrajectoryLimits) -> MotionBounds:
-        """The same in both directions (table A.8)."""
+        """Limits that are equal in both directions (table A.8)."""
         v, a, j = limits.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3
         return cls(-v, v, -a, a, -j, j)
 
@@ -153,7 +153,7 @@ class SevenPhases:
         )
 
     def extremes(self) -> Extremes:
-        """What is reached, exactly: at the ends of phases, and where acceleration or speed pass zero inside one."""
+        """Extremes reached, exactly: at the ends of phases, and where acceleration or speed pass zero inside one."""
         states, found = self._states(), []
         for state, jerk, duration in zip(states, self.jerks_m_s3, self.durations_s, strict=False):
             _, v, a = state
@@ -166,7 +166,7 @@ class SevenPhases:
         return Extremes(*ranges)
 
     def mirrored(self) -> SevenPhases:
-        """The same motion the other way: every sign turned round."""
+        """Motion the other way: every sign turned round."""
         return SevenPhases(_mirrored(self.start), _mirrored(self.end), self.durations_s, -self.jerks_m_s3)
 
     def sampled(self, sample_period_s: float) -> Trajectory:

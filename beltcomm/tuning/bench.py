@@ -145,7 +145,7 @@ class Bench:
         return self.once(("tracked", shown_kg), lambda: self.tracked(self.ground.present, shown_kg))
 
     def reach(self, setting: SliderSetting) -> Reach:
-        """Where each slider may stand while the others stay, and advice where the setting has no design."""
+        """Range of each slider while the others stay, and advice where the setting has no design."""
         prefilter, lag, plants = self._prefilter(setting), setting.velocity_filter_s, self._plants(setting.payload_kg)
         table = self.once(("table", setting.payload_kg, prefilter, lag), lambda: table_of(plants, prefilter, lag))
         return reach_of(table, setting, plants, prefilter)
@@ -216,7 +216,7 @@ class Bench:
         return known[setting.prefilter]
 
     def once(self, key: tuple[Any, ...], make: Callable[[], T]) -> T:
-        """What ``make`` gives, made once; whoever comes meanwhile waits."""
+        """Value of ``make``, made once; whoever comes meanwhile waits."""
         with self._lock:
             lock = self._locks.setdefault(key, threading.Lock())
         with lock:

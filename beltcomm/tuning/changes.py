@@ -1,4 +1,4 @@
-"""What changed against the present design: a table and one sentence."""
+"""Differences to the present design: a table and one sentence."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class TuningChange:
 
     @property
     def same(self) -> bool:
-        """Whether both are the same but for the sliders' steps."""
+        """True if both are alike but for the sliders' steps."""
         return math.isclose(self.present, self.new, rel_tol=self.same_share, abs_tol=0.3 if self.unit in ("deg", "dB") else 1e-9)
 
 
@@ -57,7 +57,7 @@ def error_changes(present: TrackingError, new: TrackingError) -> tuple[TuningCha
 
 
 def sentence(found: Sequence[TuningChange]) -> str:
-    """What differs, largest numbers of interest first, in one line."""
+    """Differences, largest numbers of interest first, in one line."""
     told = [change for change in found if change.better is not None and not change.same]
     if not told:
         return "Nothing changed against the present design."

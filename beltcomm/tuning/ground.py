@@ -1,4 +1,4 @@
-"""What tuning of one run rests on, and what the page's controls hold."""
+"""Basis of the tuning of one run, and the setting of the page's controls."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class DesignInput:
 
 @dataclass(frozen=True)
 class SliderSetting:
-    """What the controls hold.
+    """Setting of the controls.
 
     prefilter : its key, see :func:`key_of`.   velocity_filter_s : T_R.   payload_kg : heaviest load beyond what is mounted; the design
     holds for it and for none.   loaded : the curves are drawn with it.   position_m : where they are drawn.
@@ -74,7 +74,7 @@ class SliderSetting:
         return self.payload_kg if self.loaded else 0.0
 
     def turned(self, knobs: Knobs) -> SliderSetting:
-        """The same with other knobs."""
+        """Setting with other knobs."""
         return replace(
             self,
             phase_margin_deg=knobs.phase_margin_deg,

@@ -26,7 +26,7 @@ class Kind:
 
 @dataclass(frozen=True)
 class LoopDemand:
-    """What is asked of a loop; gain margin and sensitivity are 6 dB always."""
+    """Demand on a loop; gain margin and sensitivity are 6 dB always."""
 
     key: str
     title: str

@@ -1,4 +1,4 @@
-"""Where the sliders may stand: what of their ranges has a design while the other knobs stay."""
+"""Reach of the sliders: the parts of their ranges that have a design while the other knobs stay."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Reach:
 
 
 def table_of(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: float) -> FeasibilityTable:
-    """What the velocity loop can have with one prefilter and T_R, on all plants; about a second."""
+    """Velocity loops possible with one prefilter and T_R, on all plants; about a second."""
     shape = loop_shape(plants.search, prefilter, velocity_filter_s)
     (low, high), (least, most) = RANGES["phase_margin_deg"], RANGES["suppression_db"]
     margins, suppressions = np.arange(low, high + 1e-9, _MARGIN_STEP), np.arange(least, most + 1e-9, _SUPPRESSION_STEP)
@@ -72,7 +72,7 @@ def _advice(setting: SliderSetting, pieces: dict[str, list[tuple[float, float]]]
 
 
 def _way(name: str, value: float, pieces: list[tuple[float, float]]) -> str:
-    """How far one slider would have to go."""
+    """Way that one slider would have to go."""
     if not pieces:
         return ""
     low, high = min(pieces, key=lambda piece: max(piece[0] - value, value - piece[1]))

@@ -44,7 +44,7 @@ class WallClock(Protocol):
 
 
 class Node(Protocol):
-    """What the bus asks of a node attached to it."""
+    """Interface of a node attached to the bus."""
 
     def receive(self, identifier: int, data: bytes, remote: bool) -> None:
         """Take one frame with an 11-bit identifier; answers go out by :meth:`LockstepBus.transmit`."""

@@ -20,7 +20,7 @@ class DriveState(IntEnum):
 
 
 class Command(IntEnum):
-    """What the bits 7, 3, 2, 1, 0 of the controlword ask for."""
+    """Command in the bits 7, 3, 2, 1, 0 of the controlword."""
 
     DISABLE_VOLTAGE = 0
     QUICK_STOP = 1
@@ -92,7 +92,7 @@ class DriveStateMachine:
 
     @property
     def powered(self) -> bool:
-        """Whether the motor carries torque."""
+        """True if the motor carries torque."""
         return self.state in POWERED
 
     def power_on(self) -> None:

@@ -152,7 +152,7 @@ class VirtualDrive:
 
     @property
     def powered(self) -> bool:
-        """Whether the motor carries torque."""
+        """True if the motor carries torque."""
         return self._servo.machine.powered
 
     @property

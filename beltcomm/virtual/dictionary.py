@@ -105,7 +105,7 @@ class ObjectEntry:
 
     @property
     def needs_check(self) -> bool:
-        """Whether a value of the right type can still be refused."""
+        """True if a value of the right type can still be refused."""
         row = self.row
         return self.check is not None or row.low is not None or row.high is not None or row.when != "any"
 
@@ -146,7 +146,7 @@ class ObjectDictionary:
         return self._entries[index, subindex]
 
     def has(self, index: int, subindex: int = 0) -> bool:
-        """Whether the drive has this object, or the quantity without one."""
+        """True if the drive has this object, or the quantity without one."""
         return (index, subindex) in self._entries
 
     def seen(self, index: int, subindex: int = 0) -> ObjectEntry:
@@ -157,7 +157,7 @@ class ObjectDictionary:
         return found
 
     def alias(self, index: int, subindex: int, other: ObjectEntry) -> None:
-        """The same quantity under a second number."""
+        """Give a quantity a second number."""
         self._entries[index, subindex] = _Alias(index, subindex, other)
         self._indices.add(index)
 

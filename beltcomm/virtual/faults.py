@@ -23,13 +23,13 @@ _KINDS: tuple[FrameKind, ...] = (
 
 
 def kind_of(identifier: int) -> FrameKind:
-    """What a frame is for, by its identifier; ``life`` is boot-up, heartbeat and node guarding."""
+    """Purpose of a frame, by its identifier; ``life`` is boot-up, heartbeat and node guarding."""
     return "sync" if identifier == 0x80 else _KINDS[identifier >> 7 & 0xF]
 
 
 @dataclass
 class Faults:
-    """What is wrong with this drive.
+    """Faults of this drive.
 
     drop_tpdo : numbers (from 1) of the transmit PDOs, counted over all four, that get lost on the bus.
     ignore_sync, late_sync : numbers (from 1) of the SYNCs that are not seen, or acted upon one tick later.
@@ -95,18 +95,18 @@ class Faults:
 
     @property
     def has_power(self) -> bool:
-        """Whether the DC link could drive the motor."""
+        """True if the DC link could drive the motor."""
         return self.dc_link_v is None or self.dc_link_v >= LOWEST_DC_LINK_V
 
     @property
     def stage_blocked(self) -> bool:
-        """Whether something other than a fault keeps the stage off."""
+        """True if something other than a fault keeps the stage off."""
         return self.sto_open or self.enable_input_low or (self.dc_link_v is not None and not self.has_power)
 
 
 @dataclass(frozen=True)
 class FrameFault:
-    """What happens to some frames on their way.
+    """Fault of some frames on their way.
 
     what : lost, late by ``delay_s``, doubled, or swapped with the next frame of its direction.
     direction, kinds : the frames it looks at.   Of them it takes those with ``numbers`` (from 1), and of the rest a share ``rate``, drawn
@@ -125,7 +125,7 @@ class FrameFault:
 
 @dataclass
 class BusFaults:
-    """What is wrong between the host and the nodes.
+    """Faults between the host and the nodes.
 
     frames, seed : faults of single frames; the first that takes a frame has it.
     off_from_s, off_until_s : bus-off: the interface raises python-can's errors, for good or for a time, and carries nothing.

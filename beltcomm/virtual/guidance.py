@@ -32,7 +32,7 @@ class Guidance:
         self._on_at_s: float | None = None
 
     def follow(self, controlword: int, now_s: float) -> None:
-        """As far as this controlword leads."""
+        """Follow this controlword as far as it leads."""
         command, machine = decode(controlword), self._machine
         if machine.state == DriveState.OPERATION_ENABLED:
             option = self._options.get(command)

@@ -64,7 +64,7 @@ class Homing(OperationMode):
 
     @property
     def under_way(self) -> bool:
-        """Whether an end switch is being looked for or left."""
+        """True if an end switch is being looked for or left."""
         return self._phase in (_Phase.TOWARDS, _Phase.OFF, _Phase.INDEX, _Phase.STOPPING)
 
     def start(self) -> None:

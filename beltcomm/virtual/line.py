@@ -41,7 +41,7 @@ class TimedLine(Generic[Cargo]):
             raise can.CanOperationError("the controller is in the state bus-off")
 
     def ahead_s(self, tick: int, stamps: bool = False) -> float:
-        """How far the host's clock, or the one of the ``stamps``, is ahead of virtual time, s."""
+        """Lead of the host's clock, or of the one of the ``stamps``, over virtual time, s."""
         faults = self.faults
         if faults.clock_jump_at_s is None or tick / self._per_second < faults.clock_jump_at_s:
             return 0.0

@@ -23,7 +23,7 @@ _NO_TORQUE_NM = 1e-9
 
 
 class Loops:
-    """What the modes of operation drive the axis with.
+    """Loops with which the modes of operation drive the axis.
 
     angle_rad, speed_rad_s : the present sample.   limit_nm : bound of the torque setpoint.
     demand_rad, following_error_rad, output_rad_s, demand_nm : position reference, error and output of the position

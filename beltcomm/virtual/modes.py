@@ -341,7 +341,7 @@ class NoMode(OperationMode):
 
 
 class StopKind(IntEnum):
-    """How a stop brakes: not at all, along 6084h, along 6085h, at the limit of the current.  Values of 605Eh."""
+    """Kind of a stop: no braking, along 6084h, along 6085h, at the limit of the current.  Values of 605Eh."""
 
     COAST = 0
     PROFILE = 1

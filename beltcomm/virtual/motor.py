@@ -1,4 +1,4 @@
-"""What the virtual drive knows of the motor it is parametrised for."""
+"""Motor that the virtual drive is parametrised for."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ def communication_rows(node_id: int, name: str, vendor: int, product: int) -> li
 
 
 def standard_rows() -> list[ObjectRow]:
-    """What CiA 301 and CiA 402 have beside, and not every drive: SYNC, error behaviour, reactions."""
+    """Objects of CiA 301 and CiA 402 that not every drive has: SYNC, error behaviour, reactions."""
     return [
         parameter(0x1006, 0, "u32", 0, "communication cycle period, us", pdo=""),
         parameter(0x1007, 0, "u32", 0, "synchronous window length, us", pdo=""),

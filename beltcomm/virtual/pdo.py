@@ -33,7 +33,7 @@ _DUMMIES = {index << 16 | bits: ObjectRow(index, 0, kind, "wo", 0, "dummy", pdo=
 
 @dataclass(frozen=True)
 class PdoRules:
-    """What a drive can do with its PDOs.
+    """Abilities of a drive with its PDOs.
 
     types : transmission types it takes.   type_254_is_cyclic : a transmit PDO of type 254 is sent every inhibit time.
     dummies : receive PDOs map data types as gaps.   remote : remote frames are answered where bit 30 of the COB-ID allows it.
@@ -62,7 +62,7 @@ def _restricted(identifier: int) -> bool:
 
 
 def _packer(pack: Callable[..., bytes], entries: Sequence[ObjectEntry]) -> Callable[[], bytes]:
-    """What makes the frame of these objects as they are then; two or three, which go out every period, without a list between."""
+    """Maker of the frame of these objects as they are then; two or three, which go out every period, without a list between."""
     if len(entries) == 2:
         first, second = entries
         return lambda: pack(first.value, second.value)
@@ -217,7 +217,7 @@ class _TransmitPdo(_Pdo):
 
     @property
     def remote(self) -> bool:
-        """Whether a remote frame is answered."""
+        """True if a remote frame is answered."""
         return self._rules.remote and not self._cob_id.value & PDO_NO_RTR
 
     def on_request(self) -> None:

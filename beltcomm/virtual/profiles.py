@@ -41,7 +41,7 @@ class UserUnits:
 
 @dataclass(frozen=True)
 class VirtualProfile:
-    """What tells one kind of drive from the other.
+    """Differences between kinds of drives.
 
     rows : objects by (node ID, motor, encoder counts per revolution).   scaling, cascade, output_limit : from the
     dictionary; output_limit gives bound and dead zone of the position controller, rad/s and rad.
@@ -314,7 +314,7 @@ CMMP_AS = VirtualProfile(
 
 
 def with_gain_units(profile: VirtualProfile, velocity: float, position: float, integral_time: float = 1.0) -> VirtualProfile:
-    """The same drive, whose gains of 1.0 mean so many times what docs/reference-drive.md says of them."""
+    """Profile whose gains of 1.0 mean so many times what docs/reference-drive.md says of them."""
 
     def cascade(dictionary: ObjectDictionary, motor: Nameplate) -> Cascade:
         said = profile.cascade(dictionary, motor)

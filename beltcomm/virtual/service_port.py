@@ -20,7 +20,7 @@ LONGEST_LINE = 80
 
 @dataclass
 class LineFaults:
-    """What is wrong with this line; shares are probabilities per character or per answer, times are virtual time in s, None is never.
+    """Faults of this line; shares are probabilities per character or per answer, times are virtual time in s, None is never.
 
     seed : of everything random here.     latency_s : the firmware's time for an answer.
     noise : share of characters, either way, that arrive as others.     lost, cut, doubled : share of answers that never come, lose
@@ -178,7 +178,7 @@ class LockstepPort:
         self._port.send(data, self.bitrate)
 
     def read(self, timeout_s: float) -> bytes:
-        """What has come; virtual time runs until something has, at most ``timeout_s``.  Raises OSError after :meth:`close`."""
+        """Characters that have come; virtual time runs until some have, at most ``timeout_s``.  Raises OSError after :meth:`close`."""
         self._check()
         end_s = self._bus.clock.now() + timeout_s
         while not (data := self._port.take(self.bitrate)) and self._bus.clock.now() < end_s - 1e-9:

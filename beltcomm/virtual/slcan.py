@@ -36,7 +36,7 @@ class ByteLine(Protocol):
     address: str
 
     def fileno(self) -> int:
-        """What to wait on for bytes, or for a host."""
+        """Descriptor to wait on for bytes, or for a host."""
         ...
 
     def read(self) -> bytes | None:
@@ -152,7 +152,7 @@ class LocalSocket:
             return len(data)  # the host has gone; reading will find that out
 
     def forget(self) -> None:
-        """What is on its way cannot be called back."""
+        """Do nothing: what is on its way cannot be called back."""
 
     def close(self) -> None:
         """See :class:`ByteLine`."""

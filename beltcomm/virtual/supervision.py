@@ -1,4 +1,4 @@
-"""What the drive watches while its motor carries torque, and with which code and reaction it faults."""
+"""Supervision by the drive while its motor carries torque, and code and reaction of its faults."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ class TorqueDelivery:
 
     @property
     def acts(self) -> bool:
-        """Whether the path changes a held setpoint at all."""
+        """True if the path changes a held setpoint at all."""
         return self._order > 0 or self._slew_nm_tick > 0.0
 
     def reset(self) -> None:
@@ -109,7 +109,7 @@ class TorqueDelivery:
         return pieces
 
     def _ramp(self, setpoint_nm: float, share: float) -> tuple[float, float]:
-        """How long the slope limit acts, in ticks, and the slope, N m per tick."""
+        """Time for which the slope limit acts, in ticks, and the slope, N m per tick."""
         gap = setpoint_nm - self._state.item(-1)
         left = abs(gap) / self._slew_nm_tick if self._slew_nm_tick > 0.0 else 0.0
         if left <= _ROUNDING:
@@ -126,7 +126,7 @@ class TorqueDelivery:
         return [(torque, share / count) for torque in solved[:count]]
 
     def _rests(self) -> bool:
-        """Whether every filter has arrived at its input."""
+        """True if every filter has arrived at its input."""
         *inner, asked = self._state.tolist()
         return all(value == asked for value in inner)
 

@@ -28,9 +28,9 @@ RECORDS = ("05_frf_p1_a2", "10_slow_p0")
 def gapped(tmp_path_factory: pytest.TempPathFactory) -> Gapped:
     """A machine with a gap, a start model, and a few iterations from it."""
     folder = tmp_path_factory.mktemp("fitting") / "run"
-    write_session(draw(37, ("backlash",), 1.0, "sheet"), folder, plan="thorough")
+    write_session(draw(37, ("backlash",), 1.0, "sheet"), folder, only=RECORDS)
     run = RunFolder.open(folder)
-    records = [recording for recording in run.recordings() if recording.name in RECORDS]
+    records = run.recordings()
     model = start_model(run.axis, records).with_effect("backlash")
     data = prepare(records, run.axis, model)
     return data, model, fit(data, model, AT_A_TIME)

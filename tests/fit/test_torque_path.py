@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from beltcomm.fit.torque_path import FAITHFUL, DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict, torque_at
 from beltcomm.simulate.intersample import CELLS
@@ -130,13 +132,54 @@ def test_a_reading_that_is_the_command_says_nothing_beside_the_setpoint(setpoint
     np.testing.assert_allclose(inside.cells(torque, 4), means(course, 4).reshape(-1), atol=1e-5)
 
 
-@pytest.mark.parametrize(("lag", "share"), [(Lag("sampled", (0.25,)), 0.25), (Lag("first order", (2e-3,)), 1.0 - np.exp(-0.5))])
-def test_without_a_setpoint_the_readings_filter_is_undone(setpoint: np.ndarray, lag: Lag, share: float) -> None:
-    torque, inside = TorquePath(None, ReadingLaw(0.0, (lag,))).acting_torque(smoothed(setpoint, share), None, SAMPLE_S)
-    np.testing.assert_allclose(torque, setpoint, atol=1e-9)
-    assert inside is None
-    torque, _ = TorquePath(None, ReadingLaw(1.0)).acting_torque(np.append(setpoint[0], setpoint[:-1]), None, SAMPLE_S)
-    np.testing.assert_array_equal(torque[:-1], setpoint[:-1])
+UNSEEN = [
+    TorquePath(None, ReadingLaw(0.0, (Lag("sampled", (0.25,)),))),
+    TorquePath(None, ReadingLaw(0.0, (Lag("first order", (2e-3,)),), at_end=True)),
+    TorquePath(None, ReadingLaw(1.0)),
+    TorquePath(DriveLaw(0.0, (Lag("first order", (0.4e-3,)),)), unseen=True),
+    TorquePath(DriveLaw(0.35), unseen=True),
+    TorquePath(DriveLaw(0.0, (Lag("second order", (700.0, 0.6)),)), ReadingLaw(0.25, at_end=True), unseen=True),
+    TorquePath(DriveLaw(0.4, (Lag("first order", (0.3e-3,)),)), ReadingLaw(0.2, (Lag("sampled", (0.4,)),)), unseen=True),
+    TorquePath(DriveLaw(0.0), ReadingLaw(0.7), unseen=True),
+]
+
+
+@pytest.mark.parametrize("path", UNSEEN)
+def test_without_a_setpoint_the_reading_tells_it(setpoint: np.ndarray, path: TorquePath) -> None:
+    """The reading by the laws themselves, which the tests above hold against other formulas."""
+    law = path.drive or DriveLaw(0.0)
+    cells = law.cells(setpoint, SAMPLE_S)
+    torque, inside = path.acting_torque(path.reading.read(cells, SAMPLE_S), None, SAMPLE_S)
+    middle = slice(60, -60)
+    np.testing.assert_allclose(torque[middle], cells.mean(axis=1)[middle], atol=1e-6)
+    found = torque[:, None] + (np.zeros((1, 1)) if inside is None else inside.above)
+    np.testing.assert_allclose(np.broadcast_to(found, cells.shape)[middle], cells[middle], atol=1e-6)
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.6])
+@pytest.mark.parametrize("path", UNSEEN)
+def test_noise_of_an_undone_reading_is_as_large_and_coloured_as_is_said(path: TorquePath, pole: float) -> None:
+    """In the triangular mean over two periods, as in the residual."""
+    new = np.random.default_rng(10).normal(0.0, 1.0, 100_000)
+    noise = lfilter([math.sqrt(1.0 - pole**2)], [1.0, -pole], new)
+    torque, inside = path.acting_torque(noise, None, SAMPLE_S)
+    cells = torque[:, None] + (np.zeros((1, CELLS)) if inside is None else inside.above)
+    rising = (np.arange(CELLS) + 0.5) / CELLS**2
+    left = cells[:-1] @ rising + cells[1:] @ rising[::-1]
+    colour = path.acting_noise(pole, SAMPLE_S)
+    told = lfilter(colour.numerator, colour.denominator, np.eye(1, 400)[0])
+    assert abs(np.roots(colour.numerator)).max(initial=0.0) < 1.0 + 1e-9
+    for lag in range(4):
+        shown = float(np.mean(left[lag:] * left[: len(left) - lag]))
+        assert shown == pytest.approx(float(told[lag:] @ told[: 400 - lag]), abs=0.02 * float(np.var(left)))
+
+
+def test_a_law_that_lets_a_frequency_vanish_cannot_be_undone() -> None:
+    """Half of each of two neighbours is read: at half the sampling frequency nothing."""
+    path = TorquePath(DriveLaw(0.0), ReadingLaw(0.5), unseen=True)
+    assert not path.can_be_undone(SAMPLE_S)
+    with pytest.raises(ValueError, match=r"at a frequency; at least 0\.02 is needed"):
+        path.acting_noise(0.0, SAMPLE_S)
 
 
 PATHS = [
@@ -162,25 +205,6 @@ def test_a_damaged_path_is_refused(damage: dict[str, object]) -> None:
     strange["drive"]["lags"][0]["kind"] = "notch"
     with pytest.raises(ValueError, match="notch"):
         path_from_dict(strange)
-
-
-@pytest.mark.parametrize("late", [0.3, 0.7, 1.0, 1.4])
-def test_a_late_reading_is_undone_without_a_setpoint(late: float) -> None:
-    torque = np.random.default_rng(9).normal(0.0, 0.2, 400)
-    whole, part = int(late), late - int(late)
-    means = np.concatenate((np.full(whole, torque[0]), torque[: len(torque) - whole]))
-    before = np.concatenate((means[:1], means[:-1]))
-    found, _ = TorquePath(None, ReadingLaw(late)).acting_torque((1.0 - part) * means + part * before, None, SAMPLE_S)
-    np.testing.assert_allclose(found[40:-40], torque[40:-40], atol=1e-5)
-
-
-def test_noise_of_an_undone_reading_is_as_large_and_coloured_as_is_said() -> None:
-    path, noise = TorquePath(None, ReadingLaw(0.3)), np.random.default_rng(10).normal(0.0, 1.0, 200_000)
-    size, colour = path.noise_undone(0.0)
-    found, _ = path.acting_torque(noise, None, SAMPLE_S)
-    assert float(np.std(found)) == pytest.approx(size, rel=0.01)
-    assert float(np.mean(found[1:] * found[:-1]) / np.var(found)) == pytest.approx(colour, abs=0.01)
-    assert TorquePath(DriveLaw(1.0), ReadingLaw(0.3)).noise_undone(0.2) == (1.0, 0.2)
 
 
 def test_a_limited_slew_rate_is_exact_between_cells() -> None:

@@ -142,7 +142,7 @@ def test_without_an_axis_the_run_is_one_rigid_mass(log: Path, tmp_path: Path) ->
     outcome = call(log, "--run", run, "--set", "limits.speed_m_s=200mm/s", *MAPPED)
     assert outcome.exit_code == 0, outcome.output
     axis = RunFolder.open(run).axis
-    assert (axis.name, axis.has_belt, axis.limits.speed_m_s, axis.transmission_m_rad) == ("lathe", False, 0.2, 1.0)
+    assert (axis.name, axis.has_transmission, axis.limits.speed_m_s, axis.transmission_m_rad) == ("lathe", False, 0.2, 1.0)
     outcome = call(log, "--run", tmp_path / "plain", *MAPPED)
     assert "No --axis was given: the run has an axis.yaml with the name 'plain' only, one rigid mass." in outcome.stdout
     assert (tmp_path / "plain" / "axis.yaml").is_file()

@@ -144,7 +144,8 @@ def compared(request: pytest.FixtureRequest, name: str, found: str) -> None:
     path = HERE / name
     if request.config.getoption("--regenerate"):
         path.write_text(found, encoding="utf-8")
-    assert found.splitlines() == path.read_text(encoding="utf-8").splitlines()
+    kept = path.read_text(encoding="utf-8")
+    assert found.splitlines() == kept.splitlines(), f"if it was meant: pytest tests/golden --regenerate, and look at the diff of {name}"
 
 
 def as_text(found: Any) -> str:

@@ -312,7 +312,7 @@ def test_the_command_ends_with_a_sentence_and_its_code(folder: Path, tmp_path: P
 
 
 def test_a_model_beyond_all_measure_is_unfit_data_and_no_number() -> None:
-    with pytest.raises(DataError, match="cannot be explained by any model of a belt axis") as problem:
+    with pytest.raises(DataError, match="cannot be explained by any model of an axis") as problem:
         explainable(2.5e14, Path("R"))
     assert "2.5e" not in str(problem.value)
     assert "beltcomm bundle R" in str(problem.value)

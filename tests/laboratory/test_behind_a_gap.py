@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,27 +19,40 @@ from beltcomm.fit.start import start_model
 from beltcomm.laboratory.forward_selection import may_add, search
 from beltcomm.laboratory.score import Scored, Scorer, ground_of
 from beltcomm.runfolder import RunFolder
-from truth.hidden import draw, write_session
+from truth.hidden import Machine, draw, write_session
 
-#: A fast sweep and one response: the whole session takes half a minute.
+#: A fast sweep and one response of the thorough plan: the whole session takes half a minute.
 RECORDS = ("01_sweep_fast_1", "05_frf_p1_a2")
+
+
+@pytest.fixture(scope="module")
+def tilted_gap(tmp_path_factory: pytest.TempPathFactory) -> tuple[Machine, Path]:
+    """A machine with a gap and a tilt, and the two records of it."""
+    machine, run = draw(34, ("backlash", "tilt"), 1.0, "sheet"), tmp_path_factory.mktemp("tilted") / "run"
+    write_session(machine, run, only=RECORDS)
+    return machine, run
 
 
 def records_of(folder: Path, effects: tuple[str, ...], strength: float, seed: int, *, gap: bool) -> tuple[RunFolder, Data, Fitted]:
     """Two records of a machine with these effects, and a fit of the base model to them.   gap : with a gap in it."""
-    write_session(draw(seed, effects, strength, "sheet"), folder / "run", plan="thorough")
-    run = RunFolder.open(folder / "run")
-    records = [recording for recording in run.recordings() if recording.name in RECORDS]
+    write_session(draw(seed, effects, strength, "sheet"), folder / "run", only=RECORDS)
+    return fitted_to(folder / "run", gap=gap)
+
+
+def fitted_to(folder: Path, *, gap: bool) -> tuple[RunFolder, Data, Fitted]:
+    """The base model fitted to the two records.   gap : with a gap in it."""
+    run = RunFolder.open(folder)
+    records = run.recordings()
     model = start_model(run.axis, records)
     model = model.with_effect("backlash") if gap else model
     data = prepare(records, run.axis, model)
     return run, data, fit(data, model, 12)
 
 
-def test_behind_a_gap_a_tilt_is_found_at_the_carriage(tmp_path: Path) -> None:
+def test_behind_a_gap_a_tilt_is_found_at_the_carriage(tilted_gap: tuple[Machine, Path]) -> None:
     """It pushes the carriage to one side of its gap, which no torque at the motor does; a chain was named for it, or nothing."""
-    machine = draw(34, ("backlash", "tilt"), 1.0, "sheet")
-    run, data, base = records_of(tmp_path, ("backlash", "tilt"), 1.0, 34, gap=True)
+    machine, folder = tilted_gap
+    run, data, base = fitted_to(folder, gap=True)
     three = [effect_named(name) for name in ("constant_offset", "cable_chain", "tilt")]
     first, second, *_ = search(data, Scorer(base), ground_of(base, data.fitted, run.axis), three)
     assert first.effect.name == "tilt"
@@ -55,13 +69,9 @@ def test_without_a_gap_a_tilt_is_not_put_on_trial(tmp_path: Path) -> None:
     assert may_add(plain, effect_named("constant_offset"))
 
 
-def test_behind_a_gap_a_tilt_is_added_and_taken_out_by_its_own_name(tmp_path: Path) -> None:
+def test_behind_a_gap_a_tilt_is_added_and_taken_out_by_its_own_name(tilted_gap: tuple[Machine, Path], tmp_path: Path) -> None:
     """There it is no longer one with a constant torque at the motor."""
-    run = tmp_path / "run"
-    write_session(draw(34, ("backlash", "tilt"), 1.0, "sheet"), run, plan="thorough")
-    for path in (run / "recordings").iterdir():
-        if not path.name.startswith(RECORDS):
-            path.unlink()
+    run = shutil.copytree(tilted_gap[1], tmp_path / "run")
     changes = []
     for words in (("add", "backlash"), ("add", "tilt"), ("remove", "tilt")):
         options = ("--json", "--no-pictures", *(("--no-cost",) if words[0] == "add" else ()))
@@ -90,12 +100,8 @@ def test_friction_of_the_carriage_is_refitted_behind_a_gap_whatever_the_score_pr
     """So an end pulley was named on an axis that had a gap of 0.2 mm and friction at the carriage: of that the score promised 50 nats of
     23 000.  Here it is made to promise less than a refit is worth."""
     machine = draw(33, ("backlash", "cart_friction"), 1.0, "sheet")
-    write_session(machine, tmp_path / "run", plan="thorough")
-    run = RunFolder.open(tmp_path / "run")
-    records = [recording for recording in run.recordings() if recording.name in RECORDS]
-    model = start_model(run.axis, records).with_effect("backlash")
-    data = prepare(records, run.axis, model)
-    base = fit(data, model, 12)
+    write_session(machine, tmp_path / "run", only=RECORDS)
+    run, data, base = fitted_to(tmp_path / "run", gap=True)
     score = Scorer.score
 
     def blind(scorer: Scorer, effect: Effect, ground: AxisSummary) -> Sequence[Scored]:

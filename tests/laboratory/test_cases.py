@@ -242,10 +242,10 @@ def test_what_fit_explains_is_not_refused_by_diagnose_which_names_the_encoder(fr
 
 
 def test_all_commands_tell_the_same_parameters(fresh: dict[str, Path]) -> None:
-    run = str(fresh["fit"])
-    fit = told("fit", run)["model"]["parameters"]
-    compared = told("compare", run, "--no-pictures")
-    diagnosed = told("diagnose", run, "--no-cost")
+    """Each by itself, without what another one kept in the folder."""
+    fit = told("fit", str(fresh["fit"]))["model"]["parameters"]
+    compared = told("compare", str(fresh["compare"]), "--no-pictures")
+    diagnosed = told("diagnose", str(fresh["diagnose"]), "--no-cost")
     free = [name for name, item in fit.items() if item["interval"] is not None]
     assert len(free) >= 6
     close(fit, compared["model"]["parameters"], free)

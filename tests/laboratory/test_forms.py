@@ -135,9 +135,9 @@ def test_a_part_at_the_carriage_promises_much_where_it_is_and_nothing_where_it_i
 
     The tight spot is where the response was measured, half way: at other places nothing would tell.
     """
-    write_session(draw(893131, (name,), 0.5, "sheet"), tmp_path / "run", plan="thorough")
+    write_session(draw(893131, (name,), 0.5, "sheet"), tmp_path / "run", only=RECORDS)
     run = RunFolder.open(tmp_path / "run")
-    records = [recording for recording in run.recordings() if recording.name in RECORDS]
+    records = run.recordings()
     model = start_model(run.axis, records).with_effect(name, {"place": 0.5} if name == "friction_position" else {})
     data, effect, one = prepare(records, run.axis, model), effect_named(name), f"{name}_cart"
     at_motor = fit(data, model, 12)

@@ -52,11 +52,16 @@ def beltcomm(*words: str) -> Result:
     return result
 
 
-def test_the_hidden_effect_is_added_and_the_error_falls(hidden_cogging: tuple[Path, float], tmp_path: Path) -> None:
+def test_compare_says_where_the_hidden_effect_is_added_and_the_error_falls(hidden_cogging: tuple[Path, float], tmp_path: Path) -> None:
     folder, order = hidden_cogging
     run = tmp_path / "run"
     shutil.copytree(folder, run)
     before = {path: path.read_bytes() for path in sorted((run / "recordings").iterdir())}
+
+    first = json.loads(beltcomm("compare", str(run), "--no-pictures").stdout)["worst"][0]
+    assert (first["dimension"], first["low"]) == ("angle", order)
+    assert first["text"].startswith(f"{order:.0f} times per turn of the motor")
+    assert not (run / "pictures").exists()
 
     added = json.loads(beltcomm("add", "cogging", str(run)).stdout)
     assert added["before"]["ratio"] > 1.2
@@ -83,16 +88,6 @@ def test_the_hidden_effect_is_added_and_the_error_falls(hidden_cogging: tuple[Pa
     assert f"    beltcomm add cogging {run}" in text
     assert f"{1e6 * added['cost']['unaware']['dynamic_m']:.0f} (" in text
     assert {path: path.read_bytes() for path in sorted((run / "recordings").iterdir())} == before
-
-
-def test_compare_says_where(hidden_cogging: tuple[Path, float], tmp_path: Path) -> None:
-    folder, order = hidden_cogging
-    run = tmp_path / "run"
-    shutil.copytree(folder, run)
-    first = json.loads(beltcomm("compare", str(run), "--no-pictures").stdout)["worst"][0]
-    assert (first["dimension"], first["low"]) == ("angle", order)
-    assert first["text"].startswith(f"{order:.0f} times per turn of the motor")
-    assert not (run / "pictures").exists()
 
 
 def test_a_detour_is_judged_again(apart: tuple[Data, Fitted, dict[str, Fitted]]) -> None:

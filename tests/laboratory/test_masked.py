@@ -24,9 +24,9 @@ RECORDS = ("01_sweep_fast_1", "03_frf_p0_a2", "05_frf_p1_a2")
 
 def found_in(folder: Path, effects: tuple[str, ...], seed: int) -> tuple[Candidate | None, float]:
     """The gap beside a delay on a machine with these effects at full strength, and the error of its base."""
-    write_session(draw(seed, effects, 1.0, "sheet"), folder / "run", plan="thorough")
+    write_session(draw(seed, effects, 1.0, "sheet"), folder / "run", only=RECORDS)
     run = RunFolder.open(folder / "run")
-    records = [recording for recording in run.recordings() if recording.name in RECORDS]
+    records = run.recordings()
     start = start_model(run.axis, records)
     data, base = as_searched(*fit_base_of(records, run.axis, start))
     return gap_with_delay(data, base, fit_with_sheet_values(data, base, start)), base.ratio

@@ -23,10 +23,21 @@ from foreign.judged import COGGING, DATA, EMPS, banded_of, imported, least_squar
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the real measurements are not beside the checkout")
 
 
+def based(name: str, place: Path) -> tuple[RunFolder, Data, Fitted]:
+    """The imported records and the base model fitted to them."""
+    folder = RunFolder.open(imported(name, place))
+    records = [record for record in folder.recordings() if not record.is_static_map]
+    return folder, *fit_base_of(records, folder.axis, start_model(folder.axis, records))
+
+
 @pytest.fixture(scope="module")
 def emps(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunFolder, Data, Fitted]:
-    folder = RunFolder.open(imported("emps", tmp_path_factory.mktemp("real")))
-    return folder, *fit_base_of(folder.recordings(), folder.axis, start_model(folder.axis, folder.recordings()))
+    return based("emps", tmp_path_factory.mktemp("real"))
+
+
+@pytest.fixture(scope="module")
+def cogging(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunFolder, Data, Fitted]:
+    return based("cogging", tmp_path_factory.mktemp("real"))
 
 
 def grown(data: Data, fitted: Fitted, effects: dict[str, dict[str, float]], rounds: int = 2) -> tuple[Data, Fitted]:
@@ -58,11 +69,12 @@ def test_emps_falls_below_three_per_cent_on_the_record_that_was_not_fitted(emps:
 
 
 @pytest.mark.parametrize(("name", "band"), [("emps", EMPS), ("cogging", COGGING)])
-def test_the_base_leaves_no_more_than_least_squares_with_the_same_terms(name: str, band: tuple[float, float], tmp_path: Path) -> None:
+def test_the_base_leaves_no_more_than_least_squares_with_the_same_terms(
+    name: str, band: tuple[float, float], request: pytest.FixtureRequest
+) -> None:
     """Bands differ a little: the product's own is as wide as the noise allows, here all is judged in that of the data's authors."""
-    folder = RunFolder.open(imported(name, tmp_path))
+    folder, _, base = request.getfixturevalue(name)
     records = [r for r in folder.recordings() if not r.is_static_map]
-    _, base = fit_base_of(records, folder.axis, start_model(folder.axis, records))
     parts = {r.name: banded_of(base.model, r, *band) for r in records}
     fitted = [parts[r.name] for r in records if not r.sidecar.held_out]
     for record, plain in zip(records, least_squares(fitted, [parts[r.name] for r in records], band[1]), strict=True):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import islice
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,9 +15,7 @@ from beltcomm.laboratory import diagnosis
 from beltcomm.laboratory.diagnosis import escape_if_far_off, fit_base_of
 from beltcomm.model import build_model
 from beltcomm.runfolder import RunFolder
-from truth.hidden import draw
-from truth.hidden.folder import write_records
-from truth.hidden.session import run_session
+from truth.hidden import draw, write_session
 
 #: A fast sweep and one response: the whole session takes half a minute.
 RECORDS = ("01_sweep_fast_1", "05_frf_p1_a2")
@@ -29,9 +26,9 @@ def base(tmp_path_factory: pytest.TempPathFactory) -> tuple[Data, Fitted]:
     """A machine with an end pulley of 0.68 kg, of which one diagnosis ended in a wrong valley, and the model without it."""
     folder = tmp_path_factory.mktemp("valley") / "run"
     machine = draw(874070, ("end_pulley",), 1.0, "sheet")
-    write_records(machine, islice(run_session(machine, "thorough"), 5), folder)
+    write_session(machine, folder, only=RECORDS)
     run = RunFolder.open(folder)
-    records = [recording for recording in run.recordings() if recording.name in RECORDS]
+    records = run.recordings()
     return fit_base_of(records, run.axis, start_model(run.axis, records))
 
 

@@ -173,3 +173,12 @@ def test_a_command_finds_its_answer_again(tmp_path: Path) -> None:
     (folder.path / "kept" / "x.json").write_bytes(b"")
     assert asked(folder.path).text == ["found"]
     assert len(made) == 2
+
+
+def test_the_newest_answers_stay(tmp_path: Path) -> None:
+    for number in range(5):
+        caches.keep(tmp_path / f"answer_{number}.json", str(number), {})
+        os.utime(tmp_path / f"answer_{number}.json", (number, number))
+    caches.keep(tmp_path / "other.json", "x", {})
+    caches.keep_newest(tmp_path, "answer_*.json", 2)
+    assert {path.name for path in tmp_path.iterdir()} == {"answer_3.json", "answer_4.json", "other.json"}

@@ -211,11 +211,11 @@ def test_lost_samples_and_jitter_are_noted() -> None:
     rng = np.random.default_rng(2)
     t = np.delete(PERIOD_S * np.arange(2004), [500, 501, 700, 1500])
     kept = recording(t_s=t)
-    assert kept.gaps().tolist() == [499, 697, 1496]  # index of the last sample before each gap
+    assert kept.gaps.tolist() == [499, 697, 1496]  # index of the last sample before each gap
     assert kept.sample_period_s == pytest.approx(PERIOD_S)
     assert kept.notes == ("samples were lost at 3 places, the longest gap is 0.003 s at t = 0.499 s",)
     uneven = recording(t_s=PERIOD_S * (np.arange(2000) + rng.uniform(-0.15, 0.15, 2000)))
-    assert len(uneven.gaps()) == 0
+    assert len(uneven.gaps) == 0
     assert "the time steps deviate by up to" in uneven.notes[0]
     assert recording().notes == ()
 

@@ -125,7 +125,7 @@ def test_what_stands_on_a_rung_that_is_not_confirmed_is_held_against_the_one_bel
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rungs, "with_intervals", lambda fitted: fitted.model)
         patch.setattr(rungs, "of_run", lambda *_: (None, None))
-        patch.setattr(rungs, "band_of", lambda *_: 60.0)
+        patch.setattr(rungs, "shared_band", lambda *_: 60.0)
         patch.setattr(rungs, "keep_fit", lambda *_: None)
         patch.setattr(acceptance, "changes", lambda *_: ((-1.0, 0.0), (-1.0, 0.0)))
         assert rungs.revision_of(folder, (nothing, after), (nothing, before), "+warmup", "", "").confirmed is confirmed

@@ -158,8 +158,8 @@ def test_a_first_estimate_stays_within_what_can_be() -> None:
     """Inside a gap the motor feels a feather on a rod; as soon as the gap is crossed, ten kilograms."""
     sheet = data_sheet_model(AXIS, 0.25, 0.1)
     usual = sheet.with_values({"cart.mass": 5.0})
-    assert believable(usual, sheet) is usual
-    bounded = believable(sheet.with_values({"cart.mass": 0.09, "belt_stiffness.stiffness": 5.5e6}), sheet)
+    assert believable(usual, sheet, 0.3) is usual
+    bounded = believable(sheet.with_values({"cart.mass": 0.09, "belt_stiffness.stiffness": 5.5e6}), sheet, 0.3)
     assert bounded["cart.mass"] == 0.3
     assert bounded["belt_stiffness.stiffness"] == pytest.approx(4.0 * sheet["belt_stiffness.stiffness"])
 
@@ -221,3 +221,5 @@ def test_the_default_plan_says_what_its_records_could_name_and_keeps_it(
     assert "--visible" in quick.notes[-1]
     foresight.with_detectability(bare, AXIS, replace(capabilities, counts_per_rev=4096), Options())
     assert found.times == 2, "another encoder sees other things"
+    foresight.with_detectability(bare, AXIS, capabilities, Options())
+    assert found.times == 2, "two drives in turn are both known"

@@ -13,6 +13,7 @@ from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.configfiles import find_config
 from beltcomm.errors import DataError
+from beltcomm.fit import reading_fit
 from beltcomm.fit.acting import acting_recording
 from beltcomm.fit.first_estimate import data_sheet_model
 from beltcomm.fit.first_path import first_path
@@ -101,8 +102,11 @@ def test_a_path_is_the_same_from_its_file(tmp_path: Path) -> None:
         kept_path(folder)
 
 
-def test_intervals_of_a_filter_cover_it(shaken: Recording) -> None:
-    """Of 40 draws of the noise a half width of 95 % holds the truth in 38 ± 1.4; 33 is beyond chance."""
+def test_intervals_of_a_filter_cover_it(shaken: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 40 draws of the noise a half width of 95 % holds the truth in 38 ± 1.4; 33 is beyond chance.
+
+    Of the chains this one and none are fitted, for time; the first draw is fitted by all.
+    """
     assert shaken.torque_setpoint is not None
     clean, share = later(smoothed(shaken.torque_setpoint, 5e-4)), 1.0 - np.exp(-2.0)
     inside = 0
@@ -112,6 +116,8 @@ def test_intervals_of_a_filter_cover_it(shaken: Recording) -> None:
         assert found is not None
         assert [lag.kind for lag in found.law.lags] == ["sampled"]
         inside += abs(found.law.lags[0].values[0] - share) < found.law.lags[0].intervals[0]
+        monkeypatch.setattr(reading_fit, "CHAINS", (("sampled",),))
+        monkeypatch.setattr(reading_fit, "AT_END", ())
     assert inside >= 34
 
 

@@ -78,7 +78,7 @@ class Page:
 
     def answer(self, name: str, asked: Any, patience_s: float = PATIENCE_S) -> tuple[int, Any]:
         """An answer of the page's design tab to a question."""
-        status, whole = self.ask(f"{{token}}/design-{name}", body=json.dumps(asked).encode(), patience_s=patience_s)
+        status, whole = self.ask(f"{{token}}/{name}", body=json.dumps(asked).encode(), patience_s=patience_s)
         text = whole.partition(b"\r\n\r\n")[2].decode("utf-8", "replace")
         try:
             return status, json.loads(text)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -41,25 +41,30 @@ def csv_text(record: Record, instruments: Instruments | None = None) -> str:
     return "\n".join([",".join(names), *map(",".join, zip(*texts, strict=True)), ""])
 
 
-def write_session(machine: Machine, folder: Path | str, plan: str = "thorough") -> list[str]:
+def write_session(machine: Machine, folder: Path | str, plan: str = "thorough", only: Collection[str] = ()) -> list[str]:
     """Write ``axis.yaml`` and all recordings of a plan, nothing else; returns the names of the records.
 
+    only : names of those that are wanted, none for all; what would be recorded behind the last of them is left out.
     Raises FileExistsError when the folder holds recordings, ValueError for an unknown plan.
     """
-    return write_records(machine, run_session(machine, plan), folder)
+    return write_records(machine, run_session(machine, plan), folder, only)
 
 
-def write_records(machine: Machine, records: Iterable[Record], folder: Path | str) -> list[str]:
+def write_records(machine: Machine, records: Iterable[Record], folder: Path | str, only: Collection[str] = ()) -> list[str]:
     """The same with records that were made before."""
     folder = Path(folder)
     recordings = folder / "recordings"
     recordings.mkdir(parents=True, exist_ok=False)
     (folder / "axis.yaml").write_text(yaml.safe_dump(dict(machine.sheet), sort_keys=False), encoding="utf-8")
-    names = []
-    for record in records:
-        name = f"{len(names) + 1:02d}_{record.task.name}"
+    names: list[str] = []
+    for number, record in enumerate(records, 1):
+        name = f"{number:02d}_{record.task.name}"
+        if only and name not in only:
+            continue
         (recordings / f"{name}.csv").write_text(csv_text(record, machine.instruments), encoding="utf-8")
         text = yaml.safe_dump(sidecar(record, machine), sort_keys=False, default_flow_style=None)
         (recordings / f"{name}.yaml").write_text(text, encoding="utf-8")
         names.append(name)
+        if only and len(names) == len(only):
+            break
     return names

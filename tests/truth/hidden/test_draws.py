@@ -171,7 +171,7 @@ def test_folder_obeys_the_contract_and_hides_the_answer(tmp_path: Path) -> None:
         recording = load_recording(tmp_path / "run" / "recordings" / f"{name}.csv", axis)
         assert recording.notes == ("the sidecar's key excited_lines means nothing here",)[:0]
         assert recording.sample_period_s == pytest.approx(PERIOD_S)
-        assert len(recording.gaps()) == 0
+        assert len(recording.gaps) == 0
         assert recording.sidecar.session_time_s >= clock
         clock = recording.sidecar.session_time_s + recording.t_s[-1]
         assert recording.sidecar.held_out == ("holdout" in name)

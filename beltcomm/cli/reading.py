@@ -1,0 +1,103 @@
+"""How foreign rows are read: options of every verb that takes a file or frames of somebody else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from beltcomm.cli import options as shared
+from beltcomm.errors import UsageError
+from beltcomm.outside import read_text
+from beltcomm.quantities import parse_quantity
+
+MAP = click.option(
+    "--map",
+    "mapping",
+    multiple=True,
+    metavar="OURS=THEIRS*SCALE|FILE",
+    help="torque_nm=Iq*0.65, t_s=time*ms, position_rad=enc*rev/65536; or a file of such lines.",
+)
+RATE = click.option("--rate", metavar="HZ", help="Rows per second, when there is no time column (1000Hz, 2kHz).")
+PERIOD = click.option("--period", metavar="S", help="The same as time between rows (1ms).")
+TORQUE_ACTS = click.option(
+    "--torque-acts",
+    type=shared.WordChoice(["after", "before"]),
+    help="After its row's time stamp, as in a table when left out, or before it; in a log of frames as the drive's profile says.",
+)
+FLIP = click.option(
+    "--flip", multiple=True, type=shared.WordChoice(["torque", "position"]), help="Turn the sign of all columns of the kind."
+)
+UNWRAP = click.option(
+    "--unwrap", metavar="SPAN", help="The position is a counter that starts anew after SPAN, after scaling (1rev, 200mm)."
+)
+DROP = click.option("--drop-incomplete", is_flag=True, help="Leave out rows in which a value is missing.")
+SEPARATOR = click.option(
+    "--separator", type=shared.WordChoice(["comma", "semicolon", "tab", "space"]), help="Of a text file; recognised when left out."
+)
+DECIMAL = click.option("--decimal", type=shared.WordChoice(["point", "comma"]), help="Of a text file; recognised when left out.")
+CHANNEL = click.option("--channel", metavar="NAME", help="Of a log of several interfaces: can0.")
+NODE = click.option("--node", type=click.IntRange(1, 127), help="Of a log of several drives: the node.")
+SIGNAL = click.option("--signal", "signals", multiple=True, metavar="NAME=ID:BYTE:TYPE", help="What frames carry: 6064h=181:0:i32.")
+DBC = click.option("--dbc", type=click.Path(path_type=Path), help="DBC file that says what frames carry.")
+
+
+def reading_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Those that a stream has, which has no first and no last row."""
+    for option in (DBC, SIGNAL, NODE, CHANNEL, DROP, DECIMAL, SEPARATOR, UNWRAP, FLIP, TORQUE_ACTS, PERIOD, RATE, MAP):
+        command = option(command)
+    return command
+
+
+def _mappings(written: tuple[str, ...]) -> tuple[str, ...]:
+    """Each mapping, those in files too.   Raises UsageError for a file that is not there or is no text."""
+    from beltcomm.foreign.guess import mappings_in
+
+    found: list[str] = []
+    for text in written:
+        if "=" in text and not Path(text).is_file():
+            found.append(text)
+            continue
+        try:
+            found += mappings_in(read_text(Path(text), failure=UsageError))
+        except (OSError, ValueError) as error:
+            raise UsageError(
+                f"--map {text} is no mapping and no file of mappings; write OURS=THEIRS*SCALE, such as torque_nm=Iq*0.65"
+            ) from error
+    return tuple(found)
+
+
+def reading_of(given: dict[str, Any]) -> Any:
+    """How the options say that rows are read, a :class:`beltcomm.foreign.convert.Reading`.   Raises UsageError."""
+    from beltcomm.foreign.convert import Reading
+
+    first, last = given.get("rows") or (None, None)
+    same = (
+        *("keep", "separator", "decimal", "skip_lines", "from_s", "until_s", "torque_acts", "unwrap", "drop_incomplete"),
+        *("flip", "record", "channel", "node", "signals"),
+    )
+    return Reading(
+        mapping=_mappings(given["mapping"]),
+        **{key: given[key] for key in same if key in given},
+        dbc=str(given["dbc"]) if given["dbc"] else None,
+        period_s=_period_s(given["rate"], given["period"]),
+        even_s=_period_s(given.get("resample"), None, "--resample"),
+        first_row=first,
+        last_row=last,
+    )
+
+
+def _period_s(rate: str | None, period: str | None, option: str = "--rate") -> float | None:
+    """The time between rows from --rate or --period.  Raises UsageError for both, or what is no positive number."""
+    if rate is not None and period is not None:
+        raise UsageError("--rate and --period say the same; give one of them")
+    if period is not None:
+        return parse_quantity(period, "period_s")
+    if rate is None:
+        return None
+    value = parse_quantity(rate, "rate_hz")
+    if value <= 0.0:
+        raise UsageError(f"{option} is {value:g} Hz; it must be positive")
+    return 1.0 / value

@@ -1,0 +1,114 @@
+"""What a person asks of an excitation, in place of what would be chosen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from beltcomm.errors import Refused, UsageError
+from beltcomm.excitation.binary import MAXIMAL_TAPS, PrbsChoice, prbs_band
+from beltcomm.excitation.choice import Choice, ExcitationKind
+from beltcomm.excitation.record import FEWEST_REPEATS, REST_AFTER_S, REST_BEFORE_S
+
+
+@dataclass(frozen=True)
+class AskedExcitation:
+    """None: as it would be chosen.
+
+    Attributes
+    ----------
+    order : int or None
+        n of a PRBS (3.1).
+    bit_s : float or None, s
+        Of a bit of a PRBS, P T_s of (3.4).
+    amplitude_nm : float or None, N m, motor shaft
+        Largest torque: the sequence is ± this.
+    periods : int or None
+        Measured ones, the run-in not counted.
+    """
+
+    order: int | None = None
+    bit_s: float | None = None
+    amplitude_nm: float | None = None
+    periods: int | None = None
+
+    @property
+    def shape(self) -> bool:
+        """Whether the sequence itself is asked for."""
+        return self.order is not None or self.bit_s is not None
+
+    def check(self, kind: ExcitationKind, sample_period_s: float, torque_step_nm: float, largest_nm: float) -> None:
+        """Before anything moves: what no drive or sequence can do.
+
+        Raises
+        ------
+        UsageError
+        Refused
+            With the limit.
+        """
+        if self.shape and kind != "prbs":
+            raise UsageError(f"order and clock are those of a PRBS, and {kind} is asked for; leave one of them out")
+        if self.order is not None and self.order not in MAXIMAL_TAPS:
+            raise UsageError(f"a PRBS of order {self.order} is not available; choose an order from 3 to 16")
+        if self.bit_s is not None:
+            bits = self.bit_s / sample_period_s
+            if bits < 0.999 or abs(bits - round(bits)) > 1e-3 * bits:
+                raise UsageError(
+                    f"a bit of {1e3 * self.bit_s:.4g} ms is no whole number of samples of {1e3 * sample_period_s:.4g} ms; "
+                    f"ask for {1e3 * max(1, round(bits)) * sample_period_s:.4g} ms"
+                )
+        if self.periods is not None and self.periods < FEWEST_REPEATS:
+            raise UsageError(f"{self.periods} measured periods do not tell the noise; ask for {FEWEST_REPEATS} or more")
+        if self.amplitude_nm is None:
+            return
+        if not self.amplitude_nm >= 2.0 * torque_step_nm or not self.amplitude_nm > 0.0:
+            raise UsageError(
+                f"±{self.amplitude_nm:g} N m is below two steps of the drive's torque, {2.0 * torque_step_nm:.3g} N m; ask for more"
+            )
+        if self.amplitude_nm > largest_nm:
+            raise Refused(
+                f"±{self.amplitude_nm:g} N m is more than motor, pulley and heat allow an excitation, {largest_nm:.3g} N m; ask for less"
+            )
+
+    def of(self, choice: Choice, sample_period_s: float) -> Choice:
+        """A choice with what is asked for in its place."""
+        signal: Any = choice
+        if isinstance(signal, PrbsChoice) and self.shape:
+            order = signal.order if self.order is None else self.order
+            clock = signal.clock if self.bit_s is None else round(self.bit_s / sample_period_s)
+            line_hz, zero_hz = prbs_band(order, clock, sample_period_s)
+            words = f"order {order}, clock {clock} as asked for: lines every {line_hz:.3g} Hz, excited up to {zero_hz:.4g} Hz"
+            signal = replace(signal, order=order, clock=clock, reason=words)
+        if self.periods is not None:
+            signal = replace(signal, repeats=self.periods, reason=f"{signal.reason}; {self.periods} measured periods asked for")
+        made: Choice = signal
+        return made
+
+    def amplitude_of(self, found_nm: float, binds: str) -> None:
+        """Raise Refused where the limits allow less than is asked for.
+
+        Parameters
+        ----------
+        found_nm : float, N m
+            That they allow.
+        binds : str
+            What allows no more.
+        """
+        if self.amplitude_nm is None or found_nm >= (1.0 - 1e-3) * self.amplitude_nm:
+            return
+        what = "what the records so far allow to go on to" if binds == "step" else f"the limit on {binds}"
+        raise Refused(
+            f"±{self.amplitude_nm:g} N m is asked for, but {what} allows only ±{found_nm:.3g} N m of this sequence at this place; ask for "
+            "less, or for a shorter bit or a lower order, which go less far"
+        )
+
+    def seconds(self, sample_period_s: float) -> float | None:
+        """Of the whole record, s, where it follows from what is asked for."""
+        if self.order is None or self.bit_s is None:
+            return None
+        periods = 1 + (self.periods or FEWEST_REPEATS)
+        return REST_BEFORE_S + REST_AFTER_S + float(periods * (2**self.order - 1)) * self.bit_s
+
+
+#: Nothing is asked for.
+AS_CHOSEN = AskedExcitation()

@@ -1,0 +1,208 @@
+"""A move over and over: the torque sent along with it learnt from what is left of its error, within the limits, as long as that gets on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.control import Cascade
+from beltcomm.design.compliant import with_rest_before
+from beltcomm.design.learning import LearningFilter, learning_filter
+from beltcomm.errors import Refused
+from beltcomm.experiments.proving import Sending, verify_move
+from beltcomm.experiments.verification import in_drive
+from beltcomm.machine.machine import Machine
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+from beltcomm.simulate.stopping import total_friction
+from beltcomm.trajectory import Trajectory, at_rest
+from beltcomm.verify import REST_S, Loop, Verdict, predict_move
+
+Array = NDArray[np.float64]
+
+#: s of rest before the move, in which what is learnt may begin, and after its end for which is still learnt.
+BEFORE_S, AFTER_S = 0.05, 0.05
+#: s of an answer, its place in them, and the torque of the sample that asks for it, N m.
+ANSWER_S, ASKED_AT, ASKED_NM = 0.8, 4, 0.05
+#: Counts of an encoder that rounds nothing.
+FINE = 1 << 30
+#: Plants that the model may stand for: draws from its intervals, with so much beside them for what intervals do not know, as shares.
+PLANTS, STIFFNESS, MASS, DAMPING = 10, 0.15, 0.05, 0.5
+#: Share of the friction below which no torque is worth learning.
+WORTH = 0.02
+#: Times the least error so far, from which on the learning is stopped.
+DIVERGES = 1.3
+
+
+@dataclass(frozen=True, eq=False)
+class Repetition:
+    """One drive of the move.
+
+    Attributes
+    ----------
+    name : str
+        Of its recording.
+    rms_m, largest_m : float
+        Of the motor's error while the reference moves.
+    torque_nm : ndarray (n,)
+        That had been learnt by then.
+    """
+
+    name: str
+    rms_m: float
+    largest_m: float
+    torque_nm: Array
+    error_m: Array
+    verdict: Verdict
+
+
+@dataclass(frozen=True, eq=False)
+class Learnt:
+    """What all repetitions came to.
+
+    Attributes
+    ----------
+    path : Trajectory
+        The move, with the rest before it that belongs to the torque.
+    best : Repetition
+    limit_m : float
+        rms of what differs between two drives with the same torque: no learning takes that away.
+    ended : str
+        Why it was stopped before its time, or "".
+    """
+
+    path: Trajectory
+    repetitions: tuple[Repetition, ...]
+    best: Repetition
+    limit_m: float
+    band_hz: float
+    ended: str
+
+
+def learn(
+    machine: Machine,
+    model: Model,
+    cascade: Cascade,
+    delay_s: float,
+    trajectory: Trajectory,
+    count: int,
+    name_of: Callable[[], str],
+    sending: Sending = "nothing",
+) -> Learnt:
+    """Drive a move, then ``count`` times more with what the ones before have taught; the last one repeats the best.
+
+    Parameters
+    ----------
+    name_of : callable
+        A free name for the next recording.
+
+    Raises
+    ------
+    Refused
+        When the move itself would break a limit.
+    """
+    period = trajectory.sample_period_s
+    path = with_rest_before(trajectory, round(BEFORE_S / period))
+    samples = len(path.t_s) + len(at_rest(0.0, REST_S, period).t_s) - 1
+    torque, ended = np.zeros(samples), ""
+    done: list[Repetition] = []
+    teacher: LearningFilter | None = None
+    for number in range(count + 1):
+        last = number == count and number > 0
+        if last or ended:
+            torque = min(done, key=lambda one: one.rms_m).torque_nm
+        name = name_of()
+        try:
+            verdict, _ = verify_move(machine, model, cascade, delay_s, path, name, sending=sending, learnt=torque if done else None)
+        except Refused as refusal:
+            if not done:
+                raise
+            ended = f"what was learnt next would break a limit ({str(refusal).removeprefix('the move is refused: ')})"
+            continue
+        one = _repetition(name, machine.folder.recording(name), machine.ratio, torque, verdict)
+        done.append(one)
+        if last or (ended and number > 0 and len(done) > 1):
+            break
+        best = min(done, key=lambda other: other.rms_m)
+        if one.rms_m > DIVERGES * best.rms_m:
+            ended = (
+                f"the error grew from {1e6 * best.rms_m:.3g} to {1e6 * one.rms_m:.3g} µm: the model does not tell how to learn this move"
+            )
+            continue
+        if teacher is None:
+            worth = max(machine.drive.capabilities.torque_step_nm, WORTH * total_friction(model))
+            noise = machine.ratio * 2.0 * np.pi / machine.drive.capabilities.counts_per_rev / np.sqrt(12.0)
+            answers = _answers(machine, model, cascade, delay_s, path)
+            teacher = learning_filter(answers[0], answers[1:], period, noise, worth, samples)
+        if teacher.band_hz == 0.0:
+            ended = "the model is not sure enough of how this axis answers to a torque: nothing can be learnt from it"
+            break
+        counts = _counts(path, samples)
+        torque = teacher.next(one.torque_nm, np.resize(one.error_m, samples), counts)
+    best = min(done, key=lambda other: other.rms_m)
+    same = [one for one in done if one is not best and np.array_equal(one.torque_nm, best.torque_nm)]
+    limit = float(np.sqrt(np.mean((same[-1].error_m - best.error_m)[_moving(path, len(best.error_m))] ** 2) / 2.0)) if same else np.nan
+    return Learnt(path, tuple(done), best, limit, teacher.band_hz if teacher else 0.0, ended)
+
+
+def _repetition(name: str, recording: Recording, ratio: float, torque: Array, verdict: Verdict) -> Repetition:
+    assert recording.reference_position is not None
+    error = ratio * (recording.reference_position - recording.position)
+    moving = np.abs(np.gradient(recording.reference_position)) > 0.0
+    return Repetition(name, float(np.sqrt(np.mean(error[moving] ** 2))), float(np.max(np.abs(error[moving]))), torque, error, verdict)
+
+
+def _moving(path: Trajectory, samples: int) -> NDArray[np.bool_]:
+    found = np.zeros(samples, dtype=bool)
+    found[: len(path.t_s)] = np.abs(path.velocity_m_s) > 0.0
+    return found
+
+
+def _counts(path: Trajectory, samples: int) -> Array:
+    """1 while the reference moves and somewhat after it, 0 elsewhere but in the rest before."""
+    moving = np.flatnonzero(_moving(path, samples))
+    found = np.zeros(samples)
+    found[: moving[-1] + round(AFTER_S / path.sample_period_s)] = 1.0
+    return found
+
+
+def _answers(machine: Machine, model: Model, cascade: Cascade, delay_s: float, path: Trajectory) -> list[Array]:
+    """Place of the motor after one sample of torque, m per N m: of the model first, then of plants that it may stand for."""
+    random, drive = np.random.default_rng(0), in_drive(machine, delay_s)
+    low, high = float(np.min(path.position_m)), float(np.max(path.position_m))
+    found = [_answer(model, cascade, drive, 0.5 * (low + high), path.sample_period_s)]
+    for number in range(PLANTS):
+        place = (low, high, 0.5 * (low + high))[number % 3]
+        late = replace(drive, delay_s=max(0.0, drive.delay_s + random.uniform(-0.5, 0.5) * path.sample_period_s))
+        found.append(_answer(_drawn(model, random), cascade, late, place, path.sample_period_s))
+    return found
+
+
+def _drawn(model: Model, random: np.random.Generator) -> Model:
+    """A plant that the model may stand for."""
+    values = {}
+    for name, one in model.parameters.items():
+        if one.interval is None or name == "transmission.ratio":
+            continue
+        beside = (
+            STIFFNESS if "stiffness" in name else MASS if name in ("cart.mass", "motor.inertia") else DAMPING if "damping" in name else 0.0
+        )
+        value = (
+            one.value * (1.0 + random.uniform(-beside, beside)) + min(one.interval, 0.5 * abs(one.value)) * random.standard_normal() / 1.96
+        )
+        values[name] = float(np.clip(value, one.low, one.high))
+    return model.with_values(values)
+
+
+def _answer(model: Model, cascade: Cascade, drive: Loop, place_m: float, period_s: float) -> Array:
+    """By two simulations at rest, without the friction that would hold the axis: there a move is not at rest."""
+    free = model.with_values({name: one.low for name, one in model.parameters.items() if name.endswith(".level") and one.low >= 0.0})
+    rest = at_rest(place_m, ANSWER_S, period_s)
+    pulse = np.zeros(len(rest.t_s))
+    pulse[ASKED_AT] = ASKED_NM
+    ideal = replace(drive, torque_limit_nm=1e3, counts_per_rev=FINE)
+    asked, left = (predict_move(free, cascade, rest, ideal, extra_torque_nm=along).motor_m for along in (pulse, np.zeros(len(pulse))))
+    return np.asarray((asked - left)[ASKED_AT:] / ASKED_NM)

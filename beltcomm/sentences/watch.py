@@ -1,0 +1,93 @@
+"""A watch in words: a line for each move, and a sentence for what has changed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from beltcomm.result import Line
+from beltcomm.sentences.words import number
+from beltcomm.watching.drift import FEWEST, POOL, Standing
+from beltcomm.watching.judge import ERROR, JudgedMove
+
+#: Key -> title of its column, words, unit shown, factor, and what it means when it is more or less.
+SHOWN: Mapping[str, tuple[str, str, str, float, str, str]] = {
+    "coulomb_total": ("Coulomb", "Coulomb friction, all, at the motor", "mN m", 1e3, "friction up", "friction down"),
+    "viscous_total": ("viscous", "viscous friction, all, at the motor", "mN m s/rad", 1e3, "viscous friction up", "viscous friction down"),
+    "belt_stiffness.stiffness": ("belt", "belt stiffness", "kN/m", 1e-3, "belt stiffer", "belt softer"),
+    "belt_spans.specific_stiffness": ("belt", "belt specific stiffness EA", "kN", 1e-3, "belt stiffer", "belt softer"),
+    "belt_sections.specific_stiffness": ("belt", "belt specific stiffness EA", "kN", 1e-3, "belt stiffer", "belt softer"),
+    "cart.mass": ("load", "carriage mass", "kg", 1.0, "load heavier", "load lighter"),
+    "mass": ("load", "moved mass", "kg", 1.0, "load heavier", "load lighter"),
+    "motor.inertia": ("inertia", "motor-side inertia", "kg cm²", 1e4, "more inertia", "less inertia"),
+    ERROR: ("error", "error over the noise", "x", 1.0, "something the model does not know acts on the axis", "less than the noise is left"),
+}
+_STYLE = {"alarm": "bad", "changed": "note", "steady": "", "few": "soft"}
+_MARK = {"alarm": "!", "changed": "*", "steady": " ", "few": " "}
+
+
+def head_line(standings: Sequence[Standing]) -> Line:
+    """Titles of the columns: change since the first moves, %, over the last ones."""
+    cells = "".join(f"{SHOWN[one.key][0] + ' %':>13}" for one in standings if one.key != ERROR)
+    return Line((f"{'move':>5} {'time':8} {'mm':>5} {'error':>6}{cells}", "title"))
+
+
+def move_line(count: int, clock: str, move: JudgedMove, standings: Sequence[Standing]) -> Line:
+    """One move; what has changed, in per cent with 95 % intervals, over the last :data:`POOL` moves."""
+    parts: list[str | tuple[str, str]] = [f"{count:5d} {clock:8} {1e3 * move.travel_m:5.0f} "]
+    error = next(one for one in standings if one.key == ERROR)
+    parts.append((f"{move.ratio:5.2f}{_MARK[error.state]}", _STYLE[error.state]))
+    for one in standings:
+        if one.key != ERROR:
+            parts.append((f"{_change(one):>12}{_MARK[one.state]}", _STYLE[one.state]))
+    return Line(*parts)
+
+
+def _change(one: Standing) -> str:
+    if not math.isfinite(one.value):
+        return "."
+    half = 100.0 * one.change_interval
+    digits = 0 if half >= 10.0 else 1
+    return f"{100.0 * one.change:+.{digits}f} ± {half:.{digits}f}"
+
+
+def event_sentence(one: Standing) -> str:
+    """What has changed, from what to what, and the limit."""
+    _, words, unit, factor, more, less = SHOWN[one.key]
+    if one.state == "steady":
+        return f"{words} is back: {number(factor * one.value, factor * one.interval, unit)}"
+    against, when = one.against, "by the first moves" if one.base is not None else "in the run"
+    what = more if one.value > against.value else less
+    was = number(factor * against.value, factor * against.interval, unit)
+    text = f"{what}: {words} {number(factor * one.value, factor * one.interval, unit)}, {was} {when}"
+    bound = one.high if one.value > against.value else one.low
+    if bound is None:
+        return text
+    if one.state == "alarm":
+        return f"{text}; beyond its limit of {factor * bound:.4g} {unit} ({one.why})"
+    return f"{text}; limit {factor * bound:.4g} {unit}"
+
+
+def summary_lines(
+    moves: int, left_out: int, seconds: float, standings: Sequence[Standing], alarms: Sequence[str], changed: Sequence[str]
+) -> list[str]:
+    """What the whole watch has found."""
+    if not moves:
+        return ["No move was found" + (f"; {left_out} motions told nothing of the axis" if left_out else "") + "."]
+    span = f"{seconds / 3600.0:.1f} h" if seconds > 5400.0 else f"{seconds:.0f} s"
+    beside = f", {left_out} more told nothing" if left_out else ""
+    if alarms:
+        verdict = f"ALARM in {moves} moves ({span}{beside}): {', '.join(alarms)}."
+    elif changed:
+        verdict = f"{moves} moves ({span}{beside}): changed, within the limits: {', '.join(changed)}."
+    elif moves < FEWEST:
+        verdict = f"{moves} moves ({span}{beside}): too few to tell a change, {FEWEST} are needed."
+    else:
+        verdict = f"{moves} moves ({span}{beside}): nothing has changed that these moves show."
+    rows = []
+    for one in standings:
+        if math.isfinite(one.value):
+            _, words, unit, factor, *_ = SHOWN[one.key]
+            half = factor * one.interval if math.isfinite(one.interval) else None
+            rows.append(f"  {words:36} {number(factor * one.value, half, unit)}, in the run {factor * one.reference.value:.4g} {unit}")
+    return [verdict, *rows, f"  (over the last {min(POOL, moves)} moves)"] if rows else [verdict]

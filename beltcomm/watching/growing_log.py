@@ -1,0 +1,137 @@
+"""A log that grows, read piece by piece: frames of a CAN bus, or a table of signals; what is over is not read again.
+
+What has been read stands in a window, a copy of the file's head and of its end, which the readers of ``import`` take like any file.  Of
+frames in front of the window those of SDO transfers stay, for they say what the others carry.
+"""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+from beltcomm.axis import Axis
+from beltcomm.errors import DataError, UsageError
+from beltcomm.foreign.convert import Reading, convert
+from beltcomm.foreign.files import parts_of
+from beltcomm.foreign.framelines import kind_of_log
+from beltcomm.foreign.guess import completed
+from beltcomm.foreign.kinds import kind_of_table
+from beltcomm.outside import opened
+from beltcomm.watching.moves import LEAD_S, Stretch
+
+#: Bytes that are taken at once, lines of the file's head that stay, and bytes of a window at most.
+PIECE, HEAD_LINES, LARGEST = 1 << 21, 8, 1 << 26
+#: Frames of SDO transfers by their identifiers, in any text that holds frames.
+_SDO = re.compile(rb"(?:^|\s)0?x?(?:58[1-9A-F]|5[9A-F][0-9A-F]|60[1-9A-F]|6[1-7][0-9A-F])(?:#|\s|;|,)", re.I)
+#: ``candump``: a stamp in seconds since 1970.
+_EPOCH = re.compile(rb"^\s*\((\d{9,11}\.\d+)\)")
+#: s of rows before the next move that stay in the window.
+_KEPT_S = 2.0 * LEAD_S
+
+
+class GrowingLog:
+    """One file.
+
+    Attributes
+    ----------
+    epoch_s : float or None
+        Of the stream's clock, s since 1970, where the file's stamps say it.
+    notes : tuple of str
+        What the reader says of it, for whoever wants to know why there is no move.
+    """
+
+    def __init__(self, path: Path, reading: Reading, axis: Axis) -> None:
+        self.path, self._reading, self._axis = path, reading, axis
+        if not path.is_file():
+            raise UsageError(f"{path} is no file; give the log that grows")
+        self._folder = tempfile.TemporaryDirectory(prefix="beltcomm-watch-")
+        self._kind = kind_of_log(path)
+        with opened(path) as file:
+            packed = file.read(2) == b"\x1f\x8b"
+        text = self._kind in ("candump", "asc", "csv") or (self._kind is None and kind_of_table(path) == "text")
+        self._lines = text and not packed
+        self._size, self._offset, self._read = -1, 0, 0
+        self._again = False
+        self._head = b""
+        self._window = bytearray()
+        self._checkpoints: list[tuple[int, float]] = []
+        self.epoch_s: float | None = None
+        self.notes: tuple[str, ...] = ()
+
+    def poll(self) -> list[Stretch]:
+        """Rows of the window, when something has come; [] when nothing has."""
+        if not self._lines:
+            size = self.path.stat().st_size
+            if size == self._size:
+                return []
+            self._size = size
+            return self._stretches(self.path)
+        with opened(self.path) as file:
+            file.seek(0, 2)
+            if file.tell() < self._read:
+                raise DataError(f"{self.path} has become shorter while it was watched: its recorder began anew; watch the new file")
+            file.seek(self._read)
+            piece = file.read(PIECE)
+        piece = piece[: piece.rfind(b"\n") + 1]
+        if not piece and not (self._again and self._window):
+            return []
+        self._again = False
+        if not self._head:
+            self._head = b"".join(piece.splitlines(keepends=True)[:HEAD_LINES])
+            if (stamp := _EPOCH.match(piece)) is not None:
+                self.epoch_s = float(stamp[1])
+        self._window += piece
+        self._read += len(piece)
+        copy = Path(self._folder.name) / f"window{self.path.suffix}"
+        copy.write_bytes((self._head if self._offset else b"") + bytes(self._window))
+        found = self._stretches(copy)
+        if found:
+            self._checkpoints.append((self._read, max(one.start_s + float(one.columns["t_s"][-1]) for one in found)))
+        elif len(self._window) > LARGEST:
+            raise DataError(f"{self.path}: {'; '.join(self.notes) or 'no move was found in it'}")
+        return found
+
+    @property
+    def taken_bytes(self) -> int:
+        """How far the file has been read."""
+        return self._read if self._lines else self._size
+
+    def again(self) -> None:
+        """What is in the window is looked at once more, for nothing follows it."""
+        self._again, self._size = True, -1
+
+    def forget(self, until_s: float) -> None:
+        """Leave out of the window what lies before this time on the stream's clock: those moves are taken."""
+        passed = [at for at, time_s in self._checkpoints if time_s <= until_s - _KEPT_S]
+        if not passed or not self._lines:
+            return
+        cut = passed[-1] - self._offset
+        gone = bytes(self._window[:cut])
+        known = self._head if not self._offset else b""
+        if self._kind is not None:
+            self._head += b"".join(line for line in gone[len(known) :].splitlines(keepends=True) if _SDO.search(line))
+        del self._window[:cut]
+        self._offset = passed[-1]
+        self._checkpoints = [one for one in self._checkpoints if one[0] > self._offset]
+
+    def close(self) -> None:
+        """Give the window back."""
+        self._folder.cleanup()
+
+    def _stretches(self, path: Path) -> list[Stretch]:
+        try:
+            parts = parts_of(path, self._reading, self._axis)
+            mapping, _ = completed(parts[0].table, self._reading.mapping, self._axis, timed=self._reading.period_s is None, ask=None)
+        except DataError as error:
+            self.notes = (str(error).replace(str(path), str(self.path)),)
+            return []
+        found = []
+        for part in parts:
+            reading = replace(self._reading, mapping=mapping, torque_acts=None if part.number is not None else self._reading.torque_acts)
+            try:
+                found.append(Stretch(convert(part.table, reading).columns, part.start_s))
+            except DataError as error:
+                self.notes = (str(error).replace(str(path), str(self.path)),)
+        return found

@@ -1,0 +1,212 @@
+"""One move of production judged by the fit of a run: error over the noise, and what of the axis it tells anew, with intervals.
+
+The likelihood, the noise and the torque path are those of the run's own fit; all parameters stay as fitted but the few that age, which
+the move alone tells.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from beltcomm.effects import EFFECTS
+from beltcomm.errors import DataError
+from beltcomm.fit.estimate import Fitted, evaluate_at, fit, problem_of
+from beltcomm.fit.intervals import parameter_spread
+from beltcomm.fit.records import Data, prepare_records
+from beltcomm.identify.course import NORMAL
+from beltcomm.laboratory.forward_selection import bic_penalty, may_add
+from beltcomm.laboratory.score import Scorer, ground_of
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+from beltcomm.rundata.fitted_run import Opened
+from beltcomm.simulate.stopping import total_friction, total_viscous
+
+#: Parameters that age or are loaded, by the quantity that is shown: the first of each that the model has is told by a move.
+FOLLOWED: dict[str, tuple[str, ...]] = {
+    "coulomb_total": ("coulomb.level", "cart_friction.level", "coulomb_load.level"),
+    "viscous_total": ("viscous.damping", "viscous_cart.damping", "viscous_load.damping"),
+    "belt_stiffness.stiffness": ("belt_stiffness.stiffness",),
+    "belt_spans.specific_stiffness": ("belt_spans.specific_stiffness",),
+    "belt_sections.specific_stiffness": ("belt_sections.specific_stiffness",),
+    "cart.mass": ("cart.mass",),
+}
+#: Of an axis without a carriage behind a belt.
+RIGID: dict[str, tuple[str, ...]] = {"motor.inertia": ("motor.inertia",), "mass": ("mass",)}
+ITERATIONS = 6
+#: Share of its value that the interval of one move may have, from which on it tells nothing of a quantity.
+VAGUE = 1.0
+#: Values of the residual without which the quantities are not told: as many moves are taken together as make them, some at most, for behind
+#: a coarse encoder few of a move are independent.   Values without which a motion is no move.
+ENOUGH, MOST_TOGETHER, FEWEST_VALUES = 120, 20, 8
+#: Name of the error over the noise among the quantities.
+ERROR = "model_error"
+
+
+@dataclass(frozen=True)
+class MoveEstimate:
+    """value, interval : SI, 95 %, of one quantity by one move."""
+
+    value: float
+    interval: float
+
+
+@dataclass(frozen=True)
+class JudgedMove:
+    """One move.
+
+    Attributes
+    ----------
+    ratio : float
+        Error over the noise with the few parameters that age told anew: 1 when the model still explains the axis.
+    quantities : dict of str to MoveEstimate
+        By the key of a trend, told by this move and those before it that told none; without those that they do not tell.
+    travel_m, duration_s, following_m
+        Way (rad where no carriage is known), time, following error of the motor where the stream has a reference, else None.
+    """
+
+    ratio: float
+    ratio_interval: float
+    quantities: dict[str, MoveEstimate]
+    travel_m: float
+    duration_s: float
+    following_m: float | None
+
+
+class Judge:
+    """The fit of a run, that moves are held against.
+
+    Attributes
+    ----------
+    reference : dict of str to MoveEstimate
+        What the run says of each quantity that is followed.
+    ratio : float
+        Error over the noise that the run's model leaves of its own records, at least 1.
+    """
+
+    def __init__(self, opened: Opened) -> None:
+        self._data, self._fitted, self.axis = opened.data, opened.fitted, opened.folder.axis
+        self.model: Model = opened.fitted.model
+        free = set(opened.fitted.problem.free)
+        wanted = FOLLOWED if "cart" in self.model.base_bodies else {**FOLLOWED, **RIGID}
+        self._names = {key: name for key, names in wanted.items() if (name := next((n for n in names if n in free), None)) is not None}
+        spread = parameter_spread(opened.fitted)
+        self.reference = {}
+        for key in self._names:
+            half = spread.half_width(self._weights(key))
+            self.reference[key] = MoveEstimate(self._value(key, self.model), half or 0.0)
+        self.ratio = max(1.0, opened.fitted.held_ratio or 0.0, opened.fitted.ratio)
+        self._together: list[Recording] = []
+        self._values = 0
+        self.zero_m = _zero_of(opened.records.recordings, self.model.get("transmission.ratio"))
+
+    def _weights(self, key: str) -> dict[str, float]:
+        """What a quantity is the sum of, of the parameters that the run has fitted."""
+        ratio = self.model.get("transmission.ratio") or 1.0
+        parts = {
+            "coulomb_total": {"coulomb.level": 1.0, "cart_friction.level": ratio},
+            "viscous_total": {"viscous.damping": 1.0, "viscous_cart.damping": ratio**2},
+        }.get(key)
+        free = self._fitted.problem.free
+        return {name: weight for name, weight in parts.items() if name in free} if parts else {self._names[key]: 1.0}
+
+    def _value(self, key: str, model: Model) -> float:
+        if key == "coulomb_total" and self._names[key] in ("coulomb.level", "cart_friction.level"):
+            return total_friction(model)
+        if key == "viscous_total" and self._names[key] in ("viscous.damping", "viscous_cart.damping"):
+            return total_viscous(model)
+        return model[self._names[key]]
+
+    def prepared(self, moves: Sequence[Recording], model: Model | None = None) -> Data:
+        """Moves as the run's fit sees its own records."""
+        data = self._data
+        shares = [piece.rounding for piece in data.held_out or data.fitted]
+        usual = (float(np.median([s[0] for s in shares])), float(np.median([s[1] for s in shares])))
+        return prepare_records(
+            moves,
+            model or self.model,
+            data.noise_nm,
+            data.step_rad,
+            {move.name: usual for move in moves},
+            data.substeps,
+            data.path,
+            data.reversals,
+            data.colour,
+            data.single,
+        )
+
+    def fitted_to(self, moves: Sequence[Recording]) -> Fitted:
+        """The run's model with what ages fitted to moves."""
+        return fit(self.prepared(moves), self.model, ITERATIONS, fixed=self._kept)
+
+    @property
+    def _kept(self) -> list[str]:
+        return [name for name in self.model.parameters if name not in self._names.values()]
+
+    def judge(self, move: Recording) -> JudgedMove:
+        """One more move held against the fit of the run.   Raises DataError for one that holds nothing that counts."""
+        data = self.prepared([move])
+        values = sum(len(piece.value_samples) for piece in data.fitted)
+        if values < FEWEST_VALUES:
+            raise DataError(f"{move.name} moves too little to tell anything of the axis")
+        self._together.append(move)
+        self._values += values
+        if self._values >= ENOUGH or len(self._together) >= MOST_TOGETHER:
+            fitted = self.fitted_to(self._together)
+            found = self._told(fitted)
+            self._together.clear()
+            self._values = 0
+        else:
+            problem = problem_of(data, self.model, self._kept)
+            fitted, found = evaluate_at(data, problem, problem.start()), {}
+        ratio = (self.model.get("transmission.ratio") or 1.0) if move.side != "load" else 1.0
+        off = None
+        if move.reference_position is not None:
+            off = ratio * float(np.max(np.abs(move.reference_position - move.position)))
+        chance = NORMAL * fitted.ratio / math.sqrt(2.0 * fitted.problem.samples)
+        return JudgedMove(fitted.ratio, chance, found, ratio * float(np.ptp(move.position)), float(move.t_s[-1] - move.t_s[0]), off)
+
+    def _told(self, fitted: Fitted) -> dict[str, MoveEstimate]:
+        spread, ratio = parameter_spread(fitted), self.model.get("transmission.ratio") or 1.0
+        found = {}
+        for key, name in self._names.items():
+            half = spread.half_width({name: 1.0})
+            factor = {"cart_friction.level": ratio, "viscous_cart.damping": ratio**2}.get(name, 1.0)
+            if half is not None and math.isfinite(half) and factor * half < VAGUE * abs(self.reference[key].value):
+                found[key] = MoveEstimate(self._value(key, fitted.model), factor * half)
+        return found
+
+    def suspects(self, moves: Sequence[Recording], most: int = 3) -> list[tuple[str, str, float]]:
+        """Effects by which the error of these moves would fall most, by the score test: name, title, evidence."""
+        fitted = self.fitted_to(moves)
+        scorer, ground = Scorer(fitted), ground_of(fitted, fitted.problem.pieces, self.axis)
+        found = []
+        for effect in EFFECTS:
+            if effect.trials is None or effect.bound or effect.needs_observer or not may_add(fitted, effect):
+                continue
+            ways = scorer.score(effect, ground)
+            if ways and (evidence := ways[0].drop - bic_penalty(effect, fitted, len(ways))) > 0.0:
+                found.append((effect.name, effect.title, float(evidence)))
+        return sorted(found, key=lambda one: -one[2])[:most]
+
+    def start_of(self, position: float) -> float | None:
+        """Where the carriage is at a position of the drive, as in the run; None where the run does not tell or that is off the travel."""
+        ratio = self.model.get("transmission.ratio")
+        if self.zero_m is None or not ratio:
+            return None
+        there, travel = self.zero_m + ratio * position, self.axis.travel
+        low, high = travel.min_m, travel.max_m
+        if low is not None and high is not None and not low - 0.1 * (high - low) <= there <= high + 0.1 * (high - low):
+            return None
+        return there
+
+
+def _zero_of(recordings: Sequence[Recording], ratio: float | None) -> float | None:
+    """Where the carriage is at the drive's zero, m, in all records of a run alike; None where they differ."""
+    zeros = [
+        r.sidecar.start_position_m - ratio * float(r.position[0]) for r in recordings if r.sidecar.start_position_m is not None and ratio
+    ]
+    return float(np.median(zeros)) if zeros and np.ptp(zeros) < 1e-3 else None

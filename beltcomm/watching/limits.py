@@ -1,0 +1,66 @@
+"""How far the quantities of an axis may go, over months or from move to move."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from beltcomm.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Limit:
+    """How far a quantity may go.   low, high : shares of the first value, or SI values where ``absolute``.   why : in words."""
+
+    low: float | None
+    high: float | None
+    why: str
+    absolute: bool = False
+
+    def values(self, first: float) -> tuple[float | None, float | None]:
+        """Both in SI.   first : value of the first run."""
+        if self.absolute:
+            return self.low, self.high
+        return tuple(None if share is None else first * (1.0 + share) for share in (self.low, self.high))  # type: ignore[return-value]
+
+
+_STIFFNESS = Limit(-0.2, 0.2, "20 % move the resonance by 10 %, further than prefilter and margins were proven for")
+_LOAD = Limit(-0.1, 0.1, "the feedforward sends torque for the mass found: 10 % of it are missing or too much")
+_INERTIA = Limit(-0.1, 0.1, "an inertia does not age: coupling or pulley slips, or the scale of the torque has changed")
+#: By key; what is not named here is followed without a limit.
+LIMITS: Mapping[str, Limit] = {
+    "belt_stiffness.stiffness": _STIFFNESS,
+    "belt_spans.specific_stiffness": _STIFFNESS,
+    "belt_sections.specific_stiffness": _STIFFNESS,
+    "resonance": Limit(-0.1, 0.1, "prefilter and margins were proven for the resonance found; 10 % are one fifth of the belt's stiffness"),
+    "coulomb_total": Limit(-0.4, 0.5, "half as much again: grease, guide or bearing; 40 % less: the belt has lost its tension"),
+    "viscous_total": Limit(None, 1.0, "twice as much: grease that has hardened, or dirt"),
+    "cart.mass": _LOAD,
+    "mass": _LOAD,
+    "motor.inertia": _INERTIA,
+    "dead_time": Limit(None, 0.5, "half as late again takes the phase margin that the delay was designed with"),
+    "model_error": Limit(None, 0.25, "what the model does not know adds half as much again to the power of the noise"),
+}
+
+
+def limits_given(limits: Sequence[str]) -> dict[str, Limit]:
+    """Limits as they are typed.   Raises UsageError."""
+    found: dict[str, Limit] = {}
+    for text in limits:
+        if (free := re.fullmatch(r"([\w.]+)=none", text.strip())) is not None:
+            found[free[1]] = Limit(None, None, "given on the command line")
+            continue
+        match = re.fullmatch(r"([\w.]+)=([-+]?)(\d*\.?\d+(?:e[-+]?\d+)?)(%?)", text.strip())
+        if match is None:
+            raise UsageError(
+                f"the limit {text!r} cannot be read; write KEY=-20%, KEY=+50%, KEY=0.2 for an upper limit in SI, or KEY=none for no limit"
+            )
+        key, sign, number, share = match.groups()
+        value = float(number) * (-1.0 if sign == "-" else 1.0)
+        before = found.get(key) or Limit(None, None, "given on the command line", absolute=not share)
+        if before.absolute == bool(share):
+            raise UsageError(f"the limits of {key} are given in per cent and in SI; give both in one of them")
+        value = value / 100.0 if share else value
+        found[key] = replace(before, low=value) if sign == "-" and share else replace(before, high=value)
+    return found

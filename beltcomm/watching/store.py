@@ -1,0 +1,114 @@
+"""What a watch leaves in the run folder: ``RUN/watch/moves.jsonl``, a line for each move, which a trend reads by days."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltcomm.atomic import appending
+from beltcomm.errors import UsageError
+from beltcomm.identify.course import NORMAL
+from beltcomm.locks import link_refused
+from beltcomm.outside import opened
+from beltcomm.watching.drift import BASE
+from beltcomm.watching.judge import ERROR
+
+FOLDER, FILE = "watch", "moves.jsonl"
+DAY_S = 86400.0
+#: Letters of a line, at most.
+_LONGEST = 1 << 16
+
+
+def append(run: Path, entry: Mapping[str, Any]) -> None:
+    """One more move.   Raises UsageError where the folder cannot be written."""
+    folder = run / FOLDER
+    if folder.is_symlink():
+        raise link_refused(folder)
+    try:
+        folder.mkdir(exist_ok=True)
+        number = appending(folder / FILE)
+        with os.fdopen(number, "ab") as file:
+            file.write((json.dumps(entry, allow_nan=False) + "\n").encode())
+    except OSError as error:
+        raise UsageError(f"{folder / FILE} cannot be written: {error.strerror or error}; make room, or choose another run") from error
+
+
+#: Key of a line that says: what comes next is the base.
+ANEW = "anew"
+
+
+def entries(run: Path, *, marks: bool = False) -> Iterable[Mapping[str, Any]]:
+    """All moves that were watched; lines that are torn are left out.   marks : lines with ``ANEW``, too."""
+    path = run / FOLDER / FILE
+    if not path.is_file() or path.is_symlink():
+        return
+    with opened(path) as file:
+        for line in iter(lambda: file.readline(_LONGEST), b""):
+            try:
+                found = json.loads(line)
+            except (ValueError, RecursionError):
+                continue
+            if marks and isinstance(found, dict) and found.get(ANEW) is True:
+                yield found
+            if isinstance(found, dict) and isinstance(found.get("date_s"), (int, float)) and isinstance(found.get("quantities"), dict):
+                yield found
+
+
+def told_by(entry: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """Value and interval of every quantity that a move told, the error over the noise among them."""
+    error = {"value": entry.get("error_over_noise"), "interval": entry.get("error_interval")}
+    found = {}
+    for key, one in {**entry["quantities"], ERROR: error}.items():
+        value, interval = (one.get("value"), one.get("interval")) if isinstance(one, dict) else (None, None)
+        if isinstance(value, (int, float)) and isinstance(interval, (int, float)) and math.isfinite(value) and interval > 0.0:
+            found[str(key)] = float(value), float(interval)
+    return found
+
+
+def by_day(run: Path) -> list[tuple[float, dict[str, tuple[float, float]]]]:
+    """Each day that was watched: its middle, s since 1970, and every quantity over its moves, as a share of the base, with its interval.
+
+    The base are the first moves, anew after each maintenance that was told.
+    """
+    told: dict[int, dict[str, list[tuple[float, float]]]] = {}
+    dates: dict[int, list[float]] = {}
+    for part in _parts(run):
+        bases = _together([told_by(entry) for entry in part], BASE)
+        for entry in part:
+            day = int(entry["date_s"] // DAY_S)
+            dates.setdefault(day, []).append(float(entry["date_s"]))
+            for key, (value, interval) in told_by(entry).items():
+                base = abs(bases[key][0])
+                told.setdefault(day, {}).setdefault(key, []).append((value / base, interval / base))
+    return [(float(np.mean(dates[day])), {key: _mean(pairs) for key, pairs in found.items()}) for day, found in sorted(told.items())]
+
+
+def _parts(run: Path) -> list[list[Mapping[str, Any]]]:
+    """Moves between two maintenances."""
+    parts: list[list[Mapping[str, Any]]] = [[]]
+    for entry in entries(run, marks=True):
+        if ANEW in entry:
+            parts.append([])
+        else:
+            parts[-1].append(entry)
+    return [part for part in parts if part]
+
+
+def _together(told: list[dict[str, tuple[float, float]]], most: int) -> dict[str, tuple[float, float]]:
+    """Every quantity over the first moves that told it."""
+    keys = dict.fromkeys(key for one in told for key in one)
+    return {key: _mean([one[key] for one in told if key in one][:most]) for key in keys}
+
+
+def _mean(pairs: list[tuple[float, float]]) -> tuple[float, float]:
+    values, halves = np.array(pairs).T
+    weights = (NORMAL / halves) ** 2
+    mean = float(np.sum(weights * values) / np.sum(weights))
+    square = float(np.sum(weights * (values - mean) ** 2)) / max(len(values) - 1, 1)
+    return mean, NORMAL * math.sqrt(max(1.0, square) / float(np.sum(weights)))

@@ -1,0 +1,73 @@
+"""What is said of a quantity by its last moves: chance, change, limit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from beltcomm.watching.drift import BASE, FEWEST, AxisDrift, Standing
+from beltcomm.watching.judge import ERROR, MoveEstimate
+from beltcomm.watching.limits import LIMITS, Limit, limits_given
+
+KEY = "coulomb_total"
+
+
+def followed(values: list[float], interval: float = 0.02, key: str = KEY, limits: dict[str, Limit] | None = None) -> list[Standing]:
+    drift = AxisDrift({key: MoveEstimate(1.0, 0.005)}, limits if limits is not None else dict(LIMITS))
+    return [drift.add_told({key: MoveEstimate(value, interval)})[0] for value in values]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_chance_is_no_change(seed: int) -> None:
+    values = np.random.default_rng(seed).normal(1.0, 0.01, 400).tolist()
+    assert {one.state for one in followed(values)} == {"few", "steady"}
+
+
+def test_a_law_that_is_not_quite_the_machine_s_is_no_change() -> None:
+    """Moves whose parameter is beside the run's from the first one on."""
+    values = np.random.default_rng(1).normal(1.25, 0.01, 200).tolist()
+    assert {one.state for one in followed(values)} == {"few", "steady"}
+
+
+def test_what_grows_is_noticed_before_its_limit_and_alarms_beyond_it() -> None:
+    random, growth = np.random.default_rng(2), np.linspace(0.0, 0.7, 300)
+    standings = followed([*random.normal(1.0, 0.01, BASE), *(random.normal(1.0, 0.01, 300) + growth)])
+    states = [one.state for one in standings]
+    noticed, alarm = states.index("changed") - BASE, states.index("alarm") - BASE
+    assert 0.10 < growth[noticed] < 0.16  # beyond what friction changes by itself
+    assert 0.50 < growth[alarm] < 0.56
+    assert states[:FEWEST] == ["few"] * (FEWEST - 1) + ["steady"]
+
+
+def test_an_axis_that_is_far_from_its_run_from_the_first_move_on_alarms_at_once() -> None:
+    states = [one.state for one in followed([1.8] * FEWEST)]
+    assert states[-1] == "alarm"
+
+
+def test_one_knock_is_not_the_axis() -> None:
+    values = [1.0] * 40
+    values[30] = 4.0
+    assert {one.state for one in followed(values, 0.06, key=ERROR)} == {"few", "steady"}
+
+
+def test_scatter_beyond_the_intervals_widens_them() -> None:
+    rough = followed(np.random.default_rng(3).normal(1.0, 0.2, 12).tolist())[-1]
+    assert rough.interval > 5.0 * 0.02 / math.sqrt(10.0)
+
+
+def test_after_a_maintenance_the_base_is_another() -> None:
+    drift = AxisDrift({KEY: MoveEstimate(1.0, 0.005)}, LIMITS)
+    for _ in range(BASE):
+        drift.add_told({KEY: MoveEstimate(1.0, 0.02)})
+    drift.begin_anew()
+    last = [drift.add_told({KEY: MoveEstimate(1.3, 0.02)})[0].state for _ in range(BASE + 5)]
+    assert last[-1] == "steady"
+
+
+def test_limits_are_given_in_per_cent_in_si_or_not_at_all() -> None:
+    limits = limits_given(["coulomb_total=+30%", "cart.mass=none"])
+    assert limits["coulomb_total"].values(2.0) == (None, pytest.approx(2.6))
+    assert limits["cart.mass"].values(2.0) == (None, None)
+    assert followed([1.4] * FEWEST, limits=limits)[-1].state == "alarm"
