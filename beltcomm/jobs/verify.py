@@ -261,7 +261,7 @@ def set_by_hand(drive: Drive, folder: RunFolder) -> Iterator[None]:
     try:
         yield
     except SafetyStop as problem:
-        if drive.capabilities.gains != "unknown" or problem.reason not in ("lag", "resonance"):
+        if drive.capabilities.gains != "unknown" or problem.reason not in ("lag", "resonance", "position"):
             raise
         raise SafetyStop(
             f"{problem.args[0].partition('; ')[0]}; the axis was stopped. With the gains of the design it would not have been: type them "
