@@ -236,7 +236,8 @@ class CanopenDrive(ObjectDrive):
         try:
             with objects.lend() as lending:
                 speeds = motion.velocity_rad_s if motion is not None else None
-                prepare(objects, lending, self._machine, self._profile, scaling, layout, period_s, limits, speeds)
+                ahead = motion.ahead_rad if motion is not None else 0.0
+                prepare(objects, lending, self._machine, self._profile, scaling, layout, period_s, limits, speeds, ahead)
                 unit_s = scaling.speed_rad_s / scaling.position_rad
                 exchange = Exchange(link, objects, lending, period_s, layout.received, self._arrangement, unit_s)
                 self._arrangement = exchange.arrangement

@@ -18,6 +18,8 @@ _SLOW_RAD_S: Final = 2.0
 #: belt may ring, and not for the motion below.
 _SMOOTH_S: Final = 0.008
 _RPM: Final = 2.0 * math.pi / 60.0
+#: A turn has more position units than this.
+_FEWEST_UNITS: Final = 100.0
 #: Position units of a turn that makers use, within this factor of what was measured.
 _ROUND: Final = 1.06
 #: rad of the motor after which a unit of speed that nobody tells is known; position units of a change that is a motion.
@@ -119,6 +121,12 @@ class SpeedUnit:
         if unit <= 0.0 or abs(math.log(nearest / unit)) > math.log(_NEAR):
             per_turn = 60.0 * unit / self._position_rad
             turn = _round_near(per_turn)
+            if per_turn < _FEWEST_UNITS:
+                raise DriveError(
+                    f"the drive does not tell what its speeds (606Ch) count in, and by what its position does one is {unit:.4g} rad/s, "
+                    "which is no unit that this program knows: look in its manual, and state it in a profile, velocity_unit: "
+                    f'"{unit / _RPM:.3g} rpm" or what the manual says; then start again with --profile'
+                )
             raise DriveError(
                 "the drive tells neither its position unit nor that of its speeds (606Ch), and by what its position does one is "
                 f"{unit:.4g} rad/s, which no maker uses: one of both is wrong. If it shows speeds in rpm, one turn is about {per_turn:.0f} "

@@ -241,7 +241,7 @@ class Run:
         count, lost_before = len(frames), self._exchange.lost
         frames += [rest, rest]
         make_row = self._row_maker(setpoints, torque_is_of)
-        asked = as_interpolated(setpoints.position, self._loop_share)
+        asked = as_interpolated(setpoints.path, self._loop_share)
         required = _STATE_MASK | (FOLLOWS if self._layout.follows else 0)
         moving = _ENABLED_PATTERN | (required & FOLLOWS)
         tally = Tally(self._period_s, setpoints, self._layout.mode)
@@ -307,7 +307,7 @@ class Run:
         after, torque_mode = torque_is_of == "after", setpoints.kind == "torque"
         nan = math.nan
         share = self._loop_share
-        positions = [value * rad for value in as_interpolated(setpoints.position, share)] if setpoints.kind == "position" else None
+        positions = [value * rad for value in as_interpolated(setpoints.path, share)] if setpoints.kind == "position" else None
         velocities = None if torque_mode else [value * rad_s for value in as_interpolated(setpoints.velocity, share)]
         torques = [value * nm for value in setpoints.torque] if torque_mode else None
         added = [value * nm for value in setpoints.torque] if not torque_mode and any(setpoints.torque) else None

@@ -60,6 +60,8 @@ def check_motion(
     for name in ("position_rad", "velocity_rad_s", "torque_nm"):
         if not np.all(np.isfinite(getattr(motion, name))):
             raise UsageError(f"{name} of the motion contains values that are no numbers")
+    if motion.lead_rad is not None and (motion.kind != "position" or not np.all(np.isfinite(motion.lead_rad))):
+        raise UsageError("a reference leads the axis in a motion of kind 'position' only, by numbers")
     if motion.kind != "torque":
         _check_torque_input(motion, profile)
     peak_nm = max(float(np.abs(motion.torque_nm).max()), abs(motion.rest_nm))
@@ -126,8 +128,11 @@ def prepare(
     period_s: float,
     limits: Limits,
     speeds_rad_s: Array | None,
+    ahead_rad: float = 0.0,
 ) -> None:
     """Mode of operation, setpoints at rest, limits inside the drive, SYNC period; everything but setpoints is lent.
+
+    ahead_rad : by which a reference leads the axis at most.
 
     The drive's own limits are only ever tightened; its following error window is set as asked, and the quick stop's deceleration, for the
     way it takes is counted with.
@@ -143,7 +148,7 @@ def prepare(
         objects.write(0x6071, 0, "int16", 0)
         if profile.torque_exit == "velocity":
             objects.write(0x60FF, 0, "int32", 0)
-    lend_settings(objects, lending, profile, scaling, mode, period_s, limits, speeds_rad_s)
+    lend_settings(objects, lending, profile, scaling, mode, period_s, limits, speeds_rad_s, ahead_rad)
 
 
 def lend_settings(
@@ -155,6 +160,7 @@ def lend_settings(
     period_s: float,
     limits: Limits,
     speeds_rad_s: Array | None = None,
+    ahead_rad: float = 0.0,
 ) -> None:
     """Of :func:`prepare` what is a setting, no mode and no setpoint; limits that the drive does not take are in ``lending.refused``."""
     lending.set_if_there(0x605A, 0, "int16", _QUICK_STOP_AND_DISABLE)
@@ -182,9 +188,9 @@ def lend_settings(
             limit(objects, lending, index, 0, "uint32", ramp, scaling.acceleration, "rad/s²")
     tighten_torque_and_speed(objects, lending, profile, scaling, limits)
     if mode in POSITION_MODES:  # 607Dh bounds the target of a position controller
-        tighten_window(objects, lending, scaling, limits, period_s)
+        tighten_window(objects, lending, scaling, limits, period_s, ahead_rad)
         if limits.lag_rad is not None:
-            lag = min(math.ceil(limits.lag_rad / abs(scaling.position_rad)), _INT32)
+            lag = min(math.ceil((limits.lag_rad + ahead_rad) / abs(scaling.position_rad)), _INT32)
             limit(objects, lending, 0x6065, 0, "uint32", lag, lambda raw: raw * abs(scaling.position_rad), "rad")
 
 
@@ -246,23 +252,38 @@ def tighten_torque_and_speed(objects: Objects, lending: Lending, profile: Profil
         limit(objects, lending, 0x6080, 0, "uint32" if len(stored) == 4 else "uint16", speed, lambda raw: raw * _RPM, "rad/s")
 
 
-def tighten_window(objects: Objects, lending: Lending, scaling: Scaling, limits: Limits, period_s: float) -> None:
+def tighten_window(objects: Objects, lending: Lending, scaling: Scaling, limits: Limits, period_s: float, ahead_rad: float = 0.0) -> None:
     """607Dh around the window, as far outside as a quick stop from the speed limit goes: the drive answers a breach with a
-    fault, which brakes worse than the host's quick stop or not at all."""
+    fault, which brakes worse than the host's quick stop or not at all.
+
+    ahead_rad : as of :func:`prepare`; so much further may its target be.   Raises DriveError where the drive's own 607Dh would cut it.
+    """
     stored_low = objects.read_if_there(0x607D, 1, "int32")
     deceleration = objects.read_if_there(0x6085, 0, "uint32")
     if stored_low is None or not deceleration:
         return
     stored_high = objects.read_int(0x607D, 2, "int32")
     braking_rad = limits.speed_rad_s**2 / (2.0 * scaling.acceleration(deceleration))
-    margin_rad = limits.speed_rad_s * _REACTION_CYCLES * period_s + braking_rad
+    margin_rad = max(limits.speed_rad_s * _REACTION_CYCLES * period_s + braking_rad, ahead_rad)
     low = max(math.floor((limits.position_min_rad - margin_rad) / scaling.position_rad), -_INT32)
     high = min(math.ceil((limits.position_max_rad + margin_rad) / scaling.position_rad), _INT32)
     if stored_low < stored_high:  # otherwise these limits are switched off
         low, high = max(low, stored_low), min(high, stored_high)
+        spare = min(limits.position_min_rad - low * scaling.position_rad, high * scaling.position_rad - limits.position_max_rad)
+        if ahead_rad > spare:
+            raise DriveError(
+                f"the reference is to lead the axis by up to {_way(limits, ahead_rad)}, and the drive's own software limits (607Dh) would "
+                "cut it at the ends of the travel: switch them off or widen them with the maker's tool, or drive the move without a led "
+                "reference (--feedforward none)"
+            )
     steps = [(1, low), (2, high)]
     for part, value in reversed(steps) if low > stored_high else steps:  # never a minimum above its maximum
         limit(objects, lending, 0x607D, part, "int32", value, lambda raw: raw * scaling.position_rad, "rad")
+
+
+def _way(limits: Limits, angle_rad: float) -> str:
+    """A way in words, of the carriage where its ratio is known."""
+    return f"{1e3 * limits.ratio_m_rad * angle_rad:.0f} mm" if limits.ratio_m_rad else f"{angle_rad:.4g} rad"
 
 
 def guard(objects: Objects, lending: Lending, profile: Profile, guard_s: float) -> Literal["heartbeat", "node_guarding"]:

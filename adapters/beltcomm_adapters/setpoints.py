@@ -61,12 +61,21 @@ def layout_of(mode: int, offsets: bool) -> Layout:
 
 @dataclass(frozen=True)
 class Setpoints:
-    """A motion in the drive's units, one entry per period; ``kind`` as in :class:`beltcomm.drive.Motion`."""
+    """A motion in the drive's units, one entry per period; ``kind`` as in :class:`beltcomm.drive.Motion`.
+
+    axis : where the axis is to be, where that is not the position sent.
+    """
 
     kind: MotionKind
     position: tuple[int, ...]
     velocity: tuple[int, ...]
     torque: tuple[int, ...]
+    axis: tuple[int, ...] = ()
+
+    @property
+    def path(self) -> tuple[int, ...]:
+        """Positions that the axis is to follow."""
+        return self.axis or self.position
 
     @classmethod
     def of(cls, motion: Motion, scaling: Scaling) -> Setpoints:
@@ -77,9 +86,10 @@ class Setpoints:
 
         return cls(
             motion.kind,
-            raw(motion.position_rad, scaling.position_rad),
+            raw(motion.position_rad + (0.0 if motion.lead_rad is None else motion.lead_rad), scaling.position_rad),
             raw(motion.velocity_rad_s, scaling.speed_rad_s),
             raw(motion.torque_nm, scaling.torque_nm),
+            () if motion.lead_rad is None else raw(motion.position_rad, scaling.position_rad),
         )
 
 

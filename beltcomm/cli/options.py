@@ -390,8 +390,9 @@ feedforward_option = click.option(
 )
 sent_feedforward_option = click.option(
     "--feedforward",
-    type=WordChoice(["compliant", "nonlinear", "linear", "none"]),
-    help="In place of the design's, for this move only. compliant: the motor leads the carriage by the stretch of the belt; "
+    type=WordChoice(["led", "compliant", "nonlinear", "linear", "none"]),
+    help="In place of the design's, for this move only. led: of a drive without feedforward, the reference leads by the inverse of its "
+    "loops (the rule there; none is without); compliant: the motor leads the carriage by the stretch of the belt; "
     "nonlinear: inertia, viscous and Coulomb friction; linear: all friction as damping; none: no velocity either.",
 )
 window_option = click.option(

@@ -31,10 +31,16 @@ def _quantity(words: str, name: str, meaning: str, *, required: bool = False) ->
 @_quantity("--end-velocity", "end_velocity_m_s", "Velocity at the end, signed; 0 when left out.")
 @_quantity("--end-acceleration", "end_acceleration_m_s2", "Acceleration at the end, signed; 0 when left out.")
 @_quantity("--period", "period_s", "Time between rows; 1 ms when left out.")
+@click.option(
+    "--led",
+    type=click.Path(path_type=Path),
+    metavar="RUN",
+    help="Write the reference that leads this run's axis along the motion: for drives that take positions and have no feedforward.",
+)
 @click.option("--yes", is_flag=True, help="Overwrite an existing file.")
 @shared.output_options
 @click.pass_obj
-def command(frame: Invocation, /, file: Path, start_m: float, end_m: float, yes: bool, **given: float | None) -> int:
+def command(frame: Invocation, /, file: Path, start_m: float, end_m: float, led: Path | None, yes: bool, **given: float | None) -> int:
     """Write the fastest motion between two states to FILE (CSV): jerk, acceleration and speed limited, each way by its own.
 
     Limits are positive and hold along the way, whichever way it leads. A motion from rest to rest can be driven with
@@ -42,5 +48,5 @@ def command(frame: Invocation, /, file: Path, start_m: float, end_m: float, yes:
     """
     said = {name: value for name, value in given.items() if value is not None}
     return frame.show(
-        api("beltcomm.jobs.trajectory").trajectory(file, start_m, end_m, **said, options=options_of(yes=yes), talk=frame.talk())
+        api("beltcomm.jobs.trajectory").trajectory(file, start_m, end_m, **said, led=led, options=options_of(yes=yes), talk=frame.talk())
     )

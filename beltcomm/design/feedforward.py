@@ -10,7 +10,7 @@ from beltcomm.errors import UsageError
 
 FeedforwardKind = Literal["nonlinear", "linear", "none"]
 #: With what the host can add: the motor led ahead of the carriage (``beltcomm.design.compliant``).
-SentFeedforward = Literal["nonlinear", "linear", "none", "compliant"]
+SentFeedforward = Literal["nonlinear", "linear", "none", "compliant", "led"]
 
 
 def feedforward_from(

@@ -133,6 +133,9 @@ class Motion:
     torque_nm : ndarray (n,), N m, motor shaft
     rest_nm : float, N m
         Of kind "torque": what holds the axis while the drive is being enabled, after the last entry and until it is stopped.
+    lead_rad : ndarray (n,) or None, rad, motor shaft
+        Of kind "position": what the drive's reference is ahead of ``position_rad``, along which the axis is to go and is watched; 0 at both
+        ends.
     """
 
     kind: MotionKind
@@ -141,11 +144,19 @@ class Motion:
     velocity_rad_s: Array
     torque_nm: Array
     rest_nm: float = 0.0
+    lead_rad: Array | None = None
 
     def __post_init__(self) -> None:
         n = len(self.torque_nm)
+        if self.lead_rad is not None and len(self.lead_rad) != n:
+            raise ValueError("the lead of a motion must have as many entries as the motion")
         if not (len(self.position_rad) == len(self.velocity_rad_s) == n) or n == 0:
             raise ValueError("the three arrays of a motion must have one equal, positive length")
+
+    @property
+    def ahead_rad(self) -> float:
+        """Largest lead of the reference, rad."""
+        return 0.0 if self.lead_rad is None else float(np.max(np.abs(self.lead_rad)))
 
 
 @dataclass(frozen=True)

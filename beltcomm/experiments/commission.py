@@ -31,7 +31,7 @@ from beltcomm.experiments import (
     sweeping,
     verification,
 )
-from beltcomm.experiments.proving import verify_move
+from beltcomm.experiments.proving import Sending, learn_gains, verify_move
 from beltcomm.experiments.recentre import MOST_STOPS, bring_back, may_not_excite, stands, stands_after
 from beltcomm.fit.acting import acting_recording
 from beltcomm.identify.amplitude import AmplitudeStep, family_around, unknown_masses_kg
@@ -481,14 +481,19 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
     else:
         standard = verification.standard_move(machine, model)
         standard = verification.kept_by_belt(machine, model, cascade, delay(findings), standard)
+        if verification.leads(machine, cascade):
+            learn_gains(machine, model, cascade, delay(findings), standard, settings.payloads_kg)
         trajectory, remark = verification.within_target(machine, model, cascade, delay(findings), standard)
         if remark:
             findings.remarks.append(remark)
         if trajectory.duration_s > standard.at(1.0, trajectory.sample_period_s).duration_s:
             findings.reservations.append("this drive cannot follow the standard move within the target, only slower ones")
-    findings.proof = proof(cascade, trajectory, settings.payloads_kg)
+    sending: Sending = "led" if verification.leads(machine, cascade) else "nothing"
+    findings.proof = proof(cascade, trajectory, settings.payloads_kg, sending if sending == "led" else "")
     findings.move_name = name = move_name(machine.folder, findings.proof)
-    findings.verdict, findings.demand = verify_move(machine, model, cascade, delay(findings), trajectory, name, settings.payloads_kg)
+    findings.verdict, findings.demand = verify_move(
+        machine, model, cascade, delay(findings), trajectory, name, settings.payloads_kg, sending
+    )
     machine.found("following error", f"{1e3 * findings.verdict.measured.dynamic_m:.3g} mm")
     return findings
 

@@ -288,11 +288,13 @@ def settings_of(options: Options) -> Settings:
     Raises
     ------
     UsageError
-        For a compliant feedforward.
+        For a compliant or led feedforward.
     """
     feedforward = options.feedforward or "nonlinear"
-    if feedforward == "compliant":
-        raise UsageError("compliant is what the host sends along with a move; choose it in `beltcomm verify --feedforward compliant`")
+    if feedforward == "compliant" or feedforward == "led":
+        raise UsageError(
+            f"{feedforward} is what the host does with a move's reference; choose it in `beltcomm verify --feedforward {feedforward}`"
+        )
     payload = options.payload_kg or 0.0
     return Settings(
         apply=options.apply,

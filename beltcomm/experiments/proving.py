@@ -12,14 +12,18 @@ from numpy.typing import NDArray
 from beltcomm.control import Cascade, Feedforward
 from beltcomm.design.compensation import compensation
 from beltcomm.design.compliant import Leading, lead_motion, torque_along
+from beltcomm.design.led_reference import LedReference, led_reference
 from beltcomm.errors import Refused
 from beltcomm.experiments import phases
-from beltcomm.experiments.verification import belt_force_limit_n, in_drive, refuse_broken
+from beltcomm.experiments.verification import StandardMove, belt_force_limit_n, in_drive, predict_led, refuse_broken
+from beltcomm.identify.led_gains import gain_factors
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import BELT_BEYOND
 from beltcomm.model import Model
 from beltcomm.recording.sidecar import Sidecar
-from beltcomm.rundata.proof import LEARNT, proof
+from beltcomm.rundata import led_gains
+from beltcomm.rundata.led_gains import as_in_drive
+from beltcomm.rundata.proof import LEARNT, move_name, proof
 from beltcomm.simulate.setpoints import SetpointGrid
 from beltcomm.trajectory import Trajectory, with_dwell
 from beltcomm.verify import (
@@ -43,10 +47,13 @@ LONGEST_RANGED_S = 15.0
 #: the drive and on the host.
 SURPRISE = 3.0
 LAG_SLACK_M = 2e-3
+#: The first move with a led reference shows what the gains in the drive are: at this share of its speed, and by so much of the lead may the
+#: axis be off, which gains that are known to some percent allow.
+LEARNING_SHARE, LEARNING_SLACK = 0.25, 0.1
 
 #: What the host sends along: nothing; the torque of effects that the drive's numbers cannot say; a motor that leads by the stretch of the
-#: belt; the same with friction of the carriage in that stretch.
-Sending = Literal["nothing", "rigid", "stretch", "compliant"]
+#: belt; the same with friction of the carriage in that stretch; a reference that leads the motor by the inverse of the drive's cascade.
+Sending = Literal["nothing", "rigid", "stretch", "compliant", "led"]
 
 
 @dataclass(frozen=True)
@@ -63,6 +70,8 @@ class Sent:
         Largest torque at the motor that this will take.
     led : Leading or None
         How the motor leads, where it does.
+    reference : LedReference or None
+        How the reference leads the motor, where it does.
     """
 
     motor: Trajectory
@@ -70,6 +79,7 @@ class Sent:
     torque_nm: Array | None
     demanded_nm: float
     led: Leading | None = None
+    reference: LedReference | None = None
 
 
 def reference_for(model: Model, feedforward: Feedforward, path: Trajectory, sending: Sending, time_s: float = 0.0) -> Sent:
@@ -124,7 +134,13 @@ def verify_move(
     refuse_broken(machine, model, trajectory)
     running = machine.write_cascade(cascade)
     clock_s = machine.session_time_s
-    sent, drive = reference_for(model, running.feedforward, with_dwell(trajectory, REST_S), sending, clock_s), in_drive(machine, delay_s)
+    drive, whole = in_drive(machine, delay_s), with_dwell(trajectory, REST_S)
+    if sending == "led":
+        taken, running = running, as_in_drive(machine.folder, running)
+        led = led_reference(model, whole, running, drive.structure, delay_s, clock_s)
+        sent = Sent(led.motor, led.carriage, None, float(np.max(np.abs(led.torque_nm))), reference=led)
+    else:
+        sent = reference_for(model, running.feedforward, whole, sending, clock_s)
     grid = SetpointGrid(trajectory.sample_period_s, drive.structure.period_s, len(sent.motor.t_s))
     if sent.torque_nm is not None:
         sent = replace(sent, torque_nm=grid.along(sent.torque_nm))
@@ -132,31 +148,46 @@ def verify_move(
         learnt = np.pad(learnt, (0, max(0, len(sent.motor.t_s) - len(learnt))))[: len(sent.motor.t_s)]
         along = learnt if sent.torque_nm is None else sent.torque_nm + learnt
         sent = replace(sent, torque_nm=along, demanded_nm=sent.demanded_nm + float(np.max(np.abs(learnt))))
-    path = predict_move(model, running, sent.motor, drive, extra_torque_nm=sent.torque_nm, time_s=clock_s)
+
+    def predict(other: Model, stretch_m: float = 0.0) -> PredictedMove:
+        if sent.reference is not None:
+            return predict_led(other, running, sent.reference, drive, stretch_m, clock_s)
+        return predict_move(other, running, sent.motor, drive, belt_stretch_m=stretch_m, extra_torque_nm=sent.torque_nm, time_s=clock_s)
+
+    path = predict(model)
     _check_path(machine, path)
+    _check_lead(machine, sent, path)
     _check_along(machine, sent)
     _check_belt(machine, model, path, trajectory)
     lag = SURPRISE * float(np.max(np.abs(path.reference_m - path.motor_m))) + LAG_SLACK_M
+    if sent.reference is not None and led_gains.known(machine.folder) is None:
+        lag += LEARNING_SLACK * float(np.max(np.abs(sent.reference.lead_m)))
     start = float(trajectory.position_m[0])
     if machine.folder.finished(name) is None and abs(machine.position_m - start) > 1e-4:
         top = float(np.max(np.abs(trajectory.velocity_m_s)))  # these gains are about to be driven at that speed, with more force
         phases.move_to(machine, start, model, max(top, phases.POSITIONING_SPEED_M_S))
     # Positioning ends a little beside its goal; a reference that begins elsewhere would be a step, and no part of the move.
     beside = replace(sent.motor, position_m=sent.motor.position_m + machine.position_m - start)
+    led_by: str = "" if sent.led is None and sent.reference is None else sending
+    led_by = LEARNT if learnt is not None else led_by
     sidecar = Sidecar(
         experiment="trajectory",
         start_position_m=machine.position_m,
         session_time_s=machine.session_time_s,
         closed_loop=True,
         held_out=True,
-        controller=proof(cascade, trajectory, payloads_kg, LEARNT if learnt is not None else "" if sent.led is None else sending),
+        controller=proof(cascade, trajectory, payloads_kg, led_by),
     )
-    motion = machine.follow(beside, "position", sent.torque_nm)
+    motion = machine.follow(beside, "position", sent.torque_nm, None if sent.reference is None else sent.reference.lead_m)
     recording = machine.record(name, motion, replace(machine.full_room(), lag_m=lag), sidecar)
 
+    if sent.reference is not None:
+        ahead = grid.in_loop(sent.reference.lead_m) / machine.ratio
+        if (shown := gain_factors(recording, ahead, taken, drive.structure, delay_s)) is not None:
+            led_gains.keep(machine.folder, shown)
+
     def error(other: Model, stretch_m: float) -> TrackingError:
-        path = predict_move(other, running, sent.motor, drive, belt_stretch_m=stretch_m, extra_torque_nm=sent.torque_nm, time_s=clock_s)
-        return path.error_for(machine.axis.targets)
+        return predict(other, stretch_m).error_for(machine.axis.targets)
 
     spread = predict_range(model, error) if sent.motor.duration_s <= LONGEST_RANGED_S else None
     verdict = judge(
@@ -167,14 +198,31 @@ def verify_move(
         predicted_range=spread,
         targets=machine.axis.targets,
     )
-    if sent.torque_nm is not None and learnt is None:
-        alone = predict_move(model, running, with_dwell(trajectory, REST_S), drive, time_s=clock_s)
+    if (sent.torque_nm is not None and learnt is None) or sent.reference is not None:
+        alone = predict_move(model, running, whole, drive, time_s=clock_s)
         verdict = replace(verdict, reasons=(*verdict.reasons, *_brought(sent, alone)))
     return verdict, demand(trajectory, model)
 
 
+def learn_gains(
+    machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove, payloads_kg: Sequence[float]
+) -> None:
+    """A slow move with a led reference, which shows what the gains in the drive are; nothing where the run knows it."""
+    if led_gains.known(machine.folder) is not None:
+        return
+    slow = standard.at(LEARNING_SHARE, machine.drive.capabilities.sample_period_s)
+    name = move_name(machine.folder, proof(cascade, slow, payloads_kg, "led"))
+    verify_move(machine, model, cascade, delay_s, slow, name, payloads_kg, "led")
+
+
 def _brought(sent: Sent, alone: PredictedMove) -> list[str]:
     """In words, what was sent along, and what the same gains are predicted to reach without it."""
+    if sent.reference is not None:
+        return [
+            f"the reference led the motor by up to {1e3 * float(np.max(np.abs(sent.reference.lead_m))):.3g} mm, the inverse of the drive's "
+            f"loops; without, the axis is predicted to be off by {1e3 * alone.error.dynamic_m:.3g} mm. Whoever drives it later must lead "
+            "it too: beltcomm trajectory FILE --led RUN writes such a reference"
+        ]
     most = 1e3 * float(np.max(np.abs(sent.torque_nm))) if sent.torque_nm is not None else 0.0
     if sent.led is None:
         without = alone.error
@@ -199,6 +247,16 @@ def _check_along(machine: Machine, sent: Sent) -> None:
             f"the move is refused: with the {most:.3g} N m that the model sends along, the motor torque would be "
             f"{sent.demanded_nm:.4g} N m, limit {limit:.4g} N m; slow the move down, look at the model's effects, "
             "or use --feedforward linear"
+        )
+
+
+def _check_lead(machine: Machine, sent: Sent, path: PredictedMove) -> None:
+    """Raise Refused when a led reference reaches a bound of the drive: then the axis does not follow it."""
+    if sent.reference is not None and path.saturated:
+        raise Refused(
+            f"the move is refused: its reference leads the axis by up to {1e3 * float(np.max(np.abs(sent.reference.lead_m))):.0f} mm and "
+            f"reaches {' and '.join(path.saturated)}, so that the axis would not follow it; slow the move down, raise that bound with the "
+            "maker's tool, or drive it without (--feedforward none)"
         )
 
 

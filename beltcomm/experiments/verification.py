@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,15 @@ from numpy.typing import NDArray
 
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade
+from beltcomm.design.led_reference import LedReference, can_lead, led_reference
 from beltcomm.errors import Refused
 from beltcomm.experiments import phases
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
+from beltcomm.rundata.led_gains import as_in_drive
+from beltcomm.simulate.setpoints import SetpointGrid
 from beltcomm.trajectory import Trajectory, load_move, plan_trajectory, with_dwell
-from beltcomm.verify import REST_S, Loop, demand, predict_move, tracking_error
+from beltcomm.verify import REST_S, Loop, PredictedMove, TrackingError, demand, predict_move, predict_range, tracking_error
 
 Array = NDArray[np.float64]
 
@@ -31,6 +35,8 @@ RAMP_S = 0.2
 #: is slowed down for that.  A move that somebody asks for is refused beyond ``BELT_BEYOND`` only, where it would be stopped.
 BELT_SWING = 1.05
 BELT_TRIES = 8
+#: What a move with a led reference is slowed down by at a time.
+SLOWER = 0.9
 #: m: positioning ends so far beside its goal at most, and the move that was planned from there begins beside it too.
 BESIDE_M = 2e-3
 
@@ -86,7 +92,7 @@ def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: floa
     share = 1.0
     for _ in range(BELT_TRIES):
         move = standard.at(share, machine.drive.capabilities.sample_period_s)
-        force = predict_move(model, cascade, with_dwell(move, REST_S), in_drive(machine, delay_s)).belt_force_n
+        force = predicted(machine, model, cascade, delay_s, move).belt_force_n
         limit = belt_force_limit_n(machine, model, float(np.max(np.abs(move.velocity_m_s))), BELT_SWING)
         if force <= limit:
             break
@@ -139,6 +145,29 @@ def admissible(machine: Machine, model: Model, start: float, end: float, limits:
     return phases.slower(limits, low), f"the move was slowed down, because at the speed asked for {'; '.join(broken)}"
 
 
+def leads(machine: Machine, cascade: Cascade) -> bool:
+    """Whether the reference is led by the inverse of the drive's cascade: where it has no feedforward, on a level axis."""
+    return can_lead(machine.drive.capabilities.structure, cascade) and not machine.axis.mounting.tilted
+
+
+def predict_led(
+    model: Model, cascade: Cascade, led: LedReference, drive: Loop, belt_stretch_m: float = 0.0, time_s: float = 0.0
+) -> PredictedMove:
+    """The axis along a led reference, held against the motion that the motor is to make."""
+    path = predict_move(model, cascade, led.sent, drive, belt_stretch_m=belt_stretch_m, time_s=time_s)
+    grid = SetpointGrid(led.motor.sample_period_s, drive.structure.period_s, len(led.motor.t_s))
+    return replace(path, reference_m=grid.in_loop(led.motor.position_m))
+
+
+def predicted(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> PredictedMove:
+    """A move and the rest after it, with a led reference where the drive gets one."""
+    drive, path = in_drive(machine, delay_s), with_dwell(trajectory, REST_S)
+    if not leads(machine, cascade):
+        return predict_move(model, cascade, path, drive)
+    running = as_in_drive(machine.folder, cascade)
+    return predict_led(model, running, led_reference(model, path, running, drive.structure, delay_s), drive)
+
+
 def in_drive(machine: Machine, delay_s: float) -> Loop:
     """Loop of a controller in this drive."""
     capabilities = machine.drive.capabilities
@@ -147,7 +176,7 @@ def in_drive(machine: Machine, delay_s: float) -> Loop:
 
 def _error_m(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> float:
     """Predicted following error of a move, m: the largest of the places where the targets count."""
-    path = predict_move(model, cascade, with_dwell(trajectory, REST_S), in_drive(machine, delay_s))
+    path = predicted(machine, model, cascade, delay_s, trajectory)
     at = {"motor": path.motor_m, "carriage": path.cart_m}
     return max(tracking_error(path.t_s, path.reference_m, at[place]).dynamic_m for place in machine.axis.targets.places)
 
@@ -175,6 +204,8 @@ def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
     One that takes longer than ``LONGEST_SLOW_MOVE_S`` is only named; a short one at constant speed takes its place, in which the
     integrator must break friction free within the target.
     """
+    if leads(machine, cascade):
+        return _led_within_target(machine, model, cascade, delay_s, standard)
     period, following_m = machine.drive.capabilities.sample_period_s, machine.axis.targets.following_m
     start, end = standard.start_m, standard.end_m
 
@@ -209,6 +240,38 @@ def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
     move = short(low)
     way = 1e3 * abs(float(move.position_m[-1]) - start)
     return move, f"{text}; too long here, so {way:.2g} mm were driven, at {1e3 * low:.3g} mm/s from the start on"
+
+
+def _led_error(cascade: Cascade, led: LedReference, drive: Loop, model: Model, stretch_m: float) -> TrackingError:
+    """Error at the motor of a model and a stretch of the belt along a led reference."""
+    return predict_led(model, cascade, led, drive, stretch_m).error
+
+
+def _led_within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> tuple[Trajectory, str]:
+    """The standard move with a led reference, as fast as the drive's bounds and what is known of the axis let it stay within the target."""
+    period, drive, share = machine.drive.capabilities.sample_period_s, in_drive(machine, delay_s), 1.0
+    aim, why = AIM_SHARE * machine.axis.targets.following_m, ""
+    while True:
+        move = standard.at(share, period)
+        path = predicted(machine, model, cascade, delay_s, move)
+        if not (path.saturated or path.error.dynamic_m > aim):
+            running = as_in_drive(machine.folder, cascade)
+            led = led_reference(model, with_dwell(move, REST_S), running, drive.structure, delay_s)
+            spread = predict_range(model, partial(_led_error, running, led, drive))
+            if spread is None or spread[1].dynamic_m <= aim or move.duration_s > LONGEST_SLOW_MOVE_S:
+                break
+            why = f"what is not known of the axis may make {1e3 * spread[1].dynamic_m:.3g} mm of following error of it"
+        elif path.saturated:
+            why = f"its reference would reach {' and '.join(path.saturated)}"
+        else:
+            why = f"it would have {1e3 * path.error.dynamic_m:.3g} mm of following error"
+        if move.duration_s > LONGEST_SLOW_MOVE_S:
+            break
+        share *= SLOWER
+    if share == 1.0:
+        return move, standard.remark
+    text = f"{standard.remark}; " if standard.remark else ""
+    return move, f"{text}at its full speed {why}, so it was driven at {100 * share:.0f} % of its speed, in {move.duration_s:.3g} s"
 
 
 def broken_limits(machine: Machine, model: Model, trajectory: Trajectory, spare_m: float = 0.0) -> list[str]:

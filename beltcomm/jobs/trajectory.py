@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 
+from beltcomm.design.led_reference import led_reference
 from beltcomm.errors import UsageError
 from beltcomm.experiments.options import Options
 from beltcomm.given import Place, may_write, number, pasted, place
 from beltcomm.recording.signalfile import write_columns
 from beltcomm.result import Result, plain
+from beltcomm.rundata import offline
+from beltcomm.rundata.led_gains import as_in_drive
+from beltcomm.rundata.store import saved_design, structure_from_dict
+from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.own_words import own_words
 from beltcomm.talk import Silence, Talk
+from beltcomm.trajectory import Trajectory, with_dwell
 from beltcomm.trajectory.seven_phases import MotionBounds, MotionState, SevenPhases, bounds_reached, fastest_motion, on_grid
 
 #: Bounds of a motion upwards -> what they are called along the way, whichever way it leads; as the options of the command line.
@@ -28,6 +35,8 @@ ALONG: Mapping[str, str] = {
 }
 _UNITS = {"velocity": "m/s", "acceleration": "m/s²", "jerk": "m/s³"}
 
+#: s: rest after a motion with a led reference.
+LED_REST_S = 0.5
 #: Rows of a motion: three hours at 1 kHz, 1 GB.
 MOST_ROWS = 10_000_000
 #: A smallest value this much smaller than the largest is zero, with the rounding of a sum.
@@ -51,6 +60,7 @@ def trajectory(
     end_velocity_m_s: float = 0.0,
     end_acceleration_m_s2: float = 0.0,
     period_s: float = 1e-3,
+    led: Place | None = None,
     options: Options | None = None,
     talk: Talk | None = None,
 ) -> Result:
@@ -90,6 +100,9 @@ def trajectory(
         signed.
     period_s : float, s
         Of the rows.
+    led : Place or None
+        Run folder of a drive without feedforward: the file holds the reference that leads its axis along the motion, with the rest that it
+        takes before and after.
     options : Options or None
         Settings beside the main arguments; None for the safe defaults.
     talk : Talk or None
@@ -118,6 +131,8 @@ def trajectory(
     motion = on_grid(start, end, bounds, period_s)
     sampled = motion.sampled(period_s)
     may_write(file, options.yes, talk)
+    if led is not None:
+        return _led(file, sampled, RunFolder.open(place(led, "led")))
     columns = {name: getattr(sampled, name) for name in ("t_s", "position_m", "velocity_m_s", "acceleration_m_s2")}
     write_columns(file, {**columns, "jerk_m_s3": motion.at(sampled.t_s)[3]})
     touched = bounds_reached(fastest.mirrored() if down else fastest, along)
@@ -136,6 +151,34 @@ def trajectory(
         "phases": {"durations_s": plain(motion.durations_s), "jerks_m_s3": plain(motion.jerks_m_s3)},
     }
     return Result(data, _lines(file, motion, fastest, bounds, period_s, binding))
+
+
+def _led(file: Path, sampled: Trajectory, folder: RunFolder) -> Result:
+    """The reference that a run's drive has to be sent for a motion of the carriage, in metres, rad and units of the drive."""
+    saved, drive = saved_design(folder), folder.load_result("drive")
+    if drive is None:
+        raise UsageError(f"{folder.path} knows no drive whose loops a reference could be led by; commission the axis first")
+    model = offline.trusted_revision(folder, str(saved.get("revision") or ""))[0]
+    structure = structure_from_dict(drive)
+    cascade, delay_s = offline.cascade_of(saved, model, structure, None)
+    found = led_reference(model, with_dwell(sampled, LED_REST_S), as_in_drive(folder, cascade), structure, delay_s)
+    reference_rad = found.sent.position_m / model["transmission.ratio"]
+    units = float(folder.drive.get("units_per_turn") or 0.0) / math.tau
+    columns = {"t_s": found.motor.t_s, "reference_m": found.sent.position_m, "reference_rad": reference_rad}
+    if units:
+        columns["reference_units"] = np.rint(units * reference_rad)
+    write_columns(file, {**columns, "motor_m": found.motor.position_m, "carriage_m": found.carriage.position_m})
+    lead, fastest = float(np.max(np.abs(found.lead_m))), float(np.max(np.abs(found.lead_m))) * cascade.kpp_1_s
+    data = {"file": str(file), "samples": len(found.motor.t_s), "lead_m": lead, "duration_s": found.motor.duration_s}
+    return Result(
+        data,
+        [
+            f"{file} is written: {len(found.motor.t_s)} rows, reference_m is what the drive is to be sent, one row each period",
+            f"  lead of the reference   up to {1e3 * lead:.0f} mm: its following error window (6065h) and software limits (607Dh) must be",
+            f"                          wider by that, and its position controller may ask for {fastest:.3g} m/s",
+            "  positions count from the zero of the axis; the gains of the run's design must stand in the drive",
+        ],
+    )
 
 
 def _check_rows(duration_s: float, period_s: float, along: MotionBounds) -> None:

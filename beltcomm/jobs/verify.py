@@ -13,6 +13,7 @@ import numpy as np
 from beltcomm.axis import Axis, axis_from_dict
 from beltcomm.control import Cascade
 from beltcomm.design.feedforward import FeedforwardKind
+from beltcomm.design.led_reference import can_lead
 from beltcomm.drive import Drive, simulated
 from beltcomm.errors import Refused, SafetyStop
 from beltcomm.experiments import referencing, verification
@@ -117,17 +118,27 @@ def verify_with(
             f"{structure.name} takes no torque along with a reference, so its motor cannot be led ahead of the carriage; "
             "use nonlinear, linear or none"
         )
-    own: FeedforwardKind | None = "nonlinear" if feedforward == "compliant" else feedforward
+    own: FeedforwardKind | None = "nonlinear" if feedforward == "compliant" else None if feedforward == "led" else feedforward
     analyse.require_offered(structure, None, own)
     cascade, delay_s = offline.cascade_of(saved, model, structure, own)
     along = bool(saved.get("compensated")) and structure.torque_feedforward and feedforward in (None, "nonlinear")
     sending: Sending = "compliant" if feedforward == "compliant" else "rigid" if along else "nothing"
+    own_loop = drive.capabilities.gains == "unknown"  # whose inverse nobody knows
+    if feedforward == "led" and own_loop:
+        raise Refused(
+            f"the gains of {structure.name} cannot be read, so no reference can be led by the inverse of its loops; leave led out"
+        )
+    if feedforward == "led" or (feedforward is None and can_lead(structure, cascade) and not axis.mounting.tilted and not own_loop):
+        sending = "led"
     driven: list[tuple[str, Verdict, Demand]] = []
     with Machine(drive, axis, folder, talk) as machine:
         machine.over_belt = over_belt
         referencing.reference(machine, settings_of(replace(options, feedforward=None)))
         braking = stops.count_on_loop(machine, [model], cascade, delay_s)
         path, remark = verification.move_asked_for(machine, model, move, trajectory)
+        if sending == "led" and move is None and trajectory is None:  # as fast as the drive's bounds let its reference lead
+            standard = verification.standard_move(machine, model)
+            path, remark = verification.within_target(machine, model, cascade, delay_s, standard)
         verification.refuse_broken(machine, model, path)
         plan = verification_plan(machine.axis, model, path, braking, len(RUNGS) if rungs else 1 + (learn or 0))
         if planned is not None:
@@ -143,7 +154,8 @@ def verify_with(
             record = _names(folder)()
             with set_by_hand(drive, folder):
                 verdict, asked = verify_move(machine, model, gains, delay_s, path, record, sending=how, learnt=taught)
-            driven_with = proof(gains, path, (), LEARNT if taught is not None else how if how in ("stretch", "compliant") else "")
+            led_by = LEARNT if taught is not None else how if how in ("stretch", "compliant", "led") else ""
+            driven_with = proof(gains, path, (), led_by)
             shown = {"proof": driven_with, OF: hashes_of(driven_with["gains"], model)}
             if drive.capabilities.gains == "unknown" and not as_predicted(verdict):
                 shown = {}  # what was driven are other gains
@@ -249,7 +261,7 @@ def set_by_hand(drive: Drive, folder: RunFolder) -> Iterator[None]:
     try:
         yield
     except SafetyStop as problem:
-        if drive.capabilities.gains != "unknown" or problem.reason not in ("lag", "resonance"):
+        if drive.capabilities.gains != "unknown" or problem.reason not in ("lag", "resonance", "position"):
             raise
         raise SafetyStop(
             f"{problem.args[0].partition('; ')[0]}; the axis was stopped. With the gains of the design it would not have been: type them "

@@ -264,8 +264,11 @@ class Machine:
         holding = round(self.holding_nm / step) * step if step else self.holding_nm
         return Motion("torque", self.drive.capabilities.sample_period_s, zero, zero, np.asarray(torque_nm) + holding, holding)
 
-    def follow(self, trajectory: Trajectory, kind: LoopKind, torque_nm: Array | None = None) -> Motion:
-        """A reference motion of the carriage for the drive's own position or velocity loop.   torque_nm : (n,), sent along with it."""
+    def follow(self, trajectory: Trajectory, kind: LoopKind, torque_nm: Array | None = None, lead_m: Array | None = None) -> Motion:
+        """A motion of the carriage for the drive's own position or velocity loop.
+
+        torque_nm : (n,), sent along with it.   lead_m : (n,), by which the drive's reference is ahead.
+        """
         speed = trajectory.velocity_m_s / self.ratio
         return Motion(
             kind,
@@ -273,6 +276,7 @@ class Machine:
             self.origin_rad + trajectory.position_m / self.ratio,
             speed,
             self._along(speed, kind, torque_nm),
+            lead_rad=None if lead_m is None else lead_m / self.ratio,
         )
 
     def stops_beyond(self, position_m: Array, speed_m_s: Array, spare_m: float = 0.0) -> str:

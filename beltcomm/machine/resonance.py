@@ -69,7 +69,8 @@ def predicted_torque(model: Model, cascade: Cascade, motion: Motion, drive: Loop
         cascade = replace(cascade, kpp_1_s=0.0, feedforward=replace(cascade.feedforward, velocity=1.0))
         drive = replace(drive, structure=replace(drive.structure, output_limit_rad_s=math.inf, dead_zone_rad=0.0))
     times: Array = motion.period_s * np.arange(len(motion.torque_nm), dtype=np.float64)
-    position, speed = ratio * (motion.position_rad - origin_rad), ratio * motion.velocity_rad_s
+    lead: Array | float = 0.0 if motion.lead_rad is None else motion.lead_rad
+    position, speed = ratio * (motion.position_rad + lead - origin_rad), ratio * motion.velocity_rad_s
     path = Trajectory(times, position, speed, np.zeros(len(times)))
     along = motion.torque_nm if motion.torque_nm.any() else None
     return predict_move(model, cascade, path, drive, extra_torque_nm=along).torque_nm

@@ -82,7 +82,8 @@ def _tracked(run: Gathered, recording: Recording) -> TrackedMove:
 def _predicted(run: Gathered, recording: Recording, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     gains = (recording.sidecar.controller or {}).get("gains")
     drive, model = run.results.get("drive"), run.model
-    if gains is None or drive is None or model is None or recording.torque_offset is not None:
+    led = (recording.sidecar.controller or {}).get("led_by")
+    if gains is None or drive is None or model is None or recording.torque_offset is not None or led:
         return None
     try:
         structure, cascade = structure_from_dict(drive), cascade_from_dict({"parameters": gains})

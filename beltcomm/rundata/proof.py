@@ -51,7 +51,7 @@ def proof(cascade: Cascade, trajectory: Trajectory, payloads_kg: Sequence[float]
     Parameters
     ----------
     led_by : str
-        How the host led the motor ahead of the carriage; "" where the gains stood for themselves.
+        How the host led the motor ahead of the carriage, or its reference ("led"); "" where the gains stood for themselves.
     """
     return ({"led_by": led_by} if led_by else {}) | {
         "gains": {name: float(value) for name, value in cascade_to_parameters(cascade).items()},
@@ -104,7 +104,7 @@ def doubts(folder: RunFolder) -> list[str]:
     found += (designed.get("proof") or {}).get("doubts") or ()
     results = [folder.load("results", name) for name in folder.names("results") if name.startswith("verify_")]
     proofs = [(result, shown) for result in results if isinstance(shown := result.get("proof"), Mapping)]
-    driven = [result for result, shown in proofs if same_gains(shown.get("gains"), gains) and "led_by" not in shown]
+    driven = [result for result, shown in proofs if same_gains(shown.get("gains"), gains) and shown.get("led_by", "led") == "led"]
     if not driven:
         found.append("no verification move was driven with these gains")
     elif not driven[-1].get("passed"):

@@ -169,7 +169,7 @@ def judged(rig: SlaveRig, verb: str, slave: str, outcome: Outcome, first: int, a
     if verb != "host lost" and not allow_changes and (changed := rig.changed()):
         wrong.append(f"not restored: {changed}")
     right = {"Ctrl-C": (0, 1, 4), "host lost": (None, 0, 1)}.get(verb, (0, 1))
-    if not moved and (outcome.code not in right or (said and verb != "apply")):
+    if not moved and (outcome.code not in right or (said and verb not in ("apply", "Ctrl-C"))):
         state = "refused"
         if not said or not re.search(REMEDY, said):
             wrong.append("no sentence that says what to do")

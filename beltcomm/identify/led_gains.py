@@ -1,0 +1,100 @@
+"""What the gains in a drive really are, from one move with a led reference: small steps at standstill tell them to a few percent only.
+
+    τ = K_P [K_PP (ε + ∫ε dt/T_N) - (ω + ∫ω dt/T_N)] + c,      ε = r - φ,   T_N = K_P/K_I as documented
+
+is linear in K_P K_PP, K_P and c.  A led reference makes ε and ω large and the law tell them apart to a thousandth; an error of a percent in
+either is a millimetre of such a move.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.control import Cascade, CascadeStructure
+from beltcomm.recording import Recording
+
+Array = NDArray[np.float64]
+
+#: Half interval, relative, above which a move tells nothing of the gains; and how far they may be off what was measured before.
+KNOWN_TO, BELIEVED = 0.02, 0.2
+
+
+@dataclass(frozen=True)
+class GainFactors:
+    """Gains in the drive over what they are taken for.
+
+    Attributes
+    ----------
+    kp, kpp : float
+        Of K_P (and K_I, which goes with it) and of K_PP.
+    kp_interval, kpp_interval : float
+        95 %, of the factors.
+    """
+
+    kp: float
+    kpp: float
+    kp_interval: float
+    kpp_interval: float
+
+    def of(self, cascade: Cascade) -> Cascade:
+        """A controller as it really is in the drive."""
+        return replace(
+            cascade,
+            kp_nm_s_rad=self.kp * cascade.kp_nm_s_rad,
+            ki_nm_rad=self.kp * cascade.ki_nm_rad,
+            kpp_1_s=self.kpp * cascade.kpp_1_s,
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """For a file."""
+        return asdict(self)
+
+
+def gain_factors(
+    recording: Recording, lead_rad: Array, cascade: Cascade, structure: CascadeStructure, delay_s: float
+) -> GainFactors | None:
+    """The factors by a record; None where it does not tell them.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of a move in the drive's position loop, whose reference is where the axis was to be.
+    lead_rad : ndarray (n,)
+        By which the reference in the loop was ahead of that, at the samples of the record from its first on.
+    cascade : Cascade
+        That the drive is taken to run.
+    delay_s : float
+        Torque setpoint to acting torque.
+    """
+    if recording.reference_position is None or cascade.ki_nm_rad <= 0.0 or len(lead_rad) < len(recording.t_s):
+        return None
+    period, filter_s = recording.sample_period_s, cascade.velocity_filter_s
+    off = recording.reference_position + lead_rad[: len(recording.t_s)] - recording.position
+    off = np.sign(off) * np.maximum(np.abs(off) - structure.dead_zone_rad, 0.0)
+    speed, before = np.empty(len(off)), 0.0
+    for k, step in enumerate(np.diff(recording.position, prepend=recording.position[0])):
+        speed[k] = before = (filter_s * before + step) / (filter_s + period)
+    reset_s = cascade.kp_nm_s_rad / cascade.ki_nm_rad
+    asked, answered = (one + period * (np.cumsum(one) - one) / reset_s for one in (off, speed))
+    torque = np.interp(recording.t_s + delay_s - 0.5 * period, recording.t_s, recording.torque)
+    law = np.stack([asked, -answered, np.ones(len(off))], axis=1)
+    (both, kp, _), *_ = np.linalg.lstsq(law, torque, rcond=None)
+    rest = torque - law @ np.linalg.lstsq(law, torque, rcond=None)[0]
+    spread = np.linalg.pinv(law.T @ law) * float(rest @ rest) / max(len(off) - 3, 1)
+    if not (kp > 0.0 and both > 0.0):
+        return None
+    kpp = both / kp
+    gradient = np.array([1.0 / kp, -both / kp**2, 0.0])
+    found = GainFactors(
+        float(kp / cascade.kp_nm_s_rad),
+        float(kpp / cascade.kpp_1_s),
+        float(1.96 * math.sqrt(spread[1, 1]) / cascade.kp_nm_s_rad),
+        float(1.96 * math.sqrt(gradient @ spread @ gradient) / cascade.kpp_1_s),
+    )
+    known = max(found.kp_interval, found.kpp_interval) < KNOWN_TO
+    return found if known and max(abs(found.kp - 1.0), abs(found.kpp - 1.0)) < BELIEVED else None
