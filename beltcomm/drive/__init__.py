@@ -548,12 +548,22 @@ class Listening(Protocol):
     title: str
 
     def frames(self, wait_s: float) -> list[Heard]:
-        """What has come since it was asked last; waits for it so long.   Raises BusError.
+        """Frames that have come since it was asked last.
 
         Parameters
         ----------
         wait_s : float, s
-            Of the bus's own time.
+            For which it is waited, of the bus's own time.
+
+        Returns
+        -------
+        list of Heard
+            In their order.
+
+        Raises
+        ------
+        BusError
+            Where the interface fails.
         """
         ...
 

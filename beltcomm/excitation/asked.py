@@ -38,11 +38,23 @@ class AskedExcitation:
         return self.order is not None or self.bit_s is not None
 
     def check(self, kind: ExcitationKind, sample_period_s: float, torque_step_nm: float, largest_nm: float) -> None:
-        """Before anything moves: what no drive or sequence can do.
+        """Refuse, before anything moves, what no drive or sequence can do.
+
+        Parameters
+        ----------
+        kind : ExcitationKind
+            Of signal.
+        sample_period_s : float, s
+            Sampling period.
+        torque_step_nm : float, N m
+            Resolution of the drive's torque setpoint.
+        largest_nm : float, N m, motor shaft
+            That motor, pulley and heat allow.
 
         Raises
         ------
         UsageError
+            For what is none.
         Refused
             With the limit.
         """
@@ -71,7 +83,20 @@ class AskedExcitation:
             )
 
     def of(self, choice: Choice, sample_period_s: float) -> Choice:
-        """A choice with what is asked for in its place."""
+        """A choice with what is asked for in its place.
+
+        Parameters
+        ----------
+        choice : Choice
+            As it would be.
+        sample_period_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        Choice
+            As asked for.
+        """
         signal: Any = choice
         if isinstance(signal, PrbsChoice) and self.shape:
             order = signal.order if self.order is None else self.order
@@ -85,14 +110,19 @@ class AskedExcitation:
         return made
 
     def amplitude_of(self, found_nm: float, binds: str) -> None:
-        """Raise Refused where the limits allow less than is asked for.
+        """Refuse where the limits allow less than is asked for.
 
         Parameters
         ----------
-        found_nm : float, N m
+        found_nm : float, N m, motor shaft
             That they allow.
         binds : str
             What allows no more.
+
+        Raises
+        ------
+        Refused
+            With both.
         """
         if self.amplitude_nm is None or found_nm >= (1.0 - 1e-3) * self.amplitude_nm:
             return
@@ -103,7 +133,18 @@ class AskedExcitation:
         )
 
     def seconds(self, sample_period_s: float) -> float | None:
-        """Of the whole record, s, where it follows from what is asked for."""
+        """Length of the whole record.
+
+        Parameters
+        ----------
+        sample_period_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        float or None, s
+            None where it does not follow from what is asked for.
+        """
         if self.order is None or self.bit_s is None:
             return None
         periods = 1 + (self.periods or FEWEST_REPEATS)
