@@ -548,22 +548,21 @@ class Listening(Protocol):
     title: str
 
     def frames(self, wait_s: float) -> list[Heard]:
-        """Frames that have come since it was asked last.
+        """Frames since the last call.
 
         Parameters
         ----------
         wait_s : float, s
-            For which it is waited, of the bus's own time.
+            How long they are waited for, in the bus's own time.
 
         Returns
         -------
         list of Heard
-            In their order.
 
         Raises
         ------
         BusError
-            Where the interface fails.
+            When the bus is lost.
         """
         ...
 

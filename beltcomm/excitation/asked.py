@@ -43,18 +43,15 @@ class AskedExcitation:
         Parameters
         ----------
         kind : ExcitationKind
-            Of signal.
+            Of the sequence.
         sample_period_s : float, s
-            Sampling period.
-        torque_step_nm : float, N m
-            Resolution of the drive's torque setpoint.
-        largest_nm : float, N m, motor shaft
-            That motor, pulley and heat allow.
+            Of drive and record.
+        torque_step_nm, largest_nm : float, N m, motor shaft
+            Step of the drive's torque, and the most that motor, pulley and heat allow.
 
         Raises
         ------
         UsageError
-            For what is none.
         Refused
             With the limit.
         """
@@ -88,14 +85,13 @@ class AskedExcitation:
         Parameters
         ----------
         choice : Choice
-            As it would be.
+            As it would be made.
         sample_period_s : float, s
-            Sampling period.
+            Of drive and record.
 
         Returns
         -------
         Choice
-            As asked for.
         """
         signal: Any = choice
         if isinstance(signal, PrbsChoice) and self.shape:
@@ -110,19 +106,14 @@ class AskedExcitation:
         return made
 
     def amplitude_of(self, found_nm: float, binds: str) -> None:
-        """Refuse where the limits allow less than is asked for.
+        """Raise Refused where the limits allow less than is asked for.
 
         Parameters
         ----------
-        found_nm : float, N m, motor shaft
+        found_nm : float, N m
             That they allow.
         binds : str
             What allows no more.
-
-        Raises
-        ------
-        Refused
-            With both.
         """
         if self.amplitude_nm is None or found_nm >= (1.0 - 1e-3) * self.amplitude_nm:
             return
@@ -138,7 +129,7 @@ class AskedExcitation:
         Parameters
         ----------
         sample_period_s : float, s
-            Sampling period.
+            Of drive and record.
 
         Returns
         -------
