@@ -57,7 +57,7 @@ def test_words_and_figure(study: excitations.ExcitationStudy, monkeypatch: pytes
     best = min(study.rows, key=excitations.score).kind
     assert any(line.startswith(f"g_b: {best} has the smallest errors") for line in text)
     monkeypatch.setattr("beltcomm.thesis.figures.excitations.PLANTS", ("g_b",))
-    assert list(figures(study, Caption("test", "none"))) == ["excitations_g_b"]
+    assert list(figures(study, Caption("test", "none"))) == ["excitations_g_b", "excitations_3_1", "excitations_3_2"]
 
 
 def test_topics_are_listed_and_a_wrong_one_is_said() -> None:

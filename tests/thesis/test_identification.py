@@ -92,4 +92,4 @@ def test_dead_time_and_averaging_are_those_of_the_thesis(study: identification.I
 def test_words_and_figures(study: identification.IdentificationStudy) -> None:
     text = identification.lines(study)
     assert sum(line.startswith(tuple(w.name for w in study.ways)) for line in text) >= len(study.ways)
-    assert set(figures(study, Caption("test", "none"))) == {"identification_ways", "identification_averaging"}
+    assert set(figures(study, Caption("test", "none"))) == {"identification_ways", "identification_averaging", "identification_3_5"}

@@ -1,0 +1,28 @@
+"""What the design source compares, on a run: its equalities hold where they are solved, its slow integrator says what friction lets it."""
+
+from __future__ import annotations
+
+import pytest
+
+from beltcomm.errors import UsageError
+from beltcomm.jobs.own_thesis import OWN, own_thesis
+from session.conftest import Complete
+
+
+@pytest.mark.parametrize("topic", list(OWN))
+def test_each_topic_fits_a_screen(complete: Complete, topic: str) -> None:
+    found = own_thesis(topic, complete.path)
+    assert len(list(found.lines())) <= 24
+
+
+def test_the_integrator_ends_within_friction_and_half_sums_do_not(complete: Complete) -> None:
+    found = own_thesis("gravity", complete.path).to_json()
+    low, high = found["integrator_nm"]
+    assert found["gravity_nm"] - found["friction_nm"] == pytest.approx(low, abs=2e-3)
+    assert found["gravity_nm"] + found["friction_nm"] == pytest.approx(high, abs=2e-3)
+    assert found["half_sum_nm"] == pytest.approx(found["gravity_nm"])
+
+
+def test_a_topic_of_no_axis_is_refused(complete: Complete) -> None:
+    with pytest.raises(UsageError, match="not compared on a run"):
+        own_thesis("friction", complete.path)
