@@ -54,7 +54,6 @@ from beltcomm.jobs.trajectory import trajectory as trajectory
 from beltcomm.jobs.verify import verify_with
 from beltcomm.jobs.watch import watch as watch
 from beltcomm.jobs.write import admitted, apply_to, backup_list, roll_back
-from beltcomm.locks import changes_run
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.scale import ruler as _ruler
 from beltcomm.model import load_plant
@@ -69,7 +68,7 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.next_plan import load_plan
 from beltcomm.schedule.orders import sweep_orders as wanted_sweeps
 from beltcomm.sentences import outcome, words
-from beltcomm.sentences.own_words import own_words
+from beltcomm.sentences.own_words import about_run, own_words
 from beltcomm.study.job import one_member, study_of
 from beltcomm.study.members import Doing
 from beltcomm.talk import Silence, Talk
@@ -86,8 +85,7 @@ def _axis_in(run: Path) -> Axis | None:
         return None
 
 
-@own_words
-@changes_run(waits=False)
+@about_run(waits=False)
 @early_end.searched
 def commission(
     drive: str,
@@ -165,8 +163,7 @@ def commission(
     return Result(found, [*answer.screen, *closing], 0 if findings.meets_targets else 1, details=answer.details, told=told)
 
 
-@own_words
-@changes_run(waits=False)
+@about_run(waits=False)
 @early_end.searched
 def identify(drive: str, axis: Axis | Place, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Sign check, rising excitation, one open-loop response here, a first model; without a reference inside ``Options.window_m``.
@@ -231,8 +228,7 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     return Result({**outcome.data(folder, findings), "nonlinearity": plain(split)}, text, int(whole), details=details)
 
 
-@own_words
-@changes_run(waits=False)
+@about_run(waits=False)
 def follow(drive: str, run: Place, plan: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Record what a plan of ``diagnose`` asks for, into the run that it was written for.
 
@@ -262,8 +258,7 @@ def follow(drive: str, run: Place, plan: Place, *, options: Options | None = Non
         return follow_plan(connected, run, plan, options, agreed, talk)
 
 
-@own_words
-@changes_run(waits=False)
+@about_run(waits=False)
 def friction(
     drive: str, run: Place, *, options: Options | None = None, pictures: bool = False, command: str = "", talk: Talk | None = None
 ) -> Result:
@@ -310,8 +305,7 @@ def friction(
     return friction_job.result(folder, model, findings.thesis, made, drawn=pictures, command=command)
 
 
-@own_words
-@changes_run()
+@about_run()
 def design(
     run: Place,
     *,
@@ -360,8 +354,7 @@ def design(
     return delivered(basis, along, options.payload_kg, seed=options.seed or 0, pictures=pictures, command=command)
 
 
-@own_words
-@changes_run(waits=False)
+@about_run(waits=False)
 def verify(
     drive: str,
     run: Place,
@@ -423,8 +416,7 @@ def verify(
         )
 
 
-@own_words
-@changes_run(waits=False)
+@about_run(waits=False)
 def apply(
     drive: str, run: Place, *, dcf: Place | None = None, shown: bool = False, options: Options | None = None, talk: Talk | None = None
 ) -> Result:
@@ -480,8 +472,7 @@ def backups(run: Place) -> Result:
     return backup_list(RunFolder.open(place(run)))
 
 
-@own_words
-@changes_run(waits=False)
+@about_run(waits=False)
 def rollback(drive: str, run: Place, *, backup: str | None = None, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Write back what the drive had when the run began, or another backup of the run.
 
@@ -516,8 +507,7 @@ def rollback(drive: str, run: Place, *, backup: str | None = None, options: Opti
         return roll_back(connected, drive, folder, backup, options, talk)
 
 
-@own_words
-@changes_run(waits=False)
+@about_run(waits=False)
 def calibrate(drive: str, axis: Axis | Place | None, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Calibrate the drive's gains by small steps of its setpoints, into a run: a new one for ``axis``, or an existing one without it.
 
@@ -587,8 +577,7 @@ def move(drive: str, axis: Axis | Place, by_m: float, *, options: Options | None
         return short_move.moved(connected, drive, axis, by_m, options, talk)
 
 
-@own_words
-@changes_run(waits=False)
+@about_run(waits=False)
 def simulate(
     plant: str, axis: Axis | Place, run: Place, *, experiment: str = "frf", options: Options | None = None, talk: Talk | None = None
 ) -> Result:

@@ -218,7 +218,7 @@ STANDS_ON = {
     "coulomb_load": ("elastic_shaft",), "viscous_load": ("elastic_shaft",), "belt_damping": (), "elastic_shaft": (),
     "stribeck_cart": ("stribeck",), "friction_position_cart": ("friction_position",),
 }  # fmt: skip
-WITHOUT_BELT = {"elastic_shaft", "coulomb_load", "viscous_load"}
+WITHOUT_BELT = {"rigid_load", "elastic_shaft", "coulomb_load", "viscous_load"}
 STEPS, SEEDS = 1500, (1, 2, 3)
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(48)
 #: The same where a step is short against what the force does on it.

@@ -172,3 +172,11 @@ def test_a_rigid_axis_moves_as_one_and_its_load_is_pushed_by_its_own_mass() -> N
     assert result.belt_force_n == pytest.approx(5.0 * 0.01 * acceleration)
     lifted = build_model("m", ("rigid_load", "tilt"), {**dict(list(values.items())[:3]), "tilt.angle": math.pi / 2}, base_bodies=("motor",))
     assert rigid_force_n(lifted, np.zeros(2), 1e-3) == pytest.approx(5.0 * 9.80665)
+
+
+def test_a_line_that_became_too_wide_goes_on_below() -> None:
+    told = "mass 13.4 kg   belt 204 kN/m   friction 10.1 N + 16.4 N s/m   and more of it"
+    lines = lines_in(terms("rotary"), [Line("   ", ("axis     ", "title"), told[:66])])
+    assert max(map(len, lines)) <= 80
+    assert len(lines) == 2
+    assert lines[1].startswith(" " * 12 + "friction")

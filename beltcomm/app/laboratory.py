@@ -23,6 +23,7 @@ from beltcomm.given import pasted
 from beltcomm.laboratory.acceptance import EVIDENCE
 from beltcomm.residuals.candidates import CandidateEffect
 from beltcomm.residuals.cells import COORDINATES
+from beltcomm.residuals.responses import below, compared
 from beltcomm.residuals.spectra import filtered, power
 from beltcomm.rundata.revisions import as_mapping, revisions
 from beltcomm.runfolder import RunFolder
@@ -63,6 +64,7 @@ class LaboratoryTab:
             "residual": lambda _: self.residual(),
             "candidates": lambda _: self.candidates(),
             "segment": self.segment,
+            "record": self.record,
             "add": lambda asked: self._start("add", asked),
             "remove": lambda asked: self._start("remove", asked),
             "evidence": lambda asked: self._start("evidence", asked),
@@ -107,6 +109,7 @@ class LaboratoryTab:
             "landmarks": dict(view.landmarks),
             "units": {"force": view.units.force, "length": view.units.length, "small": view.units.small, "factor": view.units.factor},
             "names": list(cells.names),
+            "responses": [one.record for one in view.responses],
             "cells": columns,
             "edges": _shown(view.edges),
             "spectrum": _shown(np.sqrt(view.spectrum)),
@@ -138,10 +141,16 @@ class LaboratoryTab:
             chosen = (values >= low) & (values <= high)
         if record:
             chosen = chosen & (cells.record == cells.names.index(record))
+        samples = chosen[cells.of]
         count = float(cells.count[chosen].sum())
         squares = float((cells.square * cells.count)[chosen].sum())
+        noise = count
+        if band is not None:  # what lies in the band, of every sample: those marked hold other frequencies, too
+            within = cells.record == cells.names.index(record) if record else np.ones(len(chosen), dtype=np.bool_)
+            inside = power(view.rows, view.white, np.array([0.0, low, high, math.inf]), within[cells.of])[1]
+            noise = share * float(cells.count[within].sum())
+            squares = float(np.nan_to_num(inside)) * noise
         whole = float(((cells.square - 1.0) * cells.count).sum())
-        samples = chosen[cells.of]
         by_record = np.bincount(cells.record[chosen], ((cells.square - 1.0) * cells.count)[chosen], minlength=len(cells.names))
         told = sorted((self._told(one, view, chosen, band) for one in self._known()), key=lambda one: -one["share"])
         return {
@@ -149,15 +158,41 @@ class LaboratoryTab:
             "low": low,
             "high": high,
             "samples": count,
-            "ratio": math.sqrt(squares / count) if count else None,
-            "share": (squares - count) / max(whole, 1.0),
-            "force": math.sqrt(float((cells.more**2 * cells.count)[chosen].sum()) / count) if count else None,
-            "mean": [_mean(cells.more[side], cells.count[side]) for side in (chosen & (cells.speed > 0.0), chosen & (cells.speed < 0.0))],
+            "ratio": math.sqrt(squares / noise) if count and noise > 0.0 else None,
+            "share": (squares - noise) / max(whole, 1.0),
+            "force": math.sqrt(float((cells.more**2 * cells.count)[chosen].sum()) / count) if count and band is None else None,
+            "mean": []
+            if band is not None
+            else [_mean(cells.more[side], cells.count[side]) for side in (chosen & (cells.speed > 0.0), chosen & (cells.speed < 0.0))],
             "records": {name: float(by_record[i]) for i, name in enumerate(cells.names) if by_record[i] > 0.0},
             "chosen": base64.b64encode(np.packbits(chosen).tobytes()).decode(),
             "spectrum": _shown(np.sqrt(power(view.rows, view.white, view.edges, samples))),
             "candidates": [one for one in told if one["share"] > LEAST_SHARE][:TOLD],
             "searched": self._searched,
+        }
+
+    def record(self, asked: Any) -> dict[str, Any]:
+        """Torque over time and frequency response of a record, measured and by the model.   Raises UsageError for none that is here."""
+        view = self._shown()
+        name = _record_of(asked, view)
+        trace = next(one for one in view.traces if one.record == name)
+        measured, model = compared(trace)
+        pair = next((one for one in view.responses if one.record == name), None)
+        return {
+            "record": name,
+            "excited": trace.excited,
+            "t_s": _packed(trace.t_s),
+            "measured": _packed(measured),
+            "model": _packed(model),
+            "response": None
+            if pair is None
+            else {
+                "freq_hz": _shown(pair.freq_hz),
+                "of": "position, dB re 1 m/N" if view.units.force == "N" else f"angle, dB re 1 rad/({view.units.force})",
+                "db": [_shown(20.0 * np.log10(np.abs(one))) for one in (pair.measured, pair.model)],
+                "deg": [_shown(below(one)) for one in (pair.measured, pair.model)],
+                "noise_db": None if pair.radius is None else _shown(20.0 * np.log10(np.maximum(pair.radius, 1e-12))),
+            },
         }
 
     def ladder(self) -> dict[str, Any]:
@@ -346,11 +381,17 @@ def _checked(asked: Any, view: ResidualView) -> tuple[str, float, float, str]:
     """Raises UsageError."""
     if not isinstance(asked, dict) or not {"along", "low", "high"} <= set(asked) <= {"along", "low", "high", "record"}:
         raise UsageError("a segment is asked for by along, low, high and, if it is of one record, record")
-    along, low, high, record = asked["along"], asked["low"], asked["high"], asked.get("record") or ""
+    along, low, high = asked["along"], asked["low"], asked["high"]
     if along not in (*COORDINATES, "frequency"):
         raise UsageError(f"along is {along!r}; it is one of {', '.join((*COORDINATES, 'frequency'))}")
     if any(isinstance(x, bool) or not isinstance(x, (int, float)) or not math.isfinite(x) for x in (low, high)) or low > high:
         raise UsageError(f"low {low!r} and high {high!r} must be numbers, the first not above the second")
-    if record and record not in view.cells.names:
+    return along, float(low), float(high), _record_of(asked, view) if asked.get("record") else ""
+
+
+def _record_of(asked: Any, view: ResidualView) -> str:
+    """Raises UsageError."""
+    record = asked.get("record") if isinstance(asked, dict) else None
+    if record not in view.cells.names:
         raise UsageError(f"there is no record {record!r}; there are {', '.join(view.cells.names)}")
-    return along, float(low), float(high), record
+    return str(record)

@@ -16,6 +16,7 @@ from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.samples import Units
 from beltcomm.pages import pictures as drawn
 from beltcomm.residuals.cells import Cells, cells_of
+from beltcomm.residuals.responses import ResponsePair, Trace, response_pairs, trace_of
 from beltcomm.residuals.spectra import GridRow, edges_of, power, rows_of
 from beltcomm.result import plain
 from beltcomm.rundata.fitted_run import Opened, explainable
@@ -36,7 +37,8 @@ class ResidualView:
 
     stamp : of the files that it was made of.   records : as ``compare --json`` has them.   places : where it fails, in words, with a range
     that can be chosen.   fitted : samples of the fitted records, which stand first in ``white``, the whitened residual.   rows, edges,
-    spectrum : of it over frequency.   removable : effects that may be taken out again.
+    spectrum : of it over frequency.   removable : effects that may be taken out again.   traces, responses : of the records,
+    measured and by the model.
     """
 
     stamp: str
@@ -56,6 +58,8 @@ class ResidualView:
     rows: tuple[GridRow, ...]
     edges: Array
     spectrum: Array
+    traces: Sequence[Trace]
+    responses: Sequence[ResponsePair]
 
 
 def view_of(here: Opened, stamp: str) -> ResidualView:
@@ -68,6 +72,8 @@ def view_of(here: Opened, stamp: str) -> ResidualView:
     edges = edges_of(rows)
     named = landmarks(here.fitted.model, drawn.middle_of(here.folder))
     model = here.fitted.model
+    responses = response_pairs(here.data.recordings, judged)
+    excited = {one.record for one in responses}
     return ResidualView(
         stamp,
         model.effects,
@@ -90,6 +96,8 @@ def view_of(here: Opened, stamp: str) -> ResidualView:
         rows,
         edges,
         power(rows, white, edges),
+        [trace_of(judged, name, name in excited) for name in dict.fromkeys(one.piece.record for one in judged)],
+        responses,
     )
 
 

@@ -34,7 +34,7 @@ from beltcomm.axis.entries import (
     entries_of,
     meaning_of,
 )
-from beltcomm.axis.kinds import BELT, KINDS, WORDS, AxisKind, Transmission, to_file, to_inside
+from beltcomm.axis.kinds import BELT, KINDS, Transmission, faults_of, shown, to_file, to_inside
 from beltcomm.configfiles import did_you_mean, find_config, line_of, read_yaml, to_yaml, write_text
 from beltcomm.errors import UsageError
 from beltcomm.given import pasted
@@ -65,10 +65,6 @@ __all__ = [
 
 #: rad/s²: rated torque over rotor inertia.  Servo motors have some 1e3 (large, with brake) to 1e5; ten times more room either way.
 SLOWEST_ROTOR_RAD_S2, FASTEST_ROTOR_RAD_S2 = 1e2, 1e6
-
-
-#: Characters of a wrong value that are shown.
-LONGEST_SHOWN = 60
 
 
 class TorqueLimit(NamedTuple):
@@ -444,41 +440,12 @@ def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:
         place = f"{path}, line {line}: " if line else f"{path}: " if path else ""
         return UsageError(f"{place}{text}")
 
-    def shown(value: Any) -> str:
-        return text if len(text := repr(value)) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]} ..."
-
     def mapping(value: Any, *keys: str) -> Mapping[Any, Any]:
         if value is None:
             return {}
         if not isinstance(value, Mapping):
             raise fault(f"{'.'.join(keys)} is {shown(value)}; it must hold names and values", *keys)
         return value
-
-    def checked(kind: AxisKind) -> None:
-        """Refuse what this kind of axis does not have, and numbers out of its bounds, by the names in the file."""
-        sections = kind.sections()
-        for key, value in data.items():
-            motions = mapping(value, key) if key == "trajectories" else {}
-            for own, entries, held in (
-                [((key,), sections[key], mapping(value, key))]
-                if key in sections
-                else [((key, str(name)), kind.trajectory_entries(), mapping(one, key, str(name))) for name, one in motions.items()]
-            ):
-                known = [*WORDS.get(key, ()), *entries]
-                for name, number in held.items():
-                    place = ".".join((*own, str(name)))
-                    if name not in known:
-                        raise fault(f"unknown key {shown(name)} in {'.'.join(own)}{did_you_mean(name, known)}", *own, name)
-                    if name not in entries or number is None:
-                        continue
-                    unit = unit_of(name)
-                    if isinstance(number, bool) or not isinstance(number, (int, float)):
-                        raise fault(f"{place} is {shown(number)}; give a number{unit and f' in {unit}'}", *own, name)
-                    if len(own) == 1 and f"{key}.{name}" in kind.renamed and (wrong := entries[name].fault(number)):
-                        raise fault(f"{place} is {shown(number)} {unit}".rstrip() + f"; {wrong}", *own, name)
-            if key not in (*sections, "name", "trajectories"):
-                belongs = f" of {kind.title}" if key in SECTIONS else ""
-                raise fault(f"unknown key {shown(key)}{belongs}{did_you_mean(key, sections)}; known are {', '.join(sections)}", key)
 
     def section(kind: type[Any], value: Any, *keys: str) -> Any:
         value = mapping(value, *keys)
@@ -507,7 +474,8 @@ def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:
         if named not in KINDS:
             words = f"is {shown(named)}{did_you_mean(str(named), KINDS)}" if named is not None else "is not stated"
             raise fault(f"transmission.kind {words}; it is one of {BELT}, {', '.join(KINDS)}", "transmission", "kind")
-        checked(KINDS[named])
+        for text, keys in faults_of(KINDS[named], data):
+            raise fault(text, *keys)
         data = to_inside(KINDS[named], data)
         read["transmission"] = Transmission(**data.pop("transmission"))
     elif named == BELT:
@@ -534,14 +502,8 @@ def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:
         own = KINDS[read["transmission"].kind]
         from beltcomm.axis.terms import terms  # which is made of what stands here
 
-        text = terms(read["transmission"].kind, _ratio(read)).said(str(error))
+        text = terms(read["transmission"].kind).said(str(error))
         raise fault(text, *own.in_file(error.entry).split(".")) from error
-
-
-def _ratio(read: Mapping[str, Any]) -> float:
-    """Travel per radian of the pulley that was read, m/rad, 0 when not known."""
-    pulley = read.get("pulley")
-    return (pulley.effective_radius_m or 0.0) if pulley is not None else 0.0
 
 
 def save_axis(axis: Axis, path: Path) -> None:
@@ -560,12 +522,6 @@ def save_axis(axis: Axis, path: Path) -> None:
         When it cannot be written.
     """
     write_text(path, to_yaml(axis.to_dict()))
-
-
-def _positive_mass(mass_kg: float) -> float:
-    if not (mass_kg > 0.0 and math.isfinite(mass_kg)):
-        raise UsageError(f"the carriage mass is {mass_kg:g} kg; give a positive number")
-    return mass_kg
 
 
 def _check_section(name: str, section: Any, by_kind: set[str]) -> None:

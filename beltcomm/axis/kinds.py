@@ -9,11 +9,13 @@ their digits, a torque at the load is a force at that radius, an inertia a mass 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from beltcomm.axis.entries import AT, SECTIONS, AxisEntry, TrajectoryLimits, entries_of
+from beltcomm.configfiles import did_you_mean
+from beltcomm.quantities import unit_of
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,8 @@ _TO_LOAD = ("name", "motor", "gearbox", "coupling", "transmission", "pulley", "b
 ORDER = (*_TO_LOAD, "travel", "limits", "trajectories", "mounting", "payload", "targets")
 #: Entries that are words, by section.
 WORDS: Mapping[str, tuple[str, ...]] = {"motor": ("name",), "targets": ("at", "move"), "transmission": ("kind",)}
+#: Characters of a wrong value that are shown.
+LONGEST_SHOWN = 60
 RADIUS = "pulley.effective_radius_m"
 
 
@@ -343,3 +347,39 @@ def _radius(kind: AxisKind, data: Mapping[str, Any]) -> float | None:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None
     return float(value) * kind.renamed[name].factor
+
+
+def faults_of(kind: AxisKind, data: Mapping[str, Any]) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """What of a file this kind of axis does not have, and numbers out of its bounds, in words, with the keys that lead there."""
+    sections = kind.sections()
+    for key, value in data.items():
+        if key not in (*sections, "name", "trajectories"):
+            belongs = f" of {kind.title}" if key in SECTIONS else ""
+            yield f"unknown key {shown(key)}{belongs}{did_you_mean(key, sections)}; known are {', '.join(sections)}", (str(key),)
+        if key == "trajectories" and isinstance(value, Mapping):
+            for name, one in value.items():
+                yield from _faults_in(kind, (key, str(name)), kind.trajectory_entries(), one)
+        elif key in sections:
+            yield from _faults_in(kind, (key,), sections[key], value)
+
+
+def _faults_in(kind: AxisKind, at: tuple[str, ...], entries: Mapping[str, AxisEntry], held: Any) -> Iterator[tuple[str, tuple[str, ...]]]:
+    if not isinstance(held, Mapping):
+        if held is not None:
+            yield f"{'.'.join(at)} is {shown(held)}; it must hold names and values", at
+        return
+    known = [*WORDS.get(at[0], ()), *entries]
+    for name, number in held.items():
+        place, unit = ".".join((*at, str(name))), unit_of(str(name))
+        if name not in known:
+            yield f"unknown key {shown(name)} in {'.'.join(at)}{did_you_mean(name, known)}", (*at, str(name))
+        elif name in entries and number is not None:
+            if isinstance(number, bool) or not isinstance(number, (int, float)):
+                yield f"{place} is {shown(number)}; give a number{unit and f' in {unit}'}", (*at, name)
+            elif place in kind.renamed and (wrong := entries[name].fault(number)):
+                yield f"{place} is {shown(number)} {unit}".rstrip() + f"; {wrong}", (*at, name)
+
+
+def shown(value: Any) -> str:
+    """A wrong value, as far as it is short."""
+    return text if len(text := repr(value)) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]} ..."

@@ -118,7 +118,7 @@ class Display:
 
 def gauge_line(gauge: Gauge, width: int, peak: float = 0.0) -> Text:
     """``torque   [####..|...]  0.23 of 3.1 N m, peak 0.3``: its bar is as full as the limit is reached."""
-    before, after = f"{INDENT}{tr(gauge.name):<8} [", f"]  {_digits(gauge, gauge.value)} {tr('of')} {gauge.limit:.3g} {gauge.unit}"
+    before, after = f"{INDENT}{tr(gauge.name):<8} [", f"]  {_digits(gauge, gauge.value)} {tr('of')} {_plain(gauge.limit)} {gauge.unit}"
     most = f"{after}, {tr('peak')} {_digits(gauge, peak)}"
     length = min(LONGEST - 26, width - len(before) - len(most))
     if length < SHORTEST:
@@ -130,6 +130,11 @@ def gauge_line(gauge: Gauge, width: int, peak: float = 0.0) -> Text:
     cells = "".join("|" if k == mark and k >= full else "#" if k < full else "." for k in range(length))
     style = "bold yellow" if gauge.share >= NEAR else "green"
     return Text.assemble(before, (cells[:full], style), cells[full:], most)
+
+
+def _plain(limit: float) -> str:
+    """Three digits, without powers of ten."""
+    return f"{limit:.0f}" if limit >= 1000.0 else f"{limit:.3g}"
 
 
 def _digits(gauge: Gauge, value: float) -> str:

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import math
-import re
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from beltcomm.axis.answers import in_words, usual, usual_words
-from beltcomm.axis.entries import AT, COMMISSION_NEEDS
-from beltcomm.borders import for_terminal
+from beltcomm.axis.entries import AT
 from beltcomm.cli import completion
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation
+from beltcomm.cli.questions import Back, ask_number, ask_word, otherwise, reply, toothed, with_key
 from beltcomm.errors import Refused, UsageError
 from beltcomm.given import pasted
 from beltcomm.language import tr
-from beltcomm.quantities import parse_quantity, unit_of
+from beltcomm.quantities import unit_of
 
 if TYPE_CHECKING:
     from beltcomm.axis import Axis
@@ -45,21 +41,10 @@ _TITLES = {
     "payload": "Payload",
     "targets": "Targets of the axis (Enter: the default, 1 mm while it moves and 0.1 mm from 0.5 s on, at the motor)",
 }
-#: What may be written instead of a number, by entry, beside other units.
-_OTHERWISE = {
-    "encoder_counts_per_rev": "or bits: 20 bit",
-    "effective_radius_m": "or teeth x pitch: 24 x 5 mm; or travel per turn: 120 mm/rev",
-    "max_speed_rad_s": "or 3000 rpm",
-    "speed_deg_s": "or 300 rpm",
-    "lead_m": "10 mm, or 10 mm/rev",
-    "pole_pair_m": "32 mm",
-    "pinion_radius_m": "or teeth x module: 20 x 2 mm; or travel per turn: 200 mm/rev",
-}
 #: Asked only where another entry of the section has a value.
 _ONLY_WITH = {"brake_time_s": "brake_torque_nm"}
 #: Behind the name of the file: what was answered when the questions were broken off.
 UNFINISHED = ".unfinished"
-_YES = ("", "y", "yes", "j", "ja")
 #: Words that may be written for a kind of axis.  An axis that is none of them is taken as one rigid mass, for imported records.
 _KINDS = {
     "b": "belt",
@@ -70,11 +55,7 @@ _KINDS = {
     "table": "rotary",
     "none": "other",
 }
-_NONE, _BACK = ("none", "no", "-"), ("back", "<")
-_TEETH = re.compile(r"(\d+)\s*(?:teeth)?\s*[x×*]\s*(.+)", re.IGNORECASE)
 _BELT_SECTIONS = ("gearbox", "coupling", "pulley", "belt")
-_TRAVEL_PER_TURN = ("lead_m", "pole_pair_m")
-_MODULE = re.compile(r"(\d+)\s*(?:teeth)?\s*[x×*]\s*(?:module|m)?\s*(.+)", re.IGNORECASE)
 
 
 @click.command("init")
@@ -177,7 +158,7 @@ def _ask_kind(template: str | None) -> str:
     for name, title in known.items():
         click.echo(f"  {name:<8}{title}", err=True)
     while True:
-        answer = _answer(tr("Kind of the axis"), told).lower()
+        answer = reply(tr("Kind of the axis"), told).lower()
         answer = _KINDS.get(answer, answer)
         if answer in known:
             return answer
@@ -218,7 +199,7 @@ def _known_part(kind: Kind, word: str) -> str | None:
 
     known = parts(kind)
     click.echo(f"{tr('Catalogue')}: {', '.join(known)}", err=True)
-    while answer := _answer(tr("{word} from the catalogue (Enter: none of these)", word=word), ""):
+    while answer := reply(tr("{word} from the catalogue (Enter: none of these)", word=word), ""):
         if answer.lower() in known:
             return answer.lower()
         from beltcomm.configfiles import did_you_mean
@@ -273,7 +254,7 @@ def _set(data: dict[str, Any], text: str) -> None:
         place = inner
     place[last] = _value(key.strip(), last, value.strip())
     if last == "effective_radius_m":
-        for (section, name), known in _toothed(value.strip()).items():
+        for (section, name), known in toothed(value.strip()).items():
             data.setdefault(section, {}).setdefault(name, known)
 
 
@@ -283,15 +264,8 @@ def _value(key: str, name: str, text: str) -> str | float | None:
     numeric = bool(unit_of(name)) or name in {"ratio", "teeth", "encoder_counts_per_rev", "counts_per_pole_pair"}
     if not numeric:
         return text
-    value = _otherwise(name, text)
-    return _with_key(key, name, text) if value is None else value
-
-
-def _with_key(key: str, name: str, text: str) -> float:
-    try:
-        return parse_quantity(text, name)
-    except UsageError as error:
-        raise UsageError(f"{key.removesuffix(name)}{error}") from error
+    value = otherwise(name, text)
+    return with_key(key, name, text) if value is None else value
 
 
 def _ask_all(start: Axis, unfinished: Path, kind: str) -> dict[str, Any]:
@@ -301,7 +275,7 @@ def _ask_all(start: Axis, unfinished: Path, kind: str) -> dict[str, Any]:
 
     data: dict[str, Any] = start.to_dict()
     own = KINDS.get(kind)
-    data["name"] = _answer(tr("Name of the axis"), start.name) or _answer(tr("  Plans and reports call it by its name; which"), "")
+    data["name"] = reply(tr("Name of the axis"), start.name) or reply(tr("  Plans and reports call it by its name; which"), "")
     if own is not None:
         entries = own.sections()
     else:
@@ -379,18 +353,18 @@ def _ask_each(
         try:
             where = f"[{at + 1}/{len(questions)}] "
             if name == "name":
-                answers.told[key] = _answer(where + tr("Type"), default or "", back=True)
+                answers.told[key] = reply(where + tr("Type"), default or "", back=True)
             elif name == "at":
                 load = KINDS[answers.kind].load if answers.kind else AT[1]
                 question = tr("Where targets count: motor, carriage or both").replace("carriage", load)
-                answers.told[key] = _ask_word(where + question, (AT[0], load, AT[2]), default or "")
+                answers.told[key] = ask_word(where + question, (AT[0], load, AT[2]), default or "")
             else:
                 fault = partial(answers.fault, section, name)
-                value, text = _ask_number(f"{section}.{name}", name, entries[section][name], default, fault, where, answers.kind)
+                value, text = ask_number(f"{section}.{name}", name, entries[section][name], default, fault, where, answers.kind)
                 answers.told[key] = value
                 if name == "effective_radius_m":
-                    answers.implied = _toothed(text)
-        except _Back:
+                    answers.implied = toothed(text)
+        except Back:
             at = asked.pop() if asked else 0
             before[questions[at]] = answers.told.pop(questions[at], None)
             continue
@@ -405,105 +379,3 @@ def _title(section: str, kind: str) -> str:
 
     own = KINDS.get(kind)
     return _TITLES[section] if own is None else own.titles.get(section) or terms(kind).said(_TITLES[section])
-
-
-class _Back(Exception):
-    """The question before is asked again."""
-
-
-def _ask_number(
-    key: str, name: str, entry: AxisEntry, default: float | None, contradicts: Callable[[float], str], where: str, kind: str = ""
-) -> tuple[float | None, str]:
-    """A number, and how it was written; what it means is said, and an unusual one asked for again.   contradicts : in words.
-
-    where : number of the question.
-    """
-    from beltcomm.axis.kinds import KINDS
-    from beltcomm.axis.terms import terms
-
-    own, terms_ = KINDS.get(kind), terms(kind)
-    needs = COMMISSION_NEEDS if own is None else own.needs
-    said = entry.meaning if own is not None and key in own.renamed else terms_.said(entry.meaning)
-    unit, needed, meaning = unit_of(name), needs.get(key, ""), tr(said)
-    shown = ", ".join(filter(None, [unit or tr("number"), tr(_OTHERWISE.get(name, ""))]))
-    kept, given = "" if default is None else f"{default:.10g}", ""
-    while True:
-        text = given or _answer(f"{where}{meaning[0].upper()}{meaning[1:]} [{shown}]", kept, back=True)
-        given = ""
-        if not text and needed:
-            click.echo(
-                f"    {key} is needed for {needed}; without it commissioning refuses to begin. Enter once more: not known yet", err=True
-            )
-            needed = ""
-            continue
-        if not text or text.lower() in _NONE:
-            return None, ""
-        try:
-            value = _otherwise(name, text)
-            value = _with_key(key, name, text) if value is None else value
-        except UsageError as error:
-            click.echo(f"    {error}", err=True)
-            continue
-        if wrong := entry.fault(value):
-            click.echo(f"    {key} is {value:g}{unit and f' {unit}'}; {wrong}", err=True)
-        elif wrong := contradicts(value):
-            click.echo(f"    {wrong}; give another value, or 'back' to change what was answered before", err=True)
-        elif text == kept:
-            return default, text
-        elif not usual(key, value, kind) and (other := _really(key, name, value, kind)) is not None:
-            given = other
-        else:
-            click.echo(f"    = {in_words(name, value)}", err=True)
-            return value, text
-
-
-def _really(key: str, name: str, value: float, kind: str) -> str | None:
-    """Of an unusual value: None to keep it, else another answer to the same question, "" to be asked it again."""
-    usual_are = f"{tr('usual are')} {usual_words(key, kind)}"
-    told = f"    = {in_words(name, value)}: {tr('really?')} {usual_are}; {tr('Enter keeps it, or give another')}"
-    answer = _answer(told, "")
-    return None if answer.lower() in _YES else "" if answer.lower() in (*_BACK, "n", "no", "nein") else answer
-
-
-def _ask_word(question: str, known: Sequence[str], default: str) -> str:
-    """One of some words, or nothing."""
-    while (answer := _answer(question, default, back=True).lower()) not in {"", *known}:
-        click.echo(f"    {answer!r}: {', '.join(known)}", err=True)
-    return answer
-
-
-def _toothed(text: str) -> dict[tuple[str, str], float]:
-    """What ``22 x 8 mm`` says beside the radius; nothing for a radius that was written otherwise."""
-    found = _TEETH.fullmatch(text)
-    if not found:
-        return {}
-    return {("pulley", "teeth"): int(found[1]), ("belt", "pitch_m"): parse_quantity(found[2], "pitch_m")}
-
-
-def _otherwise(name: str, text: str) -> float | None:
-    """A number written as data sheets have it, None for any other text.   2^n of n bits;  r = z p/2π of z teeth;  r = s/2π of the way s."""
-    bits = re.fullmatch(r"(\d+)\s*-?\s*bits?", text, re.IGNORECASE)
-    if name in ("encoder_counts_per_rev", "counts_per_pole_pair") and bits:
-        return float(2 ** int(bits[1]))
-    if name not in ("effective_radius_m", "pinion_radius_m", *_TRAVEL_PER_TURN):
-        return None
-    if name == "pinion_radius_m" and (teeth := _MODULE.fullmatch(text)):
-        return 0.5 * int(teeth[1]) * parse_quantity(teeth[2], "pitch_m")
-    if name == "effective_radius_m" and (teeth := _TEETH.fullmatch(text)):
-        return int(teeth[1]) * parse_quantity(teeth[2], "pitch_m") / math.tau
-    turn = re.fullmatch(r"(.+?)\s*(?:/|per)\s*(?:rev|turn|revolution|u)", text, re.IGNORECASE)
-    per_turn = 1.0 if name in _TRAVEL_PER_TURN else math.tau
-    return parse_quantity(turn[1], "travel_m") / per_turn if turn else None
-
-
-def _answer(question: str, default: str, *, back: bool = False) -> str:
-    """One line from stdin; the default for an empty one.   Raises UsageError when stdin is closed, _Back for that word."""
-    kept = f" ({tr('Enter keeps')} {default})" if default else ""
-    click.echo(for_terminal(f"{question}{kept}: "), nl=False, err=True)
-    line = sys.stdin.readline() if sys.stdin is not None else ""
-    if not line:
-        click.echo("", err=True)
-        raise UsageError("nobody answers (stdin is closed); give the values with --set KEY=VALUE, or --yes for none")
-    if back and line.strip().lower() in _BACK:
-        raise _Back
-    return line.strip() or default

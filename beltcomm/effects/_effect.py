@@ -87,6 +87,8 @@ class AxisSummary:
     ----------
     explained_m : tuple of float
         Stretch of the belt to the negative and to the positive side up to which the base model explains the records, 0 when not known.
+    toothed : bool
+        A belt moves the load, or nobody says what does.
     """
 
     inertia: float
@@ -111,6 +113,11 @@ class AxisSummary:
     counts: float = 0.0
     step_rad: float = 0.0
     explained_m: tuple[float, float] = (0.0, 0.0)
+    toothed: bool = True
+
+    def may_have(self, effect: Effect) -> bool:
+        """True if such a machine can have an effect: what is a belt's is not looked for on another axis."""
+        return self.toothed or not effect.of_belt
 
 
 @dataclass(frozen=True)
@@ -345,6 +352,8 @@ class Effect:
         Of its own values and its bodies' by their names here, in words why no machine has them; empty where one may.
     owner : str
         What stands before the dot in the names of its parameters; "" for its own name.
+    of_belt : bool
+        Only a toothed belt and its pulleys have it.
     """
 
     name: str
@@ -379,6 +388,7 @@ class Effect:
     untried: str = ""
     unlikely: Callable[[Mapping[str, float]], str] | None = None
     owner: str = ""
+    of_belt: bool = False
 
     def full_names(self) -> tuple[str, ...]:
         """Names of its own parameters as they stand in a model: ``effect.parameter``."""

@@ -39,6 +39,7 @@ def span_slope(x: float, ea: float, l3: float, offset: float, da: float) -> tupl
 EFFECT = Effect(
     name="belt_sections",
     slot="body",
+    of_belt=True,
     title="three belt sections and the end pulley",
     parameters=(
         *BELT_PARAMETERS,

@@ -65,6 +65,7 @@ def trials(ground: AxisSummary) -> list[Trial]:
 EFFECT = Effect(
     name="belt_slack",
     slot="belt_law",
+    of_belt=True,
     title="slack strand at large force",
     parameters=(
         Parameter("limit", "m", "belt", 2e-4, 1e-6, 1e-2, "stretch at which one strand goes slack, with equal strands"),

@@ -45,6 +45,7 @@ def slope(x: float, specific_stiffness: float, pulley_distance: float, offset: f
 EFFECT = Effect(
     name="belt_spans",
     slot="element",
+    of_belt=True,
     title="belt as two spans of known geometry",
     parameters=BELT_PARAMETERS,
     elements=(Element((DRIVING_END, "cart"), force, slope),),

@@ -67,6 +67,7 @@ def trials(ground: AxisSummary) -> list[Trial]:
 EFFECT = Effect(
     name="end_pulley",
     slot="body",
+    of_belt=True,
     title="mass of the end pulley",
     parameters=(
         Parameter("share", "1", "belt", 0.27, 0.02, 0.9, "share of the belt's stiffness in the span over the end pulley"),

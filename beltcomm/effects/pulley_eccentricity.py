@@ -49,6 +49,7 @@ def harmonic_effect(index: int) -> Effect:
     return Effect(
         name="pulley_eccentricity" + ("_2" if oval else ""),
         slot="kinematics",
+        of_belt=True,
         title="oval driving pulley" if oval else "run-out of the driving pulley",
         parameters=(
             Parameter("sine", "1", "belt", 0.0, -0.2, 0.2, "run-out over radius, part in phase with the angle"),

@@ -133,6 +133,7 @@ def _of_parabola(places: Array, distance: float, compliance: Array, weights: Arr
 EFFECT = Effect(
     name="stiffness_position",
     slot="element",
+    of_belt=True,
     title="belt stiffness by position",
     parameters=(
         Parameter(

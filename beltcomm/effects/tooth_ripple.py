@@ -17,6 +17,7 @@ def trials(ground: AxisSummary) -> list[Trial]:
 EFFECT = Effect(
     name="tooth_ripple",
     slot="force",
+    of_belt=True,
     title="ripple of the belt teeth",
     parameters=(
         Parameter(

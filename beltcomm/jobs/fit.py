@@ -9,14 +9,13 @@ from beltcomm.given import Place, pasted, place
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.jobs.third_mass import fit_three_masses
 from beltcomm.language import tr
-from beltcomm.locks import changes_run
 from beltcomm.result import Line, Result, plain
 from beltcomm.rundata import offline
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import friction as friction_words
 from beltcomm.sentences import outcome, words
 from beltcomm.sentences.cross_checks import sheet_lines
-from beltcomm.sentences.own_words import own_words
+from beltcomm.sentences.own_words import about_run
 from beltcomm.talk import Silence, Talk
 
 #: How a fit ends that leaves many times the noise.
@@ -26,8 +25,7 @@ SUSPECT = (
 )
 
 
-@own_words
-@changes_run()
+@about_run()
 def fit(
     run: Place,
     *,

@@ -32,7 +32,6 @@ from beltcomm.laboratory.plain_error import of_run
 from beltcomm.laboratory.scope import missing_records, not_named
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.visible import detection_limits
-from beltcomm.locks import changes_run
 from beltcomm.model import Model
 from beltcomm.pages import pictures as drawn
 from beltcomm.recording import Recording
@@ -55,15 +54,14 @@ from beltcomm.schedule.next_plan import NAME, plan_for
 from beltcomm.sentences import ladder as words
 from beltcomm.sentences.cross_checks import as_data, check_lines, cross_checked, sensed, sensor_data, sensor_lines, sheet_lines
 from beltcomm.sentences.diagnosis_data import diagnosis_data, error_data, seen_as, values_of
-from beltcomm.sentences.own_words import own_words
+from beltcomm.sentences.own_words import about_run
 from beltcomm.sentences.response_table import table_lines, table_of
 from beltcomm.sentences.torque_path import path_data, path_sentences, period_of
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.talk import Silence, Talk
 
 
-@own_words
-@changes_run()
+@about_run()
 def compare_run(run: Place, *, pictures: bool = True, command: str = "", talk: Talk | None = None) -> Result:
     """Compare model and measurement: ratios to the noise per record, and where the model fails.
 
@@ -136,8 +134,7 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 
-@own_words
-@changes_run()
+@about_run()
 def diagnose_run(
     run: Place,
     *,
@@ -291,8 +288,7 @@ def change_of(new: Sequence[str], removed: Sequence[str] = ()) -> str:
     return " ".join(effects + ["with its form" if owner in new else f"form of {owner}" for owner in owners])
 
 
-@own_words
-@changes_run()
+@about_run()
 def add_to_run(
     effect: str,
     run: Place,
@@ -355,8 +351,7 @@ def add_to_run(
     return Result({**result.data, "cost": price}, [*result.text[:-1], *lines, result.text[-1]])
 
 
-@own_words
-@changes_run()
+@about_run()
 def remove_from_run(
     effect: str, run: Place, *, pictures: bool = True, command: str = "", when: str = "", talk: Talk | None = None
 ) -> Result:
@@ -395,8 +390,7 @@ def remove_from_run(
     return change_result(here, data, after, rung, [], command, pictures)
 
 
-@own_words
-@changes_run()
+@about_run()
 def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Result:
     """Show all revisions of the model as a staircase.
 

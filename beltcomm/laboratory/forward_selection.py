@@ -145,7 +145,7 @@ def search(
         Model that the refits must be better than where it is not the base, from which the search begins.
     """
     base = scorer.fitted
-    wanted = [e for e in (effects or EFFECTS) if e.trials is not None and not e.bound and may_add(base, e)]
+    wanted = [e for e in (effects or EFFECTS) if e.trials is not None and not e.bound and ground.may_have(e) and may_add(base, e)]
     ways: dict[str, list[Scored]] = {}
     for number, effect in enumerate(wanted):
         ways[effect.name] = scorer.score(effect, ground)

@@ -336,6 +336,7 @@ def ground_of(fitted: Fitted, pieces: Sequence[Segment], axis: Axis) -> AxisSumm
         fastest=max(float(np.percentile(np.abs(piece.motion.omega), 99.0)) for piece in pieces),
         side=model.side,
         belt="cart" in model.base_bodies,
+        toothed=axis.transmission is None,
         gear=axis.gearbox.ratio,
         explained_m=explained_elongation(fitted),
         counts=float(axis.get("motor.encoder_counts_per_rev") or 0),

@@ -66,7 +66,7 @@ def detection_limits(scorer: Scorer, ground: AxisSummary) -> list[DetectionLimit
     """
     fitted, found = scorer.fitted, []
     for effect in EFFECTS:
-        if effect.trials is None or effect.bound or not may_add(fitted, effect):
+        if effect.trials is None or effect.bound or not ground.may_have(effect) or not may_add(fitted, effect):
             continue
         every = scorer.powers_of(effect, ground)
         falls = [entry for entry in every if not entry[1].base] or every  # what a trial changes of the base is not the effect

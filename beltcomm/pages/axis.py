@@ -14,6 +14,7 @@ from beltcomm.pages.gather import Gathered
 from beltcomm.report import bode, friction, levels, responses
 from beltcomm.report.page import PageTable, Paragraphs, Picture, Section, picture_of
 from beltcomm.report.style import Caption
+from beltcomm.residuals.responses import response_pairs
 from beltcomm.response.distortion import distortion, line_scatter
 from beltcomm.rundata.analyse import nonlinearities
 from beltcomm.rundata.friction_study import study_of
@@ -30,7 +31,7 @@ def frequency(run: Gathered) -> Section:
     table = table_of(run.acting, run.model)
     parts: list[Paragraphs | PageTable | Picture] = []
     if run.comparison is not None:
-        pairs = bode.response_pairs(run.recordings, run.comparison.judged)
+        pairs = response_pairs(run.recordings, run.comparison.judged)
         if pairs:
             parts.append(picture_of(bode.bode_figure(pairs, run.landmarks, caption)))
     if table.rows:

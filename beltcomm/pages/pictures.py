@@ -18,6 +18,7 @@ from beltcomm.identify.sweeps import Drift, LoadDependence, Sweep
 from beltcomm.laboratory.compare import Comparison, landmarks, worst
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.recording import Recording
+from beltcomm.residuals.responses import response_pairs, trace_of
 from beltcomm.rundata.design_proof import DesignProof, plant_responses
 from beltcomm.rundata.revisions import Revision
 from beltcomm.runfolder import RunFolder
@@ -50,7 +51,7 @@ def comparison_figures(folder: RunFolder, data: Data, fitted: Fitted, found: Com
     from beltcomm.report import bode
 
     figures = error_figures(folder, data, fitted, found, command)
-    pairs = bode.response_pairs(data.recordings, found.judged)
+    pairs = response_pairs(data.recordings, found.judged)
     if pairs:
         named = landmarks(fitted.model, middle_of(folder))
         figures["compare_response"] = bode.bode_figure(pairs, named, _compared(folder, found, command))
@@ -69,7 +70,7 @@ def error_figures(folder: RunFolder, data: Data, fitted: Fitted, found: Comparis
     excited = any(r.name == name and r.sidecar.experiment == "frf" for r in data.recordings)
     return {
         "compare_maps": maps.maps_figure(found.judged, found.ratio, found.held_out, named, sentences, caption),
-        "compare_overlay": overlay.overlay_figure(overlay.trace_of(found.judged, name, excited), caption),
+        "compare_overlay": overlay.overlay_figure(trace_of(found.judged, name, excited), caption),
     }
 
 

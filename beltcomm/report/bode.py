@@ -3,100 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from beltcomm.errors import DataError
-from beltcomm.laboratory.samples import Judged, Units
-from beltcomm.recording import ExcitationNote, Recording
 from beltcomm.report import style
-from beltcomm.response import estimate_response
+from beltcomm.residuals.responses import ResponsePair, below
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-
-#: A line counts as excited from this share of the strongest on; the lowest ones hold the drift of the carriage.
-LEAST_EXCITATION, FIRST_LINE = 0.05, 3
 #: Colours of the records, and the most that one picture shows.
 LINES, MOST = ("#000000", "#0072B2", "#D55E00", "#009E73"), 4
-
-
-@dataclass(frozen=True)
-class ResponsePair:
-    """One excited record.   measured : torque to angle, rad/(N m), (k,) at freq_hz.   model : the same angle over the torque that the model
-    says it needed, so friction is in both as the record has it.   radius : 95 % of the measured one's noise.   coherence : of its periods;
-    both None for a single period.
-
-    cart_m : carriage at the start, m.   amplitude_nm : largest torque of the excitation, as noted.   units : of the axis.
-    """
-
-    record: str
-    held_out: bool
-    cart_m: float
-    amplitude_nm: float
-    freq_hz: Array
-    measured: ComplexArray
-    model: ComplexArray
-    radius: Array | None
-    coherence: Array | None
-    units: Units
-
-
-def response_pairs(recordings: Sequence[Recording], judged: Sequence[Judged]) -> list[ResponsePair]:
-    """The periodically excited records that have no gap, fitted ones first."""
-    found = []
-    for recording in recordings:
-        note = recording.sidecar.excitation
-        parts = [j for j in judged if j.piece.record == recording.name]
-        if note is None or not note.period_samples or len(parts) != 1 or len(parts[0].piece.torque) != len(recording.t_s):
-            continue
-        piece, period, first = parts[0].piece, note.period_samples, note.first_sample
-        begins = note.period_starts or range(first, len(piece.torque) - period + 1, period)
-        whole = np.array([start for start in begins if start + period <= len(piece.torque)], dtype=np.intp)
-        if len(whole) < 1 or first < 1:
-            continue
-        each = whole[:, np.newaxis] + np.arange(period)
-        torque, needed = _lines(piece.torque[each]), _lines((piece.torque + parts[0].whole)[each])
-        turned = _lines(piece.position[each] - piece.position[each - 1])
-        freq = np.asarray(np.fft.rfftfreq(period, recording.sample_period_s), dtype=np.float64)
-        strong = np.abs(torque) > LEAST_EXCITATION * np.abs(torque[FIRST_LINE:]).max()
-        lines = np.flatnonzero(strong & (np.arange(len(freq)) >= FIRST_LINE))
-        z = np.exp(2j * np.pi * freq[lines] * recording.sample_period_s)
-        angle = z / (z - 1.0) * turned[lines]
-        found.append(
-            ResponsePair(
-                recording.name,
-                recording.sidecar.held_out,
-                recording.sidecar.start_position_m or 0.0,
-                float(np.max(np.abs(piece.torque))) if note.amplitude_nm is None else note.amplitude_nm,
-                freq[lines],
-                angle / torque[lines],
-                angle / needed[lines],
-                *_noise(piece.torque, piece.position, recording.sample_period_s, note, freq[lines]),
-                parts[0].units,
-            )
-        )
-    return sorted(found, key=lambda pair: pair.held_out)
-
-
-def _lines(periods: Array) -> ComplexArray:
-    """Spectrum of the mean period."""
-    return np.asarray(np.fft.rfft(periods.mean(axis=0)))
-
-
-def _noise(torque: Array, position: Array, sample_s: float, note: ExcitationNote, freq_hz: Array) -> tuple[Array | None, Array | None]:
-    """Noise and coherence of the measured response at these lines, nan where they are not known; None for a single period."""
-    try:
-        response = estimate_response(torque, position, sample_s, note.period_samples or 0, note.first_sample, starts=note.period_starts)
-    except DataError:
-        return None, None
-    radius, coherence = np.full((2, len(freq_hz)), np.nan)
-    _, here, there = np.intersect1d(freq_hz, response.freq_hz, return_indices=True)
-    radius[here], coherence[here] = response.error_radius()[there], response.coherence[there]
-    return radius, coherence
 
 
 def apart(pairs: Sequence[ResponsePair]) -> list[ResponsePair]:
@@ -105,11 +20,6 @@ def apart(pairs: Sequence[ResponsePair]) -> list[ResponsePair]:
     for pair in sorted(pairs, key=lambda p: p.radius is None):
         chosen.setdefault((round(pair.cart_m, 1), float(f"{pair.amplitude_nm:.1g}")), pair)
     return list(chosen.values())[:MOST]
-
-
-def below(response: ComplexArray) -> Array:
-    """Phase in degrees, every one between -360 and 0: single lines that friction turns by half a turn must not shift all that follow."""
-    return np.asarray(np.degrees(np.angle(-response)) - 180.0, dtype=np.float64)
 
 
 def bode_figure(pairs: Sequence[ResponsePair], landmarks: Mapping[str, float], caption: style.Caption) -> Figure:

@@ -2,64 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from beltcomm.laboratory.samples import Judged, Units
 from beltcomm.report import style
+from beltcomm.residuals.responses import MEAN_S, Trace, running_mean
 
 Array = NDArray[np.float64]
 
-#: s: what the zoom shows of an excited record and of any other, the mean that takes the encoder's rounding out of the latter, and the
-#: window of the running rms.
-EXCITED_S, SLOW_S, MEAN_S, RMS_S = 0.3, 2.0, 0.02, 0.1
+#: s: what the zoom shows of an excited record and of any other, and the window of the running rms.
+EXCITED_S, SLOW_S, RMS_S = 0.3, 2.0, 0.1
 #: Residuals beyond this many times the noise are drawn at the edge.
 EDGE = 100.0
-
-
-@dataclass(frozen=True)
-class Trace:
-    """One record as a line of samples, gaps closed by nan.   t_s : from its start.   measured, model : torque in units of the axis.
-    white : residual over noise, nan where it does not count.   excited : by a multisine or the like, so that every sample matters.
-    """
-
-    record: str
-    held_out: bool
-    t_s: Array
-    measured: Array
-    model: Array
-    white: Array
-    excited: bool
-    units: Units
-
-    @property
-    def ratio(self) -> float:
-        """rms of the residual over the noise."""
-        return float(np.sqrt(np.nanmean(self.white**2)))
-
-
-def trace_of(judged: Sequence[Judged], record: str, excited: bool) -> Trace:
-    """The stretches of a record behind each other."""
-    columns: list[list[Array]] = [[], [], [], []]
-    held_out = False
-    begin = min(j.piece.motion.time_s for j in judged if j.piece.record == record)
-    for item in (j for j in judged if j.piece.record == record):
-        piece = item.piece
-        held_out = held_out or piece.held_out
-        time = piece.motion.time_s - begin + piece.motion.sample_s * np.arange(len(piece.torque))
-        white = np.full(len(piece.torque), np.nan)
-        white[piece.value_samples] = item.white
-        for column, values in zip(columns, (time, piece.torque, piece.torque + item.whole, white), strict=True):
-            column.append(np.append(values, np.nan))
-    joined = [np.concatenate(column) for column in columns]
-    return Trace(
-        record, held_out, joined[0], joined[1], joined[2], joined[3], excited, next(j.units for j in judged if j.piece.record == record)
-    )
 
 
 def running_rms(trace: Trace, window_s: float = RMS_S) -> tuple[Array, Array]:
@@ -127,7 +83,7 @@ def _torques(axes: Axes, trace: Trace, near: NDArray[np.bool_]) -> None:
     else:
         width = max(1, round(MEAN_S / float(np.nanmedian(np.diff(trace.t_s)))))
         known = np.isfinite(model)
-        shown = [_mean(np.where(known, measured, np.nan), width), _mean(model, width)]
+        shown = [running_mean(np.where(known, measured, np.nan), width), running_mean(model, width)]
         axes.plot(time, measured, ".", markersize=1.5, color=style.FAINT, label="measured, every sample")
         axes.plot(time, shown[0], color=style.MEASURED, linewidth=1.4, label=f"measured, mean of {1e3 * MEAN_S:.0f} ms")
         axes.plot(time, shown[1], color=style.MODEL, linewidth=2.2, alpha=0.9, label=f"model, mean of {1e3 * MEAN_S:.0f} ms")
@@ -144,21 +100,13 @@ def _residuals(axes: Axes, trace: Trace, near: NDArray[np.bool_]) -> None:
     axes.plot(trace.t_s[near], shown, color=style.RESIDUAL, linewidth=0.5, marker=".", markersize=2.5)
     if not trace.excited:
         width = max(1, round(MEAN_S / float(np.nanmedian(np.diff(trace.t_s)))))
-        axes.plot(trace.t_s[near], _mean(shown, width), color=style.MEASURED, linewidth=1.6, label=f"mean of {1e3 * MEAN_S:.0f} ms")
+        axes.plot(trace.t_s[near], running_mean(shown, width), color=style.MEASURED, linewidth=1.6, label=f"mean of {1e3 * MEAN_S:.0f} ms")
     largest = float(np.nanmax(np.abs(shown))) if np.isfinite(shown).any() else 1.0
     axes.set_ylim(-max(5.0, 1.2 * largest), max(5.0, 1.6 * largest))
     edge = f"; beyond ±{EDGE:.0f} at the edge" if np.nanmax(np.abs(shown), initial=0.0) >= EDGE else ""
     axes.set_title(f"What is left over (model minus measured), in units of the noise{edge}")
     axes.set_ylabel("residual / noise")
     axes.legend(loc="upper right", fontsize=8, ncols=2)
-
-
-def _mean(values: Array, width: int) -> Array:
-    """Running mean over the samples that are there: of grouped ones every second or fourth is."""
-    known = np.isfinite(values)
-    total = np.convolve(np.where(known, values, 0.0), np.ones(width), mode="same")
-    count = np.convolve(known, np.ones(width), mode="same")
-    return np.asarray(np.where(count > 0.5 * max(float(np.max(count, initial=0.0)), 1.0), total / np.maximum(count, 1.0), np.nan))
 
 
 def _wide(values: Array) -> tuple[float, float]:

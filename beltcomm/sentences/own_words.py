@@ -15,6 +15,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 from beltcomm.axis import Axis
 from beltcomm.axis.terms import PLAIN, Terms, terms_of, times
 from beltcomm.errors import BeltcommError
+from beltcomm.locks import changes_run
 from beltcomm.result import Line, Result, Row
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import CarriagePosition, Talk, choose, detail, found
@@ -25,6 +26,8 @@ V = TypeVar("V")
 #: Between the columns of a line of text; at least this much stays.
 _GAP = re.compile(r"( {2,})")
 _APART = 2
+#: Columns of a screen.
+WIDE = 80
 #: A number, or one with its interval.
 _VALUE = re.compile(r"-?[\d.]+(e[-+]?\d+)?( ± [\d.]+)?")
 #: Text of a picture, between the marks of SVG.
@@ -45,8 +48,15 @@ def aligned(terms: Terms, text: str) -> str:
     return made
 
 
-def _line(terms: Terms, line: Line) -> Line:
-    return Line(*((aligned(terms, text).ljust(len(text)) if style != "command" else text, style) for text, style in line.parts))
+def _line(terms: Terms, line: Line) -> list[Line]:
+    """A line of a screen; one that has become too wide for it goes on below its first text, from a gap between two columns on."""
+    made = Line(*((aligned(terms, text).ljust(len(text)) if style != "command" else text, style) for text, style in line.parts))
+    *before, (last, style) = made.parts
+    begun = sum(len(text) for text, _ in before)
+    gaps = [gap for gap in _GAP.finditer(last.rstrip()) if begun + gap.start() <= WIDE]
+    if len(made) <= WIDE or len(line) > WIDE or style == "command" or not gaps:
+        return [made]
+    return [Line(*before, (last[: gaps[-1].start()], style)), Line(" " * begun, (last[gaps[-1].end() :], style))]
 
 
 def _table(terms: Terms, rows: Sequence[Row]) -> list[Row]:
@@ -69,7 +79,8 @@ def lines_in(terms: Terms, lines: Sequence[str]) -> list[str]:
         if width:
             made += _table(terms, [line for line in some if isinstance(line, Row)])
         else:
-            made += [_line(terms, line) if isinstance(line, Line) else aligned(terms, line) for line in some]
+            for line in some:
+                made += _line(terms, line) if isinstance(line, Line) else [aligned(terms, line)]
     return made
 
 
@@ -225,3 +236,12 @@ def own_words(command: Callable[P, Result]) -> Callable[P, Result]:
         )
 
     return call
+
+
+def about_run(*, waits: bool = True) -> Callable[[Callable[P, Result]], Callable[P, Result]]:
+    """A public function that changes a run, :func:`beltcomm.locks.changes_run`, in the words of its axis."""
+
+    def made(command: Callable[P, Result]) -> Callable[P, Result]:
+        return own_words(changes_run(waits=waits)(command))
+
+    return made

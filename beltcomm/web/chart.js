@@ -12,6 +12,8 @@ export function element(tag, attributes = {}, ...children) {
   return made;
 }
 
+export const floats = (text) => new Float32Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
+
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
 export function number(value, digits = 3) {
@@ -25,8 +27,8 @@ function kept(text, name, type) {
   setTimeout(() => URL.revokeObjectURL(link.href), 5000);
 }
 
-/* spec: title, name (of files), x and y: {label, log, range: [low, high] or a function of the data, values}, series: [{name, look: "first", width, dash, dots, size, hidden}],
-   overlay(u, ctx), onSelect(low, high) for a drag (shift still magnifies), sync: key of charts that share a cursor, height. */
+/* spec: title, name (of files), x and y: {label, log, range: [low, high] or a function of the data, values}, series: [{name, look: "first", width, dash, dots, size, hidden, gaps}],
+   of: what it shows, behind the title in an export, overlay(u, ctx), onSelect(low, high) for a drag (shift still magnifies), sync: key of charts that share a cursor, height. */
 export function chart(place, spec) {
   const box = element("div", { className: "chart" });
   const picture = element("button", { type: "button", title: "the picture as PNG" }, "PNG"), table = element("button", { type: "button", title: "the numbers as CSV" }, "CSV");
@@ -53,7 +55,7 @@ export function chart(place, spec) {
       cursor: { drag: { x: true, y: false, setScale: !spec.onSelect }, sync: spec.sync ? { key: spec.sync } : undefined, points: { size: 6 }, focus: { prox: 24 },
         bind: { mousedown: (u, target, handler) => (event) => { shifted = event.shiftKey; handler(event); } } },
       series: [{ label: spec.x.label, value: (u, v) => (v === null ? "" : number(v, 4)) }, ...spec.series.map((s) => ({
-        label: s.name, stroke: colour(s.look), width: s.dots ? 0 : s.width || 2, dash: s.dash, spanGaps: true, show: !s.hidden,
+        label: s.name, stroke: colour(s.look), width: s.dots ? 0 : s.width || 2, dash: s.dash, spanGaps: !s.gaps, show: !s.hidden,
         paths: s.dots ? () => null : undefined,
         points: { show: Boolean(s.dots), size: s.size || 3, fill: colour(s.look), stroke: colour(s.look), width: 0 },
         value: (u, v) => (v === null || v === undefined ? "" : number(v, 4)),
@@ -87,10 +89,14 @@ export function chart(place, spec) {
   };
   one.remove = () => { one.u?.destroy(); figure.remove(); charts.delete(one); };
   picture.addEventListener("click", () => {
-    const own = one.u.ctx.canvas, whole = element("canvas", { width: own.width, height: own.height }), ctx = whole.getContext("2d");
+    const own = one.u.ctx.canvas, px = devicePixelRatio, top = 40 * px, whole = element("canvas", { width: own.width, height: own.height + top }), ctx = whole.getContext("2d");
     ctx.fillStyle = colour("paper");
     ctx.fillRect(0, 0, whole.width, whole.height);
-    ctx.drawImage(own, 0, 0);
+    ctx.drawImage(own, 0, top);
+    // Away from the page a picture must say itself what it is.
+    const write = (words, x, y, look, weight = "") => { ctx.font = `${weight} ${11 * px}px ${colour("font")}`; ctx.fillStyle = colour(look); ctx.fillText(words, x, y * px); return x + ctx.measureText(words).width + 12 * px; };
+    write(document.title.replace("beltcomm – ", ""), write([spec.title || spec.y.label, spec.of].filter(Boolean).join(", "), 6 * px, 14, "ink", "bold"), 14, "soft");
+    spec.series.reduce((x, s, k) => (one.u.series[k + 1].show && one.data[k + 1].some((v) => v !== null && v !== undefined) ? write(`${s.dots ? "●" : s.dash ? "┄" : "━"} ${s.name}`, x, 32, s.look) : x), 6 * px);
     whole.toBlob((blob) => kept(blob, `${spec.name || "picture"}.png`));
   });
   table.addEventListener("click", () => {
@@ -135,6 +141,8 @@ export function vertical(u, ctx, x, words, stroke, row = 0) {
 
 const again = () => { for (const one of charts) if (one.data && one.box.clientWidth) one.build(); };
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
+// On paper: dark lines, and as wide as a sheet, whatever the screen has.
+for (const kind of ["beforeprint", "afterprint"]) addEventListener(kind, () => { document.documentElement.toggleAttribute("data-printing", kind === "beforeprint"); again(); });
 let waiting = 0;
 new ResizeObserver(() => {
   clearTimeout(waiting);

@@ -1,12 +1,12 @@
 // The laboratory: what the model leaves along every coordinate, linked; what could explain a part of it; adding and taking out.
 
-import { chart, colour, element, horizontal, line, number, vertical } from "./chart.js";
+import { chart, colour, element, floats, horizontal, line, number, vertical } from "./chart.js";
+import { recordView } from "./record.js";
 
 const $ = (id) => document.getElementById(id);
 const TITLES = { time: "time", position: "position", speed: "speed", angle: "motor angle", torque: "motor torque", frequency: "frequency" };
-const MEAN_BINS = 60, FEWEST = 3, CARDS = 3;
+const WEIGHING = "still weighing what could explain it …", ROUNDED_S = 0.001, MEAN_BINS = 60, FEWEST = 3, CARDS = 3;
 
-const floats = (text) => new Float32Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
 const bits = (text, count) => { const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0)); return Array.from({ length: count }, (_, i) => (bytes[i >> 3] >> (7 - (i & 7))) & 1); };
 
 // How long each choice took, from the event to the drawing, ms: for whoever measures.
@@ -14,6 +14,7 @@ window.timings = { segment: [], add: [], update: [], track: [] };
 
 export function laboratory(ask) {
   let found = null, cells = null, plots = {}, chosen = null, candidates = [], version = -1, known = -1, searched = false, cards = new Map(), began = 0, evidence = null, busy = false, failed = false, rungs = 0, choice = 0;
+  const oneRecord = recordView(ask);
 
   // ---- what comes
 
@@ -27,7 +28,7 @@ export function laboratory(ask) {
     if (found && (state.candidates !== known || state.searched !== searched)) {
       known = state.candidates;
       searched = state.searched;
-      if (chosen) await mark(chosen.along, chosen.low, chosen.high, true);
+      if (chosen) await mark(chosen.along, chosen.low, chosen.high, chosen.record, true);
       else await whole();
     }
     if (found && state.rungs !== rungs) await drawStairs();
@@ -49,6 +50,7 @@ export function laboratory(ask) {
     drawRecords();
     await drawStairs();
     drawResiduals();
+    await oneRecord.draw(found);
     $("clear").disabled = true;
     $("explain-words").textContent = "";
     if (began) {
@@ -62,27 +64,28 @@ export function laboratory(ask) {
     const told = await ask("laboratory-candidates");
     candidates = told.candidates;
     $("explain-title").textContent = "What could explain what is left?";
-    drawCandidates(told.candidates.filter((one) => one.share > 0.01).slice(0, 6), told.searched ? "" : "still weighing the others …");
+    drawCandidates(told.candidates.filter((one) => one.share > 0.01).slice(0, 6), told.searched ? "" : WEIGHING);
   }
 
   // again : more has been weighed meanwhile; what somebody types is left alone, and so is another choice made while this was asked.
-  async function mark(along, low, high, again = false) {
+  async function mark(along, low, high, record = $("within").value, again = false) {
     const clicked = performance.now(), mine = again ? choice : ++choice;
-    const told = await ask("laboratory-segment", { along, low, high });
+    const told = await ask("laboratory-segment", { along, low, high, record });
     if (mine !== choice) return;
-    chosen = { along, low, high, mask: bits(told.chosen, cells.count.length), spectrum: told.spectrum };
+    chosen = { along, low, high, record, mask: bits(told.chosen, cells.count.length), spectrum: told.spectrum };
     for (const one of Object.values(plots)) one.mark();
     if (!again) {
+      $("within").value = record;
       $("along").value = along;
       $("low").value = Number(low.toPrecision(4));
       $("high").value = Number(high.toPrecision(4));
     }
     $("clear").disabled = false;
     const unit = unitOf(along), most = Object.entries(told.records).sort((a, b) => b[1] - a[1])[0], share = Math.round(100 * Math.max(told.share, 0));
-    $("explain-title").textContent = `What could explain ${TITLES[along]} ${number(low)} to ${number(high)} ${unit}?`;
-    $("explain-words").textContent = told.samples ? `${number(told.ratio)} times the noise there, ${number(found.units.factor * told.force)} ${found.units.small} rms; it holds ${share} % of all that lies above the noise` +
-      (most ? `, most of it in ${most[0]}` : "") + `. Mean: ${told.mean.map((v, i) => `${v === null ? "–" : number(found.units.factor * v)} ${found.units.small} ${["forward", "backward"][i]}`).join(", ")}.` : "No sample lies there.";
-    drawCandidates(told.candidates.filter((one) => told.searched || one.likely), told.searched ? (told.candidates.length ? "" : "None of the known effects explains a hundredth of it.") : "still weighing the others …");
+    $("explain-title").textContent = `What could explain ${TITLES[along]} ${number(low)} to ${number(high)} ${unit}${record ? ` in ${record}` : ""}?`;
+    $("explain-words").textContent = told.samples ? `${number(told.ratio)} times the noise there${told.force === null ? "" : `, ${number(found.units.factor * told.force)} ${found.units.small} rms`}; it holds ${share} % of all that lies above the noise` +
+      (most && !record ? `, most of it in ${most[0]}` : "") + "." + (told.mean.length ? ` Mean: ${told.mean.map((v, i) => `${v === null ? "–" : number(found.units.factor * v)} ${found.units.small} ${["forward", "backward"][i]}`).join(", ")}.` : " Marked are the samples where it is loud.") : "No sample lies there.";
+    drawCandidates(told.candidates.filter((one) => told.searched || one.likely), told.searched ? (told.candidates.length ? "" : "None of the known effects explains a hundredth of it.") : WEIGHING);
     if (!again) requestAnimationFrame(() => window.timings.segment.push(performance.now() - clicked));
   }
 
@@ -116,12 +119,23 @@ export function laboratory(ask) {
     $("records").tBodies[0].replaceChildren(...found.records.map((one) => {
       const after = candidate ? candidate.after[one.name] : null, was = before[one.name];
       const ratio = after ? `${one.ratio.toFixed(2)} → ${after.toFixed(2)}` : was ? `${was.toFixed(2)} → ${one.ratio.toFixed(2)}` : one.ratio.toFixed(2);
-      const row = element("tr", {}, element("td", {}, one.name), element("td", { className: "number" }, one.plain ? number(found.units.factor * one.plain.error) : ""), element("td", { className: "number" }, one.plain ? number(one.plain.percent) : ""),
+      const row = element("tr", {}, element("td", {}, recordButton(one.name)), element("td", { className: "number" }, one.plain ? number(found.units.factor * one.plain.error) : ""), element("td", { className: "number" }, one.plain ? number(one.plain.percent) : ""),
         element("td", { className: `number ${(after || one.ratio) < 1.1 ? "good" : "bad"}` }, ratio), element("td", {}, one.held_out ? "held out" : ""));
       row.dataset.record = one.name;
       return row;
     }));
     $("records-words").textContent = candidate ? `→ what ${candidate.effect.replaceAll("_", " ")} would leave, foretold to first order` : found.before ? `→ after ${found.change.change}, everything fitted again` : "";
+  }
+
+  // A record is a choice as a stretch is: marked in every picture, explained, and drawn beside its model.
+  function recordButton(name) {
+    const button = element("button", { type: "button", className: "plain", title: `mark ${name} in all pictures, and show what was measured and what the model says` }, name);
+    button.addEventListener("click", () => {
+      const own = found.names.indexOf(name), times = cells.time.filter((_, i) => cells.record[i] === own);
+      oneRecord.show(name).catch(problem);
+      if (times.length) mark("time", times.reduce((a, b) => Math.min(a, b)) - ROUNDED_S, times.reduce((a, b) => Math.max(a, b)) + ROUNDED_S, name).catch(problem);
+    });
+    return button;
   }
 
   async function drawStairs() {
@@ -171,7 +185,7 @@ export function laboratory(ask) {
       const drawn = chart($("residuals"), {
         title: `Over ${TITLES[along]}`, name: `residual-${along}`, x: { label: `${TITLES[along]}, ${unitOf(along)}` }, y: { label: `measured − model, ${found.units.force}`, range: [-reach, reach] }, height: 200, quiet: true,
         series: [{ name: "forward", look: "first", dots: true, size: many }, { name: "backward", look: "second", dots: true, size: many }, { name: "marked", look: "chosen", dots: true, size: many + 1 }],
-        onSelect: (low, high) => mark(along, low, high),
+        onSelect: (low, high) => mark(along, low, high).catch(problem),
         overlay: (u, ctx) => { horizontal(u, ctx, 0, colour("soft")); if (along !== "time") for (const [, values] of both) line(u, ctx, centres, values, colour("paper"), 5); if (along !== "time") for (const [look, values] of both) line(u, ctx, centres, values, colour(look), 2.5); },
       });
       const none = order.map(() => null);
@@ -182,7 +196,7 @@ export function laboratory(ask) {
     const spectrum = chart($("residuals"), {
       title: "Over frequency", name: "residual-frequency", x: { label: "frequency, Hz" }, y: { label: "× the noise", log: true, range: [0.5, top] }, height: 200, quiet: true,
       series: [{ name: "all", look: "first" }, { name: "marked", look: "chosen", width: 1.5 }],
-      onSelect: (low, high) => mark("frequency", Math.max(low, 0), high),
+      onSelect: (low, high) => mark("frequency", Math.max(low, 0), high).catch(problem),
       overlay: (u, ctx) => { horizontal(u, ctx, 1, colour("good")); Object.entries(found.landmarks).forEach(([name, f], k) => vertical(u, ctx, f, name, colour("soft"), k)); },
     });
     const blank = hz.map(() => null);
@@ -191,9 +205,10 @@ export function laboratory(ask) {
     $("places").replaceChildren(...found.places.map((one) => {
       const button = element("button", { type: "button", title: one.text }, one.text.split("; ")[0]);
       button.dataset.along = one.along;
-      button.addEventListener("click", () => mark(one.along, one.low, one.high));
+      button.addEventListener("click", () => mark(one.along, one.low, one.high, "").catch(problem));
       return button;
     }), ...(found.places.length ? [] : [element("span", { className: "small" }, "No place stands out.")]));
+    $("within").replaceChildren(element("option", { value: "" }, "all records"), ...found.names.map((name) => element("option", { value: name }, name)));
     $("along").replaceChildren(...Object.keys(TITLES).map((name) => element("option", { value: name }, `${name}, ${unitOf(name)}`)));
   }
 
@@ -300,6 +315,7 @@ export function laboratory(ask) {
   $("clear").addEventListener("click", async () => {
     chosen = null;
     choice += 1;
+    $("within").value = "";
     for (const one of Object.values(plots)) one.mark();
     $("clear").disabled = true;
     $("explain-words").textContent = "";

@@ -3,7 +3,7 @@
 import { chart, element, number } from "./chart.js";
 
 const $ = (id) => document.getElementById(id);
-const TITLES = { commission: "A session is at work in this run.", still: "No session is at work in this run; this is how it ended." };
+const TITLES = { commission: "A session is at work in this run.", still: "No session is at work in this run; this is how it ended. A session is begun in a terminal, by beltcomm commission; `beltcomm open` on its folder then shows it here." };
 
 export function live(ask) {
   let plots = null, timer = 0;
@@ -36,6 +36,7 @@ export function live(ask) {
     $("made").replaceChildren(...found.done.map((name) => element("li", {}, name)), ...(record ? [element("li", { className: "now" }, `${record.name} …`)] : []));
     for (const one of [plots.torque, plots.place]) one.figure.hidden = !record;
     const [low, high] = [limits.low_m ?? null, limits.high_m ?? null], at = record ? record.position.at(-1) : null;
+    $("now").hidden = !record;
     $("carriage").hidden = at === null || low === null;
     if (at !== null && low !== null) $("carriage").style.left = `${100 * Math.min(Math.max((at - low) / (high - low), 0), 1)}%`;
     $("window-words").textContent = low === null ? "" : `${number(1e3 * low)} to ${number(1e3 * high)} mm` + (at === null ? "" : `, now at ${number(1e3 * at)} mm`);

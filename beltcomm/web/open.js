@@ -40,7 +40,7 @@ function show(name) {
 for (const [k, name] of names.entries()) {
   $(`tab-${name}`).addEventListener("click", () => show(name));
   $(`tab-${name}`).addEventListener("keydown", (event) => {
-    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    const step = { ArrowRight: 1, ArrowLeft: -1, Home: -k, End: names.length - 1 - k }[event.key];
     if (!step) return;
     const next = names[(k + step + names.length) % names.length];
     show(next);

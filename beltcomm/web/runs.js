@@ -41,7 +41,7 @@ export function runs(ask) {
       return;
     }
     const chosen = $("quantity").value;
-    $("runs-words").textContent = `${found.runs.length} run${found.runs.length === 1 ? "" : "s"} of ${found.axis || "this axis"} in this folder.` + (found.left_out.length ? ` Left out: ${found.left_out.join("; ")}.` : "");
+    $("runs-words").textContent = `${found.runs.length} run${found.runs.length === 1 ? "" : "s"} of ${found.axis || "this axis"} in this folder.` + (found.left_out.length ? ` Left out: ${found.left_out.join("; ")}.` : "") + (found.runs.length > 1 ? " In a terminal, `beltcomm open` with its name shows another one here, and `beltcomm report RUN --against OTHER` lays their curves over each other." : "");
     table();
     if (chosen && [...$("quantity").options].some((one) => one.value === chosen)) $("quantity").value = chosen;
     draw();

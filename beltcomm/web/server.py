@@ -58,7 +58,7 @@ class PageFiles:
 #: The page of ``beltcomm open``.
 PAGE = PageFiles(
     "open.html",
-    {name: name for name in ("open.css", "open.js", "chart.js", "laboratory.js", "design.js", "live.js", "runs.js")}
+    {name: name for name in ("open.css", "open.js", "chart.js", "laboratory.js", "record.js", "design.js", "live.js", "runs.js")}
     | {name: f"vendor/{name}" for name in ("uPlot.iife.min.js", "uPlot.min.css")},
 )
 

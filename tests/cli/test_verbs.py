@@ -16,8 +16,8 @@ from beltcomm import drive
 from beltcomm.axis import load_axis
 from beltcomm.axis.entries import COMMISSION_NEEDS
 from beltcomm.cli.frame import Invocation
-from beltcomm.cli.init import _otherwise
 from beltcomm.cli.main import cli
+from beltcomm.cli.questions import otherwise
 from beltcomm.cli.talk import PlainTalk, RichTalk
 from beltcomm.effects import EFFECTS
 from beltcomm.errors import DataError, UsageError
@@ -77,7 +77,7 @@ def test_init_takes_what_data_sheets_write_and_goes_back(tmp_path: Path) -> None
     assert "(Enter keeps 314.159" in outcome.stderr, "what was answered is kept by going back and Enter"
     assert "in which the holding brake" not in outcome.stderr
     assert f"Then: beltcomm doctor --drive DRIVE --axis {path}" in outcome.stdout
-    assert _otherwise("effective_radius_m", "120 mm/rev") == pytest.approx(0.12 / math.tau)
+    assert otherwise("effective_radius_m", "120 mm/rev") == pytest.approx(0.12 / math.tau)
     other = tmp_path / "other.yaml"
     assert call("init", str(other), "--set", "pulley.effective_radius_m=22 x 8 mm").exit_code == 0
     assert (load_axis(other).get("pulley.teeth"), load_axis(other).pulley.effective_radius_m) == (22, pytest.approx(0.176 / math.tau))

@@ -12,9 +12,10 @@ from matplotlib.textpath import text_to_path
 
 from beltcomm.laboratory.samples import Units
 from beltcomm.report import measuring, style
-from beltcomm.report.overlay import Trace, overlay_figure
+from beltcomm.report.overlay import overlay_figure
 from beltcomm.report.page import svg_of
 from beltcomm.report.staircase import RecordChange, Stair, change_figure, staircase_figure
+from beltcomm.residuals.responses import NEAR, Trace, compared
 
 CAPTION = style.Caption("beltcomm compare RUN", "RUN/recordings, 3 records")
 
@@ -92,3 +93,19 @@ def test_the_overlay_shows_the_worst_stretch(excited: bool) -> None:
     assert high >= 4.0
     assert "held out" in texts(picture)
     assert "torque in N m" in texts(picture)
+
+
+def test_a_model_is_drawn_where_it_counts() -> None:
+    """Of an excited record also between its samples that count; of another the means of both, over the same samples."""
+    time = np.arange(2000) * 1e-3
+    white = np.where((time > 0.5) & (time < 1.0), 0.3, np.nan)
+    white[1::4] = np.nan
+    torque = np.sin(2.0 * np.pi * time)
+    for excited in (True, False):
+        measured, model = compared(Trace("r", False, time, torque + 0.1, torque, white, excited, Units()))
+        shown = np.flatnonzero(np.isfinite(model))
+        reach = NEAR if excited else 20
+        assert abs(shown[0] - 501) <= reach
+        assert abs(shown[-1] - 999) <= reach
+        assert len(shown) == shown[-1] - shown[0] + 1
+        assert measured[shown] - model[shown] == pytest.approx(0.1)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import time
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from beltcomm import api
 from beltcomm.cli.main import cli
+from beltcomm.errors import UsageError
 from beltcomm.model import load_plant
 from beltcomm.simulate.plant import SimulatedPlant
 from session.browser import BROWSER, DRIVER, MISSING, Browser, browser_on
@@ -79,6 +82,31 @@ def test_another_choice_is_answered_at_once(browser: Browser) -> None:
     browser.until("the refusal is said", lambda: "must be numbers, the first not above the second" in browser.text("explain-words"))
     browser.at("clear").click()
     browser.until("everything again", lambda: browser.text("explain-title") == "What could explain what is left?")
+
+
+def test_a_record_is_a_choice(browser: Browser) -> None:
+    """A click marks it and draws it beside its model, as far apart as the table says; a band is told by what lies in it."""
+    button = next(one for one in browser.driver.find_elements("css selector", "#records button") if one.text == "frf_1")
+    button.click()
+    browser.until("the record is marked", lambda: browser.text("explain-title").endswith("in frf_1?"))
+    assert [browser.at(name).get_attribute("value") for name in ("within", "record-name")] == ["frf_1", "frf_1"]
+    browser.until("it is drawn", lambda: browser.text("record-words").startswith(ratios(browser)["frf_1"]))
+    assert browser.says("[...document.querySelectorAll('#record-charts canvas')].map((one) => one.width > 100)") == [True] * 3
+    browser.picture("record")
+    browser.at("clear").click()
+    browser.until("everything again", lambda: browser.at("within").get_attribute("value") == "")
+    tab = browser.page.laboratory
+    found = tab.residual()
+    told_of = {name: tab.record({"record": name}) for name in found["names"]}
+    for one in found["records"]:
+        measured, model = (np.frombuffer(base64.b64decode(told_of[one["name"]][key]), "<f4") for key in ("measured", "model"))
+        assert np.nanmean(measured * model) / np.nanmean(model**2) == pytest.approx(1.0, abs=0.1), one["name"]
+    edges, spectrum = found["edges"], found["spectrum"]
+    for k in (10, 30):
+        band = tab.segment({"along": "frequency", "low": edges[k], "high": edges[k + 4]})
+        assert band["ratio"] == pytest.approx(np.sqrt(np.mean(np.square(spectrum[k : k + 4]))), rel=0.02)
+    with pytest.raises(UsageError, match="there is no record 'frf_77'"):
+        tab.record({"record": "frf_77"})
 
 
 def test_a_click_adds_it_and_the_error_falls(browser: Browser) -> None:

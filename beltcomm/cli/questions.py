@@ -1,0 +1,147 @@
+"""Questions and answers in the units of data sheets."""
+
+from __future__ import annotations
+
+import math
+import re
+import sys
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import click
+
+from beltcomm.axis.answers import in_words, usual, usual_words
+from beltcomm.axis.entries import COMMISSION_NEEDS
+from beltcomm.borders import for_terminal
+from beltcomm.errors import UsageError
+from beltcomm.language import tr
+from beltcomm.quantities import parse_quantity, unit_of
+
+if TYPE_CHECKING:
+    from beltcomm.axis.entries import AxisEntry
+
+#: What may be written instead of a number, by entry, beside other units.
+_OTHERWISE = {
+    "encoder_counts_per_rev": "or bits: 20 bit",
+    "effective_radius_m": "or teeth x pitch: 24 x 5 mm; or travel per turn: 120 mm/rev",
+    "max_speed_rad_s": "or 3000 rpm",
+    "speed_deg_s": "or 300 rpm",
+    "lead_m": "10 mm, or 10 mm/rev",
+    "pole_pair_m": "32 mm",
+    "pinion_radius_m": "or teeth x module: 20 x 2 mm; or travel per turn: 200 mm/rev",
+}
+_YES = ("", "y", "yes", "j", "ja")
+_NONE, _BACK = ("none", "no", "-"), ("back", "<")
+_TEETH = re.compile(r"(\d+)\s*(?:teeth)?\s*[x×*]\s*(.+)", re.IGNORECASE)
+_TRAVEL_PER_TURN = ("lead_m", "pole_pair_m")
+_MODULE = re.compile(r"(\d+)\s*(?:teeth)?\s*[x×*]\s*(?:module|m)?\s*(.+)", re.IGNORECASE)
+
+
+def with_key(key: str, name: str, text: str) -> float:
+    """A number with its unit; a wrong one is named by its whole key.   Raises UsageError."""
+    try:
+        return parse_quantity(text, name)
+    except UsageError as error:
+        raise UsageError(f"{key.removesuffix(name)}{error}") from error
+
+
+class Back(Exception):
+    """The question before is asked again."""
+
+
+def ask_number(
+    key: str, name: str, entry: AxisEntry, default: float | None, contradicts: Callable[[float], str], where: str, kind: str = ""
+) -> tuple[float | None, str]:
+    """A number, and how it was written; what it means is said, and an unusual one asked for again.   contradicts : in words.
+
+    where : number of the question.
+    """
+    from beltcomm.axis.kinds import KINDS
+    from beltcomm.axis.terms import terms
+
+    own, terms_ = KINDS.get(kind), terms(kind)
+    needs = COMMISSION_NEEDS if own is None else own.needs
+    said = entry.meaning if own is not None and key in own.renamed else terms_.said(entry.meaning)
+    unit, needed, meaning = unit_of(name), needs.get(key, ""), tr(said)
+    shown = ", ".join(filter(None, [unit or tr("number"), tr(_OTHERWISE.get(name, ""))]))
+    kept, given = "" if default is None else f"{default:.10g}", ""
+    while True:
+        text = given or reply(f"{where}{meaning[0].upper()}{meaning[1:]} [{shown}]", kept, back=True)
+        given = ""
+        if not text and needed:
+            click.echo(
+                f"    {key} is needed for {needed}; without it commissioning refuses to begin. Enter once more: not known yet", err=True
+            )
+            needed = ""
+            continue
+        if not text or text.lower() in _NONE:
+            return None, ""
+        try:
+            value = otherwise(name, text)
+            value = with_key(key, name, text) if value is None else value
+        except UsageError as error:
+            click.echo(f"    {error}", err=True)
+            continue
+        if wrong := entry.fault(value):
+            click.echo(f"    {key} is {value:g}{unit and f' {unit}'}; {wrong}", err=True)
+        elif wrong := contradicts(value):
+            click.echo(f"    {wrong}; give another value, or 'back' to change what was answered before", err=True)
+        elif text == kept:
+            return default, text
+        elif not usual(key, value, kind) and (other := _really(key, name, value, kind)) is not None:
+            given = other
+        else:
+            click.echo(f"    = {in_words(name, value)}", err=True)
+            return value, text
+
+
+def _really(key: str, name: str, value: float, kind: str) -> str | None:
+    """Of an unusual value: None to keep it, else another answer to the same question, "" to be asked it again."""
+    usual_are = f"{tr('usual are')} {usual_words(key, kind)}"
+    told = f"    = {in_words(name, value)}: {tr('really?')} {usual_are}; {tr('Enter keeps it, or give another')}"
+    answer = reply(told, "")
+    return None if answer.lower() in _YES else "" if answer.lower() in (*_BACK, "n", "no", "nein") else answer
+
+
+def ask_word(question: str, known: Sequence[str], default: str) -> str:
+    """One of some words, or nothing."""
+    while (answer := reply(question, default, back=True).lower()) not in {"", *known}:
+        click.echo(f"    {answer!r}: {', '.join(known)}", err=True)
+    return answer
+
+
+def toothed(text: str) -> dict[tuple[str, str], float]:
+    """What ``22 x 8 mm`` says beside the radius; nothing for a radius that was written otherwise."""
+    found = _TEETH.fullmatch(text)
+    if not found:
+        return {}
+    return {("pulley", "teeth"): int(found[1]), ("belt", "pitch_m"): parse_quantity(found[2], "pitch_m")}
+
+
+def otherwise(name: str, text: str) -> float | None:
+    """A number written as data sheets have it, None for any other text.   2^n of n bits;  r = z p/2π of z teeth;  r = s/2π of the way s."""
+    bits = re.fullmatch(r"(\d+)\s*-?\s*bits?", text, re.IGNORECASE)
+    if name in ("encoder_counts_per_rev", "counts_per_pole_pair") and bits:
+        return float(2 ** int(bits[1]))
+    if name not in ("effective_radius_m", "pinion_radius_m", *_TRAVEL_PER_TURN):
+        return None
+    if name == "pinion_radius_m" and (teeth := _MODULE.fullmatch(text)):
+        return 0.5 * int(teeth[1]) * parse_quantity(teeth[2], "pitch_m")
+    if name == "effective_radius_m" and (teeth := _TEETH.fullmatch(text)):
+        return int(teeth[1]) * parse_quantity(teeth[2], "pitch_m") / math.tau
+    turn = re.fullmatch(r"(.+?)\s*(?:/|per)\s*(?:rev|turn|revolution|u)", text, re.IGNORECASE)
+    per_turn = 1.0 if name in _TRAVEL_PER_TURN else math.tau
+    return parse_quantity(turn[1], "travel_m") / per_turn if turn else None
+
+
+def reply(question: str, default: str, *, back: bool = False) -> str:
+    """One line from stdin; the default for an empty one.   Raises UsageError when stdin is closed, Back for that word."""
+    kept = f" ({tr('Enter keeps')} {default})" if default else ""
+    click.echo(for_terminal(f"{question}{kept}: "), nl=False, err=True)
+    line = sys.stdin.readline() if sys.stdin is not None else ""
+    if not line:
+        click.echo("", err=True)
+        raise UsageError("nobody answers (stdin is closed); give the values with --set KEY=VALUE, or --yes for none")
+    if back and line.strip().lower() in _BACK:
+        raise Back
+    return line.strip() or default
