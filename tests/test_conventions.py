@@ -39,8 +39,6 @@ CONFIGS = [path for path in sorted((CHECKOUT / "configs").rglob("*.*")) if path.
 #: Files of more than 400 lines beside their docstrings, and why each is one thing.
 LONG: dict[str, str] = {
     "beltcomm/api.py": "the public functions, one per command",
-    "beltcomm/axis/__init__.py": "the axis as a value: every entry of axis.yaml read, checked and asked for",
-    "beltcomm/cli/init.py": "one dialogue, question after question",
     "beltcomm/experiments/commission.py": "the whole sequence, step after step",
 }
 
