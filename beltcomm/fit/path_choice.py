@@ -28,6 +28,8 @@ from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]
 
+#: Times its lower bound up to which an inertia is nothing.
+NOTHING = 10.0
 #: Error over the noise up to which a faithful reading is not doubted.
 GOOD = 1.05
 #: Largest value over the rms up to which what a reading leaves is rounding of setpoint and reading (2.45), and share of the torque of that.
@@ -92,6 +94,12 @@ def commands(chain: ReadingFit | None, recordings: Sequence[Recording]) -> bool:
     return chain.rest_nm <= COMMAND * scale or (chain.crest_factor < BOUNDED and chain.rest_nm <= HARDLY * scale)
 
 
+def _without_inertia(model: Model) -> bool:
+    """Whether a rigid model lacks so much that its inertia went to nothing: then motion and torque share nothing that could be late."""
+    inertia = model.parameters["motor.inertia"]
+    return "cart" not in model.base_bodies and inertia.low < inertia.high and inertia.value < NOTHING * inertia.low
+
+
 def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | None) -> PathChoice:
     """The path of the records.
 
@@ -108,7 +116,7 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     faithful = TorquePath(chain.law if chain is not None else None)
     shaped = chain is not None and (bool(chain.law.lags) or abs(chain.law.delay - round(chain.law.delay)) > WHOLE)
     if chain is None:
-        if fitted.ratio <= GOOD and not _motion_asks_for_path(data, fitted):
+        if _without_inertia(fitted.model) or (fitted.ratio <= GOOD and not _motion_asks_for_path(data, fitted)):
             return PathChoice(faithful, chain)
         return _by_motion(data, fitted.model, to_fit, chain) if data.path.commanded else _undone(data, start, to_fit)
     if (fitted.ratio <= GOOD and not shaped) or _illegible(data, start):

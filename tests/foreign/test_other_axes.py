@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import axis_from_dict, load_axis
 from beltcomm.cli.main import cli
 from beltcomm.errors import UsageError
+from beltcomm.fit import path_choice
 from beltcomm.fit.noise_level import is_held
 from beltcomm.fit.start import least_squares
 from beltcomm.foreign.guess import NeedsAnswers, completed, guesses_for
@@ -21,7 +22,7 @@ from beltcomm.foreign.relations import relations
 from beltcomm.foreign.table import Table
 from beltcomm.laboratory.cross_checks import sheet_doubts
 from beltcomm.laboratory.second_sensor import second_sensor
-from beltcomm.model import build_model
+from beltcomm.model import build_model, load_plant
 from beltcomm.recording import Recording
 from beltcomm.recording.checks import MOST_JUDGED, livelier, rigid_inertia
 from beltcomm.recording.signalfile import write_columns
@@ -201,3 +202,11 @@ def test_a_sensor_at_the_load_shows_the_antiresonance_by_itself(ratio: float) ->
     assert "one rigid body" in sensor_lines(second_sensor([record]))[0]
     stiff = Recording(name="a", t_s=t, torque=record.torque, position=step * np.round(load / step), load_position_rad=load)
     assert second_sensor([stiff]) is None
+
+
+def test_no_path_of_the_torque_is_looked_for_behind_a_model_without_inertia() -> None:
+    values = {"transmission.ratio": 1.0, "motor.inertia": 1e-8}
+    rigid = build_model("m", ("viscous", "coulomb"), values, base_bodies=("motor",), origin="a")
+    assert path_choice._without_inertia(rigid)
+    assert not path_choice._without_inertia(rigid.with_values({"motor.inertia": 1e-3}))
+    assert not path_choice._without_inertia(load_plant("g_a").model.with_values({"motor.inertia": 1e-8}))
