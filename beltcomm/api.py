@@ -199,7 +199,7 @@ def identify(drive: str, axis: Axis | Place, run: Place, *, options: Options | N
 
 
 def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Options, talk: Talk, *, whole: bool = False) -> Result:
-    """What :func:`identify` does on a connected drive.
+    """Job of :func:`identify` on a connected drive.
 
     Parameters
     ----------
@@ -735,4 +735,5 @@ __all__ = [
     "trajectory",
     "trend",
     "verify",
+    "watch",
 ]

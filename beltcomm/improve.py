@@ -120,5 +120,5 @@ def _rows(errors: Mapping[str, Any]) -> list[Line]:
 
 
 def _checks(added: list[str]) -> list[str]:
-    """What to look at on the machine for each effect."""
+    """Checks on the machine for each effect."""
     return list(dict.fromkeys(effect_named(name).check[:68] for name in added))

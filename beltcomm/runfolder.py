@@ -201,7 +201,7 @@ class RunFolder:
 
     @property
     def recordings_folder(self) -> Path:
-        """Where recordings stand."""
+        """Folder of the recordings."""
         return self.path / "recordings"
 
     @property

@@ -151,7 +151,7 @@ def gain_margin_db(loop: ComplexArray) -> float:
 
 
 def _stability(plant: DesignPlant, cascade: Cascade, period_s: float) -> tuple[bool, float]:
-    """Whether all poles lie inside the unit circle, and their smallest damping ratio.
+    """True if all poles lie inside the unit circle, and their smallest damping ratio.
 
     With K_PP = 0 the free angle's pole at 1 is no matter of the velocity loop and is left out.
     """

@@ -73,7 +73,7 @@ MOST_KEPT = 20
 
 
 @dataclass(frozen=True)
-class Foresight:
+class Detectability:
     """Detection limits that the records of a plan will have.
 
     Attributes
@@ -104,7 +104,7 @@ def lines_of(found: Mapping[str, Any], whole: bool) -> list[str]:
     Parameters
     ----------
     found : dict of str to Any
-        :meth:`Foresight.to_dict`.
+        :meth:`Detectability.to_dict`.
     whole : bool
         A line for each, with its parameter and how much of a typical one that is.
     """
@@ -157,7 +157,7 @@ def _remedy(entry: Mapping[str, Any], extent: Extent) -> str:
     return f"{weaker}; {'the limits in axis.yaml allow no more' if extent == 'thorough' else '--thorough records more'}"
 
 
-def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight:
+def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Detectability:
     """Detection limits of the records of an extent.
 
     Raises
@@ -174,7 +174,7 @@ def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight
         f"assumed: carriage {model['cart.mass']:.3g} kg, friction {total_friction(model):.2g} N m, {1e3 * noise:.2g} mN m of torque noise, "
         f"{capabilities.counts_per_rev} encoder steps per turn"
     )
-    return Foresight(tuple(sights), assumed, len(recordings), extent)
+    return Detectability(tuple(sights), assumed, len(recordings), extent)
 
 
 def with_detectability(plan: Plan, axis: Axis, capabilities: Capabilities, options: Options) -> Plan:

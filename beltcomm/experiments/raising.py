@@ -178,8 +178,8 @@ def _record_of_step(machine: Machine, name: str, wanted: _Next, kept: bool) -> R
             f"{1e3 * step.prediction.stop_m:.1f} mm; {exciting.run_on_words(machine, step.prediction, wanted.limits.ends_m)}"
         )
     excitation = short_sequence(wanted.order, wanted.clock, step.amplitude_nm, own.sample_period_s, own.torque_step_nm)
-    exposed = exciting.Exposed(step.prediction, wanted.family, wanted.losses)
-    return exciting.excite(machine, name, excitation, wanted.at_m, excitation_room(machine, wanted.at_m), exposed)
+    context = exciting.ExcitationContext(step.prediction, wanted.family, wanted.losses)
+    return exciting.excite(machine, name, excitation, wanted.at_m, excitation_room(machine, wanted.at_m), context)
 
 
 def _louder(machine: Machine, family: Sequence[Model], made: _Next, at_most_nm: float) -> AmplitudeStep:

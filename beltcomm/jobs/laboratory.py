@@ -462,7 +462,7 @@ def ratios(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def told_before(folder: RunFolder, model: Model, effect: str) -> Model | None:
+def diagnosis_start(folder: RunFolder, model: Model, effect: str) -> Model | None:
     """The model with the effect and the values that ``results/diagnosis.yaml`` ended with; None where it says nothing of it."""
     try:
         after = (folder.load_result("diagnosis") or {})["after"]
@@ -491,7 +491,7 @@ def better(folder: RunFolder, data: Data, base: Fitted, grown: Fitted, effect: s
     """The model grown from a base, or the same begun at what the diagnosis found where that leaves less: it may have come another way."""
     if grown.objective < MISSING * grown.problem.samples:
         return grown
-    told = told_before(folder, base.model, effect)
+    told = diagnosis_start(folder, base.model, effect)
     if told is None:
         return grown
     again = fit(data, told, NEXT_ITERATIONS, offsets=grown.offsets)

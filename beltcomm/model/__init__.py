@@ -187,7 +187,7 @@ class Model:
         return body_list(self.effects, self.base_bodies)
 
     def with_values(self, values: Mapping[str, float], origin: str = "") -> Model:
-        """The same model with other numbers; intervals of the changed ones are dropped.
+        """Model with other numbers; intervals of the changed ones are dropped.
 
         Parameters
         ----------
@@ -211,7 +211,7 @@ class Model:
         return replace(self, parameters={**self.parameters, **changed})
 
     def with_vector(self, vector: NDArray[np.float64]) -> Model:
-        """The same model with the values of :meth:`vector`, kept within their bounds.
+        """Model with the values of :meth:`vector`, kept within their bounds.
 
         Parameters
         ----------

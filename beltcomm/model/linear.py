@@ -79,7 +79,7 @@ class Matrices:
     outputs: Array
 
     def hold(self, names: Sequence[str]) -> Matrices:
-        """The same axis with those bodies held; held at the motor, it oscillates at the motor's antiresonances."""
+        """Axis with those bodies held; held at the motor, it oscillates at the motor's antiresonances."""
         free = [i for i, body in enumerate(self.bodies) if body not in names]
         square = np.ix_(free, free)
         bodies = tuple(self.bodies[i] for i in free)

@@ -253,11 +253,12 @@ def test_what_is_written_can_be_read_back_whatever_it_is_called(tmp_path: Path) 
 
 
 def test_a_field_of_any_length_and_any_end_of_line_in_it_is_data(tmp_path: Path) -> None:
+    """Beyond the 131 072 characters at which the csv module stops by itself."""
     rows = text(header="time,Iq,enc,note").splitlines()
-    said = ["x" * 300_000 if k == 7 else "a\u2028b\x0cc" for k in range(len(rows) - 1)]
+    said = ["x" * 140_000 if k == 7 else "a\u2028b\x0cc" for k in range(len(rows) - 1)]
     rows[1:] = [f'{row},"{words}"' for row, words in zip(rows[1:], said, strict=True)]
     log = write(tmp_path / "log.csv", "\n".join(rows) + "\n")
     outcome = call(log, "--run", tmp_path / "run", *MAPPED, "--keep", "note")
     assert outcome.exit_code == 0, outcome.output
     notes = RunFolder.open(tmp_path / "run").recording("log").extra["note"]
-    assert (len(notes[7]), notes[8]) == (300_000, "a\u2028b\x0cc")
+    assert (len(notes[7]), notes[8]) == (140_000, "a\u2028b\x0cc")

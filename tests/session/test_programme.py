@@ -14,7 +14,7 @@ from beltcomm.excitation import choose_prbs, prbs
 from beltcomm.experiments import detectability, phases
 from beltcomm.experiments import detectability as foresight
 from beltcomm.experiments.bounds import bounds_of, course_before
-from beltcomm.experiments.detectability import Foresight, foresee, lines_of
+from beltcomm.experiments.detectability import Detectability, foresee, lines_of
 from beltcomm.experiments.execute_step import holding_at, quieter
 from beltcomm.experiments.options import Options
 from beltcomm.experiments.paths import path_of, start_of
@@ -197,9 +197,9 @@ class Counted:
     def __init__(self) -> None:
         self.times = 0
 
-    def __call__(self, axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight:
+    def __call__(self, axis: Axis, capabilities: Capabilities, extent: Extent) -> Detectability:
         self.times += 1
-        return Foresight((), f"assumed {self.times}", 3, extent)
+        return Detectability((), f"assumed {self.times}", 3, extent)
 
 
 def test_the_default_plan_says_what_its_records_could_name_and_keeps_it(
