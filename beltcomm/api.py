@@ -47,6 +47,7 @@ from beltcomm.jobs.laboratory import diagnose_run as diagnose
 from beltcomm.jobs.laboratory import ladder_of_run as ladder
 from beltcomm.jobs.laboratory import remove_from_run as remove
 from beltcomm.jobs.loop import identify_in_loop
+from beltcomm.jobs.move import ruler as ruler
 from beltcomm.jobs.new_profile import new_profile as new_profile
 from beltcomm.jobs.serve import serve as serve
 from beltcomm.jobs.simulate import run_experiment
@@ -55,7 +56,6 @@ from beltcomm.jobs.verify import verify_with
 from beltcomm.jobs.watch import watch as watch
 from beltcomm.jobs.write import admitted, apply_to, backup_list, roll_back
 from beltcomm.machine.machine import Machine
-from beltcomm.machine.scale import ruler as _ruler
 from beltcomm.model import load_plant
 from beltcomm.pages import at_the_end
 from beltcomm.pages import report as report
@@ -68,13 +68,11 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.next_plan import load_plan
 from beltcomm.schedule.orders import sweep_orders as wanted_sweeps
 from beltcomm.sentences import outcome, words
-from beltcomm.sentences.own_words import about_run, own_words
+from beltcomm.sentences.own_words import about_run
 from beltcomm.study.job import one_member, study_of
 from beltcomm.study.members import Doing
 from beltcomm.talk import Silence, Talk
 from beltcomm.thesis.topics import thesis as thesis
-
-ruler = own_words(_ruler)
 
 
 def _axis_in(run: Path) -> Axis | None:
@@ -455,7 +453,6 @@ def apply(
         return apply_to(connected, drive, folder, options, talk, agreed, dcf=dcf, shown=shown)
 
 
-@own_words
 def backups(run: Place) -> Result:
     """The backups of a run, with dates; no drive is needed.
 
@@ -540,7 +537,6 @@ def calibrate(drive: str, axis: Axis | Place | None, run: Place, *, options: Opt
         return calibrate_job.calibrate_on(connected, drive, folder, settings_of(options), partial(agreed, plan), talk)
 
 
-@own_words
 def move(drive: str, axis: Axis | Place, by_m: float, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Move the carriage slowly by a small distance with the gains that are in the drive.
 

@@ -29,7 +29,7 @@ _DIGITS, _MOST_DIGITS = 3, 5
 
 
 @dataclass(frozen=True)
-class OwnUnit:
+class ShownUnit:
     """A unit of another kind of axis.
 
     Attributes
@@ -58,7 +58,7 @@ class Terms:
     ----------
     words : sequence of tuple of str
         Pattern and what is said instead, the longest first.
-    units : dict of str to OwnUnit
+    units : dict of str to ShownUnit
         By the unit of a belt axis.
     names : dict of str to str
         Of effects, which may be typed too.
@@ -66,7 +66,7 @@ class Terms:
 
     words: Sequence[tuple[str, str]] = ()
     names: Mapping[str, str] = field(default_factory=dict)
-    units: Mapping[str, OwnUnit] = field(default_factory=dict)
+    units: Mapping[str, ShownUnit] = field(default_factory=dict)
 
     def __bool__(self) -> bool:
         return bool(self.words or self.units)
@@ -186,39 +186,39 @@ def _words(kind: str) -> list[tuple[str, str]]:
 
 
 _ARC = f"at r {1e3 * ARC_M:.1f} mm"
-_TURNED: Mapping[str, OwnUnit] = {
-    "mm": OwnUnit("°"),
-    "µm": OwnUnit("m°"),
-    "um": OwnUnit("m°"),
-    "m": OwnUnit("°", 1e3, "1000°"),
-    "mm/s": OwnUnit("°/s"),
-    "m/s": OwnUnit("°/s", 1e3, "1000°/s"),
-    "m/s²": OwnUnit("°/s²", 1e3, "1000°/s²"),
-    "m/s³": OwnUnit("°/s³", 1e3, "1000°/s³"),
-    "N": OwnUnit("N m", ARC_M, f"N {_ARC}"),
-    "mN": OwnUnit("mN m", ARC_M, f"mN {_ARC}"),
-    "kN": OwnUnit("N m", 1e3 * ARC_M, f"kN {_ARC}"),
-    "N/m": OwnUnit("N m/rad", ARC_M**2, f"N/m {_ARC}"),
-    "kN/m": OwnUnit("N m/rad", 1e3 * ARC_M**2, f"kN/m {_ARC}"),
-    "N s/m": OwnUnit("N m s/rad", ARC_M**2, f"N s/m {_ARC}"),
-    "kg": OwnUnit("kg m²", ARC_M**2, f"kg {_ARC}", (2e-3, "kg cm²", 1e4)),
-    "g": OwnUnit("kg cm²", 10.0 * ARC_M**2, f"g {_ARC}"),
+_TURNED: Mapping[str, ShownUnit] = {
+    "mm": ShownUnit("°"),
+    "µm": ShownUnit("m°"),
+    "um": ShownUnit("m°"),
+    "m": ShownUnit("°", 1e3, "1000°"),
+    "mm/s": ShownUnit("°/s"),
+    "m/s": ShownUnit("°/s", 1e3, "1000°/s"),
+    "m/s²": ShownUnit("°/s²", 1e3, "1000°/s²"),
+    "m/s³": ShownUnit("°/s³", 1e3, "1000°/s³"),
+    "N": ShownUnit("N m", ARC_M, f"N {_ARC}"),
+    "mN": ShownUnit("mN m", ARC_M, f"mN {_ARC}"),
+    "kN": ShownUnit("N m", 1e3 * ARC_M, f"kN {_ARC}"),
+    "N/m": ShownUnit("N m/rad", ARC_M**2, f"N/m {_ARC}"),
+    "kN/m": ShownUnit("N m/rad", 1e3 * ARC_M**2, f"kN/m {_ARC}"),
+    "N s/m": ShownUnit("N m s/rad", ARC_M**2, f"N s/m {_ARC}"),
+    "kg": ShownUnit("kg m²", ARC_M**2, f"kg {_ARC}", (2e-3, "kg cm²", 1e4)),
+    "g": ShownUnit("kg cm²", 10.0 * ARC_M**2, f"g {_ARC}"),
 }
 
 
-def _straight(ratio_m: float) -> Mapping[str, OwnUnit]:
+def _straight(ratio_m: float) -> Mapping[str, ShownUnit]:
     """Units at the motor of a linear axis, whose radian is ``ratio_m`` of its travel."""
     at = "per turn of 2π"
     one, two = 1.0 / ratio_m, 1.0 / ratio_m**2
     return {
-        "N m": OwnUnit("N", one, f"N m {at}"),
-        "mN m": OwnUnit("N", 1e-3 * one, f"mN m {at}"),
-        "N m s/rad": OwnUnit("N s/m", two, f"N m s/rad {at}"),
-        "mN m s/rad": OwnUnit("N s/m", 1e-3 * two, f"mN m s/rad {at}"),
-        "N m/rad": OwnUnit("N/m", two, f"N m/rad {at}"),
-        "kg m²": OwnUnit("kg", two, f"kg m² {at}"),
-        "kg cm²": OwnUnit("kg", 1e-4 * two, f"kg cm² {at}"),
-        "rad/s": OwnUnit("m/s", ratio_m, f"rad/s {at}"),
+        "N m": ShownUnit("N", one, f"N m {at}"),
+        "mN m": ShownUnit("N", 1e-3 * one, f"mN m {at}"),
+        "N m s/rad": ShownUnit("N s/m", two, f"N m s/rad {at}"),
+        "mN m s/rad": ShownUnit("N s/m", 1e-3 * two, f"mN m s/rad {at}"),
+        "N m/rad": ShownUnit("N/m", two, f"N m/rad {at}"),
+        "kg m²": ShownUnit("kg", two, f"kg m² {at}"),
+        "kg cm²": ShownUnit("kg", 1e-4 * two, f"kg cm² {at}"),
+        "rad/s": ShownUnit("m/s", ratio_m, f"rad/s {at}"),
     }
 
 
@@ -243,7 +243,7 @@ def terms(kind: str, ratio_m: float = 0.0) -> Terms:
     """
     if kind in ("", BELT) or kind not in KINDS:
         return PLAIN
-    units: Mapping[str, OwnUnit] = _TURNED if kind == "rotary" else _straight(ratio_m) if kind == "linear" and ratio_m else {}
+    units: Mapping[str, ShownUnit] = _TURNED if kind == "rotary" else _straight(ratio_m) if kind == "linear" and ratio_m else {}
     names = {name: alias for alias, name in ALIASES.items()} | {r"cart\.mass": "load.mass"}
     return Terms((*_file_names(kind), *_words(kind)), names, units)
 

@@ -16,6 +16,7 @@ from beltcomm.machine import gravity, scale
 from beltcomm.machine.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, NEAR_M, RAMP_S, move_limits, small_move
 from beltcomm.machine.machine import stroking
 from beltcomm.result import Result
+from beltcomm.sentences.own_words import own_words
 from beltcomm.talk import Talk
 from beltcomm.trajectory import at_rest, join, plan_trajectory
 
@@ -74,6 +75,7 @@ def make(drive: Drive, axis: Axis, by_m: float, position_m: float | None) -> flo
     return ratio * (drive.read(["position_rad"])["position_rad"] - here)
 
 
+@own_words
 def moved(drive: Drive, name: str, axis: Axis, by_m: float, options: Options, talk: Talk) -> Result:
     """The command on a connected drive.   name : of the drive, for what to do next.   Exit code 1 for a move that fell short."""
     plan = plan_of(axis, drive.capabilities, by_m)
@@ -86,3 +88,7 @@ def moved(drive: Drive, name: str, axis: Axis, by_m: float, options: Options, ta
     text = [f"The carriage went {1e3 * gone:+.2f} mm, asked were {1e3 * by_m:+.2f} mm; {how}."]
     text += [scale.ruler_line(name, axis, gone)] if abs(gone) >= scale.SHORTEST_M else []
     return Result({"moved_m": gone, "asked_m": by_m}, text, 0 if reached else 1)
+
+
+#: A creep by the encoder against a ruler, in the words of the axis.
+ruler = own_words(scale.ruler)
