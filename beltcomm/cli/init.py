@@ -14,13 +14,13 @@ import click
 
 from beltcomm.axis.answers import in_words, usual, usual_words
 from beltcomm.axis.entries import AT, COMMISSION_NEEDS
-from beltcomm.borders import for_terminal
 from beltcomm.cli import completion
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation
+from beltcomm.cli.terminal import fitted
 from beltcomm.errors import Refused, UsageError
 from beltcomm.given import pasted
-from beltcomm.language import tr
+from beltcomm.language import told, tr
 from beltcomm.quantities import parse_quantity, unit_of
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ _TITLES = {
 }
 #: What may be written instead of a number, by entry, beside other units.
 _OTHERWISE = {
+    "inertia_kg_m2": "or 0.449 kg cm2",
     "encoder_counts_per_rev": "or bits: 20 bit",
     "effective_radius_m": "or teeth x pitch: 24 x 5 mm; or travel per turn: 120 mm/rev",
     "max_speed_rad_s": "or 3000 rpm",
@@ -115,7 +116,7 @@ def command(
             _set(data, text)
     else:
         if begun:
-            click.echo(f"{unfinished} holds the answers of a start that was broken off; Enter keeps them.\n", err=True)
+            _tell(tr("{file} holds the answers of a start that was broken off; Enter keeps them.\n", file=unfinished))
         data = _ask_all(start, unfinished)
     axis = axis_from_dict(data)
     if file.exists() and not yes and not frame.talk().confirm(f"{file} exists. Overwrite it?"):
@@ -123,17 +124,18 @@ def command(
     write_text(file, commented(axis))
     unfinished.unlink(missing_ok=True)
     missing = _missing(axis)
-    lines = [f"{file} is written: {axis.name or 'an axis without a name'}."]
+    lines = [tr("{file} is written: {name}.", file=file, name=axis.name or tr("axis without a name"))]
     asked = axis.targets
-    told = "your targets" if asked.stated else "default targets, state your own under targets"
-    lines += [f"Judged by: {1e3 * asked.following_m:g} mm while it moves, {1e3 * asked.settled_m:g} mm after {asked.after_s:g} s ({told})."]
-    lines += [f"Still needed: {entry} for {purpose}." for entry, purpose in missing.items()]
-    after = f"beltcomm doctor --drive DRIVE --axis {pasted(file)}"
+    said = tr("your targets") if asked.stated else tr("default targets, state your own under targets")
+    judged = "Judged by: {following:g} mm while it moves, {settled:g} mm after {after:g} s ({said})."
+    lines += [tr(judged, following=1e3 * asked.following_m, settled=1e3 * asked.settled_m, after=asked.after_s, said=said)]
+    lines += [tr("Still needed: {entry} for {purpose}.", entry=entry, purpose=tr(purpose)) for entry, purpose in missing.items()]
     if missing:
-        first = f"beltcomm init {pasted(file)} --from {pasted(file)} --set {next(iter(missing))}=VALUE, and so on"
-        lines += [f"Next: {first}   (commissioning refuses to begin before)", f"Then: {after}"]
+        why = tr("asks for what is missing, Enter keeps the rest; commissioning refuses to begin before")
+        lines.append(f"Next: beltcomm init {pasted(file)} --from {pasted(file)}   ({why})")
     else:
-        lines.append(f"Next: {after}   (compares it with the drive; moves nothing)")
+        why = tr("compares it with the drive, yours for can0; moves nothing")
+        lines.append(f"Next: beltcomm doctor --drive can0 --axis {pasted(file)}   ({why})")
     frame.print({"file": str(file), "axis": axis.to_dict(), "missing": missing}, lines)
     return 0
 
@@ -146,7 +148,7 @@ def _start(template: str | None, motor: str | None, *, asked: bool) -> Axis:
 
     data: dict[str, Any] = {}
     if template is None and motor is None and asked:
-        click.echo(tr(_INTRODUCTION), err=True)
+        _tell(tr(_INTRODUCTION))
         template = _known_part("axes", tr("Axis"))
         motor = _known_part("motors", tr("Motor"))
     if template is not None:
@@ -162,13 +164,13 @@ def _known_part(kind: Kind, word: str) -> str | None:
     from beltcomm.axis.catalogue import parts
 
     known = parts(kind)
-    click.echo(f"{tr('Catalogue')}: {', '.join(known)}", err=True)
+    _tell(f"{tr('Catalogue')}: {', '.join(known)}")
     while answer := _answer(tr("{word} from the catalogue (Enter: none of these)", word=word), ""):
         if answer.lower() in known:
             return answer.lower()
         from beltcomm.configfiles import did_you_mean
 
-        click.echo(f"    {answer!r}: not in the catalogue{did_you_mean(answer, known)}", err=True)
+        _tell(f"    {answer!r}: not in the catalogue{did_you_mean(answer, known)}")
     return None
 
 
@@ -241,7 +243,7 @@ def _ask_all(start: Axis, unfinished: Path) -> dict[str, Any]:
     from beltcomm.axis.entries import SECTIONS, entries_of
 
     data: dict[str, Any] = start.to_dict()
-    data["name"] = _answer(tr("Name of the axis"), start.name) or _answer(tr("  Plans and reports call it by its name; which"), "")
+    data["name"] = _answer(tr("Name of the axis"), start.name) or _answer(tr("  Plans and reports need its name"), "")
     belt = _yes(tr("Does it have a toothed belt?"))
     sections = {name: kind for name, kind in SECTIONS.items() if belt or name not in _BELT_SECTIONS}
     for section in SECTIONS.keys() - sections.keys():
@@ -263,7 +265,7 @@ def _keep(known: dict[str, Any], unfinished: Path) -> None:
 
     if len(known) > 1:  # more than its name
         write_text(unfinished, to_yaml(known))
-        click.echo(f"\nWhat was answered is kept in {unfinished}; the same command goes on with it.", err=True)
+        _tell(f"\nWhat was answered is kept in {unfinished}; the same command goes on with it.")
 
 
 class _Answers:
@@ -306,7 +308,7 @@ def _ask_each(questions: Sequence[tuple[str, str]], entries: Mapping[str, Mappin
             at += 1
             continue
         if not asked or questions[asked[-1]][0] != section:
-            click.echo(f"\n{tr(_TITLES[section])}", err=True)
+            _tell(f"\n{tr(_TITLES[section])}")
         default = before.get(key, getattr(getattr(start, section), name, None))
         try:
             where = f"[{at + 1}/{len(questions)}] "
@@ -342,12 +344,18 @@ def _ask_number(
     unit, needed, meaning = unit_of(name), COMMISSION_NEEDS.get(key, ""), tr(entry.meaning)
     shown = ", ".join(filter(None, [unit or tr("number"), tr(_OTHERWISE.get(name, ""))]))
     kept, given = "" if default is None else f"{default:.10g}", ""
+    known = "" if default is None else in_words(name, default)
     while True:
-        text = given or _answer(f"{where}{meaning[0].upper()}{meaning[1:]} [{shown}]", kept, back=True)
+        text = given or _answer(f"{where}{meaning[0].upper()}{meaning[1:]} [{shown}]", kept, known, back=True)
         given = ""
         if not text and needed:
-            click.echo(
-                f"    {key} is needed for {needed}; without it commissioning refuses to begin. Enter once more: not known yet", err=True
+            _tell(
+                "    "
+                + tr(
+                    "{key} is needed for {purpose}; without it commissioning refuses to begin. Enter once more: not known yet",
+                    key=key,
+                    purpose=tr(needed),
+                )
             )
             needed = ""
             continue
@@ -357,18 +365,18 @@ def _ask_number(
             value = _otherwise(name, text)
             value = _with_key(key, name, text) if value is None else value
         except UsageError as error:
-            click.echo(f"    {error}", err=True)
+            _tell(f"    {error}")
             continue
         if wrong := entry.fault(value):
-            click.echo(f"    {key} is {value:g}{unit and f' {unit}'}; {wrong}", err=True)
+            _tell(f"    {key} is {value:g}{unit and f' {unit}'}; {wrong}")
         elif wrong := contradicts(value):
-            click.echo(f"    {wrong}; give another value, or 'back' to change what was answered before", err=True)
+            _tell(f"    {wrong}; give another value, or 'back' to change what was answered before")
         elif text == kept:
             return default, text
         elif not usual(key, value) and (other := _really(key, name, value)) is not None:
             given = other
         else:
-            click.echo(f"    = {in_words(name, value)}", err=True)
+            _tell(f"    = {in_words(name, value)}")
             return value, text
 
 
@@ -382,7 +390,7 @@ def _really(key: str, name: str, value: float) -> str | None:
 def _ask_word(question: str, known: Sequence[str], default: str) -> str:
     """One of some words, or nothing."""
     while (answer := _answer(question, default, back=True).lower()) not in {"", *known}:
-        click.echo(f"    {answer!r}: {', '.join(known)}", err=True)
+        _tell(f"    {answer!r}: {', '.join(known)}")
     return answer
 
 
@@ -410,14 +418,24 @@ def _otherwise(name: str, text: str) -> float | None:
 def _yes(question: str) -> bool:
     """A question that is asked until the answer is yes or no; yes for an empty one."""
     while (answer := _answer(f"{question} {tr('yes/no')}", tr("yes")).lower()) not in {"y", "yes", "n", "no", "j", "ja", "nein"}:
-        click.echo(f"    {answer!r} {tr('is neither yes nor no')}", err=True)
+        _tell(f"    {answer!r} {tr('is neither yes nor no')}")
     return answer in {"y", "yes", "j", "ja"}
 
 
-def _answer(question: str, default: str, *, back: bool = False) -> str:
-    """One line from stdin; the default for an empty one.   Raises UsageError when stdin is closed, _Back for that word."""
-    kept = f" ({tr('Enter keeps')} {default})" if default else ""
-    click.echo(for_terminal(f"{question}{kept}: "), nl=False, err=True)
+def _tell(line: str) -> None:
+    """One or more lines beside the answers, broken between words."""
+    for part in line.split("\n"):
+        words = part.lstrip()
+        click.echo(fitted(part[: len(part) - len(words)] + told(words), sys.stderr), err=True)
+
+
+def _answer(question: str, default: str, shown: str = "", *, back: bool = False) -> str:
+    """One line from stdin; the default for an empty one.   shown : the default as people write it.
+
+    Raises UsageError when stdin is closed, _Back for that word.
+    """
+    kept = f" ({tr('Enter keeps')} {shown or default})" if default else ""
+    click.echo(fitted(f"{question}{kept}:", sys.stderr) + " ", nl=False, err=True)
     line = sys.stdin.readline() if sys.stdin is not None else ""
     if not line:
         click.echo("", err=True)

@@ -16,5 +16,8 @@ from beltcomm.cli.frame import Invocation, api
 @shared.output_options
 @click.pass_obj
 def command(frame: Invocation, /, topic: str | None, pictures: Path | None) -> int:
-    """List what the design source compares, or recompute one TOPIC: its table, and its figures with --pictures."""
+    """List what the design source compares, or recompute one TOPIC: its table, and its figures with --pictures.
+
+    Example: beltcomm thesis
+    """
     return frame.show(api("beltcomm.thesis.topics").thesis(topic, pictures=pictures, command=frame.line()))

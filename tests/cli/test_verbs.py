@@ -74,7 +74,7 @@ def test_init_takes_what_data_sheets_write_and_goes_back(tmp_path: Path) -> None
     assert (axis.motor.encoder_counts_per_rev, axis.motor.brake_torque_nm) == (2**20, None)
     assert axis.motor.max_speed_rad_s == pytest.approx(100.0 * math.pi)
     assert axis.pulley.effective_radius_m == pytest.approx(0.12 / math.tau)
-    assert "(Enter keeps 314.159" in outcome.stderr, "what was answered is kept by going back and Enter"
+    assert "(Enter keeps 3000 rpm)" in outcome.stderr, "what was answered is kept by going back and Enter"
     assert "in which the holding brake" not in outcome.stderr
     assert f"Then: beltcomm doctor --drive DRIVE --axis {path}" in outcome.stdout
     assert _otherwise("effective_radius_m", "120 mm/rev") == pytest.approx(0.12 / math.tau)
