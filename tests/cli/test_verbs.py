@@ -17,7 +17,7 @@ from beltcomm.axis import load_axis
 from beltcomm.axis.entries import COMMISSION_NEEDS
 from beltcomm.cli.frame import Invocation
 from beltcomm.cli.init import _otherwise
-from beltcomm.cli.main import cli
+from beltcomm.cli.main import VERBS, cli
 from beltcomm.cli.talk import PlainTalk, RichTalk
 from beltcomm.effects import EFFECTS
 from beltcomm.errors import DataError, UsageError
@@ -239,3 +239,13 @@ def test_a_failure_in_a_phase_gives_the_terminal_back(capfd: pytest.CaptureFixtu
     assert frame.guarded(fail) == 3
     assert talk._live is None
     assert capfd.readouterr().err.endswith("beltcomm: the record is clipped\n")
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_help_shows_an_example_whose_options_it_has(verb: str) -> None:
+    shown = call(verb, "--help").stdout
+    found = re.search(rf"Example: beltcomm {verb}\b(.*?)\n\s*\n", shown, re.DOTALL)
+    assert found
+    assert [
+        option for option in re.findall(r"--[a-z-]+", found[1]) if not re.search(rf"^\s+(?:-\w, )?{option}\b", shown, re.MULTILINE)
+    ] == []
