@@ -76,7 +76,7 @@ def test_init_takes_what_data_sheets_write_and_goes_back(tmp_path: Path) -> None
     assert axis.pulley.effective_radius_m == pytest.approx(0.12 / math.tau)
     assert "(Enter keeps 3000 rpm)" in outcome.stderr, "what was answered is kept by going back and Enter"
     assert "in which the holding brake" not in outcome.stderr
-    assert f"Then: beltcomm doctor --drive DRIVE --axis {path}" in outcome.stdout
+    assert f"    beltcomm init {path} --from {path}\n" in outcome.stdout
     assert _otherwise("effective_radius_m", "120 mm/rev") == pytest.approx(0.12 / math.tau)
     other = tmp_path / "other.yaml"
     assert call("init", str(other), "--set", "pulley.effective_radius_m=22 x 8 mm").exit_code == 0
@@ -116,7 +116,8 @@ def test_an_empty_axis_still_needs_all_that_commissioning_requires(tmp_path: Pat
         assert f"Still needed: {entry} for" in outcome.stdout
         assert entry in str(refused.value)
     assert "Next: beltcomm commission" not in outcome.stdout
-    assert f"beltcomm init {path} --from {path} --set motor.inertia_kg_m2=VALUE" in outcome.stdout
+    assert "Still needed: motor.inertia_kg_m2 for" in outcome.stdout
+    assert f"    beltcomm init {path} --from {path}\n" in outcome.stdout
 
 
 def test_init_does_not_overwrite_without_a_yes(tmp_path: Path) -> None:
