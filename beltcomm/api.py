@@ -56,7 +56,7 @@ from beltcomm.jobs.watch import watch as watch
 from beltcomm.jobs.write import admitted, apply_to, backup_list, roll_back
 from beltcomm.locks import changes_run
 from beltcomm.machine.machine import Machine
-from beltcomm.machine.scale import ruler as ruler
+from beltcomm.machine.scale import ruler as _ruler
 from beltcomm.model import load_plant
 from beltcomm.pages import at_the_end
 from beltcomm.pages import report as report
@@ -69,10 +69,13 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.next_plan import load_plan
 from beltcomm.schedule.orders import sweep_orders as wanted_sweeps
 from beltcomm.sentences import outcome, words
+from beltcomm.sentences.own_words import own_words
 from beltcomm.study.job import one_member, study_of
 from beltcomm.study.members import Doing
 from beltcomm.talk import Silence, Talk
 from beltcomm.thesis.topics import thesis as thesis
+
+ruler = own_words(_ruler)
 
 
 def _axis_in(run: Path) -> Axis | None:
@@ -83,6 +86,7 @@ def _axis_in(run: Path) -> Axis | None:
         return None
 
 
+@own_words
 @changes_run(waits=False)
 @early_end.searched
 def commission(
@@ -161,6 +165,7 @@ def commission(
     return Result(found, [*answer.screen, *closing], 0 if findings.meets_targets else 1, details=answer.details, told=told)
 
 
+@own_words
 @changes_run(waits=False)
 @early_end.searched
 def identify(drive: str, axis: Axis | Place, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
@@ -197,7 +202,7 @@ def identify(drive: str, axis: Axis | Place, run: Place, *, options: Options | N
 
 
 def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Options, talk: Talk, *, whole: bool = False) -> Result:
-    """What :func:`identify` does on a connected drive.
+    """Job of :func:`identify` on a connected drive.
 
     Parameters
     ----------
@@ -226,6 +231,7 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     return Result({**outcome.data(folder, findings), "nonlinearity": plain(split)}, text, int(whole), details=details)
 
 
+@own_words
 @changes_run(waits=False)
 def follow(drive: str, run: Place, plan: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Record what a plan of ``diagnose`` asks for, into the run that it was written for.
@@ -256,6 +262,7 @@ def follow(drive: str, run: Place, plan: Place, *, options: Options | None = Non
         return follow_plan(connected, run, plan, options, agreed, talk)
 
 
+@own_words
 @changes_run(waits=False)
 def friction(
     drive: str, run: Place, *, options: Options | None = None, pictures: bool = False, command: str = "", talk: Talk | None = None
@@ -303,6 +310,7 @@ def friction(
     return friction_job.result(folder, model, findings.thesis, made, drawn=pictures, command=command)
 
 
+@own_words
 @changes_run()
 def design(
     run: Place,
@@ -352,6 +360,7 @@ def design(
     return delivered(basis, along, options.payload_kg, seed=options.seed or 0, pictures=pictures, command=command)
 
 
+@own_words
 @changes_run(waits=False)
 def verify(
     drive: str,
@@ -414,6 +423,7 @@ def verify(
         )
 
 
+@own_words
 @changes_run(waits=False)
 def apply(
     drive: str, run: Place, *, dcf: Place | None = None, shown: bool = False, options: Options | None = None, talk: Talk | None = None
@@ -453,6 +463,7 @@ def apply(
         return apply_to(connected, drive, folder, options, talk, agreed, dcf=dcf, shown=shown)
 
 
+@own_words
 def backups(run: Place) -> Result:
     """The backups of a run, with dates; no drive is needed.
 
@@ -469,6 +480,7 @@ def backups(run: Place) -> Result:
     return backup_list(RunFolder.open(place(run)))
 
 
+@own_words
 @changes_run(waits=False)
 def rollback(drive: str, run: Place, *, backup: str | None = None, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Write back what the drive had when the run began, or another backup of the run.
@@ -504,6 +516,7 @@ def rollback(drive: str, run: Place, *, backup: str | None = None, options: Opti
         return roll_back(connected, drive, folder, backup, options, talk)
 
 
+@own_words
 @changes_run(waits=False)
 def calibrate(drive: str, axis: Axis | Place | None, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Calibrate the drive's gains by small steps of its setpoints, into a run: a new one for ``axis``, or an existing one without it.
@@ -537,6 +550,7 @@ def calibrate(drive: str, axis: Axis | Place | None, run: Place, *, options: Opt
         return calibrate_job.calibrate_on(connected, drive, folder, settings_of(options), partial(agreed, plan), talk)
 
 
+@own_words
 def move(drive: str, axis: Axis | Place, by_m: float, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Move the carriage slowly by a small distance with the gains that are in the drive.
 
@@ -573,6 +587,7 @@ def move(drive: str, axis: Axis | Place, by_m: float, *, options: Options | None
         return short_move.moved(connected, drive, axis, by_m, options, talk)
 
 
+@own_words
 @changes_run(waits=False)
 def simulate(
     plant: str, axis: Axis | Place, run: Place, *, experiment: str = "frf", options: Options | None = None, talk: Talk | None = None
@@ -731,4 +746,5 @@ __all__ = [
     "trajectory",
     "trend",
     "verify",
+    "watch",
 ]

@@ -24,7 +24,7 @@ _SPELLED = (
 
 
 def for_terminal(text: str) -> str:
-    """What is obeyed is shown: ``\\x1b`` in place of an escape."""
+    """Text in which what a terminal would obey is shown: ``\\x1b`` in place of an escape."""
     return _OBEYED.sub(lambda found: found[0].encode("unicode_escape", "surrogatepass").decode(), text)
 
 

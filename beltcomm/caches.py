@@ -1,4 +1,4 @@
-"""What took long to find and is found again: JSON files that are made again where they cannot be used, and one line that says so."""
+"""Caches of what took long to find: JSON files that are made again where they cannot be used, and one line that says so."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def tell(line: str) -> None:
 
 
 def found(path: Path, key: str) -> dict[str, Any] | None:
-    """What was kept under this key; None for nothing, or another one's, or what cannot be read, which is thrown away and said."""
+    """Content kept under this key; None for nothing, or another one's, or what cannot be read, which is thrown away and said."""
     try:
         content: dict[str, Any] = outside.read_json(path)
         return content if content["key"] == key else None

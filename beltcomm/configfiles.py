@@ -274,7 +274,7 @@ def write_text(path: Path, text: str | Iterable[str]) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """The same value in the types YAML knows."""
+    """Value in the types YAML knows."""
     if isinstance(value, Mapping):
         return {without_halves(str(key)): _plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -296,7 +296,7 @@ def without_halves(text: str) -> str:
 
 
 def _first_words(error: Exception) -> str:
-    """What the parser found and where, on one line."""
+    """Finding of the parser and its place, on one line."""
     mark = getattr(error, "problem_mark", None)
     problem = getattr(error, "problem", None) or str(error).splitlines()[0]
     return f"{problem} (line {mark.line + 1}, column {mark.column + 1})" if mark else str(problem)

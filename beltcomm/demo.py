@@ -153,12 +153,12 @@ def _options(model: Model, seed: int) -> api.Options:
 
 
 def _pictures(made: Sequence[str], run: Path) -> list[str]:
-    """Where before and after can be seen."""
+    """Pictures of before and after."""
     return [f"Before and after, as a picture: {run / name}" for name in made]
 
 
 def answer(name: str, model: Model, added: Sequence[str]) -> list[str]:
-    """What was built into the axis, and whether it was found."""
+    """Fault that was built into the axis, and whether it was found."""
     effect = effect_named(name)
     amounts = (with_unit(f"{key.partition('.')[2]} {model[key]:.3g}", model.parameters[key].unit) for key in effect.full_names())
     right = "found" if name in added else f"not found: {', '.join(added)} was named"

@@ -1,4 +1,4 @@
-"""What another program gives the public functions: paths, numbers and choices, checked before anything is opened or moved."""
+"""Arguments that another program gives the public functions: paths, numbers and choices, checked before anything is opened or moved."""
 
 from __future__ import annotations
 

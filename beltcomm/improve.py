@@ -19,9 +19,11 @@ from beltcomm.result import Line, Result
 from beltcomm.rundata.headline import Following, following, headline_of
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import screens
+from beltcomm.sentences.own_words import own_words
 from beltcomm.talk import Silence, Talk
 
 
+@own_words
 def improve(
     run: Place, drive: str | None = None, *, options: Options | None = None, command: str = "", when: str = "", talk: Talk | None = None
 ) -> Result:
@@ -118,5 +120,5 @@ def _rows(errors: Mapping[str, Any]) -> list[Line]:
 
 
 def _checks(added: list[str]) -> list[str]:
-    """What to look at on the machine for each effect."""
+    """Checks on the machine for each effect."""
     return list(dict.fromkeys(effect_named(name).check[:68] for name in added))

@@ -72,7 +72,7 @@ def environment() -> dict[str, str]:
 
 @contextmanager
 def children_apart() -> Iterator[None]:
-    """The same for processes that a library starts meanwhile."""
+    """Isolate processes that a library starts meanwhile."""
     before = {name: os.environ.get(name) for name in (*_LISTS, "PYTHONSAFEPATH")}
     os.environ.update(environment())
     try:
@@ -121,7 +121,7 @@ def _inside(folder: Path) -> Iterator[None]:
 
 
 def _search_path() -> list[str]:
-    """Where this process finds packages, without the working directory, unless this package stands there."""
+    """Path on which this process finds packages, without the working directory, unless this package stands there."""
     try:
         here = os.getcwd()
     except OSError:

@@ -37,7 +37,7 @@ def append(folder: Path, line: str, event: Event, at: str) -> None:
 
 
 def lines_of(folder: Path) -> list[str]:
-    """What the journal says; nothing where there is none.
+    """Lines of the journal; nothing where there is none.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def lines_of(folder: Path) -> list[str]:
 
 
 def events_of(folder: Path) -> list[str]:
-    """What the lines of the journal mean; a line that a power cut has torn is a note.   Nothing where it cannot be read."""
+    """Events in the lines of the journal; a line that a power cut has torn is a note.   Nothing where it cannot be read."""
     try:
         lines = read_text(folder / EVENTS, KEPT_BYTES, errors="replace").splitlines()
     except (OSError, DataError):

@@ -76,12 +76,12 @@ def read_text(path: Path, most: int = SETTINGS_BYTES, failure: type[BeltcommErro
 
 
 def read_json(path: Path) -> Any:
-    """What a JSON file holds.   Raises OSError, DataError as :func:`opened`, and ValueError for whatever is wrong with the text."""
+    """Content of a JSON file.   Raises OSError, DataError as :func:`opened`, and ValueError for whatever is wrong with the text."""
     return from_json(read_bytes(path, KEPT_BYTES))
 
 
 def from_json(text: str | bytes) -> Any:
-    """What a JSON text holds.   Raises ValueError, also for one that is nested deeper than this program can follow."""
+    """Content of a JSON text.   Raises ValueError, also for one that is nested deeper than this program can follow."""
     try:
         return json.loads(text)
     except RecursionError as error:
@@ -112,7 +112,7 @@ def blocks(path: Path, most: int = MEASURED_BYTES, failure: type[BeltcommError] 
 
 
 def text_blocks(path: Path, encoding: str, errors: str = "strict", most: int = MEASURED_BYTES) -> Iterator[str]:
-    """The same as text, in pieces that end at the ends of lines.   Raises UnicodeDecodeError, and DataError for a line beyond any."""
+    """Blocks of text that end at the ends of lines.   Raises UnicodeDecodeError, and DataError for a line beyond any."""
     decoder = codecs.getincrementaldecoder(encoding)(errors)
     rest = ""
     for block in blocks(path, most):
@@ -147,7 +147,7 @@ def check_count(file: str, rows: int, columns: int) -> None:
 
 
 def unreadable(error: BaseException) -> str:
-    """What kept a file from being read, in a few words."""
+    """Reason why a file cannot be read, in a few words."""
     if isinstance(error, EOFError | zlib.error):
         return "its packed content is damaged or cut off"
     return str(getattr(error, "strerror", None) or error)

@@ -1,4 +1,4 @@
-"""What Linux and macOS have and Windows has not: terminals by hand, bounds of a process.  Only here are ``termios`` and ``resource`` known.
+"""Parts of Linux and macOS that Windows lacks: terminals by hand, bounds of a process.  Only here are ``termios`` and ``resource`` known.
 
 Each function says by ``None`` or ``False`` that the system has no such thing; nothing of this package fails to import for that.
 """
@@ -76,7 +76,7 @@ def bound_this_process(bounds: Mapping[str, int]) -> None:
 
 
 def is_alive(process: int) -> bool:
-    """Whether a process is there, by its number; True where that cannot be asked without hurting it."""
+    """True if a process is there, by its number; True where that cannot be asked without hurting it."""
     if os.name == "nt":  # a signal of number 0 is Ctrl-C there
         return True
     try:

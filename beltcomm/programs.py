@@ -1,4 +1,4 @@
-"""Which program this is: what was computed by another one is not mixed with what is computed now."""
+"""Identity of this program: what was computed by another one is not mixed with what is computed now."""
 
 from __future__ import annotations
 

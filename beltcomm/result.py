@@ -1,4 +1,4 @@
-"""What a command gives back, for people and for programs."""
+"""Results of commands, for people and for programs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from beltcomm.language import tr
 
 @dataclass(frozen=True)
 class Result:
-    """What a command did.
+    """Result of a command.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ def bar(share: float, width: int = 16) -> str:
 
 
 def command_lines(command: str, why: str = "") -> list[Line]:
-    """What to type next: alone on its line, so that it can be copied."""
+    """Next command, alone on its line, so that it can be copied."""
     return [Line("  ", (tr("Next"), "title"), f"  {why}" if why else ""), Line("    ", (command, "command"))]
 
 

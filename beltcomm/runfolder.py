@@ -28,6 +28,7 @@ from typing import Any
 from beltcomm import journal
 from beltcomm.atomic import is_draft
 from beltcomm.axis import Axis, load_axis, save_axis
+from beltcomm.axis.terms import terms_of
 from beltcomm.configfiles import did_you_mean, read_yaml, sealed, to_yaml, unsealed, write_text
 from beltcomm.errors import DataError, NoMotion, UsageError
 from beltcomm.given import pasted
@@ -200,7 +201,7 @@ class RunFolder:
 
     @property
     def recordings_folder(self) -> Path:
-        """Where recordings stand."""
+        """Folder of the recordings."""
         return self.path / "recordings"
 
     @property
@@ -660,7 +661,7 @@ class RunFolder:
         UsageError
             When it cannot be written.
         """
-        journal.append(self.path, line, event, self.stamp())
+        journal.append(self.path, terms_of(self.axis).said(line) if self.has_axis else line, event, self.stamp())
 
     def _save(self, kind: str, name: str, mapping: Mapping[str, Any]) -> Path:
         _make_folder(self.path / kind)

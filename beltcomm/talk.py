@@ -1,4 +1,4 @@
-"""What a long job says to the person beside the machine, and the questions it asks."""
+"""Talk of a long job with the person beside the machine, and the questions it asks."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Gauge:
 
 @dataclass(frozen=True)
 class CarriagePosition:
-    """Where the carriage is while a record is made.
+    """Position of the carriage while a record is made.
 
     Attributes
     ----------
@@ -42,6 +42,8 @@ class CarriagePosition:
         s on the machine that the whole job takes from now on at most; None when not known.
     gauges : tuple of Gauge
         Torque, belt force and speed against their limits.
+    load, unit : str
+        What moves is called, and mm, or what a mm of it is.
     """
 
     record: str
@@ -50,6 +52,8 @@ class CarriagePosition:
     known: bool = True
     left_s: float | None = None
     gauges: tuple[Gauge, ...] = ()
+    load: str = "carriage"
+    unit: str = "mm"
 
 
 class Talk(Protocol):
@@ -93,7 +97,7 @@ class Talk(Protocol):
 
 
 def choose(talk: Talk, question: str, choices: Mapping[str, str]) -> str:
-    """Which of some keys was chosen, the first for a yes, the last for a no; a talk that can only ask yes or no is asked that.
+    """Key that was chosen, the first for a yes, the last for a no; a talk that can only ask yes or no is asked that.
 
     Parameters
     ----------
@@ -107,7 +111,7 @@ def choose(talk: Talk, question: str, choices: Mapping[str, str]) -> str:
 
 
 def detail(talk: Talk, *lines: str) -> None:
-    """What only some want to read while it happens: a terminal shows it where details were asked for, and the journal has it."""
+    """Tell a detail: a terminal shows it where details were asked for, and the journal has it."""
     (getattr(talk, "detail", None) or talk.say)(*lines)
 
 

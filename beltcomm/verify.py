@@ -36,7 +36,7 @@ REST_S = 1.6
 
 @dataclass(frozen=True)
 class Demand:
-    """What a move asks of the axis, rigid carriage.
+    """Demand of a move on the axis, rigid carriage.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Loop:
-    """What a drive adds to the controller in it.
+    """Parts that a drive adds to the controller in it.
 
     Attributes
     ----------

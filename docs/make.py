@@ -111,7 +111,7 @@ def commands(effect: Effect) -> tuple[list[str], str]:
     name = effect.name
     if effect.bound:
         return [f"beltcomm effects {name}", "beltcomm diagnose RUN"], "`diagnose` shows it as a bound and never adds it."
-    if name in USUAL:
+    if name in USUAL or effect.slot == "rigid":
         return [f"beltcomm effects {name}", "beltcomm fit RUN"], "It belongs to the base model: every fit gives its value with an interval."
     if effect.group == BELT_SPRING and effect.bodies:
         return [
@@ -164,7 +164,7 @@ def page(effect: Effect, experiment: str) -> str:
     lines += [f"A model has one of the group *{effect.group}* only."] if effect.group else []
     lines += [f"The same law for further orders: {', '.join(f'`{name}`' for name in family)}."] if family else []
     lines += ["", "| parameter | meaning | unit | side | bounds | in a fit |", "|---|---|---|---|---|---|"]
-    lines += [row(body.inertia, body.name) for body in effect.bodies] + [row(p, effect.name) for p in effect.parameters]
+    lines += [row(body.inertia, body.name) for body in effect.bodies] + [row(p, effect.owner or effect.name) for p in effect.parameters]
     lines += ["", "## State", ""]
     lines += ["| remembers | unit | at the start of a record | from record to record |", "|---|---|---|---|"] if effect.states else []
     lines += [f"| {s.name} | {s.unit} | {BEGINS[s.start]} | {CARRIED[s.carried]} |" for s in effect.states]

@@ -53,6 +53,13 @@ def shaft_rig(*effects: str) -> Model:
     return build_model("shaft", names, chosen, base_bodies=("motor",))
 
 
+def with_rigid_load() -> Model:
+    """The motor of :func:`shaft_rig` with half as much inertia again that moves with it."""
+    alone = shaft_rig()
+    values = {name: alone[name] for name in alone.parameters} | {"cart.mass": 0.5 * alone["motor.inertia"] / RATIO**2}
+    return build_model("rigid", ("rigid_load", "viscous", "coulomb"), values, base_bodies=("motor",))
+
+
 def in_sections(with_coupling: bool) -> Model:
     """The three masses of the data sheets; without the coupling the pulley turns with the motor."""
     model = load_plant("egc_70").model
@@ -87,6 +94,7 @@ def rubbing(name: str, amount: float) -> Model:
 
 #: By effect; effects that share law and parameters with another share its picture.
 SYMPTOMS: Mapping[str, Callable[[], Symptom]] = {
+    "rigid_load": lambda: response(shaft_rig(), with_rigid_load()),
     "belt_stiffness": lambda: response(rig().with_values({"belt_stiffness.stiffness": 1e8, "belt_damping.damping": 2000.0}), rig()),
     "belt_spans": lambda: response_by_place(rig(), with_spans(rig())),
     "stiffness_position": lambda: response_by_place(

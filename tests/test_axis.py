@@ -86,11 +86,11 @@ def test_missing_entries_are_named_with_their_job() -> None:
 
 def test_an_axis_without_belt_and_pulley_is_a_rigid_mass_on_the_load_side() -> None:
     axis = Axis(travel=Travel(min_m=0.0, max_m=0.3))
-    assert not axis.has_belt
+    assert not axis.has_transmission
     assert axis.transmission_m_rad == 1.0
     assert axis.motor_side_inertia_kg_m2 == 0.0
     assert axis.belt_stiffness_n_m(0.1) == math.inf
-    assert Axis(belt=Belt()).has_belt
+    assert Axis(belt=Belt()).has_transmission
 
 
 def test_save_and_load_are_exact(tmp_path: Path) -> None:
@@ -100,7 +100,7 @@ def test_save_and_load_are_exact(tmp_path: Path) -> None:
     assert again == axis
     assert again.fingerprint() == axis.fingerprint()
     save_axis(Axis(pulley=Pulley()), tmp_path / "bare.yaml")
-    assert load_axis(tmp_path / "bare.yaml").has_belt
+    assert load_axis(tmp_path / "bare.yaml").has_transmission
 
 
 def test_fingerprint_sees_every_change_and_nothing_else() -> None:
@@ -161,7 +161,7 @@ def test_unknown_axes_and_trajectories_are_named_with_the_nearest() -> None:
 
 def test_an_axis_without_belt_is_limited_by_its_force() -> None:
     linear = Axis(name="linear motor", limits=AxisLimits(feed_force_n=300.0))
-    assert not linear.has_belt
+    assert not linear.has_transmission
     assert linear.torque_limit() == (300.0, "the axis limit of 300 N feed force")
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from beltcomm.effects import EFFECTS, Effect, Parameter, effect_named
 from beltcomm.errors import UsageError
+from beltcomm.model import build_model
 
 UNITS = {
     "1",
@@ -166,6 +167,10 @@ def test_law_agrees_with_its_slope(effect: Effect) -> None:
             share = effect.law(0.1, theta, 0.0, *values) / 0.1
             assert 0.5 < share < 1.5
             assert effect.law(0.0, theta, 0.0, *values) == 0.0
+        checked += 1
+    if effect.slot == "rigid":
+        model = build_model("m", (effect.name,), {"cart.mass": 3.0, "motor.inertia": 2e-4}, base_bodies=("motor",))
+        assert model.driven_inertia() == pytest.approx(2e-4 + 3.0 * model["transmission.ratio"] ** 2)
         checked += 1
     if effect.slot == "friction_onset":
         checked += dissipates_in_every_cycle(effect)

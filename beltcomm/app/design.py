@@ -30,7 +30,7 @@ from beltcomm.rundata.design_proof import plant_responses
 from beltcomm.rundata.store import cascade_from_dict, saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Silence
-from beltcomm.trajectory import Trajectory, held, plan_trajectory
+from beltcomm.trajectory import Trajectory, plan_trajectory, with_dwell
 from beltcomm.tuning.bench import Bench, CascadeView, TrackingPrediction
 from beltcomm.tuning.changes import changes, error_changes, sentence
 from beltcomm.tuning.curves import DISTURBANCE_NM, OpenLoops, Responses
@@ -127,7 +127,7 @@ class TunedDesign:
         if not min(speed, acceleration, jerk) > 0.0:
             raise UsageError("speed, acceleration and jerk must be above zero")
         limits = TrajectoryLimits(speed_m_s=speed, acceleration_m_s2=acceleration, jerk_m_s3=jerk)
-        moved = held(plan_trajectory(start, end, limits, self.bench.ground.structure.period_s), REST_S)
+        moved = with_dwell(plan_trajectory(start, end, limits, self.bench.ground.structure.period_s), REST_S)
         if len(moved.position_m) > LONGEST_MOVE:
             raise UsageError("this move takes more than a minute; choose a faster or a shorter one")
         self.bench.drive(moved)
@@ -273,7 +273,7 @@ def ground_of(basis: Basis, saved: Mapping[str, Any], move: Path | None = None) 
         lambda places, loads: analyse.design_plants(model, places, [mounted + load for load in loads], late_s, apparent),
         lambda cascade: replace(cascade, feedforward=present.feedforward, filter_reference=present.filter_reference),
         (float(travel.min_m or 0.0), float(travel.max_m or 0.0)),
-        held(move_of(folder, structure.period_s, move), REST_S),
+        with_dwell(move_of(folder, structure.period_s, move), REST_S),
         Loop(structure, late_s, peak, offline.counts_of(folder)),
         present,
         tuple(sorted({*(lag for lag in VELOCITY_FILTERS_S if _in_drive(lag, structure)), present.velocity_filter_s})),

@@ -1,7 +1,8 @@
 """What is known of an axis beforehand: data sheets and limits (``axis.yaml``), checked once.
 
-Every entry may be missing; a job names what it needs with :meth:`Axis.require`.  An axis with neither ``belt`` nor
-``pulley`` is one rigid mass on the load side.  SI units, the unit in the name; the side of the gearbox stands at each entry.
+Every entry may be missing; a job names what it needs with :meth:`Axis.require`.  An axis with neither ``belt``, ``pulley`` nor
+``transmission`` is one rigid mass on the load side.  SI units, the unit in the name; the side of the gearbox stands at each entry.  A kind
+of axis without a belt calls its entries by its own names in the file: :mod:`beltcomm.axis.kinds`.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ from typing import Any, NamedTuple
 
 from beltcomm.axis.entries import (
     AT,
+    COMMISSION_NEEDS,
     SECTIONS,
+    AxisEntry,
     AxisLimits,
     AxisTargets,
     Belt,
@@ -31,6 +34,7 @@ from beltcomm.axis.entries import (
     entries_of,
     meaning_of,
 )
+from beltcomm.axis.kinds import BELT, KINDS, WORDS, AxisKind, Transmission, to_file, to_inside
 from beltcomm.configfiles import did_you_mean, find_config, line_of, read_yaml, to_yaml, write_text
 from beltcomm.errors import UsageError
 from beltcomm.given import pasted
@@ -51,6 +55,7 @@ __all__ = [
     "Pulley",
     "TorqueLimit",
     "TrajectoryLimits",
+    "Transmission",
     "Travel",
     "axis_from_dict",
     "load_axis",
@@ -110,13 +115,16 @@ class Axis:
     mounting: Mounting = field(default_factory=Mounting)
     payload: Payload = field(default_factory=Payload)
     targets: AxisTargets = field(default_factory=AxisTargets)
+    transmission: Transmission | None = None
     source: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
+        own = KINDS.get(self.kind)
+        by_kind = set() if own is None else {entry.inside for entry in own.renamed.values()}
         for key in SECTIONS:
-            _check_section(key, getattr(self, key))
+            _check_section(key, getattr(self, key), by_kind)
         for key, limits in self.trajectories.items():
-            _check_section(f"trajectories.{key}", limits)
+            _check_section(f"trajectories.{key}", limits, set())
         _check_together(self)
 
     def __str__(self) -> str:
@@ -138,6 +146,14 @@ class Axis:
         section, _, key = entry.partition(".")
         return getattr(getattr(self, section), key, None)
 
+    @property
+    def needs(self) -> dict[str, str]:
+        """What commissioning cannot do without, by dotted name, and what for."""
+        own = KINDS.get(self.kind)
+        if own is None:
+            return dict(COMMISSION_NEEDS)
+        return {own.renamed[name].inside if name in own.renamed else name: purpose for name, purpose in own.needs.items()}
+
     def require(self, job: str, *entries: str) -> None:
         """Make sure that entries are known.
 
@@ -153,11 +169,21 @@ class Axis:
         UsageError
             Unless all are known, naming those that are missing and the job.
         """
+        own = KINDS.get(self.kind)
+        if own is not None:  # what a belt axis needs to know of pulley and belt, this one needs of its transmission
+            entries = tuple(entry for entry in entries if entry.partition(".")[0] != "belt")
+            if self.motor.peak_torque_nm is not None:  # which bounds the force where nothing else does
+                entries = tuple(entry for entry in entries if entry != "limits.feed_force_n")
         missing = [entry for entry in entries if self.get(entry) is None]
         if missing:
-            named = ", ".join(f"{entry} ({meaning_of(entry)})" for entry in missing)
+            named = ", ".join(f"{entry if own is None else own.in_file(entry)} ({self._meaning_of(entry)})" for entry in missing)
             verb = "is" if len(missing) == 1 else "are"
             raise UsageError(f"{job} needs {named}, which {verb} not in {self}; add it from the data sheet")
+
+    def _meaning_of(self, entry: str) -> str:
+        own = KINDS.get(self.kind)
+        renamed = None if own is None else own.renamed.get(own.in_file(entry))
+        return meaning_of(entry) if renamed is None else renamed.entry.meaning
 
     def trajectory(self, name: str) -> TrajectoryLimits:
         """Limits of a named reference motion.
@@ -183,25 +209,35 @@ class Axis:
         return self.trajectories[name]
 
     @property
-    def has_belt(self) -> bool:
-        """True if this is a belt axis; otherwise one rigid mass on the load side, whatever its records are in.
+    def kind(self) -> str:
+        """What moves the load: "belt", a word of :data:`beltcomm.axis.kinds.KINDS`, "" for an axis that does not say."""
+        return self.transmission.kind if self.transmission is not None else BELT if self.has_transmission else ""
+
+    @property
+    def has_transmission(self) -> bool:
+        """True if it is known what moves the load; otherwise the axis is one rigid mass on the load side, whatever its records are in.
 
         Those of a linear motor hold N and m, those of a motor alone N m or A and rad: :attr:`beltcomm.recording.Recording.side`.
         """
-        return self.belt is not None or self.pulley is not None
+        return self.belt is not None or self.pulley is not None or self.transmission is not None
+
+    @property
+    def rigid(self) -> bool:
+        """True if nothing is known to swing between motor and load of an axis without a belt."""
+        return self.transmission is not None and math.isinf(self.belt_stiffness_n_m(0.0))
 
     @property
     def transmission_m_rad(self) -> float:
         """Carriage travel per radian of the motor:  i_t = r/i_g  (2.16), m/rad.
 
-        1 for an axis without belt and pulley, whose load side is all there is.
+        1 for an axis without transmission, whose load side is all there is.
 
         Raises
         ------
         UsageError
             Without a radius.
         """
-        if not self.has_belt:
+        if not self.has_transmission:
             return 1.0
         self.require("the transmission", "pulley.effective_radius_m")
         return float(self.get("pulley.effective_radius_m")) / self.gearbox.ratio
@@ -210,25 +246,35 @@ class Axis:
     def motor_side_inertia_kg_m2(self) -> float:
         """Inertia at the motor shaft:  Θ_e = Θ_m + Θ_coupling + (Θ_r + Θ_g)/i_g²  (2.8), kg m².
 
-        Of an axis without belt and pulley only what is known; the rest is in its rigid mass.
+        Of an axis without transmission only what is known; the rest is in its rigid mass.
 
         Raises
         ------
         UsageError
-            For a belt axis without motor inertia.
+            For an axis with transmission and no motor inertia.
         """
-        if self.has_belt:
+        if self.has_transmission:
             self.require("the motor-side inertia", "motor.inertia_kg_m2")
         driven = (self.get("pulley.inertia_kg_m2") or 0.0) + self.gearbox.inertia_kg_m2
         return float((self.motor.inertia_kg_m2 or 0.0) + self.coupling.inertia_kg_m2 + driven / self.gearbox.ratio**2)
 
     @property
     def belt_force_limit_n(self) -> float:
-        """Largest force of the belt:  min(feed force, pulley torque/r), N; infinite when neither is known."""
+        """Largest force of the transmission:  min(feed force, pulley torque/r), N; infinite when neither is known.
+
+        Without a belt and without either, what the motor's peak torque is at the load: nothing else bounds it.
+        """
         known = [self.limits.feed_force_n or math.inf]
         if self.limits.pulley_torque_nm is not None and self.get("pulley.effective_radius_m") is not None:
             known.append(self.limits.pulley_torque_nm / float(self.get("pulley.effective_radius_m")))
+        if self.transmission is not None and not self.states_force and self.motor.peak_torque_nm is not None:
+            known.append(self.motor.peak_torque_nm / self.transmission_m_rad)
         return min(known)
+
+    @property
+    def states_force(self) -> bool:
+        """True if a limit of what the transmission bears is stated."""
+        return self.limits.feed_force_n is not None or self.limits.pulley_torque_nm is not None
 
     def torque_limit(self) -> TorqueLimit:
         """The smallest of the torque limits, at the motor shaft, and which one it is; without a belt, the feed force in N counts as it is.
@@ -247,7 +293,7 @@ class Axis:
         if self.limits.pulley_torque_nm is not None:
             torque = self.limits.pulley_torque_nm
             known.append(TorqueLimit(torque / self.gearbox.ratio, f"the axis limit of {torque:g} N m at the driving pulley"))
-        if self.limits.feed_force_n is not None and (not self.has_belt or self.get("pulley.effective_radius_m") is not None):
+        if self.limits.feed_force_n is not None and (not self.has_transmission or self.get("pulley.effective_radius_m") is not None):
             force = self.limits.feed_force_n
             known.append(TorqueLimit(force * self.transmission_m_rad, f"the axis limit of {force:g} N feed force"))
         if not known:
@@ -260,9 +306,9 @@ class Axis:
         return self.torque_limit().torque_nm
 
     def belt_stiffness_n_m(self, position_m: float) -> float:
-        """Stiffness between motor and carriage, seen at the belt, N/m; infinite for an axis without belt and pulley.
+        """Stiffness between motor and load, along the line of the load, N/m; infinite for a rigid one.
 
-        c = EA/l1 + EA/(2 l3 − l1)  (2.26),  l1 = offset + position;  coupling in series: 1/c_total = 1/c + i_t²/k.
+        Of a belt  c = EA/l1 + EA/(2 l3 − l1)  (2.26),  l1 = offset + position;  coupling in series: 1/c_total = 1/c + i_t²/k.
 
         Parameters
         ----------
@@ -279,8 +325,11 @@ class Axis:
         UsageError
             When the belt's data are not known or the position lies outside the belt.
         """
-        if not self.has_belt:
+        if not self.has_transmission:
             return math.inf
+        if self.transmission is not None:
+            own = self.transmission.stiffness_n_m
+            return self._with_coupling(0.0 if own is None else 1.0 / own)
         self.require("the belt stiffness", "belt.specific_stiffness_n", "belt.pulley_distance_m")
         ea, l3 = float(self.get("belt.specific_stiffness_n")), float(self.get("belt.pulley_distance_m"))
         l1 = self.travel.driven_side_offset_m + position_m
@@ -289,16 +338,13 @@ class Axis:
                 f"at {position_m:g} m the carriage of {self} is {l1:g} m from the driving pulley, outside 0..{l3:g} m; "
                 "check travel.driven_side_offset_m and belt.pulley_distance_m"
             )
-        compliance = 1.0 / (ea / l1 + ea / (2.0 * l3 - l1))
-        if self.coupling.stiffness_nm_rad is not None:
-            compliance += self.transmission_m_rad**2 / self.coupling.stiffness_nm_rad
-        return 1.0 / compliance
+        return self._with_coupling(1.0 / (ea / l1 + ea / (2.0 * l3 - l1)))
 
-    def _stiffness_at(self, position_m: float | None) -> float:
-        if position_m is None and self.has_belt:
-            self.require("the softest position", "travel.max_m")
-        softest = self.travel.max_m if self.travel.max_m is not None else 0.0
-        return self.belt_stiffness_n_m(softest if position_m is None else position_m)
+    def _with_coupling(self, compliance_m_n: float) -> float:
+        """Stiffness, N/m, of this compliance with that of the coupling behind it."""
+        if self.coupling.stiffness_nm_rad is not None:
+            compliance_m_n += self.transmission_m_rad**2 / self.coupling.stiffness_nm_rad
+        return 1.0 / compliance_m_n if compliance_m_n > 0.0 else math.inf
 
     def to_dict(self) -> dict[str, Any]:
         """The entries that are known, in the order and shape of ``axis.yaml``."""
@@ -311,6 +357,10 @@ class Axis:
                 data["trajectories"] = {
                     name: {item.name: getattr(limits, item.name) for item in fields(limits)} for name, limits in self.trajectories.items()
                 }
+        if self.transmission is not None:
+            own = self.transmission
+            stated = {"kind": own.kind, **({} if own.stiffness_n_m is None else {"stiffness_n_m": own.stiffness_n_m})}
+            return to_file(KINDS[own.kind], {**data, "transmission": stated})
         # an empty pulley or belt still says that this is a belt axis
         return {key: value for key, value in data.items() if value or (key in {"pulley", "belt"} and getattr(self, key))}
 
@@ -397,11 +447,41 @@ def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:
     def shown(value: Any) -> str:
         return text if len(text := repr(value)) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]} ..."
 
-    def section(kind: type[Any], value: Any, *keys: str) -> Any:
+    def mapping(value: Any, *keys: str) -> Mapping[Any, Any]:
         if value is None:
-            value = {}
+            return {}
         if not isinstance(value, Mapping):
             raise fault(f"{'.'.join(keys)} is {shown(value)}; it must hold names and values", *keys)
+        return value
+
+    def checked(kind: AxisKind) -> None:
+        """Refuse what this kind of axis does not have, and numbers out of its bounds, by the names in the file."""
+        sections = kind.sections()
+        for key, value in data.items():
+            motions = mapping(value, key) if key == "trajectories" else {}
+            for own, entries, held in (
+                [((key,), sections[key], mapping(value, key))]
+                if key in sections
+                else [((key, str(name)), kind.trajectory_entries(), mapping(one, key, str(name))) for name, one in motions.items()]
+            ):
+                known = [*WORDS.get(key, ()), *entries]
+                for name, number in held.items():
+                    place = ".".join((*own, str(name)))
+                    if name not in known:
+                        raise fault(f"unknown key {shown(name)} in {'.'.join(own)}{did_you_mean(name, known)}", *own, name)
+                    if name not in entries or number is None:
+                        continue
+                    unit = unit_of(name)
+                    if isinstance(number, bool) or not isinstance(number, (int, float)):
+                        raise fault(f"{place} is {shown(number)}; give a number{unit and f' in {unit}'}", *own, name)
+                    if len(own) == 1 and f"{key}.{name}" in kind.renamed and (wrong := entries[name].fault(number)):
+                        raise fault(f"{place} is {shown(number)} {unit}".rstrip() + f"; {wrong}", *own, name)
+            if key not in (*sections, "name", "trajectories"):
+                belongs = f" of {kind.title}" if key in SECTIONS else ""
+                raise fault(f"unknown key {shown(key)}{belongs}{did_you_mean(key, sections)}; known are {', '.join(sections)}", key)
+
+    def section(kind: type[Any], value: Any, *keys: str) -> Any:
+        value = mapping(value, *keys)
         known = entries_of(kind)
         names = [item.name for item in fields(kind)]
         read = {}
@@ -421,6 +501,19 @@ def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:
         return kind(**read)
 
     read: dict[str, Any] = {"source": str(path) if path else ""}
+    stated = mapping(data.get("transmission"), "transmission")
+    named: Any = stated.get("kind")
+    if "transmission" in data and named != BELT:
+        if named not in KINDS:
+            words = f"is {shown(named)}{did_you_mean(str(named), KINDS)}" if named is not None else "is not stated"
+            raise fault(f"transmission.kind {words}; it is one of {BELT}, {', '.join(KINDS)}", "transmission", "kind")
+        checked(KINDS[named])
+        data = to_inside(KINDS[named], data)
+        read["transmission"] = Transmission(**data.pop("transmission"))
+    elif named == BELT:
+        if len(stated) > 1:
+            raise fault("a belt axis states its transmission under pulley and belt; leave all but kind out", "transmission")
+        data = {"pulley": {}, **{key: value for key, value in data.items() if key != "transmission"}}
     names = ["name", "trajectories", *SECTIONS]
     for key, value in data.items():
         if key not in names:
@@ -436,7 +529,19 @@ def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:
     try:
         return Axis(**read)
     except ImpossibleEntry as error:
-        raise fault(str(error), *error.entry.split(".")) from error
+        if "transmission" not in read:
+            raise fault(str(error), *error.entry.split(".")) from error
+        own = KINDS[read["transmission"].kind]
+        from beltcomm.axis.terms import terms  # which is made of what stands here
+
+        text = terms(read["transmission"].kind, _ratio(read)).said(str(error))
+        raise fault(text, *own.in_file(error.entry).split(".")) from error
+
+
+def _ratio(read: Mapping[str, Any]) -> float:
+    """Travel per radian of the pulley that was read, m/rad, 0 when not known."""
+    pulley = read.get("pulley")
+    return (pulley.effective_radius_m or 0.0) if pulley is not None else 0.0
 
 
 def save_axis(axis: Axis, path: Path) -> None:
@@ -463,12 +568,14 @@ def _positive_mass(mass_kg: float) -> float:
     return mass_kg
 
 
-def _check_section(name: str, section: Any) -> None:
-    """Raise ImpossibleEntry for a number outside its bounds."""
+def _check_section(name: str, section: Any, by_kind: set[str]) -> None:
+    """Raise ImpossibleEntry for a number outside its bounds; those that the kind of the axis bounds itself must be finite."""
     if section is None:
         return
     for key, entry in entries_of(type(section)).items():
         value = getattr(section, key)
+        if f"{name}.{key}" in by_kind:
+            entry = AxisEntry(entry.meaning)
         fault = entry.fault(value) if value is not None else ""
         if fault:
             raise ImpossibleEntry(f"{name}.{key} is {value:g} {unit_of(key)}".rstrip() + f"; {fault}", f"{name}.{key}")

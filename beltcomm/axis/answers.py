@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from beltcomm.axis.kinds import KINDS
 from beltcomm.quantities import suffix_of, unit_of
 
 #: Entry -> range, SI, outside which a number is asked for again: what most belt axes have, not what is possible.
@@ -35,16 +36,24 @@ USUAL: Mapping[str, tuple[float, float]] = {
 }
 
 
-def usual(entry: str, value: float) -> bool:
+def usual_range(entry: str, kind: str = "") -> tuple[float, float]:
+    """What most axes of a kind have, for an entry as their files name it."""
+    own = KINDS.get(kind)
+    if own is not None and entry in own.renamed:
+        return own.renamed[entry].usual or (-math.inf, math.inf)
+    return USUAL.get(entry, (-math.inf, math.inf))
+
+
+def usual(entry: str, value: float, kind: str = "") -> bool:
     """Whether a value of an entry is what most axes have."""
-    low, high = USUAL.get(entry, (-math.inf, math.inf))
+    low, high = usual_range(entry, kind)
     return low <= value <= high
 
 
-def usual_words(entry: str) -> str:
+def usual_words(entry: str, kind: str = "") -> str:
     """The usual range, in the units that people think in."""
     name = entry.partition(".")[2]
-    return " ... ".join(in_words(name, value) for value in USUAL[entry])
+    return " ... ".join(in_words(name, value) for value in usual_range(entry, kind))
 
 
 def in_words(name: str, value: float) -> str:
@@ -59,6 +68,7 @@ def in_words(name: str, value: float) -> str:
         "rad_s": ("rpm", 60.0 / math.tau),
         "kg_m2": ("kg cm²", 1e4),
         "m": ("mm", 1e3),
+        "n_m": ("N/µm", 1e-6) if abs(value) >= 1e5 else ("N/m", 1.0),
         "s": ("ms", 1e3) if abs(value) < 0.1 else ("s", 1.0),
         "n": ("kN", 1e-3) if abs(value) >= 1e4 else ("N", 1.0),
     }.get(suffix, (unit_of(name), 1.0))

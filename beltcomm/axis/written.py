@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import MISSING, fields
 from typing import Any
 
 from beltcomm.axis import Axis
 from beltcomm.axis.entries import AT, SECTIONS, AxisEntry, TrajectoryLimits, entries_of
+from beltcomm.axis.kinds import BELT, KINDS
+from beltcomm.axis.kinds import WORDS as WORDS_OF
 from beltcomm.quantities import unit_of
 
 #: Column of the remarks; titles of the sections; meaning of the entries that are words.
@@ -25,6 +28,7 @@ TITLES = {
     "targets": "Targets: what the axis must reach; left out, the defaults hold",
 }
 WORDS = {
+    ("transmission", "kind"): "what moves the load: screw, rack, rotary or linear; a belt axis has pulley and belt instead",
     ("motor", "name"): "type of the motor",
     ("targets", "at"): "where the targets count: motor, carriage or both; what nothing measures is judged as predicted",
     ("targets", "move"): "limits of the move that is judged, a name under trajectories",
@@ -42,31 +46,47 @@ def commented(axis: Axis, source: str = "") -> str:
     lines = ["# SI units, the unit in each name; what is not known is commented out. Made by `beltcomm init`."]
     lines += [f"# {source}"] if source else []
     lines += [f"name: {_scalar(axis.name)}"]
-    for section, kind in SECTIONS.items():
-        held = getattr(axis, section)
-        if held is None and not axis.has_belt:
+    own, data = KINDS.get(axis.kind), axis.to_dict()
+    sections = own.sections() if own is not None else {name: entries_of(kind) for name, kind in SECTIONS.items()}
+    titles = {**TITLES, **(own.titles if own is not None else {})}
+    for section, known in sections.items():
+        held = data.get(section) if own is not None else getattr(axis, section)
+        if held is None and not axis.has_transmission:
             continue
-        lines += ["", _remarked(f"{section}:", TITLES[section])]
-        known = entries_of(kind)
+        values = held if isinstance(held, dict) else {} if held is None else vars(held)
+        lines += ["", _remarked(f"{section}:", titles[section])]
+        names = _names(section) if own is None else _names_of_kind(section, known)
         any_known = False
-        for item in fields(kind):
-            value = None if held is None else getattr(held, item.name)
-            entry, unit = known.get(item.name), unit_of(item.name)
-            meaning = entry.meaning if entry is not None else WORDS.get((section, item.name), "")
+        for name in names:
+            value, unit = values.get(name), unit_of(name)
+            entry = known.get(name)
+            meaning = entry.meaning if entry is not None else WORDS.get((section, name), "")
             remark = f"{unit}, {meaning}" if unit else meaning
             if value in (None, ""):
-                lines.append(_remarked(f"  # {item.name}:", remark))
+                lines.append(_remarked(f"  # {name}:", remark))
             else:
                 any_known = True
-                lines.append(_remarked(f"  {item.name}: {_scalar(value)}", remark))
+                lines.append(_remarked(f"  {name}: {_scalar(value)}", remark))
         if not any_known:  # a section of comments alone would be read as nothing, which a pulley or belt is not
-            lines[-len(fields(kind)) - 1] = _remarked(f"{section}: {{}}" if held is not None else f"# {section}:", TITLES[section])
+            lines[-len(names) - 1] = _remarked(f"{section}: {{}}" if held is not None else f"# {section}:", titles[section])
         if section == "limits" and axis.trajectories:
-            lines += ["", _remarked("trajectories:", "Limits of named reference motions, at the carriage")]
-            for name, limits in axis.trajectories.items():
-                inner = ", ".join(f"{one.name}: {_scalar(getattr(limits, one.name))}" for one in fields(limits))
+            load = "carriage" if own is None else own.load
+            lines += ["", _remarked("trajectories:", f"Limits of named reference motions, at the {load}")]
+            for name, limits in data["trajectories"].items():
+                inner = ", ".join(f"{key}: {_scalar(value)}" for key, value in limits.items())
                 lines.append(f"  {_scalar(name)}: {{{inner}}}")
     return "\n".join(lines) + "\n"
+
+
+def _names(section: str) -> list[str]:
+    """Entries of a section of a belt axis, words too, in their order."""
+    return [item.name for item in fields(SECTIONS[section])]
+
+
+def _names_of_kind(section: str, known: Iterable[str]) -> list[str]:
+    """Entries of a section of another kind: what is a word and comes first, numbers, other words."""
+    words = WORDS_OF.get(section, ())
+    return [*(name for name in words if name in ("kind", "name")), *known, *(name for name in words if name not in ("kind", "name"))]
 
 
 def _remarked(text: str, remark: str) -> str:
@@ -88,12 +108,34 @@ def axis_schema() -> dict[str, Any]:
     sections: dict[str, Any] = {"name": {"type": "string", "description": "name of the axis, for plans and reports"}}
     for section, kind in SECTIONS.items():
         sections[section] = {**_object(section, kind), "description": TITLES[section]}
+    for own in KINDS.values():
+        for section, entries in own.sections().items():
+            known = sections.setdefault(section, {"type": ["object", "null"], "additionalProperties": False, "properties": {}})
+            known.setdefault("description", own.titles.get(section, TITLES.get(section, section)))
+            for key, entry in entries.items():
+                known["properties"].setdefault(key, _number(entry, unit_of(key)))
+    sections["transmission"]["properties"]["kind"] = {
+        "type": "string",
+        "description": WORDS["transmission", "kind"],
+        "enum": [BELT, *KINDS],
+    }
     sections["trajectories"] = {
         "type": "object",
         "description": "limits of named reference motions, at the carriage",
-        "additionalProperties": _object("", TrajectoryLimits),
+        "additionalProperties": {"anyOf": [_object("", TrajectoryLimits), _turning()]},
     }
     return _schema("beltcomm axis.yaml", {"type": "object", "additionalProperties": False, "properties": sections})
+
+
+def _turning() -> dict[str, Any]:
+    """Limits of a reference motion of a load that turns."""
+    entries = KINDS["rotary"].trajectory_entries()
+    return {
+        "type": ["object", "null"],
+        "additionalProperties": False,
+        "properties": {name: _number(AxisEntry(entry.meaning, above=0.0), unit_of(name)) for name, entry in entries.items()},
+        "required": [*entries],
+    }
 
 
 def _object(section: str, kind: type[Any]) -> dict[str, Any]:

@@ -24,6 +24,10 @@ SILENT_S = 1.5
 NEAR = 0.9
 
 
+#: Words before the place of what moves, by what it is called.
+_AT = {"load": "load at", "table": "table at"}
+
+
 class Display:
     """One job.   number : of its phase, ``2/5``.   place : of the carriage, None while nothing moves.   clock : s, of the wall."""
 
@@ -134,7 +138,7 @@ def _digits(gauge: Gauge, value: float) -> str:
 
 def window_line(place: CarriagePosition, width: int, ascii_only: bool = False) -> Text:
     """``0 mm [····|······] 570 mm, carriage at 124 mm``, no wider than the terminal; without a bar where the window is not known."""
-    here = f"{tr('carriage at')} {millimetres(place.position_m, place)}"
+    here = f"{tr(_AT.get(place.load, 'carriage at'))} {millimetres(place.position_m, place)}"
     low, high = place.window_m
     if not math.isfinite(high - low) or high <= low:
         return Text(INDENT + here)

@@ -80,7 +80,7 @@ def command(
 
 
 def _bit_s(text: str | None, sample_period_s: float | None) -> float | None:
-    """How long a bit lasts: a time, or samples of the period that is asked for, 1 ms where none is.   Raises UsageError."""
+    """Duration of a bit: a time, or samples of the period that is asked for, 1 ms where none is.   Raises UsageError."""
     if text is None:
         return None
     if text.strip().isdigit():

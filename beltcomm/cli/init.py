@@ -51,15 +51,31 @@ _OTHERWISE = {
     "encoder_counts_per_rev": "or bits: 20 bit",
     "effective_radius_m": "or teeth x pitch: 24 x 5 mm; or travel per turn: 120 mm/rev",
     "max_speed_rad_s": "or 3000 rpm",
+    "speed_deg_s": "or 300 rpm",
+    "lead_m": "10 mm, or 10 mm/rev",
+    "pole_pair_m": "32 mm",
+    "pinion_radius_m": "or teeth x module: 20 x 2 mm; or travel per turn: 200 mm/rev",
 }
 #: Asked only where another entry of the section has a value.
 _ONLY_WITH = {"brake_time_s": "brake_torque_nm"}
 #: Behind the name of the file: what was answered when the questions were broken off.
 UNFINISHED = ".unfinished"
 _YES = ("", "y", "yes", "j", "ja")
+#: Words that may be written for a kind of axis.  An axis that is none of them is taken as one rigid mass, for imported records.
+_KINDS = {
+    "b": "belt",
+    "ball screw": "screw",
+    "ballscrew": "screw",
+    "spindle": "screw",
+    "pinion": "rack",
+    "table": "rotary",
+    "none": "other",
+}
 _NONE, _BACK = ("none", "no", "-"), ("back", "<")
 _TEETH = re.compile(r"(\d+)\s*(?:teeth)?\s*[x×*]\s*(.+)", re.IGNORECASE)
 _BELT_SECTIONS = ("gearbox", "coupling", "pulley", "belt")
+_TRAVEL_PER_TURN = ("lead_m", "pole_pair_m")
+_MODULE = re.compile(r"(\d+)\s*(?:teeth)?\s*[x×*]\s*(?:module|m)?\s*(.+)", re.IGNORECASE)
 
 
 @click.command("init")
@@ -94,6 +110,7 @@ def command(
     Example: beltcomm init --from parker-osp-e25bhd --motor yaskawa-sgmsh-10a
     """
     from beltcomm.axis import axis_from_dict
+    from beltcomm.axis.terms import terms_of
     from beltcomm.axis.written import commented
     from beltcomm.configfiles import read_yaml, write_text
 
@@ -108,7 +125,9 @@ def command(
         raise UsageError(f"{file} is a folder; give the name of the file to write, such as {file / 'axis.yaml'}")
     unfinished = file.with_name(f"{file.name}{UNFINISHED}")
     begun = unfinished.is_file() and not (template or motor or entries or yes)
-    start = axis_from_dict(read_yaml(unfinished), unfinished) if begun else _start(template, motor, asked=not (entries or yes))
+    asked = not (entries or yes)
+    kind = _ask_kind(template) if asked and not begun else ""
+    start = axis_from_dict(read_yaml(unfinished), unfinished) if begun else _start(template, motor, kind, asked=asked)
     data = start.to_dict()
     # an axis that is begun with values asks no more than whether a file may be overwritten
     if entries or yes:
@@ -117,7 +136,7 @@ def command(
     else:
         if begun:
             _tell(tr("{file} holds the answers of a start that was broken off; Enter keeps them.\n", file=unfinished))
-        data = _ask_all(start, unfinished)
+        data = _ask_all(start, unfinished, kind or start.kind or "other")
     axis = axis_from_dict(data)
     if file.exists() and not yes and not frame.talk().confirm(f"{file} exists. Overwrite it?"):
         raise Refused(f"{file} was left as it is; give another file name")
@@ -125,11 +144,15 @@ def command(
     unfinished.unlink(missing_ok=True)
     missing = _missing(axis)
     lines = [tr("{file} is written: {name}.", file=file, name=axis.name or tr("axis without a name"))]
-    asked = axis.targets
-    said = tr("your targets") if asked.stated else tr("default targets, state your own under targets")
-    judged = "Judged by: {following:g} mm while it moves, {settled:g} mm after {after:g} s ({said})."
-    lines += [tr(judged, following=1e3 * asked.following_m, settled=1e3 * asked.settled_m, after=asked.after_s, said=said)]
-    lines += [tr("Still needed: {entry} for {purpose}.", entry=entry, purpose=tr(purpose)) for entry, purpose in missing.items()]
+    wanted = axis.targets
+    targets = "your targets" if wanted.stated else "default targets, state your own under targets"
+    judged = (
+        f"Judged by: {1e3 * wanted.following_m:g} mm while it moves, {1e3 * wanted.settled_m:g} mm after {wanted.after_s:g} s ({targets})."
+    )
+    lines.append(told(terms_of(axis).said(judged)))
+    if axis.transmission is not None and axis.rigid:
+        lines.append(tr("No stiffness between motor and load is stated: the axis counts as rigid."))
+    lines += [told(f"Still needed: {entry} for {purpose}.") for entry, purpose in missing.items()]
     if missing:
         why = tr("asks for what is missing, Enter keeps the rest; commissioning refuses to begin before")
         lines.append(f"Next: beltcomm init {pasted(file)} --from {pasted(file)}   ({why})")
@@ -140,23 +163,54 @@ def command(
     return 0
 
 
-def _start(template: str | None, motor: str | None, *, asked: bool) -> Axis:
+def _ask_kind(template: str | None) -> str:
+    """The kind of axis, asked first: everything after it depends on that.   template : whose kind Enter takes."""
+    from beltcomm.axis import load_axis
+    from beltcomm.axis.catalogue import parts
+    from beltcomm.axis.kinds import BELT, KINDS
+    from beltcomm.configfiles import did_you_mean, named_file
+
+    told = BELT
+    if template is not None and (named_file(template) or template not in parts("axes")):
+        told = load_axis(template).kind or "other"
+    known = {BELT: tr("toothed belt"), **{name: tr(kind.title) for name, kind in KINDS.items()}, "other": tr("none of these")}
+    click.echo(tr("Kinds of axes:"), err=True)
+    for name, title in known.items():
+        click.echo(f"  {name:<8}{title}", err=True)
+    while True:
+        answer = _answer(tr("Kind of the axis"), told).lower()
+        answer = _KINDS.get(answer, answer)
+        if answer in known:
+            return answer
+        click.echo(f"    {answer!r}: {', '.join(known)}{did_you_mean(answer, known)}", err=True)
+
+
+def _start(template: str | None, motor: str | None, kind: str, *, asked: bool) -> Axis:
     """What the questions begin with: an axis by file or name, a motor of the catalogue; asked for where a person answers."""
     from beltcomm.axis import axis_from_dict, load_axis
     from beltcomm.axis.catalogue import parts, with_part
+    from beltcomm.axis.kinds import KINDS
     from beltcomm.configfiles import named_file
 
     data: dict[str, Any] = {}
     if template is None and motor is None and asked:
-        _tell(tr(_INTRODUCTION))
-        template = _known_part("axes", tr("Axis"))
-        motor = _known_part("motors", tr("Motor"))
+        _tell(_introduction(kind))
+        template = _known_part("axes", tr("Axis")) if kind == "belt" else None
+        motor = _known_part("motors", tr("Motor")) if kind != "linear" else None
     if template is not None:
         catalogue = not named_file(template) and template in parts("axes")
         data = with_part({}, "axes", template) if catalogue else load_axis(template).to_dict()
     if motor is not None:
         data = with_part(data, "motors", motor)
+    if kind in KINDS and dict(data.get("transmission") or {}).get("kind") != kind:
+        data = {**{key: data[key] for key in ("name", "motor") if key in data}, "transmission": {"kind": kind}}
     return axis_from_dict(data)
+
+
+def _introduction(kind: str) -> str:
+    """What is asked for, and how to answer."""
+    text = tr(_INTRODUCTION)
+    return text if kind in ("belt", "other", "") else text.replace("pulley, belt", "transmission").replace("Scheibe, Riemen", "Übertragung")
 
 
 def _known_part(kind: Kind, word: str) -> str | None:
@@ -200,7 +254,10 @@ def axis_with(axis: str | None, entries: tuple[str, ...], run: Path) -> Axis:
 
 def _missing(axis: Axis) -> dict[str, str]:
     """What commissioning will ask for, with its purpose."""
-    return {entry: purpose for entry, purpose in COMMISSION_NEEDS.items() if axis.get(entry) is None}
+    from beltcomm.axis.kinds import KINDS
+
+    own = KINDS.get(axis.kind)
+    return {entry if own is None else own.in_file(entry): purpose for entry, purpose in axis.needs.items() if axis.get(entry) is None}
 
 
 def _set(data: dict[str, Any], text: str) -> None:
@@ -224,7 +281,7 @@ def _set(data: dict[str, Any], text: str) -> None:
 def _value(key: str, name: str, text: str) -> str | float | None:
     if text.lower() in {"", "null", "none"}:
         return None
-    numeric = bool(unit_of(name)) or name in {"ratio", "teeth", "encoder_counts_per_rev"}
+    numeric = bool(unit_of(name)) or name in {"ratio", "teeth", "encoder_counts_per_rev", "counts_per_pole_pair"}
     if not numeric:
         return text
     value = _otherwise(name, text)
@@ -238,32 +295,36 @@ def _with_key(key: str, name: str, text: str) -> float:
         raise UsageError(f"{key.removesuffix(name)}{error}") from error
 
 
-def _ask_all(start: Axis, unfinished: Path) -> dict[str, Any]:
+def _ask_all(start: Axis, unfinished: Path, kind: str) -> dict[str, Any]:
     """All entries by questions; a wrong answer is explained and asked again.   unfinished : what is known when they are broken off."""
     from beltcomm.axis.entries import SECTIONS, entries_of
+    from beltcomm.axis.kinds import KINDS
 
     data: dict[str, Any] = start.to_dict()
+    own = KINDS.get(kind)
     data["name"] = _answer(tr("Name of the axis"), start.name) or _answer(tr("  Plans and reports need its name"), "")
-    belt = _yes(tr("Does it have a toothed belt?"))
-    sections = {name: kind for name, kind in SECTIONS.items() if belt or name not in _BELT_SECTIONS}
-    for section in SECTIONS.keys() - sections.keys():
-        data.pop(section, None)
-    entries = {section: entries_of(kind) for section, kind in sections.items()}
+    if own is not None:
+        entries = own.sections()
+    else:
+        sections = {name: each for name, each in SECTIONS.items() if kind == "belt" or name not in _BELT_SECTIONS}
+        entries = {section: entries_of(each) for section, each in sections.items()}
+        for section in SECTIONS.keys() - sections.keys():
+            data.pop(section, None)
     words = {"motor": ["name"], "targets": ["at"]}
-    questions = [(section, name) for section in sections for name in (*words.get(section, []), *entries[section])]
-    answers = _Answers(data["name"])
+    questions = [(section, name) for section in entries for name in (*words.get(section, []), *entries[section])]
+    answers = _Answers(data["name"], kind if own is not None else "")
     try:
-        _ask_each(questions, entries, start, answers)
+        _ask_each(questions, entries, data, answers)
     except (KeyboardInterrupt, UsageError):
         _keep(answers.known, unfinished)
         raise
-    return {**data, **{section: answers.known.get(section, {}) for section in sections}}
+    return {**data, **{section: answers.known.get(section, {}) for section in entries}}
 
 
 def _keep(known: dict[str, Any], unfinished: Path) -> None:
     from beltcomm.configfiles import to_yaml, write_text
 
-    if len(known) > 1:  # more than its name
+    if known.keys() - {"name", "transmission"}:
         write_text(unfinished, to_yaml(known))
         _tell(f"\nWhat was answered is kept in {unfinished}; the same command goes on with it.")
 
@@ -271,8 +332,8 @@ def _keep(known: dict[str, Any], unfinished: Path) -> None:
 class _Answers:
     """What was answered.   told : by section and name, in the order asked.   implied : what one of them says of others, not asked then."""
 
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def __init__(self, name: str, kind: str = "") -> None:
+        self.name, self.kind = name, kind
         self.told: dict[tuple[str, str], Any] = {}
         self.implied: dict[tuple[str, str], float] = {}
 
@@ -280,6 +341,8 @@ class _Answers:
     def known(self) -> dict[str, Any]:
         """As axis.yaml has it."""
         found: dict[str, Any] = {"name": self.name}
+        if self.kind:
+            found["transmission"] = {"kind": self.kind}
         for (section, name), value in {**self.told, **self.implied}.items():
             if value not in (None, ""):
                 found.setdefault(section, {})[name] = value
@@ -297,8 +360,12 @@ class _Answers:
         return ""
 
 
-def _ask_each(questions: Sequence[tuple[str, str]], entries: Mapping[str, Mapping[str, AxisEntry]], start: Axis, answers: _Answers) -> None:
+def _ask_each(
+    questions: Sequence[tuple[str, str]], entries: Mapping[str, Mapping[str, AxisEntry]], start: Mapping[str, Any], answers: _Answers
+) -> None:
     """The questions one after the other, and back."""
+    from beltcomm.axis.kinds import KINDS
+
     before: dict[tuple[str, str], Any] = {}  # answered before somebody went back
     asked: list[int] = []
     at = 0
@@ -308,17 +375,19 @@ def _ask_each(questions: Sequence[tuple[str, str]], entries: Mapping[str, Mappin
             at += 1
             continue
         if not asked or questions[asked[-1]][0] != section:
-            _tell(f"\n{tr(_TITLES[section])}")
-        default = before.get(key, getattr(getattr(start, section), name, None))
+            _tell(f"\n{tr(_title(section, answers.kind))}")
+        default = before.get(key, (start.get(section) or {}).get(name))
         try:
             where = f"[{at + 1}/{len(questions)}] "
             if name == "name":
                 answers.told[key] = _answer(where + tr("Type"), default or "", back=True)
             elif name == "at":
-                answers.told[key] = _ask_word(where + tr("Where targets count: motor, carriage or both"), AT, default or "")
+                load = KINDS[answers.kind].load if answers.kind else AT[1]
+                question = tr("Where targets count: motor, carriage or both").replace("carriage", load)
+                answers.told[key] = _ask_word(where + question, (AT[0], load, AT[2]), default or "")
             else:
                 fault = partial(answers.fault, section, name)
-                value, text = _ask_number(f"{section}.{name}", name, entries[section][name], default, fault, where)
+                value, text = _ask_number(f"{section}.{name}", name, entries[section][name], default, fault, where, answers.kind)
                 answers.told[key] = value
                 if name == "effective_radius_m":
                     answers.implied = _toothed(text)
@@ -330,18 +399,33 @@ def _ask_each(questions: Sequence[tuple[str, str]], entries: Mapping[str, Mappin
         at += 1
 
 
+def _title(section: str, kind: str) -> str:
+    """Of a section, as the kind of axis calls it."""
+    from beltcomm.axis.kinds import KINDS
+    from beltcomm.axis.terms import terms
+
+    own = KINDS.get(kind)
+    return _TITLES[section] if own is None else own.titles.get(section) or terms(kind).said(_TITLES[section])
+
+
 class _Back(Exception):
     """The question before is asked again."""
 
 
 def _ask_number(
-    key: str, name: str, entry: AxisEntry, default: float | None, contradicts: Callable[[float], str], where: str
+    key: str, name: str, entry: AxisEntry, default: float | None, contradicts: Callable[[float], str], where: str, kind: str = ""
 ) -> tuple[float | None, str]:
     """A number, and how it was written; what it means is said, and an unusual one asked for again.   contradicts : in words.
 
     where : number of the question.
     """
-    unit, needed, meaning = unit_of(name), COMMISSION_NEEDS.get(key, ""), tr(entry.meaning)
+    from beltcomm.axis.kinds import KINDS
+    from beltcomm.axis.terms import terms
+
+    own, terms_ = KINDS.get(kind), terms(kind)
+    needs = COMMISSION_NEEDS if own is None else own.needs
+    said = entry.meaning if own is not None and key in own.renamed else terms_.said(entry.meaning)
+    unit, needed, meaning = unit_of(name), needs.get(key, ""), tr(said)
     shown = ", ".join(filter(None, [unit or tr("number"), tr(_OTHERWISE.get(name, ""))]))
     kept, given = "" if default is None else f"{default:.10g}", ""
     known = "" if default is None else in_words(name, default)
@@ -349,14 +433,7 @@ def _ask_number(
         text = given or _answer(f"{where}{meaning[0].upper()}{meaning[1:]} [{shown}]", kept, known, back=True)
         given = ""
         if not text and needed:
-            _tell(
-                "    "
-                + tr(
-                    "{key} is needed for {purpose}; without it commissioning refuses to begin. Enter once more: not known yet",
-                    key=key,
-                    purpose=tr(needed),
-                )
-            )
+            _tell(f"    {key} is needed for {needed}; without it commissioning refuses to begin. Enter once more: not known yet")
             needed = ""
             continue
         if not text or text.lower() in _NONE:
@@ -373,16 +450,17 @@ def _ask_number(
             _tell(f"    {wrong}; give another value, or 'back' to change what was answered before")
         elif text == kept:
             return default, text
-        elif not usual(key, value) and (other := _really(key, name, value)) is not None:
+        elif not usual(key, value, kind) and (other := _really(key, name, value, kind)) is not None:
             given = other
         else:
             _tell(f"    = {in_words(name, value)}")
             return value, text
 
 
-def _really(key: str, name: str, value: float) -> str | None:
+def _really(key: str, name: str, value: float, kind: str) -> str | None:
     """Of an unusual value: None to keep it, else another answer to the same question, "" to be asked it again."""
-    told = f"    = {in_words(name, value)}: {tr('really?')} {tr('usual are')} {usual_words(key)}; {tr('Enter keeps it, or give another')}"
+    usual_are = f"{tr('usual are')} {usual_words(key, kind)}"
+    told = f"    = {in_words(name, value)}: {tr('really?')} {usual_are}; {tr('Enter keeps it, or give another')}"
     answer = _answer(told, "")
     return None if answer.lower() in _YES else "" if answer.lower() in (*_BACK, "n", "no", "nein") else answer
 
@@ -405,21 +483,17 @@ def _toothed(text: str) -> dict[tuple[str, str], float]:
 def _otherwise(name: str, text: str) -> float | None:
     """A number written as data sheets have it, None for any other text.   2^n of n bits;  r = z p/2π of z teeth;  r = s/2π of the way s."""
     bits = re.fullmatch(r"(\d+)\s*-?\s*bits?", text, re.IGNORECASE)
-    if name == "encoder_counts_per_rev" and bits:
+    if name in ("encoder_counts_per_rev", "counts_per_pole_pair") and bits:
         return float(2 ** int(bits[1]))
-    if name != "effective_radius_m":
+    if name not in ("effective_radius_m", "pinion_radius_m", *_TRAVEL_PER_TURN):
         return None
-    if teeth := _TEETH.fullmatch(text):
+    if name == "pinion_radius_m" and (teeth := _MODULE.fullmatch(text)):
+        return 0.5 * int(teeth[1]) * parse_quantity(teeth[2], "pitch_m")
+    if name == "effective_radius_m" and (teeth := _TEETH.fullmatch(text)):
         return int(teeth[1]) * parse_quantity(teeth[2], "pitch_m") / math.tau
     turn = re.fullmatch(r"(.+?)\s*(?:/|per)\s*(?:rev|turn|revolution|u)", text, re.IGNORECASE)
-    return parse_quantity(turn[1], "travel_m") / math.tau if turn else None
-
-
-def _yes(question: str) -> bool:
-    """A question that is asked until the answer is yes or no; yes for an empty one."""
-    while (answer := _answer(f"{question} {tr('yes/no')}", tr("yes")).lower()) not in {"y", "yes", "n", "no", "j", "ja", "nein"}:
-        _tell(f"    {answer!r} {tr('is neither yes nor no')}")
-    return answer in {"y", "yes", "j", "ja"}
+    per_turn = 1.0 if name in _TRAVEL_PER_TURN else math.tau
+    return parse_quantity(turn[1], "travel_m") / per_turn if turn else None
 
 
 def _tell(line: str) -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -14,7 +15,7 @@ import click
 from beltcomm.cli import completion
 from beltcomm.cli.hold import option as held_key
 from beltcomm.cli.newest import drive_of, or_newest, runs_here
-from beltcomm.errors import UsageError
+from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.quantities import parse_quantity, unit_of
 
 if TYPE_CHECKING:
@@ -28,8 +29,30 @@ else:  # before click 8.2 the classes take no type argument
     Numbers = Pairs = click.ParamType
     Words = click.Choice
 
-_UNIT = re.compile(r"[a-zA-Zµμ]*\s*$")
+_UNIT = re.compile(r"[a-zA-Zµμ°]*\s*$")
+#: An angle where a way is asked for, and what it is of a load that turns: 1 degree is 1 mm of its arc.
+_ANGLE = re.compile(r"(?:deg|°)(?:/s[23²³]?)?\s*$")
+_ARC = 1e-3
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def parsed(text: str, name: str, ctx: click.Context | None) -> float:
+    """The SI value of a quantity; a way in degrees for an axis whose load turns.   Raises UsageError."""
+    if not _ANGLE.search(text) or not _turns(getattr(ctx.obj, "words", ()) if ctx is not None else ()):
+        return parse_quantity(text, name)
+    return _ARC * parse_quantity(text, re.sub(r"m((_s\d?)?)$", r"deg\1", name))
+
+
+def _turns(words: Sequence[str]) -> bool:
+    """Whether a command is about an axis whose load turns, by the axis or the run that it names."""
+    from beltcomm.axis import load_axis
+
+    named = dict(pairwise(part for word in words for part in (word.split("=", 1) if word.startswith("--") else [word])))
+    axis, run = named.get("--axis"), named.get("--run")
+    try:
+        return load_axis(axis or f"{run}/axis.yaml").kind == "rotary" if axis or run else False
+    except BeltcommError:
+        return False
 
 
 class WordChoice(Words):
@@ -60,7 +83,7 @@ class QuantityType(Numbers):
         if isinstance(value, float):
             return value
         try:
-            return parse_quantity(str(value), self.name)
+            return parsed(str(value), self.name, ctx)
         except UsageError as error:
             self.fail(str(error), param, ctx)
 
@@ -82,8 +105,8 @@ class Window(Pairs):
         if high and not _UNIT.findall(low)[0]:  # a unit after HIGH alone is meant for both
             low += _UNIT.findall(high)[0]
         try:
-            first = parse_quantity(low, "window_m")
-            ends = (first, parse_quantity(high, "window_m")) if high else (-first, first)
+            first = parsed(low, "window_m", ctx)
+            ends = (first, parsed(high, "window_m", ctx)) if high else (-first, first)
         except UsageError as error:
             self.fail(str(error), param, ctx)
         if not ends[0] < 0.0 < ends[1]:
@@ -243,7 +266,7 @@ def writing_options(function: Function, *, needed: bool = True) -> Function:
     return function
 
 
-def _targets(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]) -> dict[str, Any]:
+def _targets(ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]) -> dict[str, Any]:
     """Values of ``--target``, as ``targets`` of axis.yaml has them."""
     found: dict[str, Any] = {}
     for text in values:
@@ -252,7 +275,7 @@ def _targets(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ..
         if not equals or name is None:
             raise click.BadParameter(f"{text!r} is no target; write one of {', '.join(f'{key}=...' for key in TARGETS)}")
         try:
-            found[name] = value.strip() if name in ("at", "move") else parse_quantity(value, name)
+            found[name] = value.strip() if name in ("at", "move") else parsed(value, name, ctx)
         except UsageError as error:
             raise click.BadParameter(str(error)) from error
     return found
@@ -264,6 +287,8 @@ def with_targets(axis: Axis, asked: Mapping[str, Any]) -> Axis:
 
     if not asked:
         return axis
+    if axis.transmission is not None:
+        return replace(axis, targets=replace(axis.targets, **asked))
     data = axis.to_dict()
     return replace(axis_from_dict({**data, "targets": {**data.get("targets", {}), **asked}}), source=axis.source)
 

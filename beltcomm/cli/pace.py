@@ -44,4 +44,5 @@ def clock_words(seconds: float) -> str:
 def millimetres(position_m: float, place: CarriagePosition) -> str:
     """A position on the axis, or from where the carriage stood, then with its sign."""
     value = round(1e3 * position_m)
-    return f"{value:d} mm" if place.known else f"{value:+d} mm"
+    unit = place.unit if place.unit == "°" else f" {place.unit}"
+    return f"{value:d}{unit}" if place.known else f"{value:+d}{unit}"

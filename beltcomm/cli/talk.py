@@ -59,7 +59,9 @@ class PlainTalk:
         if self._place is None or place.record != self._place.record:
             low, high = place.window_m
             window = f" (of {millimetres(low, place)} to {millimetres(high, place)})" if math.isfinite(high - low) else ""
-            left = ", ".join(part for part in (f"carriage at {millimetres(place.position_m, place)}{window}", machine_left(place)) if part)
+            left = ", ".join(
+                part for part in (f"{place.load} at {millimetres(place.position_m, place)}{window}", machine_left(place)) if part
+            )
             self.say(f"      {place.record}: {left}")
         self._place = place
 

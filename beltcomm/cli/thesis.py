@@ -8,16 +8,26 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api
+from beltcomm.errors import UsageError
 
 
 @click.command("thesis")
 @click.argument("topic", required=False)
 @click.option("--pictures", type=click.Path(file_okay=False, path_type=Path), help="Folder for the topic's figures.")
+@click.option(
+    "--run",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="On a run's own model: designs, closed-loop, estimators, gravity.",
+)
 @shared.output_options
 @click.pass_obj
-def command(frame: Invocation, /, topic: str | None, pictures: Path | None) -> int:
+def command(frame: Invocation, /, topic: str | None, pictures: Path | None, run: Path | None) -> int:
     """List what the design source compares, or recompute one TOPIC: its table, and its figures with --pictures.
 
     Example: beltcomm thesis
     """
+    if run is not None:
+        if topic is None or pictures is not None:
+            raise UsageError("--run takes one TOPIC and draws nothing: beltcomm thesis designs --run RUN")
+        return frame.show(api("beltcomm.jobs.own_thesis").own_thesis(topic, run))
     return frame.show(api("beltcomm.thesis.topics").thesis(topic, pictures=pictures, command=frame.line()))

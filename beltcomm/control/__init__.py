@@ -126,7 +126,7 @@ class Cascade:
 
 @dataclass(frozen=True)
 class CascadeStructure:
-    """What a drive's built-in cascade can do, and how its gains are quantised: the design uses exactly this.
+    """Abilities of a drive's built-in cascade, and the quantisation of its gains: the design uses exactly this.
 
     Names besides the fields of :class:`Cascade`: ``integral_time_s`` for a drive that stores T_N = K_P/K_I in place of K_I.
 

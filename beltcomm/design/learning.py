@@ -109,7 +109,7 @@ def learning_filter(
 
 
 def _faded(counts: Array, period_s: float) -> Array:
-    """The same with soft ends, so that what is learnt begins and ends without a step."""
+    """Torque with soft ends, so that what is learnt begins and ends without a step."""
     width = max(1, round(FADE_S / period_s))
     window = np.ones(width) / width
     return np.convolve(np.pad(counts, (width, width), mode="edge"), window, mode="same")[width:-width]

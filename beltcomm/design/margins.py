@@ -114,11 +114,14 @@ def margins_on(cascade: Cascade, sampled: SampledPlants) -> tuple[Margins, ...]:
 
 
 def resonance_or_peak(loop: ComplexArray, omega_rad_s: Array, resonance_rad_s: Array) -> NDArray[np.bool_]:
-    """Frequencies at which the suppression is asked: at and above the resonance, and at every local peak of the gain; shape of ``loop``."""
+    """Frequencies at which the suppression is asked: at and above the resonance, and at every local peak of the gain; shape of ``loop``.
+
+    Of a resonance beyond what the loop samples, the highest frequency.
+    """
     level = np.abs(loop)
     peak = np.zeros(loop.shape, dtype=bool)
     peak[..., 1:-1] = (level[..., 1:-1] > level[..., :-2]) & (level[..., 1:-1] >= level[..., 2:])
-    return np.asarray(peak | (omega_rad_s >= resonance_rad_s))
+    return np.asarray(peak | (omega_rad_s >= np.minimum(resonance_rad_s, omega_rad_s[..., -1:])))
 
 
 def phase_margin(omega_rad_s: Array, loop: ComplexArray) -> tuple[float, float]:
@@ -148,7 +151,7 @@ def gain_margin_db(loop: ComplexArray) -> float:
 
 
 def _stability(plant: DesignPlant, cascade: Cascade, period_s: float) -> tuple[bool, float]:
-    """Whether all poles lie inside the unit circle, and their smallest damping ratio.
+    """True if all poles lie inside the unit circle, and their smallest damping ratio.
 
     With K_PP = 0 the free angle's pole at 1 is no matter of the velocity loop and is left out.
     """

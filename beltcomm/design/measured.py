@@ -279,7 +279,7 @@ def _with_crossings(loop: ComplexArray, tube: Array, height: Array) -> tuple[Com
 
 
 def _stable(loop: ComplexArray, tube: Array, *, integrators: int, hidden_gain: float) -> bool | None:
-    """Whether 1 + L turns around the origin as often as a stable loop; None where the curve does not show it.
+    """True if 1 + L turns around the origin as often as a stable loop; None where the curve does not show it.
 
     The angle of 1 + L falls by 360 degrees for every pair of unstable poles.  L comes from infinity at -90 degrees times the number of
     ``integrators`` and is taken to stay between there and 0 degrees down to the lowest line; with three it passes -180 degrees on the way,

@@ -99,13 +99,15 @@ def _best_on(
     for tn in tn_grid:
         unit = unit_loop(shape, tn)
         top = highest_kp(unit, shape, structure, specification, float(tn))
+        velocity_allowed = allowed_gains(unit, shape, specification.phase_margin_deg, specification)
+        if velocity_allowed is None:
+            continue
+        if not np.any(shape.resonance_rad_s <= shape.omega_rad_s[..., -1:]):  # nothing to suppress: what the margins allow binds
+            top = min(top, velocity_allowed.top)
         bottom = max(structure.lowest.get("kp_nm_s_rad", 0.0), structure.lowest.get("ki_nm_rad", 0.0) * tn)
         if top <= bottom:
             continue
         grid = np.geomspace(max(bottom, 0.01 * top), top, _COARSE_KP) if kp_grid is None else np.minimum(kp_grid, top)
-        velocity_allowed = allowed_gains(unit, shape, specification.phase_margin_deg, specification)
-        if velocity_allowed is None:
-            continue
         for kp in velocity_allowed.of(np.unique(grid[grid >= bottom]))[::-1]:
             # More plants only lower K_PP: a K_P that two of them already reject need not be tried on all.
             for part in (extremes, shape):

@@ -170,7 +170,7 @@ def _gain_margins_db(loop: ComplexArray) -> Array:
 
 
 def _stable(advance: Array, new: Array, old: Array, whole: NDArray[np.int64], cascade: Cascade, period_s: float) -> NDArray[np.bool_]:
-    """Whether cascade and velocity loop have all poles inside the unit circle, (p,) bool; the velocity loop's free angle aside."""
+    """True where cascade and velocity loop have all poles inside the unit circle, (p,) bool; the velocity loop's free angle aside."""
     found = np.zeros(len(advance), dtype=bool)
     for delay in np.unique(whole):
         k = np.flatnonzero(whole == delay)

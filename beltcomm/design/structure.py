@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,8 @@ OUTSIDE_THE_LOOP = frozenset({"friction_level", "friction_onset", "torque_path",
 BASE = frozenset({"viscous", "viscous_cart", "coulomb", "cart_friction"})
 #: Delays that are counted as dead time: a lag of the first order has the phase of a dead time of its time constant, and less gain.
 DELAYS = (("dead_time", "dead_time.time"), ("current_lag", "current_lag.time"))
+#: rad/s: a load without compliance swings at this on a held motor, critically damped.
+STIFF_RAD_S = 2.0 * math.pi * 2e4
 #: rad/s: the linearisation is that of the axis in motion.
 MOVING_RAD_S = 1.0
 
@@ -99,8 +102,10 @@ def loop_model(model: Model, position_m: float) -> LoopModel:
         For an axis without motor and carriage.
     """
     reduced = in_loop(model)
-    m = matrices(reduced, operating_point(reduced, position_m, MOVING_RAD_S))
     ratio = model["transmission.ratio"]
+    if model.rigid:
+        return _stiff(model)
+    m = matrices(reduced, operating_point(reduced, position_m, MOVING_RAD_S))
     if m.bodies[:1] != ("motor",) or "cart" not in m.bodies:
         raise UsageError(f"model {model.name!r} has no motor and carriage, its bodies are {', '.join(m.bodies)}; no loop can be designed")
     cart = m.bodies.index("cart")
@@ -125,6 +130,14 @@ def loop_model(model: Model, position_m: float) -> LoopModel:
         max(0.0, -float(m.D[0, cart]) / ratio),
         bodies,
     )
+
+
+def _stiff(model: Model) -> LoopModel:
+    """A rigid load as one on a spring and damper far above whatever a loop samples: its mode dies out within a sample."""
+    inertia, mass, ratio = model["motor.inertia"], model["cart.mass"], model["transmission.ratio"]
+    stiffness = mass * STIFF_RAD_S**2
+    together = 1.0 / (1.0 / mass + ratio**2 / inertia)
+    return LoopModel(inertia, ratio, mass, stiffness, 2.0 * math.sqrt(stiffness * together), None)
 
 
 def late_s(model: Model) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 
+from beltcomm.axis.aliases import ALIASES
 from beltcomm.effects import (
     backlash,
     belt_damping,
@@ -33,6 +34,7 @@ from beltcomm.effects import (
     presliding,
     pulley_eccentricity,
     quadratic_drag,
+    rigid_load,
     stiffness_position,
     stribeck,
     tilt,
@@ -88,6 +90,7 @@ __all__ = [
 ]
 
 EFFECTS: tuple[Effect, ...] = (
+    rigid_load.EFFECT,
     belt_stiffness.EFFECT,
     belt_spans.EFFECT,
     stiffness_position.EFFECT,
@@ -150,6 +153,7 @@ def effect_named(name: str) -> Effect:
     UsageError
         With the nearest names.
     """
+    name = ALIASES.get(name, name)
     if name in _BY_NAME:
         return _BY_NAME[name]
     near = difflib.get_close_matches(name, _BY_NAME, n=3)

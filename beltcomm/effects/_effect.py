@@ -19,6 +19,7 @@ Slot = Literal[
     "kinematics",
     "sensor",
     "body",
+    "rigid",
 ]
 Side = Literal["motor", "cart", "belt", "drive"]
 Law = Callable[..., float]
@@ -30,6 +31,8 @@ DRIVING_BODY = "driving_pulley"
 BELT_STIFFNESS = "belt.stiffness"
 #: The same for the damping of the belt, N s/m; 0 in a model without any.
 BELT_DAMPING = "belt.damping"
+#: Body that a load without compliance is a part of: its mass has the same name as that of one that swings.
+RIGID_OWNER = "cart"
 #: Group of the laws of the belt as a spring: a model has one of them at most.
 BELT_SPRING = "belt spring"
 #: Group of the first-order lags between torque and report: two of them would only smooth the whole equation.
@@ -340,6 +343,8 @@ class Effect:
         Why a diagnosis cannot put it on trial although a motor may see it, with figures; "" where that has no need of words.
     unlikely : callable or None
         Of its own values and its bodies' by their names here, in words why no machine has them; empty where one may.
+    owner : str
+        What stands before the dot in the names of its parameters; "" for its own name.
     """
 
     name: str
@@ -373,10 +378,11 @@ class Effect:
     behind_gap: bool = False
     untried: str = ""
     unlikely: Callable[[Mapping[str, float]], str] | None = None
+    owner: str = ""
 
     def full_names(self) -> tuple[str, ...]:
         """Names of its own parameters as they stand in a model: ``effect.parameter``."""
-        return tuple(f"{self.name}.{p.name}" for p in self.parameters)
+        return tuple(f"{self.owner or self.name}.{p.name}" for p in self.parameters)
 
     @property
     def states(self) -> tuple[EffectState, ...]:

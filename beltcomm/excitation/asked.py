@@ -1,4 +1,4 @@
-"""What a person asks of an excitation, in place of what would be chosen."""
+"""Excitation as a person asks for it, in place of what would be chosen."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class AskedExcitation:
 
     @property
     def shape(self) -> bool:
-        """Whether the sequence itself is asked for."""
+        """True if the sequence itself is asked for."""
         return self.order is not None or self.bit_s is not None
 
     def check(self, kind: ExcitationKind, sample_period_s: float, torque_step_nm: float, largest_nm: float) -> None:

@@ -1,4 +1,4 @@
-"""Which signal of a kind shows a band of frequencies in a given time."""
+"""Choice of the signal of a kind that shows a band of frequencies in a given time."""
 
 from __future__ import annotations
 

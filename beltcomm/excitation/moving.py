@@ -47,7 +47,7 @@ class MovingExcitation:
             getattr(self, name).setflags(write=False)
 
     def louder(self, factor: float) -> MovingExcitation:
-        """The same travel with the excitation times ``factor``."""
+        """Travel with the excitation times ``factor``."""
         return MovingExcitation(self.base_m, self.base_m_s, factor * self.added, self.period_samples, self.starts, self.excited)
 
 

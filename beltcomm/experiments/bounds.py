@@ -15,13 +15,12 @@ from beltcomm.errors import BeltcommError, Refused
 from beltcomm.experiments import phases
 from beltcomm.experiments.execute_step import RESPONSE_S
 from beltcomm.experiments.paths import Course, path_of, start_of
-from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.machine import creep, gravity
 from beltcomm.machine.heat import path_rms_nm
 from beltcomm.model import Model
 from beltcomm.schedule.sequences import excitation_travel_m
 from beltcomm.schedule.steps import Step
-from beltcomm.simulate.stopping import total_friction
+from beltcomm.simulate.stopping import total_friction, unknown_loads_kg
 
 #: s: ramps both ways, at most; and the rest after bringing the carriage somewhere, with a second try.
 CREEP_SECONDS = 2.0 * (creep.RAMP_S + 0.5)
@@ -108,7 +107,8 @@ def masses_kg(axis: Axis, model: Model | None = None) -> tuple[float, float]:
     if model is not None:
         return model["cart.mass"], model["cart.mass"]
     stated = axis.payload.mass_kg or 0.0
-    return max(UNKNOWN_MASSES_KG[0], stated), max(UNKNOWN_MASSES_KG[-1], stated)
+    loads = unknown_loads_kg(axis)
+    return max(loads[0], stated), max(loads[-1], stated)
 
 
 def seconds_of(step: Step, course: Course) -> float:

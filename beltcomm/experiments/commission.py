@@ -92,7 +92,7 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
         Fewer steps and a shorter response.
     """
     machine.begin(TITLES[1])
-    masses = unknown_masses_kg(machine.axis.payload.mass_kg)
+    masses = unknown_masses_kg(machine.axis)
     if machine.axis.mounting.tilted:
         findings.breakaway, findings.holding = holding.sign_and_scale(machine)
         masses = holding.masses_kg(machine, machine.holding_nm)

@@ -54,6 +54,8 @@ Array = NDArray[np.float64]
 #: Assumed where no sheet says it: friction as a share of the torque that the axis may be driven with, belt damping, viscous friction
 #: as a share of Coulomb friction at 1 m/s, noise of the torque signal as a share of the motor's rated torque.
 FRICTION_SHARE, BELT_DAMPING_NS_M, VISCOUS_SHARE, NOISE_SHARE = 0.1, 20.0, 0.5, 0.004
+#: Damping ratio of what swings on anything but a belt.
+DAMPING_RATIO = 0.02
 #: Units that are shown in thousandths or millionths where they are small.
 PREFIXED = ("m", "s", "N m", "rad", "N")
 #: What a quick plan says instead.
@@ -71,7 +73,7 @@ MOST_KEPT = 20
 
 
 @dataclass(frozen=True)
-class Foresight:
+class Detectability:
     """Detection limits that the records of a plan will have.
 
     Attributes
@@ -102,7 +104,7 @@ def lines_of(found: Mapping[str, Any], whole: bool) -> list[str]:
     Parameters
     ----------
     found : dict of str to Any
-        :meth:`Foresight.to_dict`.
+        :meth:`Detectability.to_dict`.
     whole : bool
         A line for each, with its parameter and how much of a typical one that is.
     """
@@ -155,7 +157,7 @@ def _remedy(entry: Mapping[str, Any], extent: Extent) -> str:
     return f"{weaker}; {'the limits in axis.yaml allow no more' if extent == 'thorough' else '--thorough records more'}"
 
 
-def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight:
+def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Detectability:
     """Detection limits of the records of an extent.
 
     Raises
@@ -172,7 +174,7 @@ def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight
         f"assumed: carriage {model['cart.mass']:.3g} kg, friction {total_friction(model):.2g} N m, {1e3 * noise:.2g} mN m of torque noise, "
         f"{capabilities.counts_per_rev} encoder steps per turn"
     )
-    return Foresight(tuple(sights), assumed, len(recordings), extent)
+    return Detectability(tuple(sights), assumed, len(recordings), extent)
 
 
 def with_detectability(plan: Plan, axis: Axis, capabilities: Capabilities, options: Options) -> Plan:
@@ -194,13 +196,17 @@ def sheet_model(axis: Axis) -> Model:
     """The base model with what the data sheets say, and with the assumptions of this module."""
     friction = FRICTION_SHARE * axis.torque_limit_nm
     middle = 0.5 * (float(axis.travel.min_m or 0.0) + float(axis.travel.max_m or 0.0))
-    sheet = data_sheet_model(axis, middle, friction).without_effect("cart_friction")
+    sheet = data_sheet_model(axis, middle, friction)
+    sheet = sheet.without_effect("cart_friction") if "cart_friction" in sheet.effects else sheet
     values = {
         "coulomb.level": friction,
         "viscous.damping": VISCOUS_SHARE * friction * axis.transmission_m_rad,
         "belt_damping.damping": BELT_DAMPING_NS_M,
     }
-    return sheet.with_values(values, "assumed")
+    if axis.transmission is not None and not sheet.rigid:
+        light = 1.0 / (1.0 / sheet["cart.mass"] + axis.transmission_m_rad**2 / sheet["motor.inertia"])
+        values["belt_damping.damping"] = 2.0 * DAMPING_RATIO * math.sqrt(sheet["belt_stiffness.stiffness"] * light)
+    return sheet.with_values({name: value for name, value in values.items() if name in sheet.parameters}, "assumed")
 
 
 def records(axis: Axis, capabilities: Capabilities, model: Model, extent: Extent, noise_nm: float) -> Iterator[Recording]:

@@ -61,7 +61,7 @@ class Repetition:
 
 @dataclass(frozen=True, eq=False)
 class Learnt:
-    """What all repetitions came to.
+    """Outcome of all repetitions.
 
     Attributes
     ----------

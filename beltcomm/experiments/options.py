@@ -232,7 +232,7 @@ class Options:
 
     @property
     def asked(self) -> AskedExcitation:
-        """What is asked of the excitation."""
+        """Excitation that is asked for."""
         return AskedExcitation(self.prbs_order, self.bit_s, self.amplitude_nm, self.periods)
 
     def reached(self, drive: str) -> Reached:

@@ -24,7 +24,7 @@ from beltcomm.recording.sidecar import Sidecar
 from beltcomm.rundata.delays import delay
 from beltcomm.rundata.findings import Findings
 from beltcomm.simulate.stopping import REACTION_PERIODS, SWING, Braking, rigid_deceleration, total_friction, total_viscous
-from beltcomm.trajectory import Trajectory, held, plan_trajectory
+from beltcomm.trajectory import Trajectory, plan_trajectory, with_dwell
 from beltcomm.verify import REST_S, Demand, Verdict, demand, judge, predict_move
 
 Array = NDArray[np.float64]
@@ -86,7 +86,7 @@ def _trials(machine: Machine, model: Model) -> float:
         limits = replace(limits, acceleration_m_s2=min(limits.acceleration_m_s2, 4.0 * speed**2 / TRIAL_M))
         limits = replace(limits, jerk_m_s3=20.0 * limits.acceleration_m_s2)
         most_m = FIRST_LAG_M if math.isinf(lag_s) else LAG_GROWTH * lag_s * speed + LAG_SLACK_M
-        path = held(plan_trajectory(at, at + way, limits, machine.drive.capabilities.sample_period_s), TRIAL_REST_S)
+        path = with_dwell(plan_trajectory(at, at + way, limits, machine.drive.capabilities.sample_period_s), TRIAL_REST_S)
         top, off = _follow(machine, model, path, most_m)
         lag_s = off / top
         if machine.stroking() == "position" and abs(machine.position_m - (at + way)) > HELD_M:
@@ -159,7 +159,7 @@ def verify_own(
 def _verified(machine: Machine, findings: Findings, model: Model, cascade: Cascade, path: Trajectory) -> Verdict:
     verification.refuse_broken(machine, model, path)
     phases.move_to(machine, float(path.position_m[0]), model)
-    along = held(path, REST_S)
+    along = with_dwell(path, REST_S)
     beside = replace(along, position_m=along.position_m + machine.position_m - float(path.position_m[0]))
     sidecar = Sidecar(
         experiment="trajectory",

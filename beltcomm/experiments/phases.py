@@ -37,7 +37,7 @@ from beltcomm.rundata import analyse
 from beltcomm.rundata.first_motions import Breakaway
 from beltcomm.schedule.sequences import HARDLY, calmer_choice, excitation_travel_m, held_choice
 from beltcomm.simulate.stopping import total_friction
-from beltcomm.trajectory import Strokes, Trajectory, held, plan_trajectory
+from beltcomm.trajectory import Strokes, Trajectory, plan_trajectory, with_dwell
 
 Array = NDArray[np.float64]
 M = TypeVar("M", Trajectory, Strokes)
@@ -212,11 +212,11 @@ def planned_response(
         f"{name}: {choice.reason}; ±{step.amplitude_nm:.3f} N m, limited by {step.binds}; stopping distance at most "
         f"{1e3 * step.prediction.stop_m:.1f} mm; {run_on}"
     )
-    exposed, room = (
-        exciting.Exposed(step.prediction, family_around(without_offset(model)), host_loss.losses_of(machine)),
+    context, room = (
+        exciting.ExcitationContext(step.prediction, family_around(without_offset(model)), host_loss.losses_of(machine)),
         excitation_room(machine, at),
     )
-    return exciting.excite(machine, name, excitation, at, room, exposed, held_out), excitation, step
+    return exciting.excite(machine, name, excitation, at, room, context, held_out), excitation, step
 
 
 def response_to_come(
@@ -286,7 +286,7 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = P
             return
         plan = partial(plan_trajectory, machine.position_m, target_m, sample_period_s=machine.drive.capabilities.sample_period_s)
         trajectory = stoppable(machine, gentle_limits(machine, model, slow_m_s), plan)
-        machine.run(machine.follow(held(trajectory, 0.3), machine.stroking()), loose_room(machine))
+        machine.run(machine.follow(with_dwell(trajectory, 0.3), machine.stroking()), loose_room(machine))
     if abs(machine.position_m - target_m) > ASTRAY_M:
         raise SafetyStop(
             f"the carriage stands at {machine.position_m:.4f} m instead of {target_m:.4f} m after a move; the loop does not hold it",

@@ -16,6 +16,7 @@ from beltcomm.experiments import gain_steps, own_strokes, phases, sampling_limit
 from beltcomm.experiments.bounds import (
     CREEP_SECONDS,
     Experiment,
+    bounds_of,
     course_before,
     fastest_m_s,
     friction_before_nm,
@@ -28,7 +29,6 @@ from beltcomm.experiments.bounds import (
 )
 from beltcomm.experiments.plan_words import Point, commission_points, host_loss, identify_points, point_rows
 from beltcomm.experiments.sign import sign_seconds, sign_words
-from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.language import tr
 from beltcomm.machine import creep, gravity
 from beltcomm.machine.heat import HeatPlan, Thermal, heat_plan, path_rms_nm
@@ -37,8 +37,9 @@ from beltcomm.result import Row, plain, table
 from beltcomm.schedule import record_schedule
 from beltcomm.schedule.record_schedule import Extent
 from beltcomm.schedule.sequences import excitation_travel_m, short_seconds
+from beltcomm.schedule.steps import Step
 from beltcomm.schedule.strokes import fastest_stroke_m_s
-from beltcomm.simulate.stopping import Braking, total_friction
+from beltcomm.simulate.stopping import Braking, total_friction, unknown_loads_kg
 from beltcomm.trajectory import Trajectory, plan_trajectory
 from beltcomm.verify import demand
 
@@ -275,7 +276,9 @@ def _sweep(axis: Axis, capabilities: Capabilities, seconds: float) -> Experiment
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
     travel, speed = (1.0 - 2.0 * phases.stroke_share(capabilities)) * whole, _sweep_speed_m_s(axis, capabilities)
-    return Experiment("constant-speed sweep", travel, whole, speed, torque, gentle_force_n(axis), seconds, stroking_nm(axis))
+    # Where only the motor bounds the force, all of its torque all the time would be far from what a sweep takes.
+    heating = stroking_nm(axis) if axis.transmission is None else bounds_of(axis, capabilities, Step("sweep")).heating_nm
+    return Experiment("constant-speed sweep", travel, whole, speed, torque, gentle_force_n(axis), seconds, heating)
 
 
 def gentle_force_n(axis: Axis) -> float:
@@ -334,7 +337,7 @@ def verification_plan(axis: Axis, model: Model, path: Trajectory, braking: Braki
 def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
     """Fastest stroke over the whole travel with the lightest carriage that is thought of."""
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
-    lightest = axis.belt_force_limit_n / 3.0 / max(UNKNOWN_MASSES_KG[0], axis.payload.mass_kg or 0.0)
+    lightest = axis.belt_force_limit_n / 3.0 / max(unknown_loads_kg(axis)[0], axis.payload.mass_kg or 0.0)
     acceleration = min(axis.limits.acceleration_m_s2 or math.inf, lightest)
     return fastest_stroke_m_s(phases.SPEED_SHARE * top_speed_m_s(axis, capabilities), acceleration, whole)
 

@@ -21,7 +21,7 @@ from beltcomm.model import Model
 from beltcomm.recording.sidecar import Sidecar
 from beltcomm.rundata.proof import LEARNT, proof
 from beltcomm.simulate.setpoints import SetpointGrid
-from beltcomm.trajectory import Trajectory, held
+from beltcomm.trajectory import Trajectory, with_dwell
 from beltcomm.verify import (
     REST_S,
     Demand,
@@ -124,7 +124,7 @@ def verify_move(
     refuse_broken(machine, model, trajectory)
     running = machine.write_cascade(cascade)
     clock_s = machine.session_time_s
-    sent, drive = reference_for(model, running.feedforward, held(trajectory, REST_S), sending, clock_s), in_drive(machine, delay_s)
+    sent, drive = reference_for(model, running.feedforward, with_dwell(trajectory, REST_S), sending, clock_s), in_drive(machine, delay_s)
     grid = SetpointGrid(trajectory.sample_period_s, drive.structure.period_s, len(sent.motor.t_s))
     if sent.torque_nm is not None:
         sent = replace(sent, torque_nm=grid.along(sent.torque_nm))
@@ -168,7 +168,7 @@ def verify_move(
         targets=machine.axis.targets,
     )
     if sent.torque_nm is not None and learnt is None:
-        alone = predict_move(model, running, held(trajectory, REST_S), drive, time_s=clock_s)
+        alone = predict_move(model, running, with_dwell(trajectory, REST_S), drive, time_s=clock_s)
         verdict = replace(verdict, reasons=(*verdict.reasons, *_brought(sent, alone)))
     return verdict, demand(trajectory, model)
 

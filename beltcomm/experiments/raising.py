@@ -15,7 +15,6 @@ from beltcomm.fit.acting import acting_recording
 from beltcomm.fit.first_estimate import data_sheet_model, moves_enough, stiffness_range
 from beltcomm.fit.first_path import first_path
 from beltcomm.identify.amplitude import (
-    UNKNOWN_MASSES_KG,
     AmplitudeStep,
     MotionLimits,
     family_around,
@@ -29,7 +28,7 @@ from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.rundata.first_motions import Breakaway, Excited
 from beltcomm.schedule.sequences import shapes_at, short_sequence
-from beltcomm.simulate.stopping import HostLoss
+from beltcomm.simulate.stopping import UNKNOWN_MASSES_KG, HostLoss, unknown_loads_kg
 
 #: An excitation must reach this share of the breakaway torque; the ramp finds the latter some 20 % too high.
 OVER_BREAKAWAY = 1.0
@@ -134,10 +133,10 @@ def raise_amplitude(
                 continue
         with machine.withdrawing():
             first = first_path(recordings[-1], known, counts)
-        model = believable(first.model, sheet)
+        model = believable(first.model, sheet, unknown_loads_kg(machine.axis)[0])
         machine.folder.journal(
-            f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg, "
-            f"stiffness {model['belt_stiffness.stiffness']:.4g} N/m"
+            f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg"
+            + ("" if model.rigid else f", stiffness {model['belt_stiffness.stiffness']:.4g} N/m")
         )
         model = scale.check_first(machine, model, acting_recording(recordings[-1], first.path))
         stops.lend_brake(machine, model, following.at_m)
@@ -179,8 +178,8 @@ def _record_of_step(machine: Machine, name: str, wanted: _Next, kept: bool) -> R
             f"{1e3 * step.prediction.stop_m:.1f} mm; {exciting.run_on_words(machine, step.prediction, wanted.limits.ends_m)}"
         )
     excitation = short_sequence(wanted.order, wanted.clock, step.amplitude_nm, own.sample_period_s, own.torque_step_nm)
-    exposed = exciting.Exposed(step.prediction, wanted.family, wanted.losses)
-    return exciting.excite(machine, name, excitation, wanted.at_m, excitation_room(machine, wanted.at_m), exposed)
+    context = exciting.ExcitationContext(step.prediction, wanted.family, wanted.losses)
+    return exciting.excite(machine, name, excitation, wanted.at_m, excitation_room(machine, wanted.at_m), context)
 
 
 def _louder(machine: Machine, family: Sequence[Model], made: _Next, at_most_nm: float) -> AmplitudeStep:
@@ -210,9 +209,14 @@ def as_made(step: AmplitudeStep, recording: Recording) -> AmplitudeStep:
     return replace(step, amplitude_nm=own_nm, binds="step" if own_nm < KEPT_SHARE * step.amplitude_nm else step.binds)
 
 
-def believable(model: Model, sheet: Model) -> Model:
-    """A first estimate within what can be: a gap or a lag drives it to a feather on a rod, and no prediction may count on that."""
-    stiffness, mass = sheet["belt_stiffness.stiffness"], UNKNOWN_MASSES_KG[0]
+def believable(model: Model, sheet: Model, mass: float) -> Model:
+    """A first estimate within what can be: a gap or a lag drives it to a feather on a rod, and no prediction may count on that.
+
+    mass : of the lightest load, kg.
+    """
+    if model.rigid:
+        return model.with_values({"cart.mass": mass}, "first estimate, bounded") if model["cart.mass"] < mass else model
+    stiffness = sheet["belt_stiffness.stiffness"]
     low, high = stiffness / STIFFNESS_FACTOR, stiffness * STIFFNESS_FACTOR
     found = {"cart.mass": max(model["cart.mass"], mass), "belt_stiffness.stiffness": min(max(model["belt_stiffness.stiffness"], low), high)}
     return model if all(model[name] == value for name, value in found.items()) else model.with_values(found, "first estimate, bounded")
@@ -223,8 +227,9 @@ def _remedy(machine: Machine, step: AmplitudeStep, breakaway: Breakaway) -> str:
     by_travel = "travel" in step.binds
     if (by_travel or step.binds == "speed") and not machine.axis.payload.mass_kg:
         room = f"{machine.more_room}, or " if by_travel else ""
+        lightest = unknown_loads_kg(machine.axis)[0]
         return (
-            f"{room}state payload.mass_kg in axis.yaml: a carriage of {UNKNOWN_MASSES_KG[0]:g} kg is counted with until it is weighed, and "
+            f"{room}state payload.mass_kg in axis.yaml: a carriage of {lightest:.2g} kg is counted with until it is weighed, and "
             "a heavier one may be shaken harder"
         )
     if by_travel:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from beltcomm.axis import Axis
-from beltcomm.axis.entries import COMMISSION_NEEDS, LEVEL_DEG
+from beltcomm.axis.entries import LEVEL_DEG
 from beltcomm.drive import Capabilities
 from beltcomm.errors import Refused, UsageError
 from beltcomm.experiments import phases
@@ -141,7 +141,7 @@ def refuse_window(capabilities: Capabilities, position_m: float | None, *, home:
 
 def suitable(axis: Axis) -> None:
     """Raise UsageError unless the axis file has what the whole job needs, Refused for an axis tilted too much for its load."""
-    axis.require("commission", *COMMISSION_NEEDS)
+    axis.require("commission", *axis.needs)
     gravity.suitable(axis)
 
 

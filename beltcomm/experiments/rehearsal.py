@@ -49,7 +49,7 @@ class Job(Protocol):
 
 
 @dataclass(frozen=True)
-class Played:
+class RehearsedRecord:
     """One record on the twin.
 
     Attributes
@@ -72,7 +72,7 @@ class Played:
 
 @dataclass(frozen=True)
 class Bounds:
-    """Limits of a record: as :class:`Played`."""
+    """Limits of a record: as :class:`RehearsedRecord`."""
 
     low_m: float
     high_m: float
@@ -80,7 +80,7 @@ class Bounds:
     torque_nm: float
     belt_force_n: float
 
-    def broken(self, played: Played) -> list[str]:
+    def broken(self, played: RehearsedRecord) -> list[str]:
         """The limits that a record leaves, in words."""
         pairs = (
             ("speed", played.speed_m_s, self.speed_m_s, "m/s"),
@@ -102,13 +102,13 @@ class Rehearsal:
     ----------
     twin : str
         In words.
-    whole : Played
+    whole : RehearsedRecord
         Of everything, moves between the records included, by the twin's own state.
     """
 
     twin: str
-    records: tuple[Played, ...]
-    whole: Played
+    records: tuple[RehearsedRecord, ...]
+    whole: RehearsedRecord
     bounds: Bounds
 
     def broken(self) -> list[str]:
@@ -117,7 +117,10 @@ class Rehearsal:
 
     def lines(self) -> list[str]:
         """Rehearsal as a table."""
-        named: list[tuple[str, Played | Bounds]] = [*((one.record, one) for one in (*self.records, self.whole)), ("limit", self.bounds)]
+        named: list[tuple[str, RehearsedRecord | Bounds]] = [
+            *((one.record, one) for one in (*self.records, self.whole)),
+            ("limit", self.bounds),
+        ]
         rows = [
             [
                 name,
@@ -183,7 +186,7 @@ def rehearse(machine: Machine, options: Options, talk: Talk, job: Job, goes_on: 
         played = RunFolder.open(run)
         names = [name for name in played.finished_names() if name not in before]
         records = tuple(play_record(played.recording(name), axis, place) for name in sorted(names, key=lambda n: _clock(played, n)))
-    whole = Played("everything, ways included", twin.low_m, twin.high_m, twin.fastest_m_s, twin.strongest_nm, twin.belt_n)
+    whole = RehearsedRecord("everything, ways included", twin.low_m, twin.high_m, twin.fastest_m_s, twin.strongest_nm, twin.belt_n)
     found = Rehearsal(what, records, whole, bounds_of(machine, model))
     talk.say(*found.lines())
     folder.save_result("rehearsal", {"twin": what, "records": plain(records), "whole": plain(whole), "limits": plain(found.bounds)})
@@ -207,7 +210,7 @@ def twin_of(axis: Axis, folder: RunFolder) -> tuple[Model, str]:
     )
 
 
-def play_record(recording: Recording, axis: Axis, otherwise_m: float) -> Played:
+def play_record(recording: Recording, axis: Axis, otherwise_m: float) -> RehearsedRecord:
     """Largest values of a record of the twin; the belt's force as the motor shows it,  F = (τ - Θ_e φ̈)/i_t,  mean of ``BELT_ROWS`` rows."""
     ratio, inertia = axis.transmission_m_rad, axis.motor_side_inertia_kg_m2
     begun = otherwise_m if recording.sidecar.start_position_m is None else recording.sidecar.start_position_m
@@ -217,7 +220,7 @@ def play_record(recording: Recording, axis: Axis, otherwise_m: float) -> Played:
     acceleration = np.diff(recording.position, 2) / period**2
     force = (0.5 * (recording.torque[:-2] + recording.torque[1:-1]) - inertia * acceleration) / ratio
     smooth = np.convolve(force, np.full(BELT_ROWS, 1.0 / BELT_ROWS), mode="valid")
-    return Played(
+    return RehearsedRecord(
         recording.name,
         float(places.min()),
         float(places.max()),

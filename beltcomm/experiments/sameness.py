@@ -57,12 +57,12 @@ def repeat_first_excitation(machine: Machine, breakaway: Breakaway, masses_kg: S
     same = [(order, clock) for order, clock in shapes_at(earlier.sample_period_s) if (2**order - 1) * clock == note.period_samples]
     if not same:
         return
-    excitation, exposed = _as_then(machine, breakaway, masses_kg, same[0], note.amplitude_nm, earlier.sidecar.start_position_m)
+    excitation, context = _as_then(machine, breakaway, masses_kg, same[0], note.amplitude_nm, earlier.sidecar.start_position_m)
     at = machine.position_m
     before = _speed_rad_s(earlier)
     fastest = GROSSLY * float(np.max(np.abs(before)))
     rows: list[tuple[float, float]] = []
-    room, guarding = exciting.guarded(machine, excitation, at, phases.excitation_room(machine, at), exposed)
+    room, guarding = exciting.guarded(machine, excitation, at, phases.excitation_room(machine, at), context)
 
     def watch(row: Row) -> None:
         rows.append((row[0], row[3]))
@@ -81,7 +81,7 @@ def repeat_first_excitation(machine: Machine, breakaway: Breakaway, masses_kg: S
 
 def _as_then(
     machine: Machine, breakaway: Breakaway, masses_kg: Sequence[float], shape: tuple[int, int], amplitude_nm: float, began_m: float | None
-) -> tuple[Excitation, exciting.Exposed]:
+) -> tuple[Excitation, exciting.ExcitationContext]:
     """An excitation of this shape as loud as it was, or nearly, and what it is predicted to do here.   began_m : where it was made.
 
     Raises Refused.
@@ -100,7 +100,7 @@ def _as_then(
             "stands there, its friction is another one: begin a new run"
         )
     excitation = short_sequence(*shape, step.amplitude_nm, own.sample_period_s, own.torque_step_nm)
-    return excitation, exciting.Exposed(step.prediction, family, losses)
+    return excitation, exciting.ExcitationContext(step.prediction, family, losses)
 
 
 #: Samples over which a speed is taken: the encoder's steps must not count as motion.

@@ -9,11 +9,10 @@ from beltcomm.drive import Capabilities
 from beltcomm.errors import BeltcommError
 from beltcomm.excitation.record import SELDOM_S
 from beltcomm.fit.first_estimate import data_sheet_model
-from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.model import Model
 from beltcomm.rundata import analyse
 from beltcomm.schedule.sequences import excitation_travel_m
-from beltcomm.simulate.stopping import REACTION_PERIODS
+from beltcomm.simulate.stopping import REACTION_PERIODS, unknown_loads_kg
 
 #: Share of the sampling rate up to which a resonance can be seen: beyond it the hold between samples and the alias beside it take over.
 CLAIMED_SHARE = 0.35
@@ -33,13 +32,15 @@ def claimed_hz(period_s: float) -> float:
 
 def expected_hz(axis: Axis) -> tuple[float, float] | None:
     """Lowest and highest resonance by the data sheets, over travel and payloads; None where they do not say enough."""
+    if axis.rigid:
+        return None
     stated = axis.payload.mass_kg
-    masses = (stated,) if stated else (UNKNOWN_MASSES_KG[0], UNKNOWN_MASSES_KG[-1])
+    masses = (stated,) if stated else (unknown_loads_kg(axis)[0], unknown_loads_kg(axis)[-1])
     found = []
     try:
         for at in (float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)):
             for mass in masses:
-                model = data_sheet_model(axis, at, 0.0).with_values({"cart.mass": max(mass, UNKNOWN_MASSES_KG[0])})
+                model = data_sheet_model(axis, at, 0.0).with_values({"cart.mass": max(mass, unknown_loads_kg(axis)[0])})
                 found.append(analyse.characteristic_hz(model, at)[1])
     except (BeltcommError, ValueError):
         return None
@@ -132,5 +133,5 @@ def note_after(remarks: list[str], model: Model, axis: Axis, capabilities: Capab
     remarks[:] = [one for one in remarks if not one.startswith((_RESONANCE, _INERTIA))]
     stiffness = model.parameters.get("belt_stiffness.stiffness")
     told = stiffness is not None and stiffness.interval is not None and stiffness.interval < WELL_KNOWN * stiffness.value
-    resonance = remark_after(analyse.characteristic_hz(model, at_m)[1], capabilities, told=told)
+    resonance = None if model.rigid else remark_after(analyse.characteristic_hz(model, at_m)[1], capabilities, told=told)
     remarks += [one for one in (resonance, torque_remark(model, axis, capabilities)) if one is not None]

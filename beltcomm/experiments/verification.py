@@ -15,7 +15,7 @@ from beltcomm.errors import Refused
 from beltcomm.experiments import phases
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
-from beltcomm.trajectory import Trajectory, held, load_move, plan_trajectory
+from beltcomm.trajectory import Trajectory, load_move, plan_trajectory, with_dwell
 from beltcomm.verify import REST_S, Loop, demand, predict_move, tracking_error
 
 Array = NDArray[np.float64]
@@ -86,7 +86,7 @@ def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: floa
     share = 1.0
     for _ in range(BELT_TRIES):
         move = standard.at(share, machine.drive.capabilities.sample_period_s)
-        force = predict_move(model, cascade, held(move, REST_S), in_drive(machine, delay_s)).belt_force_n
+        force = predict_move(model, cascade, with_dwell(move, REST_S), in_drive(machine, delay_s)).belt_force_n
         limit = belt_force_limit_n(machine, model, float(np.max(np.abs(move.velocity_m_s))), BELT_SWING)
         if force <= limit:
             break
@@ -147,7 +147,7 @@ def in_drive(machine: Machine, delay_s: float) -> Loop:
 
 def _error_m(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> float:
     """Predicted following error of a move, m: the largest of the places where the targets count."""
-    path = predict_move(model, cascade, held(trajectory, REST_S), in_drive(machine, delay_s))
+    path = predict_move(model, cascade, with_dwell(trajectory, REST_S), in_drive(machine, delay_s))
     at = {"motor": path.motor_m, "carriage": path.cart_m}
     return max(tracking_error(path.t_s, path.reference_m, at[place]).dynamic_m for place in machine.axis.targets.places)
 

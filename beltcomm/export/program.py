@@ -256,7 +256,7 @@ STEP: tuple[Statement, ...] = (
 
 @dataclass(frozen=True)
 class Controller:
-    """What is exported: the numbers, where they come from, and what else to know.
+    """Controller to be exported: the numbers, where they come from, and what else to know.
 
     values : coefficient -> SI value, in the order of :data:`COEFFICIENTS`.   provenance : word -> text.   notes : sentences.
     """
@@ -288,7 +288,7 @@ def expression(text: str, words: TargetLanguage) -> str:
 
 @dataclass(frozen=True)
 class TargetLanguage:
-    """How a target language writes names, numbers, conjunctions, and the smaller or larger of two."""
+    """Notation of a target language for names, numbers, conjunctions, and the smaller or larger of two."""
 
     name: Callable[[str], str]
     number: Callable[[float], str]

@@ -88,7 +88,7 @@ def _plainly(statement: Statement) -> list[str]:
 
 
 def _heading(controller: Controller, more: Sequence[str]) -> list[str]:
-    """What stands above the code: where it comes from, what it computes, what else to know."""
+    """Comment above the code: where it comes from, what it computes, what else to know."""
     lines = [_TITLE, ""]
     lines += [f"{word + ':':10} {text}" for word, text in controller.provenance.items()]
     lines += [f"{'period:':10} {controller.values['period_s']!r} s: call it so often, neither more nor less", ""]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,14 +20,17 @@ from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.segment import Segment, evaluate, segments
 from beltcomm.fit.seldom import clearly_moves, comes_seldom
 from beltcomm.fit.torque_path import FAITHFUL, TorquePath
-from beltcomm.model import Model, build_model
+from beltcomm.model import BASE_BODIES, Model, Value, build_model, expected_parameters
 from beltcomm.recording import Recording
+from beltcomm.simulate.stopping import unknown_loads_kg, usual_load_kg
 
 Array = NDArray[np.float64]
 
 #: The effects that every belt axis gets; what else is needed is found by comparing with measurements.  Viscous friction of the
 #: carriage is not among them: seen from the motor it differs from that of the motor only next to the antiresonance.
 BASE_EFFECTS = ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb", "cart_friction")
+#: Those of an axis without compliance.
+RIGID_EFFECTS = ("rigid_load", "viscous", "coulomb")
 #: kg: carriages between these are tried.  N/m: belts between these shares of the data sheet's stiffness are tried.
 MASSES_KG = np.geomspace(0.1, 100.0, 25)
 STIFFNESS_SHARES = np.geomspace(0.3, 4.0, 16)
@@ -52,6 +55,10 @@ SHEET_WEIGHT = 1e-3
 SMEARED = (2.0, 1.0, 0.0)
 #: N at the carriage, from where its friction is looked for when none is expected.
 LEAST_FRICTION_N = 0.1
+#: What the data sheets must tell of any axis.
+NEEDED = ("motor.inertia_kg_m2", "pulley.effective_radius_m", "belt.specific_stiffness_n", "belt.pulley_distance_m")
+#: m/rad, travel of the belt axes that the bounds of the effects were made for; how far beyond the loads counted with a fit may go.
+USUAL_RATIO, LOADS_BEYOND = 0.0125, 10.0
 #: Parameters that the torque equation is linear in, beside the inertia; and those it is not.
 _LINEAR = ("coulomb.level", "viscous.damping")
 _NONLINEAR = ("cart.mass", "belt_stiffness.stiffness", "cart_friction.level")
@@ -100,12 +107,12 @@ def data_sheet_model(axis: Axis, position_m: float | None, coulomb_nm: float, ti
     UsageError
         When the axis file lacks what the job needs.
     """
-    axis.require("identify", "motor.inertia_kg_m2", "pulley.effective_radius_m", "belt.specific_stiffness_n", "belt.pulley_distance_m")
+    axis.require("identify", *NEEDED)
     ratio = axis.transmission_m_rad
     stiffness = _usual_stiffness(axis) if position_m is None else axis.belt_stiffness_n_m(position_m)
     values = {
         "motor.inertia": axis.motor_side_inertia_kg_m2,
-        "cart.mass": axis.payload.mass_kg or 2.0,
+        "cart.mass": usual_load_kg(axis, 2.0),
         "transmission.ratio": ratio,
         "belt_stiffness.stiffness": stiffness,
         "coulomb.level": 0.7 * coulomb_nm,
@@ -113,9 +120,38 @@ def data_sheet_model(axis: Axis, position_m: float | None, coulomb_nm: float, ti
         "viscous_cart.damping": 0.0,  # unknown: a prediction of the belt force must not count on it
     }
     effects: tuple[str, ...] = BASE_EFFECTS
+    if axis.rigid:
+        effects, values = RIGID_EFFECTS, {**values, "coulomb.level": coulomb_nm}
     if tilt_rad:
         effects, values = (*effects, "tilt"), {**values, "tilt.angle": tilt_rad}
-    return build_model(axis.name, effects, values, origin="data sheet")
+    return build_for(axis, effects, values)
+
+
+def build_for(axis: Axis, effects: Sequence[str], values: Mapping[str, float]) -> Model:
+    """A model of an axis by its data sheets.
+
+    The bounds of the effects are those of belts; of another kind they have room for its sizes, by its travel per radian.  Of a rigid axis
+    a motion shows the sum of motor and load: what the data sheet knows of the motor stands.
+    """
+    if axis.transmission is None:
+        return build_model(axis.name, effects, values, origin="data sheet")
+    base = ("motor",) if axis.rigid else ("motor", "cart")
+    expected, share = expected_parameters(effects, base), USUAL_RATIO / axis.transmission_m_rad
+    narrow, wide = min(share, share**2, 1.0), max(share, share**2, 1.0)
+    loads, own = unknown_loads_kg(axis), axis.motor_side_inertia_kg_m2
+    placed = {}
+    for name, p in expected.items():
+        low, high, origin = p.low, p.high, "data sheet"
+        if name == "cart.mass":
+            low, high = loads[0] / LOADS_BEYOND, loads[-1] * LOADS_BEYOND
+        elif name == "motor.inertia" and axis.rigid:
+            low, high, origin = own, own, "data sheet, held"
+        elif p.form:
+            low, high = p.start, p.start
+        elif p.side in ("cart", "belt") and p.unit.startswith("N"):
+            low, high = p.low * narrow, p.high * wide
+        placed[name] = Value(float(values.get(name, p.start)), p.unit, p.side, low, high, None, origin)
+    return Model(axis.name, tuple(effects), placed, base)
 
 
 @dataclass(frozen=True)
@@ -179,21 +215,22 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
     search = _Search(pieces, start)
     friction = max(start["cart_friction.level"], LEAST_FRICTION_N)
     stiffnesses = STIFFNESS_SHARES * start["belt_stiffness.stiffness"]
-    rests = np.full((len(MASSES_KG), len(stiffnesses)), np.inf)
+    masses = masses_tried(start)
+    rests = np.full((len(masses), len(stiffnesses)), np.inf)
 
     def tried(i: int, j: int) -> None:
         if np.isinf(rests[i, j]):
-            rests[i, j] = search.rest((MASSES_KG[i], stiffnesses[j], friction))
+            rests[i, j] = search.rest((masses[i], stiffnesses[j], friction))
 
-    for i, j in itertools.product(range(0, len(MASSES_KG), 2), range(0, len(stiffnesses), 2)):
+    for i, j in itertools.product(range(0, len(masses), 2), range(0, len(stiffnesses), 2)):
         tried(i, j)
     for i, j in _lowest(rests, NEARER):
         for near_i, near_j in itertools.product(range(max(i - 1, 0), i + 2), range(max(j - 1, 0), j + 2)):
-            if near_i < len(MASSES_KG) and near_j < len(stiffnesses):
+            if near_i < len(masses) and near_j < len(stiffnesses):
                 tried(near_i, near_j)
     # How the friction is split between motor and carriage is only a guess so far; a wrong split puts mass and stiffness 15 % off.
     # (Where the carriage stuck before is neglected: 1 % of the mass at usual friction, 6 % where friction is all at the carriage.)
-    starts = [np.log([MASSES_KG[i], stiffnesses[j], friction]) for i, j in _lowest(rests, REFINED)]
+    starts = [np.log([masses[i], stiffnesses[j], friction]) for i, j in _lowest(rests, REFINED)]
 
     def cost(logarithms: Array) -> float:
         return search.rest(np.exp(logarithms))
@@ -202,6 +239,12 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
     nearest = min(tries, key=lambda found: float(found.fun)).x
     best = minimize(cost, nearest, method="Nelder-Mead", options={"xatol": 1e-3, "maxfev": LONGEST_REFINEMENT})
     return FirstEstimate(search.model(np.exp(best.x)), float(best.fun), _moving(pieces))
+
+
+def masses_tried(start: Model) -> Array:
+    """Loads of the grid, kg: those of belt axes, or between the bounds that a data sheet of another kind gives."""
+    item, usual = start.parameters["cart.mass"], BASE_BODIES["cart"].inertia
+    return MASSES_KG if (item.low, item.high) == (usual.low, usual.high) else np.geomspace(item.low, item.high, len(MASSES_KG))
 
 
 def _no_motion_words(recordings: Sequence[Recording], pieces: Sequence[Segment], step_rad: float) -> str:
@@ -240,7 +283,7 @@ def legible_stretches(
     two rows.  Then samples count that are away from a reversal by the reach of the filter, over which it smears the friction.
     """
     sample = recording.sample_period_s
-    swings = model["transmission.ratio"] * math.sqrt(model["belt_stiffness.stiffness"] / model["motor.inertia"])
+    swings = 0.0 if model.rigid else model["transmission.ratio"] * math.sqrt(model["belt_stiffness.stiffness"] / model["motor.inertia"])
     if fine(recording.position, step_rad) and swings * sample < SWINGING:
         return segments(recording, model, step_rad, noise_nm, path=path or FAITHFUL)
     width, _ = legible(recording.position, sample, step_rad, ROUNDING)

@@ -10,6 +10,7 @@ from beltcomm.fit.first_estimate import FirstEstimate, first_estimate
 from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.path_choice import EXPLAINED, TIMES_S, commands, splits
 from beltcomm.fit.reading_fit import CLEAR, fit_reading
+from beltcomm.fit.rigid import rigid_estimate
 from beltcomm.fit.seldom import comes_seldom, first_of_seldom
 from beltcomm.fit.torque_path import FAITHFUL, DriveLaw, Lag, TorquePath
 from beltcomm.model import Model
@@ -48,6 +49,8 @@ def first_path(recording: Recording, start: Model, counts_per_rev: int) -> First
     DamagedRecord
         The motor angle jumps.
     """
+    if start.rigid:
+        return FirstPath(FAITHFUL, rigid_estimate(start, [recording]))
     if comes_seldom(recording):
         return FirstPath(FAITHFUL, first_of_seldom([recording], start))
     chain = fit_reading([recording])

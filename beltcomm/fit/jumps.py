@@ -70,7 +70,7 @@ def proven_jumps(recording: Recording, model: Model, step_rad: float, noise_nm: 
     remaining = recording
     before = _squares(remaining, model, step_rad, noise_nm)
     while before is not None and len(found) < MOST_JUMPS:
-        step = largest_step(remaining, model["motor.inertia"], step_rad, SUSPICIOUS)
+        step = largest_step(remaining, model.driven_inertia(), step_rad, SUSPICIOUS)
         if step is None:
             break
         first, size = step

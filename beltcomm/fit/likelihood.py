@@ -124,7 +124,6 @@ class Problem:
         held = np.array([min(piece.offset_m / OFFSET_M, 1.0) or 1.0 for piece in self._pieces]) if self.movable else offsets
         self.low = np.concatenate([np.array([v.low for v in values]) / own, -held])
         self.high = np.concatenate([np.array([v.high for v in values]) / own, held])
-        self.inertia = model.index("motor.inertia")
         self.touches = [part_touched(model, name) for name in self.free]
         self.touches_noise = [touches_noise(model, name) for name in self.free]
         self.ends = np.cumsum([0, *(len(piece.value_samples) for piece in self.pieces)])
@@ -232,7 +231,7 @@ class Problem:
     def inertia_of(self, motion: FineMotion, vector: Array) -> Array:
         """Torque that the motor's inertia takes, N m, (n,)."""
         inertia = np.zeros(motion.samples)
-        inertia[1:-1] = vector[self.inertia] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
+        inertia[1:-1] = self.model.driven_inertia(vector) * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
         return inertia
 
     def neighbour(self, i: int, x: Array, offset_m: float, old: Parts, touch: Touch) -> Parts:

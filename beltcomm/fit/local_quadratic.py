@@ -140,7 +140,7 @@ class LocalQuadratic:
         return drops, powers
 
     def beside(self, columns: Array) -> Array:
-        """What of columns, (n, k), is left when everything fitted gives way to them, weights as they stand."""
+        """Rest of columns, (n, k), when everything fitted gives way to them, weights as they stand."""
         ways = self.inverse @ self.weighted.transpose_times(columns)[self.used]
         return columns - np.stack([self._residual_change(way) for way in ways.T], axis=1)
 

@@ -173,7 +173,7 @@ def path_of(model: Model, linear: Matrices, sample_s: float) -> NoisePath:
     bodies = model.bodies()
     swings = tuple(body.swings for _, body in bodies)
     known = np.stack((linear.M, linear.D, linear.K)).tobytes()
-    return _path(known, swings, model[bodies[0][0]], sample_s, reading, dead, lag)
+    return _path(known, swings, model.driven_inertia(), sample_s, reading, dead, lag)
 
 
 @lru_cache(maxsize=KEPT)

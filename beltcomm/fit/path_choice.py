@@ -133,7 +133,7 @@ def _refine(data: Data, recordings: Sequence[Recording], path: TorquePath, fitte
 
 def _illegible(data: Data, start: Model) -> bool:
     """True where the rounding of the acceleration hides all that a torque does within a few samples."""
-    feigned = [rounding_torque(start["motor.inertia"], data.step_rad, piece.motion.sample_s) for piece in data.fitted]
+    feigned = [rounding_torque(start.driven_inertia(), data.step_rad, piece.motion.sample_s) for piece in data.fitted]
     return all(nm > ILLEGIBLE * float(np.std(piece.torque)) for nm, piece in zip(feigned, data.fitted, strict=True))
 
 

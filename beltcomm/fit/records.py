@@ -169,7 +169,7 @@ def prepare_records(
 def is_mostly_rounding(data: Data, model: Model) -> bool:
     """True where rounding is most of the noise: at a steady speed it goes with the motion, and over several samples it is not white."""
     sample_s = min(recording.sample_period_s for recording in data.recordings)
-    return rounding_torque(model["motor.inertia"], data.step_rad, sample_s) > ROUNDED * data.noise_nm
+    return rounding_torque(model.driven_inertia(), data.step_rad, sample_s) > ROUNDED * data.noise_nm
 
 
 def rounding_torque(inertia: float, step_rad: float, sample_s: float) -> float:

@@ -63,7 +63,7 @@ def motion_through_reversals(
         keep = np.ones(motion.samples, dtype=np.bool_)
         keep[[0, -1]] = False
         return motion, keep, None
-    ratio, slows = model["transmission.ratio"], level / model["motor.inertia"]  # m/rad, and what friction alone does, rad/s²
+    ratio, slows = model["transmission.ratio"], level / model.driven_inertia()  # m/rad, and what friction alone does, rad/s²
     least, fine_s = TO_SPARE * slows, motion.sample_s / motion.substeps
     acted: Array | None = None
     for _ in range(ROUNDS):

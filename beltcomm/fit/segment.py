@@ -269,7 +269,7 @@ def segments(
         # Without a start position the recorded angle is the absolute one: a phase of cogging holds for all records of a run.
         place = float(recording.position[first]) if start is None else start / ratio + recording.position[first] - recording.position[0]
         time = (recording.sidecar.session_time_s or 0.0) + recording.t_s[first] - recording.t_s[0]
-        inertia = model["motor.inertia"]
+        inertia = model.driven_inertia()
         motion = reconstruct(
             position,
             push,
@@ -368,7 +368,7 @@ def rebuild_motion(
         return motion
     acting = acting_cells(model, true, torque)
     push = coarse(acting, len(acting) // (len(motion.theta) - 1)) - lacking
-    found = reconstruct(position, push, motion.sample_s, model["motor.inertia"], start_rad=start_rad, substeps=motion.substeps, load=load)
+    found = reconstruct(position, push, motion.sample_s, model.driven_inertia(), start_rad=start_rad, substeps=motion.substeps, load=load)
     return replace(found, time_s=motion.time_s, within=motion.within)
 
 

@@ -6,17 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
-from beltcomm.fit.decimation import smallest_step
-from beltcomm.fit.first_estimate import INERTIA_SHARES, first_estimate
+from beltcomm.fit.first_estimate import INERTIA_SHARES, RIGID_EFFECTS, build_for, first_estimate
 from beltcomm.fit.first_path import first_path
-from beltcomm.fit.low_pass import legible
+from beltcomm.fit.rigid import least_squares, rigid_estimate
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 from beltcomm.recording.checks import rigid_inertia
+from beltcomm.simulate.stopping import usual_load_kg
 
 Array = NDArray[np.float64]
 
@@ -28,11 +27,6 @@ RIGID_BASE = ("viscous", "coulomb")
 USUAL = {"belt_stiffness.stiffness": 2e5, "cart.mass": 4.0, "motor.inertia": 7e-5}
 #: Share of the motor in the friction of both, before anything tells.
 MOTOR_SHARE = 0.7
-#: Rows that a record needs for least squares.
-SHORTEST = 20
-#: rad of motion from which a weight that turns is told from an offset; share of the acceleration that it may not take along; and share
-#: of the squares left below which it counts.
-TURNS_RAD, SEEN, WEIGHT_LEAVES = 1.0, 0.1, 0.7
 #: From where on the inertia of everything that moves, by its slow motion, corrects the first estimate; its relative error at most, and
 #: torque of acceleration over friction at least; and from where on nothing is left of the first estimate.
 ANCHOR_OFF, ANCHOR_ERROR, ANCHOR_DYNAMIC, ANCHOR_LOST = 1.2, 0.1, 0.5, 2.0
@@ -55,6 +49,8 @@ def start_model(axis: Axis, recordings: Sequence[Recording]) -> Model:
     counts = int(axis.get("motor.encoder_counts_per_rev") or 65536)
     sheet = data_sheet(axis, usable)
     assert sheet is not None
+    if sheet.rigid:
+        return rigid_estimate(sheet, usable)
     found = correct_by_slow_motion(belt_start(axis, excited, counts), sheet, usable)
     friction = found["coulomb.level"] + axis.transmission_m_rad * found["cart_friction.level"]
     return found.without_effect("cart_friction").with_values({"coulomb.level": friction}, "first estimate")
@@ -72,10 +68,12 @@ def data_sheet(axis: Axis, recordings: Sequence[Recording]) -> Model | None:
 
 def sheet_model(axis: Axis, place_m: float) -> Model:
     """The data sheets at a place of the carriage, with what the axis file leaves open as it usually is; no friction."""
-    known_belt = axis.get("belt.specific_stiffness_n") is not None and axis.get("belt.pulley_distance_m") is not None
+    known_belt = axis.transmission is not None or (
+        axis.get("belt.specific_stiffness_n") is not None and axis.get("belt.pulley_distance_m") is not None
+    )
     values = {
         "motor.inertia": axis.motor_side_inertia_kg_m2 if axis.get("motor.inertia_kg_m2") else USUAL["motor.inertia"],
-        "cart.mass": axis.payload.mass_kg or USUAL["cart.mass"],
+        "cart.mass": usual_load_kg(axis, USUAL["cart.mass"]),
         "belt_stiffness.stiffness": axis.belt_stiffness_n_m(place_m) if known_belt else USUAL["belt_stiffness.stiffness"],
         "transmission.ratio": axis.transmission_m_rad,
         "coulomb.level": 0.0,
@@ -84,12 +82,16 @@ def sheet_model(axis: Axis, place_m: float) -> Model:
     }
     known = {"motor.inertia": bool(axis.get("motor.inertia_kg_m2")), "belt_stiffness.stiffness": known_belt}
     guessed = {name: values[name] for name, told in known.items() if not told}
-    return build_model(axis.name, (*BELT_BASE, "cart_friction"), values, origin="data sheet").with_values(guessed, "usual value")
+    if axis.rigid:
+        return build_for(axis, RIGID_EFFECTS, values)
+    return build_for(axis, (*BELT_BASE, "cart_friction"), values).with_values(guessed, "usual value")
 
 
 def belt_start(axis: Axis, excited: Sequence[Recording], counts_per_rev: int) -> Model:
     """A belt axis with friction at both ends, found from the loudest record."""
     record = max(excited, key=lambda r: float(np.std(r.torque)) * np.sqrt(len(r.t_s)))
+    if axis.rigid:
+        return rigid_estimate(sheet_model(axis, 0.0), [record])
     sheet, ratio = sheet_model(axis, record.sidecar.start_position_m or 0.0), axis.transmission_m_rad
     # Twice, because the share of the carriage in the friction is assumed and not found: first its level must be known.
     first = first_path(record, sheet, counts_per_rev)
@@ -140,50 +142,3 @@ def rigid_start(axis: Axis, recordings: Sequence[Recording]) -> Model:
         "transmission.ratio": 1.0,
     }
     return build_model(axis.name, RIGID_BASE, values, base_bodies=("motor",), origin="data sheet", side=recordings[0].side)
-
-
-def least_squares(recordings: Sequence[Recording]) -> Array:
-    """Inertia, viscous and Coulomb friction by least squares in the band in which the encoder shows the acceleration, (3,).
-
-    Torque, acceleration, speed and its sign behind one Gaussian low-pass each, so that the filter biases nothing; its cut-off as high as
-    the rounding of the acceleration, σ² = q²/12 2 T (2π)⁴ f⁵/5, stays below a tenth of it.  A weight that turns with the motor bends all
-    three: where it explains much, it and an offset of each record are taken out, as long as the motion tells them from the acceleration.
-    """
-    left, right, still, pulled = [], [], [], []
-    for record in recordings:
-        step = smallest_step(record.position)
-        for first, last in record.pieces:
-            if last - first < SHORTEST:
-                continue
-            rows, torque, place = band_limited(record.position[first:last], record.torque[first:last], record.sample_period_s, step)
-            left.append(rows)
-            right.append(torque)
-            turns = record.side != "load" and float(np.ptp(place)) > TURNS_RAD if len(place) else False
-            level = np.column_stack([np.ones(len(place)), *((np.sin(place), np.cos(place)) if turns else ())])
-            across = np.linalg.qr(level)[0]
-            still.append(rows - across @ (across.T @ rows))
-            pulled.append(torque - across @ (across.T @ torque))
-    if not left:
-        raise DataError(f"no recording holds {SHORTEST} samples without a gap; nothing can be fitted")
-    plain, free = _solved(np.concatenate(left), np.concatenate(right)), _solved(np.concatenate(still), np.concatenate(pulled))
-    seen = float(np.sum(np.concatenate(still)[:, 0] ** 2)) > SEEN * float(np.sum(np.concatenate(left)[:, 0] ** 2))
-    return free[0] if seen and free[0][0] > 0.0 and free[1] < WEIGHT_LEAVES * plain[1] else plain[0]
-
-
-def _solved(rows: Array, torque: Array) -> tuple[Array, float]:
-    """Least squares, and the sum of squares left."""
-    found = np.asarray(np.linalg.lstsq(rows, torque, rcond=None)[0], dtype=np.float64)
-    return found, float(np.sum((torque - rows @ found) ** 2))
-
-
-def band_limited(position: Array, torque: Array, sample_s: float, step_rad: float) -> tuple[Array, Array, Array]:
-    """Rows (acceleration, speed, sign of the speed), (n, 3), torque and place, (n,), behind the same low-pass, without its ends."""
-    width, smooth_angle = legible(position, sample_s, step_rad)
-    speed = np.gradient(smooth_angle, sample_s)
-    acceleration = np.gradient(speed, sample_s)
-    # the torque acts from its sample to the next: half a sample later than the angle
-    shifted = np.append(torque[0], 0.5 * (torque[1:] + torque[:-1]))
-    sign = gaussian_filter1d(np.sign(speed), width, mode="nearest")
-    inside = slice(round(4.0 * width), max(len(position) - round(4.0 * width), round(4.0 * width) + 1))
-    rows = np.stack([acceleration, speed, sign], axis=1)[inside]
-    return rows, gaussian_filter1d(shifted, width, mode="nearest")[inside], smooth_angle[inside]

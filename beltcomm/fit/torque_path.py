@@ -495,7 +495,7 @@ def path_from_dict(data: Mapping[str, Any]) -> TorquePath:
         law = DriveLaw(float(drive["delay"]), lags(drive), float(drive["gain"]), float(drive["delay_interval"]))
     reading = ReadingLaw(float(data["reading"]["late"]), lags(data["reading"]), bool(data["reading"].get("at_end", False)))
     rivals = tuple(path_from_dict(rival) for rival in data["rivals"])
-    return TorquePath(law, reading, bool(data["commanded"]), float(data["acts"]), bool(data["unseen"]), rivals)
+    return TorquePath(law, reading, bool(data["commanded"]), float(data["acts"]), bool(data.get("unseen", False)), rivals)
 
 
 def torque_at(cells: Array, share: float) -> Array:

@@ -16,8 +16,8 @@ Touch = Literal["inertia", "motor", "belt", "path", "all"]
 
 def part_touched(model: Model, name: str) -> Touch:
     """Part of the equation of motion in which a parameter stands."""
-    if name == "motor.inertia":
-        return "inertia"
+    if name == "motor.inertia" or (name == "cart.mass" and model.rigid):
+        return "inertia" if not any(name in effect.uses for effect in model.effect_list()) else "all"
     kinds: set[Touch] = set()
     for effect in model.effect_list():
         if name not in (*effect.full_names(), *effect.uses):

@@ -108,7 +108,7 @@ def import_recordings(
     text += _closing(run, folder, known, axis, dry_run)
     if sidecar.experiment != "static_map" and any("record" not in item.recording.sidecar.extra["import"]["reading"] for item in found):
         text.append(alignment(reading, found[0].converted.columns))
-    if known.has_belt and not dry_run:
+    if known.has_transmission and not dry_run:
         text.append(_next(run, folder, found))
     return Result(data, text)
 
@@ -241,7 +241,7 @@ def _described(item: store.Imported) -> dict[str, Any]:
 
 
 def _axis_dict(axis: Axis, folder: RunFolder | None, given: Axis | str | None) -> dict[str, Any]:
-    return {"name": axis.name, "belt": axis.has_belt, "minimal": folder is None and given is None}
+    return {"name": axis.name, "belt": axis.has_transmission, "minimal": folder is None and given is None}
 
 
 def _lines(found: dict[str, Any], item: store.Imported) -> list[str]:

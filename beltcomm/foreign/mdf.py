@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 
 from beltcomm.errors import DataError
 from beltcomm.foreign.table import Table, words_of
-from beltcomm.outside import check_columns
+from beltcomm.outside import check_columns, check_count
+
+#: Times its size that a packed file can hold at most (deflate).
+_PACKED = 1032
 
 
 def read_mdf(path: Path) -> Table:
@@ -35,6 +38,12 @@ def _channels(path: Path, file: Any) -> Table:
     clocks: dict[str, str] = {}
     left_out: list[str] = []
     groups: dict[int, list[Any]] = {}
+    for group in file.groups:  # before anything is made of numbers that a damaged file says
+        head = group.channel_group
+        rows, record = int(head.cycles_nr), max(int(getattr(head, "samples_byte_nr", 1)), 1)
+        check_count(str(path), rows, len(group.channels))
+        if rows * record > _PACKED * path.stat().st_size:
+            raise DataError(f"{path} says that it holds {rows} rows of {record} bytes, more than a file of its size can; it is damaged")
     for signal in file.iter_channels(copy_master=False):
         groups.setdefault(int(signal.group_index), []).append(signal)
     several = len(groups) > 1

@@ -14,17 +14,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.axis import Axis
 from beltcomm.errors import Refused
 from beltcomm.model import Model
 from beltcomm.model.linear import fastest_rate, operating_point
 from beltcomm.recording import Recording
 from beltcomm.simulate.forward import integrate_torque
-from beltcomm.simulate.stopping import HEAVIEST_KG, Braking, HostLoss, run_on_distance, total_friction, total_inertia
+from beltcomm.simulate.stopping import (
+    UNKNOWN_MASSES_KG,
+    Braking,
+    HostLoss,
+    run_on_distance,
+    total_friction,
+    total_inertia,
+    unknown_loads_kg,
+)
 
 Array = NDArray[np.float64]
 
-#: Carriage masses that stand for an unknown payload before anything was measured, kg.
-UNKNOWN_MASSES_KG = (0.3, 1.0, 3.0, 10.0, HEAVIEST_KG)
 #: A carriage has at least this share of the mass that somebody states.
 LIGHTER_SHARE = 0.5
 #: Spread of mass, stiffness and friction around a first estimate.
@@ -133,13 +140,13 @@ def no_loss(_model: Model) -> tuple[HostLoss, ...]:
     return ()
 
 
-def unknown_masses_kg(stated_kg: float | None) -> tuple[float, ...]:
+def unknown_masses_kg(axis: Axis) -> tuple[float, ...]:
     """Carriages to count with until it is weighed, kg; none below ``LIGHTER_SHARE`` of what is stated.
 
     One that is lighter still is faster than predicted, and the watch of the record stops it.
     """
-    lightest = LIGHTER_SHARE * (stated_kg or 0.0)
-    return tuple(sorted({max(mass, lightest) for mass in UNKNOWN_MASSES_KG}))
+    lightest = LIGHTER_SHARE * (axis.payload.mass_kg or 0.0)
+    return tuple(sorted({max(mass, lightest) for mass in unknown_loads_kg(axis)}))
 
 
 def unknown_payload(

@@ -51,7 +51,7 @@ class LinearTrend:
         return self.level + self.slope * u, np.hypot(self.level_interval, self.slope_interval * u)
 
     def reaches(self, limit: float) -> tuple[float, float, float] | None:
-        """When the line, and the edges of its band, cross a limit: (earliest, by the line, latest), s; None without a drift.
+        """Time at which the line, and the edges of its band, cross a limit: (earliest, by the line, latest), s; None without a drift.
 
         (level + slope u - limit)² = level_interval² + slope_interval² u²   with u = t - middle: both roots are finite while the slope
         differs from none.     Source: Fieller, J. R. Stat. Soc. B 16 (1954) 175.

@@ -14,6 +14,7 @@ from beltcomm.effects import effect_named
 from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError
 from beltcomm.fit.acting import acting_recording
+from beltcomm.fit.first_estimate import NEEDED
 from beltcomm.fit.jumps import proven_jumps, refuse
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
 from beltcomm.fit.segment import OUTLIER, Segment, segments, whitened_residual
@@ -31,6 +32,7 @@ CLEAR = 4.0
 CURVATURE_STEP = 0.01
 #: m; records nearer to each other than this cannot tell a law of the stiffness along the travel.
 PLACES_APART_M = 0.05
+RIGID = "nothing is known to swing between motor and load: both move as one"
 ONE_PLACE = "rows come too seldom to compare places: stiffness taken as constant"
 
 
@@ -69,7 +71,7 @@ def final_model(
                 "no recording with an excitation (experiment: frf); record one with `beltcomm identify`, or if one of the recordings "
                 "is excited, say so in its sidecar"
             )
-        axis.require("identify", "motor.inertia_kg_m2", "pulley.effective_radius_m", "belt.specific_stiffness_n", "belt.pulley_distance_m")
+        axis.require("identify", *NEEDED)
         start = belt_start(axis, excited, counts_per_rev)
     placed = [r for r in excited if not r.sidecar.moving]
     at = [place for r in placed if (place := r.sidecar.start_position_m) is not None]
@@ -80,6 +82,10 @@ def final_model(
         found = final_model(told, axis, counts_per_rev, start=start, progress=progress)
         return replace(found, reason=f"{found.reason}; left out, because nobody knows where it was made: {', '.join(nowhere)}")
     start = as_constant(start, float(np.median(at)) if at else 0.0)
+    if start.rigid:
+        fit = fit_model(recordings, start, counts_per_rev=counts_per_rev, sheet=data_sheet(axis, recordings), progress=progress)
+        refuse_jumps(recordings, fit, counts_per_rev)
+        return FinalModel(fit, None, RIGID)
     if (seldom := fit_seldom(recordings, start, counts_per_rev=counts_per_rev)) is not None and not seldom.suspect:
         progress(1.0)
         return FinalModel(seldom, None, ONE_PLACE)

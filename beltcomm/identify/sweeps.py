@@ -53,7 +53,7 @@ class SweepNote:
     repetition: int
 
     def to_dict(self) -> dict[str, Any]:
-        """As it stands in the sidecar."""
+        """Entries of the sidecar."""
         return {KEY: {"measurement": self.measurement, "order": self.order, "repetition": self.repetition}}
 
 

@@ -106,7 +106,7 @@ class ThreeMass:
 
     @property
     def confirmed(self) -> bool | None:
-        """Whether the error on the held-out records fell; None without any."""
+        """True if the error on the held-out records fell; None without any."""
         two, three = self.two.fit.held_out_misfit, self.three.held_out_misfit
         return None if two is None or three is None else three < two
 

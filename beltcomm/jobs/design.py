@@ -57,7 +57,7 @@ class Basis:
 def basis_of(run: Path, talk: Talk) -> Basis:
     """The trusted model of a run, its drive, delay and damping; fitted anew where the run has records since.   Raises DataError."""
     folder = RunFolder.open(run)
-    if not folder.axis.has_belt:
+    if not folder.axis.has_transmission:
         raise UsageError(
             f"{folder.axis} has neither belt nor pulley; the controller is designed for a motor that drives a carriage by a belt. What the "
             f"laboratory knows of this axis: `beltcomm report {pasted(run)}`"

@@ -16,6 +16,7 @@ from beltcomm.given import pasted
 from beltcomm.jobs.axis_findings import compared
 from beltcomm.language import told, tr
 from beltcomm.result import Result, plain
+from beltcomm.sentences.own_words import own_words
 from beltcomm.talk import Silence, Talk
 
 #: How a state is printed before its sentence.
@@ -23,6 +24,7 @@ MARKS: Final[dict[State, str]] = {"ok": "ok", "warning": "warning", "wrong": "WR
 _WIDTH: Final = max(map(len, MARKS.values())) + 2
 
 
+@own_words
 def doctor(
     drive: str | None,
     axis: Axis | str | None = None,

@@ -24,10 +24,12 @@ from beltcomm.rundata import offline
 from beltcomm.rundata.proof import doubts
 from beltcomm.rundata.store import cascade_from_dict, parameters_from_dict, saved_design, structure_from_dict
 from beltcomm.runfolder import RunFolder
+from beltcomm.sentences.own_words import own_words
 from beltcomm.talk import Silence, Talk
 from beltcomm.version import __version__
 
 
+@own_words
 def export(
     run: Place,
     format_: str,

@@ -16,6 +16,7 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import friction as friction_words
 from beltcomm.sentences import outcome, words
 from beltcomm.sentences.cross_checks import sheet_lines
+from beltcomm.sentences.own_words import own_words
 from beltcomm.talk import Silence, Talk
 
 #: How a fit ends that leaves many times the noise.
@@ -25,6 +26,7 @@ SUSPECT = (
 )
 
 
+@own_words
 @changes_run()
 def fit(
     run: Place,

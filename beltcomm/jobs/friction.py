@@ -44,7 +44,7 @@ TOO_HEAVY = 1.05
 
 
 @dataclass(frozen=True)
-class Made:
+class RecordedSweeps:
     """Sweeps recorded.   left_out_m_s : speeds without a way, or without one to stop.   remarks : on records that were not usable."""
 
     names: tuple[str, ...]
@@ -116,13 +116,13 @@ def record_s(capabilities: Capabilities) -> float:
     return DRIFTING_RECORD_S if stroking(capabilities) == "velocity" else orders.RECORD_S
 
 
-def record(machine: Machine, model: Model, asked: Wanted) -> Made:
+def record(machine: Machine, model: Model, asked: Wanted) -> RecordedSweeps:
     """Drive the sweeps with the loop that is in the drive.   Raises what the machine raises; finished records stay."""
     if asked.plain:
         number = 1 + sum(name.startswith("sweep") for name in machine.folder.finished_names())
         name = "sweep" if number == 1 else f"sweep_{number}"
         measure_friction(machine, model, name, held_out=number > 1 and _judges(machine.folder))
-        return Made((name,))
+        return RecordedSweeps((name,))
     machine.begin(machine.titles[-1])
     measurement = 1 + max([note_of(s, n).measurement for n, s in _sidecars(machine.folder).items()], default=0)
     made, left_out, remarks = list[str](), set[float](), list[str]()
@@ -147,7 +147,7 @@ def record(machine: Machine, model: Model, asked: Wanted) -> Made:
                 remarks.append(f"order {order}, {repetition}: {slow:g} to {fast:g} m/s could not be used: {problem}")
     if not made:
         raise DataError(f"no sweep could be used: {'; '.join(remarks)}")
-    return Made(tuple(made), tuple(sorted(left_out)), tuple(remarks))
+    return RecordedSweeps(tuple(made), tuple(sorted(left_out)), tuple(remarks))
 
 
 def _possible(machine: Machine, model: Model, order: str, asked: Wanted) -> tuple[list[tuple[Stroke, ...]], set[float]]:
@@ -188,7 +188,7 @@ def _judges(folder: RunFolder) -> bool:
 
 
 def result(
-    folder: RunFolder, model: Model, fits: Mapping[str, MagnitudeFit], made: Made, *, drawn: bool = False, command: str = ""
+    folder: RunFolder, model: Model, fits: Mapping[str, MagnitudeFit], made: RecordedSweeps, *, drawn: bool = False, command: str = ""
 ) -> Result:
     """After sweeps were recorded: results into the run, words, pictures."""
     found = friction_study.study_of(folder.recordings(), folder.axis, model, fits)

@@ -61,7 +61,7 @@ def friction_compare(runs: Place | Sequence[Place], *, pictures: bool = False, c
         raise UsageError("a run folder is given twice; give each once")
     folders = [RunFolder.open(run) for run in runs]
     for folder in folders:
-        if not folder.axis.has_belt:
+        if not folder.axis.has_transmission:
             raise UsageError(f"{folder.path} is of an axis without belt and pulley; sweeps are told at the motor of a belt axis only")
     _one_axis(folders)
     studies, text, data = [], list[str](), dict[str, Any]()

@@ -55,12 +55,14 @@ from beltcomm.schedule.next_plan import NAME, plan_for
 from beltcomm.sentences import ladder as words
 from beltcomm.sentences.cross_checks import as_data, check_lines, cross_checked, sensed, sensor_data, sensor_lines, sheet_lines
 from beltcomm.sentences.diagnosis_data import diagnosis_data, error_data, seen_as, values_of
+from beltcomm.sentences.own_words import own_words
 from beltcomm.sentences.response_table import table_lines, table_of
 from beltcomm.sentences.torque_path import path_data, path_sentences, period_of
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.talk import Silence, Talk
 
 
+@own_words
 @changes_run()
 def compare_run(run: Place, *, pictures: bool = True, command: str = "", talk: Talk | None = None) -> Result:
     """Compare model and measurement: ratios to the noise per record, and where the model fails.
@@ -134,6 +136,7 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 
+@own_words
 @changes_run()
 def diagnose_run(
     run: Place,
@@ -215,7 +218,7 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         [
             *text,
             *words.climb_lines(added, found.added_effects, found.final_fit.held_ratio is not None, run),
-            f"Next: beltcomm {'design' if folder.axis.has_belt else 'report'} {pasted(run)}",
+            f"Next: beltcomm {'design' if folder.axis.has_transmission else 'report'} {pasted(run)}",
         ],
     )
 
@@ -288,6 +291,7 @@ def change_of(new: Sequence[str], removed: Sequence[str] = ()) -> str:
     return " ".join(effects + ["with its form" if owner in new else f"form of {owner}" for owner in owners])
 
 
+@own_words
 @changes_run()
 def add_to_run(
     effect: str,
@@ -351,6 +355,7 @@ def add_to_run(
     return Result({**result.data, "cost": price}, [*result.text[:-1], *lines, result.text[-1]])
 
 
+@own_words
 @changes_run()
 def remove_from_run(
     effect: str, run: Place, *, pictures: bool = True, command: str = "", when: str = "", talk: Talk | None = None
@@ -390,6 +395,7 @@ def remove_from_run(
     return change_result(here, data, after, rung, [], command, pictures)
 
 
+@own_words
 @changes_run()
 def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Result:
     """Show all revisions of the model as a staircase.
@@ -462,7 +468,7 @@ def ratios(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def told_before(folder: RunFolder, model: Model, effect: str) -> Model | None:
+def diagnosis_start(folder: RunFolder, model: Model, effect: str) -> Model | None:
     """The model with the effect and the values that ``results/diagnosis.yaml`` ended with; None where it says nothing of it."""
     try:
         after = (folder.load_result("diagnosis") or {})["after"]
@@ -491,7 +497,7 @@ def better(folder: RunFolder, data: Data, base: Fitted, grown: Fitted, effect: s
     """The model grown from a base, or the same begun at what the diagnosis found where that leaves less: it may have come another way."""
     if grown.objective < MISSING * grown.problem.samples:
         return grown
-    told = told_before(folder, base.model, effect)
+    told = diagnosis_start(folder, base.model, effect)
     if told is None:
         return grown
     again = fit(data, told, NEXT_ITERATIONS, offsets=grown.offsets)

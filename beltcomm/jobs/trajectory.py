@@ -13,6 +13,7 @@ from beltcomm.experiments.options import Options
 from beltcomm.given import Place, may_write, number, pasted, place
 from beltcomm.recording.signalfile import write_columns
 from beltcomm.result import Result, plain
+from beltcomm.sentences.own_words import own_words
 from beltcomm.talk import Silence, Talk
 from beltcomm.trajectory.seven_phases import MotionBounds, MotionState, SevenPhases, bounds_reached, fastest_motion, on_grid
 
@@ -33,6 +34,7 @@ MOST_ROWS = 10_000_000
 ROUNDING = 1e-12
 
 
+@own_words
 def trajectory(
     file: Place,
     start_m: float,

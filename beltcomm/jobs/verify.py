@@ -35,7 +35,7 @@ from beltcomm.rundata.store import saved_design, verdict_to_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import screens, words
 from beltcomm.talk import Talk
-from beltcomm.trajectory import Trajectory, held, torque_of_move
+from beltcomm.trajectory import Trajectory, torque_of_move, with_dwell
 from beltcomm.verify import AS_PREDICTED, REST_S, SLACK_M, Demand, Verdict
 
 
@@ -165,10 +165,10 @@ def _names(folder: RunFolder) -> Callable[[], str]:
 
 
 def _learnt_result(folder: RunFolder, learnt: Learnt, remark: str) -> Result:
-    """What the repetitions came to; the torque stands beside the move, to be driven and exported with it."""
+    """Outcome of the repetitions; the torque stands beside the move, to be driven and exported with it."""
     best, first = learnt.best, learnt.repetitions[0]
     file = folder.path / "designs" / f"{best.name}_learnt.csv"
-    path = held(learnt.path, REST_S)
+    path = with_dwell(learnt.path, REST_S)
     columns = {"t_s": path.t_s, "position_m": path.position_m, "velocity_m_s": path.velocity_m_s, "torque_along_nm": best.torque_nm}
     if best is not first:
         file.parent.mkdir(exist_ok=True)

@@ -26,7 +26,7 @@ from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import watch as words
 from beltcomm.talk import Silence, Talk
-from beltcomm.trajectory import held, plan_trajectory
+from beltcomm.trajectory import plan_trajectory, with_dwell
 from beltcomm.verify import REST_S
 from beltcomm.watching import store
 from beltcomm.watching.bus_stream import BusStream
@@ -82,6 +82,7 @@ class _Watch:
     hour: Callable[[float], str]
     counted: int = 0
     left_out: int = 0
+    why: str = ""
     first_s: float = math.nan
     last_s: float = math.nan
     standings: list[Standing] = field(default_factory=list)
@@ -205,7 +206,7 @@ def watch(
         except KeyboardInterrupt:
             pass
         notes = stream.notes
-    if not state.counted and notes:
+    if not state.counted and not state.left_out and notes:
         raise DataError(notes[0])
     return _result(state)
 
@@ -293,7 +294,7 @@ def played_production(folder: RunFolder, moves: int | None) -> Callable[[Drive],
         count = 0
         while moves is None or count < moves + 1:
             there = low if here > 0.5 * (low + high) else high
-            path = held(plan_trajectory(here, there, axis.trajectory(axis.targets.limits), period), REST_S)
+            path = with_dwell(plan_trajectory(here, there, axis.trajectory(axis.targets.limits), period), REST_S)
             along = np.zeros(len(path.t_s))
             drive.record(Motion("position", period, path.position_m / ratio, path.velocity_m_s / ratio, along), limits, lambda _row: None)
             here, count = there, count + 1
@@ -331,12 +332,14 @@ def _judge_one(state: _Watch, columns: Mapping[str, Any], start_s: float) -> Non
         sidecar = Sidecar(experiment="trajectory", closed_loop=True, start_position_m=begins)
         recording = recording_from_columns(f"move_{number}", columns, sidecar, judge.axis, file="the stream")
         judged = judge.judge(recording)
-    except DataError:
+    except DataError as error:
         state.left_out += 1
+        state.why = str(error)
         return
     date_s = state.date_s(start_s)
     if (round(date_s, 3), judged.ratio) in state.known:  # of a log that was watched before
         state.left_out += 1
+        state.why = "they were judged before"
         return
     state.counted = number
     state.last.append(recording)
@@ -424,7 +427,9 @@ def _iso(date_s: float) -> str:
 def _result(state: _Watch) -> Result:
     changed = [words.event_sentence(one).partition(":")[0] for one in state.standings if one.state == "changed"]
     seconds = state.last_s - state.first_s if state.counted else 0.0
-    text: list[str] = words.summary_lines(state.counted, state.left_out, seconds, state.standings, list(state.alarms.values()), changed)
+    text: list[str] = words.summary_lines(
+        state.counted, state.left_out, state.why, seconds, state.standings, list(state.alarms.values()), changed
+    )
     run = state.folder.path
     if state.alarms or changed:
         text.append(
@@ -434,6 +439,7 @@ def _result(state: _Watch) -> Result:
         "run": str(run),
         "moves": state.counted,
         "left_out": state.left_out,
+        "left_out_because": state.why,
         "alarms": state.alarms,
         "noticed_at_move": state.noticed,
         "suspects": [{"effect": name, "title": title, "evidence": value} for name, title, value in state.suspects],

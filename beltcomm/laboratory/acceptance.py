@@ -1,4 +1,4 @@
-"""Whether what an effect explains is enough to name it.
+"""Acceptance of an effect: whether what it explains is enough to name it.
 
     share = 1 - exp(-drop/N)   of the squares, or   drop/(O - floor)   of the objective; the larger one counts
 
@@ -106,7 +106,7 @@ def falls(change: tuple[float, float], before: float, after: float) -> bool:
 
 
 def is_confirmed(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None) -> bool | None:
-    """Whether the held-out records confirm a change of the model; None without any.
+    """True if the held-out records confirm a change of the model; None without any.
 
     The error over the noise must fall, in the mean square and without its outliers, and the plain error must not rise by more than chance.
     """

@@ -89,7 +89,7 @@ def sheet_doubts(model: Model, ratio: float, axis: Axis, recordings: Sequence[Re
         sheet = axis.motor_side_inertia_kg_m2
         inertia = _doubt(model, "motor.inertia", "motor.inertia_kg_m2", sheet, sheet, INERTIA_SHEET if excited else UNEXCITED)
     places = [r.sidecar.start_position_m for r in recordings if r.sidecar.experiment == "frf" and r.sidecar.start_position_m is not None]
-    known = axis.get("belt.specific_stiffness_n") is not None and axis.get("belt.pulley_distance_m") is not None
+    known = knows_stiffness(axis)
     if excited and known and places and "belt_stiffness" in model.effects:
         # one stiffness was fitted to all places: it stands for those in the middle
         sheets = [axis.belt_stiffness_n_m(float(place)) for place in np.percentile(places, [25.0, 75.0])]
@@ -99,6 +99,13 @@ def sheet_doubts(model: Model, ratio: float, axis: Axis, recordings: Sequence[Re
         common = _scale_words(factor, axis)
         inertia, stiffness = replace(inertia, common=common), replace(stiffness, common=common)
     return tuple(doubt for doubt in (inertia, stiffness) if doubt is not None)
+
+
+def knows_stiffness(axis: Axis) -> bool:
+    """True if the data sheets say how stiff it is between motor and load."""
+    if axis.transmission is not None:
+        return not axis.rigid
+    return axis.get("belt.specific_stiffness_n") is not None and axis.get("belt.pulley_distance_m") is not None
 
 
 def _rigid_doubts(axis: Axis, recordings: Sequence[Recording]) -> tuple[SheetDoubt, ...]:

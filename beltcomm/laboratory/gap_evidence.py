@@ -1,4 +1,4 @@
-"""Whether a gap explains more than the freedom that its observer gives the carriage.
+"""Evidence of a gap: more than the freedom that its observer gives the carriage.
 
 The observer of a model with a gap follows the carriage by the torque and lets it stray (``process_noise``), so it follows whatever pushes
 the carriage: friction that jumped between 8 and 20 N was explained by a gap, 21.6 to 3.5 times the noise, on held-out records as well.

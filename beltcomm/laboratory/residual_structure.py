@@ -1,4 +1,4 @@
-"""Whether what is left over is noise everywhere: means of the whitened residual over parts of the data, which noise cannot have.
+"""Structure of a residual: means of the whitened one over parts of the data, which noise cannot have.
 
     z = max over partitions of (Σ_b n_b mean_b² - B)/√(2 B),   B : bins of the partition with enough values
 

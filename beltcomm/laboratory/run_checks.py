@@ -1,4 +1,4 @@
-"""Whether the records of a run can be analysed together: sampling, signs, places, one axis.  Before anything is fitted.
+"""Checks of the records of a run together: sampling, signs, places, one axis.  Before anything is fitted.
 
 What no analysis can mend raises DataError with the remedy; the rest are sentences, and what can be put right beyond doubt is.
 """

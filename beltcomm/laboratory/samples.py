@@ -71,7 +71,8 @@ def units_of(model: Model) -> Units:
     """Units of a model's side."""
     if model.side == "load":
         return Units("N", "m")
-    return Units({"ampere": "A", "volt": "V"}.get(model.side, "N m"), "m" if "cart" in model.base_bodies else "rad")
+    length = "m" if "cart" in model.base_bodies or model.rigid else "rad"
+    return Units({"ampere": "A", "volt": "V"}.get(model.side, "N m"), length)
 
 
 @dataclass(frozen=True)

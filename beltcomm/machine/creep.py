@@ -10,10 +10,9 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.drive import GUARD_S, Drive, Guarding, Limits, Motion, Row
 from beltcomm.errors import DriveError, Refused, SafetyStop
-from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.machine.host_loss import guard_times_s
 from beltcomm.rundata.first_motions import MOVED_M, SLIDING_SHARE
-from beltcomm.simulate.stopping import Braking, HostLoss, first_deceleration, run_on_distance
+from beltcomm.simulate.stopping import Braking, HostLoss, first_deceleration, run_on_distance, unknown_loads_kg
 
 #: Share of the torque that axis and motor allow at which an axis that does not move is given up.
 BREAKAWAY_SHARE = 0.6
@@ -66,7 +65,7 @@ def run_on_m(axis: Axis, torque_nm: float, held_s: float) -> float:
     ``SLIDING_SHARE`` of that is left as friction, against the torque that is held for ``held_s`` and then alone.
     """
     ratio, friction = axis.transmission_m_rad, SLIDING_SHARE * torque_nm
-    inertia = axis.motor_side_inertia_kg_m2 + ratio**2 * max(UNKNOWN_MASSES_KG[0], axis.payload.mass_kg or 0.0)
+    inertia = axis.motor_side_inertia_kg_m2 + ratio**2 * max(unknown_loads_kg(axis)[0], axis.payload.mass_kg or 0.0)
     loss = HostLoss(held_s, Braking(ratio * friction / inertia, 0.0))
     return float(run_on_distance(np.zeros(1), torque_nm, friction, inertia, ratio, loss)[0])
 

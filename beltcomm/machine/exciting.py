@@ -12,7 +12,7 @@ from beltcomm.identify.amplitude import Prediction
 from beltcomm.machine import delivered, host_loss
 from beltcomm.machine.host_loss import guard_times_s
 from beltcomm.machine.machine import Machine, Room
-from beltcomm.machine.prediction_watch import Expectation, units_of
+from beltcomm.machine.prediction_watch import PredictionWatch, units_of
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar
@@ -20,7 +20,7 @@ from beltcomm.simulate.stopping import HostLoss
 
 
 @dataclass(frozen=True)
-class Exposed:
+class ExcitationContext:
     """Predicted motion of a record, the models that the axis may be, and the death of the host for each."""
 
     predicted: Prediction
@@ -34,21 +34,23 @@ def run_on_words(machine: Machine, predicted: Prediction, ends_m: float) -> str:
     return host_loss.words(guard_times_s(machine.drive.capabilities)[number], predicted.run_on_m[number])
 
 
-def guarded(machine: Machine, excitation: Excitation, at: float, room: Room, exposed: Exposed) -> tuple[Room, Callable[[Row], None]]:
+def guarded(
+    machine: Machine, excitation: Excitation, at: float, room: Room, context: ExcitationContext
+) -> tuple[Room, Callable[[Row], None]]:
     """Limits of an excitation around a place, m, with the guard time of its run-on, and the watch of its rows."""
-    predicted, full = exposed.predicted, machine.full_room()
+    predicted, full = context.predicted, machine.full_room()
     (low, high), ends = room.window_m, full.window_m
     number = host_loss.chosen(machine, predicted, min(at - ends[0], ends[1] - at))
     guard_s = guard_times_s(machine.drive.capabilities)[number]
     room = replace(room, window_m=(low + predicted.stop_m, high - predicted.stop_m), guard_s=guard_s)
-    expected = Expectation(predicted, machine.ratio, machine.axis.motor_side_inertia_kg_m2, units_of(machine.drive.capabilities))
+    expected = PredictionWatch(predicted, machine.ratio, machine.axis.motor_side_inertia_kg_m2, units_of(machine.drive.capabilities))
     dying = host_loss.RunOnWatch(
         ends,
         machine.ratio,
         machine.origin_rad,
-        exposed.family,
+        context.family,
         excitation.amplitude_nm,
-        lambda model: exposed.losses(model)[number],
+        lambda model: context.losses(model)[number],
         full.speed_m_s,
     )
 
@@ -63,10 +65,10 @@ def guarded(machine: Machine, excitation: Excitation, at: float, room: Room, exp
 
 
 def excite(
-    machine: Machine, name: str, excitation: Excitation, at: float, room: Room, exposed: Exposed, held_out: bool = False
+    machine: Machine, name: str, excitation: Excitation, at: float, room: Room, context: ExcitationContext, held_out: bool = False
 ) -> Recording:
     """Record an excitation around a place, m: a stop at any limit still ends in the room, and a run-on before the end of the travel."""
-    room, watch = guarded(machine, excitation, at, room, exposed)
+    room, watch = guarded(machine, excitation, at, room, context)
     note = ExcitationNote(
         kind=excitation.kind,
         amplitude_nm=excitation.amplitude_nm,

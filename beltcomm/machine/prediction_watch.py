@@ -68,14 +68,14 @@ class BeltWatch:
             )
 
 
-class Expectation:
+class PredictionWatch:
     """Call it with every row of a record.
 
     predicted : of the record.   ratio : m/rad at the motor.   inertia_kg_m2 : of the motor side, as axis.yaml says.   units : of the drive.
     Raises SafetyStop when speed or travel leave the prediction, naming what is probably wrong in axis.yaml or in the units.
     """
 
-    def __init__(self, predicted: Prediction, ratio: float, inertia_kg_m2: float, units: Units | None = None) -> None:
+    def __init__(self, predicted: Prediction, ratio: float, inertia_kg_m2: float, units: DriveUnits | None = None) -> None:
         self.predicted, self.ratio, self.inertia_kg_m2, self.units = predicted, ratio, inertia_kg_m2, units
         self.farthest_m = SURPRISE * predicted.travel_m + TRAVEL_SLACK_M
         self._rows: list[tuple[float, float, float]] = []
@@ -98,7 +98,7 @@ class Expectation:
         )
 
     def cause(self) -> str:
-        """What is probably wrong by the rows so far, in words."""
+        """Probable fault by the rows so far, in words."""
         return suspects(self.inertia_kg_m2, measured_inertia(np.array(self._rows)), self.units)
 
 
@@ -135,19 +135,19 @@ def measured_inertia(rows: np.ndarray) -> tuple[float, float] | None:
     return 1.0 / float(found[0]), deviation / float(found[0]) ** 2
 
 
-class Units(NamedTuple):
-    """What a drive's raw numbers are taken for.   thousand_nm : a thousand units of torque, N m.   per_turn : position units of a turn."""
+class DriveUnits(NamedTuple):
+    """Meaning of a drive's raw numbers.   thousand_nm : a thousand units of torque, N m.   per_turn : position units of a turn."""
 
     thousand_nm: float
     per_turn: int
 
 
-def units_of(capabilities: Capabilities) -> Units:
+def units_of(capabilities: Capabilities) -> DriveUnits:
     """The units that a drive's torques and positions are taken for."""
-    return Units(1e3 * (capabilities.torque_step_nm or math.nan), capabilities.counts_per_rev)
+    return DriveUnits(1e3 * (capabilities.torque_step_nm or math.nan), capabilities.counts_per_rev)
 
 
-def other_units(share: float, units: Units) -> str:
+def other_units(share: float, units: DriveUnits) -> str:
     """Units that would make an inertia of so many times that of the data sheets right, in words."""
     return (
         f"a thousand units of torque would be {units.thousand_nm / share:.3g} N m instead of {units.thousand_nm:.3g} N m (thousandths of "
@@ -156,7 +156,7 @@ def other_units(share: float, units: Units) -> str:
     )
 
 
-def suspects(stated_kg_m2: float, measured: tuple[float, float] | None, units: Units | None = None) -> str:
+def suspects(stated_kg_m2: float, measured: tuple[float, float] | None, units: DriveUnits | None = None) -> str:
     """In words, which entries of axis.yaml to look at, with the measured inertia where there is one.   units : of the drive."""
     others = "the feed constant (pulley.effective_radius_m, gearbox.ratio), the payload, whether the encoder jumped or something moves it"
     if measured is None:

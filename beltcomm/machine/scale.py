@@ -20,6 +20,7 @@ from beltcomm.machine.prediction_watch import other_units, units_of
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.result import Result
+from beltcomm.simulate.stopping import unknown_loads_kg
 
 #: The inertia may differ from the data sheets' by this factor in a first estimate from a second of excitation, and in a fit.
 FIRST_FACTOR, FITTED_FACTOR = 1.6, 1.35
@@ -35,8 +36,8 @@ SOFTEST, STIFFEST = 0.3, 2.0
 #: m: a ruler is read to this; share of a way that may be missing beside that; the shortest way that is worth it.
 RULER_M, RULER_SHARE, SHORTEST_M = 1e-3, 0.01, 0.02
 STIFFNESS = "belt_stiffness.stiffness"
-#: kg: no carriage is lighter; a fit that ends there has found none.
-LIGHTEST_KG = 0.03
+#: Of the lightest load that is counted with: none is lighter than that; a fit that ends there has found none.
+LIGHTEST_SHARE = 0.1
 
 
 def accelerating_share(recording: Recording, inertia_kg_m2: float) -> float:
@@ -119,6 +120,8 @@ def check_first(machine: Machine, model: Model, recording: Recording) -> Model:
     ------
     Refused
     """
+    if model.rigid:  # motor and load are one inertia, of which the data sheets know a part
+        return model
     stated = machine.axis.motor_side_inertia_kg_m2
     share = accelerating_share(recording, stated)
     if share < LEAST_SHARE:
@@ -179,12 +182,14 @@ def check_fitted(machine: Machine, model: Model, first: Model, response: Recordi
     ------
     Refused
     """
-    if model["cart.mass"] < LIGHTEST_KG:
+    if model["cart.mass"] < LIGHTEST_SHARE * unknown_loads_kg(machine.axis)[0]:
         raise Refused(
             f"by {response.name} the carriage weighs {1e3 * model['cart.mass']:.2g} g: the motor turns as if nothing hung on it, and no "
             "loop is closed on such a model. Look whether the belt is slack or off, and whether clamp, key or coupling are loose; where "
             f"the carriage hardly moved: {machine.more_room}, or allow more torque"
         )
+    if model.rigid:
+        return
     if inertia_share(machine.axis, model) > FITTED_FACTOR and 1.0 / FIRST_FACTOR <= inertia_share(machine.axis, first) <= FIRST_FACTOR:
         raise Refused(not_told_apart(machine.axis, model, first, response, machine.more_room))
     share, shown = inertia_share(machine.axis, model), jumping_inertia(response) / machine.axis.motor_side_inertia_kg_m2

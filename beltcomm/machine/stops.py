@@ -80,7 +80,9 @@ def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, d
     low, high = room.window_m
     if machine.axis.mounting.tilted:
         machine.holding_nm = analyse.holding_nm(family[0])
-    limits = replace(machine.axis.limits, feed_force_n=max((machine.axis.limits.feed_force_n or math.inf) - machine.weight_n, 1.0))
+    limits = replace(
+        machine.axis.limits, feed_force_n=max((machine.axis.limits.feed_force_n or machine.axis.belt_force_limit_n) - machine.weight_n, 1.0)
+    )
     rigid = rigid_deceleration(machine.axis, family[0]["cart.mass"], room.torque_nm).value_m_s2
     speed = min(room.speed_m_s, math.sqrt(2.0 * rigid * SIMULATED_SHARE * (high - low)))
     braking, stop = braked_by_loop(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from beltcomm.configfiles import find_config, read_yaml
 from beltcomm.effects import BELT_DAMPING, BELT_SPRING, BELT_STIFFNESS, DRIVING_END, Body, Effect, Parameter, effect_named
+from beltcomm.effects.rigid_load import driven
 from beltcomm.errors import UsageError
 from beltcomm.plant.drive_section import IDEAL, Instruments, drive_section, drive_values
 
@@ -148,6 +149,31 @@ class Model:
         """
         return self._index[name]
 
+    @property
+    def rigid(self) -> bool:
+        """True if its load moves with the motor without compliance."""
+        return "rigid_load" in self.effects
+
+    def driven_inertia(self, vector: NDArray[np.float64] | None = None) -> float:
+        """Inertia of the driven body, with a load that moves with it rigidly:  J + i_t² m, kg m² (kg, A s²/rad).
+
+        Parameters
+        ----------
+        vector : ndarray (k,) or None
+            Values in place of the model's, in the order of :meth:`vector`.
+
+        Returns
+        -------
+        float
+            At the motor shaft.
+        """
+        own = self._index[self.bodies()[0][0]]
+        values = [item.value for item in self.parameters.values()] if vector is None else vector
+        if not self.rigid:
+            return float(values[own])
+        ratio = float(values[self._index["transmission.ratio"]])
+        return driven(float(values[own]), ratio, float(values[self._index["cart.mass"]]))
+
     def vector(self) -> NDArray[np.float64]:
         """All values in their fixed order, float64."""
         return np.array([item.value for item in self.parameters.values()])
@@ -161,7 +187,7 @@ class Model:
         return body_list(self.effects, self.base_bodies)
 
     def with_values(self, values: Mapping[str, float], origin: str = "") -> Model:
-        """The same model with other numbers; intervals of the changed ones are dropped.
+        """Model with other numbers; intervals of the changed ones are dropped.
 
         Parameters
         ----------
@@ -185,7 +211,7 @@ class Model:
         return replace(self, parameters={**self.parameters, **changed})
 
     def with_vector(self, vector: NDArray[np.float64]) -> Model:
-        """The same model with the values of :meth:`vector`, kept within their bounds.
+        """Model with the values of :meth:`vector`, kept within their bounds.
 
         Parameters
         ----------
@@ -316,7 +342,7 @@ def _body_list(effects: tuple[str, ...], base_bodies: tuple[str, ...]) -> tuple[
 def effect_parameters(effect: Effect) -> dict[str, Parameter]:
     """Parameters that an effect brings into a model, by full name: inertias of its bodies and its own."""
     own = {f"{body.name}.{body.inertia.name}": body.inertia for body in effect.bodies}
-    own |= {f"{effect.name}.{parameter.name}": parameter for parameter in effect.parameters}
+    own |= dict(zip(effect.full_names(), effect.parameters, strict=True))
     return own
 
 

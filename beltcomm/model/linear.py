@@ -79,7 +79,7 @@ class Matrices:
     outputs: Array
 
     def hold(self, names: Sequence[str]) -> Matrices:
-        """The same axis with those bodies held; held at the motor, it oscillates at the motor's antiresonances."""
+        """Axis with those bodies held; held at the motor, it oscillates at the motor's antiresonances."""
         free = [i for i, body in enumerate(self.bodies) if body not in names]
         square = np.ix_(free, free)
         bodies = tuple(self.bodies[i] for i in free)
@@ -196,7 +196,7 @@ def matrices(model: Model, point: Point, standstill: Standstill = "refuse", clos
     bodies = model.bodies()
     names = tuple(body.name for _, body in bodies)
     ratio = point.transmission_m_rad
-    mass = np.diag([model[name] for name, _ in bodies])
+    mass = np.diag([model.driven_inertia(), *(model[name] for name, _ in bodies[1:])])
     damping, stiffness = np.zeros_like(mass), np.zeros_like(mass)
     stuck: list[str] = []
     for effect in model.effect_list():

@@ -59,7 +59,7 @@ def smooth_forces(model: Model, positions: ArrayLike, speeds: ArrayLike, time_s:
 
 
 class _DrivingEnd:
-    """How run-out of the pulley, gap and slack change what an element sees."""
+    """Driving end of the belt: run-out of the pulley, gap and slack change what an element sees."""
 
     def __init__(self, model: Model, q: Array, v: Array) -> None:
         self.model = model

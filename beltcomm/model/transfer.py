@@ -50,7 +50,7 @@ class TransferFunction:
         return result
 
     def delayed(self, delay_s: float) -> TransferFunction:
-        """The same behind a dead time."""
+        """Transfer function behind a dead time."""
         return replace(self, delay_s=self.delay_s + delay_s)
 
 

@@ -13,9 +13,11 @@ from typing import Any
 from beltcomm.given import Place, pasted, place, places
 from beltcomm.locks import changes_run
 from beltcomm.result import Result
+from beltcomm.sentences.own_words import own_words
 from beltcomm.talk import Talk
 
 
+@own_words
 @changes_run()
 def report(run: Place, *, against: Place | None = None, out: Place | None = None, talk: Talk | None = None) -> Result:
     """Write the page on a run and its numbers beside it; see :func:`beltcomm.pages.job.report`.

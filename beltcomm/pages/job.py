@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from beltcomm.axis.terms import terms_of
 from beltcomm.configfiles import write_text
 from beltcomm.errors import UsageError
 from beltcomm.pages import axis, changes, diagnosed, first, gains, loops, missing, model, model_error, safety, tracking
@@ -16,6 +17,7 @@ from beltcomm.report.page import Page, render
 from beltcomm.result import Result, jsonable, plain
 from beltcomm.rundata.headline import headline_of
 from beltcomm.sentences.cross_checks import sheet_lines
+from beltcomm.sentences.own_words import said_in
 from beltcomm.talk import Silence, Talk
 
 #: The page and its numbers, in the run folder.
@@ -47,7 +49,7 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
         raise UsageError(f"{run} cannot be compared with itself; give an earlier run of the same axis behind --against")
     before = gathered(against, talk or Silence(), compared=False) if against is not None else None  # first: it may not be there
     found = gathered(run, talk or Silence(), against)
-    page = page_of(found, before)
+    page = said_in(terms_of(found.folder.axis), page_of(found, before), keys=True) if found.folder.has_axis else page_of(found, before)
     where = out or run / NAME
     beside = where.with_suffix(".json")
     # a page may be sent to anybody: it names no folder of the machine that it was made on

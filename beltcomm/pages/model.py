@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from beltcomm.given import pasted
+from beltcomm.laboratory.cross_checks import knows_stiffness
 from beltcomm.model import Value
 from beltcomm.pages.gather import Gathered
 from beltcomm.report.page import PageTable, Paragraphs, Picture, Section
@@ -69,7 +70,7 @@ def _sheet(run: Gathered, name: str) -> tuple[float, float] | None:
     places = [
         r.sidecar.start_position_m for r in run.recordings if r.sidecar.experiment == "frf" and r.sidecar.start_position_m is not None
     ]
-    if name == "belt_stiffness.stiffness" and places and axis.get("belt.specific_stiffness_n") and axis.get("belt.pulley_distance_m"):
+    if name == "belt_stiffness.stiffness" and places and knows_stiffness(axis):
         both = [axis.belt_stiffness_n_m(float(place)) for place in np.percentile(places, [25.0, 75.0])]
         return min(both), max(both)
     return None

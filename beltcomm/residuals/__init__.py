@@ -1,1 +1,1 @@
-"""What a model leaves of its records, cut so that a page can show it along every coordinate, and what could explain any part of it."""
+"""Residuals of a model, cut so that a page can show them along every coordinate, and candidates for any part of them."""

@@ -1,4 +1,4 @@
-"""What could explain a part of the residual, by the first-order score: each candidate effect beside everything fitted.
+"""Candidates for a part of the residual, by the first-order score: each effect beside everything fitted.
 
 With r the whitened residual and c the column of an effect, what everything fitted can do taken off it (``nearby.beside``), the best amount
 on any set S of cells and the fall of the squares there are

@@ -59,7 +59,7 @@ def curve_of(cells: Cells, there: NDArray[np.bool_], torque: Array, missing: Arr
 
 
 def law_between(fitted: Fitted, judged: Sequence[Judged], without: Model, grown: Model) -> LawCurve:
-    """What one model has more than another, over what that leaves of the fitted records.   judged : by the fitted model, these first."""
+    """Law that one model has and another has not, over the rest of the fitted records.   judged : by the fitted model, these first."""
     own = [one for one in judged[: len(fitted.problem.pieces)] if len(one.white)]
     cells = cells_of(own)
     left = []

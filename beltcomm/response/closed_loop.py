@@ -42,7 +42,7 @@ def speed_controller(cascade: Cascade, freq_hz: Array, period_s: float) -> Compl
 
 
 def feedback(cascade: Cascade, freq_hz: Array, period_s: float, loop: Loop) -> ComplexArray:
-    """What the controller makes of the motor angle: C = G_R C_ω or (G_R + K_PP) C_ω, N m/rad, (k,).   Source: (3.21)."""
+    """Controller's answer to the motor angle: C = G_R C_ω or (G_R + K_PP) C_ω, N m/rad, (k,).   Source: (3.21)."""
     measured = velocity_filter_response(2.0 * np.pi * freq_hz, cascade.velocity_filter_s, period_s)
     outer = cascade.kpp_1_s if loop == "position" else 0.0
     return np.asarray((measured + outer) * speed_controller(cascade, freq_hz, period_s))

@@ -1,4 +1,4 @@
-"""What an axis answers on lines that a multisine leaves out, nonlinearity by kind, apart from noise; what neighbouring lines scatter."""
+"""Answer of an axis on lines that a multisine leaves out, nonlinearity by kind, apart from noise; the scatter of neighbouring lines."""
 
 from __future__ import annotations
 

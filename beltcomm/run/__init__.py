@@ -40,12 +40,12 @@ class OpenedRun:
 
     @property
     def path(self) -> Path:
-        """Where it stands."""
+        """Folder of the run."""
         return self._folder.path
 
     @property
     def axis(self) -> Axis:
-        """What is known beforehand."""
+        """Axis as known beforehand."""
         return self._folder.axis
 
     @property
@@ -242,7 +242,7 @@ class OpenedRun:
         return html_of(self._lines())
 
     def _lines(self) -> list[str]:
-        """What is in it, for people."""
+        """Contents for people."""
         folder = self._folder
         axis = folder.axis.name if folder.has_axis else "no axis.yaml"
         parts = {"records": folder.finished_names(), "models": folder.names("models"), "designs": folder.names("designs")}

@@ -98,7 +98,7 @@ class RunRecord:
 
     @property
     def sidecar(self) -> Sidecar:
-        """What was done."""
+        """Circumstances of the record."""
         return self.recording.sidecar
 
     def to_dataframe(self) -> Any:

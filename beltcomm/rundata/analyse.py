@@ -39,6 +39,8 @@ from beltcomm.response.distortion import distortion
 
 #: Below this a loop is refused, whatever the drive's structure.
 LEAST_PHASE_MARGIN_DEG = 10.0
+#: Hz: what nothing swings is excited from here on, as far as its records can show.
+RIGID_LOWEST_HZ = 20.0
 #: Uncertainty of mass and stiffness that the first loop must bear: as much as the drive's structure allows.
 UNCERTAINTIES = (0.3, 0.15, 0.05)
 
@@ -162,11 +164,11 @@ def characteristics(fit: ModelFit, position_m: float) -> dict[str, Characteristi
     """Resonance, antiresonance and total Coulomb friction with intervals from the fit's covariance (linear propagation)."""
 
     def numbers(model: Model) -> np.ndarray:
-        two = two_mass(model, operating_point(model, position_m, 1.0))
+        two = None if model.rigid else two_mass(model, operating_point(model, position_m, 1.0))
         ratio = model["transmission.ratio"]
         coulomb = model.get("coulomb.level") + ratio * model.get("cart_friction.level")
         viscous = model.get("viscous.damping") + ratio**2 * model.get("viscous_cart.damping")
-        return np.array([two.resonance_hz, two.antiresonance_hz, coulomb, viscous])
+        return np.array([*(() if two is None else (two.resonance_hz, two.antiresonance_hz)), coulomb, viscous])
 
     here = numbers(fit.model)
     slopes = []
@@ -174,11 +176,12 @@ def characteristics(fit: ModelFit, position_m: float) -> dict[str, Characteristi
         deviation = math.sqrt(fit.covariance[i, i])
         item = fit.model.parameters[name]
         step = min(0.1 * deviation, 0.5 * (item.high - item.value)) if deviation else 0.0
-        slopes.append((numbers(fit.model.with_values({name: item.value + step})) - here) / step if step else np.zeros(4))
+        slopes.append((numbers(fit.model.with_values({name: item.value + step})) - here) / step if step else np.zeros(len(here)))
     jacobian = np.array(slopes)
     half = fit.quantile * np.sqrt(np.einsum("ij,ik,kj->j", jacobian, fit.covariance, jacobian))
-    names = ("resonance", "antiresonance", "coulomb_total", "viscous_total")
-    units = ("Hz", "Hz", "N m", "N m s/rad")
+    shown = slice(2 if fit.model.rigid else 0, None)
+    names = ("resonance", "antiresonance", "coulomb_total", "viscous_total")[shown]
+    units = ("Hz", "Hz", "N m", "N m s/rad")[shown]
     return {n: Characteristic(float(v), float(h), u) for n, v, h, u in zip(names, here, half, units, strict=True)}
 
 
@@ -329,7 +332,8 @@ def holding_nm(model: Model) -> float:
 def moved_inertia(model: Model) -> float:
     """m_e of (4.15) with every body that the motor moves, kg m² at the motor shaft."""
     ratio = model["transmission.ratio"]
-    return sum(model[name] * (1.0 if body.rotary else ratio**2) for name, body in model.bodies())
+    behind = sum(model[name] * (1.0 if body.rotary else ratio**2) for name, body in model.bodies()[1:])
+    return model.driven_inertia() + behind
 
 
 def apparent_damping(fits: Mapping[str, MagnitudeFit]) -> float:
@@ -356,12 +360,14 @@ def resonance_shape(model: Model, position_m: float) -> Shape:
 
 
 def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:
-    """Antiresonance and resonance of the belt with the carriage at a place, Hz.
+    """Antiresonance and resonance of the belt with the carriage at a place, Hz; of a rigid axis the whole band from ``RIGID_LOWEST_HZ`` on.
 
     Raises
     ------
     DataError
         As :func:`resonance_shape`.
     """
+    if model.rigid:
+        return RIGID_LOWEST_HZ, math.inf
     belt = resonance_shape(model, position_m).belt
     return belt.antiresonance_hz, belt.resonance_hz

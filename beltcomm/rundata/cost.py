@@ -26,7 +26,7 @@ from beltcomm.rundata.kept_path import kept_path
 from beltcomm.rundata.offline import structure_of
 from beltcomm.rundata.revisions import Revision, keep_cost, model_named
 from beltcomm.runfolder import RunFolder
-from beltcomm.trajectory import Trajectory, held, plan_trajectory
+from beltcomm.trajectory import Trajectory, plan_trajectory, with_dwell
 from beltcomm.verify import REST_S, Loop, TrackingError, demand, predict_move, predict_range, tracking_error
 
 if TYPE_CHECKING:  # the report, which searches for nothing, uses this module too
@@ -84,7 +84,7 @@ def cost_of(folder: RunFolder, before: Model, after: Model) -> Cost:
         Where no loop or no move can be had.
     """
     axis, findings = folder.axis, Findings(kept_path=kept_path(folder))
-    if not axis.has_belt or before.side != "motor":
+    if not axis.has_transmission or before.side != "motor":
         raise Refused("an axis without a belt has no verification move yet")
     excited = [r for r in folder.recordings() if r.sidecar.experiment == "frf"]
     measure_delay_and_damping(findings, excited, before)
@@ -93,7 +93,7 @@ def cost_of(folder: RunFolder, before: Model, after: Model) -> Cost:
     kinds = [kind for kind in PREFILTERS if kind in structure.prefilters]
     structure = replace(structure, prefilters=(kinds[0],))
     move = offline_move(axis, after, structure.period_s)
-    rested = held(move, REST_S)
+    rested = with_dwell(move, REST_S)
     unaware = _errors(axis, before, after, structure, findings, rested)
     aware = _errors(axis, after, after, structure, findings, rested)
     top = float(abs(move.velocity_m_s).max())

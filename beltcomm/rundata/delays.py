@@ -35,7 +35,7 @@ def measure_delay_and_damping(findings: Findings, recordings: Sequence[Recording
     recordings = acting_recordings([r for r in recordings if not r.sidecar.held_out], findings.path)
     loudest = max((float(np.std(r.torque)) for r in recordings if not r.sidecar.moving), default=0.0)
     loud = [r for r in recordings if r.sidecar.moving or np.std(r.torque) > LOUD_SHARE * loudest]
-    for name, response in analyse.responses(loud).items():
+    for name, response in ({} if model.rigid else analyse.responses(loud)).items():
         try:
             findings.thesis[name] = analyse.thesis_fit(response, model, solver)
         except (DataError, Refused) as problem:

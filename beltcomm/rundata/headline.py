@@ -186,7 +186,7 @@ def following(folder: RunFolder, headline: Headline, drive: str = "", *, applied
     run = pasted(called or folder.path)
     drive = drive or drive_of(folder)
     with_drive = f"--drive {pasted(drive)} --run {run}"
-    if folder.has_axis and not folder.axis.has_belt:
+    if folder.has_axis and not folder.axis.has_transmission:
         return Following(f"beltcomm diagnose {run}", tr("what the model misses"))
     if "final" not in folder.names("models"):
         return Following(f"beltcomm fit {run}", tr("a model of the records"))

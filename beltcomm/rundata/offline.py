@@ -166,7 +166,7 @@ def fit_for_belt_model(folder: RunFolder) -> Checked:
         For records without torque or unfit for a model.
     """
     recordings = [item for item in folder.recordings() if not item.is_static_map]
-    if not folder.axis.has_belt:
+    if not folder.axis.has_transmission:
         raise UsageError(
             f"{folder.axis} has neither belt nor pulley; the fit's model is a motor that drives a carriage by a belt. "
             f"The laboratory takes one rigid mass: `beltcomm diagnose {pasted(folder.path)}`. If there is a belt, state "

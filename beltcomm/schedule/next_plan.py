@@ -74,7 +74,7 @@ class NextPlan:
     own_drive: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """As it stands in the file."""
+        """Entries of the file."""
         steps = [step.to_dict() for step in self.steps]
         found = {"reasons": dict(self.reasons), "by_hand": list(self.by_hand), "steps": steps, "left_out": list(self.left_out)}
         return {**found, **({"own_drive": list(self.own_drive)} if self.own_drive else {})}

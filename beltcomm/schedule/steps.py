@@ -130,7 +130,7 @@ class Step:
         return f"{what}{f' at {place_m:.2f} m' if self.here else ''}{held}"
 
     def to_dict(self) -> dict[str, Any]:
-        """As it stands in a plan file."""
+        """Entries of a plan file."""
         said = {key: getattr(self, key) for key in KEYS[self.kind]}
         return {"kind": self.kind, **{key: list(value) if isinstance(value, tuple) else value for key, value in said.items()}}
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from beltcomm.axis.terms import terms_of
 from beltcomm.configfiles import write_text
 from beltcomm.experiments import holding
 from beltcomm.given import pasted
@@ -23,6 +24,7 @@ from beltcomm.rundata.kept_path import KEY
 from beltcomm.rundata.store import design_to_dict, fit_to_dict, verdict_to_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import friction, screens, typed_gains, words
+from beltcomm.sentences.own_words import lines_in
 from beltcomm.sentences.torque_path import path_data, path_lines, period_of
 
 
@@ -160,7 +162,7 @@ def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known
 
 def keep_text(folder: RunFolder, text: list[str]) -> None:
     """Keep the text shown at the end as ``verdict.txt`` in the run folder."""
-    write_text(folder.path / "verdict.txt", "\n".join(text) + "\n")
+    write_text(folder.path / "verdict.txt", "\n".join(lines_in(terms_of(folder.axis), text)) + "\n")
 
 
 class ReportWords(Protocol):

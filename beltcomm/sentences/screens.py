@@ -101,7 +101,7 @@ def axis_lines(model: Model, at_m: float, delay_s: float | None = None) -> list[
     ratio = model["transmission.ratio"]
     coulomb = model.get("coulomb.level") / ratio + model.get("cart_friction.level")
     viscous = model.get("viscous.damping") / ratio**2 + model.get("viscous_cart.damping")
-    belt = ""
+    belt = f"   {tr('rigid')}" if model.rigid else ""
     if "belt_stiffness.stiffness" in model.parameters:
         belt = f"   {tr('belt')} {_digits(model['belt_stiffness.stiffness'] / 1e3)} kN/m"
     elif "belt_spans.specific_stiffness" in model.parameters:
@@ -110,7 +110,7 @@ def axis_lines(model: Model, at_m: float, delay_s: float | None = None) -> list[
     second = []
     try:
         low, high = analyse.characteristic_hz(model, at_m)
-        second = [f"{tr('antiresonance')} {_digits(low)} Hz", f"{tr('resonance')} {_digits(high)} Hz"]
+        second = [] if model.rigid else [f"{tr('antiresonance')} {_digits(low)} Hz", f"{tr('resonance')} {_digits(high)} Hz"]
     except BeltcommError:
         pass
     second += [f"{tr('delay')} {1e3 * delay_s:.3g} ms"] if delay_s else []

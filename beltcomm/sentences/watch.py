@@ -69,11 +69,11 @@ def event_sentence(one: Standing) -> str:
 
 
 def summary_lines(
-    moves: int, left_out: int, seconds: float, standings: Sequence[Standing], alarms: Sequence[str], changed: Sequence[str]
+    moves: int, left_out: int, why: str, seconds: float, standings: Sequence[Standing], alarms: Sequence[str], changed: Sequence[str]
 ) -> list[str]:
     """What the whole watch has found."""
     if not moves:
-        return ["No move was found" + (f"; {left_out} motions told nothing of the axis" if left_out else "") + "."]
+        return ["No move was found" + (f" that tells anything; {left_out} were left out: {why}" if left_out else "") + "."]
     span = f"{seconds / 3600.0:.1f} h" if seconds > 5400.0 else f"{seconds:.0f} s"
     beside = f", {left_out} more told nothing" if left_out else ""
     if alarms:

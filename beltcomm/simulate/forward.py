@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model
 from beltcomm.model.linear import describes, fastest_rate, operating_point
@@ -144,6 +145,8 @@ def _simulate(
         belt = fine[3].reshape(-1, substeps).max(axis=1)
     else:
         (theta, omega, cart, belt), end = motion(model, start, torque, sample_period_s, substeps, time_s, rate)
+    if model.rigid and torque.size:
+        belt = rigid_force_n(model, np.append(omega, end.speeds[0]), sample_period_s)
     for reached in (np.min(cart, initial=position_m), np.max(cart, initial=position_m)):
         if not describes(model, float(reached)):
             raise Refused(f"the carriage ran to {reached:g} m, where model {model.name!r} has no belt; use less torque or time")
@@ -183,6 +186,18 @@ def _glide(
         rows = out[:, first : first + block]
         glide(q, v, vector, cells, torque_at_stages(cells, parts), time_s + first * period_s, period_s, steps, short, *rows)
     return out, BodyStates(q, v)
+
+
+def rigid_force_n(model: Model, omega_rad_s: Array, period_s: float) -> Array:
+    """Mean force on a load that moves with the motor rigidly, in each period:  |m (i_t ω' + g sin α)|, N, (n,).
+
+    Parameters
+    ----------
+    omega_rad_s : ndarray (n + 1,)
+        Of the motor, at the ends of the periods.
+    """
+    weight = GRAVITY_M_S2 * math.sin(model.get("tilt.angle"))
+    return np.asarray(np.abs(model["cart.mass"] * (model["transmission.ratio"] * np.diff(omega_rad_s) / period_s + weight)))
 
 
 def at_rest(model: Model, position_m: float) -> BodyStates:

@@ -438,7 +438,7 @@ def torque_residuals(model: Model, motion: FineMotion, torque: Array, vectors: S
             needed = motor_load(model, true, p) + belt_load(model, true, p, offset)
         else:
             needed, _ = load_torque(model, true, p, offset)
-        needed[1:-1] += p[model.index("motor.inertia")] * np.diff(true.theta[:: true.substeps], 2) / true.sample_s**2
+        needed[1:-1] += model.driven_inertia(p) * np.diff(true.theta[:: true.substeps], 2) / true.sample_s**2
         acting = acting_torque(model, true, torque, p)
         left.append(as_read(needed, float(acting[1]), true.sample_s, reading_lags(model, p)) - acting)
     return left

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model
 from beltcomm.model.linear import describes, fastest_rate, operating_point
-from beltcomm.simulate.forward import LARGEST_STEP, at_rest, check_step
+from beltcomm.simulate.forward import LARGEST_STEP, at_rest, check_step, rigid_force_n
 from beltcomm.simulate.imperfect import angle_sensor, is_late, late_torque, memory_s
 from beltcomm.simulate.kernels.compose import kernel_for
 
@@ -78,7 +78,7 @@ class SimulatedPlant:
         self._lever = model["transmission.ratio"] if body.rotary else 1.0  # m per coordinate of the carriage's body
         if carriage:
             self._q[carriage] -= belt_stretch_m / self._lever
-        self._inertia = model[name]
+        self._inertia = model.driven_inertia() if model.rigid else model[name]
         self._low, self._high = end_stops_m or (-math.inf, math.inf)
         self._endless = end_stops_m is None
         self._substeps_per_s = 1e3 * substeps_per_ms
@@ -121,6 +121,7 @@ class SimulatedPlant:
             self._count = max(1, math.ceil(duration_s * self._substeps_per_s - 1e-6))
             self._h = duration_s / self._count
         q, v = self._q, self._v
+        before = v.item(0)
         if self._late:
             self._step_late(torque_nm)
         elif self._endless or self._far_from_stops(duration_s):
@@ -128,6 +129,8 @@ class SimulatedPlant:
         else:
             self._step_near_stop(torque_nm)
         self.time_s += duration_s
+        if self._model.rigid:
+            self.belt_force_n = rigid_force_n(self._model, np.array([before, v.item(0)]), duration_s).item()
         self.position_rad = self._measured(q.item(0)) - self._start_rad
         self.velocity_rad_s = v.item(0)
         self.cart_position_m = q.item(self._carriage) * self._lever - self._start_m
@@ -190,6 +193,8 @@ class SimulatedPlant:
         self._kernel.follow(q, v, self._p, self.time_s, self._start_rad, i, *loop)
         self._reported = past[: int(kept[0])]
         out[2] = out[2] * self._lever - self._start_m
+        if self._model.rigid:
+            out[5] = rigid_force_n(self._model, np.append(out[1], v.item(0)), period_s)
         self.time_s += period_s * references.shape[1]
         self.position_rad, self.velocity_rad_s = self._measured(q.item(0)) - self._start_rad, v.item(0)
         self.cart_position_m = q.item(i) * self._lever - self._start_m

@@ -27,6 +27,10 @@ Array = NDArray[np.float64]
 SWING = 2.0
 #: kg: the heaviest carriage that is thought of before it is weighed.
 HEAVIEST_KG = 30.0
+#: Carriages of a belt axis that stand for an unknown payload before anything was measured, kg; of any other axis, its load over the
+#: inertia at its motor.
+UNKNOWN_MASSES_KG = (0.3, 1.0, 3.0, 10.0, HEAVIEST_KG)
+UNKNOWN_SHARES = (0.1, 0.3, 1.0, 3.0, 10.0)
 #: Periods from what makes a stop necessary to the drive's ramp: three lost answers, one to notice, one until the command is active.
 REACTION_PERIODS = 5
 #: s: constant speed before a simulated stop, and rest after its ramp.
@@ -197,10 +201,22 @@ def rigid_deceleration(axis: Axis, mass_kg: float, torque_nm: float, swing: floa
     )
 
 
+def unknown_loads_kg(axis: Axis) -> tuple[float, ...]:
+    """Loads to count with until they are measured, kg, the lightest first."""
+    if axis.transmission is None:
+        return UNKNOWN_MASSES_KG
+    return tuple(share * axis.motor_side_inertia_kg_m2 / axis.transmission_m_rad**2 for share in UNKNOWN_SHARES)
+
+
+def usual_load_kg(axis: Axis, of_belt_kg: float) -> float:
+    """Load that is thought of before anything tells, kg: the stated payload, or what an axis of this kind often has."""
+    return axis.payload.mass_kg or (of_belt_kg if axis.transmission is None else unknown_loads_kg(axis)[len(UNKNOWN_SHARES) // 2])
+
+
 def first_deceleration(axis: Axis, torque_nm: float) -> Deceleration:
     """Deceleration of a quick stop before the carriage is weighed: the heaviest one thought of, and a step that makes the belt swing."""
     peak = min(torque_nm, axis.motor.peak_torque_nm or math.inf)
-    return rigid_deceleration(axis, max(HEAVIEST_KG, axis.payload.mass_kg or 0.0), peak, SWING)
+    return rigid_deceleration(axis, max(unknown_loads_kg(axis)[-1], axis.payload.mass_kg or 0.0), peak, SWING)
 
 
 def total_inertia(model: Model) -> float:

@@ -30,7 +30,7 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.study.members import Commissioned, Doing, Fleet, MemberTracking, Work
 from beltcomm.study.population import Population, Values, nominal_of, population_from, units_of
 from beltcomm.study.tracking import SharedInput, Targets
-from beltcomm.trajectory import held, load_move
+from beltcomm.trajectory import load_move, with_dwell
 from beltcomm.verify import REST_S, Loop
 
 ENTRIES = ("name", "about", "each", "base", "members", "seed", "population", "ageing", "hidden", "move", "targets")
@@ -227,14 +227,14 @@ def _ground_of_run(run: Path, file: Path | None, base: Mapping[str, Any], target
     folder = RunFolder.open(run)
     saved = saved_design(folder)
     model, _, _ = offline.trusted_revision(folder, str(saved.get("revision") or ""))
-    if model.side != "motor" or not folder.axis.has_belt:
+    if model.side != "motor" or not folder.axis.has_transmission:
         raise UsageError(f"base.run {run} is an axis without a belt, or one in ampere; a move cannot be predicted on it")
     structure = offline.structure_of(folder, Findings())
     cascade, delay_s = offline.cascade_of(saved, model, structure)
     move = move_of(folder, structure.period_s, file)
     along = None
     if saved.get("compensated") and structure.torque_feedforward:
-        along = compensation(model, cascade.feedforward, held(move, REST_S), structure.period_s)
+        along = compensation(model, cascade.feedforward, with_dwell(move, REST_S), structure.period_s)
     peak = float((folder.load_result("drive") or {}).get("peak_torque_nm") or folder.axis.torque_limit_nm)
     apparent = float(saved.get("apparent_damping_nm_s_rad") or 0.0)
     loop = Loop(structure, delay_s, peak, offline.counts_of(folder))
@@ -244,7 +244,7 @@ def _ground_of_run(run: Path, file: Path | None, base: Mapping[str, Any], target
 
 def _ground_with(ground: SharedInput) -> SharedInput:
     """With the rest at the end of the move in which the static error is read."""
-    return replace(ground, move=held(ground.move, REST_S))
+    return replace(ground, move=with_dwell(ground.move, REST_S))
 
 
 def _travel_m(axis: Axis) -> tuple[float, float]:

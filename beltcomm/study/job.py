@@ -199,7 +199,7 @@ def _make(out: Path) -> None:
 
 
 @dataclass(frozen=True)
-class Kept:
+class KeptResults:
     """Results of a study in a folder.
 
     Attributes
@@ -220,7 +220,7 @@ class Kept:
     told: str = ""
 
 
-def _goes_on(asked: Study, out: Path, reads_only: bool) -> Kept:
+def _goes_on(asked: Study, out: Path, reads_only: bool) -> KeptResults:
     """Raises UsageError for results of another study, and of another program if it goes on."""
     keys, found = tuple(asked.key(k) for k in range(asked.count)), read_members(out / MEMBERS)
     kept = _of_population(asked, out, keys, found) if asked.population is not None else _of_fleet(asked, out, keys, found)
@@ -233,7 +233,7 @@ def _goes_on(asked: Study, out: Path, reads_only: bool) -> Kept:
     return kept
 
 
-def _of_population(asked: Study, out: Path, keys: Sequence[str], found: Sequence[Line]) -> Kept:
+def _of_population(asked: Study, out: Path, keys: Sequence[str], found: Sequence[Line]) -> KeptResults:
     """A member is its number: whatever else it is now, it is another study."""
     for line in found:
         number = line["member"]
@@ -243,10 +243,10 @@ def _of_population(asked: Study, out: Path, keys: Sequence[str], found: Sequence
             )
         if line["key"] != keys[number]:
             raise UsageError(f"{out} holds results of another study: {_differs(line, asked)}; choose another --out")
-    return Kept(tuple(keys), {line["member"]: line for line in found})
+    return KeptResults(tuple(keys), {line["member"]: line for line in found})
 
 
-def _of_fleet(asked: Study, out: Path, keys: Sequence[str], found: Sequence[Line]) -> Kept:
+def _of_fleet(asked: Study, out: Path, keys: Sequence[str], found: Sequence[Line]) -> KeptResults:
     """A member is its run folder with what that holds: its number is its place among the folders of today."""
     sign = FLEET_RESULTS[asked.each]
     for line in found:
@@ -264,7 +264,7 @@ def _of_fleet(asked: Study, out: Path, keys: Sequence[str], found: Sequence[Line
         "back as they were": sum(line["values"]["run"] not in had for line in lines.values()),
     }
     aside = sorted({line["key"]: line for line in [*before_it, *left]}.values(), key=lambda line: str(line["values"]["run"]))
-    return Kept(tuple(keys), lines, tuple(aside), ", ".join(f"{count} {words}" for words, count in counts.items() if count))
+    return KeptResults(tuple(keys), lines, tuple(aside), ", ".join(f"{count} {words}" for words, count in counts.items() if count))
 
 
 def _differs(line: Line, asked: Study) -> str:

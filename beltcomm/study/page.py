@@ -28,7 +28,7 @@ Line = Mapping[str, Any]
 
 
 def study_page(asked: Study, summary: Summary, lines: Sequence[Line], command: str) -> str:
-    """As one file of HTML.
+    """Study as one file of HTML.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Who computes the members of a study: this process, processes of this machine (joblib), or a Dask cluster; only here are the two known."""
+"""Workers that compute the members of a study: this process, processes of this machine (joblib), or a Dask cluster, known only here."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,11 @@ LOST_M = 0.3
 PUBLISHED: Mapping[PrefilterKind, tuple[float, float, float]] = {"notch": (0.08, 1.69, 10.91), "butterworth": (0.12, 1.39, 6.29)}
 
 
+def _nothing() -> Array:
+    """Of a move that was stopped."""
+    return np.zeros(0)
+
+
 @dataclass(frozen=True)
 class SimulatedMove:
     """One move.
@@ -58,6 +63,8 @@ class SimulatedMove:
         Largest measured.
     stopped : str
         In words, where the drive gave up; errors are then nan.
+    reference_m, position_m, cart_m, speed_m_s, drive_torque_nm : ndarray (n,)
+        Over t_s: reference, motor over i_t as measured, carriage as predicted, speed of the motor as the drive told it, torque.
     """
 
     figure: str
@@ -70,6 +77,11 @@ class SimulatedMove:
     t_s: Array
     error_m: Array
     stopped: str = ""
+    reference_m: Array = field(default_factory=_nothing)
+    position_m: Array = field(default_factory=_nothing)
+    cart_m: Array = field(default_factory=_nothing)
+    speed_m_s: Array = field(default_factory=_nothing)
+    drive_torque_nm: Array = field(default_factory=_nothing)
 
 
 @dataclass(frozen=True)
@@ -214,7 +226,9 @@ def one(drive: Drive, rig: str, model: Model, figure: str, name: str, cascade: C
     drive.write({key: value for key, value in cascade_to_parameters(safe).items() if key in drive.backup()})
     at = ratio * drive.read(["position_rad"])["position_rad"]
     drive.record(motion(with_rests(plan_trajectory(at, here, T_A, PERIOD_S)), ratio), limits(ratio), lambda _row: None)
-    return SimulatedMove(figure, rig, name, motor, cart, expected.belt_force_n, largest, t_s, reference - position)
+    beside = np.interp(t_s, expected.t_s, expected.cart_m)
+    shown = (reference, position, beside, ratio * table[:, 4], torque)
+    return SimulatedMove(figure, rig, name, motor, cart, expected.belt_force_n, largest, t_s, reference - position, "", *shown)
 
 
 def with_rests(path: Trajectory) -> Trajectory:
@@ -253,12 +267,12 @@ def saturated_move(model: Model, cascade: Cascade, most_nm: float, windup: bool)
 class CutOff(SimulatedPlant):
     """A plant behind an actuator that gives no more than so much torque, N m."""
 
-    def __init__(self, model: Model, most_nm: float) -> None:
-        super().__init__(model, FROM_M)
+    def __init__(self, model: Model, most_nm: float, start_m: float = FROM_M) -> None:
+        super().__init__(model, start_m)
         self._most_nm = most_nm
 
     def step(self, torque_nm: float, duration_s: float) -> None:
-        """As the plant's, with the torque cut off."""
+        """Step of the plant, with the torque cut off."""
         super().step(min(max(torque_nm, -self._most_nm), self._most_nm), duration_s)
 
 

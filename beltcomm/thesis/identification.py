@@ -91,6 +91,8 @@ class IdentificationStudy:
         Figure 3.5.
     averaging : dict of int to float
         Periods averaged and rms difference of two independent means over √2, relative to one period's.
+    by_setpoint, by_torque : FrequencyResponse
+        The direct one from the setpoint, with the current loop in it, and from the acting torque (figure 3.5).
     """
 
     ways: tuple[Way, ...]
@@ -101,6 +103,8 @@ class IdentificationStudy:
     averaging: Mapping[int, float]
     mass_kg: float
     viscous_nm_s_rad: float
+    by_setpoint: FrequencyResponse
+    by_torque: FrequencyResponse
 
 
 @dataclass(frozen=True)
@@ -185,6 +189,8 @@ def compare() -> IdentificationStudy:
         averaging_differences(stands),
         model["cart.mass"],
         true_viscous,
+        angle_response(moves, moves.setpoint),
+        direct,
     )
 
 

@@ -375,7 +375,7 @@ def _check_limits(path: Path, move: Trajectory, axis: Axis) -> None:
             raise UsageError(f"{path}: the move reaches {largest:.4g} {unit}, the limit of {axis} is {limit:g} {unit}; slow it down")
 
 
-def held(trajectory: Trajectory, seconds: float) -> Trajectory:
+def with_dwell(trajectory: Trajectory, seconds: float) -> Trajectory:
     """Path with a rest at its end."""
     period = trajectory.sample_period_s
     return join([trajectory, at_rest(float(trajectory.position_m[-1]), seconds, period)])

@@ -138,7 +138,7 @@ class _Loop:
         return found
 
     def cascade(self, dictionary: ObjectDictionary, motor: Nameplate) -> Cascade:
-        """What the objects mean."""
+        """Meaning of the objects."""
         value = dict(_FACTORY)
         for role, (index, subindex) in self.places.items():
             value[role] = dictionary.entry(index, subindex).value * self.unit(role, motor)
@@ -267,7 +267,7 @@ def _number(value: float | str | list[Any], motor: Nameplate, counts: int) -> fl
 
 
 def _shape_pdos(found: dict[Place, ObjectRow], pdo: Mapping[str, Any], node_id: int) -> None:
-    """How many there are, which are valid at boot, which of their parameters a master may write."""
+    """PDOs of the drive: their number, which are valid at boot, which of their parameters a master may write."""
     entries = pdo.get("entries", 8)
     valid = {str(text) for text in pdo.get("valid", ())}
     fixed = pdo.get("fixed", False)

@@ -93,6 +93,8 @@ class Judge:
         free = set(opened.fitted.problem.free)
         wanted = FOLLOWED if "cart" in self.model.base_bodies else {**FOLLOWED, **RIGID}
         self._names = {key: name for key, names in wanted.items() if (name := next((n for n in names if n in free), None)) is not None}
+        # What the run has found to be nothing has no shares of itself.
+        self._names = {key: name for key, name in self._names.items() if self._value(key, self.model) > 0.0}
         spread = parameter_spread(opened.fitted)
         self.reference = {}
         for key in self._names:
@@ -100,6 +102,7 @@ class Judge:
             self.reference[key] = MoveEstimate(self._value(key, self.model), half or 0.0)
         self.ratio = max(1.0, opened.fitted.held_ratio or 0.0, opened.fitted.ratio)
         self._together: list[Recording] = []
+        self._latest = self.model
         self._values = 0
         self.zero_m = _zero_of(opened.records.recordings, self.model.get("transmission.ratio"))
 
@@ -114,6 +117,8 @@ class Judge:
         return {name: weight for name, weight in parts.items() if name in free} if parts else {self._names[key]: 1.0}
 
     def _value(self, key: str, model: Model) -> float:
+        if not model.get("transmission.ratio"):
+            return model[self._names[key]]
         if key == "coulomb_total" and self._names[key] in ("coulomb.level", "cart_friction.level"):
             return total_friction(model)
         if key == "viscous_total" and self._names[key] in ("viscous.damping", "viscous_cart.damping"):
@@ -157,10 +162,11 @@ class Judge:
         if self._values >= ENOUGH or len(self._together) >= MOST_TOGETHER:
             fitted = self.fitted_to(self._together)
             found = self._told(fitted)
+            self._latest = fitted.model
             self._together.clear()
             self._values = 0
         else:
-            problem = problem_of(data, self.model, self._kept)
+            problem = problem_of(data, self._latest, self._kept)  # what has aged is no error of the model
             fitted, found = evaluate_at(data, problem, problem.start()), {}
         ratio = (self.model.get("transmission.ratio") or 1.0) if move.side != "load" else 1.0
         off = None

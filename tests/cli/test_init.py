@@ -12,6 +12,7 @@ from beltcomm.axis import Axis, load_axis
 from beltcomm.axis.answers import USUAL, in_words, usual
 from beltcomm.axis.catalogue import parts, with_part
 from beltcomm.axis.entries import SECTIONS, entries_of, meaning_of
+from beltcomm.axis.kinds import KINDS
 from beltcomm.axis.written import axis_schema, commented
 from beltcomm.cli.main import cli
 from beltcomm.configfiles import config_names, find_config, read_yaml, shipped_file
@@ -63,14 +64,14 @@ def test_usual_ranges_are_of_entries_and_hold_the_shipped_axes() -> None:
     assert all(meaning_of(entry) for entry in USUAL)
     for name in config_names("axes"):
         axis = load_axis(name)
-        odd = [entry for entry in USUAL if axis.get(entry) is not None and not usual(entry, axis.get(entry))]
-        assert odd == []
+        flat = {f"{section}.{key}": one for section, held in axis.to_dict().items() if isinstance(held, dict) for key, one in held.items()}
+        assert [entry for entry, one in flat.items() if isinstance(one, float) and not usual(entry, one, axis.kind)] == []
 
 
 def test_an_unusual_answer_is_asked_for_again(tmp_path: Path) -> None:
     path = tmp_path / "axis.yaml"
-    # catalogue twice, name, belt; motor: type, inertia in the wrong unit (no), again right, and nothing more
-    answers = ["", "", "mine", "no", "", "0,449", "0,449 kg cm2", *[""] * 40]
+    # kind, catalogue of motors, name; motor: type, inertia in the wrong unit (no), again right, and nothing more
+    answers = ["other", "", "mine", "", "0,449", "0,449 kg cm2", *[""] * 40]
     outcome = call("init", str(path), answer="\n".join(answers) + "\n")
     assert outcome.exit_code == 0, outcome.stderr
     assert "= 4 490 kg cm²: really?" in outcome.stderr.replace("4490", "4 490")
@@ -114,8 +115,10 @@ def test_the_commented_file_says_every_entry_and_comes_back(name: str, tmp_path:
     path.write_text(commented(axis), encoding="utf-8")
     assert load_axis(path).to_dict() == axis.to_dict()
     text = path.read_text(encoding="utf-8")
-    if axis.has_belt:
-        assert all(key in text for section, kind in SECTIONS.items() for key in entries_of(kind))
+    if axis.has_transmission:
+        own = KINDS.get(axis.kind)
+        sections = own.sections() if own is not None else {name: entries_of(kind) for name, kind in SECTIONS.items()}
+        assert all(key in text for entries in sections.values() for key in entries)
 
 
 def test_the_schema_of_an_axis_is_of_todays_entries() -> None:

@@ -48,16 +48,16 @@ def test_init_without_questions_understands_data_sheet_units(tmp_path: Path) -> 
 
 def test_init_by_questions_asks_again_after_a_wrong_answer(tmp_path: Path) -> None:
     path = tmp_path / "axis.yaml"
-    # name (asked again), no belt (asked again), motor: type, inertia (needed, wrong unit, impossible, right), constant ...
+    # kind (asked again), motor of the catalogue, name (asked again), motor: type, inertia (needed, wrong unit, impossible, right) ...
     known = ["EMMS", "", "3 mm", "-1", "0.449 kg cm2", "0.65"]
-    answers = ["", "", "", "spindle", "nope", "no", *known, *[""] * 6, "0", "600 mm", *[""] * 16]
+    answers = ["nope", "other", "", "", "spindle", *known, *[""] * 6, "0", "600 mm", *[""] * 16]
     outcome = call("init", str(path), answer="\n".join(answers) + "\n")
     assert outcome.exit_code == 0, outcome.stderr
     axis = load_axis(path)
-    assert (axis.name, axis.has_belt, axis.motor.name, axis.travel.max_m) == ("spindle", False, "EMMS", 0.6)
+    assert (axis.name, axis.has_transmission, axis.motor.name, axis.travel.max_m) == ("spindle", False, "EMMS", 0.6)
     assert axis.motor.inertia_kg_m2 == pytest.approx(44.9e-6)
     assert "motor.inertia_kg_m2 is needed for" in outcome.stderr
-    assert "'nope' is neither yes nor no" in outcome.stderr
+    assert "'nope': belt, screw, rack, rotary, linear, other" in outcome.stderr
     assert "'mm' is not a unit of it" in outcome.stderr
     assert "motor.inertia_kg_m2 is -1 kg m²; it must be above 0" in outcome.stderr
     assert outcome.stdout.startswith(f"{path} is written: spindle.")
@@ -67,7 +67,7 @@ def test_init_takes_what_data_sheets_write_and_goes_back(tmp_path: Path) -> None
     """Bits, rpm, teeth times pitch, no brake and so no question for its time; a mistake is put right by going back."""
     path = tmp_path / "axis.yaml"
     motor = ["", "0.449 kg cm2", "", "", "", "20 bit", "none", "300 rpm", "back", "3000 rpm", "back", "", ""]
-    answers = ["", "", "belt axis", "yes", *motor, "", "", "", "", "24 x 5 mm", *[""] * 30]
+    answers = ["", "", "", "belt axis", *motor, "", "", "", "", "24 x 5 mm", *[""] * 30]
     outcome = call("init", str(path), answer="\n".join(answers) + "\n")
     assert outcome.exit_code == 0, outcome.stderr
     axis = load_axis(path)
@@ -87,13 +87,13 @@ def test_init_broken_off_keeps_its_answers_and_holds_each_against_those_before(t
     path = tmp_path / "axis.yaml"
     unfinished = tmp_path / "axis.yaml.unfinished"
     motor = ["", "0.449 kg cm2", "", "5", "3", "7", "20 bit", "none", "", ""]  # a peak below the rated torque is asked again
-    outcome = call("init", str(path), answer="\n".join(["", "", "belt axis", "yes", *motor, "", "", "", "", "22 x 8 mm", ""]) + "\n")
+    outcome = call("init", str(path), answer="\n".join(["", "", "", "belt axis", *motor, "", "", "", "", "22 x 8 mm", ""]) + "\n")
     assert outcome.exit_code == 2, "stdin is closed"
     assert "must not exceed motor.peak_torque_nm, 3 N m; give another value, or .back. to change" in outcome.stderr.replace("'", ".")
     assert "kept in" in outcome.stderr
     assert not path.exists()
     assert unfinished.is_file()
-    outcome = call("init", str(path), answer="\n".join(["", "yes", *[""] * 45]) + "\n")
+    outcome = call("init", str(path), answer="\n".join(["", *[""] * 45]) + "\n")
     assert outcome.exit_code == 0, outcome.stderr
     axis = load_axis(path)
     assert (axis.name, axis.motor.peak_torque_nm, axis.get("pulley.teeth"), axis.get("belt.pitch_m")) == ("belt axis", 7.0, 22, 0.008)

@@ -17,9 +17,9 @@ from foreign.matfiles import write_v5, write_v73
 from foreign.samples import swing, text
 
 T, CURRENT, ENCODER = swing(60)
-CASES = 60
+CASES = 40
 #: The same where each file starts a reader of its own, or takes long.
-CASES_APART = 12
+CASES_APART = 6
 VALUE = {"t": T, "log": {"Time": T, "Data": CURRENT, "Unit": "A"}, "c": [ENCODER, "text"], "s": [{"x": T}, {"x": CURRENT}]}
 
 

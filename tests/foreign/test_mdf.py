@@ -16,6 +16,7 @@ from beltcomm.foreign import apart
 from beltcomm.foreign.files import read_table
 from beltcomm.foreign.mdf import read_mdf
 from beltcomm.runfolder import RunFolder
+from foreign.makers import mdf_file
 from foreign.samples import COUNTS, swing
 
 T, CURRENT, ENCODER = swing(2000)
@@ -77,3 +78,19 @@ def test_a_reader_that_does_not_end_is_ended(measured: Path, monkeypatch: pytest
     monkeypatch.setattr(apart, "_PER_BYTE_S", 0.0)
     with pytest.raises(DataError, match="its reader did not end within 0 s"):
         read_table(measured)
+
+
+@pytest.mark.parametrize(("rows", "said"), [(2**31, "at most 268435456 values are read"), (10**7, "more than a file of its size can")])
+def test_more_rows_than_a_file_can_hold_are_refused_before_they_are_made(tmp_path: Path, rows: int, said: str) -> None:
+    """A damaged number of cycles in the channel group, 16 GiB of it, in a file of some kB."""
+    path = tmp_path / "a.mf4"
+    mdf_file(path)
+    content = bytearray(path.read_bytes())
+    group = content.index(b"##CG")
+    links = int.from_bytes(content[group + 16 : group + 24], "little")
+    at = group + 24 + 8 * links + 8
+    assert int.from_bytes(content[at : at + 8], "little") > 1
+    content[at : at + 8] = rows.to_bytes(8, "little")
+    path.write_bytes(content)
+    with pytest.raises(DataError, match=said):
+        read_mdf(path)

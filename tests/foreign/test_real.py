@@ -49,7 +49,7 @@ def test_what_is_held_out_and_on_which_side(runs: Path) -> None:
         "slow_a": ("ampere", False, False), "slow_b": ("ampere", False, False), "slower": ("ampere", True, False),
         "cogging_map_forward": ("ampere", True, True), "cogging_map_reverse": ("ampere", True, True),
     }  # fmt: skip
-    assert not any(RunFolder.open(runs / name).axis.has_belt for name in ("emps", "bench", "cogging"))
+    assert not any(RunFolder.open(runs / name).axis.has_transmission for name in ("emps", "bench", "cogging"))
     assert "5 of 5 imports" in CliRunner().invoke(cli, ["import", "--check", "--run", str(runs / "cogging")]).stdout
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltcomm.axis import load_axis
+from beltcomm.axis import Axis, Payload, load_axis
 from beltcomm.errors import Refused
 from beltcomm.excitation import prbs
 from beltcomm.fit.first_estimate import data_sheet_model
@@ -176,6 +176,7 @@ def test_no_room_is_refused_with_what_binds(family: Sequence[Model]) -> None:
 
 
 def test_a_stated_payload_leaves_out_carriages_that_are_much_lighter() -> None:
-    assert unknown_masses_kg(None) == unknown_masses_kg(0.0) == UNKNOWN_MASSES_KG
-    assert min(unknown_masses_kg(5.0)) == 2.5
-    assert unknown_masses_kg(500.0) == (250.0,)
+    stated = [unknown_masses_kg(Axis(payload=Payload(mass_kg=mass))) for mass in (None, 0.0, 5.0, 500.0)]
+    assert stated[0] == stated[1] == UNKNOWN_MASSES_KG
+    assert min(stated[2]) == 2.5
+    assert stated[3] == (250.0,)

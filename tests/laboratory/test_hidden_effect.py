@@ -17,7 +17,7 @@ from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import Data
 from beltcomm.fit.start import start_model
-from beltcomm.jobs.laboratory import better, told_before
+from beltcomm.jobs.laboratory import better, diagnosis_start
 from beltcomm.laboratory.diagnosis import Stage, find_shortcut, fit_base_of
 from beltcomm.laboratory.forward_selection import candidate, with_effect
 from beltcomm.laboratory.score import Scorer, ground_of
@@ -132,7 +132,7 @@ def test_adding_begins_where_the_diagnosis_ended(
     assert better(other, data, base, wrong, "stribeck") is wrong, "the diagnosis says nothing of it"
     form = {"stribeck.exponent": {"value": 2.25}, "stribeck.amount": {"value": 0.03}}
     other.save_result("diagnosis", {"after": {"effects": ["stribeck"], "parameters": form}})
-    told = told_before(other, base.model, "stribeck")
+    told = diagnosis_start(other, base.model, "stribeck")
     assert told is not None
     assert (told["stribeck.amount"], told["stribeck.exponent"]) == (0.03, 2.0), "a form is found after its effect"
     for damaged in ({}, {"after": None}, {"after": {"effects": ["cogging"], "parameters": {"motor.inertia": {"value": "?"}}}}):

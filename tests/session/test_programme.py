@@ -14,7 +14,7 @@ from beltcomm.excitation import choose_prbs, prbs
 from beltcomm.experiments import detectability, phases
 from beltcomm.experiments import detectability as foresight
 from beltcomm.experiments.bounds import bounds_of, course_before
-from beltcomm.experiments.detectability import Foresight, foresee, lines_of
+from beltcomm.experiments.detectability import Detectability, foresee, lines_of
 from beltcomm.experiments.execute_step import holding_at, quieter
 from beltcomm.experiments.options import Options
 from beltcomm.experiments.paths import path_of, start_of
@@ -158,8 +158,8 @@ def test_a_first_estimate_stays_within_what_can_be() -> None:
     """Inside a gap the motor feels a feather on a rod; as soon as the gap is crossed, ten kilograms."""
     sheet = data_sheet_model(AXIS, 0.25, 0.1)
     usual = sheet.with_values({"cart.mass": 5.0})
-    assert believable(usual, sheet) is usual
-    bounded = believable(sheet.with_values({"cart.mass": 0.09, "belt_stiffness.stiffness": 5.5e6}), sheet)
+    assert believable(usual, sheet, 0.3) is usual
+    bounded = believable(sheet.with_values({"cart.mass": 0.09, "belt_stiffness.stiffness": 5.5e6}), sheet, 0.3)
     assert bounded["cart.mass"] == 0.3
     assert bounded["belt_stiffness.stiffness"] == pytest.approx(4.0 * sheet["belt_stiffness.stiffness"])
 
@@ -197,9 +197,9 @@ class Counted:
     def __init__(self) -> None:
         self.times = 0
 
-    def __call__(self, axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight:
+    def __call__(self, axis: Axis, capabilities: Capabilities, extent: Extent) -> Detectability:
         self.times += 1
-        return Foresight((), f"assumed {self.times}", 3, extent)
+        return Detectability((), f"assumed {self.times}", 3, extent)
 
 
 def test_the_default_plan_says_what_its_records_could_name_and_keeps_it(

@@ -16,7 +16,7 @@ from beltcomm.drive import open_drive
 from beltcomm.errors import Refused, UsageError
 from beltcomm.experiments import rehearsal
 from beltcomm.experiments.options import Options
-from beltcomm.experiments.rehearsal import Bounds, Played, play_record, twin_of
+from beltcomm.experiments.rehearsal import Bounds, RehearsedRecord, play_record, twin_of
 from beltcomm.model import load_plant
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
@@ -57,8 +57,8 @@ def test_a_record_is_measured_by_hand() -> None:
 
 def test_every_limit_that_is_left_is_named() -> None:
     bounds = Bounds(0.0, 0.5, 1.0, 2.0, 100.0)
-    assert bounds.broken(Played("a", 0.0, 0.5, 1.0, 2.0, 100.0)) == []
-    broken = bounds.broken(Played("a", -0.01, 0.4, 1.1, 2.5, 130.0))
+    assert bounds.broken(RehearsedRecord("a", 0.0, 0.5, 1.0, 2.0, 100.0)) == []
+    broken = bounds.broken(RehearsedRecord("a", -0.01, 0.4, 1.1, 2.5, 130.0))
     assert [text.split(" ")[1] for text in broken] == ["speed", "torque", "belt", "the"]
     assert "a: belt force 130 N, limit 100 N" in broken
 

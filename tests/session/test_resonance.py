@@ -20,7 +20,7 @@ from beltcomm.machine.resonance import ResonanceWatch, Swing, amplitude_nm, band
 from beltcomm.rundata import analyse
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Silence
-from beltcomm.trajectory import held, plan_trajectory
+from beltcomm.trajectory import plan_trajectory, with_dwell
 from beltcomm.verify import Loop
 from beltcomm.virtual.faults import Faults
 from identify.records import true_model
@@ -113,7 +113,7 @@ def travelled(make_bench: MakeBench, tmp_path: Path) -> Callable[..., Tried]:
             machine.write_cascade(CMMP if kind == "velocity" else designed(rig, own.structure))
             machine.closed, machine.friction, machine.deceleration_m_s2 = (model, T), (0.2, 3e-3), 3.0
             path = plan_trajectory(machine.position_m, 0.35, phases.gentle_limits(machine, model, 0.5), T)
-            motion = machine.follow(held(path, 0.3), kind)  # type: ignore[arg-type]
+            motion = machine.follow(with_dwell(path, 0.3), kind)  # type: ignore[arg-type]
             assert machine.cascade is not None
             in_drive = Loop(own.structure, T, own.peak_torque_nm, own.counts_per_rev)
             planned = resonance.predicted_torque(model, machine.cascade, motion, in_drive, machine.ratio, machine.origin_rad)

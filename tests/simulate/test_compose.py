@@ -30,11 +30,12 @@ SPANS = ("belt_spans", "belt_damping", "viscous_cart")
 REAL = ("belt_stiffness", "belt_damping", "elastic_shaft", "viscous", "viscous_asymmetry", "viscous_load", "coulomb", "coulomb_load",
         "friction_dip", "friction_freeform", "holding_brake", "load_friction", "unbalance", "travel_ripple", "measurement_lag",
         "feed_constant")  # fmt: skip
-COMBINATIONS = (FULL, HIDDEN, REAL, SPANS, ("belt_stiffness", "cart_friction"))
+RIGID = ("rigid_load", "viscous", "coulomb", "tilt")
+COMBINATIONS = (FULL, HIDDEN, REAL, SPANS, ("belt_stiffness", "cart_friction"), RIGID)
 
 
 def model_of(effects: tuple[str, ...]) -> Model:
-    model = build_model("m", effects, {})
+    model = build_model("m", effects, {}, base_bodies=("motor",) if "rigid_load" in effects else ("motor", "cart"))
     shown = {"tilt.angle": 0.3, "pulley_eccentricity.sine": 0.01, "pulley_eccentricity.cosine": -0.02, "cogging.sine": 0.1,
              "pulley_eccentricity_2.cosine": 0.004, "encoder_eccentricity_2.sine": 0.001, "end_pulley.split": 0.4,
              "constant_offset.torque": 0.03, "cable_chain.rate": 8.0, "belt_slack.limit": 1e-4, "tooth_ripple.cosine": 0.05,

@@ -12,7 +12,7 @@ from beltcomm.control import Cascade, Prefilter
 from beltcomm.model import load_plant
 from beltcomm.rundata import analyse
 from beltcomm.rundata.offline import THESIS_STRUCTURE
-from beltcomm.trajectory import held, plan_trajectory
+from beltcomm.trajectory import plan_trajectory, with_dwell
 from beltcomm.tuning.bench import Bench
 from beltcomm.tuning.ground import DesignInput, SliderSetting
 from beltcomm.verify import Loop
@@ -36,7 +36,7 @@ def bench_of(rig: str) -> Bench:
             ),
             lambda cascade: analyse.with_feedforward(cascade, model, THESIS_STRUCTURE, DELAY_S),
             (0.05, 0.55),
-            held(plan_trajectory(0.1, 0.3, limits, 1e-3), 1.6),
+            with_dwell(plan_trajectory(0.1, 0.3, limits, 1e-3), 1.6),
             Loop(THESIS_STRUCTURE, DELAY_S, 10.0, 65536),
             PRESENT,
             (0.002, 0.004, 0.008),

@@ -79,7 +79,7 @@ def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switc
         np.array([catalogue[name] for name in own], dtype=np.intp),
         np.array([effect.name in effects for effect in EFFECTS]),
         np.array([effect.name in effects and acts_on_motor(effect) for effect in EFFECTS]),
-        np.array([effect.name in effects and not acts_on_motor(effect) for effect in EFFECTS]),
+        np.array([effect.name in effects and not acts_on_motor(effect) and effect.slot != "rigid" for effect in EFFECTS]),
         tuple(laws.get("torque_delay", ())),
         tuple(laws.get("torque_reading", ())),
         any(e.slot == "torque_path" for e in chosen),

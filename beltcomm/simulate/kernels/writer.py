@@ -170,6 +170,8 @@ class Writer:
         """Lines that read what does not change within a call."""
         lines = [f"ratio = p[{self.place['transmission.ratio']}]"]
         lines += [f"m{i} = p[{self.place[name]}]" for i, (name, _) in enumerate(self.bodies)]
+        if not self.masked and any(effect.slot == "rigid" for effect in self.effects):
+            lines.append(f"m0 += ratio * ratio * p[{self.place['cart.mass']}]")
         if self.masked:
             lines += [f"n{i} = 1.0 / m{i} if m{i} > 0.0 else 0.0" for i in range(len(self.bodies))]
             springs = [e for e in self.effects if e.group == BELT_SPRING]

@@ -1,40 +1,56 @@
-"""Tracking errors of chapter 5, one figure per comparison, on one scale each."""
+"""Moves of chapter 5, one figure per comparison: position, errors of motor and carriage, speed, torque."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from beltcomm.report.style import FAINT, HELD_OUT, MEASURED, MODEL, SEVERE, Caption, figure, styled
 from beltcomm.thesis.closed_loop import RIGS, ClosedLoopStudy, SimulatedMove
 
-COLOURS = (SEVERE, HELD_OUT, MODEL, MEASURED)
+Array = NDArray[np.float64]
+
+COLOURS = (SEVERE, HELD_OUT, MODEL, MEASURED, FAINT)
 TITLES = {
     "5.1": "Prefilter (figure 5.1)",
     "5.2": "Feedforward, 11.2 kg (figure 5.2)",
     "5.3": "Feedforward, 0 kg (figure 5.3)",
     "5.4": "Both masses, reference behind the lag of the measured velocity (figure 5.4)",
 }
+LABELS = ("position in mm", "reference - motor\nin mm", "reference - carriage\nin mm", "speed in m/s", "torque in N m")
+
+
+def _drawn(run: SimulatedMove) -> tuple[Array, ...]:
+    """What the panels show of a move."""
+    off = 1e3 * (run.reference_m - run.cart_m)
+    return 1e3 * run.position_m, 1e3 * run.error_m, off, run.speed_m_s, run.drive_torque_nm
 
 
 def figures(study: ClosedLoopStudy, caption: Caption) -> Mapping[str, Figure]:
-    """Error at the motor over time; what was stopped is left out, and so is what would hide all others."""
+    """Five panels one above the other; what was stopped is left out.   Errors are linear within 1 mm and logarithmic beyond."""
     made = {}
     for number, title in TITLES.items():
-        driven: list[SimulatedMove] = [r for r in study.runs if r.figure == number and not r.stopped]
-        runs = [r for r in driven if r.motor.dynamic_m < 0.05]
+        runs: list[SimulatedMove] = [r for r in study.runs if r.figure == number and not r.stopped]
         with styled():
-            shown = figure(f"{title}: error at the motor, 0 to 0.5 m with the limits T_A", 3.6, caption)
-            axes = shown.subplots()
+            shown = figure(f"{title}: 0 to 0.5 m with the limits T_A", 9.0, caption)
+            panels = shown.subplots(5, 1, sharex=True, height_ratios=(3, 3, 3, 3, 3))
             for run, colour in zip(runs, COLOURS, strict=False):
                 name = f"{run.name}, {RIGS[run.rig]}" if number == "5.4" else run.name
-                axes.plot(run.t_s, 1e3 * run.error_m, color=colour, linewidth=1.3, label=f"{name}: {1e3 * run.motor.dynamic_m:.2f} mm")
-            for run in (r for r in driven if r not in runs):
-                axes.plot([], [], " ", label=f"not shown, {run.name}: {1e3 * run.motor.dynamic_m:.0f} mm")
-            axes.axhspan(-1.0, 1.0, color="#EEEEEE", zorder=0, label="below 1 mm")
-            axes.set(xlabel="time in s", ylabel="reference - motor in mm", xlim=(0.0, 1.6))
-            axes.legend()
+                told = f"{name}: {1e3 * run.motor.dynamic_m:.2f} and {1e3 * run.cart.dynamic_m:.2f} mm"
+                for axes, values in zip(panels, _drawn(run), strict=True):
+                    axes.plot(run.t_s, values, color=colour, linewidth=1.2, label=told)
+            first = runs[0]
+            panels[0].plot(first.t_s, 1e3 * first.reference_m, color=FAINT, linestyle="--", label="reference")
+            for axes in panels[1:3]:
+                axes.set_yscale("symlog", linthresh=1.0)
+                axes.axhspan(-1.0, 1.0, color="#EEEEEE", zorder=0)
+            for axes, label in zip(panels, LABELS, strict=True):
+                axes.set_ylabel(label)
+            panels[-1].set(xlabel="time in s", xlim=(0.0, 1.9))
+            panels[0].legend(title="largest error at motor and carriage", fontsize="small")
         made[f"closed_loop_{number.replace('.', '_')}"] = shown
     return made | {"closed_loop_6_10": _windup(study, caption)}
 

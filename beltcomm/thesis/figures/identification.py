@@ -47,4 +47,23 @@ def figures(study: IdentificationStudy, caption: Caption) -> Mapping[str, Figure
         axes.set_xticks(counts, [str(n) for n in counts])
         axes.minorticks_off()
         axes.legend()
-    return {"identification_ways": ways, "identification_averaging": gain}
+    return {"identification_ways": ways, "identification_averaging": gain, "identification_3_5": _current_loop(study, caption)}
+
+
+def _current_loop(study: IdentificationStudy, caption: Caption) -> Figure:
+    """What the current loop does to the direct estimate: nothing to its size, a dead time to its phase."""
+    with styled():
+        made = figure("Influence of the current loop on the direct estimate (figure 3.5)", 4.6, caption)
+        top, below = made.subplots(2, 1, sharex=True)
+        for name, found, colour in (("from the setpoint", study.by_setpoint, SEVERE), ("from the acting torque", study.by_torque, MODEL)):
+            top.semilogx(found.freq_hz, 20 * np.log10(np.abs(found.h)), color=colour, linewidth=1.0, label=name)
+            below.semilogx(found.freq_hz, np.rad2deg(np.unwrap(np.angle(found.h))), color=colour, linewidth=1.0)
+        freq = study.by_torque.freq_hz
+        late = np.rad2deg(np.unwrap(np.angle(study.by_torque.h))) - 360.0 * freq * study.dead_time.value_s
+        label = f"acting torque, {1e3 * study.dead_time.value_s:.3g} ms later (3.27)"
+        below.semilogx(freq, late, color=MEASURED, linestyle=":", label=label)
+        top.set(ylabel="gain in dB, rad/(N m)")
+        top.legend()
+        below.set(ylabel="phase in deg", xlabel="frequency in Hz", xlim=(0.9, 400))
+        below.legend()
+    return made

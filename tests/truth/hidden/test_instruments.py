@@ -308,7 +308,7 @@ def test_folder_obeys_the_contract_and_tells_no_truth(tmp_path: Path, family: st
     machine = draw(seed, family=family, drawn_instruments=True)
     names = write_session(machine, tmp_path / "run", "default")
     axis = load_axis(tmp_path / "run" / "axis.yaml")
-    assert axis.has_belt == (family != "rigid")
+    assert axis.has_transmission == (family != "rigid")
     if family == "wide":
         assert axis.transmission_m_rad == pytest.approx(machine.base.radius_m, rel=1e-4)
         assert axis.motor_side_inertia_kg_m2 == pytest.approx(machine.base.inertia_kg_m2, rel=0.11)

@@ -1,0 +1,83 @@
+"""Inertia and friction of an axis that moves as one, by least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from beltcomm.errors import DataError
+from beltcomm.fit.decimation import smallest_step
+from beltcomm.fit.low_pass import legible
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+
+Array = NDArray[np.float64]
+
+#: Rows that a record needs for least squares.
+SHORTEST = 20
+#: rad of motion from which a weight that turns is told from an offset; share of the acceleration that it may not take along; and share
+#: of the squares left below which it counts.
+TURNS_RAD, SEEN, WEIGHT_LEAVES = 1.0, 0.1, 0.7
+
+
+def rigid_estimate(sheet: Model, recordings: Sequence[Recording]) -> Model:
+    """A load that moves with the motor rigidly, and the friction of both, by least squares over all records."""
+    inertia, viscous, coulomb = least_squares(recordings)
+    found = {
+        "cart.mass": (float(inertia) - sheet["motor.inertia"]) / sheet["transmission.ratio"] ** 2,
+        "viscous.damping": float(viscous),
+        "coulomb.level": float(coulomb),
+    }
+    bounds = sheet.parameters
+    kept = {name: min(max(value, bounds[name].low), bounds[name].high) for name, value in found.items()}
+    return sheet.with_values(kept, "first estimate")
+
+
+def least_squares(recordings: Sequence[Recording]) -> Array:
+    """Inertia, viscous and Coulomb friction by least squares in the band in which the encoder shows the acceleration, (3,).
+
+    Torque, acceleration, speed and its sign behind one Gaussian low-pass each, so that the filter biases nothing; its cut-off as high as
+    the rounding of the acceleration, σ² = q²/12 2 T (2π)⁴ f⁵/5, stays below a tenth of it.  A weight that turns with the motor bends all
+    three: where it explains much, it and an offset of each record are taken out, as long as the motion tells them from the acceleration.
+    """
+    left, right, still, pulled = [], [], [], []
+    for record in recordings:
+        step = smallest_step(record.position)
+        for first, last in record.pieces:
+            if last - first < SHORTEST:
+                continue
+            rows, torque, place = band_limited(record.position[first:last], record.torque[first:last], record.sample_period_s, step)
+            left.append(rows)
+            right.append(torque)
+            turns = record.side != "load" and float(np.ptp(place)) > TURNS_RAD if len(place) else False
+            level = np.column_stack([np.ones(len(place)), *((np.sin(place), np.cos(place)) if turns else ())])
+            across = np.linalg.qr(level)[0]
+            still.append(rows - across @ (across.T @ rows))
+            pulled.append(torque - across @ (across.T @ torque))
+    if not left:
+        raise DataError(f"no recording holds {SHORTEST} samples without a gap; nothing can be fitted")
+    plain, free = _solved(np.concatenate(left), np.concatenate(right)), _solved(np.concatenate(still), np.concatenate(pulled))
+    seen = float(np.sum(np.concatenate(still)[:, 0] ** 2)) > SEEN * float(np.sum(np.concatenate(left)[:, 0] ** 2))
+    return free[0] if seen and free[0][0] > 0.0 and free[1] < WEIGHT_LEAVES * plain[1] else plain[0]
+
+
+def _solved(rows: Array, torque: Array) -> tuple[Array, float]:
+    """Least squares, and the sum of squares left."""
+    found = np.asarray(np.linalg.lstsq(rows, torque, rcond=None)[0], dtype=np.float64)
+    return found, float(np.sum((torque - rows @ found) ** 2))
+
+
+def band_limited(position: Array, torque: Array, sample_s: float, step_rad: float) -> tuple[Array, Array, Array]:
+    """Rows (acceleration, speed, sign of the speed), (n, 3), torque and place, (n,), behind the same low-pass, without its ends."""
+    width, smooth_angle = legible(position, sample_s, step_rad)
+    speed = np.gradient(smooth_angle, sample_s)
+    acceleration = np.gradient(speed, sample_s)
+    # the torque acts from its sample to the next: half a sample later than the angle
+    shifted = np.append(torque[0], 0.5 * (torque[1:] + torque[:-1]))
+    sign = gaussian_filter1d(np.sign(speed), width, mode="nearest")
+    inside = slice(round(4.0 * width), max(len(position) - round(4.0 * width), round(4.0 * width) + 1))
+    rows = np.stack([acceleration, speed, sign], axis=1)[inside]
+    return rows, gaussian_filter1d(shifted, width, mode="nearest")[inside], smooth_angle[inside]

@@ -1,0 +1,282 @@
+"""What the design source compares, on the model of one's own run: equalities, prefilters, anti-windup, velocity estimators, gravity."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from beltcomm.control import Cascade, CascadeStructure
+from beltcomm.design.design_plant import DesignPlant
+from beltcomm.design.loops import closed_loop_poles
+from beltcomm.design.thesis import thesis_design, thesis_margins
+from beltcomm.effects.tilt import GRAVITY_M_S2
+from beltcomm.errors import DataError, Refused, UsageError
+from beltcomm.given import Place, place
+from beltcomm.model import Model
+from beltcomm.result import Result
+from beltcomm.rundata import offline
+from beltcomm.rundata.store import saved_design, structure_from_dict
+from beltcomm.runfolder import RunFolder
+from beltcomm.simulate.stopping import total_friction, total_viscous
+from beltcomm.thesis.closed_loop import CutOff
+from beltcomm.thesis.encoder.formulas import (
+    crossing_speed_m_s,
+    event_counter_delay_s,
+    event_counter_worst_percent,
+    gate_delay_s,
+    gate_error_percent,
+    high_pass_delay_s,
+    high_pass_worst_percent,
+)
+from beltcomm.trajectory import at_rest, join, plan_trajectory
+from beltcomm.verify import Loop, demand, predict_move, tracking_error
+
+#: Variants on which the claim of 5.1 is examined: words, factor on stiffness, factor on mass.
+VARIANTS = (
+    ("as found", 1.0, 1.0),
+    ("belt twice as stiff", 2.0, 1.0),
+    ("belt half as stiff", 0.5, 1.0),
+    ("half the load", 1.0, 0.5),
+    ("a tenth of the load", 1.0, 0.1),
+    ("load and a half", 1.0, 1.5),
+)
+#: Shares of the torque that the move takes at which it is cut off; s of rest around it.
+CUTS, REST_S = (0.95, 0.8), 1.7
+#: s: of the edge timing of the source; speeds over the axis's own at which estimators are compared.
+TICK_S, SHARES = 1e-8, (1e-4, 1e-3, 1e-2, 0.1, 0.5, 1.0)
+#: deg: of a level axis that is tilted in thought; rad/s of friction's rounding; s of the integrator.
+TILT_DEG, ROUND_RAD_S, INTEGRATES_S, STEP_S = 20.0, 0.02, 30.0, 1e-3
+
+_Told = tuple[dict[str, Any], list[str]]
+
+
+def own_thesis(topic: str, run: Place) -> Result:
+    """A topic of the design source on the model of a run.
+
+    Parameters
+    ----------
+    topic : str
+        One of ``designs``, ``closed-loop``, ``estimators``, ``gravity``.
+    run : Place
+        Run folder.
+
+    Returns
+    -------
+    Result
+        Its table.
+
+    Raises
+    ------
+    UsageError
+        For a topic that has nothing to do with one's own axis.
+    DataError
+        For a run without a model of a belt axis.
+    """
+    if topic not in OWN:
+        raise UsageError(f"{topic} is not compared on a run; on a run are {', '.join(OWN)}")
+    folder = RunFolder.open(place(run))
+    model = offline.saved_model(folder)
+    if "cart" not in model.base_bodies or not model.get("belt_stiffness.stiffness"):
+        raise DataError(f"the model of {folder.path} has no belt of one stiffness, which the design source speaks of")
+    data, text = OWN[topic](folder, model)
+    return Result({"topic": topic, "run": str(folder.path), **data}, text)
+
+
+def _structure(folder: RunFolder) -> CascadeStructure:
+    known = folder.load_result("drive")
+    return structure_from_dict(known) if known is not None else offline.THESIS_STRUCTURE
+
+
+def _plant(folder: RunFolder, model: Model) -> DesignPlant:
+    """The run's axis as (2.42) has it, with friction of the moving axis and the dead time that was found."""
+    delay = (folder.load_result("fit") or {}).get("dead_time") or {}
+    return DesignPlant(
+        model["motor.inertia"],
+        model["transmission.ratio"],
+        model["cart.mass"],
+        model["belt_stiffness.stiffness"],
+        model.get("viscous.damping"),
+        model.get("viscous_cart.damping"),
+        model.get("belt_damping.damping"),
+        float(delay.get("value_s") or 1e-3),
+        "own axis",
+    )
+
+
+def designs(folder: RunFolder, model: Model) -> _Told:
+    """(4.7) to (4.9), (4.13), (4.14) solved as printed, and whether the Butterworth is more robust than the notch (5.1)."""
+    plant, period = _plant(folder, model), _structure(folder).period_s
+    text = [
+        "(4.7) to (4.9) as printed: 60 deg, -10 dB at the resonance, T_R 2 ms; (4.13), (4.14): 80 deg. Own axis: "
+        f"antiresonance {plant.antiresonance_rad_s / math.tau:.1f} Hz, resonance {plant.resonance_rad_s / math.tau:.1f} Hz",
+        f"  {'prefilter':12} {'K_P':>8} {'K_I':>7} {'K_PP':>7} {'crossover':>10}   margins: velocity, at ω_r, position",
+    ]
+    rows: dict[str, Any] = {}
+    solved: dict[str, Cascade] = {}
+    for kind in ("none", "notch", "butterworth"):
+        try:
+            found = thesis_design(plant, kind)
+        except Refused as error:
+            rows[kind] = {"refused": str(error)}
+            text.append(f"  {kind:12} no root: {error}")
+            continue
+        one, margins = found.cascade, thesis_margins(plant, found.cascade)
+        solved[kind] = one
+        rows[kind] = {"kp": one.kp_nm_s_rad, "ki": one.ki_nm_rad, "kpp": one.kpp_1_s, "crossover_rad_s": found.crossover_rad_s}
+        text.append(
+            f"  {kind:12} {one.kp_nm_s_rad:8.4f} {one.ki_nm_rad:7.3f} {one.kpp_1_s:7.2f} {found.crossover_rad_s:5.1f} rad/s   "
+            f"{margins.phase_margin_deg:.1f}°, {margins.suppression_db:.1f} dB, {margins.position_phase_margin_deg:.1f}°"
+        )
+    saved = saved_design(folder).get("parameters") or {}
+    if saved:
+        text.append(
+            f"  {'the run':12} {saved['kp_nm_s_rad']:8.4f} {saved['ki_nm_rad']:7.3f} {saved['kpp_1_s']:7.2f}                  "
+            "proven on every place, load and damping (`beltcomm design`)"
+        )
+    variants: dict[str, dict[str, Any]] = {}
+    if {"notch", "butterworth"} <= set(solved):
+        text += [
+            "",
+            "'Butterworth is more robust than the notch' (5.1): largest |z| of the closed cascade, margin of the velocity loop",
+        ]
+        text.append(f"  {'':22} {'notch':>20} {'Butterworth':>20}")
+        left: dict[str, list[float]] = {"notch": [], "butterworth": []}
+        for words, stiffer, heavier in VARIANTS:
+            other = replace(plant, stiffness_n_m=stiffer * plant.stiffness_n_m, mass_kg=heavier * plant.mass_kg)
+            pair = {kind: _robust(other, solved[kind], period) for kind in ("notch", "butterworth")}
+            variants[words] = {kind: {"largest_pole": z, "phase_margin_deg": margin} for kind, (z, margin) in pair.items()}
+            for kind, (z, margin) in pair.items():
+                left[kind].append(-math.inf if z >= 1.0 or margin is None else margin)
+            text.append(f"  {words:22} " + " ".join(f"{_robust_words(*pair[kind]):>20}" for kind in ("notch", "butterworth")))
+        others = len(VARIANTS) - 1
+        lost = {kind: [margins[0] - one for one in margins[1:]] for kind, margins in left.items()}
+        better = sum(b <= n + 0.05 for n, b in zip(lost["notch"], lost["butterworth"], strict=True))
+        told = "holds" if better == others else "does not hold" if better == 0 else "holds for some and fails for others"
+        text.append(
+            f"  the claim {told}: the Butterworth loses no more margin than the notch in {better} of {others} variants of this axis"
+        )
+    return {"equalities": rows, "robustness": variants}, text
+
+
+def _robust(plant: DesignPlant, cascade: Cascade, period: float) -> tuple[float, float | None]:
+    largest = float(np.max(np.abs(closed_loop_poles(plant, cascade, period))))
+    try:
+        return largest, thesis_margins(plant, cascade).phase_margin_deg
+    except Refused:
+        return largest, None
+
+
+def _robust_words(largest: float, margin: float | None) -> str:
+    return f"{largest:.4f} {'unstable' if largest >= 1.0 else '-' if margin is None else f'{margin:.0f}°':>9}"
+
+
+def windup(folder: RunFolder, model: Model) -> _Told:
+    """Figure 6.10 on the own move: the torque cut off, with conditional integration (6.26) and without."""
+    structure, saved, axis = _structure(folder), saved_design(folder), folder.axis
+    cascade, delay_s = offline.cascade_of(saved, model, structure, None)
+    limits = axis.trajectory(axis.targets.limits)
+    low, way = axis.travel.min_m or 0.0, axis.targets.way_m
+    start = max(low, 0.0)
+    move = plan_trajectory(start, start + way, limits, structure.period_s)
+    path = join([move, at_rest(start + way, REST_S, structure.period_s)])
+    needs = demand(move, model).torque_nm
+    counts = int((folder.load_result("drive") or {}).get("counts_per_rev") or axis.motor.encoder_counts_per_rev or 65536)
+    rows = []
+    text = [
+        f"Figure 6.10 on this run's gains and its move, {1e3 * way:.0f} mm in {move.duration_s:.2f} s with {needs:.2f} N m; simulated",
+        f"  {'torque cut off at':>18} {'':24} {'following':>12} {'at rest':>10} {'beyond the goal':>16}",
+    ]
+    for share in CUTS:
+        most = share * needs
+        for words, known in (("without anti-windup", 1e6), ("conditional integration", most)):
+            moved = predict_move(model, cascade, path, Loop(structure, delay_s, known, counts), plant=CutOff(model, most, start))
+            error = tracking_error(path.t_s, path.position_m, moved.motor_m)
+            found = {"dynamic_m": error.dynamic_m, "static_m": error.static_m, "beyond_m": error.overshoot_m}
+            rows.append({"cut_nm": most, "way": words, **found})
+            cells = [f"{1e3 * value:.{digits}f} mm" for value, digits in zip(found.values(), (2, 3, 2), strict=True)]
+            text.append(f"  {most:14.2f} N m {words:24} {cells[0]:>12} {cells[1]:>10} {cells[2]:>16}")
+    return {"windup": rows, "needs_nm": needs}, text
+
+
+def estimators(folder: RunFolder, model: Model) -> _Told:
+    """The four velocity estimators of 6.1 at the own encoder, sampling and speeds: which errs least, and how late each is."""
+    axis, structure = folder.axis, _structure(folder)
+    counts = int((folder.load_result("drive") or {}).get("counts_per_rev") or axis.motor.encoder_counts_per_rev or 65536)
+    ratio, period = model["transmission.ratio"], structure.period_s
+    step = ratio * math.tau / counts
+    lag = float((saved_design(folder).get("parameters") or {}).get("velocity_filter_s") or 0.002)
+    top = min(axis.limits.speed_m_s or 1.0, 0.9 * step / TICK_S)
+    crossing = crossing_speed_m_s(step, TICK_S, period, sign=-1)
+    text = [
+        f"Increment {1e6 * step:.3g} µm, sampling {1e3 * period:g} ms, edges by {1e9 * TICK_S:g} ns, T_R {1e3 * lag:g} ms; errors at worst",
+        f"  {'speed':>12} {'difference':>12} {'high-pass':>11} {'event counter':>14} {'gate':>9}   least, late by; %",
+    ]
+    rows = []
+    for share in SHARES:
+        speed = share * top
+        gate_late, event_late = float(gate_delay_s(speed, step)[1]), float(event_counter_delay_s(speed, step, period)[1])
+        worst = {
+            "difference": (float(high_pass_worst_percent(speed, step, period, 0.0)), high_pass_delay_s(period, 0.0)),
+            "high-pass": (float(high_pass_worst_percent(speed, step, period, lag)), high_pass_delay_s(period, lag)),
+            "event counter": (float(event_counter_worst_percent(speed, step, TICK_S, period)), event_late),
+            "gate": (float(gate_error_percent(speed, step, TICK_S, sign=-1)), gate_late),
+        }
+        known = {name: pair for name, pair in worst.items() if math.isfinite(pair[0])}
+        best = min(known, key=lambda name: known[name][0])
+        rows.append({"speed_m_s": speed, "best": best, **{name: pair[0] for name, pair in known.items()}})
+        cells = [f"{worst[name][0]:.3g}" if name in known else "-" for name in worst]
+        text.append(
+            f"  {1e3 * speed:8.3g} mm/s {cells[0]:>12} {cells[1]:>11} {cells[2]:>14} {cells[3]:>9}   {best}, {1e3 * known[best][1]:.3g} ms"
+        )
+    text += [
+        f"Gate below and event counter above {1e3 * crossing:.3g} mm/s (6.19) is what the combination takes on this axis.",
+        "A drive that gives counts at the sampling alone has the first two; T_R is chosen in `beltcomm design` (--velocity-filter).",
+    ]
+    return {"increment_m": step, "crossing_m_s": crossing, "rows": rows}, text
+
+
+def gravity(folder: RunFolder, model: Model) -> _Told:
+    """Chapter 7's slow integrator against half sums of creep, simulated on the own model: why the latter is taken."""
+    ratio, friction = model["transmission.ratio"], total_friction(model)
+    own = folder.axis.mounting.tilt_deg or TILT_DEG
+    inertia = model["motor.inertia"] + ratio**2 * model["cart.mass"]
+    held = ratio * model["cart.mass"] * GRAVITY_M_S2 * math.sin(math.radians(own))
+    settled = [_integrated(held, friction, total_viscous(model), inertia, held + side * 2.0 * friction) for side in (-1.0, 1.0)]
+    halves = 0.5 * ((held + friction) + (held - friction))
+    text = [
+        f"Gravity on {own:g} deg with this load: {1e3 * held:.1f} mN m at the motor; Coulomb friction {1e3 * friction:.1f} mN m",
+        f"  slow integrator (chapter 7), begun below and above   {1e3 * settled[0]:.1f} and {1e3 * settled[1]:.1f} mN m",
+        f"  half the sum of slow creep both ways (errata 11)     {1e3 * halves:.1f} mN m",
+        "The integrator ends where friction lets the carriage stand, within gravity ± Coulomb friction: it says from which side it came.",
+        "Creep slides, so friction has its full size and opposite signs, and falls out of the half sum. On a tilted axis",
+        "`beltcomm identify` measures both.",
+    ]
+    return {"tilt_deg": own, "gravity_nm": held, "friction_nm": friction, "integrator_nm": settled, "half_sum_nm": halves}, text
+
+
+def _integrated(held: float, friction: float, viscous: float, inertia: float, begin: float) -> float:
+    """Torque at which a slow integrator of the speed leaves a rigid axis with Coulomb friction, N m."""
+    torque, speed = begin, 0.0
+    gain, damping = 0.2 * friction, 0.2 * friction  # N m/rad and N m s/rad: seconds to give way
+    for _ in range(round(INTEGRATES_S / STEP_S)):
+        drive = torque - damping * speed - held
+        if speed == 0.0 and abs(drive) <= friction:
+            break
+        moving = math.copysign(friction, speed if speed != 0.0 else drive)
+        after = speed + STEP_S * (drive - moving - viscous * speed) / inertia
+        speed = 0.0 if after * speed < 0.0 else after
+        torque -= gain * speed * STEP_S
+    return torque
+
+
+#: Topics that there are on a run.
+OWN: Mapping[str, Callable[[RunFolder, Model], _Told]] = {
+    "designs": designs,
+    "closed-loop": windup,
+    "estimators": estimators,
+    "gravity": gravity,
+}
