@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from beltcomm.borders import for_html
+from beltcomm.language import tr
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ def bar(share: float, width: int = 16) -> str:
 
 def command_lines(command: str, why: str = "") -> list[Line]:
     """Next command, alone on its line, so that it can be copied."""
-    return [Line("  ", ("Next", "title"), f"  {why}" if why else ""), Line("    ", (command, "command"))]
+    return [Line("  ", (tr("Next"), "title"), f"  {why}" if why else ""), Line("    ", (command, "command"))]
 
 
 def html_of(lines: Iterable[str]) -> str:

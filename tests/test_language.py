@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,6 +17,7 @@ from beltcomm.axis.entries import SECTIONS, entries_of
 from beltcomm.drive import open_drive
 from beltcomm.experiments.plan import commission_plan
 from beltcomm.experiments.plan_screen import plan_screen
+from doctor.setups import SETUPS, called
 
 SOURCE = Path(beltcomm.__file__).parent
 PLACES = re.compile(r"\{[^}]*\}")
@@ -49,6 +51,29 @@ def test_every_text_of_the_screens_is_translated(spoken: str) -> None:
 def test_placeholders_are_the_same(spoken: str) -> None:
     wrong = [text for text, told in language.catalogue(spoken).items() if sorted(PLACES.findall(text)) != sorted(PLACES.findall(told))]
     assert wrong == []
+
+
+def test_findings_of_doctor_are_translated_and_whole(spoken: str) -> None:
+    shown = [json.loads(called(setup, "--json").stdout) for setup in SETUPS.values()]
+    language.use(spoken)  # a command has set that of its environment
+    texts = {found[key] for one in shown for found in one["findings"] if found["state"] != "ok" for key in ("area", "text", "remedy")}
+    texts |= {one["next"] for one in shown if not one["next"].endswith("`")}
+    known = {"", "axis.yaml"}
+    assert sorted(text for text in texts - known if language.told(text) == text and not (text[0] == text[-1] == "`")) == []
+
+
+def test_every_finding_of_the_catalogue_keeps_what_fills_it(spoken: str) -> None:
+    for pattern, told in language.findings(spoken):
+        assert set(re.findall(r"\{(\w+)\}", told)) == set(pattern.groupindex)
+
+
+def test_a_sentence_nobody_knows_stays() -> None:
+    language.use("de")
+    try:
+        assert language.told("the moon is full {now}") == "the moon is full {now}"
+        assert language.told("node 7 does not answer on can9 at 250 kbit/s") == "Knoten 7 antwortet nicht an can9 mit 250 kbit/s"
+    finally:
+        language.use("en")
 
 
 def test_a_plan_in_another_language_is_a_screen(spoken: str) -> None:

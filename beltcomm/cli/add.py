@@ -22,7 +22,10 @@ from beltcomm.errors import UsageError
 @shared.output_options
 @click.pass_obj
 def command(frame: Invocation, /, effect: str, run: Path, start: tuple[str, ...], pictures: bool, cost: bool) -> int:
-    """Add EFFECT to the model of RUN, fit everything again and show the error before and after."""
+    """Add EFFECT to the model of RUN, fit everything again and show the error before and after.
+
+    Example: beltcomm add cogging runs/axis-1
+    """
     frame.run = run
     values = dict(_value(text) for text in start)
     return frame.show(

@@ -27,6 +27,8 @@ def command(frame: Invocation, /, drive: str, run: Path, save: bool, shown: bool
     """Write the gains of the run's design to the drive and read them back; nothing moves, unless --verify asks for a small move.
 
     What stood there before is kept in the run; `beltcomm rollback` writes it again.
+
+    Example: beltcomm apply --drive can0 --run runs/axis-1 --save
     """
     frame.run = run
     options = frame.options(apply="save" if save else "keep", **given)

@@ -18,6 +18,9 @@ from beltcomm.cli.traces import BUNDLE, private_words
 @shared.output_options
 @click.pass_obj
 def command(frame: Invocation, /, run: Path, out: Path | None, recordings: bool) -> int:
-    """Put a run into one zip for whoever helps: plan, journal, results, the bus's log and versions, but no paths and no user name."""
+    """Put a run into one zip for whoever helps: plan, journal, results, the bus's log and versions, but no paths and no user name.
+
+    Example: beltcomm bundle runs/axis-1
+    """
     frame.run = run
     return frame.show(api("beltcomm.jobs.bundle").bundle(run, out or run / BUNDLE, recordings=recordings, private=private_words()))

@@ -21,6 +21,8 @@ def command(frame: Invocation, /, drive: str, axis: str | None, run: Path | None
     """Measure by small steps what the drive's gains mean; the machine moves a few millimetres, and its gains are put back.
 
     Some drives do not say what a gain of 1.0 is.  Their gains are not written before this was measured; commission does it by itself.
+
+    Example: beltcomm calibrate --drive can0 --axis axis.yaml
     """
     existing = run is not None and (run / "axis.yaml").is_file()
     of_axis = None if existing and axis is None else axis_for(axis, drive, run, False)

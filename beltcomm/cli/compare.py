@@ -16,6 +16,9 @@ from beltcomm.cli.frame import Invocation, api
 @shared.output_options
 @click.pass_obj
 def command(frame: Invocation, /, run: Path, pictures: bool) -> int:
-    """Compare the model of RUN with its recordings: error over noise, by record, and where it fails."""
+    """Compare the model of RUN with its recordings: error over noise, by record, and where it fails.
+
+    Example: beltcomm compare runs/axis-1
+    """
     frame.run = run
     return frame.show(api("beltcomm.jobs.laboratory").compare_run(run, pictures=pictures, command=frame.line(), talk=frame.talk()))

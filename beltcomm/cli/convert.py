@@ -44,6 +44,8 @@ def command(
     """Convert the gains of a P-PI cascade into the PID controller with the same closed loop, or a PID into its cascades.
 
     Give --kp, --ki and --kpp, or --pid P I D, or the run folder RUN for its design.
+
+    Example: beltcomm convert runs/axis-1
     """
     from beltcomm.control import Cascade, Feedforward
     from beltcomm.design.conversion import Pid

@@ -21,7 +21,10 @@ from beltcomm.cli.frame import Invocation, api, options_of
 @shared.output_options
 @click.pass_obj
 def command(frame: Invocation, /, run: Path, pictures: bool, **given: Any) -> int:
-    """Design the controller from the model of the run folder RUN; no machine is needed, nothing is written to a drive."""
+    """Design the controller from the model of the run folder RUN; no machine is needed, nothing is written to a drive.
+
+    Example: beltcomm design runs/axis-1 --payload 20
+    """
     frame.run = run
     asked = shared.specification_of(given)
     options = options_of(**given)

@@ -19,7 +19,10 @@ from beltcomm.simulate.kernels import ahead
 @shared.output_options
 @click.pass_obj
 def command(frame: Invocation, /, run: Path, auto: bool, cost: bool, following: bool) -> int:
-    """Say which physical effect the model of RUN lacks, with evidence; changes nothing without --auto."""
+    """Say which physical effect the model of RUN lacks, with evidence; changes nothing without --auto.
+
+    Example: beltcomm diagnose runs/axis-1 --next
+    """
     frame.run = run
     ahead.begin()  # before everything else is imported
     diagnose = api("beltcomm.jobs.laboratory").diagnose_run

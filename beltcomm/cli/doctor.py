@@ -24,6 +24,8 @@ def command(frame: Invocation, /, drive: str | None, axis: str | None, try_bitra
     Nothing moves. With its stage off the drive's PDO mapping and the limits of a record are tried and put back; no command, no setpoint
     and no gain is written. With --axis the drive's data are compared with axis.yaml. Exit codes: 0 nothing is wrong, 1 something is, 5 the
     drive cannot be reached.
+
+    Example: beltcomm doctor --drive can0 --axis axis.yaml
     """
     if axis is None and drive is not None and drive.partition(":")[0] == "virtual":
         axis = VIRTUAL_AXIS

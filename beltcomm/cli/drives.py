@@ -25,6 +25,8 @@ def command(frame: Invocation, /, new: Path | None, drive: str | None, eds: Path
     """List the drive adapters that are installed; of a broken one, why.  With --eds, what a drive's data sheet holds.
 
     With --profile what a profile says of a kind of drive, field by field; with --new a profile of one's own is begun.
+
+    Example: beltcomm drives
     """
     if new is not None:
         return frame.show(api().new_profile(new, drive, eds, options_of(yes=yes, **given), frame.talk()))

@@ -14,7 +14,10 @@ from beltcomm.cli.frame import Invocation
 @shared.output_options
 @click.pass_obj
 def command(frame: Invocation, /, name: str | None) -> int:
-    """List the physical effects a model can have, or all about the one called NAME."""
+    """List the physical effects a model can have, or all about the one called NAME.
+
+    Example: beltcomm effects cogging
+    """
     from beltcomm.effects import EFFECTS, effect_named
 
     chosen = EFFECTS if name is None else (effect_named(name),)

@@ -34,7 +34,10 @@ from beltcomm.cli.frame import Invocation, api, options_of, today
 def command(
     frame: Invocation, /, run: Path, format_: str, out: Path | None, torque_limit_nm: float | None, recording: str | None, yes: bool
 ) -> int:
-    """Write the controller that was designed in the run folder RUN as text for another machine; nothing moves."""
+    """Write the controller that was designed in the run folder RUN as text for another machine; nothing moves.
+
+    Example: beltcomm export runs/axis-1 --format st --out axis.st
+    """
     return frame.show(
         api("beltcomm.jobs.export").export(
             run,

@@ -26,7 +26,10 @@ from beltcomm.cli.frame import Invocation, api, options_of, today
 @shared.output_options
 @click.pass_obj
 def command(frame: Invocation, /, run: Path, solver: str | None, model: str) -> int:
-    """Fit the model of the run folder RUN from its recordings; no machine is needed."""
+    """Fit the model of the run folder RUN from its recordings; no machine is needed.
+
+    Example: beltcomm fit runs/axis-1
+    """
     frame.run = run
     return frame.show(
         api("beltcomm.jobs.fit").fit(

@@ -25,6 +25,7 @@ from beltcomm.cli.terminal import echo, failure
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.given import pasted, place
 from beltcomm.journal import events_of
+from beltcomm.language import tr
 from beltcomm.version import __version__
 
 if TYPE_CHECKING:
@@ -293,7 +294,8 @@ def typed(lines: Iterable[str]) -> Iterator[str]:
     for line in lines:
         rows: Sequence[str] = [line]
         if not isinstance(line, Line) and (told := DOCTORS_NEXT.fullmatch(line)):
-            line = f"Next: {told[2]}   ({' '.join(part for part in (told[1].strip(' ,'), told[3].strip(' ,')) if part) or 'one step more'})"
+            why = " ".join(part for part in (told[1].strip(" ,"), told[3].strip(" ,")) if part)
+            line = f"Next: {told[2]}   ({why or tr('one step more')})"
         if not isinstance(line, Line) and (found := NEXT.fullmatch(line)):
             rows = command_lines(found[1], found[2] or "")
         for row in rows:

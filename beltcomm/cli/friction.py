@@ -40,6 +40,8 @@ def command(
 
     The first sweep of a run is fitted; further ones are held out and judge its model.  The loop is designed from that
     model.  With --compare nothing moves: RUNS are set side by side.
+
+    Example: beltcomm friction --drive can0 --run runs/axis-1
     """
     frame: Invocation = ctx.obj
     if compare:

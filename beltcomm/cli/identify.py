@@ -61,6 +61,8 @@ def command(
 
     The amplitude rises step by step inside limits that are predicted before each step. A drive that does not know where the carriage
     stands needs --position or --home, or --window for a record at this place alone.
+
+    Example: beltcomm identify --drive can0 --axis axis.yaml
     """
     given["bit_s"] = _bit_s(bit, given["sample_period_s"])
     closed = given["loop"] != "open"

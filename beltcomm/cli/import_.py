@@ -121,6 +121,8 @@ def command(
     --map position_rad=enc*9.587e-5+0.3. A unit may stand for the scale: --map t_s=time*ms. Columns that already have one of our
     names need no --map. What is not mapped is guessed from names and units; what is not sure is asked, or written to a file of
     mappings to be edited. Names of columns, units and what they mean: docs/import.md.
+
+    Example: beltcomm import trace.csv --axis axis.yaml
     """
     if check_only:
         if files or run is None:

@@ -13,10 +13,10 @@ from beltcomm.axis.entries import AT
 from beltcomm.cli import completion
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation
-from beltcomm.cli.questions import Back, ask_number, ask_word, otherwise, reply, toothed, with_key
+from beltcomm.cli.questions import Back, ask_number, ask_word, otherwise, reply, tell, toothed, with_key
 from beltcomm.errors import Refused, UsageError
 from beltcomm.given import pasted
-from beltcomm.language import tr
+from beltcomm.language import told, tr
 from beltcomm.quantities import unit_of
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def command(
             _set(data, text)
     else:
         if begun:
-            click.echo(f"{unfinished} holds the answers of a start that was broken off; Enter keeps them.\n", err=True)
+            tell(tr("{file} holds the answers of a start that was broken off; Enter keeps them.\n", file=unfinished))
         data = _ask_all(start, unfinished, kind or start.kind or "other")
     axis = axis_from_dict(data)
     if file.exists() and not yes and not frame.talk().confirm(f"{file} exists. Overwrite it?"):
@@ -123,22 +123,22 @@ def command(
     write_text(file, commented(axis))
     unfinished.unlink(missing_ok=True)
     missing = _missing(axis)
-    lines = [f"{file} is written: {axis.name or 'an axis without a name'}."]
+    lines = [tr("{file} is written: {name}.", file=file, name=axis.name or tr("axis without a name"))]
     wanted = axis.targets
-    told = "your targets" if wanted.stated else "default targets, state your own under targets"
+    targets = "your targets" if wanted.stated else "default targets, state your own under targets"
     judged = (
-        f"Judged by: {1e3 * wanted.following_m:g} mm while it moves, {1e3 * wanted.settled_m:g} mm after {wanted.after_s:g} s ({told})."
+        f"Judged by: {1e3 * wanted.following_m:g} mm while it moves, {1e3 * wanted.settled_m:g} mm after {wanted.after_s:g} s ({targets})."
     )
-    lines.append(terms_of(axis).said(judged))
+    lines.append(told(terms_of(axis).said(judged)))
     if axis.transmission is not None and axis.rigid:
-        lines.append("No stiffness between motor and load is stated: the axis counts as rigid.")
-    lines += [f"Still needed: {entry} for {purpose}." for entry, purpose in missing.items()]
-    after = f"beltcomm doctor --drive DRIVE --axis {pasted(file)}"
+        lines.append(tr("No stiffness between motor and load is stated: the axis counts as rigid."))
+    lines += [told(f"Still needed: {entry} for {purpose}.") for entry, purpose in missing.items()]
     if missing:
-        first = f"beltcomm init {pasted(file)} --from {pasted(file)} --set {next(iter(missing))}=VALUE, and so on"
-        lines += [f"Next: {first}   (commissioning refuses to begin before)", f"Then: {after}"]
+        why = tr("asks for what is missing, Enter keeps the rest; commissioning refuses to begin before")
+        lines.append(f"Next: beltcomm init {pasted(file)} --from {pasted(file)}   ({why})")
     else:
-        lines.append(f"Next: {after}   (compares it with the drive; moves nothing)")
+        why = tr("compares it with the drive, yours for can0; moves nothing")
+        lines.append(f"Next: beltcomm doctor --drive can0 --axis {pasted(file)}   ({why})")
     frame.print({"file": str(file), "axis": axis.to_dict(), "missing": missing}, lines)
     return 0
 
@@ -174,7 +174,7 @@ def _start(template: str | None, motor: str | None, kind: str, *, asked: bool) -
 
     data: dict[str, Any] = {}
     if template is None and motor is None and asked:
-        click.echo(_introduction(kind), err=True)
+        tell(_introduction(kind))
         template = _known_part("axes", tr("Axis")) if kind == "belt" else None
         motor = _known_part("motors", tr("Motor")) if kind != "linear" else None
     if template is not None:
@@ -198,13 +198,13 @@ def _known_part(kind: Kind, word: str) -> str | None:
     from beltcomm.axis.catalogue import parts
 
     known = parts(kind)
-    click.echo(f"{tr('Catalogue')}: {', '.join(known)}", err=True)
+    tell(f"{tr('Catalogue')}: {', '.join(known)}")
     while answer := reply(tr("{word} from the catalogue (Enter: none of these)", word=word), ""):
         if answer.lower() in known:
             return answer.lower()
         from beltcomm.configfiles import did_you_mean
 
-        click.echo(f"    {answer!r}: not in the catalogue{did_you_mean(answer, known)}", err=True)
+        tell(f"    {answer!r}: not in the catalogue{did_you_mean(answer, known)}")
     return None
 
 
@@ -275,7 +275,7 @@ def _ask_all(start: Axis, unfinished: Path, kind: str) -> dict[str, Any]:
 
     data: dict[str, Any] = start.to_dict()
     own = KINDS.get(kind)
-    data["name"] = reply(tr("Name of the axis"), start.name) or reply(tr("  Plans and reports call it by its name; which"), "")
+    data["name"] = reply(tr("Name of the axis"), start.name) or reply(tr("  Plans and reports need its name"), "")
     if own is not None:
         entries = own.sections()
     else:
@@ -299,7 +299,7 @@ def _keep(known: dict[str, Any], unfinished: Path) -> None:
 
     if known.keys() - {"name", "transmission"}:
         write_text(unfinished, to_yaml(known))
-        click.echo(f"\nWhat was answered is kept in {unfinished}; the same command goes on with it.", err=True)
+        tell(f"\nWhat was answered is kept in {unfinished}; the same command goes on with it.")
 
 
 class _Answers:
@@ -348,7 +348,7 @@ def _ask_each(
             at += 1
             continue
         if not asked or questions[asked[-1]][0] != section:
-            click.echo(f"\n{tr(_title(section, answers.kind))}", err=True)
+            tell(f"\n{tr(_title(section, answers.kind))}")
         default = before.get(key, (start.get(section) or {}).get(name))
         try:
             where = f"[{at + 1}/{len(questions)}] "

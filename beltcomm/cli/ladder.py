@@ -16,6 +16,9 @@ from beltcomm.cli.frame import Invocation, api
 @shared.output_options
 @click.pass_obj
 def command(frame: Invocation, /, run: Path, pictures: bool) -> int:
-    """Show the revisions of RUN's model as a staircase down to the noise."""
+    """Show the revisions of RUN's model as a staircase down to the noise.
+
+    Example: beltcomm ladder runs/axis-1
+    """
     frame.run = run
     return frame.show(api("beltcomm.jobs.laboratory").ladder_of_run(run, pictures=pictures, command=frame.line()))

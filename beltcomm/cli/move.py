@@ -23,7 +23,10 @@ from beltcomm.cli.frame import Invocation, api, axis_for
 @shared.output_options
 @click.pass_obj
 def command(frame: Invocation, /, drive: str, axis: str | None, by_m: float, measured_m: float | None, **given: Any) -> int:
-    """Move the carriage slowly by a small distance."""
+    """Move the carriage slowly by a small distance.
+
+    Example: beltcomm move --drive can0 --axis axis.yaml --by 5mm
+    """
     known = axis_for(axis, drive, None, False)
     if measured_m is not None:
         return frame.show(api().ruler(known, by_m, measured_m))

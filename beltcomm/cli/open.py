@@ -11,6 +11,7 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api, options_of, today
+from beltcomm.language import tr
 
 
 @click.command("open")
@@ -29,6 +30,7 @@ def command(frame: Invocation, /, run: Path, move: Path | None, port: int, brows
     """
     frame.run = run
     opened = webbrowser.open if browser else None
+    frame.talk().say(tr("Reading {run} ...", run=run))
     return frame.show(
         api().open_page(
             run,

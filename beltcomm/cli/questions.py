@@ -12,9 +12,9 @@ import click
 
 from beltcomm.axis.answers import in_words, usual, usual_words
 from beltcomm.axis.entries import COMMISSION_NEEDS
-from beltcomm.borders import for_terminal
+from beltcomm.cli.terminal import fitted
 from beltcomm.errors import UsageError
-from beltcomm.language import tr
+from beltcomm.language import told, tr
 from beltcomm.quantities import parse_quantity, unit_of
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 #: What may be written instead of a number, by entry, beside other units.
 _OTHERWISE = {
+    "inertia_kg_m2": "or 0.449 kg cm2",
     "encoder_counts_per_rev": "or bits: 20 bit",
     "effective_radius_m": "or teeth x pitch: 24 x 5 mm; or travel per turn: 120 mm/rev",
     "max_speed_rad_s": "or 3000 rpm",
@@ -65,13 +66,12 @@ def ask_number(
     unit, needed, meaning = unit_of(name), needs.get(key, ""), tr(said)
     shown = ", ".join(filter(None, [unit or tr("number"), tr(_OTHERWISE.get(name, ""))]))
     kept, given = "" if default is None else f"{default:.10g}", ""
+    known = "" if default is None else in_words(name, default)
     while True:
-        text = given or reply(f"{where}{meaning[0].upper()}{meaning[1:]} [{shown}]", kept, back=True)
+        text = given or reply(f"{where}{meaning[0].upper()}{meaning[1:]} [{shown}]", kept, known, back=True)
         given = ""
         if not text and needed:
-            click.echo(
-                f"    {key} is needed for {needed}; without it commissioning refuses to begin. Enter once more: not known yet", err=True
-            )
+            tell(f"    {key} is needed for {needed}; without it commissioning refuses to begin. Enter once more: not known yet")
             needed = ""
             continue
         if not text or text.lower() in _NONE:
@@ -80,33 +80,33 @@ def ask_number(
             value = otherwise(name, text)
             value = with_key(key, name, text) if value is None else value
         except UsageError as error:
-            click.echo(f"    {error}", err=True)
+            tell(f"    {error}")
             continue
         if wrong := entry.fault(value):
-            click.echo(f"    {key} is {value:g}{unit and f' {unit}'}; {wrong}", err=True)
+            tell(f"    {key} is {value:g}{unit and f' {unit}'}; {wrong}")
         elif wrong := contradicts(value):
-            click.echo(f"    {wrong}; give another value, or 'back' to change what was answered before", err=True)
+            tell(f"    {wrong}; give another value, or 'back' to change what was answered before")
         elif text == kept:
             return default, text
         elif not usual(key, value, kind) and (other := _really(key, name, value, kind)) is not None:
             given = other
         else:
-            click.echo(f"    = {in_words(name, value)}", err=True)
+            tell(f"    = {in_words(name, value)}")
             return value, text
 
 
 def _really(key: str, name: str, value: float, kind: str) -> str | None:
     """Of an unusual value: None to keep it, else another answer to the same question, "" to be asked it again."""
     usual_are = f"{tr('usual are')} {usual_words(key, kind)}"
-    told = f"    = {in_words(name, value)}: {tr('really?')} {usual_are}; {tr('Enter keeps it, or give another')}"
-    answer = reply(told, "")
+    asked = f"    = {in_words(name, value)}: {tr('really?')} {usual_are}; {tr('Enter keeps it, or give another')}"
+    answer = reply(asked, "")
     return None if answer.lower() in _YES else "" if answer.lower() in (*_BACK, "n", "no", "nein") else answer
 
 
 def ask_word(question: str, known: Sequence[str], default: str) -> str:
     """One of some words, or nothing."""
     while (answer := reply(question, default, back=True).lower()) not in {"", *known}:
-        click.echo(f"    {answer!r}: {', '.join(known)}", err=True)
+        tell(f"    {answer!r}: {', '.join(known)}")
     return answer
 
 
@@ -134,10 +134,20 @@ def otherwise(name: str, text: str) -> float | None:
     return parse_quantity(turn[1], "travel_m") / per_turn if turn else None
 
 
-def reply(question: str, default: str, *, back: bool = False) -> str:
-    """One line from stdin; the default for an empty one.   Raises UsageError when stdin is closed, Back for that word."""
-    kept = f" ({tr('Enter keeps')} {default})" if default else ""
-    click.echo(for_terminal(f"{question}{kept}: "), nl=False, err=True)
+def tell(line: str) -> None:
+    """One or more lines beside the answers, broken between words."""
+    for part in line.split("\n"):
+        words = part.lstrip()
+        click.echo(fitted(part[: len(part) - len(words)] + told(words), sys.stderr), err=True)
+
+
+def reply(question: str, default: str, shown: str = "", *, back: bool = False) -> str:
+    """One line from stdin; the default for an empty one.   shown : the default as people write it.
+
+    Raises UsageError when stdin is closed, Back for that word.
+    """
+    kept = f" ({tr('Enter keeps')} {shown or default})" if default else ""
+    click.echo(fitted(f"{question}{kept}:", sys.stderr) + " ", nl=False, err=True)
     line = sys.stdin.readline() if sys.stdin is not None else ""
     if not line:
         click.echo("", err=True)

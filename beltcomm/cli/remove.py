@@ -18,7 +18,10 @@ from beltcomm.cli.frame import Invocation, api, today
 @shared.output_options
 @click.pass_obj
 def command(frame: Invocation, /, effect: str, run: Path, pictures: bool) -> int:
-    """Take EFFECT out of the model of RUN, fit everything again and show the error before and after."""
+    """Take EFFECT out of the model of RUN, fit everything again and show the error before and after.
+
+    Example: beltcomm remove cogging runs/axis-1
+    """
     frame.run = run
     return frame.show(
         api("beltcomm.jobs.laboratory").remove_from_run(

@@ -18,7 +18,10 @@ from beltcomm.cli.frame import Invocation
 @shared.output_options
 @click.pass_obj
 def command(frame: Invocation, /, run: Path, against: Path | None, out: Path | None) -> int:
-    """Write a page on RUN that explains itself: one file of HTML, made for screen and paper, and its numbers beside it."""
+    """Write a page on RUN that explains itself: one file of HTML, made for screen and paper, and its numbers beside it.
+
+    Example: beltcomm report runs/axis-1
+    """
     frame.run = run
     from beltcomm.pages import report as page  # alone: what moves a machine takes long to import
 

@@ -20,7 +20,10 @@ from beltcomm.cli.frame import Invocation, api
 @shared.force_option
 @click.pass_context
 def command(ctx: click.Context, /, drive: str | None, run: Path, save: bool, backup: str | None, **given: Any) -> int:
-    """Write back what the drive had when the run began, or what any other backup holds; nothing moves."""
+    """Write back what the drive had when the run began, or what any other backup holds; nothing moves.
+
+    Example: beltcomm rollback --drive can0 --run runs/axis-1
+    """
     frame: Invocation = ctx.obj
     frame.run = run
     if backup == "list":

@@ -11,6 +11,7 @@ import click
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation
 from beltcomm.cli.newest import RUNS, runs_here, written
+from beltcomm.language import tr
 
 
 @click.command("runs")
@@ -28,12 +29,13 @@ def command(frame: Invocation, /, folder: Path) -> int:
     if not found:
         frame.print({"runs": []}, [f"There is no run in {folder}.", "Next: beltcomm commission --drive virtual   (makes one)"])
         return 0
-    rows = [[str(one["run"]), str(one["date"]), str(one["axis"]), str(one["drive"]), str(one["headline"]["word"])] for one in found]
+    words = [str(one["headline"]["word"]) for one in found]
+    rows = [[*(str(one[key]) for key in ("run", "date", "axis", "drive")), tr(word)] for one, word in zip(found, words, strict=True)]
     frame.print(
         {"runs": found},
         [
-            *table(["run", "last change", "axis", "drive", "result"], rows),
-            f"Next: beltcomm report {found[0]['run']}   (all of a run on a page)",
+            *table([tr("run"), tr("last change"), tr("axis"), tr("drive"), tr("result")], rows),
+            f"Next: beltcomm report {found[0]['run']}   ({tr('all of a run on a page')})",
         ],
     )
     return 0

@@ -29,7 +29,10 @@ from beltcomm.cli.frame import VIRTUAL_AXIS, Invocation, api, options_of, run_fo
 def command(
     frame: Invocation, /, plant: str, axis: str | None, run: Path | None, experiment: str, seed: int | None, payload_kg: float | None
 ) -> int:
-    """Simulate an experiment on PLANT (a shipped plant such as g_a, or a model file) into a new run folder."""
+    """Simulate an experiment on PLANT (a shipped plant such as g_a, or a model file) into a new run folder.
+
+    Example: beltcomm simulate g_a
+    """
     from beltcomm.axis import load_axis
 
     known = load_axis(axis or VIRTUAL_AXIS)

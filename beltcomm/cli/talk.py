@@ -12,6 +12,7 @@ from typing import Any, TextIO
 from beltcomm.cli.pace import Pace, machine_left, millimetres
 from beltcomm.cli.terminal import console_of, draw, draws, echo, fitted
 from beltcomm.errors import UsageError
+from beltcomm.language import tr
 from beltcomm.talk import CarriagePosition
 
 #: Plain lines report progress at these steps of the fraction, so that a log of a minute stays short.
@@ -45,7 +46,7 @@ class PlainTalk:
         """``[2/5] title``, ``[2] title`` where nobody knows of how many."""
         self._reported, self._place = 0.0, None
         self._pace.begin()
-        self.say(f"[{place_of(index, count)}] {title}")
+        self.say(f"[{place_of(index, count)}] {tr(title)}")
 
     def progress(self, fraction: float, seconds_left: float | None) -> None:
         """A line at each quarter of a calculation."""
@@ -112,6 +113,7 @@ class RichTalk:
 
         from beltcomm.cli.display import Display
 
+        title = tr(title)
         if self._live is not None and index > 1:
             self._shown.phase(place_of(index, count), title)
             return
@@ -166,6 +168,10 @@ class RichTalk:
             self._found.clear()
 
 
+#: What agrees, in any language of the screens.
+YES = ("y", "yes", "j", "ja")
+
+
 def _choose(question: str, choices: Mapping[str, str], stream: TextIO) -> str:
     """``[y] start  [q] quit   start? [y/Q]``: the first is a yes, the last is taken for an empty answer."""
     keys = "  ".join(f"[{key}] {word}" for key, word in choices.items())
@@ -180,9 +186,9 @@ def _choose(question: str, choices: Mapping[str, str], stream: TextIO) -> str:
         if not word:
             return last
         for key, meaning in choices.items():
-            if word == key or meaning.lower().startswith(word) or (key == first and word == "yes") or (key == last and word in {"n", "no"}):
+            if word == key or meaning.lower().startswith(word) or (key == first and word in YES) or (key == last and word in {"n", "no"}):
                 return key
-        echo([f"  {word!r}: {', '.join(choices)}"], stream)
+        echo(["  " + tr("{word} is none of {keys}", word=repr(word), keys=", ".join(choices))], stream)
 
 
 def _ask(text: str, stream: TextIO) -> bool:
@@ -190,4 +196,4 @@ def _ask(text: str, stream: TextIO) -> bool:
     answer = sys.stdin.readline() if sys.stdin is not None else ""  # it was closed before this program began
     if not answer:
         raise UsageError("nobody answers (stdin is closed); use --yes where no one is asked")
-    return answer.strip().lower() in {"y", "yes"}
+    return answer.strip().lower() in YES

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, TextIO
@@ -30,6 +31,8 @@ STYLES = {
     "command": "bold cyan",
     "bar": "green",
 }
+#: A mark or an arrow before a sentence, which goes on below itself.
+LABEL = re.compile(r"  (?:\w[\w ]{0,11}  +|  +-> )(?=\S)")
 #: ``TERM`` of a terminal that only prints.
 DUMB = ("dumb", "unknown")
 
@@ -57,7 +60,8 @@ def fitted(line: str, stream: TextIO) -> str:
     line = for_terminal(line)
     if not stream.isatty() or len(line) <= (width := width_of(stream)):
         return line
-    indent = " " * (len(line) - len(line.lstrip()) + 2)
+    label = LABEL.match(line)
+    indent = " " * (label.end() if label and 2 * label.end() <= width else len(line) - len(line.lstrip()) + 2)
     return textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False, replace_whitespace=False)
 
 

@@ -22,7 +22,10 @@ from beltcomm.errors import UsageError
 @shared.output_options
 @click.pass_obj
 def command(frame: Invocation, /, topic: str | None, pictures: Path | None, run: Path | None) -> int:
-    """List what the design source compares, or recompute one TOPIC: its table, and its figures with --pictures."""
+    """List what the design source compares, or recompute one TOPIC: its table, and its figures with --pictures.
+
+    Example: beltcomm thesis
+    """
     if run is not None:
         if topic is None or pictures is not None:
             raise UsageError("--run takes one TOPIC and draws nothing: beltcomm thesis designs --run RUN")

@@ -45,6 +45,8 @@ def command(frame: Invocation, /, file: Path, start_m: float, end_m: float, led:
 
     Limits are positive and hold along the way, whichever way it leads. A motion from rest to rest can be driven with
     `beltcomm verify --move FILE`.
+
+    Example: beltcomm trajectory move.csv --from 0 --to 0.5 --speed 1 --acceleration 10 --jerk 200
     """
     said = {name: value for name, value in given.items() if value is not None}
     return frame.show(

@@ -47,7 +47,10 @@ def command(
     targets: dict[str, Any],
     **given: Any,
 ) -> int:
-    """Drive a move with the run's design and compare its error with the predicted one; the machine moves."""
+    """Drive a move with the run's design and compare its error with the predicted one; the machine moves.
+
+    Example: beltcomm verify --drive can0 --run runs/axis-1
+    """
     if move is not None and trajectory is not None:
         raise UsageError("--move brings its own motion, --trajectory names limits for the standard one; give one of them")
     options = frame.options(targets=targets or None, **given)

@@ -134,11 +134,11 @@ def plan_result(plan: Plan, capabilities: Capabilities | None = None, options: O
         referencing.require_inside(axis, options.position_m)
         plan = with_homing(plan, axis, capabilities) if options.home else plan
     wrong = fault_of(axis, capabilities) if capabilities and axis else ""
-    refused = [f"This plan will be refused: {fault}." for fault in (wrong, plan.heat_fault(axis)) if fault]
+    refused = [tr("This plan will be refused: {fault}.", fault=fault) for fault in (wrong, plan.heat_fault(axis)) if fault]
     shown = plan_screen(plan, axis, capabilities) if capabilities and axis else []
     return Result(
         {"plan": plain(plan), "seconds": plan.seconds, "visible": plan.visible, **plan.heat_dict()},
-        [*(shown or plan.lines()), *refused, "", "Nothing was moved (--dry-run)."],
+        [*(shown or plan.lines()), *refused, "", tr("Nothing was moved (--dry-run).")],
         1 if refused else 0,
         details=plan.lines() if shown else (),
     )

@@ -14,7 +14,8 @@ from beltcomm.errors import BeltcommError, DriveError, UsageError
 from beltcomm.experiments.options import Options
 from beltcomm.given import pasted
 from beltcomm.jobs.axis_findings import compared
-from beltcomm.result import Result, Row, plain
+from beltcomm.language import told, tr
+from beltcomm.result import Result, plain
 from beltcomm.sentences.own_words import own_words
 from beltcomm.talk import Silence, Talk
 
@@ -68,13 +69,14 @@ def doctor(
     if drive is None:
         if axis is not None or try_bitrates or sync_test or options.for_drive():
             raise UsageError("say which drive is to be examined: --drive; without it, `beltcomm doctor` takes no further option")
-        talk.say("Looking for adapters and ports, a few seconds ...")
+        talk.say(tr("Looking for adapters and ports, a few seconds ..."))
         findings = list(_machine(found))
         return _result(None, findings, _next_machine(findings))
     adapter, address = adapter_for(drive, found)
     if adapter.examine is None:
         raise UsageError(f"the adapter {adapter.name} examines no drive; `beltcomm doctor` alone shows what this machine has")
-    talk.say(f"Examining {drive}: nothing moves, what is tried is put back" + (", SYNC is sent for a second" if sync_test else "") + " ...")
+    sent = tr(", SYNC is sent for a second") if sync_test else ""
+    talk.say(tr("Examining {drive}: nothing moves, what is tried is put back{sent} ...", drive=drive, sent=sent))
     asked = {name: True for name, wanted in (("try_bitrates", try_bitrates), ("sync_test", sync_test)) if wanted}
     known = load_axis(axis) if isinstance(axis, str) else axis
     findings = list(_examined(adapter, address, adapter.taken({**options.for_drive(known), **asked})))
@@ -160,25 +162,31 @@ def _exit_code(findings: Sequence[Finding]) -> int:
 def _result(drive: str | None, findings: Sequence[Finding], next_step: str) -> Result:
     counts, code = _counted(findings), _exit_code(findings)
     data = {"drive": drive, "findings": [plain(finding) for finding in findings], "counts": counts, "exit_code": code, "next": next_step}
-    return Result(data, [*_lines(findings), "", _summary(drive, counts, code), next_step], code)
+    fine = [finding for finding in findings if finding.state == "ok" and not finding.remedy]
+    rest = [finding for finding in findings if finding not in fine]
+    lines = [*_lines(rest), *([""] if rest else []), *_summary(drive, counts, code, len(fine)), told(next_step)]
+    return Result(data, lines, code, details=list(_lines(fine)))
 
 
 def _lines(findings: Sequence[Finding]) -> Iterator[str]:
     """Area by area: the mark, the sentence, and below it what to do."""
     for area, group in groupby(findings, key=lambda finding: finding.area):
-        yield Row(f"{area}:", ("", area), (False, False), head=True)
+        yield f"{told(area)}:"
         for finding in group:
-            remedy = f"\n  {'':<{_WIDTH}}-> {finding.remedy}" if finding.remedy else ""
-            text = f"  {MARKS[finding.state]:<{_WIDTH}}{finding.text}{remedy}"
-            below = f"\n-> {finding.remedy}" if finding.remedy else ""
-            yield Row(text, (MARKS[finding.state], finding.text + below), (False, False))
+            yield f"  {tr(MARKS[finding.state]):<{_WIDTH}}{told(finding.text)}"
+            if finding.remedy:
+                yield f"  {'':<{_WIDTH}}-> {told(finding.remedy)}"
 
 
-def _summary(drive: str | None, counts: dict[State, int], code: int) -> str:
+def _summary(drive: str | None, counts: dict[State, int], code: int, fine: int) -> Iterator[str]:
     wrong, warnings = counts["wrong"], counts["warning"]
-    also = f", {warnings} warning{'s' * (warnings != 1)}" if warnings else ""
+    also = ", " + (tr("1 warning") if warnings == 1 else tr("{count} warnings", count=warnings)) if warnings else ""
     if code == DriveError.exit_code:
-        return f"The drive {drive} cannot be reached{also}."
-    if wrong:
-        return f"{wrong} thing{'s are' if wrong > 1 else ' is'} wrong{also}{': commissioning would fail' if drive else ''}."
-    return f"Nothing is wrong{also}." if drive else f"This machine is ready{also}."
+        yield tr("The drive {drive} cannot be reached{also}.", drive=drive, also=also)
+    elif wrong:
+        fails = tr(": commissioning would fail") if drive else ""
+        yield (tr("1 thing is wrong") if wrong == 1 else tr("{count} things are wrong", count=wrong)) + f"{also}{fails}."
+    else:
+        yield (tr("Nothing is wrong{also}.", also=also) if drive else tr("This machine is ready{also}.", also=also))
+    if fine:
+        yield tr("As it must be: 1 thing (--details).") if fine == 1 else tr("As it must be: {count} things (--details).", count=fine)

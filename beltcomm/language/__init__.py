@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from functools import cache
 from importlib.resources import files
 
 #: Languages there is a catalogue for, beside English.
 OFFERED = ("de",)
 _catalogue: dict[str, str] = {}
+_spoken = ""
 
 
 def of_environment(environment: Mapping[str, str]) -> str:
@@ -20,8 +23,10 @@ def of_environment(environment: Mapping[str, str]) -> str:
 
 def use(language: str) -> None:
     """From now on screens speak this language; one that is not offered leaves English."""
+    global _spoken
+    _spoken = language if language in OFFERED else ""
     _catalogue.clear()
-    if language in OFFERED:
+    if _spoken:
         _catalogue.update(catalogue(language))
 
 
@@ -31,6 +36,24 @@ def catalogue(language: str) -> Mapping[str, str]:
 
     text = files("beltcomm.language").joinpath(f"{language}.yaml").read_text(encoding="utf-8")
     return {str(key): str(value) for key, value in yaml.safe_load(text).items()}
+
+
+@cache
+def findings(language: str) -> list[tuple[re.Pattern[str], str]]:
+    """What a finished English sentence of ``doctor`` looks like -> the language's, as shipped; the most particular first."""
+    import yaml
+
+    text = files("beltcomm.language").joinpath(f"{language}.findings.yaml").read_text(encoding="utf-8")
+    pairs = sorted(yaml.safe_load(text).items(), key=lambda pair: -len(re.sub(r"\{\w+\}", "", pair[0])))
+    return [(re.compile(re.sub(r"\\\{(\w+)\\\}", r"(?P<\1>.*)", re.escape(english)), re.DOTALL), told) for english, told in pairs]
+
+
+def told(sentence: str) -> str:
+    """A sentence that was filled in already, in the language of the screens, and what fills it too; as it stands where it is not known."""
+    for pattern, text in findings(_spoken) if _spoken else ():
+        if sentence and (found := pattern.fullmatch(sentence)):
+            return text.format(**{name: told(value) for name, value in found.groupdict().items()})
+    return sentence
 
 
 def tr(english: str, **values: object) -> str:

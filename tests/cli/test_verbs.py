@@ -16,7 +16,7 @@ from beltcomm import drive
 from beltcomm.axis import load_axis
 from beltcomm.axis.entries import COMMISSION_NEEDS
 from beltcomm.cli.frame import Invocation
-from beltcomm.cli.main import cli
+from beltcomm.cli.main import VERBS, cli
 from beltcomm.cli.questions import otherwise
 from beltcomm.cli.talk import PlainTalk, RichTalk
 from beltcomm.effects import EFFECTS
@@ -74,9 +74,9 @@ def test_init_takes_what_data_sheets_write_and_goes_back(tmp_path: Path) -> None
     assert (axis.motor.encoder_counts_per_rev, axis.motor.brake_torque_nm) == (2**20, None)
     assert axis.motor.max_speed_rad_s == pytest.approx(100.0 * math.pi)
     assert axis.pulley.effective_radius_m == pytest.approx(0.12 / math.tau)
-    assert "(Enter keeps 314.159" in outcome.stderr, "what was answered is kept by going back and Enter"
+    assert "(Enter keeps 3000 rpm)" in outcome.stderr, "what was answered is kept by going back and Enter"
     assert "in which the holding brake" not in outcome.stderr
-    assert f"Then: beltcomm doctor --drive DRIVE --axis {path}" in outcome.stdout
+    assert f"    beltcomm init {path} --from {path}\n" in outcome.stdout
     assert otherwise("effective_radius_m", "120 mm/rev") == pytest.approx(0.12 / math.tau)
     other = tmp_path / "other.yaml"
     assert call("init", str(other), "--set", "pulley.effective_radius_m=22 x 8 mm").exit_code == 0
@@ -116,7 +116,8 @@ def test_an_empty_axis_still_needs_all_that_commissioning_requires(tmp_path: Pat
         assert f"Still needed: {entry} for" in outcome.stdout
         assert entry in str(refused.value)
     assert "Next: beltcomm commission" not in outcome.stdout
-    assert f"beltcomm init {path} --from {path} --set motor.inertia_kg_m2=VALUE" in outcome.stdout
+    assert "Still needed: motor.inertia_kg_m2 for" in outcome.stdout
+    assert f"    beltcomm init {path} --from {path}\n" in outcome.stdout
 
 
 def test_init_does_not_overwrite_without_a_yes(tmp_path: Path) -> None:
@@ -239,3 +240,13 @@ def test_a_failure_in_a_phase_gives_the_terminal_back(capfd: pytest.CaptureFixtu
     assert frame.guarded(fail) == 3
     assert talk._live is None
     assert capfd.readouterr().err.endswith("beltcomm: the record is clipped\n")
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_help_shows_an_example_whose_options_it_has(verb: str) -> None:
+    shown = call(verb, "--help").stdout
+    found = re.search(rf"Example: beltcomm {verb}\b(.*?)\n\s*\n", shown, re.DOTALL)
+    assert found
+    assert [
+        option for option in re.findall(r"--[a-z-]+", found[1]) if not re.search(rf"^\s+(?:-\w, )?{option}\b", shown, re.MULTILINE)
+    ] == []

@@ -252,18 +252,9 @@ def called(setup: Setup, *more: str) -> Result:
 
 
 def shown(setup: Setup) -> str:
-    """What is printed, without the lines that are ok, and the exit code."""
+    """What is printed, and the exit code."""
     outcome = called(setup)
-    lines, fine = list[str](), 0
-    ok = False
-    for line in outcome.stdout.splitlines():
-        if line.startswith("  "):
-            ok = line.startswith("  ok ") or (ok and line.strip().startswith("->"))
-            fine += line.startswith("  ok ")
-        if not (line.startswith("  ") and ok):
-            lines.append(line)
-    kept = [line for line, after in zip(lines, [*lines[1:], "end"], strict=True) if not line.endswith(":") or after.startswith("  ")]
-    return "\n".join([f"$ beltcomm {setup.words}", f"  ({fine} things are ok)", *kept, f"exit code {outcome.exit_code}"])
+    return f"$ beltcomm {setup.words}\n{outcome.stdout}exit code {outcome.exit_code}"
 
 
 def page() -> str:

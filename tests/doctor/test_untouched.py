@@ -174,7 +174,7 @@ def test_abort_codes_of_every_object_are_findings_not_errors(start: Start) -> No
 def test_the_installed_virtual_drive_is_examined_by_the_public_function() -> None:
     result = api.doctor("virtual", "egc-70-600", options=api.Options(profile="cmmp-as"))
     assert result.exit_code == 0
-    assert any("the drive could be enabled (2000h:1 bit 2)" in line for line in result.lines())
+    assert any("the drive could be enabled (2000h:1 bit 2)" in line for line in result.details)
 
 
 @pytest.mark.parametrize(
@@ -216,7 +216,7 @@ def test_adapters_that_are_not_there_are_sentences(drive: str, words: str) -> No
     """Their makers' libraries are not installed where these tests run; kvaser's then fails with a NameError."""
     result = api.doctor(drive)
     assert result.exit_code == 5
-    assert any(words in line for line in result.lines())
+    assert any(words in line for line in result.details)
 
 
 class Deaf(LockstepBus):
