@@ -548,12 +548,21 @@ class Listening(Protocol):
     title: str
 
     def frames(self, wait_s: float) -> list[Heard]:
-        """What has come since it was asked last; waits for it so long.   Raises BusError.
+        """Frames that came since the last call.
 
         Parameters
         ----------
         wait_s : float, s
-            Of the bus's own time.
+            Longest wait for them, in the bus's own time.
+
+        Returns
+        -------
+        list of Heard
+            In the order of the bus.
+
+        Raises
+        ------
+        BusError
         """
         ...
 

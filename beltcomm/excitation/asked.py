@@ -38,7 +38,16 @@ class AskedExcitation:
         return self.order is not None or self.bit_s is not None
 
     def check(self, kind: ExcitationKind, sample_period_s: float, torque_step_nm: float, largest_nm: float) -> None:
-        """Before anything moves: what no drive or sequence can do.
+        """Refuse before anything moves what no drive or sequence can do.
+
+        Parameters
+        ----------
+        kind : str
+            Excitation that is asked for.
+        sample_period_s : float, s
+            Of the record.
+        torque_step_nm, largest_nm : float, N m, motor shaft
+            Resolution and limit of the drive's torque.
 
         Raises
         ------
@@ -71,7 +80,20 @@ class AskedExcitation:
             )
 
     def of(self, choice: Choice, sample_period_s: float) -> Choice:
-        """A choice with what is asked for in its place."""
+        """A choice with what is asked for in its place.
+
+        Parameters
+        ----------
+        choice : Choice
+            Made by the limits of axis and drive.
+        sample_period_s : float, s
+            Of the record.
+
+        Returns
+        -------
+        Choice
+            To be recorded.
+        """
         signal: Any = choice
         if isinstance(signal, PrbsChoice) and self.shape:
             order = signal.order if self.order is None else self.order
@@ -103,7 +125,18 @@ class AskedExcitation:
         )
 
     def seconds(self, sample_period_s: float) -> float | None:
-        """Of the whole record, s, where it follows from what is asked for."""
+        """Duration of the whole record.
+
+        Parameters
+        ----------
+        sample_period_s : float, s
+            Of the record.
+
+        Returns
+        -------
+        float or None
+            s; None where it does not follow from what is asked for.
+        """
         if self.order is None or self.bit_s is None:
             return None
         periods = 1 + (self.periods or FEWEST_REPEATS)
