@@ -6,9 +6,8 @@ is the same with ``can0`` for the drive and an axis file of your own; leave ``ye
 
 from pathlib import Path
 
+import beltcomm
 from beltcomm import api
-from beltcomm.model import load_model
-from beltcomm.runfolder import RunFolder
 
 DRIVE, AXIS, RUN = "virtual:g_b", "egc-70-600", Path("runs/example-commission")
 
@@ -23,10 +22,9 @@ def main() -> int:
     print(headline["word"], headline["sentence"])
     print(f"Largest error while moving {1e3 * measured['dynamic_m']:.3f} mm, at rest {1e6 * measured['static_m']:.1f} µm.")
 
-    model = load_model(RunFolder.open(RUN).file("models", "final"))
-    for name, value in model.parameters.items():
+    for name, value in beltcomm.open(RUN).model.items():
         if value.interval is not None:
-            print(f"{name:28} {value.value:10.4g} ± {value.interval:.2g} {value.unit}")
+            print(f"{name:28} {value}")
     return result.exit_code
 
 

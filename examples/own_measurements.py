@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+import beltcomm
 from beltcomm import api
 from beltcomm.excitation import prbs
-from beltcomm.model import load_model, load_plant
+from beltcomm.model import load_plant
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar
-from beltcomm.runfolder import RunFolder
 from beltcomm.simulate.forward import simulate_torque
 
 FILE, RUN, AXIS = Path("runs/logger.csv"), Path("runs/example-import"), "egc-70-600"
@@ -46,8 +46,8 @@ def main() -> int:
     print("\n".join(imported.lines()))
 
     api.fit(RUN)
-    model = load_model(RunFolder.open(RUN).file("models", "final"))
-    print(f"carriage mass {model['cart.mass']:.3f} kg, belt stiffness {1e-3 * model['belt_stiffness.stiffness']:.1f} kN/m")
+    model = beltcomm.open(RUN).model
+    print(f"carriage mass {model.mass}, belt stiffness {model.stiffness}")
 
     compared = api.compare(RUN, pictures=False)
     print(f"error {compared.data['ratio']['overall']:.2f} times the noise; 1.00: nothing is missing")

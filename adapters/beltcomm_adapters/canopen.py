@@ -426,5 +426,6 @@ ADAPTER = Adapter(
     logs=True,
     nameplates=True,
     new_profile=_new_profile,
+    check_profile=load_profile,
     listen=_listen,
 )

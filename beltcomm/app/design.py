@@ -42,6 +42,8 @@ from beltcomm.verify import REST_S, Loop
 VELOCITY_FILTERS_S = (0.001, 0.002, 0.004, 0.008, 0.016)
 #: Samples of a move that is predicted at most.
 LONGEST_MOVE = 60_000
+#: Of the ends and limits of a move.
+MOVE_UNITS = ("m", "m", "m/s", "m/s²", "m/s³")
 
 
 class DesignTab:
@@ -115,21 +117,7 @@ class TunedDesign:
 
     def move(self, asked: Any) -> dict[str, Any]:
         """Another move, by its ends, m, and limits: from now on its error is predicted.   Raises UsageError for one that cannot be."""
-        names = ("start_m", "end_m", "speed_m_s", "acceleration_m_s2", "jerk_m_s3")
-        if not isinstance(asked, dict) or set(asked) != set(names):
-            raise UsageError(f"a move is {', '.join(names)}; send these and no others")
-        start, end, speed, acceleration, jerk = (number(asked[name], name, "") for name in names)
-        low, high = self.bench.ground.ends_m
-        if not (low <= min(start, end) and max(start, end) <= high and abs(end - start) > 1e-4):
-            raise UsageError(
-                f"the move goes from {1e3 * start:g} to {1e3 * end:g} mm; it must lie within {1e3 * low:g} and {1e3 * high:g} mm"
-            )
-        if not min(speed, acceleration, jerk) > 0.0:
-            raise UsageError("speed, acceleration and jerk must be above zero")
-        limits = TrajectoryLimits(speed_m_s=speed, acceleration_m_s2=acceleration, jerk_m_s3=jerk)
-        moved = with_dwell(plan_trajectory(start, end, limits, self.bench.ground.structure.period_s), REST_S)
-        if len(moved.position_m) > LONGEST_MOVE:
-            raise UsageError("this move takes more than a minute; choose a faster or a shorter one")
+        moved = move_between(asked, self.bench.ground)
         self.bench.drive(moved)
         self._move_words = _move_words(moved, None)
         return {"move": self._move_words}
@@ -278,6 +266,24 @@ def ground_of(basis: Basis, saved: Mapping[str, Any], move: Path | None = None) 
         present,
         tuple(sorted({*(lag for lag in VELOCITY_FILTERS_S if _in_drive(lag, structure)), present.velocity_filter_s})),
     )
+
+
+def move_between(asked: Any, ground: DesignInput) -> Trajectory:
+    """A jerk-limited move by ``start_m``, ``end_m``, m, and its limits, with its rest.   Raises UsageError for one that cannot be."""
+    names = ("start_m", "end_m", "speed_m_s", "acceleration_m_s2", "jerk_m_s3")
+    if not isinstance(asked, dict) or set(asked) != set(names):
+        raise UsageError(f"a move is {', '.join(names)}; give these and no others")
+    start, end, speed, acceleration, jerk = (number(asked[name], name, unit) for name, unit in zip(names, MOVE_UNITS, strict=True))
+    low, high = ground.ends_m
+    if not (low <= min(start, end) and max(start, end) <= high and abs(end - start) > 1e-4):
+        raise UsageError(f"the move goes from {1e3 * start:g} to {1e3 * end:g} mm; it must lie within {1e3 * low:g} and {1e3 * high:g} mm")
+    if not min(speed, acceleration, jerk) > 0.0:
+        raise UsageError("speed, acceleration and jerk must be above zero")
+    limits = TrajectoryLimits(speed_m_s=speed, acceleration_m_s2=acceleration, jerk_m_s3=jerk)
+    moved = with_dwell(plan_trajectory(start, end, limits, ground.structure.period_s), REST_S)
+    if len(moved.position_m) > LONGEST_MOVE:
+        raise UsageError("this move takes more than a minute; choose a faster or a shorter one")
+    return moved
 
 
 def _hz(omega_rad_s: float) -> float:

@@ -89,12 +89,16 @@ def _show_file(frame: Invocation, path: Path) -> int:
 
 
 def _show_profile(frame: Invocation, name: str) -> int:
-    """Print what a profile says, and where each field is from."""
+    """Print what a profile says, and where each field is from; what cannot be used is refused as ``doctor`` and ``commission`` do."""
     from beltcomm.configfiles import find_config, named_file, read_yaml
+    from beltcomm.drive import find_adapters
     from beltcomm.result import table
 
     path = find_config("drives", name)
     raw = read_yaml(path)
+    for item in find_adapters():
+        if item.adapter is not None and item.adapter.check_profile is not None:
+            item.adapter.check_profile(name)
     sources = raw.pop("sources", None) or {}
     if named_file(name):
         said = {key: {"source": "this file", "confidence": "read"} for key in raw if key not in ("name", "title", "like")}

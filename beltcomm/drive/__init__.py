@@ -613,6 +613,8 @@ class Adapter:
     new_profile : callable or None
         ``new_profile(address, options, device, entries) -> text`` of a profile, from the drive at an address, None for none, and from what
         an EDS says: its device section and its objects.
+    check_profile : callable or None
+        ``check_profile(name)`` raises UsageError for a profile, shipped or a file, that cannot be used.
     """
 
     name: str
@@ -626,6 +628,7 @@ class Adapter:
     logs: bool = False
     nameplates: bool = False
     new_profile: Callable[[str | None, Mapping[str, object], Mapping[str, str], Sequence[DictionaryEntry]], str] | None = None
+    check_profile: Callable[[str], object] | None = None
     listen: Callable[[str, Mapping[str, object]], Listening] | None = None
 
     def taken(self, options: Mapping[str, object]) -> dict[str, object]:

@@ -316,7 +316,7 @@ class Effect:
     seen, causes, check, remedy : str
         For the technician.
     source : str
-        Origin of the law.
+        Origin of the law: an equation or a table of the thesis, a data sheet, or author and year.
     trials : callable or None
         How a diagnosis switches it on, from what is known of the axis; None: it is not put on trial (base effects and laws that need data
         of their own).

@@ -104,10 +104,27 @@ def bundle(run: Place, out: Place, *, recordings: bool = False, private: Sequenc
     -------
     Result
         What was packed.
+
+    Raises
+    ------
+    DataError
+        There is no such run.
+    UsageError
+        The zip cannot be written, or a file of another kind stands there.
     """
     run, out = place(run), place(out, "zip")
+    if out.exists() and not _is_bundle(out):
+        raise UsageError(f"{out} exists and is no bundle; give another name for the zip, or delete that file first")
     names = write_bundle(run, out, recordings=recordings, private=private)
     return Result({"bundle": str(out), "files": names}, [f"{len(names)} files of {run} are in {out}, without paths and user names."])
+
+
+def _is_bundle(file: Path) -> bool:
+    try:
+        with zipfile.ZipFile(file) as archive:
+            return VERSIONS in archive.namelist()
+    except (OSError, zipfile.BadZipFile):
+        return False
 
 
 def _stands_in(file: Path, run: Path) -> bool:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from beltcomm.axis.terms import terms_of
-from beltcomm.configfiles import write_text
 from beltcomm.errors import UsageError
 from beltcomm.pages import axis, changes, diagnosed, first, gains, loops, missing, model, model_error, safety, tracking
 from beltcomm.pages.gather import Gathered, gathered
+from beltcomm.pages.page_file import admit_page, write_page
 from beltcomm.report.page import Page, render
-from beltcomm.result import Result, jsonable, plain
+from beltcomm.result import Result, plain
 from beltcomm.rundata.headline import headline_of
 from beltcomm.sentences.cross_checks import sheet_lines
 from beltcomm.sentences.own_words import said_in
@@ -43,10 +42,12 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
 
     against : an earlier run of the same axis; the page begins with what changed since.
     out : of the page, ``RUN/report.html`` unless told.   Raises DataError for a folder that is none, UsageError for a place that cannot be
-    written.
+    written or holds something else.
     """
     if against is not None and against.resolve() == run.resolve():
         raise UsageError(f"{run} cannot be compared with itself; give an earlier run of the same axis behind --against")
+    if out is not None:
+        admit_page(out)
     before = gathered(against, talk or Silence(), compared=False) if against is not None else None  # first: it may not be there
     found = gathered(run, talk or Silence(), against)
     page = said_in(terms_of(found.folder.axis), page_of(found, before), keys=True) if found.folder.has_axis else page_of(found, before)
@@ -55,8 +56,7 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
     # a page may be sent to anybody: it names no folder of the machine that it was made on
     data, written = numbers_of(found, page, before), [f"Report: {where}, numbers in {beside.name}"]
     try:
-        write_text(where, render(page).replace(f"{run.resolve()}/", ""))
-        write_text(beside, json.dumps(jsonable(data), indent=1) + "\n")
+        write_page(where, render(page).replace(f"{run.resolve()}/", ""), data)
     except UsageError as problem:
         if out is not None:
             raise

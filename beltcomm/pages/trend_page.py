@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,17 +10,18 @@ from pathlib import Path
 import numpy as np
 
 from beltcomm.axis import Axis
-from beltcomm.configfiles import did_you_mean, read_yaml, write_text
+from beltcomm.configfiles import did_you_mean, read_yaml
 from beltcomm.errors import DataError, UsageError
 from beltcomm.given import pasted
 from beltcomm.identify.course import FEWEST, LinearTrend, course_of
 from beltcomm.locks import occupied
 from beltcomm.pages.gather import results_of
+from beltcomm.pages.page_file import admit_page, write_page
 from beltcomm.pages.quantities import Quantity, quantities_of
 from beltcomm.report.page import Fact, Page, PageTable, Paragraphs, Section, State, picture_of, render
 from beltcomm.report.style import Caption
 from beltcomm.report.trend import DAY_S, Followed, trend_figure
-from beltcomm.result import Result, jsonable, plain
+from beltcomm.result import Result, plain
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.words import number
@@ -88,6 +88,8 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
     out : of the page, ``trend.html`` in the folder of the newest run unless told.
     Raises UsageError for fewer than two runs, unknown limits, dates that cannot be read, and runs of different axes.
     """
+    if out is not None:
+        admit_page(out)
     watched = [day for run in runs for day in _days_watched(RunFolder.open(run))]
     if len(runs) + len(watched) < 2:
         raise UsageError(
@@ -124,8 +126,7 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
         "remarks": remarks,
     }
     with occupied(newest, Silence()):
-        write_text(where, render(page))
-        write_text(where.with_suffix(".json"), json.dumps(jsonable(data), indent=1) + "\n")
+        write_page(where, render(page), data)
     reached = any(one.state == "reached" for one in followed)
     text = [page.verdict, *(f"  {one.text}" for one in followed), *(f"Note: {line}" for line in remarks)]
     return Result({**data, "page": str(where)}, [*text, f"Trend: {where}, numbers in {where.with_suffix('.json').name}"], int(reached))

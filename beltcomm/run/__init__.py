@@ -6,19 +6,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beltcomm.axis import Axis
+from beltcomm.configfiles import did_you_mean
 from beltcomm.control import Cascade
 from beltcomm.errors import UsageError
-from beltcomm.given import Place, number, place
+from beltcomm.given import Place, number, place, word
 from beltcomm.result import Result, html_of, table
+from beltcomm.run.copying import copy_run
 from beltcomm.run.model import RunModel
 from beltcomm.run.record import RunRecord, RunRecords
-from beltcomm.rundata.revisions import current_model
+from beltcomm.rundata.revisions import CURRENT, model_named
 from beltcomm.rundata.store import cascade_from_dict, saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Talk
 
 if TYPE_CHECKING:
     from beltcomm.api import Options
+    from beltcomm.run.predicted import MovePrediction
 
 
 class OpenedRun:
@@ -66,11 +69,31 @@ class OpenedRun:
         DataError
             Where nothing was fitted yet.
         """
-        model = current_model(self._folder)
-        if model is None:
-            self._folder.file("models", "final")  # says what makes one
-        assert model is not None
-        return RunModel(model)
+        return self.model_named(CURRENT)
+
+    def model_named(self, name: str) -> RunModel:
+        """A model of the run: an earlier revision, or the present one, ``final``.
+
+        Parameters
+        ----------
+        name : str
+            As the run shows it under ``models``.
+
+        Returns
+        -------
+        RunModel
+            Its parameters with intervals.
+
+        Raises
+        ------
+        DataError
+            Naming the nearest, and what makes one.
+        """
+        model = model_named(self._folder, word(name, "model"))
+        travel = self.axis.travel if self._folder.has_axis else None
+        if travel is None or travel.min_m is None or travel.max_m is None:
+            return RunModel(model)
+        return RunModel(model, (travel.min_m, travel.max_m))
 
     @property
     def gains(self) -> Cascade:
@@ -93,6 +116,26 @@ class OpenedRun:
         """
         result: Result = _api().fit(self.path, talk=self._talk)
         return result
+
+    def copy(self, path: Place) -> OpenedRun:
+        """Copy the run under a new name, to try out on the copy what the run shall not keep.
+
+        Parameters
+        ----------
+        path : str or path
+            Folder to be made; it must not exist.
+
+        Returns
+        -------
+        OpenedRun
+            The copy.
+
+        Raises
+        ------
+        UsageError
+            The folder exists or cannot be written, or a session is at work in the run.
+        """
+        return OpenedRun(copy_run(self._folder, place(path)), self._talk)
 
     def compare(self, *, pictures: bool = False) -> Result:
         """Compare model and measurement; see :func:`beltcomm.api.compare`.
@@ -190,7 +233,7 @@ class OpenedRun:
         payload_kg : float, optional
             Heaviest load beyond what is mounted.
         **options : Any
-            Settings beside the main arguments; None for the safe defaults.
+            Of :class:`beltcomm.api.Options`: ``prefilter``, ``feedforward``, ``seed``.
 
         Returns
         -------
@@ -201,6 +244,53 @@ class OpenedRun:
         result: Result = _api().design(self.path, options=options_of(given), talk=self._talk)
         return result
 
+    def predict_move(
+        self,
+        start_m: float | None = None,
+        end_m: float | None = None,
+        *,
+        speed_m_s: float | None = None,
+        acceleration_m_s2: float | None = None,
+        jerk_m_s3: float | None = None,
+        payload_kg: float = 0.0,
+    ) -> MovePrediction:
+        """Simulate a move with the run's model and gains; no machine is needed, nothing moves.
+
+        Parameters
+        ----------
+        start_m, end_m : float or None, m, carriage
+            Its ends; with its limits all five, or none for the axis's own move.
+        speed_m_s, acceleration_m_s2, jerk_m_s3 : float or None, m/s, m/s², m/s³, carriage
+            Its limits.
+        payload_kg : float, kg
+            On the carriage beyond what was mounted while the run was recorded.
+
+        Returns
+        -------
+        MovePrediction
+            Tracking errors at motor and carriage, torque, ``to_dataframe()`` and ``plot()``.
+
+        Raises
+        ------
+        DataError
+            The run has no model or no design.
+        UsageError
+            The move leaves the travel, or lacks an end or a limit.
+        """
+        from beltcomm.run.predicted import predict
+
+        loaded_kg = number(payload_kg, "payload_kg", "kg")
+        if loaded_kg < 0.0:
+            raise UsageError(f"payload_kg is {loaded_kg:g}; give what is carried further, 0 or more")
+        given = {
+            "start_m": start_m,
+            "end_m": end_m,
+            "speed_m_s": speed_m_s,
+            "acceleration_m_s2": acceleration_m_s2,
+            "jerk_m_s3": jerk_m_s3,
+        }
+        return predict(self._folder, loaded_kg, {name: value for name, value in given.items() if value is not None})
+
     def verify(self, drive: str, **options: Any) -> Result:
         """Drive a move with the run's design, see :func:`beltcomm.api.verify`; it moves the axis, and only with ``yes=True``.
 
@@ -209,7 +299,7 @@ class OpenedRun:
         drive : str
             Name of the drive, as for ``--drive``.
         **options : Any
-            Of :class:`beltcomm.api.Options`.
+            Of :class:`beltcomm.api.Options`: ``yes``, ``dry_run``, ``feedforward``, ``targets`` and the others.
 
         Returns
         -------
@@ -225,12 +315,17 @@ class OpenedRun:
         Parameters
         ----------
         out : Place or None
-            Of the page; None for ``report.html`` in the run.
+            Of the page, a name that ends in ``.html``; None for ``report.html`` in the run.  The numbers stand beside it in JSON.
 
         Returns
         -------
         Result
             Path and numbers of the page.
+
+        Raises
+        ------
+        UsageError
+            The place holds something that is no page.
         """
         result: Result = _api().report(self.path, out=out)
         return result
@@ -246,7 +341,8 @@ class OpenedRun:
         folder = self._folder
         axis = folder.axis.name if folder.has_axis else "no axis.yaml"
         parts = {"records": folder.finished_names(), "models": folder.names("models"), "designs": folder.names("designs")}
-        lines: list[str] = [f"Run {folder.path}, axis {axis}"]
+        being_made = f"; {', '.join(unmade)} not complete" if (unmade := folder.unfinished()) else ""
+        lines: list[str] = [f"Run {folder.path}, axis {axis}{being_made}"]
         lines += table(["has", "names"], [[kind, ", ".join(names) or "none"] for kind, names in parts.items()])
         return lines
 
@@ -272,5 +368,5 @@ def options_of(given: dict[str, Any]) -> Options:
         return Options(**given)
     except TypeError:
         known = Options.__dataclass_fields__
-        unknown = [name for name in given if name not in known]
+        unknown = [f"{name}{did_you_mean(name, known)}" for name in given if name not in known]
         raise UsageError(f"there is no option {', '.join(unknown)}; there are {', '.join(known)}") from None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING
 
 from beltcomm.configfiles import did_you_mean
 from beltcomm.errors import UsageError
@@ -12,6 +12,11 @@ from beltcomm.given import number
 from beltcomm.model import Model, Value
 from beltcomm.model.linear import StateSpace, operating_point, state_space
 from beltcomm.result import html_of, table, with_unit
+from beltcomm.run.record import import_pandas
+
+if TYPE_CHECKING:
+    import control
+    import pandas
 
 #: Speed at the motor, rad/s, at which a model is linearised: friction slides.
 SLIDING_RAD_S = 20.0
@@ -24,10 +29,12 @@ class RunModel(Mapping[str, Value]):
     ----------
     model : Model
         What simulation and fit work with.
+    travel_m : tuple of float or None
+        Lowest and highest place of the carriage, m; None where the axis names none.
     """
 
-    def __init__(self, model: Model) -> None:
-        self.model = model
+    def __init__(self, model: Model, travel_m: tuple[float, float] | None = None) -> None:
+        self.model, self._travel_m = model, travel_m
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -56,7 +63,7 @@ class RunModel(Mapping[str, Value]):
     def __len__(self) -> int:
         return len(self.model.parameters)
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> Value:
         if name.startswith("_") or name == "model":
             raise AttributeError(name)
         found = self._short().get(name, [])
@@ -78,15 +85,15 @@ class RunModel(Mapping[str, Value]):
             found.setdefault(full.replace(".", "_"), []).append(full)
         return found
 
-    def to_control(self, position: float, *, speed: float = SLIDING_RAD_S) -> Any:
+    def to_control(self, position: float, *, speed: float = SLIDING_RAD_S) -> control.StateSpace:
         """The linear system around a position, for the package ``control``.
 
         Parameters
         ----------
-        position : float
-            Of the carriage, m.
-        speed : float
-            Of the motor, rad/s; friction slides.
+        position : float, m
+            Carriage on the axis, within its travel.
+        speed : float, rad/s, motor shaft
+            At which friction slides.
 
         Returns
         -------
@@ -96,16 +103,14 @@ class RunModel(Mapping[str, Value]):
         Raises
         ------
         UsageError
-            The package is not installed, or nothing moves at that speed.
+            The package is not installed, nothing moves at that speed, or the axis has no such place.
         """
         found = self.linear(position, speed=speed)
         try:
-            import control
+            from control import ss
         except ImportError:
             raise UsageError("the package control is not installed: pip install control; .linear(position) needs none") from None
-        return control.ss(
-            found.A, found.B, found.C, found.D, states=list(found.states), inputs=["torque"], outputs=["motor_angle", "carriage"]
-        )
+        return ss(found.A, found.B, found.C, found.D, states=list(found.states), inputs=["torque"], outputs=["motor_angle", "carriage"])
 
     def linear(self, position: float, *, speed: float = SLIDING_RAD_S) -> StateSpace:
         """The model as matrices, linearised at a place.
@@ -113,18 +118,48 @@ class RunModel(Mapping[str, Value]):
         Parameters
         ----------
         position : float, m
-            Carriage on the axis.
+            Carriage on the axis, within its travel.
         speed : float, rad/s, motor shaft
+            At which friction slides.
 
         Returns
         -------
         StateSpace
             State space from motor torque to motor angle and carriage.
+
+        Raises
+        ------
+        UsageError
+            Nothing moves at that speed, or the axis has no such place.
         """
         at, sliding = number(position, "position", "m"), number(speed, "speed", "rad/s")
         if not sliding:
             raise UsageError("speed is 0: friction that sticks has no linear law; give the speed at which the axis moves, in rad/s")
+        if self._travel_m is not None and not self._travel_m[0] <= at <= self._travel_m[1]:
+            low, high = self._travel_m
+            raise UsageError(f"position is {at:g} m, outside the travel {low:g} to {high:g} m; give the carriage's place in m")
         return state_space(self.model, operating_point(self.model, at, sliding))
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """All parameters as a pandas DataFrame, one a row.
+
+        Returns
+        -------
+        pandas.DataFrame
+            By full name: ``value``, ``low_95`` and ``high_95`` (the ends of its 95 % interval, NaN for what was not estimated), ``unit``,
+            ``side`` and ``origin``.
+
+        Raises
+        ------
+        UsageError
+            pandas is not installed.
+        """
+        rows = {}
+        for name, one in self.model.parameters.items():
+            low, high = one.interval_95 or (math.nan, math.nan)
+            rows[name] = {"value": one.value, "low_95": low, "high_95": high, "unit": one.unit, "side": one.side, "origin": one.origin}
+        frame = import_pandas().DataFrame.from_dict(rows, orient="index")
+        return frame.rename_axis("parameter")
 
     def __repr__(self) -> str:
         return "\n".join(self._lines())
@@ -135,6 +170,6 @@ class RunModel(Mapping[str, Value]):
     def _lines(self) -> list[str]:
         rows = []
         for name, one in self.model.parameters.items():
-            half = "" if one.interval is None or not math.isfinite(one.interval) else f"± {one.interval:.2g}"
+            half = "" if one.interval_95 is None else f"± {one.interval:.2g}"
             rows.append([name, f"{one.value:.5g}", half, with_unit("", one.unit).strip(), one.origin])
         return [f"Model {self.model.name}: {', '.join(self.effects)}", *table(["parameter", ">value", "95 %", "unit", "origin"], rows)]

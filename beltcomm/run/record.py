@@ -20,9 +20,25 @@ from beltcomm.rundata.conditions import condition_of
 from beltcomm.runfolder import RunFolder
 
 if TYPE_CHECKING:
+    import pandas
     from matplotlib.figure import Figure
 
     from beltcomm.response import FrequencyResponse
+
+
+def import_pandas() -> Any:
+    """The package pandas.
+
+    Raises
+    ------
+    UsageError
+        It is not installed.
+    """
+    try:
+        import pandas as found
+    except ImportError:
+        raise UsageError("pandas is not installed, and a DataFrame is one of its objects: pip install pandas") from None
+    return found
 
 
 class RunRecords(Mapping[str, "RunRecord"]):
@@ -101,7 +117,7 @@ class RunRecord:
         """Circumstances of the record."""
         return self.recording.sidecar
 
-    def to_dataframe(self) -> Any:
+    def to_dataframe(self) -> pandas.DataFrame:
         """All columns as a pandas DataFrame, time as its index.
 
         Returns
@@ -114,12 +130,9 @@ class RunRecord:
         UsageError
             pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError:
-            raise UsageError("pandas is not installed, and a DataFrame is one of its objects: pip install pandas") from None
+        made = import_pandas()
         columns = {name: np.array(values) for name, values in self.recording.columns().items()}
-        return pandas.DataFrame(columns, index=pandas.Index(columns.pop("t_s"), name="t_s") if "t_s" in columns else None)
+        return made.DataFrame(columns, index=made.Index(columns.pop("t_s"), name="t_s") if "t_s" in columns else None)
 
     def frf(self) -> RecordResponse:
         """Its frequency response from torque to motor angle.
@@ -170,7 +183,7 @@ class RunRecord:
 
 
 class RecordResponse:
-    """Frequency response of a record; ``freq_hz``, ``h`` (rad/(N m)), ``noise``, ``coherence`` are arrays.
+    """Frequency response of a record; ``freq_hz``, ``h`` (complex, rad/(N m)), ``noise``, ``coherence`` are arrays.
 
     Parameters
     ----------
@@ -183,6 +196,23 @@ class RecordResponse:
     def __init__(self, record: RunRecord, response: FrequencyResponse) -> None:
         self._record, self.response = record, response
         self.freq_hz, self.h, self.noise, self.coherence = response.freq_hz, response.h, response.noise, response.coherence
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Its lines as a pandas DataFrame, frequency as the index.
+
+        Returns
+        -------
+        pandas.DataFrame
+            ``magnitude`` in rad/(N m), ``phase_deg``, ``noise`` (standard deviation of the response) and ``coherence``.
+
+        Raises
+        ------
+        UsageError
+            pandas is not installed.
+        """
+        columns = {"magnitude": np.abs(self.h), "phase_deg": np.degrees(np.angle(self.h)), "noise": self.noise, "coherence": self.coherence}
+        made = import_pandas()
+        return made.DataFrame(columns, index=made.Index(self.freq_hz, name="freq_hz"))
 
     def plot(self) -> Drawing:
         """Magnitude and phase with the 95 % band of the noise."""

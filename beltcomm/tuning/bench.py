@@ -23,7 +23,7 @@ from beltcomm.trajectory import Trajectory
 from beltcomm.tuning.curves import OpenLoops, Responses, open_loop_curves, responses, span_s
 from beltcomm.tuning.ground import RANGES, DesignInput, SliderSetting, key_of
 from beltcomm.tuning.reach import Reach, reach_of, table_of
-from beltcomm.verify import TrackingError, predict_move, tracking_error
+from beltcomm.verify import PredictedMove, TrackingError, predict_move, tracking_error
 
 #: Grid points per plant of the search and of the margins shown; a design that is saved is proven on more.
 _SEARCH_POINTS, _SHOWN_POINTS = 220, 500
@@ -117,11 +117,15 @@ class Bench:
         margins = self.once(("margins", setting.payload_kg), lambda: margins_on(cascade, self._plants(setting.payload_kg).proof))
         return self.once(("present", *place, span), lambda: self._shown(cascade, margins, setting, span))
 
-    def tracked(self, cascade: Cascade, shown_kg: float) -> TrackingPrediction:
-        """The tracking error of the move with the gains of a cascade and the feedforward of what is mounted."""
+    def path(self, cascade: Cascade, shown_kg: float) -> PredictedMove:
+        """The move with the gains of a cascade and the feedforward of what is mounted."""
         ground = self.ground
         model = ground.model.with_values({"cart.mass": ground.model["cart.mass"] + shown_kg}) if shown_kg else ground.model
-        path = predict_move(model, ground.with_feedforward(cascade), ground.move, ground.loop)
+        return predict_move(model, ground.with_feedforward(cascade), ground.move, ground.loop)
+
+    def tracked(self, cascade: Cascade, shown_kg: float) -> TrackingPrediction:
+        """The tracking error of :meth:`path`."""
+        ground, path = self.ground, self.path(cascade, shown_kg)
         wanted = ground.move.position_m
         every = max(len(wanted) // _DRAWN, 1)
         return TrackingPrediction(

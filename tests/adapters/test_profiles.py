@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
 import beltcomm_adapters
 from adapters.stub_node import StubBus, StubNode
+from beltcomm.cli.main import cli
 from beltcomm.configfiles import config_names, find_config, read_yaml, to_yaml
 from beltcomm.drive.objects import ObjectValue
 from beltcomm.drive.parameters import GAIN_NAMES
@@ -117,6 +119,14 @@ def test_a_profile_with_a_word_that_none_has_is_not_taken(tmp_path):
         load_profile.cache_clear()
         with pytest.raises(UsageError, match=f"cannot be used.*{name}"):
             load_profile(str(path))
+
+
+def test_a_profile_that_cannot_be_used_is_not_shown_as_if_it_could(tmp_path):
+    path = tmp_path / "acme.yaml"
+    path.write_text("name: acme\ntitle: Acme X-Servo 7\nmodse: {torque: 10}\n", encoding="utf-8")
+    shown = CliRunner().invoke(cli, ["drives", "--profile", str(path)])
+    assert shown.exit_code == 2
+    assert "line 3: modse is no field of a profile, did you mean modes?" in shown.output
 
 
 def test_a_drive_without_a_canopen_port_says_so():

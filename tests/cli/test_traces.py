@@ -17,7 +17,7 @@ from beltcomm import api
 from beltcomm.cli.main import cli
 from beltcomm.drive import Drive, open_drive
 from beltcomm.errors import UsageError
-from beltcomm.jobs.bundle import VERSIONS, scrubbed, write_bundle
+from beltcomm.jobs.bundle import VERSIONS, bundle, scrubbed, write_bundle
 from beltcomm.rundata import buslog
 from beltcomm.rundata.buslog import BusLog, Frame, is_cyclic
 from beltcomm.virtual.faults import Faults
@@ -157,6 +157,17 @@ def test_a_bundle_of_nothing_or_into_nowhere_is_refused(tmp_path: Path) -> None:
     assert "does not exist" in ended.stderr
     with pytest.raises(UsageError, match=r"cannot be written.*--out"):
         write_bundle(tmp_path, tmp_path / "missing" / "out.zip")
+
+
+def test_a_bundle_replaces_nothing_but_a_bundle(tmp_path: Path) -> None:
+    run, mine = tmp_path / "run", tmp_path / "mine.zip"
+    (run / "recordings").mkdir(parents=True)
+    mine.write_text("a letter")
+    with pytest.raises(UsageError, match="exists and is no bundle"):
+        bundle(run, mine)
+    assert mine.read_text() == "a letter"
+    for _ in range(2):
+        assert bundle(run, tmp_path / "ours.zip").exit_code == 0
 
 
 def test_units_are_no_paths() -> None:

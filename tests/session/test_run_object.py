@@ -35,7 +35,21 @@ def run(copy_of_complete: Copy) -> OpenedRun:
         (lambda run: run.model.to_control("0.25 m"), UsageError, "position is '0.25 m'; give a plain number in m"),
         (lambda run: run.model.linear(0.25, speed=0), UsageError, "give the speed at which the axis moves"),
         (lambda run: run.design(payload_kg="5 kg"), UsageError, "payload_kg is '5 kg'"),
-        (lambda run: run.design(payload=5), UsageError, "there is no option payload"),
+        (lambda run: run.design(payload=5), UsageError, "there is no option payload, did you mean payload_kg"),
+        (
+            lambda run: run.model.to_control(position=250),
+            UsageError,
+            "position is 250 m, outside the travel .*; give the carriage's place in m",
+        ),
+        (lambda run: run.model.linear(-0.4), UsageError, "outside the travel"),
+        (lambda run: run.model_named("fnal"), DataError, "did you mean final"),
+        (lambda run: run.copy(run.path), UsageError, "exists; give another name"),
+        (lambda run: run.copy(run.path / "inner"), UsageError, "inside .*; a run cannot hold a copy of itself"),
+        (lambda run: run.predict_move(0.1, 0.3), UsageError, "a move is start_m, end_m, speed_m_s"),
+        (lambda run: run.predict_move(payload_kg="2 kg"), UsageError, "payload_kg is '2 kg'; give a plain number in kg"),
+        (lambda run: run.predict_move(0.1, 0.3, speed_m_s="1 m/s", acceleration_m_s2=1, jerk_m_s3=9), UsageError, "plain number in m/s"),
+        (lambda run: run.predict_move(100, 300, speed_m_s=1, acceleration_m_s2=1, jerk_m_s3=9), UsageError, "it must lie within"),
+        (lambda run: run.report(run.path / "axis.yaml"), UsageError, "HTML; give a name that ends in .html"),
         (lambda run: run["frf_1"].plot().save(run.path / "axis.yaml"), UsageError, "exists; give another file name"),
     ],
 )
@@ -72,3 +86,48 @@ def test_it_sees_the_folder_as_it_is(run: OpenedRun) -> None:
     (run.path / "designs" / "final.yaml").unlink()
     with pytest.raises(DataError, match="make it with `beltcomm design"):
         _ = run.gains
+
+
+def test_a_page_replaces_nothing_but_a_page(run: OpenedRun) -> None:
+    for name, beside in (("mine.html", "other.json"), ("other.html", "mine.json")):
+        (run.path / name).write_text("<p>notes</p>")
+        (run.path / beside).write_text("{}")
+        with pytest.raises(UsageError, match=r"(mine.html|mine.json) exists and is no page"):
+            run.report(run.path / "mine.html")
+        assert (run.path / name).read_text() == "<p>notes</p>"
+        (run.path / name).unlink()
+        (run.path / beside).unlink()
+
+
+def test_a_copy_is_a_run_of_its_own(run: OpenedRun) -> None:
+    copy = run.copy(run.path.parent / "tried" / "out")
+    assert dict(copy.model) == dict(run.model)
+    assert list(copy.records) == list(run.records)
+    (copy.path / "models" / "final.yaml").unlink()
+    assert run.model.mass.value > 0.0
+    assert [item.name for item in copy.path.parent.iterdir()] == ["out"]
+
+
+def test_tables_for_pandas(run: OpenedRun) -> None:
+    mass, ratio = run.model.mass, run.model.ratio
+    table = run.model.to_dataframe()
+    assert table.loc["cart.mass", "value"] == mass.value
+    assert (table.loc["cart.mass", "low_95"], table.loc["cart.mass", "high_95"]) == mass.interval_95
+    assert ratio.interval_95 is None
+    assert str(mass) == f"{mass.value:.4g} ± {mass.interval:.2g} kg"
+    response = run["frf_1"].frf()
+    lines = response.to_dataframe()
+    assert lines.index.name == "freq_hz"
+    assert lines["magnitude"].to_numpy() == pytest.approx(abs(response.h))
+
+
+def test_a_move_is_predicted_without_a_machine(run: OpenedRun) -> None:
+    limits = {"speed_m_s": 0.3, "acceleration_m_s2": 2.0, "jerk_m_s3": 40.0}
+    payload_kg = run.model.mass.value
+    light, heavy = (run.predict_move(0.1, 0.3, payload_kg=one_kg, **limits) for one_kg in (0.0, payload_kg))
+    frame = light.to_dataframe()
+    assert frame["reference_m"].iloc[-1] == pytest.approx(0.3)
+    assert light.error.dynamic_m == pytest.approx(abs(frame["reference_m"] - frame["motor_m"]).max(), rel=0.05)
+    assert heavy.path.belt_force_n > light.path.belt_force_n + 0.5 * payload_kg * limits["acceleration_m_s2"]
+    assert "100 to 300 mm" in repr(light)
+    assert light.plot()._repr_png_().startswith(b"\x89PNG")

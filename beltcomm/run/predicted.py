@@ -1,0 +1,118 @@
+"""A move of a run's model under the run's gains: no machine is needed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from beltcomm.app.design import ground_of, move_between
+from beltcomm.axis.entries import AxisTargets
+from beltcomm.jobs.design import basis_of
+from beltcomm.result import html_of, table
+from beltcomm.run.record import Drawing, import_pandas
+from beltcomm.rundata.store import saved_design
+from beltcomm.runfolder import RunFolder
+from beltcomm.talk import Silence
+from beltcomm.tuning.bench import Bench
+from beltcomm.verify import PredictedMove, TrackingError, tracking_error
+
+if TYPE_CHECKING:
+    import pandas
+
+
+class MovePrediction:
+    """Simulated move in closed loop.
+
+    Parameters
+    ----------
+    path : PredictedMove
+        Its signals.
+    targets : AxisTargets
+        By which it counts as settled.
+    torque_limit_nm : float, N m, motor shaft
+        Of the drive.
+    words : str
+        The move and the run, for titles.
+    """
+
+    def __init__(self, path: PredictedMove, targets: AxisTargets, torque_limit_nm: float, words: str) -> None:
+        self.path, self._targets, self._limit_nm, self._words = path, targets, torque_limit_nm, words
+
+    @property
+    def error(self) -> TrackingError:
+        """At the motor, as travel of the carriage, m."""
+        return self.path.error_for(self._targets)
+
+    @property
+    def cart_error(self) -> TrackingError:
+        """At the carriage, m."""
+        return tracking_error(self.path.t_s, self.path.reference_m, self.path.cart_m, self._targets)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Its signals as a pandas DataFrame, time as the index.
+
+        Returns
+        -------
+        pandas.DataFrame
+            ``reference_m``, ``motor_m`` (angle times transmission ratio), ``cart_m`` and ``torque_nm`` at the motor shaft.
+
+        Raises
+        ------
+        UsageError
+            pandas is not installed.
+        """
+        path, made = self.path, import_pandas()
+        columns = {"reference_m": path.reference_m, "motor_m": path.motor_m, "cart_m": path.cart_m, "torque_nm": path.torque_nm}
+        return made.DataFrame(columns, index=made.Index(path.t_s, name="t_s"))
+
+    def plot(self) -> Drawing:
+        """Tracking error at motor and carriage, and the torque, over time."""
+        from beltcomm.report import style
+
+        path = self.path
+        with style.styled():
+            made = style.figure(
+                f"Predicted move: {self._words}", 4.6, style.Caption("run.predict_move().plot()", "model and gains of the run")
+            )
+            upper, lower = made.subplots(2, 1, sharex=True)
+            upper.plot(path.t_s, 1e3 * (path.reference_m - path.cart_m), color=style.RESIDUAL, linewidth=0.9, label="carriage")
+            upper.plot(path.t_s, 1e3 * (path.reference_m - path.motor_m), color=style.MEASURED, linewidth=0.9, label="motor")
+            upper.set_ylabel("tracking error in mm")
+            upper.legend(loc="upper right", fontsize=8)
+            lower.plot(path.t_s, path.torque_nm, color=style.MEASURED, linewidth=0.9)
+            lower.set_ylabel("torque in N m")
+            lower.set_xlabel("time in s")
+        return Drawing(made)
+
+    def __repr__(self) -> str:
+        return "\n".join(self._lines())
+
+    def _repr_html_(self) -> str:
+        return html_of(self._lines())
+
+    def _lines(self) -> list[str]:
+        motor, cart, path = self.error, self.cart_error, self.path
+        rows = [
+            ["following error", f"{1e3 * motor.dynamic_m:.3g} mm", f"{1e3 * cart.dynamic_m:.3g} mm"],
+            ["after it has settled", f"{1e3 * motor.static_m:.3g} mm", f"{1e3 * cart.static_m:.3g} mm"],
+            ["overshoot", f"{1e3 * motor.overshoot_m:.3g} mm", f"{1e3 * cart.overshoot_m:.3g} mm"],
+        ]
+        lines: list[str] = [f"Predicted move: {self._words}", *table(["", ">motor", ">carriage"], rows)]
+        lines.append(
+            f"torque up to {np.max(np.abs(path.torque_nm)):.3g} of {self._limit_nm:.3g} N m, belt force up to {path.belt_force_n:.3g} N"
+        )
+        return [*lines, *(f"The move reaches {bound}." for bound in path.saturated)]
+
+
+def predict(folder: RunFolder, payload_kg: float, asked: dict[str, float]) -> MovePrediction:
+    """The move that was asked for, or the axis's own, with the run's model and gains.   Raises as the design tab of the page."""
+    ground = ground_of(basis_of(folder.path, Silence()), saved_design(folder))
+    bench = Bench(ground)
+    if asked:
+        bench.drive(move_between(asked, ground))
+    path, move = bench.path(ground.present, payload_kg), bench.ground.move
+    start, end = 1e3 * move.position_m[0], 1e3 * move.position_m[-1]
+    loaded = f", {payload_kg:g} kg more" if payload_kg else ""
+    words = f"{start:.0f} to {end:.0f} mm, up to {np.max(np.abs(move.velocity_m_s)):.3g} m/s{loaded}"
+    return MovePrediction(path, folder.axis.targets, ground.loop.torque_limit_nm, words)
