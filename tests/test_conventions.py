@@ -38,7 +38,6 @@ CONFIGS = [path for path in sorted((CHECKOUT / "configs").rglob("*.*")) if path.
 
 #: Files of more than 400 lines beside their docstrings, and why each is one thing.
 LONG: dict[str, str] = {
-    "beltcomm/api.py": "the public functions, one per command",
     "beltcomm/experiments/commission.py": "the whole sequence, step after step",
 }
 

@@ -116,7 +116,17 @@ class AxisSummary:
     toothed: bool = True
 
     def may_have(self, effect: Effect) -> bool:
-        """True if such a machine can have an effect: what is a belt's is not looked for on another axis."""
+        """True if such a machine can have an effect: what is a belt's is not looked for on another axis.
+
+        Parameters
+        ----------
+        effect : Effect
+            Of the catalogue.
+
+        Returns
+        -------
+        bool
+        """
         return self.toothed or not effect.of_belt
 
 

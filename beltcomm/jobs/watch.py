@@ -96,6 +96,15 @@ class _Watch:
     before: int = 0
 
 
+def _silent(_move: WatchedMove) -> None:
+    """Nobody hears of it."""
+
+
+def _time_of_day(date_s: float) -> str:
+    """hh:mm:ss of a date, UTC."""
+    return str(np.datetime64(round(date_s), "s"))[-8:]
+
+
 def watch(
     run: Place,
     *,
@@ -111,8 +120,8 @@ def watch(
     options: Mapping[str, object] | None = None,
     clock: Clock | None = None,
     wall_clock: Callable[[], float] | None = None,
-    tell: Callable[[WatchedMove], None] = lambda _move: None,
-    hour: Callable[[float], str] = lambda date_s: str(np.datetime64(round(date_s), "s"))[-8:],
+    tell: Callable[[WatchedMove], None] | None = None,
+    hour: Callable[[float], str] | None = None,
     talk: Talk | None = None,
 ) -> Result:
     """Judge each move of production by the model of a run, from a bus that is listened to or from a log that grows; nothing is written.
@@ -177,7 +186,7 @@ def watch(
     if unknown := sorted(set(given) - set(reference)):
         raise UsageError(f"a move tells nothing of {unknown[0]}; of this axis it tells {', '.join(sorted(reference))}")
     read = reading or Reading()
-    state = _Watch(judge, AxisDrift(reference, {**LIMITS, **given}), folder, lambda at_s: at_s, tell, hour)
+    state = _Watch(judge, AxisDrift(reference, {**LIMITS, **given}), folder, lambda at_s: at_s, tell or _silent, hour or _time_of_day)
     _resume(state, anew)
     with ExitStack() as stack:
         if log is not None:
