@@ -270,7 +270,7 @@ def tighten_window(objects: Objects, lending: Lending, scaling: Scaling, limits:
     if stored_low < stored_high:  # otherwise these limits are switched off
         low, high = max(low, stored_low), min(high, stored_high)
         spare = min(limits.position_min_rad - low * scaling.position_rad, high * scaling.position_rad - limits.position_max_rad)
-        if ahead_rad > spare:
+        if ahead_rad > max(spare, 0.0):
             raise DriveError(
                 f"the reference is to lead the axis by up to {_way(limits, ahead_rad)}, and the drive's own software limits (607Dh) would "
                 "cut it at the ends of the travel: switch them off or widen them with the maker's tool, or drive the move without a led "

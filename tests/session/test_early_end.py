@@ -168,7 +168,7 @@ def test_no_loop_is_closed_on_a_carriage_that_weighs_nothing() -> None:
     model = load_plant("g_a").model.with_values({"cart.mass": 1.01e-3})
     with pytest.raises(Refused, match=r"by frf_1 the carriage weighs 1 g: the motor turns as if nothing hung on it"):
         scale.check_fitted(
-            SimpleNamespace(more_room="more room"),  # type: ignore[arg-type]
+            SimpleNamespace(more_room="more room", axis=load_axis("egc-70-600")),  # type: ignore[arg-type]
             model,
             model,
             SimpleNamespace(name="frf_1"),  # type: ignore[arg-type]

@@ -16,6 +16,7 @@ import yaml
 from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.errors import SafetyStop
+from beltcomm.excitation.asked import AS_CHOSEN
 from beltcomm.experiments import commission, execute_step, recentre
 from beltcomm.experiments.options import claim
 from beltcomm.experiments.raising import as_made
@@ -92,7 +93,7 @@ class Standing:
     def __init__(self, *places_m: float) -> None:
         self.places, self.lines, self.wanderings, self.talk = list(places_m), list[str](), 0, Listener()
         self.drive = SimpleNamespace(clock=SimpleNamespace(now=lambda: 0.0, sleep_until=lambda _t: None))
-        self.folder = SimpleNamespace(journal=self.lines.append)
+        self.folder, self.asked = SimpleNamespace(journal=self.lines.append), AS_CHOSEN
 
     @property
     def position_m(self) -> float:

@@ -59,7 +59,9 @@ def check_commissioned(bench: Bench, axis: Axis, run: Path, result: api.Result, 
     verdict, cart = result.data["verdict"], at_the_carriage(bench, run)
     assert max(verdict.measured.dynamic_m, cart.dynamic_m) < 1e-3
     assert max(verdict.measured.static_m, cart.static_m) < 100e-6
-    assert cart.dynamic_m == pytest.approx(verdict.predicted_cart.dynamic_m, rel=0.2, abs=20e-6)
+    # A led reference is of the motor, ahead of the carriage by the stretch of the belt.
+    if RunFolder.open(run).recording("move_1").sidecar.controller.get("led_by") != "led":
+        assert cart.dynamic_m == pytest.approx(verdict.predicted_cart.dynamic_m, rel=0.2, abs=20e-6)
     low, high = verdict.predicted_range
     assert 0.9 * low.dynamic_m - 5e-6 < verdict.measured.dynamic_m < 1.1 * high.dynamic_m + 5e-6
     move = bench.plant.first_tick_of(RunFolder.open(run).recording("move_1"), bench.start_m)
@@ -93,7 +95,7 @@ def test_a_geared_axis_is_not_asked_for_more_speed_than_its_motor_has(connect: C
 
 
 def test_a_drive_without_feedforward_gets_the_move_it_can_follow(connect: Connect, tmp_path: Path) -> None:
-    """cmmp-as lags by speed over K_PP: T_A is predicted to miss by far, a slow move to meet the target, and both come true.
+    """cmmp-as lags by speed over K_PP: T_A is predicted to miss by far, a slower move with a led reference to follow, and both come true.
 
     Its gains mean 0.37 and 1.6 times what its profile guesses; they are calibrated before the first loop, or none of this would be so.
     ``benchmarks/verify_table.py`` does the same with both rigs.
@@ -114,10 +116,10 @@ def test_a_drive_without_feedforward_gets_the_move_it_can_follow(connect: Connec
     with pytest.raises(Refused, match="only slower ones"):
         api.apply(bench.name, run, options=YES)
     verdict = result.data["verdict"]
-    assert verdict.measured.dynamic_m == pytest.approx(verdict.predicted.dynamic_m, rel=0.05)
-    assert any("the fastest over this way that is safely predicted within 1 mm takes" in remark for remark in result.data["remarks"])
+    assert verdict.measured.dynamic_m < 0.1e-3, "the reference is led by the inverse of the cascade"
+    assert any("would reach the bound of the position controller's output, 0.65 m/s" in remark for remark in result.data["remarks"])
 
-    fast = api.verify(bench.name, run, options=YES)
+    fast = api.verify(bench.name, run, options=replace(YES, feedforward="none"))
     assert fast.exit_code == 1
     measured, predicted = fast.data["measured"], fast.data["predicted"]
     assert measured["dynamic_m"] > 0.1

@@ -11,6 +11,7 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.errors import Refused, SafetyStop
+from beltcomm.excitation.asked import AS_CHOSEN
 from beltcomm.experiments import raising
 from beltcomm.fit.first_path import FirstPath
 from beltcomm.fit.torque_path import FAITHFUL
@@ -38,6 +39,7 @@ class Search:
             folder=folder,
             talk=Silence(),
             holding_nm=0.0,
+            asked=AS_CHOSEN,
             ratio=1.0,
             withdrawing=nullcontext,
         )

@@ -178,7 +178,7 @@ def test_a_folder_that_cannot_be_written_shows_its_result_all_the_same(
 ) -> None:
     """And says that it was not kept; only the page itself is what ``report`` was asked for."""
     from beltcomm.jobs import laboratory
-    from beltcomm.pages import job
+    from beltcomm.pages import job, page_file
 
     run = copy_of_complete()
 
@@ -187,7 +187,7 @@ def test_a_folder_that_cannot_be_written_shows_its_result_all_the_same(
 
     monkeypatch.setattr(laboratory.RunFolder, "save_result", full)
     assert any(line.startswith("Not kept: ") for line in laboratory.unkept(RunFolder.open(run), "diagnosis", {}))
-    monkeypatch.setattr(job, "write_text", full)
+    monkeypatch.setattr(page_file, "write_text", full)
     found = job.report(run)
     assert found.exit_code == 2
     assert found.data["page"] is None

@@ -243,6 +243,8 @@ def _usual(parameter: Parameter, rng: np.random.Generator) -> float:
 
 def _is_linear(effect: Effect) -> bool:
     """Whether the laws of an effect are affine and the same everywhere, by their values at random points."""
+    if effect.slot == "rigid":
+        return True
     rng = np.random.default_rng(1)
     own = [_usual(parameter, rng) for parameter in effect.parameters] + [float(rng.uniform(1.0, 2.0)) for _ in effect.uses]
     points = rng.uniform(-0.5, 0.5, (60, 2))

@@ -136,7 +136,7 @@ def test_slow_answers() -> None:
 def test_the_cycle_of_a_cmms_as() -> None:
     one = played("cmms-as")
     assert (one.read(0x60C2, 1), one.read(0x60C2, 2, "b"), one.read(0x6510, 0xB0)) == (64, -4, 400)
-    assert one.drive.sync_ticks == 1
+    assert one.drive.sync_ticks == 2.5, "a millisecond, until PDOs are exchanged"
     one.operational()
     assert one.drive.sync_ticks == 16
 
