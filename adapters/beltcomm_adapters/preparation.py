@@ -32,6 +32,8 @@ _INT32: Final = 2**31 - 1
 _BYTE: Final = 255
 #: Share by which a number that was read back may differ: what a drive rounds.
 _READ_BACK: Final = 0.02
+#: s from the speed limit to standstill: no drive is set to a longer quick stop.
+_LONGEST_STOP_S: Final = 10.0
 _RPM: Final = 2.0 * math.pi / 60.0
 #: Rounding of a float period, far below any timer's resolution.
 _SAME_S: Final = 1e-9
@@ -164,7 +166,7 @@ def lend_settings(
 ) -> None:
     """Of :func:`prepare` what is a setting, no mode and no setpoint; limits that the drive does not take are in ``lending.refused``."""
     lending.set_if_there(0x605A, 0, "int16", _QUICK_STOP_AND_DISABLE)
-    if math.isfinite(limits.deceleration_rad_s2):
+    if math.isfinite(limits.deceleration_rad_s2) and believes_ramp(objects, lending, scaling, limits.speed_rad_s):
         braking = scaling.raw_acceleration(limits.deceleration_rad_s2)
         limit(objects, lending, 0x6085, 0, "uint32", braking, scaling.acceleration, "rad/s²", harder=True)
     if profile.sync_change == "at_once" and (sync_period_s(objects) is not None or objects.read_if_there(0x60C2, 1, "uint8") is not None):
@@ -192,6 +194,21 @@ def lend_settings(
         if limits.lag_rad is not None:
             lag = min(math.ceil((limits.lag_rad + ahead_rad) / abs(scaling.position_rad)), _INT32)
             limit(objects, lending, 0x6065, 0, "uint32", lag, lambda raw: raw * abs(scaling.position_rad), "rad")
+
+
+def believes_ramp(objects: Objects, lending: Lending, scaling: Scaling, speed_rad_s: float) -> bool:
+    """Whether the unit of accelerations is told, or makes a stop of the drive's own 6085h: one that means milliseconds would stop in hours.
+
+    Then it stays as it is, and that is told.
+    """
+    own = None if scaling.acceleration_told else objects.read_if_there(0x6085, 0, "uint32")
+    if not own or speed_rad_s / scaling.acceleration(own) < _LONGEST_STOP_S:
+        return True
+    lending.altered.append(
+        f"6085h (quick stop) stays as it is set there, {own}: in the drive's unit of speed per second that would be a stop of "
+        f"{speed_rad_s / scaling.acceleration(own):.3g} s, so it means something else; state acceleration_unit in a profile"
+    )
+    return False
 
 
 def limit(

@@ -54,7 +54,8 @@ def drawn(random: np.random.Generator) -> tuple[StubNode, float, float, float]:
 def test_a_drawn_factor_group_is_decoded_and_a_stop_is_as_steep_as_meant(seed: int) -> None:
     random = np.random.default_rng(seed)
     node, position, speed, acceleration = drawn(random)
-    node.objects |= {(0x6085, 0): ("<I", 12345), (0x6065, 0): ("<I", 2000)}
+    own = max(1, round(300.0 / acceleration))
+    node.objects |= {(0x6085, 0): ("<I", own), (0x6065, 0): ("<I", 2000)}
     found = scaling_of(node)
     assert found.position_rad == pytest.approx(position, rel=1e-12)
     assert found.speed_rad_s == pytest.approx(speed, rel=1e-12)
@@ -70,7 +71,21 @@ def test_a_drawn_factor_group_is_decoded_and_a_stop_is_as_steep_as_meant(seed: i
             assert written > meant - 1.001 * acceleration or node.get(0x6085) == 1
             assert abs(node.get(0x607D, 1) * position + 1e3) < 1e3  # around the window, and the way of a stop
             assert not lending.altered
-        assert node.get(0x6085) == 12345
+        assert node.get(0x6085) == own
+
+
+def test_a_quick_stop_in_a_unit_that_nobody_tells_and_that_makes_no_sense_is_left_alone() -> None:
+    """250 ms to 3000 rpm, read as counts/s²: a stop from 100 rad/s would take hours, so that cannot be the unit."""
+    node = StubNode()
+    node.objects[0x6085, 0] = ("<I", 250)
+    found = scaling_of(node)
+    assert not found.acceleration_told
+    with StubBus(node) as bus:
+        objects = SdoObjects(Link(bus, bus.clock, 1))
+        with objects.lend() as lending:
+            lend_settings(objects, lending, load_profile("cia402"), found, 8, 1e-3, Limits(-1e3, 1e3, 100.0, 0.5, 500.0, 1.0))
+            assert node.get(0x6085) == 250
+            assert any("6085h (quick stop) stays as it is set there, 250" in text for text in lending.altered)
 
 
 def test_codes_of_makers() -> None:
