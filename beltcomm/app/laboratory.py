@@ -25,6 +25,7 @@ from beltcomm.residuals.candidates import CandidateEffect
 from beltcomm.residuals.cells import COORDINATES
 from beltcomm.residuals.responses import below, compared
 from beltcomm.residuals.spectra import filtered, power
+from beltcomm.rundata.headline import EXPLAINED
 from beltcomm.rundata.revisions import as_mapping, revisions
 from beltcomm.runfolder import RunFolder
 
@@ -102,6 +103,7 @@ class LaboratoryTab:
             "effects": [{"name": name, "title": effect_named(name).title, "removable": name in view.removable} for name in view.effects],
             "parameters": view.parameters,
             "ratio": view.ratio,
+            "explained": EXPLAINED,
             "held_out": view.held_out,
             "plain": view.plain,
             "records": view.records,

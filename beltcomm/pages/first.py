@@ -8,19 +8,14 @@ from typing import Any
 from beltcomm.fit.noise_level import error_floor_words
 from beltcomm.pages.gather import Gathered
 from beltcomm.report.page import Fact, State
-from beltcomm.rundata.headline import following, headline_of
+from beltcomm.rundata.headline import EXPLAINED, MEANINGS, following, headline_of
 from beltcomm.sentences.ladder import error_words
-
-#: What the state of a headline means on a page.
-STATES: Mapping[str, State] = {"pass": "good", "fail": "bad", "doubt": "bad", "stale": "note", "open": "note"}
-#: Error over noise up to which a model explains a run.
-EXPLAINED = 1.1
 
 
 def verdict(run: Gathered) -> tuple[str, State]:
     """The headline, and what it means."""
     found = headline_of(run.folder)
-    return found.text, STATES[found.state]
+    return found.text, MEANINGS[found.state]
 
 
 def facts(run: Gathered) -> list[Fact]:
@@ -42,11 +37,11 @@ def _model(run: Gathered) -> Fact:
     found = run.comparison
     if found is None:
         return Fact("Model error", "not compared", run.remarks[0] if run.remarks else "beltcomm compare says why", "note")
-    ratio = found.ratio if found.held_out is None else max(found.ratio, found.held_out)
+    worst = max(found.ratio, found.held_out or 0.0)
     words = f"{error_words((found.ratio, found.held_out), (found.plain, found.plain_held_out))}; "
     doubt = error_floor_words(found.ratio)
-    good = ratio <= EXPLAINED and not doubt
-    return Fact("Model error", f"{ratio:.2f} × noise", words + (doubt or "1.00: nothing is missing"), "good" if good else "bad")
+    good = worst <= EXPLAINED and not doubt
+    return Fact("Model error", f"{found.ratio:.2f} × noise", words + (doubt or "1.00: nothing is missing"), "good" if good else "bad")
 
 
 def _margin(run: Gathered) -> Fact:

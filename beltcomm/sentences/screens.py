@@ -23,15 +23,11 @@ from beltcomm.model import Model
 from beltcomm.result import Line, command_lines
 from beltcomm.rundata import analyse
 from beltcomm.rundata.design_proof import DesignProof
-from beltcomm.rundata.headline import Following, Headline
+from beltcomm.rundata.headline import EXPLAINED, MEANINGS, Following, Headline
 from beltcomm.verify import TrackingError, Verdict
 
 #: Columns of a screen; warnings that it shows.
 WIDE, MOST_WARNINGS = 80, 3
-#: Style of each state of a headline.
-STYLES = {"pass": "good", "fail": "bad", "doubt": "bad", "stale": "note", "open": "note"}
-#: Error over the noise up to which nothing is missing.
-EXPLAINED = 1.1
 #: What of a data sheet is off, in the words of a screen: entry -> (found less, found more).
 OFF = {
     "belt.specific_stiffness_n": (
@@ -50,7 +46,7 @@ def headline_lines(headline: Headline) -> list[Line]:
     word = tr(headline.word)
     first, *more = wrap(headline.sentence, WIDE - len(word) - 5, break_on_hyphens=False) or [""]
     return [
-        Line("  ", (word, STYLES[headline.state]), "   ", (first, "title")),
+        Line("  ", (word, MEANINGS[headline.state]), "   ", (first, "title")),
         *(Line(" " * (len(word) + 5), (part, "title")) for part in more),
     ]
 

@@ -95,9 +95,9 @@ export function laboratory(ask) {
 
   function drawModel() {
     $("ratio").textContent = `${found.ratio.toFixed(2)} × the noise`;
-    $("ratio").className = `big ${found.ratio < 1.1 ? "good" : "bad"}`;
+    $("ratio").className = `big ${found.ratio <= found.explained ? "good" : "bad"}`;
     const plain = found.plain ? ` That is ${number(found.units.factor * found.plain.error)} ${found.units.small}, ${number(found.plain.percent)} % of the torque.` : "";
-    $("ratio-words").textContent = `${found.ratio < 1.1 ? "The model explains what was measured." : "Something is missing in the model."} 1.00 would mean that nothing is.${plain}` +
+    $("ratio-words").textContent = `${found.ratio <= found.explained ? "The model explains what was measured." : "Something is missing in the model."} 1.00 would mean that nothing is.${plain}` +
       (found.held_out === null ? "" : ` Records held out: ${found.held_out.toFixed(2)}.`) + (found.change ? ` ${found.change.change}: ${found.before ? found.before.ratio.toFixed(2) : ""} → ${found.ratio.toFixed(2)}.` : "");
     $("effects").replaceChildren(...found.effects.map((one) => {
       const chip = element("span", { title: one.title }, one.name.replaceAll("_", " "));
@@ -120,7 +120,7 @@ export function laboratory(ask) {
       const after = candidate ? candidate.after[one.name] : null, was = before[one.name];
       const ratio = after ? `${one.ratio.toFixed(2)} → ${after.toFixed(2)}` : was ? `${was.toFixed(2)} → ${one.ratio.toFixed(2)}` : one.ratio.toFixed(2);
       const row = element("tr", {}, element("td", {}, recordButton(one.name)), element("td", { className: "number" }, one.plain ? number(found.units.factor * one.plain.error) : ""), element("td", { className: "number" }, one.plain ? number(one.plain.percent) : ""),
-        element("td", { className: `number ${(after || one.ratio) < 1.1 ? "good" : "bad"}` }, ratio), element("td", {}, one.held_out ? "held out" : ""));
+        element("td", { className: `number ${(after || one.ratio) <= found.explained ? "good" : "bad"}` }, ratio), element("td", {}, one.held_out ? "held out" : ""));
       row.dataset.record = one.name;
       return row;
     }));
