@@ -28,7 +28,7 @@ from beltcomm.experiments.sign import check_sign
 from beltcomm.experiments.supervised import supervise
 from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.job import check_imports, import_recordings
-from beltcomm.given import Place, number, pasted, place
+from beltcomm.given import Place, number, pasted, place, whole
 from beltcomm.jobs import calibrate as calibrate_job
 from beltcomm.jobs import early_end
 from beltcomm.jobs import friction as friction_job
@@ -397,6 +397,10 @@ def verify(
     """
     options, talk, run = given(options), talk or Silence(), place(run)
     move = None if move is None else place(move, "move")
+    if learn is not None and whole(learn, "learn") < 2:
+        raise UsageError(f"{learn} repetitions teach nothing; give 2 or more")
+    if rungs and learn is not None:
+        raise UsageError("--rungs and --learn both repeat the move; give one of them")
     how: dict[str, Any] = {"move": move, "trajectory": trajectory, "rungs": rungs, "learn": learn, "over_belt": over_belt}
     with (
         able(open_drive(drive, options.for_drive(_axis_in(run))), "position") as opened,

@@ -13,7 +13,6 @@ import numpy as np
 from beltcomm.axis import Axis, axis_from_dict
 from beltcomm.control import Cascade
 from beltcomm.design.feedforward import FeedforwardKind
-from beltcomm.design.led_reference import can_lead
 from beltcomm.drive import Drive, simulated
 from beltcomm.errors import Refused, SafetyStop
 from beltcomm.experiments import referencing, verification
@@ -113,6 +112,11 @@ def verify_with(
             f"{structure.name} takes no torque along with a reference, so nothing that is learnt could be sent to it; "
             "leave --learn out, and the column torque_along_nm of the move"
         )
+    if leads and (learn or taught is not None):
+        raise Refused(
+            "a torque that is learnt belongs to the move itself, and with --rungs or a compliant feedforward the motor makes another one; "
+            "choose nonlinear, linear or none"
+        )
     if leads and not (structure.torque_feedforward and structure.velocity_feedforward):
         raise Refused(
             f"{structure.name} takes no torque along with a reference, so its motor cannot be led ahead of the carriage; "
@@ -123,12 +127,11 @@ def verify_with(
     cascade, delay_s = offline.cascade_of(saved, model, structure, own)
     along = bool(saved.get("compensated")) and structure.torque_feedforward and feedforward in (None, "nonlinear")
     sending: Sending = "compliant" if feedforward == "compliant" else "rigid" if along else "nothing"
-    own_loop = drive.capabilities.gains == "unknown"  # whose inverse nobody knows
-    if feedforward == "led" and own_loop:
+    if feedforward == "led" and drive.capabilities.gains == "unknown":
         raise Refused(
             f"the gains of {structure.name} cannot be read, so no reference can be led by the inverse of its loops; leave led out"
         )
-    if feedforward == "led" or (feedforward is None and can_lead(structure, cascade) and not axis.mounting.tilted and not own_loop):
+    if feedforward == "led" or (feedforward is None and verification.leads(drive, axis, cascade)):
         sending = "led"
     driven: list[tuple[str, Verdict, Demand]] = []
     with Machine(drive, axis, folder, talk) as machine:
