@@ -28,7 +28,7 @@ from beltcomm.experiments.sign import check_sign
 from beltcomm.experiments.supervised import supervise
 from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.job import check_imports, import_recordings
-from beltcomm.given import Place, number, pasted, place, whole
+from beltcomm.given import Place, number, pasted, place
 from beltcomm.jobs import calibrate as calibrate_job
 from beltcomm.jobs import early_end
 from beltcomm.jobs import friction as friction_job
@@ -52,7 +52,7 @@ from beltcomm.jobs.new_profile import new_profile as new_profile
 from beltcomm.jobs.serve import serve as serve
 from beltcomm.jobs.simulate import run_experiment
 from beltcomm.jobs.trajectory import trajectory as trajectory
-from beltcomm.jobs.verify import verify_with
+from beltcomm.jobs.verify import repeats, verify_with
 from beltcomm.jobs.watch import watch as watch
 from beltcomm.jobs.write import admitted, apply_to, backup_list, roll_back
 from beltcomm.machine.machine import Machine
@@ -397,11 +397,7 @@ def verify(
     """
     options, talk, run = given(options), talk or Silence(), place(run)
     move = None if move is None else place(move, "move")
-    if learn is not None and whole(learn, "learn") < 2:
-        raise UsageError(f"{learn} repetitions teach nothing; give 2 or more")
-    if rungs and learn is not None:
-        raise UsageError("--rungs and --learn both repeat the move; give one of them")
-    how: dict[str, Any] = {"move": move, "trajectory": trajectory, "rungs": rungs, "learn": learn, "over_belt": over_belt}
+    how: dict[str, Any] = {"move": move, "trajectory": trajectory, "rungs": rungs, "learn": repeats(learn, rungs), "over_belt": over_belt}
     with (
         able(open_drive(drive, options.for_drive(_axis_in(run))), "position") as opened,
         supervise(opened, drive, run, options, talk) as connected,

@@ -14,7 +14,7 @@ from beltcomm.axis import Axis, axis_from_dict
 from beltcomm.control import Cascade
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.drive import Drive, simulated
-from beltcomm.errors import Refused, SafetyStop
+from beltcomm.errors import Refused, SafetyStop, UsageError
 from beltcomm.experiments import referencing, verification
 from beltcomm.experiments.learning import Learnt
 from beltcomm.experiments.learning import learn as repeat_and_learn
@@ -22,7 +22,7 @@ from beltcomm.experiments.options import Options, admit_edited, claim, settings_
 from beltcomm.experiments.plan import Plan, verification_plan
 from beltcomm.experiments.proving import Sending, verify_move
 from beltcomm.experiments.sign import check_sign
-from beltcomm.given import pasted
+from beltcomm.given import pasted, whole
 from beltcomm.language import tr
 from beltcomm.machine import stops
 from beltcomm.machine.machine import Machine
@@ -67,6 +67,15 @@ RUNGS: tuple[MoveVariant, ...] = (
     MoveVariant("stretch", "the motor ahead of the carriage by the stretch of the belt", lambda c: c, "stretch"),
     MoveVariant("compliant", "friction of the carriage in that stretch, through start, reversal and stop", lambda c: c, "compliant"),
 )
+
+
+def repeats(learn: int | None, rungs: bool) -> int | None:
+    """Number of times that a move is repeated for learning.   Raises UsageError, before a drive is opened, for too few or of two kinds."""
+    if learn is not None and whole(learn, "learn") < 2:
+        raise UsageError(f"{learn} repetitions teach nothing; give 2 or more")
+    if rungs and learn is not None:
+        raise UsageError("--rungs and --learn both repeat the move; give one of them")
+    return learn
 
 
 def verify_with(
