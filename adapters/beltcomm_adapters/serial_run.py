@@ -52,7 +52,7 @@ _ARRIVAL_CONSTANTS: Final = 10.0
 
 @dataclass(frozen=True)
 class LineSpeed:
-    """How fast this line is.   period_s : of polling.   patience_s : after which an answer is lost, beside its characters."""
+    """Speed of this line.   period_s : of polling.   patience_s : after which an answer is lost, beside its characters."""
 
     period_s: float
     patience_s: float
