@@ -52,7 +52,7 @@ from beltcomm.jobs.new_profile import new_profile as new_profile
 from beltcomm.jobs.serve import serve as serve
 from beltcomm.jobs.simulate import run_experiment
 from beltcomm.jobs.trajectory import trajectory as trajectory
-from beltcomm.jobs.verify import verify_with
+from beltcomm.jobs.verify import repeats, verify_with
 from beltcomm.jobs.watch import watch as watch
 from beltcomm.jobs.write import admitted, apply_to, backup_list, roll_back
 from beltcomm.machine.machine import Machine
@@ -397,7 +397,7 @@ def verify(
     """
     options, talk, run = given(options), talk or Silence(), place(run)
     move = None if move is None else place(move, "move")
-    how: dict[str, Any] = {"move": move, "trajectory": trajectory, "rungs": rungs, "learn": learn, "over_belt": over_belt}
+    how: dict[str, Any] = {"move": move, "trajectory": trajectory, "rungs": rungs, "learn": repeats(learn, rungs), "over_belt": over_belt}
     with (
         able(open_drive(drive, options.for_drive(_axis_in(run))), "position") as opened,
         supervise(opened, drive, run, options, talk) as connected,

@@ -61,12 +61,12 @@ class Address:
 
 
 def is_socketcan(name: str) -> bool:
-    """Whether a drive's name is that of a SocketCAN interface."""
+    """True if a drive's name is that of a SocketCAN interface."""
     return _SOCKETCAN.fullmatch(name) is not None
 
 
 def is_can_bus(name: str) -> bool:
-    """Whether a drive's name is that of a SocketCAN interface, or begins with an interface of python-can (``pcan:PCAN_USBBUS1``)."""
+    """True if a drive's name is that of a SocketCAN interface, or begins with an interface of python-can (``pcan:PCAN_USBBUS1``)."""
     return is_socketcan(name) or name.partition(":")[0] in can.VALID_INTERFACES
 
 

@@ -119,7 +119,7 @@ def step_to_enabled(state: State) -> int:
 
 
 def emergency_text(code: int, special: Mapping[int, str]) -> str:
-    """What an EMCY error code means: the maker's text, CiA 402's, or the group of CiA 301."""
+    """Meaning of an EMCY error code: the maker's text, CiA 402's, or the group of CiA 301."""
     if code in special:
         return special[code]
     if code in _STANDARD_EMERGENCIES:
@@ -128,7 +128,7 @@ def emergency_text(code: int, special: Mapping[int, str]) -> str:
 
 
 class Wire(Protocol):
-    """What carries the objects: its time, and what a drive tells unasked."""
+    """Carrier of the objects: its time, and what a drive tells unasked."""
 
     clock: Clock
     emergency: Emergency | None

@@ -82,7 +82,7 @@ def _round_near(per_turn: float) -> float:
 
 
 class SpeedUnit:
-    """What one raw number of a reported speed is, by the rate of the position meanwhile, over whole records:  u = Σ φ' v Δt / Σ v² Δt.
+    """SI value of one raw number of a reported speed, by the rate of the position meanwhile, over whole records:  u = Σ φ' v Δt / Σ v² Δt.
 
     Both are smoothed alike, as in :class:`Odometer`, and a speed that the drive has filtered leaves u as it is.
     position_rad : per raw unit.

@@ -55,7 +55,7 @@ _CODES: Final = {_POSITION: "i", _TORQUE: "h", _WORD: "H", _SPEED: "i", _DEMAND:
 
 
 class Sample(NamedTuple):
-    """What a drive answered to one SYNC, in its own units; ``demand`` is None when the drive has no 6074h."""
+    """Answer of a drive to one SYNC, in its own units; ``demand`` is None when the drive has no 6074h."""
 
     stamp_s: float
     position: int

@@ -44,13 +44,13 @@ def heed(objects: Objects, lending: Lending) -> None:
 
 
 def needs_lending(objects: Objects) -> bool:
-    """Whether :func:`heed` would change something."""
+    """True if :func:`heed` would change something."""
     node, axis = behaviour(objects)
     return node == STOPPED or axis == NOTHING
 
 
 def words(objects: Objects) -> str:
-    """What it does, in half a sentence; "" where it tells nothing."""
+    """Its reaction, in half a sentence; "" where it tells nothing."""
     node, axis = behaviour(objects)
     said = []
     if node is not None:

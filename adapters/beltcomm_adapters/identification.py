@@ -33,7 +33,7 @@ SHORTEST_GUARD_S, GUARD_PERIODS = 0.02, 5
 
 
 def read_identity(objects: Objects, where: str) -> dict[str, str]:
-    """What tells this drive from others: 1018h, 1008h to 100Ah, as text.
+    """Identity that tells this drive from others: 1018h, 1008h to 100Ah, as text.
 
     Raises BusError when nobody answers; ``where`` names interface, bit rate and node in its sentence.
     """

@@ -87,7 +87,7 @@ class Link:
             raise self.gone(error) from error
 
     def gone(self, error: Exception) -> BusError:
-        """What the interface's failure means, in words."""
+        """The interface's failure, in words."""
         return BusError(
             f"the CAN interface {self.bus.channel_info} does not send or receive ({error}); check that it is plugged in and up, "
             "that the drive is on and the bus terminated"

@@ -40,7 +40,7 @@ _UNITS: Final = (
 
 
 class HeardBus(can.BusABC):
-    """The same bus; every frame is kept in ``heard``, by the interface's own stamps."""
+    """A bus of which every frame is kept in ``heard``, by the interface's own stamps."""
 
     def __init__(self, bus: can.BusABC, clock: Clock) -> None:
         super().__init__(channel=bus.channel_info)
@@ -68,7 +68,7 @@ class HeardBus(can.BusABC):
 
 
 class BusListening:
-    """See :class:`beltcomm.drive.Listening`.
+    """A CAN bus as :class:`beltcomm.drive.Listening` asks.
 
     bus : whose frames come into ``heard``.   node : None looks who is there.   ask : SDO uploads are allowed.   release : called last.
     Raises BusError where nobody is heard, UsageError where several are.
@@ -119,7 +119,7 @@ class BusListening:
 
 
 class PlayedListening(BusListening):
-    """The same on a virtual bus, whose drive moves as a played production says: an iterator that drives one move for each step."""
+    """A virtual bus that is listened to, whose drive moves as a played production says: an iterator that drives one move for each step."""
 
     def __init__(self, production: Iterator[object], *given: Any, **more: Any) -> None:
         self._production = production

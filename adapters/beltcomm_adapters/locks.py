@@ -20,7 +20,7 @@ class Lock:
     subindex: int | None = None
 
     def holds(self, index: int, subindex: int) -> bool:
-        """Whether an object is among them."""
+        """True if an object is among them."""
         return self.first <= index <= self.last and self.subindex in (None, subindex)
 
 
@@ -39,7 +39,7 @@ _RECEIVE_MAPS: Final = range(0x1600, 0x1800)
 
 
 class Locks:
-    """What is locked on one drive; more can be added, nothing taken away."""
+    """Locked objects of one drive; more can be added, nothing taken away."""
 
     def __init__(self) -> None:
         self._locks = list(ALWAYS)
@@ -49,7 +49,7 @@ class Locks:
         self._locks += locks
 
     def lock_of(self, index: int, subindex: int) -> Lock | None:
-        """What locks an object; None for one that may be written."""
+        """Lock of an object; None for one that may be written."""
         return next((lock for lock in self._locks if lock.holds(index, subindex)), None)
 
     def check(self, index: int, subindex: int, data: bytes = b"") -> None:

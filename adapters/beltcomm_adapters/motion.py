@@ -63,7 +63,7 @@ class Report(ExchangeReport):
 
 
 class Tally:
-    """What a drive says of itself beside its samples; what contradicts the motion ends it.   mode : of operation."""
+    """Statements of a drive beside its samples; those that contradict the motion end it.   mode : of operation."""
 
     def __init__(self, period_s: float, setpoints: Setpoints, mode: int) -> None:
         self._period_s, self._setpoints, self._mode = period_s, setpoints, mode
@@ -96,7 +96,7 @@ class Tally:
             )
 
     def remarks(self) -> tuple[str, ...]:
-        """What should be known of a motion that went to its end."""
+        """Remarks on a motion that went to its end."""
         found = []
         if self._warned:
             found.append(f"the drive warns (statusword bit 7 in {self._warned} rows): look at its temperature, I2t and supply")
@@ -142,7 +142,7 @@ class Run:
 
     @property
     def torque_mode(self) -> bool:
-        """Whether torque is commanded, with all loops open."""
+        """True if torque is commanded, with all loops open."""
         return self._layout.mode in TORQUE_MODES
 
     def cycle(self, frames: Sequence[bytes], doing: str) -> Sample | None:
@@ -370,7 +370,7 @@ class Run:
         raise DriveError("the drive does not confirm that its stage is off; switch its power off before touching the axis")
 
     def left_alone(self) -> bool:
-        """Whether the node ended its PDOs with its host's silence, which was tried: a quick stop in them is not answered."""
+        """True if the node ended its PDOs with its host's silence, which was tried: a quick stop in them is not answered."""
         return self._silenced and self._halting(QUICK_STOP) is None
 
     def stand_by_speed(self) -> None:
@@ -382,7 +382,7 @@ class Run:
                 return
 
     def _standing(self) -> Callable[[int], bool]:
-        """Whether the axis stands, asked with every position from now on."""
+        """True if the axis stands, asked with every position from now on."""
         cycles = max(2, math.ceil(_STILL_TIME_S / self._period_s))
         counts = _STILL_RAD_S * cycles * self._period_s / self._scaling.position_rad
         positions: deque[int] = deque(maxlen=cycles + 1)

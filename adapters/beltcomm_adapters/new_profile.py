@@ -38,7 +38,7 @@ _BITS: Final = {1: 0, 3: 2, 4: 3, 6: 5, 7: 6, 8: 7, 9: 8, 10: 9}  # 6502h
 
 @dataclass(frozen=True)
 class Facts:
-    """What is known of a drive.   values : of objects that are there, None where the value is not known.   absent : objects that are not.
+    """Facts known of a drive.   values : of objects that are there, None where the value is not known.   absent : objects that are not.
 
     names : of manufacturer objects, from an EDS.   source : where all this is from.
     """
@@ -50,7 +50,7 @@ class Facts:
     source: str
 
     def there(self, index: int, subindex: int = 0) -> bool | None:
-        """Whether the drive has an object; None where nobody says."""
+        """True if the drive has an object; None where nobody says."""
         place = index, subindex
         return True if place in self.values else False if place in self.absent else None
 
@@ -61,7 +61,7 @@ class Facts:
 
 
 def facts_of_bus(bus: can.BusABC, clock: Clock, node: int | None, entries: Sequence[DictionaryEntry]) -> Facts:
-    """What the drive on a bus answers; nothing is written.   entries : of its EDS, if there is one.   Raises BusError, UsageError."""
+    """Facts that the drive on a bus answers; nothing is written.   entries : of its EDS, if there is one.   Raises BusError, UsageError."""
     if node is None:
         nodes = find_nodes(bus, clock)
         if len(nodes) != 1:
@@ -83,7 +83,7 @@ def facts_of_bus(bus: can.BusABC, clock: Clock, node: int | None, entries: Seque
 
 
 def facts_of_file(device: Mapping[str, str], entries: Sequence[DictionaryEntry]) -> Facts:
-    """What an EDS or DCF says.   device : its [DeviceInfo]."""
+    """Facts that an EDS or DCF says.   device : its [DeviceInfo]."""
     values: dict[tuple[int, int], float | None] = {(e.index, e.subindex): e.value for e in entries}
     asked = {(index, subindex) for index, subindex, _ in ASKED}
     known = {str(key).lower(): str(value) for key, value in device.items()}

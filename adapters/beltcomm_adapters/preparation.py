@@ -165,15 +165,12 @@ def lend_settings(
     ahead_rad: float = 0.0,
 ) -> None:
     """Of :func:`prepare` what is a setting, no mode and no setpoint; limits that the drive does not take are in ``lending.refused``."""
-    lending.set_if_there(0x605A, 0, "int16", _QUICK_STOP_AND_DISABLE)
-    if math.isfinite(limits.deceleration_rad_s2) and believes_ramp(objects, lending, scaling, limits.speed_rad_s):
-        braking = scaling.raw_acceleration(limits.deceleration_rad_s2)
-        limit(objects, lending, 0x6085, 0, "uint32", braking, scaling.acceleration, "rad/s²", harder=True)
+    believed = lend_quick_stop(objects, lending, scaling, limits)
     if profile.sync_change == "at_once" and (sync_period_s(objects) is not None or objects.read_if_there(0x60C2, 1, "uint8") is not None):
         value, power = interpolation_time(period_s)
         lending.set_if_there(0x60C2, 2, "int8", power)
         lending.set_if_there(0x60C2, 1, "uint8", value)
-    if mode in TORQUE_MODES and profile.torque_exit == "velocity" and math.isfinite(limits.deceleration_rad_s2):
+    if believed and mode in TORQUE_MODES and profile.torque_exit == "velocity" and math.isfinite(limits.deceleration_rad_s2):
         braking = scaling.raw_acceleration(limits.deceleration_rad_s2)
         limit(objects, lending, 0x6084, 0, "uint32", braking, scaling.acceleration, "rad/s²", harder=True)
     if mode == 4 and profile.torque_slope_permille_s is not None:
@@ -183,7 +180,7 @@ def lend_settings(
     if mode == 7:
         lending.set_if_there(0x60C0, 0, "int16", _LINEAR_INTERPOLATION)
         lending.set_if_there(0x60C1, 2, "uint8", 0)  # absolute positions; before sub 1 (F1 p195)
-    if mode == 3 and speeds_rad_s is not None:
+    if believed and mode == 3 and speeds_rad_s is not None:
         steepest = float(np.abs(np.diff(speeds_rad_s, prepend=0.0, append=0.0)).max()) / period_s
         ramp = scaling.raw_acceleration(steepest, at_most=False)
         for index in (0x6083, 0x6084):
@@ -196,17 +193,30 @@ def lend_settings(
             limit(objects, lending, 0x6065, 0, "uint32", lag, lambda raw: raw * abs(scaling.position_rad), "rad")
 
 
-def believes_ramp(objects: Objects, lending: Lending, scaling: Scaling, speed_rad_s: float) -> bool:
-    """Whether the unit of accelerations is told, or makes a stop of the drive's own 6085h: one that means milliseconds would stop in hours.
+def lend_quick_stop(objects: Objects, lending: Lending, scaling: Scaling, limits: Limits) -> bool:
+    """A quick stop that ends disabled, with the deceleration of the limits; False where the unit of accelerations makes no sense.
 
-    Then it stays as it is, and that is told.
+    Then nothing is written in that unit, neither a stop nor a ramp.
+    """
+    lending.set_if_there(0x605A, 0, "int16", _QUICK_STOP_AND_DISABLE)
+    believed = believes_ramp(objects, lending, scaling, limits.speed_rad_s)
+    if believed and math.isfinite(limits.deceleration_rad_s2):
+        braking = scaling.raw_acceleration(limits.deceleration_rad_s2)
+        limit(objects, lending, 0x6085, 0, "uint32", braking, scaling.acceleration, "rad/s²", harder=True)
+    return believed
+
+
+def believes_ramp(objects: Objects, lending: Lending, scaling: Scaling, speed_rad_s: float) -> bool:
+    """True if the unit of accelerations is told, or makes a stop of the drive's own 6085h: one that means milliseconds would stop in hours.
+
+    speed_rad_s : from which it stops, at the motor shaft.   A unit that is not believed is told.
     """
     own = None if scaling.acceleration_told else objects.read_if_there(0x6085, 0, "uint32")
     if not own or speed_rad_s / scaling.acceleration(own) < _LONGEST_STOP_S:
         return True
     lending.altered.append(
-        f"6085h (quick stop) stays as it is set there, {own}: in the drive's unit of speed per second that would be a stop of "
-        f"{speed_rad_s / scaling.acceleration(own):.3g} s, so it means something else; state acceleration_unit in a profile"
+        f"6085h (quick stop) stays as it is set there, {own}, and ramps with it: in the drive's unit of speed per second that would be a "
+        f"stop of {speed_rad_s / scaling.acceleration(own):.3g} s, so it means something else; state acceleration_unit in a profile"
     )
     return False
 
@@ -277,13 +287,13 @@ def tighten_window(objects: Objects, lending: Lending, scaling: Scaling, limits:
     """
     stored_low = objects.read_if_there(0x607D, 1, "int32")
     deceleration = objects.read_if_there(0x6085, 0, "uint32")
-    if stored_low is None or not deceleration:
+    if stored_low is None or not (deceleration or ahead_rad):
         return
     stored_high = objects.read_int(0x607D, 2, "int32")
-    braking_rad = limits.speed_rad_s**2 / (2.0 * scaling.acceleration(deceleration))
+    braking_rad = limits.speed_rad_s**2 / (2.0 * scaling.acceleration(deceleration)) if deceleration else math.inf
     margin_rad = max(limits.speed_rad_s * _REACTION_CYCLES * period_s + braking_rad, ahead_rad)
-    low = max(math.floor((limits.position_min_rad - margin_rad) / scaling.position_rad), -_INT32)
-    high = min(math.ceil((limits.position_max_rad + margin_rad) / scaling.position_rad), _INT32)
+    low = math.floor(max((limits.position_min_rad - margin_rad) / scaling.position_rad, -_INT32))
+    high = math.ceil(min((limits.position_max_rad + margin_rad) / scaling.position_rad, _INT32))
     if stored_low < stored_high:  # otherwise these limits are switched off
         low, high = max(low, stored_low), min(high, stored_high)
         spare = min(limits.position_min_rad - low * scaling.position_rad, high * scaling.position_rad - limits.position_max_rad)
@@ -293,6 +303,8 @@ def tighten_window(objects: Objects, lending: Lending, scaling: Scaling, limits:
                 "cut it at the ends of the travel: switch them off or widen them with the maker's tool, or drive the move without a led "
                 "reference (--feedforward none)"
             )
+    if not deceleration:  # of a drive without a quick stop's way nothing is tightened
+        return
     steps = [(1, low), (2, high)]
     for part, value in reversed(steps) if low > stored_high else steps:  # never a minimum above its maximum
         limit(objects, lending, 0x607D, part, "int32", value, lambda raw: raw * scaling.position_rad, "rad")

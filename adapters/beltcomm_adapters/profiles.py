@@ -34,7 +34,7 @@ RATED_PERMILLE: Final = 1000
 
 @dataclass(frozen=True)
 class TorqueScale:
-    """What the drive's torques count in thousandths of.   of : "rated_torque" (6076h), "rated_current", "drive_peak" or "unknown".
+    """Torque of which the drive's torques are thousandths.   of : "rated_torque" (6076h), "rated_current", "drive_peak" or "unknown".
 
     confidence : of that.   check : what tells whether it is right, in words.   nm : N m that a thousand are; None is the rated torque.
     """

@@ -50,7 +50,7 @@ class Scaling:
     acceleration_told: bool = True
 
     def with_speed(self, speed_rad_s: float) -> Scaling:
-        """The same with another unit of speed, and of acceleration where nobody tells that: the one of speed per second."""
+        """Scaling with another unit of speed, and of acceleration where nobody tells that: the one of speed per second."""
         share = 1.0 if self.acceleration_told else speed_rad_s / self.speed_rad_s
         return replace(self, speed_rad_s=speed_rad_s, acceleration_rad_s2=share * self.acceleration_rad_s2, speed_told=True)
 

@@ -239,7 +239,7 @@ class SdoObjects(Objects):
 
 
 def abort_text(code: int) -> str:
-    """What an abort code says (CiA 301, table 22)."""
+    """Meaning of an abort code (CiA 301, table 22)."""
     return f"{SdoAbortedError.CODES.get(code, 'no standard text')} (abort code {code:08X}h)"
 
 
@@ -306,7 +306,7 @@ class Lending:
         return True
 
     def lent(self) -> list[tuple[int, int, str, float]]:
-        """What will be given back: index, subindex, type and the value that each object had."""
+        """Objects that will be given back: index, subindex, type and the value that each object had."""
         first = {(index, subindex): (index, subindex, kind, before) for index, subindex, kind, before in reversed(self._lent)}
         return list(reversed(first.values()))
 

@@ -76,7 +76,7 @@ class SerialDrive(ObjectDrive):
 
     @property
     def version(self) -> str:
-        """What the firmware calls itself."""
+        """Name that the firmware gives itself."""
         return self._serial.version()
 
     def backup(self) -> dict[str, float]:

@@ -168,7 +168,7 @@ class SerialLine:
         self._unsettled = False
 
     def _caught_up(self, time_s: float) -> bool:
-        """Whether the drive has answered all that it was asked before: it answers another question, each time another one."""
+        """True if the drive has answered all that it was asked before: it answers another question, each time another one."""
         index, subindex = next(self._markers)
         place = f"={index:04X}{subindex:02X}:"
         self._owed = (

@@ -104,7 +104,7 @@ class SerialObjects(Objects):
             raise DriveError("the drive did not save its parameters (ERROR!); take its stage off and try again")
 
     def version(self) -> str:
-        """What the firmware calls itself, ``VERSION?`` -> ``2300:VERSION:MMMM.SSSS``; "" when it does not say."""
+        """Name that the firmware gives itself, ``VERSION?`` -> ``2300:VERSION:MMMM.SSSS``; "" when it does not say."""
         answer = self._line.ask("VERSION?", lambda line: isinstance(line, Text) and "VERSION:" in line.words, longest=40)
         return answer.words.rpartition("VERSION:")[2] if isinstance(answer, Text) else ""
 
@@ -150,7 +150,7 @@ class SerialObjects(Objects):
         return self._line.ask(request, fits, longest=_LONGEST, time_s=self.answer_time_s, quiet_s=self.quiet_s)
 
     def _answers(self) -> bool:
-        """Whether a drive answers at the present bit rate."""
+        """True if a drive answers at the present bit rate."""
         for _ in range(_ATTEMPTS):
             answer = self._ask(_reading(0x1000, 0), _answer_to(0x1000, 0))
             if isinstance(answer, (ObjectAnswer, Abort)):

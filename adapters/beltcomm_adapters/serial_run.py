@@ -25,7 +25,7 @@ from beltcomm_adapters.cia402 import (
 )
 from beltcomm_adapters.exchange import Sample
 from beltcomm_adapters.motion import TOLERATED_LOSSES, Report
-from beltcomm_adapters.preparation import limit, tighten_torque_and_speed, tighten_window
+from beltcomm_adapters.preparation import lend_quick_stop, tighten_torque_and_speed, tighten_window
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import Lending
@@ -34,7 +34,6 @@ from beltcomm_adapters.serial_strokes import SerialStroke, Trapezoid
 from beltcomm_adapters.watch import Watch
 
 PROFILE_POSITION: Final = 1
-_QUICK_STOP_AND_DISABLE: Final = 2  # 605Ah
 _INT32: Final = 2**31 - 1
 #: Speed, acceleration and deceleration of a stroke.
 _STROKE_PARAMETERS: Final = (0x6081, 0x6083, 0x6084)
@@ -53,7 +52,7 @@ _ARRIVAL_CONSTANTS: Final = 10.0
 
 @dataclass(frozen=True)
 class LineSpeed:
-    """How fast this line is.   period_s : of polling.   patience_s : after which an answer is lost, beside its characters."""
+    """Speed of this line.   period_s : of polling.   patience_s : after which an answer is lost, beside its characters."""
 
     period_s: float
     patience_s: float
@@ -82,11 +81,12 @@ def prepare(
     else:  # "no mode" is where a drive starts and cannot be gone back to
         objects.write(0x6060, 0, "int8", PROFILE_POSITION)
     machine.confirm_mode(PROFILE_POSITION)
-    lending.set_if_there(0x605A, 0, "int16", _QUICK_STOP_AND_DISABLE)
     lending.set_if_there(0x6086, 0, "int16", 0)
-    if math.isfinite(limits.deceleration_rad_s2):
-        braking = scaling.raw_acceleration(limits.deceleration_rad_s2)
-        limit(objects, lending, 0x6085, 0, "uint32", braking, scaling.acceleration, "rad/s²", harder=True)
+    if not lend_quick_stop(objects, lending, scaling, limits):
+        raise DriveError(
+            "the drive does not tell what its accelerations count in (60AAh), and its own quick stop (6085h) makes no sense in the usual "
+            "unit, so no stroke can be told to it; state acceleration_unit in a profile (--profile)"
+        )
     tighten_torque_and_speed(objects, lending, profile, scaling, limits)
     tighten_window(objects, lending, scaling, limits, period_s)
     if limits.lag_rad is not None:

@@ -99,7 +99,7 @@ def strokes_of(motion: Motion, here: int, scaling: Scaling) -> tuple[list[Serial
 
 
 def _stroke(start: int, end_rad: float, speed_rad_s: float, acceleration_rad_s2: float, rest_s: float, scaling: Scaling) -> SerialStroke:
-    """The same in whole units of the drive, never faster than asked."""
+    """A stroke in whole units of the drive, never faster than asked."""
     end = min(max(round(end_rad / scaling.position_rad), -_INT32), _INT32)
     speed = max(1, math.floor(speed_rad_s / scaling.speed_rad_s + 1e-9))
     acceleration = scaling.raw_acceleration(acceleration_rad_s2, at_most=False)

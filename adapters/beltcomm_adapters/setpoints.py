@@ -29,7 +29,7 @@ OFFSET_MODES: Final = (8, 9)
 
 @dataclass(frozen=True)
 class Layout:
-    """How setpoints of one mode of operation travel.
+    """Way of the setpoints of one mode of operation to the drive.
 
     received : objects of each receive PDO; the first begins with 6040h.     follows : statusword bit 12 must be set.
     running : control word while moving.

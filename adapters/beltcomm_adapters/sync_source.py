@@ -114,7 +114,7 @@ class KernelSync:
 
 
 def broadcast_by_kernel(bus: can.BusABC) -> bool:
-    """Whether periodic frames of this bus are sent by the kernel."""
+    """True if periodic frames of this bus are sent by the kernel."""
     return type(getattr(bus, "inner", bus)).__name__ == "SocketcanBus"
 
 

@@ -63,7 +63,7 @@ class RawUnit:
 
 
 def coded(code: int) -> RawUnit | None:
-    """What an object 60A8h to 60AAh says; None for a code that is not known."""
+    """Unit that an object 60A8h to 60AAh tells; None for a code that is not known."""
     power = (code >> 24 & 0xFF ^ 0x80) - 0x80
     numerator = _NUMERATORS.get(code >> 16 & 0xFF)
     over = [_DENOMINATORS.get(code >> shift & 0xFF) for shift in (8, 0)]
@@ -98,7 +98,7 @@ def named(text: str, per: int) -> RawUnit:
 
 @dataclass(frozen=True)
 class Ground:
-    """What units rest on: one position unit and one increment of the encoder in rad of the motor, one rad of the motor in m of the load.
+    """Ground of the units: one position unit and one increment of the encoder in rad of the motor, one rad of the motor in m of the load.
 
     None where it is not known.
     """

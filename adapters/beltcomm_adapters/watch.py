@@ -69,7 +69,7 @@ class Watch:
 
     @property
     def longest_stop_s(self) -> float:
-        """How long a quick stop may take, s: its ramp from the highest speed, and what a drive needs beside it."""
+        """Longest time of a quick stop, s: its ramp from the highest speed, and what a drive needs beside it."""
         return STOP_TIME_S + self._limits.speed_rad_s / self._limits.deceleration_rad_s2
 
     def way(self, angle_rad: float) -> str:

@@ -56,8 +56,6 @@ def command(
     options = frame.options(targets=targets or None, **given)
     if rungs and options.feedforward is not None:
         raise UsageError("--rungs drives every feedforward in turn; leave --feedforward out")
-    if rungs and learn is not None:
-        raise UsageError("--rungs and --learn both repeat the move; give one of them")
     frame.run = run
     result = api().verify(
         drive, run, move=move, trajectory=trajectory, rungs=rungs, learn=learn, over_belt=over_belt, options=options, talk=frame.talk()

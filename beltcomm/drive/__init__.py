@@ -615,6 +615,8 @@ class Adapter:
         an EDS says: its device section and its objects.
     check_profile : callable or None
         ``check_profile(name)`` raises UsageError for a profile, shipped or a file, that cannot be used.
+    listen : callable or None
+        ``listen(address, options) -> Listening`` to the bus of a drive that somebody else moves.
     """
 
     name: str

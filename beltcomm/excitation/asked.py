@@ -10,6 +10,9 @@ from beltcomm.excitation.binary import MAXIMAL_TAPS, PrbsChoice, prbs_band
 from beltcomm.excitation.choice import Choice, ExcitationKind
 from beltcomm.excitation.record import FEWEST_REPEATS, REST_AFTER_S, REST_BEFORE_S
 
+#: Samples of a record, three hours at 1 kHz, and measured periods: more are a mistake in a unit, or no excitation that anybody waits for.
+MOST_SAMPLES, MOST_PERIODS = 10_000_000, 1000
+
 
 @dataclass(frozen=True)
 class AskedExcitation:
@@ -68,6 +71,10 @@ class AskedExcitation:
                 )
         if self.periods is not None and self.periods < FEWEST_REPEATS:
             raise UsageError(f"{self.periods} measured periods do not tell the noise; ask for {FEWEST_REPEATS} or more")
+        if self.periods is not None and self.periods > MOST_PERIODS:
+            raise UsageError(f"{self.periods} measured periods are more than anybody waits for; ask for {MOST_PERIODS} or fewer")
+        if (seconds := self.seconds(sample_period_s)) is not None:
+            _check_length(seconds, sample_period_s)
         if self.amplitude_nm is None:
             return
         if not self.amplitude_nm >= 2.0 * torque_step_nm or not self.amplitude_nm > 0.0:
@@ -92,6 +99,11 @@ class AskedExcitation:
         Returns
         -------
         Choice
+
+        Raises
+        ------
+        UsageError
+            For a record longer than any.
         """
         signal: Any = choice
         if isinstance(signal, PrbsChoice) and self.shape:
@@ -102,6 +114,8 @@ class AskedExcitation:
             signal = replace(signal, order=order, clock=clock, reason=words)
         if self.periods is not None:
             signal = replace(signal, repeats=self.periods, reason=f"{signal.reason}; {self.periods} measured periods asked for")
+        if isinstance(signal, PrbsChoice) and signal is not choice:
+            _check_length((1 + signal.repeats) * (2**signal.order - 1) * signal.clock * sample_period_s, sample_period_s)
         made: Choice = signal
         return made
 
@@ -140,6 +154,14 @@ class AskedExcitation:
             return None
         periods = 1 + (self.periods or FEWEST_REPEATS)
         return REST_BEFORE_S + REST_AFTER_S + float(periods * (2**self.order - 1)) * self.bit_s
+
+
+def _check_length(seconds: float, sample_period_s: float) -> None:
+    if seconds > MOST_SAMPLES * sample_period_s:
+        raise UsageError(
+            f"the record would take {seconds / 3600.0:.3g} h, at most {MOST_SAMPLES * sample_period_s / 3600.0:.3g} h are made; ask for a "
+            "shorter bit, a lower order or fewer periods"
+        )
 
 
 #: Nothing is asked for.

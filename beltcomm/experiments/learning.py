@@ -47,8 +47,10 @@ class Repetition:
         Of its recording.
     rms_m, largest_m : float
         Of the motor's error while the reference moves.
-    torque_nm : ndarray (n,)
+    torque_nm : ndarray (n,), N m, motor shaft
         That had been learnt by then.
+    error_m : ndarray (n,), m
+        Of the motor, at the samples of the torque.
     """
 
     name: str
@@ -122,7 +124,7 @@ def learn(
                 raise
             ended = f"what was learnt next would break a limit ({str(refusal).removeprefix('the move is refused: ')})"
             continue
-        one = _repetition(name, machine.folder.recording(name), machine.ratio, torque, verdict)
+        one = _repetition(name, machine.folder.recording(name), machine.ratio, torque, verdict, period)
         done.append(one)
         if last or (ended and number > 0 and len(done) > 1):
             break
@@ -141,18 +143,21 @@ def learn(
             ended = "the model is not sure enough of how this axis answers to a torque: nothing can be learnt from it"
             break
         counts = _counts(path, samples)
-        torque = teacher.next(one.torque_nm, np.resize(one.error_m, samples), counts)
+        torque = teacher.next(one.torque_nm, one.error_m, counts)
     best = min(done, key=lambda other: other.rms_m)
     same = [one for one in done if one is not best and np.array_equal(one.torque_nm, best.torque_nm)]
-    limit = float(np.sqrt(np.mean((same[-1].error_m - best.error_m)[_moving(path, len(best.error_m))] ** 2) / 2.0)) if same else np.nan
+    limit = float(np.sqrt(np.mean((same[-1].error_m - best.error_m)[_moving(path, samples)] ** 2) / 2.0)) if same else np.nan
     return Learnt(path, tuple(done), best, limit, teacher.band_hz if teacher else 0.0, ended)
 
 
-def _repetition(name: str, recording: Recording, ratio: float, torque: Array, verdict: Verdict) -> Repetition:
+def _repetition(name: str, recording: Recording, ratio: float, torque: Array, verdict: Verdict, period_s: float) -> Repetition:
+    """A repetition by its record, whose lost rows are filled from their neighbours: error and torque stay sample by sample."""
     assert recording.reference_position is not None
     error = ratio * (recording.reference_position - recording.position)
     moving = np.abs(np.gradient(recording.reference_position)) > 0.0
-    return Repetition(name, float(np.sqrt(np.mean(error[moving] ** 2))), float(np.max(np.abs(error[moving]))), torque, error, verdict)
+    rms, largest = float(np.sqrt(np.mean(error[moving] ** 2))), float(np.max(np.abs(error[moving])))
+    at = np.rint((recording.t_s - recording.t_s[0]) / period_s)
+    return Repetition(name, rms, largest, torque, np.interp(np.arange(len(torque)), at, error), verdict)
 
 
 def _moving(path: Trajectory, samples: int) -> NDArray[np.bool_]:

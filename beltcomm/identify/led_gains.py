@@ -1,4 +1,4 @@
-"""What the gains in a drive really are, from one move with a led reference: small steps at standstill tell them to a few percent only.
+"""Gains as they really are in a drive, from one move with a led reference: small steps at standstill tell them to a few percent only.
 
     τ = K_P [K_PP (ε + ∫ε dt/T_N) - (ω + ∫ω dt/T_N)] + c,      ε = r - φ,   T_N = K_P/K_I as documented
 
@@ -71,20 +71,26 @@ def gain_factors(
     delay_s : float
         Torque setpoint to acting torque.
     """
-    if recording.reference_position is None or cascade.ki_nm_rad <= 0.0 or len(lead_rad) < len(recording.t_s):
+    if recording.reference_position is None or cascade.ki_nm_rad <= 0.0:
         return None
     period, filter_s = recording.sample_period_s, cascade.velocity_filter_s
-    off = recording.reference_position + lead_rad[: len(recording.t_s)] - recording.position
+    at = np.rint((recording.t_s - recording.t_s[0]) / period)  # rows may have been lost
+    if len(lead_rad) <= at[-1]:
+        return None
+    every = np.arange(at[-1] + 1.0)
+    reference, position, acted = (np.interp(every, at, one) for one in (recording.reference_position, recording.position, recording.torque))
+    off = reference + lead_rad[: len(every)] - position
     off = np.sign(off) * np.maximum(np.abs(off) - structure.dead_zone_rad, 0.0)
     speed, before = np.empty(len(off)), 0.0
-    for k, step in enumerate(np.diff(recording.position, prepend=recording.position[0])):
+    for k, step in enumerate(np.diff(position, prepend=position[0])):
         speed[k] = before = (filter_s * before + step) / (filter_s + period)
     reset_s = cascade.kp_nm_s_rad / cascade.ki_nm_rad
     asked, answered = (one + period * (np.cumsum(one) - one) / reset_s for one in (off, speed))
-    torque = np.interp(recording.t_s + delay_s - 0.5 * period, recording.t_s, recording.torque)
+    torque = np.interp(every + delay_s / period - 0.5, every, acted)
     law = np.stack([asked, -answered, np.ones(len(off))], axis=1)
-    (both, kp, _), *_ = np.linalg.lstsq(law, torque, rcond=None)
-    rest = torque - law @ np.linalg.lstsq(law, torque, rcond=None)[0]
+    solved = np.linalg.lstsq(law, torque, rcond=None)[0]
+    both, kp = float(solved[0]), float(solved[1])
+    rest = torque - law @ solved
     spread = np.linalg.pinv(law.T @ law) * float(rest @ rest) / max(len(off) - 3, 1)
     if not (kp > 0.0 and both > 0.0):
         return None

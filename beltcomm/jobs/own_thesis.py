@@ -1,4 +1,4 @@
-"""What the design source compares, on the model of one's own run: equalities, prefilters, anti-windup, velocity estimators, gravity."""
+"""Comparisons of the design source, on the model of one's own run: equalities, prefilters, anti-windup, velocity estimators, gravity."""
 
 from __future__ import annotations
 

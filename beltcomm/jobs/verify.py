@@ -13,9 +13,8 @@ import numpy as np
 from beltcomm.axis import Axis, axis_from_dict
 from beltcomm.control import Cascade
 from beltcomm.design.feedforward import FeedforwardKind
-from beltcomm.design.led_reference import can_lead
 from beltcomm.drive import Drive, simulated
-from beltcomm.errors import Refused, SafetyStop
+from beltcomm.errors import Refused, SafetyStop, UsageError
 from beltcomm.experiments import referencing, verification
 from beltcomm.experiments.learning import Learnt
 from beltcomm.experiments.learning import learn as repeat_and_learn
@@ -23,7 +22,7 @@ from beltcomm.experiments.options import Options, admit_edited, claim, settings_
 from beltcomm.experiments.plan import Plan, verification_plan
 from beltcomm.experiments.proving import Sending, verify_move
 from beltcomm.experiments.sign import check_sign
-from beltcomm.given import pasted
+from beltcomm.given import pasted, whole
 from beltcomm.language import tr
 from beltcomm.machine import stops
 from beltcomm.machine.machine import Machine
@@ -70,6 +69,15 @@ RUNGS: tuple[MoveVariant, ...] = (
 )
 
 
+def repeats(learn: int | None, rungs: bool) -> int | None:
+    """Number of times that a move is repeated for learning.   Raises UsageError, before a drive is opened, for too few or of two kinds."""
+    if learn is not None and whole(learn, "learn") < 2:
+        raise UsageError(f"{learn} repetitions teach nothing; give 2 or more")
+    if rungs and learn is not None:
+        raise UsageError("--rungs and --learn both repeat the move; give one of them")
+    return learn
+
+
 def verify_with(
     drive: Drive,
     name: str,
@@ -113,6 +121,11 @@ def verify_with(
             f"{structure.name} takes no torque along with a reference, so nothing that is learnt could be sent to it; "
             "leave --learn out, and the column torque_along_nm of the move"
         )
+    if leads and (learn or taught is not None):
+        raise Refused(
+            "a torque that is learnt belongs to the move itself, and with --rungs or a compliant feedforward the motor makes another one; "
+            "choose nonlinear, linear or none"
+        )
     if leads and not (structure.torque_feedforward and structure.velocity_feedforward):
         raise Refused(
             f"{structure.name} takes no torque along with a reference, so its motor cannot be led ahead of the carriage; "
@@ -123,12 +136,11 @@ def verify_with(
     cascade, delay_s = offline.cascade_of(saved, model, structure, own)
     along = bool(saved.get("compensated")) and structure.torque_feedforward and feedforward in (None, "nonlinear")
     sending: Sending = "compliant" if feedforward == "compliant" else "rigid" if along else "nothing"
-    own_loop = drive.capabilities.gains == "unknown"  # whose inverse nobody knows
-    if feedforward == "led" and own_loop:
+    if feedforward == "led" and drive.capabilities.gains == "unknown":
         raise Refused(
             f"the gains of {structure.name} cannot be read, so no reference can be led by the inverse of its loops; leave led out"
         )
-    if feedforward == "led" or (feedforward is None and can_lead(structure, cascade) and not axis.mounting.tilted and not own_loop):
+    if feedforward == "led" or (feedforward is None and verification.leads(drive, axis, cascade)):
         sending = "led"
     driven: list[tuple[str, Verdict, Demand]] = []
     with Machine(drive, axis, folder, talk) as machine:

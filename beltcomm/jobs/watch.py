@@ -72,7 +72,7 @@ class _Stream(Protocol):
 
 @dataclass
 class _Watch:
-    """What is known so far."""
+    """State of a watch between two moves."""
 
     judge: Judge
     drift: AxisDrift
@@ -221,12 +221,13 @@ def watch(
 
 
 def _resume(state: _Watch, anew: bool) -> None:
-    """What was watched before goes on: the base of the first moves, and the last ones."""
+    """Go on with what was watched before: the base of the first moves, and the last ones."""
     if anew:
         store.append(state.folder.path, {store.ANEW: True})
     for entry in store.entries(state.folder.path, marks=True):
         if store.ANEW in entry:
             state.drift.begin_anew()
+            state.standings = []
             continue
         told = {key: MoveEstimate(*pair) for key, pair in store.told_by(entry).items()}
         state.standings = state.drift.add_told(told)
@@ -320,7 +321,7 @@ def _ends(axis: Axis) -> tuple[float, float]:
 
 
 def _take(state: _Watch, stream: _Stream, ended: bool, most: int | None, until_alarm: bool) -> None:
-    """What has come: every move that is over is judged."""
+    """Judge every move that is over by now."""
     passed = state.taken_s
     for stretch in stream.poll():
         found, quiet_s = moves_in(stretch, state.taken_s, ended)
@@ -365,11 +366,13 @@ def _judge_one(state: _Watch, columns: Mapping[str, Any], start_s: float) -> Non
 
 
 def _events(state: _Watch) -> list[tuple[str, str]]:
-    """What stands otherwise than with the move before: kind and sentence."""
+    """Changes of state since the move before: kind and sentence."""
     found = []
     for one in state.standings:
         before = state.states.get(one.key, "few")
         state.states[one.key] = one.state
+        if one.state == "alarm":  # also one that an earlier watch has raised, as long as it lasts
+            state.alarms.setdefault(one.key, words.event_sentence(one).partition(":")[0])
         if one.state == before or (one.state == "steady" and before == "few") or (before == "alarm" and one.state == "changed"):
             continue
         sentence = words.event_sentence(one)
@@ -378,8 +381,6 @@ def _events(state: _Watch) -> list[tuple[str, str]]:
         if one.state != "steady" and one.key == ERROR:
             state.suspects = _suspects(state)
             sentence += _suspected(state.suspects)
-        if one.state == "alarm":
-            state.alarms.setdefault(one.key, sentence.partition(":")[0])
         found.append(({"alarm": "ALARM", "changed": "noticed", "steady": "back"}[one.state], sentence))
     return found
 

@@ -130,7 +130,7 @@ def measured_inertia(rows: np.ndarray) -> tuple[float, float] | None:
     found, *_ = np.linalg.lstsq(regressor, acceleration, rcond=None)
     rest = acceleration - regressor @ found
     deviation = float(np.sqrt(rest @ rest / (len(rest) - 3) * np.linalg.pinv(regressor.T @ regressor)[0, 0]))
-    if found[0] < 3.0 * deviation:
+    if not found[0] > 3.0 * deviation:  # also a torque of nothing
         return None
     return 1.0 / float(found[0]), deviation / float(found[0]) ** 2
 

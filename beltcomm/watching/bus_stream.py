@@ -8,6 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from beltcomm.axis import Axis
+from beltcomm.drive import Heard
 from beltcomm.errors import DataError
 from beltcomm.foreign.busrecords import records_of
 from beltcomm.foreign.convert import Reading, convert
@@ -17,10 +18,9 @@ from beltcomm.foreign.guess import completed
 from beltcomm.foreign.signals import by_hand, table_of_signals
 from beltcomm.watching.moves import LEAD_S, Stretch
 
-#: t_s, identifier, data, remote.
-Frame = tuple[float, int, bytes, bool]
-#: Frames of SDO transfers that stay: a set-up has some hundreds; and all others at most, minutes at 1 kHz.
-SETUP_KEPT, OTHERS_KEPT = 6000, 400_000
+#: Frames of SDO transfers that stay: the first ones, for a set-up has some hundreds and a master that polls would push it out, and the
+#: last ones; and all others at most, minutes at 1 kHz.
+SETUP_FIRST, SETUP_LAST, OTHERS_KEPT = 3000, 3000, 400_000
 _KEPT_S = 2.0 * LEAD_S
 
 
@@ -29,25 +29,27 @@ class BusStream:
 
     def __init__(self, name: str, reading: Reading, axis: Axis) -> None:
         self._name, self._reading, self._axis = name, reading, axis
-        self._setup: deque[tuple[int, Frame]] = deque(maxlen=SETUP_KEPT)
-        self._others: deque[tuple[int, Frame]] = deque(maxlen=OTHERS_KEPT)
+        self._first: list[tuple[int, Heard]] = []
+        self._setup: deque[tuple[int, Heard]] = deque(maxlen=SETUP_LAST)
+        self._others: deque[tuple[int, Heard]] = deque(maxlen=OTHERS_KEPT)
         self._count = 0
         self._came = False
         self.notes: tuple[str, ...] = ()
 
-    def take(self, frames: Iterable[Frame]) -> None:
+    def take(self, frames: Iterable[Heard]) -> None:
         """Frames that have come."""
         for frame in frames:
             self._came = True
             self._count += 1
-            (self._setup if 0x581 <= frame[1] <= 0x67F else self._others).append((self._count, frame))
+            setup = self._first if len(self._first) < SETUP_FIRST else self._setup
+            (setup if 0x581 <= frame[1] <= 0x67F else self._others).append((self._count, frame))
 
     def poll(self) -> list[Stretch]:
         """Rows of all frames that are kept, when some have come; [] when none have."""
         if not self._came:
             return []
         self._came = False
-        frames = [frame for _, frame in sorted([*self._setup, *self._others], key=lambda item: item[0])]
+        frames = [frame for _, frame in sorted([*self._first, *self._setup, *self._others], key=lambda item: item[0])]
         data = np.zeros((len(frames), LONGEST), dtype=np.uint8)
         for row, frame in enumerate(frames):
             data[row, : len(frame[2])] = np.frombuffer(frame[2], dtype=np.uint8)
@@ -75,7 +77,7 @@ class BusStream:
         return found
 
     def again(self) -> None:
-        """What is kept is looked at once more, for nothing follows it."""
+        """Have the kept frames looked at once more, for nothing follows them."""
         self._came = True
 
     def forget(self, until_s: float) -> None:

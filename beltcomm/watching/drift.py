@@ -1,8 +1,9 @@
-"""What has changed, over the last moves together: sure or not, usual or not, within its limit or not.
+"""Changes over the last moves together: sure or not, usual or not, within its limit or not.
 
 Production's moves are others than the run's records, and no law is quite the machine's: what a model's parameter is by them may be beside
 what it was by those, with nothing changed.  So the first :data:`BASE` moves are the base that a change is held against, and limits are
-shares of it; of the base itself is asked whether it keeps the limits of the run.
+shares of it.  Until there is one the run's values are held against, and moves in alarm make none: an axis that was bad from the first
+move on stays in alarm.
 
 Of the last :data:`POOL` moves the mean with weights 1/interval², whose interval is the moves' own or, where they scatter more than they
 know of themselves, their scatter (Student).  Of the error over the noise it is the median: a knock against the axis is one move.
@@ -75,7 +76,7 @@ class Standing:
 
     @property
     def against(self) -> MoveEstimate:
-        """What a change is held against: the base, the run before there is one."""
+        """Estimate that a change is held against: the base, the run before there is one."""
         return self.base or self.reference
 
     @property
@@ -108,7 +109,7 @@ class AxisDrift:
         self.begin_anew()
 
     def begin_anew(self) -> None:
-        """What comes next is the base."""
+        """Begin a new base with the next move."""
         self._last = {key: deque(maxlen=POOL) for key in self._reference}
         self._first, self._base = {key: [] for key in self._reference}, {}
 
@@ -117,14 +118,16 @@ class AxisDrift:
         return self.add_told({**move.quantities, ERROR: MoveEstimate(move.ratio, move.ratio_interval)})
 
     def add_told(self, told: Mapping[str, MoveEstimate]) -> list[Standing]:
-        """The same from what a move told."""
+        """Add what a move told; how all stand now."""
         for key, last in self._last.items():
             if key not in told:
                 continue
             last.append(told[key])
             if key not in self._base:
                 self._first[key].append(told[key])
-                if len(self._first[key]) >= BASE:
+                if self._standing(key).state == "alarm":
+                    self._first[key].clear()
+                elif len(self._first[key]) >= BASE:
                     self._base[key] = MoveEstimate(*(_median if key == ERROR else _mean)(self._first[key]))
         return [self._standing(key) for key in self._last]
 

@@ -1,13 +1,15 @@
 """A log that grows, read piece by piece: frames of a CAN bus, or a table of signals; what is over is not read again.
 
 What has been read stands in a window, a copy of the file's head and of its end, which the readers of ``import`` take like any file.  Of
-frames in front of the window those of SDO transfers stay, for they say what the others carry.
+frames in front of the window those of SDO transfers stay, the first and the last of them, for they say what the others carry.
 """
 
 from __future__ import annotations
 
 import re
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +20,8 @@ from beltcomm.foreign.files import parts_of
 from beltcomm.foreign.framelines import kind_of_log
 from beltcomm.foreign.guess import completed
 from beltcomm.foreign.kinds import kind_of_table
-from beltcomm.outside import opened
+from beltcomm.outside import opened, unreadable
+from beltcomm.watching.bus_stream import SETUP_FIRST, SETUP_LAST
 from beltcomm.watching.moves import LEAD_S, Stretch
 
 #: Bytes that are taken at once, lines of the file's head that stay, and bytes of a window at most.
@@ -29,6 +32,17 @@ _SDO = re.compile(rb"(?:^|\s)0?x?(?:58[1-9A-F]|5[9A-F][0-9A-F]|60[1-9A-F]|6[1-7]
 _EPOCH = re.compile(rb"^\s*\((\d{9,11}\.\d+)\)")
 #: s of rows before the next move that stay in the window.
 _KEPT_S = 2.0 * LEAD_S
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """A file that was moved away, or a disk that is full, in words."""
+    try:
+        yield
+    except OSError as error:
+        raise DataError(
+            f"{path} cannot be watched any longer: {error.filename or path}: {unreadable(error)}; watch the file that is written now"
+        ) from error
 
 
 class GrowingLog:
@@ -46,11 +60,12 @@ class GrowingLog:
         self.path, self._reading, self._axis = path, reading, axis
         if not path.is_file():
             raise UsageError(f"{path} is no file; give the log that grows")
-        self._folder = tempfile.TemporaryDirectory(prefix="beltcomm-watch-")
-        self._kind = kind_of_log(path)
-        with opened(path) as file:
-            packed = file.read(2) == b"\x1f\x8b"
-        text = self._kind in ("candump", "asc", "csv") or (self._kind is None and kind_of_table(path) == "text")
+        with _told(path):
+            self._folder = tempfile.TemporaryDirectory(prefix="beltcomm-watch-")
+            self._kind = kind_of_log(path)
+            with opened(path) as file:
+                packed = file.read(2) == b"\x1f\x8b"
+            text = self._kind in ("candump", "asc", "csv") or (self._kind is None and kind_of_table(path) == "text")
         self._lines = text and not packed
         self._size, self._offset, self._read = -1, 0, 0
         self._again = False
@@ -61,7 +76,11 @@ class GrowingLog:
         self.notes: tuple[str, ...] = ()
 
     def poll(self) -> list[Stretch]:
-        """Rows of the window, when something has come; [] when nothing has."""
+        """Rows of the window, when something has come; [] when nothing has.   Raises DataError when the file can no longer be read."""
+        with _told(self.path):
+            return self._poll()
+
+    def _poll(self) -> list[Stretch]:
         if not self._lines:
             size = self.path.stat().st_size
             if size == self._size:
@@ -95,11 +114,11 @@ class GrowingLog:
 
     @property
     def taken_bytes(self) -> int:
-        """How far the file has been read."""
+        """Bytes of the file that have been read."""
         return self._read if self._lines else self._size
 
     def again(self) -> None:
-        """What is in the window is looked at once more, for nothing follows it."""
+        """Have the window looked at once more, for nothing follows it."""
         self._again, self._size = True, -1
 
     def forget(self, until_s: float) -> None:
@@ -111,7 +130,9 @@ class GrowingLog:
         gone = bytes(self._window[:cut])
         known = self._head if not self._offset else b""
         if self._kind is not None:
-            self._head += b"".join(line for line in gone[len(known) :].splitlines(keepends=True) if _SDO.search(line))
+            setup = [line for line in gone[len(known) :].splitlines(keepends=True) if _SDO.search(line)]
+            lines = [*self._head.splitlines(keepends=True), *setup]
+            self._head = b"".join([*lines[:SETUP_FIRST], *lines[SETUP_FIRST:][-SETUP_LAST:]])
         del self._window[:cut]
         self._offset = passed[-1]
         self._checkpoints = [one for one in self._checkpoints if one[0] > self._offset]

@@ -107,7 +107,7 @@ class Judge:
         self.zero_m = _zero_of(opened.records.recordings, self.model.get("transmission.ratio"))
 
     def _weights(self, key: str) -> dict[str, float]:
-        """What a quantity is the sum of, of the parameters that the run has fitted."""
+        """Factors of the fitted parameters whose sum a quantity is."""
         ratio = self.model.get("transmission.ratio") or 1.0
         parts = {
             "coulomb_total": {"coulomb.level": 1.0, "cart_friction.level": ratio},

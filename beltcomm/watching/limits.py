@@ -1,7 +1,8 @@
-"""How far the quantities of an axis may go, over months or from move to move."""
+"""Limits of the quantities of an axis, over months or from move to move."""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +12,7 @@ from beltcomm.errors import UsageError
 
 @dataclass(frozen=True)
 class Limit:
-    """How far a quantity may go.   low, high : shares of the first value, or SI values where ``absolute``.   why : in words."""
+    """Limit of a quantity.   low, high : shares of the first value, or SI values where ``absolute``.   why : in words."""
 
     low: float | None
     high: float | None
@@ -58,6 +59,8 @@ def limits_given(limits: Sequence[str]) -> dict[str, Limit]:
             )
         key, sign, number, share = match.groups()
         value = float(number) * (-1.0 if sign == "-" else 1.0)
+        if not math.isfinite(value):
+            raise UsageError(f"the limit {text!r} is beyond any number; KEY=none is no limit")
         before = found.get(key) or Limit(None, None, "given on the command line", absolute=not share)
         if before.absolute == bool(share):
             raise UsageError(f"the limits of {key} are given in per cent and in SI; give both in one of them")

@@ -1,4 +1,4 @@
-"""What a watch leaves in the run folder: ``RUN/watch/moves.jsonl``, a line for each move, which a trend reads by days."""
+"""Trace of a watch in the run folder: ``RUN/watch/moves.jsonl``, a line for each move, which a trend reads by days."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def told_by(entry: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     found = {}
     for key, one in {**entry["quantities"], ERROR: error}.items():
         value, interval = (one.get("value"), one.get("interval")) if isinstance(one, dict) else (None, None)
-        if isinstance(value, (int, float)) and isinstance(interval, (int, float)) and math.isfinite(value) and interval > 0.0:
+        if isinstance(value, (int, float)) and isinstance(interval, (int, float)) and 0.0 < value < math.inf and 0.0 < interval < math.inf:
             found[str(key)] = float(value), float(interval)
     return found
 

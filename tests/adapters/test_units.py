@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -11,10 +14,11 @@ from beltcomm.drive import KnownMotor, Limits
 from beltcomm.errors import DriveError
 from beltcomm_adapters.consistency import SpeedUnit
 from beltcomm_adapters.link import Link
-from beltcomm_adapters.preparation import lend_settings
+from beltcomm_adapters.preparation import lend_settings, tighten_window
 from beltcomm_adapters.profiles import load_profile
 from beltcomm_adapters.scaling import Scaling, read_scaling
 from beltcomm_adapters.sdo import SdoObjects
+from beltcomm_adapters.serial_run import prepare
 from beltcomm_adapters.units import coded, named
 from tests.adapters.stub_node import StubBus, StubNode
 
@@ -86,6 +90,49 @@ def test_a_quick_stop_in_a_unit_that_nobody_tells_and_that_makes_no_sense_is_lef
             lend_settings(objects, lending, load_profile("cia402"), found, 8, 1e-3, Limits(-1e3, 1e3, 100.0, 0.5, 500.0, 1.0))
             assert node.get(0x6085) == 250
             assert any("6085h (quick stop) stays as it is set there, 250" in text for text in lending.altered)
+
+
+@pytest.mark.parametrize(("mode", "leaving", "ramp"), [(4, "velocity", 0x6084), (3, "quick_stop", 0x6083)])
+def test_no_ramp_is_written_in_a_unit_that_makes_no_sense(mode: int, leaving: Literal["quick_stop", "velocity"], ramp: int) -> None:
+    """An axis that leaves torque mode along 6084h would brake for hours, too, and one that follows a speed would not follow it."""
+    node = StubNode()
+    node.objects |= {(0x6085, 0): ("<I", 250), (ramp, 0): ("<I", 300)}
+    found, profile = scaling_of(node), replace(load_profile("cia402"), torque_exit=leaving)
+    with StubBus(node) as bus:
+        objects = SdoObjects(Link(bus, bus.clock, 1))
+        with objects.lend() as lending:
+            speeds = np.array([0.0, 1.0, 0.0])
+            lend_settings(objects, lending, profile, found, mode, 1e-3, Limits(-1e3, 1e3, 100.0, 0.5, 500.0, 1.0), speeds)
+            assert node.get(ramp) == 300
+
+
+@pytest.mark.parametrize("own", [0, 5_000_000])
+def test_a_lead_that_the_drive_would_cut_is_refused(own: int) -> None:
+    """Its software limits stand 1 rad outside the window; also where it has no quick stop's deceleration to count with."""
+    node = StubNode()
+    found = scaling_of(node)
+    ends = [round(at / found.position_rad) for at in (-11.0, 11.0)]
+    node.objects |= {(0x6085, 0): ("<I", own), (0x607D, 1): ("<i", ends[0]), (0x607D, 2): ("<i", ends[1])}
+    limits = Limits(-10.0, 10.0, 100.0, 0.5, math.inf, 1.0)
+    with StubBus(node) as bus:
+        objects = SdoObjects(Link(bus, bus.clock, 1))
+        with objects.lend() as lending:
+            tighten_window(objects, lending, found, limits, 1e-3, 0.9)
+            assert (node.get(0x607D, 1), node.get(0x607D, 2)) == tuple(ends)
+            with pytest.raises(DriveError, match="would cut it"):
+                tighten_window(objects, lending, found, limits, 1e-3, 1.1)
+
+
+def test_no_stroke_is_told_in_a_unit_that_makes_no_sense() -> None:
+    """Over RS-232 the drive makes the ramps of a stroke by itself, of a number that would mean something else."""
+    node = StubNode()
+    node.objects[0x6085, 0] = ("<I", 250)
+    found = scaling_of(node)
+    with StubBus(node) as bus:
+        objects: Any = SdoObjects(Link(bus, bus.clock, 1))
+        machine: Any = SimpleNamespace(confirm_mode=lambda mode: None)
+        with objects.lend() as lending, pytest.raises(DriveError, match="state acceleration_unit"):
+            prepare(objects, lending, machine, load_profile("cia402"), found, Limits(-1e3, 1e3, 100.0, 0.5, 500.0, 1.0), 0.02)
 
 
 def test_codes_of_makers() -> None:

@@ -88,5 +88,12 @@ def test_a_led_move_tells_the_gains(seed: int) -> None:
     assert found is not None
     assert found.kp == pytest.approx(factor, abs=6e-3 + found.kp_interval)
     assert found.kpp == pytest.approx(position, abs=2e-3 + found.kpp_interval)
+    kept = np.delete(np.arange(len(run.t_s)), [5, 300, 301, 302, 700])  # rows whose answers were lost
+    lost: Any = SimpleNamespace(
+        **{name: getattr(record, name)[kept] for name in ("t_s", "reference_position", "position", "torque")}, sample_period_s=1e-3
+    )
+    again = gain_factors(lost, led.lead_m / ratio, cascade, drive.structure, drive.delay_s)
+    assert again is not None
+    assert (again.kp, again.kpp) == (pytest.approx(found.kp, abs=2e-3), pytest.approx(found.kpp, abs=5e-4))
     still: Any = SimpleNamespace(**{**vars(record), "torque": draw.normal(0.0, 6e-3, len(run.t_s))})
     assert gain_factors(still, led.lead_m / ratio, cascade, drive.structure, drive.delay_s) is None

@@ -41,6 +41,8 @@ def test_what_is_not_asked_for_is_chosen() -> None:
         (AskedExcitation(bit_s=0.4e-3), "prbs", UsageError, "ask for 1 ms"),
         (AskedExcitation(bit_s=2.5e-3), "prbs", UsageError, "no whole number"),
         (AskedExcitation(periods=1), "prbs", UsageError, "ask for 3 or more"),
+        (AskedExcitation(periods=2000), "chirp", UsageError, "1000 or fewer"),
+        (AskedExcitation(order=16, bit_s=1.0), "prbs", UsageError, "72.8 h, at most 2.78 h"),
         (AskedExcitation(amplitude_nm=1e-3), "prbs", UsageError, "two steps of the drive's torque"),
         (AskedExcitation(amplitude_nm=-0.3), "prbs", UsageError, "two steps of the drive's torque"),
         (AskedExcitation(amplitude_nm=1.3), "prbs", Refused, "1.2 N m; ask for less"),
@@ -56,3 +58,11 @@ def test_less_than_asked_for_is_not_driven() -> None:
     asked.amplitude_of(0.2999, "step")
     with pytest.raises(Refused, match=r"the limit on travel allows only ±0.12 N m"):
         asked.amplitude_of(0.12, "travel")
+
+
+def test_a_record_longer_than_any_is_not_begun() -> None:
+    """Of a bit alone the length shows with the order that is chosen: before it is made, for it would not fit into a computer."""
+    asked = AskedExcitation(bit_s=900.0)
+    asked.check("prbs", PERIOD_S, STEP_NM, MOST_NM)
+    with pytest.raises(UsageError, match=r"at most 2\.78 h"):
+        asked.of(choose("prbs", PERIOD_S, 20.0, 110.0, 7.0), PERIOD_S)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from beltcomm.machine.prediction_watch import suspects, told_apart
+import numpy as np
+
+from beltcomm.machine.prediction_watch import measured_inertia, suspects, told_apart
 
 
 def test_two_numbers_are_told_with_digits_enough_to_differ() -> None:
@@ -16,3 +18,9 @@ def test_an_inertia_far_off_may_be_a_gap() -> None:
     assert "A gap looks like this too" in words
     assert "`beltcomm diagnose RUN`" in words
     assert "gap" not in suspects(7.17e-5, (8e-5, 4.5e-6))
+
+
+def test_a_torque_that_is_reported_as_nothing_shows_no_inertia() -> None:
+    """An axis runs away, and its drive reports no torque all the while: it is stopped with words all the same."""
+    t_s = 1e-3 * np.arange(200)
+    assert measured_inertia(np.stack([t_s, np.zeros(200), 50.0 * t_s**2], axis=1)) is None

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
 
 from beltcomm import api
 from beltcomm.errors import Refused, UsageError
+from beltcomm.experiments.learning import _repetition
+from beltcomm.recording import Recording
 from beltcomm.recording.signalfile import read_columns
+from beltcomm.verify import Verdict
 from session.bench import Bench
 
 
@@ -39,3 +43,28 @@ def test_what_cannot_be_sent_is_not_learnt(copy_of_complete: Callable[..., Path]
     make_bench("g_a", profile="cmmp-as")
     with pytest.raises((Refused, UsageError)):
         api.verify("virtual:g_a", run, learn=2, options=api.Options(yes=True, seed=1))
+
+
+def test_lost_rows_shift_no_error() -> None:
+    """A record keeps gaps where answers were lost; the errors of two drives are still compared and learnt sample by sample."""
+    t_s = 1e-3 * np.arange(400)
+    reference, error = np.clip(10.0 * (t_s - 0.05), 0.0, 3.0), 1e-3 * np.sin(20.0 * t_s)
+    whole = Recording("whole", t_s, np.sin(30.0 * t_s), reference - error, reference_position=reference)
+    kept = np.delete(np.arange(400), [100, 101, 250])
+    torn = Recording("torn", t_s[kept], whole.torque[kept], whole.position[kept], reference_position=reference[kept])
+    found = [_repetition(one.name, one, 0.0124, np.zeros(400), cast(Verdict, None), 1e-3) for one in (whole, torn)]
+    assert found[1].error_m == pytest.approx(found[0].error_m, abs=1e-8)
+
+
+def test_how_often_is_asked_before_anything_is_opened(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="2 or more"):
+        api.verify("nowhere", tmp_path, learn=1)
+    with pytest.raises(UsageError, match="one of them"):
+        api.verify("nowhere", tmp_path, learn=3, rungs=True)
+
+
+def test_what_is_learnt_belongs_to_the_motion_of_the_motor(copy_of_complete: Callable[..., Path], make_bench: Callable[..., Bench]) -> None:
+    """A compliant feedforward begins earlier than the move, so that a torque by the clock of the move would come too early."""
+    run, bench = copy_of_complete(), make_bench("g_a")
+    with pytest.raises(Refused, match="belongs to the move itself"):
+        api.verify(bench.name, run, learn=2, options=api.Options(yes=True, seed=1, feedforward="compliant"))

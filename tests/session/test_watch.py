@@ -80,6 +80,21 @@ def test_healthy_moves_are_healthy_and_worn_ones_alarm(
     assert found["values"][-1] > 1.3 * found["values"][0]
 
 
+def test_an_alarm_lasts_into_the_next_watch_and_not_beyond_a_maintenance(
+    logs: tuple[list[str], list[str]], copy_of_complete: Callable[..., Path], tmp_path: Path
+) -> None:
+    run, worn = copy_of_complete(), written(tmp_path / "worn.log", logs[1])
+    assert api.watch(run, log=worn, until_alarm=True).exit_code == 1
+    still = api.watch(run, log=worn)
+    assert still.to_json()["moves"] > 0
+    assert still.exit_code == 1
+    assert "coulomb_total" in still.to_json()["alarms"]
+    assert "ALARM" in still.lines()[0]
+    repaired = api.watch(run, log=written(tmp_path / "healthy.log", logs[0]), anew=True)
+    assert repaired.to_json()["moves"] == HEALTHY + 1
+    assert repaired.exit_code == 0
+
+
 def test_a_log_that_grows_tells_the_same_moves(logs: tuple[list[str], list[str]], complete: Complete, tmp_path: Path) -> None:
     """Written in pieces that end anywhere, as a logger does."""
     text = ("\n".join(logs[0]) + "\n").encode()
@@ -125,6 +140,11 @@ def test_what_cannot_be_watched_is_said(complete: Complete, copy_of_complete: Ca
     (tmp_path / "table.csv").write_text("t_s,position_rad,torque_nm\n0,0,0\n0.001,0,0\n", encoding="ascii")
     with pytest.raises(UsageError, match="is no file"):
         api.watch(run, log=tmp_path / "nothing.log")
+    gone = GrowingLog(written(tmp_path / "gone.log", ["(1.0) can0 181#00"]), Reading(), complete.folder.axis)
+    gone.path.unlink()
+    with pytest.raises(DataError, match="cannot be watched any longer"):
+        gone.poll()
+    gone.close()
 
 
 def test_a_table_that_was_logged_is_watched_too(complete: Complete, copy_of_complete: Callable[..., Path], tmp_path: Path) -> None:

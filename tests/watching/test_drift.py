@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from beltcomm.errors import UsageError
 from beltcomm.watching.drift import BASE, FEWEST, AxisDrift, Standing
 from beltcomm.watching.judge import ERROR, MoveEstimate
 from beltcomm.watching.limits import LIMITS, Limit, limits_given
@@ -46,6 +47,13 @@ def test_an_axis_that_is_far_from_its_run_from_the_first_move_on_alarms_at_once(
     assert states[-1] == "alarm"
 
 
+def test_an_axis_that_stays_as_bad_is_not_back() -> None:
+    """Twenty moves beyond the limits of the run are no base; when it was mended, it is steady again."""
+    states = [one.state for one in followed([*[1.8] * (BASE + 10), *[1.0] * (BASE + 10)])]
+    assert set(states[FEWEST - 1 : BASE + 10]) == {"alarm"}
+    assert states[-1] == "steady"
+
+
 def test_one_knock_is_not_the_axis() -> None:
     values = [1.0] * 40
     values[30] = 4.0
@@ -71,3 +79,8 @@ def test_limits_are_given_in_per_cent_in_si_or_not_at_all() -> None:
     assert limits["coulomb_total"].values(2.0) == (None, pytest.approx(2.6))
     assert limits["cart.mass"].values(2.0) == (None, None)
     assert followed([1.4] * FEWEST, limits=limits)[-1].state == "alarm"
+
+
+def test_a_limit_beyond_any_number_is_refused() -> None:
+    with pytest.raises(UsageError, match="none is no limit"):
+        limits_given(["coulomb_total=1e400"])

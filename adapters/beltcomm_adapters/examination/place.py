@@ -13,7 +13,7 @@ _LOWER, _UPPER = 0x1, 0x2  # 60FDh
 
 
 def zero(patient: Patient) -> Iterator[Finding]:
-    """Whether the drive knows its zero, and its position, rad at the motor shaft."""
+    """Zero of the drive, known or not, and its position, rad at the motor shaft."""
     units = patient.objects.read_int(0x6064, 0, "int32")
     values: Values = {"position_units": units}
     shown = f"position {units} units (6064h)"

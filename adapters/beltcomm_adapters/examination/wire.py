@@ -48,7 +48,7 @@ class Heard:
 
     @property
     def commanded(self) -> bool:
-        """Whether somebody commands or asks nodes; a SYNC alone may come from a drive."""
+        """True if somebody commands or asks nodes; a SYNC alone may come from a drive."""
         return self.master not in ("", "SYNC")
 
     @property
