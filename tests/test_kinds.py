@@ -10,6 +10,7 @@ import pytest
 
 from beltcomm.axis import Axis, axis_from_dict, load_axis
 from beltcomm.axis.kinds import ARC_M, KINDS
+from beltcomm.axis.targets import with_targets
 from beltcomm.axis.terms import terms, terms_of
 from beltcomm.configfiles import config_names
 from beltcomm.errors import UsageError
@@ -180,3 +181,13 @@ def test_a_line_that_became_too_wide_goes_on_below() -> None:
     assert max(map(len, lines)) <= 80
     assert len(lines) == 2
     assert lines[1].startswith(" " * 12 + "friction")
+
+
+def test_targets_asked_for_are_those_of_any_kind() -> None:
+    axis = axis_from_dict(ROTARY)
+    asked = with_targets(axis, {"following_error_m": 2e-4, "at": "load"})
+    assert (asked.targets.following_m, asked.targets.at, asked.trajectories) == (2e-4, "carriage", axis.trajectories)
+    assert with_targets(load_axis("ball-screw"), {"at": "table"}).targets.at == "carriage"
+    for name in (*OTHERS, "egc-70-600"):
+        with pytest.raises(UsageError, match="it must be above 0"):
+            with_targets(load_axis(name), {"following_error_m": -1e-3})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -19,7 +19,6 @@ from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.quantities import parse_quantity, unit_of
 
 if TYPE_CHECKING:
-    from beltcomm.axis import Axis
     from beltcomm.design.specification import Specification
 
     Numbers = click.ParamType[float]
@@ -279,18 +278,6 @@ def _targets(ctx: click.Context, _param: click.Parameter, values: tuple[str, ...
         except UsageError as error:
             raise click.BadParameter(str(error)) from error
     return found
-
-
-def with_targets(axis: Axis, asked: Mapping[str, Any]) -> Axis:
-    """The axis with other targets than its file's.   Raises UsageError for impossible ones."""
-    from beltcomm.axis import axis_from_dict
-
-    if not asked:
-        return axis
-    if axis.transmission is not None:
-        return replace(axis, targets=replace(axis.targets, **asked))
-    data = axis.to_dict()
-    return replace(axis_from_dict({**data, "targets": {**data.get("targets", {}), **asked}}), source=axis.source)
 
 
 #: Word of ``--target`` -> entry of axis.yaml.
