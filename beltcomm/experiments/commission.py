@@ -481,14 +481,14 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
     else:
         standard = verification.standard_move(machine, model)
         standard = verification.kept_by_belt(machine, model, cascade, delay(findings), standard)
-        if verification.leads(machine, cascade):
+        if verification.leads(machine.drive, machine.axis, cascade):
             learn_gains(machine, model, cascade, delay(findings), standard, settings.payloads_kg)
         trajectory, remark = verification.within_target(machine, model, cascade, delay(findings), standard)
         if remark:
             findings.remarks.append(remark)
         if trajectory.duration_s > standard.at(1.0, trajectory.sample_period_s).duration_s:
             findings.reservations.append("this drive cannot follow the standard move within the target, only slower ones")
-    sending: Sending = "led" if verification.leads(machine, cascade) else "nothing"
+    sending: Sending = "led" if verification.leads(machine.drive, machine.axis, cascade) else "nothing"
     findings.proof = proof(cascade, trajectory, settings.payloads_kg, sending if sending == "led" else "")
     findings.move_name = name = move_name(machine.folder, findings.proof)
     findings.verdict, findings.demand = verify_move(

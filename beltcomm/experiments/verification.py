@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.axis import Axis
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade
 from beltcomm.design.led_reference import LedReference, can_lead, led_reference
+from beltcomm.drive import Drive
 from beltcomm.errors import Refused
 from beltcomm.experiments import phases
 from beltcomm.machine.machine import Machine
@@ -145,9 +147,10 @@ def admissible(machine: Machine, model: Model, start: float, end: float, limits:
     return phases.slower(limits, low), f"the move was slowed down, because at the speed asked for {'; '.join(broken)}"
 
 
-def leads(machine: Machine, cascade: Cascade) -> bool:
-    """Whether the reference is led by the inverse of the drive's cascade: where it has no feedforward, on a level axis."""
-    return can_lead(machine.drive.capabilities.structure, cascade) and not machine.axis.mounting.tilted
+def leads(drive: Drive, axis: Axis, cascade: Cascade) -> bool:
+    """True if the reference is led by the inverse of the drive's cascade: of known gains, without feedforward, on a level axis."""
+    known = drive.capabilities
+    return can_lead(known.structure, cascade) and known.gains != "unknown" and not axis.mounting.tilted
 
 
 def predict_led(
@@ -162,7 +165,7 @@ def predict_led(
 def predicted(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> PredictedMove:
     """A move and the rest after it, with a led reference where the drive gets one."""
     drive, path = in_drive(machine, delay_s), with_dwell(trajectory, REST_S)
-    if not leads(machine, cascade):
+    if not leads(machine.drive, machine.axis, cascade):
         return predict_move(model, cascade, path, drive)
     running = as_in_drive(machine.folder, cascade)
     return predict_led(model, running, led_reference(model, path, running, drive.structure, delay_s), drive)
@@ -204,7 +207,7 @@ def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
     One that takes longer than ``LONGEST_SLOW_MOVE_S`` is only named; a short one at constant speed takes its place, in which the
     integrator must break friction free within the target.
     """
-    if leads(machine, cascade):
+    if leads(machine.drive, machine.axis, cascade):
         return _led_within_target(machine, model, cascade, delay_s, standard)
     period, following_m = machine.drive.capabilities.sample_period_s, machine.axis.targets.following_m
     start, end = standard.start_m, standard.end_m

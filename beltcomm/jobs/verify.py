@@ -14,7 +14,6 @@ from beltcomm.axis import Axis
 from beltcomm.axis.targets import with_targets
 from beltcomm.control import Cascade
 from beltcomm.design.feedforward import FeedforwardKind
-from beltcomm.design.led_reference import can_lead
 from beltcomm.drive import Drive, simulated
 from beltcomm.errors import Refused, SafetyStop
 from beltcomm.experiments import referencing, verification
@@ -124,12 +123,11 @@ def verify_with(
     cascade, delay_s = offline.cascade_of(saved, model, structure, own)
     along = bool(saved.get("compensated")) and structure.torque_feedforward and feedforward in (None, "nonlinear")
     sending: Sending = "compliant" if feedforward == "compliant" else "rigid" if along else "nothing"
-    own_loop = drive.capabilities.gains == "unknown"  # whose inverse nobody knows
-    if feedforward == "led" and own_loop:
+    if feedforward == "led" and drive.capabilities.gains == "unknown":
         raise Refused(
             f"the gains of {structure.name} cannot be read, so no reference can be led by the inverse of its loops; leave led out"
         )
-    if feedforward == "led" or (feedforward is None and can_lead(structure, cascade) and not axis.mounting.tilted and not own_loop):
+    if feedforward == "led" or (feedforward is None and verification.leads(drive, axis, cascade)):
         sending = "led"
     driven: list[tuple[str, Verdict, Demand]] = []
     with Machine(drive, axis, folder, talk) as machine:
