@@ -29,9 +29,8 @@ else:  # before click 8.2 the classes take no type argument
     Words = click.Choice
 
 _UNIT = re.compile(r"[a-zA-Zµμ°]*\s*$")
-#: An angle where a way is asked for, and what it is of a load that turns: 1 degree is 1 mm of its arc.
+#: An angle where a way is asked for.
 _ANGLE = re.compile(r"(?:deg|°)(?:/s[23²³]?)?\s*$")
-_ARC = 1e-3
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -39,7 +38,9 @@ def parsed(text: str, name: str, ctx: click.Context | None) -> float:
     """The SI value of a quantity; a way in degrees for an axis whose load turns.   Raises UsageError."""
     if not _ANGLE.search(text) or not _turns(getattr(ctx.obj, "words", ()) if ctx is not None else ()):
         return parse_quantity(text, name)
-    return _ARC * parse_quantity(text, re.sub(r"m((_s\d?)?)$", r"deg\1", name))
+    from beltcomm.axis.kinds import DEGREE_M
+
+    return DEGREE_M * parse_quantity(text, re.sub(r"m((_s\d?)?)$", r"deg\1", name))
 
 
 def _turns(words: Sequence[str]) -> bool:
