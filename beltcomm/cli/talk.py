@@ -15,6 +15,8 @@ from beltcomm.errors import UsageError
 from beltcomm.language import tr
 from beltcomm.talk import CarriagePosition
 
+#: Words that agree and that refuse, in any language of the screens.
+YES, NO = ("y", "yes", "j", "ja"), ("n", "no", "nein")
 #: Plain lines report progress at these steps of the fraction, so that a log of a minute stays short.
 PLAIN_STEP = 0.25
 
@@ -168,10 +170,6 @@ class RichTalk:
             self._found.clear()
 
 
-#: What agrees, in any language of the screens.
-YES = ("y", "yes", "j", "ja")
-
-
 def _choose(question: str, choices: Mapping[str, str], stream: TextIO) -> str:
     """``[y] start  [q] quit   start? [y/Q]``: the first is a yes, the last is taken for an empty answer."""
     keys = "  ".join(f"[{key}] {word}" for key, word in choices.items())
@@ -186,7 +184,7 @@ def _choose(question: str, choices: Mapping[str, str], stream: TextIO) -> str:
         if not word:
             return last
         for key, meaning in choices.items():
-            if word == key or meaning.lower().startswith(word) or (key == first and word in YES) or (key == last and word in {"n", "no"}):
+            if word == key or meaning.lower().startswith(word) or (key == first and word in YES) or (key == last and word in NO):
                 return key
         echo(["  " + tr("{word} is none of {keys}", word=repr(word), keys=", ".join(choices))], stream)
 
