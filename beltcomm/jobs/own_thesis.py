@@ -184,7 +184,7 @@ def windup(folder: RunFolder, model: Model) -> _Told:
     move = plan_trajectory(start, start + way, limits, structure.period_s)
     path = join([move, at_rest(start + way, REST_S, structure.period_s)])
     needs = demand(move, model).torque_nm
-    counts = int((folder.load_result("drive") or {}).get("counts_per_rev") or axis.motor.encoder_counts_per_rev or 65536)
+    counts = offline.counts_of(folder)
     rows = []
     text = [
         f"Figure 6.10 on this run's gains and its move, {1e3 * way:.0f} mm in {move.duration_s:.2f} s with {needs:.2f} N m; simulated",
@@ -205,7 +205,7 @@ def windup(folder: RunFolder, model: Model) -> _Told:
 def estimators(folder: RunFolder, model: Model) -> _Told:
     """The four velocity estimators of 6.1 at the own encoder, sampling and speeds: which errs least, and how late each is."""
     axis, structure = folder.axis, _structure(folder)
-    counts = int((folder.load_result("drive") or {}).get("counts_per_rev") or axis.motor.encoder_counts_per_rev or 65536)
+    counts = offline.counts_of(folder)
     ratio, period = model["transmission.ratio"], structure.period_s
     step = ratio * math.tau / counts
     lag = float((saved_design(folder).get("parameters") or {}).get("velocity_filter_s") or 0.002)
