@@ -40,7 +40,7 @@ _UNITS: Final = (
 
 
 class HeardBus(can.BusABC):
-    """The same bus; every frame is kept in ``heard``, by the interface's own stamps."""
+    """Bus whose every frame is kept in ``heard``, by the interface's own stamps, s."""
 
     def __init__(self, bus: can.BusABC, clock: Clock) -> None:
         super().__init__(channel=bus.channel_info)
@@ -68,7 +68,7 @@ class HeardBus(can.BusABC):
 
 
 class BusListening:
-    """See :class:`beltcomm.drive.Listening`.
+    """One drive on a bus that is listened to, a :class:`beltcomm.drive.Listening`.
 
     bus : whose frames come into ``heard``.   node : None looks who is there.   ask : SDO uploads are allowed.   release : called last.
     Raises BusError where nobody is heard, UsageError where several are.
@@ -89,7 +89,7 @@ class BusListening:
             raise
 
     def frames(self, wait_s: float) -> list[Heard]:
-        """See :meth:`beltcomm.drive.Listening.frames`."""
+        """Frames of the next ``wait_s`` seconds, as :meth:`beltcomm.drive.Listening.frames` has them."""
         self._wait(wait_s)
         found = list(self._heard)
         self._heard.clear()
@@ -119,14 +119,14 @@ class BusListening:
 
 
 class PlayedListening(BusListening):
-    """The same on a virtual bus, whose drive moves as a played production says: an iterator that drives one move for each step."""
+    """Drive on a virtual bus, which moves as a played production says: an iterator that drives one move for each step."""
 
     def __init__(self, production: Iterator[object], *given: Any, **more: Any) -> None:
         self._production = production
         super().__init__(*given, **more)
 
     def frames(self, wait_s: float) -> list[Heard]:
-        """See :meth:`beltcomm.drive.Listening.frames`; one move, as long as there are some."""
+        """Frames of one more move of the production, after its end those of the next ``wait_s`` seconds."""
         if next(self._production, None) is None:
             return super().frames(wait_s)
         found = list(self._heard)

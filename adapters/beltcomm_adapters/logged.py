@@ -17,7 +17,7 @@ def _source(message: can.Message) -> str:
 
 
 class LoggedBus(can.BusABC):
-    """The same bus; ``log`` is called with (time in s, identifier, data, "host", "host rtr" or "node") for every frame sent or received.
+    """Bus with a ``log``, called with (time in s, identifier, data, "host", "host rtr" or "node") for every frame sent or received.
 
     clock : of the stamps, which are thus of one clock whatever the interface stamps with.
     """

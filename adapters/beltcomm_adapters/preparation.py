@@ -197,9 +197,9 @@ def lend_settings(
 
 
 def believes_ramp(objects: Objects, lending: Lending, scaling: Scaling, speed_rad_s: float) -> bool:
-    """Whether the unit of accelerations is told, or makes a stop of the drive's own 6085h: one that means milliseconds would stop in hours.
+    """True if the unit of accelerations is told, or the drive's own 6085h makes a stop of seconds in it; speed_rad_s : of the motor.
 
-    Then it stays as it is, and that is told.
+    One that means milliseconds would stop in hours: then it stays as it is, and ``lending.altered`` tells that.
     """
     own = None if scaling.acceleration_told else objects.read_if_there(0x6085, 0, "uint32")
     if not own or speed_rad_s / scaling.acceleration(own) < _LONGEST_STOP_S:

@@ -20,7 +20,7 @@ from beltcomm.quantities import unit_of
 
 @dataclass(frozen=True)
 class Transmission:
-    """What lies between motor and load of an axis without a belt.
+    """Transmission between motor and load of an axis without a belt.
 
     Attributes
     ----------
@@ -350,7 +350,7 @@ def _radius(kind: AxisKind, data: Mapping[str, Any]) -> float | None:
 
 
 def faults_of(kind: AxisKind, data: Mapping[str, Any]) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """What of a file this kind of axis does not have, and numbers out of its bounds, in words, with the keys that lead there."""
+    """Entries of a file that this kind of axis does not have, and numbers out of its bounds, in words, with the keys that lead there."""
     sections = kind.sections()
     for key, value in data.items():
         if key not in (*sections, "name", "trajectories"):

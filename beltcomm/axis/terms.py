@@ -1,4 +1,4 @@
-"""What people read of an axis in the words and units of its kind.
+"""Texts for people in the words and units of the kind of axis.
 
 Everything inside calls the load a carriage, what moves it a belt, and measures both along a line; sentences, tables and pictures are made
 in these words.  Of another kind of axis they are said in its own before they leave: words by words, a unit together with the number or the

@@ -111,7 +111,7 @@ def ask_word(question: str, known: Sequence[str], default: str) -> str:
 
 
 def toothed(text: str) -> dict[tuple[str, str], float]:
-    """What ``22 x 8 mm`` says beside the radius; nothing for a radius that was written otherwise."""
+    """Teeth and pitch, m, that ``22 x 8 mm`` states beside the radius; nothing for a radius that was written otherwise."""
     found = _TEETH.fullmatch(text)
     if not found:
         return {}

@@ -90,7 +90,7 @@ class PlainTalk:
         return _choose(question, choices, self._stream)
 
     def attended(self) -> bool:
-        """Whether stdin is a terminal."""
+        """True if stdin is a terminal."""
         return sys.stdin is not None and sys.stdin.isatty()
 
     def close(self, done: bool = False) -> None:
@@ -158,7 +158,7 @@ class RichTalk:
         return _choose(question, choices, self._stream)
 
     def attended(self) -> bool:
-        """Whether stdin is a terminal."""
+        """True if stdin is a terminal."""
         return sys.stdin is not None and sys.stdin.isatty()
 
     def close(self, done: bool = False) -> None:

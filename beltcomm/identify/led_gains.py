@@ -1,4 +1,4 @@
-"""What the gains in a drive really are, from one move with a led reference: small steps at standstill tell them to a few percent only.
+"""Gains that are really in a drive, from one move with a led reference: small steps at standstill tell them to a few percent only.
 
     τ = K_P [K_PP (ε + ∫ε dt/T_N) - (ω + ∫ω dt/T_N)] + c,      ε = r - φ,   T_N = K_P/K_I as documented
 

@@ -1,4 +1,4 @@
-"""What the design source compares, on the model of one's own run: equalities, prefilters, anti-windup, velocity estimators, gravity."""
+"""Topics of the design source on the model of one's own run: equalities, prefilters, anti-windup, velocity estimators, gravity."""
 
 from __future__ import annotations
 
@@ -240,7 +240,7 @@ def estimators(folder: RunFolder, model: Model) -> _Told:
 
 
 def gravity(folder: RunFolder, model: Model) -> _Told:
-    """Chapter 7's slow integrator against half sums of creep, simulated on the own model: why the latter is taken."""
+    """Chapter 7's slow integrator, simulated on the own model, against half sums of creep, from which Coulomb friction falls out."""
     ratio, friction = model["transmission.ratio"], total_friction(model)
     own = folder.axis.mounting.tilt_deg or TILT_DEG
     inertia = model["motor.inertia"] + ratio**2 * model["cart.mass"]

@@ -1,4 +1,4 @@
-"""What a command says, in the words and units of the axis that it is about: results, talk, errors and pages of any kind but a belt."""
+"""Results, talk, errors and pages of a command in the words and units of the axis that it is about, of any kind but a belt."""
 
 from __future__ import annotations
 
@@ -176,7 +176,7 @@ class OwnWords:
         return choose(self._talk, self._terms.said(question), {key: self._terms.said(word) for key, word in choices.items()})
 
     def attended(self) -> bool:
-        """Whether somebody is."""
+        """True if somebody is there to be asked."""
         return self._talk.attended()
 
 

@@ -52,7 +52,7 @@ def _change(one: Standing) -> str:
 
 
 def event_sentence(one: Standing) -> str:
-    """What has changed, from what to what, and the limit."""
+    """Change of a quantity, from what to what, and the limit."""
     _, words, unit, factor, more, less = SHOWN[one.key]
     if one.state == "steady":
         return f"{words} is back: {number(factor * one.value, factor * one.interval, unit)}"
@@ -71,7 +71,7 @@ def event_sentence(one: Standing) -> str:
 def summary_lines(
     moves: int, left_out: int, why: str, seconds: float, standings: Sequence[Standing], alarms: Sequence[str], changed: Sequence[str]
 ) -> list[str]:
-    """What the whole watch has found."""
+    """Findings of the whole watch."""
     if not moves:
         return ["No move was found" + (f" that tells anything; {left_out} were left out: {why}" if left_out else "") + "."]
     span = f"{seconds / 3600.0:.1f} h" if seconds > 5400.0 else f"{seconds:.0f} s"

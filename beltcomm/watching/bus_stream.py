@@ -75,7 +75,7 @@ class BusStream:
         return found
 
     def again(self) -> None:
-        """What is kept is looked at once more, for nothing follows it."""
+        """Look at the frames that are kept once more, for nothing follows them."""
         self._came = True
 
     def forget(self, until_s: float) -> None:

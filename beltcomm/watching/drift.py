@@ -1,4 +1,4 @@
-"""What has changed, over the last moves together: sure or not, usual or not, within its limit or not.
+"""Changes over the last moves together: sure or not, usual or not, within its limit or not.
 
 Production's moves are others than the run's records, and no law is quite the machine's: what a model's parameter is by them may be beside
 what it was by those, with nothing changed.  So the first :data:`BASE` moves are the base that a change is held against, and limits are
@@ -75,7 +75,7 @@ class Standing:
 
     @property
     def against(self) -> MoveEstimate:
-        """What a change is held against: the base, the run before there is one."""
+        """Reference of a change: the base, the run before there is one."""
         return self.base or self.reference
 
     @property
@@ -108,7 +108,7 @@ class AxisDrift:
         self.begin_anew()
 
     def begin_anew(self) -> None:
-        """What comes next is the base."""
+        """Take the next moves as the base."""
         self._last = {key: deque(maxlen=POOL) for key in self._reference}
         self._first, self._base = {key: [] for key in self._reference}, {}
 
@@ -117,7 +117,7 @@ class AxisDrift:
         return self.add_told({**move.quantities, ERROR: MoveEstimate(move.ratio, move.ratio_interval)})
 
     def add_told(self, told: Mapping[str, MoveEstimate]) -> list[Standing]:
-        """The same from what a move told."""
+        """One more move, by the quantities that it told; how all stand now."""
         for key, last in self._last.items():
             if key not in told:
                 continue

@@ -99,7 +99,7 @@ class GrowingLog:
         return self._read if self._lines else self._size
 
     def again(self) -> None:
-        """What is in the window is looked at once more, for nothing follows it."""
+        """Look at the window once more, for nothing follows it."""
         self._again, self._size = True, -1
 
     def forget(self, until_s: float) -> None:

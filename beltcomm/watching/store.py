@@ -1,4 +1,4 @@
-"""What a watch leaves in the run folder: ``RUN/watch/moves.jsonl``, a line for each move, which a trend reads by days."""
+"""Records of a watch in the run folder: ``RUN/watch/moves.jsonl``, a line for each move, which a trend reads by days."""
 
 from __future__ import annotations
 
