@@ -264,6 +264,7 @@ def ground_of(basis: Basis, saved: Mapping[str, Any], move: Path | None = None) 
         Loop(structure, late_s, peak, offline.counts_of(folder)),
         present,
         tuple(sorted({*(lag for lag in VELOCITY_FILTERS_S if _in_drive(lag, structure)), present.velocity_filter_s})),
+        folder.axis.targets,
     )
 
 
