@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from beltcomm.model import Model
-from beltcomm.sentences.words import SHOWN, number
+from beltcomm.sentences.words import DERIVED, SHOWN, number
 
 
 @dataclass(frozen=True)
@@ -49,13 +49,6 @@ _MEANING = {
     "dynamic_error": ("tracking error up", "tracking error down", 0.2, "friction, which changes with temperature"),
     "static_error": ("error at rest up", "error at rest down", 0.5, "the axis sticks somewhere within its friction"),
 }
-#: Derived ones: words, unit, scale.
-_DERIVED = {
-    "resonance": ("resonance", "Hz", 1.0),
-    "antiresonance": ("antiresonance", "Hz", 1.0),
-    "coulomb_total": ("Coulomb friction, all, at the motor", "mN m", 1e3),
-    "viscous_total": ("viscous friction, all, at the motor", "mN m s/rad", 1e3),
-}
 #: Parts of a sum that is shown as a whole: which part moves is the fit's affair.
 _PARTS = ("viscous.damping", "viscous_cart.damping", "coulomb.level", "cart_friction.level", "transmission.ratio")
 
@@ -75,7 +68,7 @@ def quantities_of(model: Model | None, results: Mapping[str, Mapping[str, Any]])
         words, unit, scale = SHOWN.get(name, (name.replace(".", " ").replace("_", " "), value.unit, 1.0))
         add(name, words, unit, scale, value.value, value.interval)
     fit = results.get("fit") or {}
-    for name, (words, unit, scale) in _DERIVED.items():
+    for name, (words, unit, scale) in DERIVED.items():
         if (item := (fit.get("characteristics") or {}).get(name)) is not None:
             add(name, words, unit, scale, item["value"], item.get("interval"))
     if dead := fit.get("dead_time"):
