@@ -140,7 +140,7 @@ class TunedDesign:
             "kinds": plain(KINDS),
             "paces": plain(PACES),
             "disturbance_nm": DISTURBANCE_NM,
-            "targets": {"dynamic_mm": 1e3 * targets.following_m, "static_um": 1e6 * targets.settled_m},
+            "targets": {"dynamic_mm": 1e3 * targets.following_m, "static_um": 1e6 * targets.settled_m, "places": list(targets.places)},
             "move": self._move_words,
             "editor": _editor(ground.move),
             "compensated": list(self._saved_design.get("compensated") or ()),
