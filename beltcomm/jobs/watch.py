@@ -227,6 +227,7 @@ def _resume(state: _Watch, anew: bool) -> None:
     for entry in store.entries(state.folder.path, marks=True):
         if store.ANEW in entry:
             state.drift.begin_anew()
+            state.standings = []
             continue
         told = {key: MoveEstimate(*pair) for key, pair in store.told_by(entry).items()}
         state.standings = state.drift.add_told(told)
