@@ -19,7 +19,11 @@ from beltcomm.model import build_model
 from beltcomm.recording import Recording, Sidecar
 from beltcomm.result import Line, table
 from beltcomm.sentences.own_words import aligned, lines_in
+from beltcomm.sentences.watch import COLUMNS, head_line, summary_lines
 from beltcomm.simulate.forward import rigid_force_n, simulate_torque
+from beltcomm.watching.drift import AxisDrift
+from beltcomm.watching.judge import MoveEstimate
+from beltcomm.watching.limits import Limit
 
 OTHERS = [name for name in config_names("axes") if load_axis(name).kind in KINDS]
 BELT_WORDS = re.compile(r"(?i)\b(belts?|pulleys?|carts?)\b")
@@ -191,3 +195,13 @@ def test_targets_asked_for_are_those_of_any_kind() -> None:
     for name in (*OTHERS, "egc-70-600"):
         with pytest.raises(UsageError, match="it must be above 0"):
             with_targets(load_axis(name), {"following_error_m": -1e-3})
+
+
+def test_a_watch_is_told_in_the_words_of_the_axis() -> None:
+    axis = axis_from_dict(ROTARY)
+    far = Limit(None, None, "")
+    drift = AxisDrift({key: MoveEstimate(1.0, 0.01) for key in COLUMNS}, dict.fromkeys(COLUMNS, far))
+    standings = [one for _ in range(5) for one in drift.add_told({key: MoveEstimate(1.0, 0.01) for key in COLUMNS})][-len(COLUMNS) :]
+    told = lines_in(terms_of(axis), [head_line(standings), *summary_lines(5, 0, "", 5.0, standings, [], [])])
+    assert not BELT_WORDS.search("\n".join(told))
+    assert not re.search(r"\bmm\b|carriage|\bkg$|kN", "\n".join(told))
