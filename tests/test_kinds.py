@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,8 +18,9 @@ from beltcomm.errors import UsageError
 from beltcomm.fit.start import start_model
 from beltcomm.model import build_model
 from beltcomm.recording import Recording, Sidecar
-from beltcomm.result import Line, table
-from beltcomm.sentences.own_words import aligned, lines_in
+from beltcomm.result import Line, Result, table
+from beltcomm.runfolder import RunFolder
+from beltcomm.sentences.own_words import aligned, lines_in, own_words
 from beltcomm.sentences.watch import COLUMNS, head_line, summary_lines
 from beltcomm.simulate.forward import rigid_force_n, simulate_torque
 from beltcomm.watching.drift import AxisDrift
@@ -205,3 +207,9 @@ def test_a_watch_is_told_in_the_words_of_the_axis() -> None:
     told = lines_in(terms_of(axis), [head_line(standings), *summary_lines(5, 0, "", 5.0, standings, [], [])])
     assert not BELT_WORDS.search("\n".join(told))
     assert not re.search(r"\bmm\b|carriage|\bkg$|kN", "\n".join(told))
+
+
+def test_an_axis_is_that_of_the_first_of_several_runs(tmp_path: Path) -> None:
+    folder = RunFolder.create(tmp_path / "run", axis_from_dict(ROTARY))
+    told = own_words(lambda runs: Result({}, [f"the carriage stands in {len(runs)}"]))([folder.path, tmp_path / "none"])
+    assert told.text == ["the load stands in 2"]

@@ -21,6 +21,7 @@ from beltcomm.result import Result
 from beltcomm.rundata import offline
 from beltcomm.rundata.store import saved_design, structure_from_dict
 from beltcomm.runfolder import RunFolder
+from beltcomm.sentences.own_words import own_words
 from beltcomm.simulate.stopping import total_friction, total_viscous
 from beltcomm.thesis.closed_loop import CutOff
 from beltcomm.thesis.encoder.formulas import (
@@ -54,6 +55,7 @@ TILT_DEG, ROUND_RAD_S, INTEGRATES_S, STEP_S = 20.0, 0.02, 30.0, 1e-3
 _Told = tuple[dict[str, Any], list[str]]
 
 
+@own_words
 def own_thesis(topic: str, run: Place) -> Result:
     """A topic of the design source on the model of a run.
 

@@ -193,8 +193,12 @@ def _shown(terms: Terms, place: CarriagePosition) -> dict[str, Any]:
 
 
 def _terms_for(given: Mapping[str, Any]) -> Terms:
-    """Of the axis that a command is about: the one given, or that of its run.   Whatever is wrong with it, the command says."""
-    axis, run = given.get("axis"), given.get("run")
+    """Of the axis that a command is about: the one given, or that of its run, of several the first.
+
+    Whatever is wrong with it, the command says.
+    """
+    axis, run = given.get("axis"), given.get("run", given.get("runs"))
+    run = run[0] if isinstance(run, (list, tuple)) and run else run
     try:
         if isinstance(axis, Axis):
             return terms_of(axis)
