@@ -209,6 +209,11 @@ def test_a_watch_is_told_in_the_words_of_the_axis() -> None:
     assert not re.search(r"\bmm\b|carriage|\bkg$|kN", "\n".join(told))
 
 
+def test_a_table_without_a_first_title_keeps_its_edge() -> None:
+    told = lines_in(terms_of(axis_from_dict(ROTARY)), table(["", ">carriage"], [["following error", "1.5 mm"]]))
+    assert [str(line) for line in told][-1].startswith(str(table(["", ">x"], [["following error", "1"]])[-1])[:10])
+
+
 def test_an_axis_is_that_of_the_first_of_several_runs(tmp_path: Path) -> None:
     folder = RunFolder.create(tmp_path / "run", axis_from_dict(ROTARY))
     told = own_words(lambda runs: Result({}, [f"the carriage stands in {len(runs)}"]))([folder.path, tmp_path / "none"])

@@ -64,7 +64,7 @@ def _table(terms: Terms, rows: Sequence[Row]) -> list[Row]:
     cells = [[terms.said(cell) for cell in row.cells] for row in rows]
     texts = [aligned(terms, str(row)) for row in rows]
     if len(rows) > 1 and all(row and "\n" not in row for row in rows):
-        indent = " " * (len(rows[0]) - len(rows[0].lstrip()))
+        indent = " " * min(len(row) - len(row.lstrip()) for row in rows)
         wide = [max(map(len, column)) for column in zip(*cells, strict=True)]
         for number, (row, own) in enumerate(zip(rows, cells, strict=True)):
             padded = [c.rjust(w) if right else c.ljust(w) for c, w, right in zip(own, wide, row.right, strict=True)]
