@@ -4,21 +4,28 @@ from __future__ import annotations
 
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from beltcomm.axis import Axis, axis_from_dict, load_axis
 from beltcomm.axis.kinds import ARC_M, KINDS
+from beltcomm.axis.targets import with_targets
 from beltcomm.axis.terms import terms, terms_of
 from beltcomm.configfiles import config_names
 from beltcomm.errors import UsageError
 from beltcomm.fit.start import start_model
 from beltcomm.model import build_model
 from beltcomm.recording import Recording, Sidecar
-from beltcomm.result import Line, table
-from beltcomm.sentences.own_words import aligned, lines_in
+from beltcomm.result import Line, Result, table
+from beltcomm.runfolder import RunFolder
+from beltcomm.sentences.own_words import aligned, lines_in, own_words
+from beltcomm.sentences.watch import COLUMNS, head_line, summary_lines
 from beltcomm.simulate.forward import rigid_force_n, simulate_torque
+from beltcomm.watching.drift import AxisDrift
+from beltcomm.watching.judge import MoveEstimate
+from beltcomm.watching.limits import Limit
 
 OTHERS = [name for name in config_names("axes") if load_axis(name).kind in KINDS]
 BELT_WORDS = re.compile(r"(?i)\b(belts?|pulleys?|carts?)\b")
@@ -180,3 +187,34 @@ def test_a_line_that_became_too_wide_goes_on_below() -> None:
     assert max(map(len, lines)) <= 80
     assert len(lines) == 2
     assert lines[1].startswith(" " * 12 + "friction")
+
+
+def test_targets_asked_for_are_those_of_any_kind() -> None:
+    axis = axis_from_dict(ROTARY)
+    asked = with_targets(axis, {"following_error_m": 2e-4, "at": "load"})
+    assert (asked.targets.following_m, asked.targets.at, asked.trajectories) == (2e-4, "carriage", axis.trajectories)
+    assert with_targets(load_axis("ball-screw"), {"at": "table"}).targets.at == "carriage"
+    for name in (*OTHERS, "egc-70-600"):
+        with pytest.raises(UsageError, match="it must be above 0"):
+            with_targets(load_axis(name), {"following_error_m": -1e-3})
+
+
+def test_a_watch_is_told_in_the_words_of_the_axis() -> None:
+    axis = axis_from_dict(ROTARY)
+    far = Limit(None, None, "")
+    drift = AxisDrift({key: MoveEstimate(1.0, 0.01) for key in COLUMNS}, dict.fromkeys(COLUMNS, far))
+    standings = [one for _ in range(5) for one in drift.add_told({key: MoveEstimate(1.0, 0.01) for key in COLUMNS})][-len(COLUMNS) :]
+    told = lines_in(terms_of(axis), [head_line(standings), *summary_lines(5, 0, "", 5.0, standings, [], [])])
+    assert not BELT_WORDS.search("\n".join(told))
+    assert not re.search(r"\bmm\b|carriage|\bkg$|kN", "\n".join(told))
+
+
+def test_a_table_without_a_first_title_keeps_its_edge() -> None:
+    told = lines_in(terms_of(axis_from_dict(ROTARY)), table(["", ">carriage"], [["following error", "1.5 mm"]]))
+    assert [str(line) for line in told][-1].startswith(str(table(["", ">x"], [["following error", "1"]])[-1])[:10])
+
+
+def test_an_axis_is_that_of_the_first_of_several_runs(tmp_path: Path) -> None:
+    folder = RunFolder.create(tmp_path / "run", axis_from_dict(ROTARY))
+    told = own_words(lambda runs: Result({}, [f"the carriage stands in {len(runs)}"]))([folder.path, tmp_path / "none"])
+    assert told.text == ["the load stands in 2"]

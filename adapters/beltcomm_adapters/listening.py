@@ -89,7 +89,7 @@ class BusListening:
             raise
 
     def frames(self, wait_s: float) -> list[Heard]:
-        """See :meth:`beltcomm.drive.Listening.frames`."""
+        """Frames of the next ``wait_s`` seconds, as :meth:`beltcomm.drive.Listening.frames` has them."""
         self._wait(wait_s)
         found = list(self._heard)
         self._heard.clear()
@@ -126,7 +126,7 @@ class PlayedListening(BusListening):
         super().__init__(*given, **more)
 
     def frames(self, wait_s: float) -> list[Heard]:
-        """See :meth:`beltcomm.drive.Listening.frames`; one move, as long as there are some."""
+        """Frames of one more move of the production, after its end those of the next ``wait_s`` seconds."""
         if next(self._production, None) is None:
             return super().frames(wait_s)
         found = list(self._heard)

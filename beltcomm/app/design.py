@@ -22,6 +22,7 @@ from beltcomm.errors import DataError, UsageError
 from beltcomm.given import number, pasted
 from beltcomm.jobs.design import Basis, basis_of, delivered, move_of
 from beltcomm.locks import at_work, occupied
+from beltcomm.quantities import unit_of
 from beltcomm.result import Result, plain
 from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.conditions import condition_of
@@ -42,8 +43,6 @@ from beltcomm.verify import REST_S, Loop
 VELOCITY_FILTERS_S = (0.001, 0.002, 0.004, 0.008, 0.016)
 #: Samples of a move that is predicted at most.
 LONGEST_MOVE = 60_000
-#: Of the ends and limits of a move.
-MOVE_UNITS = ("m", "m", "m/s", "m/s²", "m/s³")
 
 
 class DesignTab:
@@ -141,7 +140,7 @@ class TunedDesign:
             "kinds": plain(KINDS),
             "paces": plain(PACES),
             "disturbance_nm": DISTURBANCE_NM,
-            "targets": {"dynamic_mm": 1e3 * targets.following_m, "static_um": 1e6 * targets.settled_m},
+            "targets": {"dynamic_mm": 1e3 * targets.following_m, "static_um": 1e6 * targets.settled_m, "places": list(targets.places)},
             "move": self._move_words,
             "editor": _editor(ground.move),
             "compensated": list(self._saved_design.get("compensated") or ()),
@@ -265,6 +264,7 @@ def ground_of(basis: Basis, saved: Mapping[str, Any], move: Path | None = None) 
         Loop(structure, late_s, peak, offline.counts_of(folder)),
         present,
         tuple(sorted({*(lag for lag in VELOCITY_FILTERS_S if _in_drive(lag, structure)), present.velocity_filter_s})),
+        folder.axis.targets,
     )
 
 
@@ -273,7 +273,7 @@ def move_between(asked: Any, ground: DesignInput) -> Trajectory:
     names = ("start_m", "end_m", "speed_m_s", "acceleration_m_s2", "jerk_m_s3")
     if not isinstance(asked, dict) or set(asked) != set(names):
         raise UsageError(f"a move is {', '.join(names)}; give these and no others")
-    start, end, speed, acceleration, jerk = (number(asked[name], name, unit) for name, unit in zip(names, MOVE_UNITS, strict=True))
+    start, end, speed, acceleration, jerk = (number(asked[name], name, unit_of(name)) for name in names)
     low, high = ground.ends_m
     if not (low <= min(start, end) and max(start, end) <= high and abs(end - start) > 1e-4):
         raise UsageError(f"the move goes from {1e3 * start:g} to {1e3 * end:g} mm; it must lie within {1e3 * low:g} and {1e3 * high:g} mm")

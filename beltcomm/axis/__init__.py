@@ -1,4 +1,4 @@
-"""What is known of an axis beforehand: data sheets and limits (``axis.yaml``), checked once.
+"""Axis as known beforehand: data sheets and limits (``axis.yaml``), checked once.
 
 Every entry may be missing; a job names what it needs with :meth:`Axis.require`.  An axis with neither ``belt``, ``pulley`` nor
 ``transmission`` is one rigid mass on the load side.  SI units, the unit in the name; the side of the gearbox stands at each entry.  A kind
@@ -144,7 +144,7 @@ class Axis:
 
     @property
     def needs(self) -> dict[str, str]:
-        """What commissioning cannot do without, by dotted name, and what for."""
+        """Entries that commissioning cannot do without, by dotted name, and what for."""
         own = KINDS.get(self.kind)
         if own is None:
             return dict(COMMISSION_NEEDS)
@@ -206,7 +206,7 @@ class Axis:
 
     @property
     def kind(self) -> str:
-        """What moves the load: "belt", a word of :data:`beltcomm.axis.kinds.KINDS`, "" for an axis that does not say."""
+        """Kind of the transmission: "belt", a word of :data:`beltcomm.axis.kinds.KINDS`, "" for an axis that does not say."""
         return self.transmission.kind if self.transmission is not None else BELT if self.has_transmission else ""
 
     @property

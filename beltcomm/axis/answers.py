@@ -1,4 +1,4 @@
-"""What an answer means in the units that people think in, and whether it is usual: a slip of the unit is asked for at once."""
+"""Answers in the units that people think in, and their usual ranges: a slip of the unit is asked for at once."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ USUAL: Mapping[str, tuple[float, float]] = {
 
 
 def usual_range(entry: str, kind: str = "") -> tuple[float, float]:
-    """What most axes of a kind have, for an entry as their files name it."""
+    """Range that most axes of a kind have, SI or degrees, for an entry as their files name it."""
     own = KINDS.get(kind)
     if own is not None and entry in own.renamed:
         return own.renamed[entry].usual or (-math.inf, math.inf)
@@ -45,7 +45,7 @@ def usual_range(entry: str, kind: str = "") -> tuple[float, float]:
 
 
 def usual(entry: str, value: float, kind: str = "") -> bool:
-    """Whether a value of an entry is what most axes have."""
+    """True if a value of an entry is in the range that most axes have."""
     low, high = usual_range(entry, kind)
     return low <= value <= high
 

@@ -39,7 +39,7 @@ class AxisEntry:
     whole: bool = False
 
     def fault(self, value: float) -> str:
-        """What must hold and does not, "" when the value is possible."""
+        """Bound that a value breaks, in words; "" when it is possible."""
         if not math.isfinite(value):
             return "it must be a finite number"
         if self.whole and not float(value).is_integer():
@@ -133,7 +133,7 @@ class Travel:
 
 @dataclass(frozen=True)
 class AxisLimits:
-    """What the mechanics allow, at the carriage and the pulley; the motor's own limits stand under motor."""
+    """Limits of the mechanics, at the carriage and the pulley; the motor's own stand under motor."""
 
     speed_m_s: float | None = _known("largest speed of the carriage", above=0.0, at_least=1e-3, at_most=100.0)
     acceleration_m_s2: float | None = _known("largest acceleration of the carriage", above=0.0, at_least=1e-3, at_most=1e4)
@@ -164,14 +164,14 @@ class Mounting:
 
 @dataclass(frozen=True)
 class Payload:
-    """What is mounted on the carriage."""
+    """Load on the carriage."""
 
     mass_kg: float | None = _known("mass on the carriage, when known", at_least=0.0, at_most=1e5)
 
 
 @dataclass(frozen=True)
 class AxisTargets:
-    """What the user asks of the axis: errors of a move, where they count, and the move.  None is not stated: a default holds.
+    """Demands of the user on the axis: errors of a move, where they count, and the move.  None is not stated: a default holds.
 
     Attributes
     ----------
@@ -220,7 +220,7 @@ class AxisTargets:
 
     @property
     def stated(self) -> bool:
-        """Whether a person stated an error; else both are defaults."""
+        """True if a person stated an error; else both are defaults."""
         return self.following_error_m is not None or self.settled_error_m is not None
 
 
@@ -260,7 +260,7 @@ def entries_of(section: type[Any]) -> dict[str, AxisEntry]:
 
 
 def meaning_of(entry: str) -> str:
-    """What a dotted entry such as ``pulley.teeth`` means; "" for an unknown one."""
+    """Meaning of a dotted entry such as ``pulley.teeth``; "" for an unknown one."""
     section, _, key = entry.partition(".")
     known = entries_of(SECTIONS[section]) if section in SECTIONS else {}
     return known[key].meaning if key in known else ""

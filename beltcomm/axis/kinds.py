@@ -20,7 +20,7 @@ from beltcomm.quantities import unit_of
 
 @dataclass(frozen=True)
 class Transmission:
-    """What lies between motor and load of an axis without a belt.
+    """Transmission between motor and load of an axis without a belt.
 
     Attributes
     ----------
@@ -34,8 +34,9 @@ class Transmission:
     stiffness_n_m: float | None = None
 
 
-#: m; radius at which an arc of 1 mm is 1 degree.
+#: m; radius at which an arc of 1 mm is 1 degree, and that arc.
 ARC_M = 0.18 / math.pi
+DEGREE_M = 1e-3
 #: Kind of a belt axis, which needs no entry.
 BELT = "belt"
 #: Sections of a file as they stand in it and are asked for: from the motor on to the load.
@@ -153,7 +154,6 @@ def _axial(what: str) -> dict[str, FileEntry]:
     }  # fmt: skip
 
 
-_GRADE = 1e-3  # m of arc per degree
 _LINEAR_NEEDS = {
     "travel.min_m": "the travel window",
     "travel.max_m": "the travel window",
@@ -211,17 +211,17 @@ _ROTARY = AxisKind(
             ARC_M**-2,
             usual=(10.0, 1e8),
         ),
-        "travel.min_deg": FileEntry("travel.min_m", AxisEntry("lowest angle of the load", at_least=-1e5, at_most=1e5), _GRADE),
-        "travel.max_deg": FileEntry("travel.max_m", AxisEntry("highest angle of the load", at_least=-1e5, at_most=1e5), _GRADE),
-        "limits.speed_deg_s": _known("limits.speed_m_s", "largest speed of the load", 1e-1, 1e5, _GRADE, usual=(5.0, 2e4)),
-        "limits.acceleration_deg_s2": _known("limits.acceleration_m_s2", "largest acceleration of the load", 1.0, 1e7, _GRADE),
+        "travel.min_deg": FileEntry("travel.min_m", AxisEntry("lowest angle of the load", at_least=-1e5, at_most=1e5), DEGREE_M),
+        "travel.max_deg": FileEntry("travel.max_m", AxisEntry("highest angle of the load", at_least=-1e5, at_most=1e5), DEGREE_M),
+        "limits.speed_deg_s": _known("limits.speed_m_s", "largest speed of the load", 1e-1, 1e5, DEGREE_M, usual=(5.0, 2e4)),
+        "limits.acceleration_deg_s2": _known("limits.acceleration_m_s2", "largest acceleration of the load", 1.0, 1e7, DEGREE_M),
         "limits.load_torque_nm": _known("limits.feed_force_n", "largest torque that reaches the load", 1e-3, 1e6, 1.0 / ARC_M),
         "payload.inertia_kg_m2": FileEntry(
             "payload.mass_kg", AxisEntry("inertia of the load, when known", at_least=0.0, at_most=1e5), ARC_M**-2, usual=(0.0, 1e3)
         ),
-        "targets.following_error_deg": _known("targets.following_error_m", "largest following error while it moves", 1e-4, 360.0, _GRADE),
-        "targets.settled_error_deg": _known("targets.settled_error_m", "largest error once settled", 1e-4, 90.0, _GRADE),
-        "targets.distance_deg": _known("targets.distance_m", "length of the move that is judged", 1.0, 1e5, _GRADE),
+        "targets.following_error_deg": _known("targets.following_error_m", "largest following error while it moves", 1e-4, 360.0, DEGREE_M),
+        "targets.settled_error_deg": _known("targets.settled_error_m", "largest error once settled", 1e-4, 90.0, DEGREE_M),
+        "targets.distance_deg": _known("targets.distance_m", "length of the move that is judged", 1.0, 1e5, DEGREE_M),
     },
     without=_NO_BELT | {"mounting", "limits.pulley_torque_nm"},
     titles={
@@ -301,7 +301,7 @@ def to_inside(kind: AxisKind, data: Mapping[str, Any]) -> dict[str, Any]:
     motions = found.get("trajectories")
     if kind.rotary and isinstance(motions, Mapping):
         found["trajectories"] = {
-            name: {key.replace("_deg_s", "_m_s"): _times(one, _GRADE) for key, one in each.items()} if isinstance(each, Mapping) else each
+            name: {key.replace("_deg_s", "_m_s"): _times(one, DEGREE_M) for key, one in each.items()} if isinstance(each, Mapping) else each
             for name, each in motions.items()
         }
     return found
@@ -318,7 +318,7 @@ def to_file(kind: AxisKind, data: Mapping[str, Any]) -> dict[str, Any]:
             found.setdefault(section, {})[key] = _times(held.pop(last), 1.0 / factor)
     if kind.rotary and "trajectories" in found:
         found["trajectories"] = {
-            name: {_turned(key): _times(one, 1.0 / _GRADE) for key, one in each.items()} for name, each in found["trajectories"].items()
+            name: {_turned(key): _times(one, 1.0 / DEGREE_M) for key, one in each.items()} for name, each in found["trajectories"].items()
         }
     if kind.rotary:
         found.get("pulley", {}).pop("effective_radius_m", None)
@@ -350,7 +350,7 @@ def _radius(kind: AxisKind, data: Mapping[str, Any]) -> float | None:
 
 
 def faults_of(kind: AxisKind, data: Mapping[str, Any]) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """What of a file this kind of axis does not have, and numbers out of its bounds, in words, with the keys that lead there."""
+    """Entries of a file that this kind of axis does not have, and numbers out of its bounds, in words, with the keys that lead there."""
     sections = kind.sections()
     for key, value in data.items():
         if key not in (*sections, "name", "trajectories"):

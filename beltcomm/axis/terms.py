@@ -1,4 +1,4 @@
-"""What people read of an axis in the words and units of its kind.
+"""Texts for people in the words and units of the kind of axis.
 
 Everything inside calls the load a carriage, what moves it a belt, and measures both along a line; sentences, tables and pictures are made
 in these words.  Of another kind of axis they are said in its own before they leave: words by words, a unit together with the number or the
@@ -144,17 +144,18 @@ def _file_names(kind: str) -> list[tuple[str, str]]:
     return [(re.escape(inside), name) for inside, name in [*pairs, *bare] if inside]
 
 
-#: Word for what moves the load, for the driving pulley, and for the load.
+#: Word for what moves the load and for the driving pulley; both and the load in German.
 _NAMES = {
-    "screw": ("screw", "screw", "table", "Spindel", "Spindel", "Tisch"),
-    "rack": ("rack", "pinion", "carriage", "Zahnstange", "Ritzel", "Schlitten"),
-    "rotary": ("coupling", "output", "load", "Kupplung", "Abtrieb", "Last"),
-    "linear": ("motor", "motor", "carriage", "Motor", "Motor", "Schlitten"),
+    "screw": ("screw", "screw", "Spindel", "Spindel", "Tisch"),
+    "rack": ("rack", "pinion", "Zahnstange", "Ritzel", "Schlitten"),
+    "rotary": ("coupling", "output", "Kupplung", "Abtrieb", "Last"),
+    "linear": ("motor", "motor", "Motor", "Motor", "Schlitten"),
 }
 
 
 def _words(kind: str) -> list[tuple[str, str]]:
-    drive, pulley, load, antrieb, scheibe, last = _NAMES[kind]
+    drive, pulley, antrieb, scheibe, last = _NAMES[kind]
+    load = KINDS[kind].load
     force = {"rotary": "load torque", "linear": "thrust"}.get(kind, f"{drive} force")
     own = [
         ("toothed-belt axis", f"{kind} axis"), ("toothed belt", drive),

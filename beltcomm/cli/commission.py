@@ -38,7 +38,9 @@ def command(
 
     Example: beltcomm commission --drive virtual --yes
     """
-    known = shared.with_targets(axis_for(axis, drive, run, resume), targets)
+    from beltcomm.axis.targets import with_targets
+
+    known = with_targets(axis_for(axis, drive, run, resume), targets)
     frame.run = run_folder(run, known.name)
     asked = shared.specification_of(given)
     options = frame.options(resume=resume, search=True, **given)

@@ -65,7 +65,7 @@ class Display:
         self._left = self._pace.left(fraction, seconds_left)
 
     def ended(self, done: bool) -> str:
-        """What stays of it: a line."""
+        """Leave one line of it."""
         if not done:
             return f"{self.number} {self.title}: {tr('not finished')}"
         if found := self._found_words():

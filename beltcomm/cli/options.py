@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -19,7 +19,6 @@ from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.quantities import parse_quantity, unit_of
 
 if TYPE_CHECKING:
-    from beltcomm.axis import Axis
     from beltcomm.design.specification import Specification
 
     Numbers = click.ParamType[float]
@@ -30,9 +29,8 @@ else:  # before click 8.2 the classes take no type argument
     Words = click.Choice
 
 _UNIT = re.compile(r"[a-zA-Zµμ°]*\s*$")
-#: An angle where a way is asked for, and what it is of a load that turns: 1 degree is 1 mm of its arc.
+#: An angle where a way is asked for.
 _ANGLE = re.compile(r"(?:deg|°)(?:/s[23²³]?)?\s*$")
-_ARC = 1e-3
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -40,7 +38,9 @@ def parsed(text: str, name: str, ctx: click.Context | None) -> float:
     """The SI value of a quantity; a way in degrees for an axis whose load turns.   Raises UsageError."""
     if not _ANGLE.search(text) or not _turns(getattr(ctx.obj, "words", ()) if ctx is not None else ()):
         return parse_quantity(text, name)
-    return _ARC * parse_quantity(text, re.sub(r"m((_s\d?)?)$", r"deg\1", name))
+    from beltcomm.axis.kinds import DEGREE_M
+
+    return DEGREE_M * parse_quantity(text, re.sub(r"m((_s\d?)?)$", r"deg\1", name))
 
 
 def _turns(words: Sequence[str]) -> bool:
@@ -279,18 +279,6 @@ def _targets(ctx: click.Context, _param: click.Parameter, values: tuple[str, ...
         except UsageError as error:
             raise click.BadParameter(str(error)) from error
     return found
-
-
-def with_targets(axis: Axis, asked: Mapping[str, Any]) -> Axis:
-    """The axis with other targets than its file's.   Raises UsageError for impossible ones."""
-    from beltcomm.axis import axis_from_dict
-
-    if not asked:
-        return axis
-    if axis.transmission is not None:
-        return replace(axis, targets=replace(axis.targets, **asked))
-    data = axis.to_dict()
-    return replace(axis_from_dict({**data, "targets": {**data.get("targets", {}), **asked}}), source=axis.source)
 
 
 #: Word of ``--target`` -> entry of axis.yaml.

@@ -12,6 +12,7 @@ import click
 
 from beltcomm.axis.answers import in_words, usual, usual_words
 from beltcomm.axis.entries import COMMISSION_NEEDS
+from beltcomm.cli.talk import NO, YES
 from beltcomm.cli.terminal import fitted
 from beltcomm.errors import UsageError
 from beltcomm.language import told, tr
@@ -31,7 +32,6 @@ _OTHERWISE = {
     "pole_pair_m": "32 mm",
     "pinion_radius_m": "or teeth x module: 20 x 2 mm; or travel per turn: 200 mm/rev",
 }
-_YES = ("", "y", "yes", "j", "ja")
 _NONE, _BACK = ("none", "no", "-"), ("back", "<")
 _TEETH = re.compile(r"(\d+)\s*(?:teeth)?\s*[x×*]\s*(.+)", re.IGNORECASE)
 _TRAVEL_PER_TURN = ("lead_m", "pole_pair_m")
@@ -100,7 +100,7 @@ def _really(key: str, name: str, value: float, kind: str) -> str | None:
     usual_are = f"{tr('usual are')} {usual_words(key, kind)}"
     asked = f"    = {in_words(name, value)}: {tr('really?')} {usual_are}; {tr('Enter keeps it, or give another')}"
     answer = reply(asked, "")
-    return None if answer.lower() in _YES else "" if answer.lower() in (*_BACK, "n", "no", "nein") else answer
+    return None if answer.lower() in ("", *YES) else "" if answer.lower() in (*_BACK, *NO) else answer
 
 
 def ask_word(question: str, known: Sequence[str], default: str) -> str:
@@ -111,7 +111,7 @@ def ask_word(question: str, known: Sequence[str], default: str) -> str:
 
 
 def toothed(text: str) -> dict[tuple[str, str], float]:
-    """What ``22 x 8 mm`` says beside the radius; nothing for a radius that was written otherwise."""
+    """Teeth and pitch, m, that ``22 x 8 mm`` states beside the radius; nothing for a radius that was written otherwise."""
     found = _TEETH.fullmatch(text)
     if not found:
         return {}

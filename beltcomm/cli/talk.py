@@ -15,6 +15,8 @@ from beltcomm.errors import UsageError
 from beltcomm.language import tr
 from beltcomm.talk import CarriagePosition
 
+#: Words that agree and that refuse, in any language of the screens.
+YES, NO = ("y", "yes", "j", "ja"), ("n", "no", "nein")
 #: Plain lines report progress at these steps of the fraction, so that a log of a minute stays short.
 PLAIN_STEP = 0.25
 
@@ -88,7 +90,7 @@ class PlainTalk:
         return _choose(question, choices, self._stream)
 
     def attended(self) -> bool:
-        """Whether stdin is a terminal."""
+        """True if stdin is a terminal."""
         return sys.stdin is not None and sys.stdin.isatty()
 
     def close(self, done: bool = False) -> None:
@@ -156,7 +158,7 @@ class RichTalk:
         return _choose(question, choices, self._stream)
 
     def attended(self) -> bool:
-        """Whether stdin is a terminal."""
+        """True if stdin is a terminal."""
         return sys.stdin is not None and sys.stdin.isatty()
 
     def close(self, done: bool = False) -> None:
@@ -166,10 +168,6 @@ class RichTalk:
             live.stop()
             self.say(self._shown.ended(done))
             self._found.clear()
-
-
-#: What agrees, in any language of the screens.
-YES = ("y", "yes", "j", "ja")
 
 
 def _choose(question: str, choices: Mapping[str, str], stream: TextIO) -> str:
@@ -186,7 +184,7 @@ def _choose(question: str, choices: Mapping[str, str], stream: TextIO) -> str:
         if not word:
             return last
         for key, meaning in choices.items():
-            if word == key or meaning.lower().startswith(word) or (key == first and word in YES) or (key == last and word in {"n", "no"}):
+            if word == key or meaning.lower().startswith(word) or (key == first and word in YES) or (key == last and word in NO):
                 return key
         echo(["  " + tr("{word} is none of {keys}", word=repr(word), keys=", ".join(choices))], stream)
 

@@ -38,7 +38,7 @@ DUMB = ("dumb", "unknown")
 
 
 def draws(stream: TextIO) -> bool:
-    """Whether control characters may be written: a terminal that can do more than print."""
+    """True if control characters may be written: to a terminal that can do more than print."""
     return stream.isatty() and os.environ.get("TERM", "").lower() not in DUMB
 
 
@@ -143,7 +143,7 @@ def _narrow(parts: Sequence[tuple[str, str]], width: int) -> Iterator[list[tuple
 
 
 def failure(text: str, stream: TextIO) -> None:
-    """What went wrong, its first word in red on a terminal that has colours."""
+    """Write an error, its first word in red on a terminal that has colours."""
     first, colon, rest = fitted(text, stream).partition(":")
     coloured = draws(stream) and not os.environ.get("NO_COLOR")
     click.echo((click.style(first + colon, fg="red", bold=True) if coloured else first + colon) + rest, file=stream, color=coloured)

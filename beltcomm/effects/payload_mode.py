@@ -38,7 +38,7 @@ def trials(ground: AxisSummary) -> list[Trial]:
 
 
 def implausible(values: Mapping[str, float]) -> str:
-    """Whether it does not swing at all: a belt that creeps was imitated by such a payload with a damping ratio of 1.8."""
+    """True if it does not swing at all: a belt that creeps was imitated by such a payload with a damping ratio of 1.8."""
     ratio = values["damping"] / (2.0 * math.sqrt(values["stiffness"] * values["payload.mass"]))
     return f"a payload that creeps back instead of swinging (damping ratio {ratio:.2g})" if ratio > SWINGING else ""
 

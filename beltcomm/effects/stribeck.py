@@ -50,7 +50,7 @@ def trials(ground: AxisSummary) -> list[Trial]:
 
 
 def implausible(values: Mapping[str, float]) -> str:
-    """Whether it falls more slowly than any that was measured: so does friction that grows with the logarithm of the time of contact."""
+    """True if it falls more slowly than any that was measured: so does friction that grows with the logarithm of the time of contact."""
     return "friction that falls with the logarithm of the speed" if values["exponent"] < LEAST + MET else ""
 
 

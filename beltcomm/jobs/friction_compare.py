@@ -20,6 +20,7 @@ from beltcomm.rundata.kept_path import kept_path
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.strokes import slowest_fitted_rad_s
 from beltcomm.sentences import friction, words
+from beltcomm.sentences.own_words import own_words
 from beltcomm.talk import Silence, Talk
 
 #: Share by which the differences of stated payloads and of identified masses may differ before it is said.
@@ -28,6 +29,7 @@ MASS_SHARE = 0.05
 NOT_THE_AXIS = ("payload.", "trajectories.", "limits.", "name ")
 
 
+@own_words
 def friction_compare(runs: Place | Sequence[Place], *, pictures: bool = False, command: str = "", talk: Talk | None = None) -> Result:
     """The sweeps of a run once more, or friction against load over the sweeps of several runs of one axis; no machine needed.
 

@@ -21,6 +21,7 @@ from beltcomm.result import Result
 from beltcomm.rundata import offline
 from beltcomm.rundata.store import saved_design, structure_from_dict
 from beltcomm.runfolder import RunFolder
+from beltcomm.sentences.own_words import own_words
 from beltcomm.simulate.stopping import total_friction, total_viscous
 from beltcomm.thesis.closed_loop import CutOff
 from beltcomm.thesis.encoder.formulas import (
@@ -54,6 +55,7 @@ TILT_DEG, ROUND_RAD_S, INTEGRATES_S, STEP_S = 20.0, 0.02, 30.0, 1e-3
 _Told = tuple[dict[str, Any], list[str]]
 
 
+@own_words
 def own_thesis(topic: str, run: Place) -> Result:
     """A topic of the design source on the model of a run.
 
@@ -184,7 +186,7 @@ def windup(folder: RunFolder, model: Model) -> _Told:
     move = plan_trajectory(start, start + way, limits, structure.period_s)
     path = join([move, at_rest(start + way, REST_S, structure.period_s)])
     needs = demand(move, model).torque_nm
-    counts = int((folder.load_result("drive") or {}).get("counts_per_rev") or axis.motor.encoder_counts_per_rev or 65536)
+    counts = offline.counts_of(folder)
     rows = []
     text = [
         f"Figure 6.10 on this run's gains and its move, {1e3 * way:.0f} mm in {move.duration_s:.2f} s with {needs:.2f} N m; simulated",
@@ -205,7 +207,7 @@ def windup(folder: RunFolder, model: Model) -> _Told:
 def estimators(folder: RunFolder, model: Model) -> _Told:
     """The four velocity estimators of 6.1 at the own encoder, sampling and speeds: which errs least, and how late each is."""
     axis, structure = folder.axis, _structure(folder)
-    counts = int((folder.load_result("drive") or {}).get("counts_per_rev") or axis.motor.encoder_counts_per_rev or 65536)
+    counts = offline.counts_of(folder)
     ratio, period = model["transmission.ratio"], structure.period_s
     step = ratio * math.tau / counts
     lag = float((saved_design(folder).get("parameters") or {}).get("velocity_filter_s") or 0.002)
@@ -240,7 +242,7 @@ def estimators(folder: RunFolder, model: Model) -> _Told:
 
 
 def gravity(folder: RunFolder, model: Model) -> _Told:
-    """Chapter 7's slow integrator against half sums of creep, simulated on the own model: why the latter is taken."""
+    """Chapter 7's slow integrator, simulated on the own model, against half sums of creep, from which Coulomb friction falls out."""
     ratio, friction = model["transmission.ratio"], total_friction(model)
     own = folder.axis.mounting.tilt_deg or TILT_DEG
     inertia = model["motor.inertia"] + ratio**2 * model["cart.mass"]

@@ -168,14 +168,14 @@ def _led(file: Path, sampled: Trajectory, folder: RunFolder) -> Result:
     if units:
         columns["reference_units"] = np.rint(units * reference_rad)
     write_columns(file, {**columns, "motor_m": found.motor.position_m, "carriage_m": found.carriage.position_m})
-    lead, fastest = float(np.max(np.abs(found.lead_m))), float(np.max(np.abs(found.lead_m))) * cascade.kpp_1_s
+    lead = float(np.max(np.abs(found.lead_m)))
     data = {"file": str(file), "samples": len(found.motor.t_s), "lead_m": lead, "duration_s": found.motor.duration_s}
     return Result(
         data,
         [
             f"{file} is written: {len(found.motor.t_s)} rows, reference_m is what the drive is to be sent, one row each period",
             f"  lead of the reference   up to {1e3 * lead:.0f} mm: its following error window (6065h) and software limits (607Dh) must be",
-            f"                          wider by that, and its position controller may ask for {fastest:.3g} m/s",
+            f"                          wider by that, and its position controller may ask for {lead * cascade.kpp_1_s:.3g} m/s",
             "  positions count from the zero of the axis; the gains of the run's design must stand in the drive",
         ],
     )

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from beltcomm.axis import Axis, axis_from_dict
+from beltcomm.axis import Axis
+from beltcomm.axis.targets import with_targets
 from beltcomm.control import Cascade
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.drive import Drive, simulated
@@ -105,7 +106,7 @@ def verify_with(
     if over_belt and not simulated(name):
         raise Refused("more than the feed force is for virtual belts only; slow the move down, or state another belt in axis.yaml")
     folder, feedforward = RunFolder.open(run), options.feedforward
-    axis = asked_of(folder.axis, options.targets)
+    axis = with_targets(folder.axis, options.targets)
     saved = saved_design(folder)
     model = offline.trusted_revision(folder, str(saved.get("revision") or ""))[0]
     claim(folder, drive.capabilities, options, talk)
@@ -228,14 +229,6 @@ def _learnt_result(folder: RunFolder, learnt: Learnt, remark: str) -> Result:
         where = f"--drive {pasted(drive_of(folder))} --run {pasted(folder.path)}"
         text.append(f"Next: beltcomm verify {where} --move {pasted(file)}   (the same move with it)")
     return Result(data, text, 0 if best.verdict.passed else 1)
-
-
-def asked_of(axis: Axis, targets: Mapping[str, object] | None) -> Axis:
-    """The axis with other targets than its file's.   Raises UsageError for impossible ones."""
-    if not targets:
-        return axis
-    data = axis.to_dict()
-    return axis_from_dict({**data, "targets": {**data.get("targets", {}), **targets}})
 
 
 def _result(

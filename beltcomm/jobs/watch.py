@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from beltcomm.axis import Axis
+from beltcomm.axis.terms import terms_of
 from beltcomm.drive import Clock, Drive, Limits, Motion, simulated
 from beltcomm.drive.access import listen_to
 from beltcomm.drive.parameters import cascade_to_parameters
@@ -25,6 +26,7 @@ from beltcomm.rundata.fitted_run import explainable, open_fitted
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import watch as words
+from beltcomm.sentences.own_words import lines_in, own_words
 from beltcomm.talk import Silence, Talk
 from beltcomm.trajectory import plan_trajectory, with_dwell
 from beltcomm.verify import REST_S
@@ -105,6 +107,7 @@ def _time_of_day(date_s: float) -> str:
     return str(np.datetime64(round(date_s), "s"))[-8:]
 
 
+@own_words
 def watch(
     run: Place,
     *,
@@ -362,7 +365,7 @@ def _judge_one(state: _Watch, columns: Mapping[str, Any], start_s: float) -> Non
     lines: list[str] = [words.head_line(state.standings)] if number % TITLES == 1 else []
     lines.append(words.move_line(state.before + number, state.hour(date_s), judged, state.standings))
     lines += [Line("      ", (f"{kind}: {text}", "bad" if kind == "ALARM" else "note")) for kind, text in events]
-    state.tell(WatchedMove(lines, entry))
+    state.tell(WatchedMove(lines_in(terms_of(judge.axis), lines), entry))
 
 
 def _events(state: _Watch) -> list[tuple[str, str]]:

@@ -1,4 +1,4 @@
-"""What a second sensor, at the load, says of the compliance before it: a witness of its own, which no fit uses.
+"""Second sensor, at the load, as a witness of the compliance before it, which no fit uses.
 
     motor angle = i (load + (J / k) load acceleration + (d / k) load speed + friction / k) + zero,      each behind one low-pass
 
@@ -51,7 +51,7 @@ class SecondSensor:
 
     @property
     def confirms(self) -> bool:
-        """Whether the model has it, too."""
+        """True if the model has it, too."""
         room = max(SAME * self.antiresonance_hz, self.interval_hz)
         return self.model_hz is not None and abs(self.model_hz - self.antiresonance_hz) < room
 

@@ -40,7 +40,7 @@ def catalogue(language: str) -> Mapping[str, str]:
 
 @cache
 def findings(language: str) -> list[tuple[re.Pattern[str], str]]:
-    """What a finished English sentence of ``doctor`` looks like -> the language's, as shipped; the most particular first."""
+    """Pattern of a finished English sentence of ``doctor`` or ``init`` -> the language's, as shipped; the most particular first."""
     import yaml
 
     text = files("beltcomm.language").joinpath(f"{language}.findings.yaml").read_text(encoding="utf-8")

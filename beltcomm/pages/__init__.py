@@ -12,7 +12,7 @@ from typing import Any
 
 from beltcomm.given import Place, pasted, place, places
 from beltcomm.result import Result
-from beltcomm.sentences.own_words import about_run
+from beltcomm.sentences.own_words import about_run, own_words
 from beltcomm.talk import Talk
 
 
@@ -78,6 +78,7 @@ def at_the_end(run: Path) -> Ended:
         return Ended(None, f"Note: there is no report ({type(problem).__name__}: {problem}); beltcomm report {pasted(run)} makes one")
 
 
+@own_words
 def trend(runs: Place | Sequence[Place], *, limits: Sequence[str] = (), dates: Sequence[str] = (), out: Place | None = None) -> Result:
     """Show one axis over many runs; see :func:`beltcomm.pages.trend_page.trend`.
 

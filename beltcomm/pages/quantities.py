@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from beltcomm.model import Model
-from beltcomm.sentences.words import SHOWN, number
+from beltcomm.sentences.words import DERIVED, SHOWN, number
+from beltcomm.watching.limits import UNKNOWN, USUAL
 
 
 @dataclass(frozen=True)
@@ -34,27 +35,24 @@ class Quantity:
         return number(self.scale * self.value, None if self.interval is None else self.scale * self.interval, self.unit)
 
 
-#: Key -> words when it is more, less, the share that is usual, and why.
+_BELT = ("belt stiffer", "belt softer", "temperature and load of the belt")
+_LOAD = "cables and what lies on the carriage"
+#: Key -> words when it is more and less, and why it changes by itself.
 _MEANING = {
-    "cart.mass": ("carriage heavier", "carriage lighter", 0.01, "cables and what lies on the carriage"),
-    "motor.inertia": ("more inertia at the motor", "less inertia at the motor", 0.01, "scale of the torque from drive to drive"),
-    "belt_stiffness.stiffness": ("belt stiffer", "belt softer", 0.03, "temperature and load of the belt"),
-    "belt_spans.specific_stiffness": ("belt stiffer", "belt softer", 0.03, "temperature and load of the belt"),
-    "belt_damping.damping": ("belt damping up", "belt damping down", 0.2, "temperature"),
-    "coulomb_total": ("friction up", "friction down", 0.1, "temperature, standstill and the way driven before"),
-    "viscous_total": ("viscous friction up", "viscous friction down", 0.2, "temperature of the grease"),
-    "resonance": ("resonance higher", "resonance lower", 0.015, "temperature and load of the belt"),
-    "antiresonance": ("antiresonance higher", "antiresonance lower", 0.015, "temperature and load of the belt"),
-    "dead_time": ("torque comes later", "torque comes earlier", 0.05, "another sample period of the records"),
-    "dynamic_error": ("tracking error up", "tracking error down", 0.2, "friction, which changes with temperature"),
-    "static_error": ("error at rest up", "error at rest down", 0.5, "the axis sticks somewhere within its friction"),
-}
-#: Derived ones: words, unit, scale.
-_DERIVED = {
-    "resonance": ("resonance", "Hz", 1.0),
-    "antiresonance": ("antiresonance", "Hz", 1.0),
-    "coulomb_total": ("Coulomb friction, all, at the motor", "mN m", 1e3),
-    "viscous_total": ("viscous friction, all, at the motor", "mN m s/rad", 1e3),
+    "cart.mass": ("carriage heavier", "carriage lighter", _LOAD),
+    "mass": ("load heavier", "load lighter", _LOAD),
+    "motor.inertia": ("more inertia at the motor", "less inertia at the motor", "scale of the torque from drive to drive"),
+    "belt_stiffness.stiffness": _BELT,
+    "belt_spans.specific_stiffness": _BELT,
+    "belt_sections.specific_stiffness": _BELT,
+    "belt_damping.damping": ("belt damping up", "belt damping down", "temperature"),
+    "coulomb_total": ("friction up", "friction down", "temperature, standstill and the way driven before"),
+    "viscous_total": ("viscous friction up", "viscous friction down", "temperature of the grease"),
+    "resonance": ("resonance higher", "resonance lower", "temperature and load of the belt"),
+    "antiresonance": ("antiresonance higher", "antiresonance lower", "temperature and load of the belt"),
+    "dead_time": ("torque comes later", "torque comes earlier", "another sample period of the records"),
+    "dynamic_error": ("tracking error up", "tracking error down", "friction, which changes with temperature"),
+    "static_error": ("error at rest up", "error at rest down", "the axis sticks somewhere within its friction"),
 }
 #: Parts of a sum that is shown as a whole: which part moves is the fit's affair.
 _PARTS = ("viscous.damping", "viscous_cart.damping", "coulomb.level", "cart_friction.level", "transmission.ratio")
@@ -65,9 +63,9 @@ def quantities_of(model: Model | None, results: Mapping[str, Mapping[str, Any]])
     found: dict[str, Quantity] = {}
 
     def add(key: str, words: str, unit: str, scale: float, value: float, interval: float | None) -> None:
-        more, less, usual, why = _MEANING.get(key, (f"{words} up", f"{words} down", 0.1, "nobody measured how far it changes by itself"))
+        more, less, why = _MEANING.get(key, (f"{words} up", f"{words} down", "nobody measured how far it changes by itself"))
         known = interval if interval is not None and math.isfinite(interval) else None
-        found[key] = Quantity(key, words, unit, scale, float(value), known, more, less, usual, why)
+        found[key] = Quantity(key, words, unit, scale, float(value), known, more, less, USUAL.get(key, UNKNOWN), why)
 
     for name, value in (model.parameters if model is not None else {}).items():
         if name in _PARTS or value.interval is None:
@@ -75,7 +73,7 @@ def quantities_of(model: Model | None, results: Mapping[str, Mapping[str, Any]])
         words, unit, scale = SHOWN.get(name, (name.replace(".", " ").replace("_", " "), value.unit, 1.0))
         add(name, words, unit, scale, value.value, value.interval)
     fit = results.get("fit") or {}
-    for name, (words, unit, scale) in _DERIVED.items():
+    for name, (words, unit, scale) in DERIVED.items():
         if (item := (fit.get("characteristics") or {}).get(name)) is not None:
             add(name, words, unit, scale, item["value"], item.get("interval"))
     if dead := fit.get("dead_time"):

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from beltcomm.axis import Axis
+from beltcomm.axis.terms import PLAIN, terms_of
 from beltcomm.configfiles import did_you_mean, read_yaml
 from beltcomm.errors import DataError, UsageError
 from beltcomm.given import pasted
@@ -24,6 +25,7 @@ from beltcomm.report.trend import DAY_S, Followed, trend_figure
 from beltcomm.result import Result, plain
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
+from beltcomm.sentences.own_words import said_in
 from beltcomm.sentences.words import number
 from beltcomm.talk import Silence
 from beltcomm.watching import store
@@ -116,7 +118,8 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
         raise DataError("no two of these runs know the same quantity; make models with beltcomm fit")
     given = {run.resolve().name: run for run in runs}
     shown = [one for one in dated if one.name in given]
-    page = _page(folders[0].axis.name or "Axis", followed, shown, [given[one.name] for one in shown], remarks)
+    terms = terms_of(asked.axis) if asked.has_axis else PLAIN
+    page = said_in(terms, _page(folders[0].axis.name or "Axis", followed, shown, [given[one.name] for one in shown], remarks), keys=True)
     newest = max(runs, key=lambda run: next(d.t_s for d in dated if d.name == run.resolve().name))
     where = out or newest / NAME
     data = {
@@ -126,7 +129,7 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
         "remarks": remarks,
     }
     with occupied(newest, Silence()):
-        write_page(where, render(page), data)
+        write_page(where, render(page), said_in(terms, data))
     reached = any(one.state == "reached" for one in followed)
     text = [page.verdict, *(f"  {one.text}" for one in followed), *(f"Note: {line}" for line in remarks)]
     return Result({**data, "page": str(where)}, [*text, f"Trend: {where}, numbers in {where.with_suffix('.json').name}"], int(reached))

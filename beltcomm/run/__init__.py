@@ -256,6 +256,8 @@ class OpenedRun:
     ) -> MovePrediction:
         """Simulate a move with the run's model and gains; no machine is needed, nothing moves.
 
+        The drive follows the move itself: a reference that leads a drive without feedforward, as :meth:`verify` sends it, is left out.
+
         Parameters
         ----------
         start_m, end_m : float or None, m, carriage

@@ -8,11 +8,13 @@ import numpy as np
 
 from beltcomm.app.design import ground_of, move_between
 from beltcomm.axis.entries import AxisTargets
+from beltcomm.axis.terms import PLAIN, Terms, terms_of
 from beltcomm.jobs.design import basis_of
 from beltcomm.result import html_of, table
 from beltcomm.run.record import Drawing, import_pandas
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
+from beltcomm.sentences.own_words import lines_in
 from beltcomm.talk import Silence
 from beltcomm.tuning.bench import Bench
 from beltcomm.verify import PredictedMove, TrackingError, tracking_error
@@ -34,10 +36,12 @@ class MovePrediction:
         Of the drive.
     words : str
         The move and the run, for titles.
+    terms : Terms
+        Words and units of the kind of axis, for people.
     """
 
-    def __init__(self, path: PredictedMove, targets: AxisTargets, torque_limit_nm: float, words: str) -> None:
-        self.path, self._targets, self._limit_nm, self._words = path, targets, torque_limit_nm, words
+    def __init__(self, path: PredictedMove, targets: AxisTargets, torque_limit_nm: float, words: str, terms: Terms = PLAIN) -> None:
+        self.path, self._targets, self._limit_nm, self._words, self._terms = path, targets, torque_limit_nm, words, terms
 
     @property
     def error(self) -> TrackingError:
@@ -70,18 +74,17 @@ class MovePrediction:
         """Tracking error at motor and carriage, and the torque, over time."""
         from beltcomm.report import style
 
-        path = self.path
+        path, said = self.path, self._terms.said
         with style.styled():
-            made = style.figure(
-                f"Predicted move: {self._words}", 4.6, style.Caption("run.predict_move().plot()", "model and gains of the run")
-            )
+            caption = style.Caption("run.predict_move().plot()", "model and gains of the run")
+            made = style.figure(said(f"Predicted move: {self._words}"), 4.6, caption)
             upper, lower = made.subplots(2, 1, sharex=True)
-            upper.plot(path.t_s, 1e3 * (path.reference_m - path.cart_m), color=style.RESIDUAL, linewidth=0.9, label="carriage")
+            upper.plot(path.t_s, 1e3 * (path.reference_m - path.cart_m), color=style.RESIDUAL, linewidth=0.9, label=said("carriage"))
             upper.plot(path.t_s, 1e3 * (path.reference_m - path.motor_m), color=style.MEASURED, linewidth=0.9, label="motor")
-            upper.set_ylabel("tracking error in mm")
+            upper.set_ylabel(said("tracking error in mm"))
             upper.legend(loc="upper right", fontsize=8)
             lower.plot(path.t_s, path.torque_nm, color=style.MEASURED, linewidth=0.9)
-            lower.set_ylabel("torque in N m")
+            lower.set_ylabel(said("torque in N m"))
             lower.set_xlabel("time in s")
         return Drawing(made)
 
@@ -102,7 +105,7 @@ class MovePrediction:
         lines.append(
             f"torque up to {np.max(np.abs(path.torque_nm)):.3g} of {self._limit_nm:.3g} N m, belt force up to {path.belt_force_n:.3g} N"
         )
-        return [*lines, *(f"The move reaches {bound}." for bound in path.saturated)]
+        return lines_in(self._terms, [*lines, *(f"The move reaches {bound}." for bound in path.saturated)])
 
 
 def predict(folder: RunFolder, payload_kg: float, asked: dict[str, float]) -> MovePrediction:
@@ -115,4 +118,4 @@ def predict(folder: RunFolder, payload_kg: float, asked: dict[str, float]) -> Mo
     start, end = 1e3 * move.position_m[0], 1e3 * move.position_m[-1]
     loaded = f", {payload_kg:g} kg more" if payload_kg else ""
     words = f"{start:.0f} to {end:.0f} mm, up to {np.max(np.abs(move.velocity_m_s)):.3g} m/s{loaded}"
-    return MovePrediction(path, folder.axis.targets, ground.loop.torque_limit_nm, words)
+    return MovePrediction(path, folder.axis.targets, ground.loop.torque_limit_nm, words, terms_of(folder.axis))

@@ -210,7 +210,8 @@ def _errors(
 
     def errors(on: Model, stretch_m: float) -> tuple[TrackingError, TrackingError]:
         path = predict_move(on, cascade, rested, drive, belt_stretch_m=stretch_m, extra_torque_nm=extra)
-        return tracking_error(path.t_s, rested.position_m, path.motor_m), tracking_error(path.t_s, rested.position_m, path.cart_m)
+        motor, cart = (tracking_error(path.t_s, rested.position_m, at, axis.targets) for at in (path.motor_m, path.cart_m))
+        return motor, cart
 
     told = any(value.interval is not None for value in machine.parameters.values())
     spread = predict_range(machine, lambda on, stretch_m: errors(on, stretch_m)[0]) if told else None

@@ -1,4 +1,4 @@
-"""What a run's moves with a led reference have shown of the gains in its drive: ``results/led_gains.yaml``."""
+"""Gains in the drive of a run as its moves with a led reference have shown them: ``results/led_gains.yaml``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a command says, in the words and units of the axis that it is about: results, talk, errors and pages of any kind but a belt."""
+"""Results, talk, errors and pages of a command in the words and units of the axis that it is about, of any kind but a belt."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def _table(terms: Terms, rows: Sequence[Row]) -> list[Row]:
     cells = [[terms.said(cell) for cell in row.cells] for row in rows]
     texts = [aligned(terms, str(row)) for row in rows]
     if len(rows) > 1 and all(row and "\n" not in row for row in rows):
-        indent = " " * (len(rows[0]) - len(rows[0].lstrip()))
+        indent = " " * min(len(row) - len(row.lstrip()) for row in rows)
         wide = [max(map(len, column)) for column in zip(*cells, strict=True)]
         for number, (row, own) in enumerate(zip(rows, cells, strict=True)):
             padded = [c.rjust(w) if right else c.ljust(w) for c, w, right in zip(own, wide, row.right, strict=True)]
@@ -176,7 +176,7 @@ class OwnWords:
         return choose(self._talk, self._terms.said(question), {key: self._terms.said(word) for key, word in choices.items()})
 
     def attended(self) -> bool:
-        """Whether somebody is."""
+        """True if somebody is there to be asked."""
         return self._talk.attended()
 
 
@@ -193,8 +193,12 @@ def _shown(terms: Terms, place: CarriagePosition) -> dict[str, Any]:
 
 
 def _terms_for(given: Mapping[str, Any]) -> Terms:
-    """Of the axis that a command is about: the one given, or that of its run.   Whatever is wrong with it, the command says."""
-    axis, run = given.get("axis"), given.get("run")
+    """Of the axis that a command is about: the one given, or that of its run, of several the first.
+
+    Whatever is wrong with it, the command says.
+    """
+    axis, run = given.get("axis"), given.get("run", given.get("runs"))
+    run = run[0] if isinstance(run, (list, tuple)) and run else run
     try:
         if isinstance(axis, Axis):
             return terms_of(axis)

@@ -6,21 +6,29 @@ import math
 from collections.abc import Mapping, Sequence
 
 from beltcomm.result import Line
-from beltcomm.sentences.words import number
+from beltcomm.sentences.words import DERIVED, SHOWN, number
 from beltcomm.watching.drift import FEWEST, POOL, Standing
 from beltcomm.watching.judge import ERROR, JudgedMove
 
-#: Key -> title of its column, words, unit shown, factor, and what it means when it is more or less.
-SHOWN: Mapping[str, tuple[str, str, str, float, str, str]] = {
-    "coulomb_total": ("Coulomb", "Coulomb friction, all, at the motor", "mN m", 1e3, "friction up", "friction down"),
-    "viscous_total": ("viscous", "viscous friction, all, at the motor", "mN m s/rad", 1e3, "viscous friction up", "viscous friction down"),
-    "belt_stiffness.stiffness": ("belt", "belt stiffness", "kN/m", 1e-3, "belt stiffer", "belt softer"),
-    "belt_spans.specific_stiffness": ("belt", "belt specific stiffness EA", "kN", 1e-3, "belt stiffer", "belt softer"),
-    "belt_sections.specific_stiffness": ("belt", "belt specific stiffness EA", "kN", 1e-3, "belt stiffer", "belt softer"),
-    "cart.mass": ("load", "carriage mass", "kg", 1.0, "load heavier", "load lighter"),
-    "mass": ("load", "moved mass", "kg", 1.0, "load heavier", "load lighter"),
-    "motor.inertia": ("inertia", "motor-side inertia", "kg cm²", 1e4, "more inertia", "less inertia"),
-    ERROR: ("error", "error over the noise", "x", 1.0, "something the model does not know acts on the axis", "less than the noise is left"),
+#: Key -> words, unit shown, factor: as everywhere, and of what no fit by the design source has.
+NAMED: Mapping[str, tuple[str, str, float]] = {
+    **SHOWN,
+    **DERIVED,
+    "belt_sections.specific_stiffness": SHOWN["belt_spans.specific_stiffness"],
+    "mass": ("moved mass", "kg", 1.0),
+    ERROR: ("error over the noise", "x", 1.0),
+}
+#: Key -> title of its column, and what it means when it is more or less.
+COLUMNS: Mapping[str, tuple[str, str, str]] = {
+    "coulomb_total": ("Coulomb", "friction up", "friction down"),
+    "viscous_total": ("viscous", "viscous friction up", "viscous friction down"),
+    "belt_stiffness.stiffness": ("belt", "belt stiffer", "belt softer"),
+    "belt_spans.specific_stiffness": ("belt", "belt stiffer", "belt softer"),
+    "belt_sections.specific_stiffness": ("belt", "belt stiffer", "belt softer"),
+    "cart.mass": ("load", "load heavier", "load lighter"),
+    "mass": ("load", "load heavier", "load lighter"),
+    "motor.inertia": ("inertia", "more inertia", "less inertia"),
+    ERROR: ("error", "something the model does not know acts on the axis", "less than the noise is left"),
 }
 _STYLE = {"alarm": "bad", "changed": "note", "steady": "", "few": "soft"}
 _MARK = {"alarm": "!", "changed": "*", "steady": " ", "few": " "}
@@ -28,7 +36,7 @@ _MARK = {"alarm": "!", "changed": "*", "steady": " ", "few": " "}
 
 def head_line(standings: Sequence[Standing]) -> Line:
     """Titles of the columns: change since the first moves, %, over the last ones."""
-    cells = "".join(f"{SHOWN[one.key][0] + ' %':>13}" for one in standings if one.key != ERROR)
+    cells = "".join(f"{COLUMNS[one.key][0] + ' %':>13}" for one in standings if one.key != ERROR)
     return Line((f"{'move':>5} {'time':8} {'mm':>5} {'error':>6}{cells}", "title"))
 
 
@@ -52,8 +60,8 @@ def _change(one: Standing) -> str:
 
 
 def event_sentence(one: Standing) -> str:
-    """What has changed, from what to what, and the limit."""
-    _, words, unit, factor, more, less = SHOWN[one.key]
+    """Change of a quantity, from what to what, and the limit."""
+    (words, unit, factor), (_, more, less) = NAMED[one.key], COLUMNS[one.key]
     if one.state == "steady":
         return f"{words} is back: {number(factor * one.value, factor * one.interval, unit)}"
     against, when = one.against, "by the first moves" if one.base is not None else "in the run"
@@ -71,7 +79,7 @@ def event_sentence(one: Standing) -> str:
 def summary_lines(
     moves: int, left_out: int, why: str, seconds: float, standings: Sequence[Standing], alarms: Sequence[str], changed: Sequence[str]
 ) -> list[str]:
-    """What the whole watch has found."""
+    """Findings of the whole watch."""
     if not moves:
         return ["No move was found" + (f" that tells anything; {left_out} were left out: {why}" if left_out else "") + "."]
     span = f"{seconds / 3600.0:.1f} h" if seconds > 5400.0 else f"{seconds:.0f} s"
@@ -87,7 +95,7 @@ def summary_lines(
     rows = []
     for one in standings:
         if math.isfinite(one.value):
-            _, words, unit, factor, *_ = SHOWN[one.key]
+            words, unit, factor = NAMED[one.key]
             half = factor * one.interval if math.isfinite(one.interval) else None
             rows.append(f"  {words:36} {number(factor * one.value, half, unit)}, in the run {factor * one.reference.value:.4g} {unit}")
     return [verdict, *rows, f"  (over the last {min(POOL, moves)} moves)"] if rows else [verdict]

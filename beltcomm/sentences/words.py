@@ -32,12 +32,13 @@ SHOWN = {
     "dead_time.time": ("dead time, reported torque to motion", "ms", 1e3),
     "constant_offset.torque": ("constant torque: tilt, friction by direction, current offset", "mN m", 1e3),
 }
-_DERIVED = (
-    ("resonance", "resonance", "Hz", 1.0),
-    ("antiresonance", "antiresonance", "Hz", 1.0),
-    ("coulomb_total", "Coulomb friction, all, at the motor", "mN m", 1e3),
-    ("viscous_total", "viscous friction, all, at the motor", "mN m s/rad", 1e3),
-)
+#: The same of what follows from a model.
+DERIVED = {
+    "resonance": ("resonance", "Hz", 1.0),
+    "antiresonance": ("antiresonance", "Hz", 1.0),
+    "coulomb_total": ("Coulomb friction, all, at the motor", "mN m", 1e3),
+    "viscous_total": ("viscous friction, all, at the motor", "mN m s/rad", 1e3),
+}
 
 
 #: Share of a value below which its interval says nothing of it.
@@ -62,7 +63,7 @@ def model_lines(fit: ModelFit, characteristics: Mapping[str, Characteristic], er
         if item is not None:
             half = None if item.interval is None else item.interval * factor
             lines.append(f"  {words:36} {number(item.value * factor, half, unit)}")
-    for name, words, unit, factor in _DERIVED:
+    for name, (words, unit, factor) in DERIVED.items():
         if name in characteristics:
             item2 = characteristics[name]
             lines.append(f"  {words:36} {number(item2.value * factor, item2.interval * factor, unit)}")

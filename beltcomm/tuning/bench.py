@@ -129,8 +129,8 @@ class Bench:
         wanted = ground.move.position_m
         every = max(len(wanted) // _DRAWN, 1)
         return TrackingPrediction(
-            tracking_error(path.t_s, wanted, path.motor_m),
-            tracking_error(path.t_s, wanted, path.cart_m),
+            tracking_error(path.t_s, wanted, path.motor_m, ground.targets),
+            tracking_error(path.t_s, wanted, path.cart_m, ground.targets),
             path.t_s[::every],
             1e3 * (wanted - path.motor_m)[::every],
             1e3 * (wanted - path.cart_m)[::every],

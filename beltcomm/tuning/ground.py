@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+from beltcomm.axis.entries import NO_TARGETS, AxisTargets
 from beltcomm.control import Cascade, CascadeStructure, Prefilter
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.knobs import Knobs
@@ -32,7 +33,7 @@ class DesignInput:
 
     plants : of places, m, and payloads beyond what is mounted, kg: every variant a design must hold for.   with_feedforward : completes a
     cascade.   ends_m : of the travel.   move : that the tracking error is predicted for, with its rest.   loop : what the drive adds.
-    present : the design in the run.   velocity_filters_s : T_R to choose from.
+    present : the design in the run.   velocity_filters_s : T_R to choose from.   targets : of the axis, by which a move counts as settled.
     """
 
     model: Model
@@ -44,6 +45,7 @@ class DesignInput:
     loop: Loop
     present: Cascade
     velocity_filters_s: tuple[float, ...]
+    targets: AxisTargets = NO_TARGETS
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from scipy.special import stdtrit
 
 from beltcomm.identify.course import NORMAL
 from beltcomm.watching.judge import ERROR, JudgedMove, MoveEstimate
-from beltcomm.watching.limits import Limit
+from beltcomm.watching.limits import UNKNOWN, USUAL, Limit
 
 State = Literal["few", "steady", "changed", "alarm"]
 
@@ -34,18 +34,6 @@ POOL, FEWEST, BASE = 10, 5, 20
 #: Deviations beyond which a change is no chance, in a thousand moves and with some quantities looked at: set on one set of simulated
 #: axes, told on another (docs/watch.md).
 SURE = 4.5
-#: Share by which a quantity changes without anything being wrong, see ``docs/report.md``.
-USUAL: Mapping[str, float] = {
-    "coulomb_total": 0.1,
-    "viscous_total": 0.2,
-    "belt_stiffness.stiffness": 0.03,
-    "belt_spans.specific_stiffness": 0.03,
-    "belt_sections.specific_stiffness": 0.03,
-    "cart.mass": 0.01,
-    "mass": 0.01,
-    "motor.inertia": 0.01,
-    ERROR: 0.08,
-}
 
 
 @dataclass(frozen=True)
@@ -144,7 +132,7 @@ class AxisDrift:
         off = value - against.value
         if key == ERROR:
             off = max(off, 0.0)  # less than the noise is no news
-        sure, usual = abs(off) > SURE * deviation, abs(off) <= USUAL.get(key, 0.1) * abs(against.value)
+        sure, usual = abs(off) > SURE * deviation, abs(off) <= USUAL.get(key, UNKNOWN) * abs(against.value)
         beyond = (low is not None and value + interval < low) or (high is not None and value - interval > high)
         state: State = "alarm" if beyond and sure else "changed" if sure and not usual and base is not None else "steady"
         return Standing(key, reference, base, value, interval, low, high, why, state)

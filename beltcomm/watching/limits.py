@@ -44,6 +44,26 @@ LIMITS: Mapping[str, Limit] = {
     "model_error": Limit(None, 0.25, "what the model does not know adds half as much again to the power of the noise"),
 }
 
+#: Share by which a quantity changes without anything being wrong, see ``docs/report.md``; of one that nobody measured.
+USUAL: Mapping[str, float] = {
+    "coulomb_total": 0.1,
+    "viscous_total": 0.2,
+    "belt_stiffness.stiffness": 0.03,
+    "belt_spans.specific_stiffness": 0.03,
+    "belt_sections.specific_stiffness": 0.03,
+    "cart.mass": 0.01,
+    "mass": 0.01,
+    "motor.inertia": 0.01,
+    "model_error": 0.08,
+    "belt_damping.damping": 0.2,
+    "resonance": 0.015,
+    "antiresonance": 0.015,
+    "dead_time": 0.05,
+    "dynamic_error": 0.2,
+    "static_error": 0.5,
+}
+UNKNOWN = 0.1
+
 
 def limits_given(limits: Sequence[str]) -> dict[str, Limit]:
     """Limits as they are typed.   Raises UsageError."""

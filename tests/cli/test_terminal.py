@@ -175,3 +175,9 @@ def test_a_finding_of_a_doctor_goes_on_below_itself() -> None:
     assert len(lines) > len(rows)
     assert [line[:15].strip() for line in lines] == ["warning", *[""] * (len(lines) - 1)]
     assert [line[15:18] for line in lines if "sudo" in line] == ["-> ", *["   "] * (sum("sudo" in line for line in lines) - 1)]
+
+
+@pytest.mark.parametrize(("answer", "key"), [("ja", "y"), ("yes", "y"), ("nein", "q"), ("no", "q"), ("", "q")])
+def test_a_question_is_answered_in_both_languages(monkeypatch: pytest.MonkeyPatch, answer: str, key: str) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO(f"{answer}\n"))
+    assert PlainTalk(io.StringIO()).choose("start?", {"y": "start", "q": "quit"}) == key

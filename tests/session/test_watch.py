@@ -95,6 +95,19 @@ def test_an_alarm_lasts_into_the_next_watch_and_not_beyond_a_maintenance(
     assert repaired.exit_code == 0
 
 
+def test_after_a_maintenance_the_next_moves_are_the_base(
+    logs: tuple[list[str], list[str]], copy_of_complete: Callable[..., Path], tmp_path: Path
+) -> None:
+    run = copy_of_complete()
+    api.watch(run, log=written(tmp_path / "before.log", logs[0]), moves=6)
+    stamped = [line[1:].split(")", 1) for line in logs[0]]
+    later = [f"({float(t_s) + 86400.0:.6f}){rest}" for t_s, rest in stamped]
+    told: list[dict[str, Any]] = []
+    after = api.watch(run, log=written(tmp_path / "after.log", later), moves=5, anew=True, tell=lambda move: told.append(dict(move.data)))
+    assert (after.exit_code, after.to_json()["moves"]) == (0, 5)
+    assert [{one["state"] for one in move["over_the_last_moves"].values()} for move in told[::4]] == [{"few"}, {"steady"}]
+
+
 def test_a_log_that_grows_tells_the_same_moves(logs: tuple[list[str], list[str]], complete: Complete, tmp_path: Path) -> None:
     """Written in pieces that end anywhere, as a logger does."""
     text = ("\n".join(logs[0]) + "\n").encode()

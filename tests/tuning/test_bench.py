@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from beltcomm.axis.entries import AxisTargets
 from beltcomm.design.held_knobs import OutOfReach
 from beltcomm.design.margins import margins
 from beltcomm.errors import UsageError
@@ -199,3 +200,11 @@ def test_controls_are_checked(heavy: Bench, setting: SliderSetting, wrong: dict[
         setting_from(asdict(setting) | wrong, heavy.ground)
     with pytest.raises(UsageError, match="there is no prefilter 'comb' here; choose none or butterworth or notch"):
         heavy.design(replace(setting, prefilter="comb"))
+
+
+def test_a_move_counts_as_settled_by_the_targets_of_the_axis(heavy: Bench) -> None:
+    targets, present = AxisTargets(settled_error_m=1e-3), heavy.ground.present
+    wide = Bench(replace(heavy.ground, targets=targets))
+    told = wide.tracked(present, 0.0).error
+    assert told == wide.path(present, 0.0).error_for(targets)
+    assert (told.settling_s, heavy.tracked(present, 0.0).error.settling_s) == (0.0, None)
