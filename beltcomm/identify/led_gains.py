@@ -1,4 +1,4 @@
-"""What the gains in a drive really are, from one move with a led reference: small steps at standstill tell them to a few percent only.
+"""Gains as they really are in a drive, from one move with a led reference: small steps at standstill tell them to a few percent only.
 
     τ = K_P [K_PP (ε + ∫ε dt/T_N) - (ω + ∫ω dt/T_N)] + c,      ε = r - φ,   T_N = K_P/K_I as documented
 
@@ -64,12 +64,18 @@ def gain_factors(
     ----------
     recording : Recording
         Of a move in the drive's position loop, whose reference is where the axis was to be.
-    lead_rad : ndarray (n,)
+    lead_rad : ndarray (n,), rad, motor shaft
         By which the reference in the loop was ahead of that, at the samples of the record from its first on.
     cascade : Cascade
         That the drive is taken to run.
-    delay_s : float
+    structure : CascadeStructure
+        Of the drive's loops.
+    delay_s : float, s
         Torque setpoint to acting torque.
+
+    Returns
+    -------
+    GainFactors or None
     """
     if recording.reference_position is None or cascade.ki_nm_rad <= 0.0 or len(lead_rad) < len(recording.t_s):
         return None
@@ -83,8 +89,8 @@ def gain_factors(
     asked, answered = (one + period * (np.cumsum(one) - one) / reset_s for one in (off, speed))
     torque = np.interp(recording.t_s + delay_s - 0.5 * period, recording.t_s, recording.torque)
     law = np.stack([asked, -answered, np.ones(len(off))], axis=1)
-    (both, kp, _), *_ = np.linalg.lstsq(law, torque, rcond=None)
-    rest = torque - law @ np.linalg.lstsq(law, torque, rcond=None)[0]
+    both, kp, level = np.linalg.lstsq(law, torque, rcond=None)[0]
+    rest = torque - law @ np.array([both, kp, level])
     spread = np.linalg.pinv(law.T @ law) * float(rest @ rest) / max(len(off) - 3, 1)
     if not (kp > 0.0 and both > 0.0):
         return None
