@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
+from beltcomm.axis import load_axis
 from beltcomm.model import load_plant
 from beltcomm.model.linear import matrices, modes, operating_point
 from beltcomm.model.transfer import two_mass
@@ -27,14 +28,31 @@ def test_loads_and_says_where_each_number_is_from(name: str) -> None:
     plant = load_plant(name)
     assert plant.model.name == name
     assert plant.model.source
+    assert plant.setpoint_delay_s == 1e-3
     if name not in OTHER_KINDS:
-        assert (plant.setpoint_delay_s, plant.torque_noise_nm, plant.counts_per_rev) == (1e-3, 6e-3, 65536)
+        assert (plant.torque_noise_nm, plant.counts_per_rev) == (6e-3, 65536)
     for value in plant.model.parameters.values():
         assert value.origin
         assert value.interval is None
     path = Path(__file__).parent.parent / "configs" / "plants" / f"{name}.yaml"
     for item in yaml.safe_load(path.read_text(encoding="utf-8"))["parameters"].values():
         assert set(item) == {"value", "unit", "side", "low", "high", "interval", "origin"}
+
+
+@pytest.mark.parametrize("name", OTHER_KINDS)
+def test_a_plant_of_another_kind_is_the_machine_of_its_axis_file(name: str) -> None:
+    """Of which a commissioning starts, so a slip in either would look like one of the tool's."""
+    plant, axis = load_plant(name), load_axis(name.replace("_", "-"))
+    model = plant.model
+    assert plant.counts_per_rev == axis.motor.encoder_counts_per_rev
+    assert 5e-4 < plant.torque_noise_nm / axis.motor.rated_torque_nm < 5e-3
+    assert model["transmission.ratio"] == pytest.approx(axis.transmission_m_rad, rel=1e-6)
+    if axis.rigid:
+        assert model.base_bodies == ("motor",)
+        assert model["motor.inertia"] > axis.motor_side_inertia_kg_m2  # its load is in it
+    else:
+        assert model["motor.inertia"] == pytest.approx(axis.motor_side_inertia_kg_m2, rel=1e-6)
+        assert model["belt_stiffness.stiffness"] == pytest.approx(axis.belt_stiffness_n_m(0.0), rel=0.15)  # a sheet is not exact
 
 
 @pytest.mark.parametrize(

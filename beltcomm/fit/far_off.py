@@ -42,7 +42,8 @@ def least_plain_error(data: Data, fitted: Fitted, iterations: int, fixed: Sequen
     tried = [fitted, evaluate_at(data, fitted.problem, evenly)]
     left = [_plain(data, one, band) for one in tried]
     if not fitted.problem.movable:
-        tried.append(_in_band(data, tried[int(np.argmin([own for own, _ in left]))], band))
+        nearest = tried[int(np.argmin([own for own, _ in left]))]
+        tried.append(evaluate_at(data, fitted.problem, least_in_band(fitted.problem, nearest.x, band)))
         left.append(_plain(data, tried[-1], band))
     sound = [(own, one) for one, (own, held) in zip(tried, left, strict=True) if held <= left[0][1] and own < (1.0 - LESS) * left[0][0]]
     return replace(min(sound, key=lambda pair: pair[0])[1], likeliest=fitted) if sound else fitted
@@ -56,20 +57,23 @@ def _plain(data: Data, fitted: Fitted, band_hz: float) -> tuple[float, float]:
     return own, held
 
 
-def start_in_band(problem: Problem, x: Array, band_hz: float) -> Array:
-    """Unknowns of a rigid axis by least squares of the band-limited error, begun at x.
+def least_in_band(problem: Problem, begin: Array, band_hz: float) -> Array:
+    """Unknowns by least squares of the band-limited error, where a search begins at some.
 
     No likelihood leads there from a model that lacks so much that what it leaves was taken for noise.
+
+    Parameters
+    ----------
+    begin : ndarray
+        Unknowns of the problem.
+    band_hz : float, Hz
+        Edge of the band.
+
+    Returns
+    -------
+    ndarray
+        Unknowns of the problem.
     """
-    return _least_in_band(problem, x, band_hz)
-
-
-def _in_band(data: Data, fitted: Fitted, band_hz: float) -> Fitted:
-    """Least squares of the band-limited error by the free parameters."""
-    return evaluate_at(data, fitted.problem, _least_in_band(fitted.problem, fitted.x, band_hz))
-
-
-def _least_in_band(problem: Problem, begin: Array, band_hz: float) -> Array:
 
     def error(x: Array) -> Array:
         model = problem.model_at(x, "laboratory")

@@ -95,7 +95,7 @@ def commands(chain: ReadingFit | None, recordings: Sequence[Recording]) -> bool:
 
 
 def _without_inertia(model: Model) -> bool:
-    """Whether a rigid model lacks so much that its inertia went to nothing: then motion and torque share nothing that could be late."""
+    """True where a rigid model lacks so much that its inertia went to nothing: then motion and torque share nothing that could be late."""
     inertia = model.parameters["motor.inertia"]
     return "cart" not in model.base_bodies and inertia.low < inertia.high and inertia.value < NOTHING * inertia.low
 

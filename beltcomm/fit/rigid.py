@@ -37,11 +37,21 @@ def rigid_estimate(sheet: Model, recordings: Sequence[Recording]) -> Model:
 
 
 def least_squares(recordings: Sequence[Recording]) -> Array:
-    """Inertia, viscous and Coulomb friction by least squares in the band in which the encoder shows the acceleration, (3,).
+    """Inertia, viscous and Coulomb friction by least squares in the band in which the encoder shows the acceleration.
 
     Torque, acceleration, speed and its sign behind one Gaussian low-pass each, so that the filter biases nothing; its cut-off as high as
     the rounding of the acceleration, σ² = q²/12 2 T (2π)⁴ f⁵/5, stays below a tenth of it.  A weight that turns with the motor bends all
     three: where it explains much, it and an offset of each record are taken out, as long as the motion tells them from the acceleration.
+
+    Returns
+    -------
+    ndarray (3,)
+        kg m², N m s/rad and N m at the motor shaft; on another side in the units of that.
+
+    Raises
+    ------
+    DataError
+        When no recording is long enough.
     """
     left, right, still, pulled = [], [], [], []
     for record in recordings:

@@ -66,11 +66,16 @@ def data_sheet(axis: Axis, recordings: Sequence[Recording]) -> Model | None:
     return sheet_model(axis, float(np.median(places)) if places else 0.0)  # one stiffness is fitted to all places
 
 
+def knows_stiffness(axis: Axis) -> bool:
+    """True if the data sheets say how stiff it is between motor and load."""
+    if axis.transmission is not None:
+        return not axis.rigid
+    return axis.get("belt.specific_stiffness_n") is not None and axis.get("belt.pulley_distance_m") is not None
+
+
 def sheet_model(axis: Axis, place_m: float) -> Model:
     """The data sheets at a place of the carriage, with what the axis file leaves open as it usually is; no friction."""
-    known_belt = axis.transmission is not None or (
-        axis.get("belt.specific_stiffness_n") is not None and axis.get("belt.pulley_distance_m") is not None
-    )
+    known_belt = knows_stiffness(axis)
     values = {
         "motor.inertia": axis.motor_side_inertia_kg_m2 if axis.get("motor.inertia_kg_m2") else USUAL["motor.inertia"],
         "cart.mass": usual_load_kg(axis, USUAL["cart.mass"]),

@@ -64,12 +64,18 @@ def gain_factors(
     ----------
     recording : Recording
         Of a move in the drive's position loop, whose reference is where the axis was to be.
-    lead_rad : ndarray (n,)
+    lead_rad : ndarray (n,), rad, motor shaft
         By which the reference in the loop was ahead of that, at the samples of the record from its first on.
     cascade : Cascade
         That the drive is taken to run.
-    delay_s : float
+    structure : CascadeStructure
+        Of the drive's loops.
+    delay_s : float, s
         Torque setpoint to acting torque.
+
+    Returns
+    -------
+    GainFactors or None
     """
     if recording.reference_position is None or cascade.ki_nm_rad <= 0.0:
         return None

@@ -14,6 +14,7 @@ from beltcomm.axis import Axis
 from beltcomm.effects import EFFECTS, AxisSummary
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import with_intervals
+from beltcomm.fit.start import knows_stiffness
 from beltcomm.laboratory.score import Scorer
 from beltcomm.model import Model
 from beltcomm.model.linear import modes, operating_point, values_of
@@ -99,13 +100,6 @@ def sheet_doubts(model: Model, ratio: float, axis: Axis, recordings: Sequence[Re
         common = _scale_words(factor, axis)
         inertia, stiffness = replace(inertia, common=common), replace(stiffness, common=common)
     return tuple(doubt for doubt in (inertia, stiffness) if doubt is not None)
-
-
-def knows_stiffness(axis: Axis) -> bool:
-    """True if the data sheets say how stiff it is between motor and load."""
-    if axis.transmission is not None:
-        return not axis.rigid
-    return axis.get("belt.specific_stiffness_n") is not None and axis.get("belt.pulley_distance_m") is not None
 
 
 def _rigid_doubts(axis: Axis, recordings: Sequence[Recording]) -> tuple[SheetDoubt, ...]:

@@ -18,7 +18,7 @@ from beltcomm.configfiles import did_you_mean
 from beltcomm.effects import EFFECTS, AxisSummary, Effect
 from beltcomm.errors import UsageError
 from beltcomm.fit.estimate import Fitted, fit, fit_of, problem_of
-from beltcomm.fit.far_off import start_in_band
+from beltcomm.fit.far_off import least_in_band
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
 from beltcomm.laboratory.acceptance import (
@@ -340,7 +340,7 @@ def refit_with(data: Data, base: Fitted, way: Scored, goal: float = math.inf) ->
         starts.append((problem.objective(problem.residual(begin), begin), problem, here.offsets(x)))
     if not here.movable and impossible(base.model):  # a rigid axis whose base made up for what it lacks by an inertia of nothing
         problem = problem_of(data, base.model.with_effect(way.effect.name, way.values))
-        banded = problem_of(data, problem.model_at(start_in_band(problem, problem.start(None), WEIGHED_HZ), "trial"))
+        banded = problem_of(data, problem.model_at(least_in_band(problem, problem.start(None), WEIGHED_HZ), "trial"))
         begin = banded.start(None)
         starts.append((banded.objective(banded.residual(begin), begin), banded, base.offsets))
     _, problem, offsets = min(starts, key=lambda start: start[0])

@@ -35,11 +35,13 @@ class SecondSensor:
     ----------
     column : str
         Of the sensor.
-    antiresonance_hz, interval_hz : float
-        And half its 95 % interval.
+    antiresonance_hz : float, Hz
+        Of the load on a held motor.
+    interval_hz : float, Hz
+        Half its 95 % interval.
     explained : float
-        Share of what no rigid gear explains of the motor angle.
-    model_hz : float or None
+        Share of what no rigid gear explains of the motor angle, 0 to 1.
+    model_hz : float or None, Hz
         The model's, nearest to it; None of one rigid body.
     """
 
@@ -61,8 +63,14 @@ def second_sensor(recordings: Sequence[Recording], model_hz: Sequence[float] = (
 
     Parameters
     ----------
-    model_hz : sequence of float
+    recordings : sequence of Recording
+        Those without a sensor at the load tell nothing.
+    model_hz : sequence of float, Hz
         Antiresonances of the model.
+
+    Returns
+    -------
+    SecondSensor or None
     """
     for column in ("load_position_rad", "cart_position_m"):
         parts = [part for r in recordings if (part := _rows(r, getattr(r, column))) is not None]

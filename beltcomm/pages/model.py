@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from beltcomm.fit.start import knows_stiffness
 from beltcomm.given import pasted
-from beltcomm.laboratory.cross_checks import knows_stiffness
 from beltcomm.model import Value
 from beltcomm.pages.gather import Gathered
 from beltcomm.report.page import PageTable, Paragraphs, Picture, Section

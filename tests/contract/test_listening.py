@@ -7,10 +7,11 @@ from typing import Any
 import can
 import pytest
 
-from beltcomm.drive import find_adapters, open_drive
+from beltcomm.drive import find_adapters
 from beltcomm.drive.access import listen_to
 from beltcomm.errors import BusError, UsageError
 from beltcomm.virtual.bus import LockstepBus
+from beltcomm.virtual.device import VirtualDrive
 from beltcomm_adapters.buses import MonotonicClock
 from beltcomm_adapters.listening import BusListening, HeardBus
 from beltcomm_adapters.virtual_node import attached
@@ -27,12 +28,19 @@ DRIVES: tuple[dict[str, Any], ...] = (
 )
 
 
+def held(drive: VirtualDrive) -> dict[tuple[int, int], Any]:
+    """What a drive keeps that a host could have written."""
+    entries = drive._dictionary._entries
+    return {place: entry.value for place, entry in entries.items() if entry.row.access in ("rw", "wo")}
+
+
 @pytest.mark.parametrize("options", DRIVES, ids=str)
 @pytest.mark.parametrize("node", [1, None])
-def test_only_reads_are_sent(options: dict[str, Any], node: int | None) -> None:
+def test_only_reads_are_sent_and_the_drive_is_as_it_was(options: dict[str, Any], node: int | None) -> None:
     bus = LockstepBus()
     seen: list[tuple[float, int, bytes, str]] = []
-    attached(bus, "", options)
+    drive, _ = attached(bus, "", options)
+    before = held(drive)
     bus.on_frame = seen.append
     with BusListening(bus, [], bus.clock, node, bus.shutdown, ask=True) as listening:
         listening.frames(0.5)
@@ -40,6 +48,8 @@ def test_only_reads_are_sent(options: dict[str, Any], node: int | None) -> None:
     assert sent
     assert all(frame[1] & ~0x7F == 0x600 and frame[3] == "host" and frame[2][0] in READS for frame in sent)
     assert any(frame[2][1:3] == b"\x00\x1a" for frame in sent)  # what its first process data hold is asked for
+    assert len(before) > 20
+    assert held(drive) == before
 
 
 def test_who_is_silent_sends_nothing() -> None:
@@ -52,8 +62,8 @@ def test_who_is_silent_sends_nothing() -> None:
     assert [frame for frame in seen if frame[3].startswith("host")] == []
 
 
-def test_every_adapter_that_listens_hears_what_another_says() -> None:
-    """Over an interface of python-can: frames of somebody else, and their order."""
+def test_over_an_interface_of_python_can_another_is_heard() -> None:
+    """Frames of somebody else, and their order."""
     other = can.Bus(interface="virtual", channel="listening")
     try:
         with listen_to("can:virtual:listening", {"node": 5, "silent": True}) as listening:
@@ -76,10 +86,9 @@ def test_nobody_there() -> None:
         listen_to("serial:virtual")
 
 
-def test_a_drive_is_as_it_was_when_it_has_been_listened_to() -> None:
+def test_the_virtual_adapter_hears_the_answers_of_its_drive() -> None:
     adapter = next(item.adapter for item in find_adapters() if item.adapter and item.adapter.name == "virtual")
     assert adapter.listen is not None
     with adapter.listen("g_a", {"seed": 1}) as listening:
-        assert listening.frames(0.2)  # the answers
-    with open_drive("virtual:g_a", {"seed": 1}) as drive:
-        assert drive.read(["state"])["state"] is not None
+        heard = listening.frames(0.2)
+    assert {frame[1] for frame in heard} >= {0x581, 0x601}

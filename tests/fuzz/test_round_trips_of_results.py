@@ -161,6 +161,7 @@ def test_files_of_mappings(columns: list[str], data: st.DataObject) -> None:
     guesses = guesses_for(table, sources_for(table, (), KNOWN_COLUMNS), AXIS, timed=True)
     text = template(table, (), guesses)
     offered = [choice for guess in guesses for choice in guess.choices]
+    assert offered
     for choice in offered:
         opened = text.replace(f"\n# {choice}\n", f"\n{choice}\n")
         assert choice in mappings_in(opened)
@@ -208,4 +209,6 @@ def test_tdms_channels(values: list[float], group: str) -> None:
         with TdmsWriter(str(Path(folder) / "a.tdms")) as writer:
             writer.write_segment([ChannelObject(group, "Torque", np.array(values), properties=told)])
         found = table_in("tdms", Path(folder) / "a.tdms")
-    assert any(np.array_equal(column, np.array(values)) for column in found.columns.values())
+    assert np.array_equal(found.columns["Torque"], np.array(values))
+    assert found.units["Torque"] == "Nm"
+    assert np.allclose(found.columns[found.clocks["Torque"]], 1e-3 * np.arange(len(values)), rtol=0.0, atol=1e-12)

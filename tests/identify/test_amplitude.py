@@ -20,13 +20,15 @@ from beltcomm.identify.amplitude import (
     Prediction,
     family_around,
     largest_amplitude,
+    not_ruled_out,
     predict,
     unknown_masses_kg,
     unknown_payload,
 )
 from beltcomm.model import Model
+from beltcomm.recording import Sidecar
 from beltcomm.simulate.stopping import Braking
-from identify.records import PERIOD_S, true_model
+from identify.records import PERIOD_S, Recorder, true_model
 from truth import TruthPlant
 from truth.rigs import draw
 
@@ -180,3 +182,19 @@ def test_a_stated_payload_leaves_out_carriages_that_are_much_lighter() -> None:
     assert stated[0] == stated[1] == UNKNOWN_MASSES_KG
     assert min(stated[2]) == 2.5
     assert stated[3] == (250.0,)
+
+
+@pytest.mark.parametrize("seed", range(51, 57))
+@pytest.mark.parametrize(("rig", "lightest_kg"), [("g_a", (1.0, 3.0)), ("g_b", (0.3,))])
+def test_a_record_rules_out_carriages_too_light_for_it_and_none_that_a_louder_one_needs(
+    rig: str, lightest_kg: tuple[float, ...], seed: int
+) -> None:
+    """11 to 15 kg and 1 kg, by the friction at which the axis breaks away; half as loud again the machine stays within the rest."""
+    plant, again = (draw(rig, np.random.default_rng(seed)) for _ in range(2))
+    truth = true_model(plant)
+    breakaway_nm = truth["coulomb.level"] + truth["transmission.ratio"] * truth["cart_friction.level"]
+    family = unknown_payload(data_sheet_model(load_axis("egc-70-600"), AT_M, breakaway_nm))
+    record = Recorder(seed).record(plant, lambda n, _angle: 0.5 * UNIT[n], len(UNIT), Sidecar("frf"))
+    left = not_ruled_out(family, record, truth["transmission.ratio"], AT_M)
+    assert min(model["cart.mass"] for model in left) in lightest_kg
+    assert covers(predict(left, 0.75 * UNIT, PERIOD_S, AT_M), driven(again, 0.75 * UNIT))

@@ -229,14 +229,13 @@ def test_a_payload_of_another_run_is_refused(make_bench: MakeBench, copy_of_comp
 
 def test_both_dampings_of_a_run_and_why(complete: Complete) -> None:
     """Seen: what the design counts with.  Predicted from friction and the record's own motion within a third (one gain for all
-    frequencies); the model under the record's torque shows it to 15 %, without Coulomb friction a small part of it: a tenth with the 106 kN
-    belt of the data sheet, 15.5 % on the softer one of the shipped axis."""
+    frequencies); the model under the record's torque shows it to 15 %, without Coulomb friction a tenth of it."""
     found = complete.result.to_json()["standstill"]
     assert found["seen"]["value"] == pytest.approx(complete.result.to_json()["design"]["apparent_damping_nm_s_rad"])
     assert found["seen"]["value"] > 10.0 * found["sweep"]["value"]
     assert found["predicted"]["value"] == pytest.approx(found["seen"]["value"], rel=0.35)
     assert found["modelled"] == pytest.approx(found["seen"]["value"], rel=0.15)
-    assert found["without_coulomb"] < 0.2 * found["seen"]["value"]
+    assert found["without_coulomb"] < 0.15 * found["seen"]["value"]
     truth = complete.bench.plant.truth
     assert found["coulomb_nm"][0] == pytest.approx(truth["coulomb_motor_nm"], rel=0.05)
     assert found["coulomb_nm"][1] == pytest.approx(RATIO * truth["coulomb_cart_n"], rel=0.1)

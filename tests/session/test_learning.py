@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from beltcomm import api
+from beltcomm.configfiles import read_yaml, to_yaml, write_text
 from beltcomm.errors import Refused, UsageError
 from beltcomm.experiments.learning import _repetition
 from beltcomm.recording import Recording
@@ -39,9 +40,13 @@ def test_repetitions_teach_the_move(copy_of_complete: Callable[..., Path], make_
 
 
 def test_what_cannot_be_sent_is_not_learnt(copy_of_complete: Callable[..., Path], make_bench: Callable[..., Bench]) -> None:
+    """On a run that knows no drive yet: another one than its own is refused for that."""
     run = copy_of_complete()
+    about = read_yaml(run / "run.yaml")
+    assert about.pop("drive")
+    write_text(run / "run.yaml", to_yaml(about))
     make_bench("g_a", profile="cmmp-as")
-    with pytest.raises((Refused, UsageError)):
+    with pytest.raises(Refused, match="takes no torque along with a reference"):
         api.verify("virtual:g_a", run, learn=2, options=api.Options(yes=True, seed=1))
 
 

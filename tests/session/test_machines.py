@@ -10,21 +10,25 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from beltcomm import api
+from beltcomm import api, verify
 from beltcomm.axis import Axis, load_axis
 from beltcomm.errors import Refused
-from beltcomm.experiments import phases, sweeping, verification
+from beltcomm.experiments import phases, proving, sweeping, verification
 from beltcomm.machine.machine import Machine
+from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Silence
-from beltcomm.verify import TrackingError, tracking_error
+from beltcomm.verify import PredictedMove, TrackingError, Verdict, tracking_error
 from identify.records import true_model
 from session.bench import Bench, geared_bench
 
+Array = NDArray[np.float64]
 YES = api.Options(yes=True, seed=2)
 #: Shares that the issue allows; name in the model or among the characteristics, name in the truth.
 ALLOWED = (
@@ -38,17 +42,33 @@ ALLOWED = (
 Connect = Callable[[Bench], Bench]
 
 
-def at_the_carriage(bench: Bench, run: Path) -> TrackingError:
-    """Error of the true carriage in the verification move."""
-    move = RunFolder.open(run).recording("move_1")
+def at_the_carriage(bench: Bench, run: Path, name: str, planned: tuple[Array, Array] | None = None) -> TrackingError:
+    """Error of the true carriage in a move.
+
+    planned : time, s, and where the carriage was to be, m; None where that is the motor's reference.
+    """
+    move = RunFolder.open(run).recording(name)
     assert move.reference_position is not None
-    first = bench.plant.first_tick_of(move, bench.start_m)
+    first, reference = bench.plant.first_tick_of(move, bench.start_m), bench.plant.ratio * move.reference_position
+    if planned is not None:
+        reference = reference[0] + np.interp(move.t_s - move.t_s[0], planned[0], planned[1] - planned[1][0])
     cart = bench.start_m + bench.plant.cart_m(first, len(move.t_s))
-    return tracking_error(move.t_s, bench.plant.ratio * move.reference_position, cart)
+    return tracking_error(move.t_s, reference, cart)
 
 
-def check_commissioned(bench: Bench, axis: Axis, run: Path, result: api.Result, exit_code: int = 0) -> None:
-    """Model and prediction are right, the limits were kept, the drive is as it was found."""
+def check_commissioned(
+    bench: Bench,
+    axis: Axis,
+    run: Path,
+    result: api.Result,
+    exit_code: int = 0,
+    verified: str = "move_1",
+    planned: tuple[Array, Array] | None = None,
+) -> None:
+    """Model and prediction are right, the limits were kept, the drive is as it was found.
+
+    verified : name of the verification move.   planned : as in :func:`at_the_carriage`.
+    """
     assert result.exit_code == exit_code, result.text
     found = {name: item for name, item in result.data["model"]["parameters"].items()}
     found |= result.data["fit"]["characteristics"]
@@ -56,15 +76,16 @@ def check_commissioned(bench: Bench, axis: Axis, run: Path, result: api.Result, 
         truth, item = bench.plant.truth[true], found[name]
         assert item["value"] == pytest.approx(truth, rel=share), name
         assert abs(item["value"] - truth) < 2.0 * item["interval"], name  # missed once in 10 000 by a right interval
-    verdict, cart = result.data["verdict"], at_the_carriage(bench, run)
+    verdict, cart = result.data["verdict"], at_the_carriage(bench, run, verified, planned)
     assert max(verdict.measured.dynamic_m, cart.dynamic_m) < 1e-3
     assert max(verdict.measured.static_m, cart.static_m) < 100e-6
-    # A led reference is of the motor, ahead of the carriage by the stretch of the belt.
-    if RunFolder.open(run).recording("move_1").sidecar.controller.get("led_by") != "led":
+    if planned is None:
         assert cart.dynamic_m == pytest.approx(verdict.predicted_cart.dynamic_m, rel=0.2, abs=20e-6)
+    else:  # along a led reference the carriage is as far from its own path as the motor from its reference
+        assert cart.dynamic_m == pytest.approx(verdict.measured.dynamic_m, abs=20e-6)
     low, high = verdict.predicted_range
     assert 0.9 * low.dynamic_m - 5e-6 < verdict.measured.dynamic_m < 1.1 * high.dynamic_m + 5e-6
-    move = bench.plant.first_tick_of(RunFolder.open(run).recording("move_1"), bench.start_m)
+    move = bench.plant.first_tick_of(RunFolder.open(run).recording(verified), bench.start_m)
     assert np.abs(bench.plant.belt_force_n[:move]).max() <= axis.belt_force_limit_n
     places = bench.start_m + bench.plant.cart_m(0, len(bench.plant.torque_nm))
     assert places.min() >= float(axis.travel.min_m or 0.0)
@@ -94,18 +115,28 @@ def test_a_geared_axis_is_not_asked_for_more_speed_than_its_motor_has(connect: C
     assert limits.lag_rad > 2.0 * math.tau
 
 
-def test_a_drive_without_feedforward_gets_the_move_it_can_follow(connect: Connect, tmp_path: Path) -> None:
+def test_a_drive_without_feedforward_gets_the_move_it_can_follow(connect: Connect, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """cmmp-as lags by speed over K_PP: T_A is predicted to miss by far, a slower move with a led reference to follow, and both come true.
 
     Its gains mean 0.37 and 1.6 times what its profile guesses; they are calibrated before the first loop, or none of this would be so.
     ``benchmarks/verify_table.py`` does the same with both rigs.
     """
     bench = connect(Bench("g_a", profile="cmmp-as", gain_units=(0.37, 1.6, 1.0)))
-    run = tmp_path / "run"
+    run, judged = tmp_path / "run", dict[str, tuple[Array, Array]]()
+
+    def judge(recording: Recording, ratio: float, predicted: PredictedMove, **known: Any) -> Verdict:
+        judged[recording.name] = predicted.t_s, known["carriage_m"]
+        return verify.judge(recording, ratio, predicted, **known)
+
+    monkeypatch.setattr(proving, "judge", judge)
     result = api.commission(bench.name, "egc-70-600", run, options=replace(YES, quick=True))
     units = RunFolder.open(run).load("results", "calibration")["units"]
     assert [units[n]["unit"] / units[n]["assumed"] for n in ("kp_nm_s_rad", "kpp_1_s")] == pytest.approx([0.37, 1.6], rel=0.05)
-    check_commissioned(bench, load_axis("egc-70-600"), run, result, exit_code=1)
+    controller = RunFolder.open(run).recording("move_2").sidecar.controller
+    _, planned_m = judged["move_2"]
+    assert controller["led_by"] == "led"
+    assert [planned_m[0], planned_m[-1]] == pytest.approx(controller["path"][:2], abs=1e-5)
+    check_commissioned(bench, load_axis("egc-70-600"), run, result, exit_code=1, verified="move_2", planned=judged["move_2"])
     headline = result.data["headline"]
     assert headline["state"] == "fail"
     assert " met its targets in this move, but " in headline["sentence"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from beltcomm.errors import UsageError
@@ -18,6 +20,10 @@ def test_each_topic_fits_a_screen(complete: Complete, topic: str) -> None:
 def test_the_integrator_ends_within_friction_and_half_sums_do_not(complete: Complete) -> None:
     found = own_thesis("gravity", complete.path).to_json()
     low, high = found["integrator_nm"]
+    truth = complete.bench.plant.truth
+    held_nm = complete.bench.plant.ratio * truth["mass_kg"] * 9.81 * math.sin(math.radians(found["tilt_deg"]))
+    assert found["gravity_nm"] == pytest.approx(held_nm, rel=0.03)
+    assert found["friction_nm"] == pytest.approx(truth["coulomb_total_nm"], rel=0.05)
     assert found["gravity_nm"] - found["friction_nm"] == pytest.approx(low, abs=2e-3)
     assert found["gravity_nm"] + found["friction_nm"] == pytest.approx(high, abs=2e-3)
     assert found["half_sum_nm"] == pytest.approx(found["gravity_nm"])

@@ -150,7 +150,9 @@ def test_what_cannot_be_watched_is_said(complete: Complete, copy_of_complete: Ca
         api.watch(run, log=written(tmp_path / "any.log", ["(1.0) can0 181#00"]), limits=("cart_mass=+10%",))
     with pytest.raises(DataError, match="--signal 6064h=181:0:i32"):
         api.watch(run, log=written(tmp_path / "late.log", [f"({k / 1000:.6f}) can0 181#{k:016X}" for k in range(2000)]))
-    (tmp_path / "table.csv").write_text("t_s,position_rad,torque_nm\n0,0,0\n0.001,0,0\n", encoding="ascii")
+    table = ["t_s,position_rad,torque_nm", *(f"{k / 1000:.3f},{k % 2 * 1e-4:.4f},0" for k in range(2000))]
+    still = api.watch(run, log=written(tmp_path / "table.csv", table))
+    assert (still.exit_code, still.to_json()["moves"], still.text) == (0, 0, ["No move was found."])
     with pytest.raises(UsageError, match="is no file"):
         api.watch(run, log=tmp_path / "nothing.log")
     gone = GrowingLog(written(tmp_path / "gone.log", ["(1.0) can0 181#00"]), Reading(), complete.folder.axis)

@@ -241,11 +241,19 @@ def _usual(parameter: Parameter, rng: np.random.Generator) -> float:
     return float(min(max(value, parameter.low), parameter.high))
 
 
+def _adds_up(model: Model, rng: np.random.Generator) -> bool:
+    """Whether the answers to two torques, in steps of time that ask for no linearity, are together that to their sum."""
+    one, other = rng.uniform(-0.5, 0.5, (2, 60))
+    answers = [integrate_torque(model, torque, 1e-3).velocity_rad_s for torque in (one, other, one + other)]
+    assert np.ptp(answers[2]) > 0.1
+    return np.allclose(answers[0] + answers[1], answers[2], rtol=0.0, atol=1e-9 * np.ptp(answers[2]))
+
+
 def _is_linear(effect: Effect) -> bool:
     """Whether the laws of an effect are affine and the same everywhere, by their values at random points."""
-    if effect.slot == "rigid":
-        return True
     rng = np.random.default_rng(1)
+    if effect.slot == "rigid":
+        return _adds_up(build_model("m", (effect.name,), {"cart.mass": 3.0, "motor.inertia": 2e-4}, base_bodies=("motor",)), rng)
     own = [_usual(parameter, rng) for parameter in effect.parameters] + [float(rng.uniform(1.0, 2.0)) for _ in effect.uses]
     points = rng.uniform(-0.5, 0.5, (60, 2))
     places, times = rng.uniform(0.1, 0.2, 60), rng.uniform(0.0, 1e3, 60)

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from beltcomm.effects import EFFECTS as CATALOGUE
+from beltcomm.errors import UsageError
 from beltcomm.fit.noise_path import way
 from beltcomm.fit.observer import Observation, Observer, innovations, tuned_observers, untuned_observer
 from beltcomm.fit.segment import Segment, group_starts
@@ -176,7 +177,7 @@ BEFORE = {
 INSTEAD = {"belt_spans": ("belt_stiffness",), "belt_sections": ("belt_stiffness", "belt_damping")}
 BESIDE_A_GAP = [
     effect.name for effect in CATALOGUE
-    if effect.name not in (*EFFECTS, "backlash", "rigid_load") and not acts_on_motor(effect) and effect.slot not in BEFORE_THE_LOAD
+    if effect.name not in (*EFFECTS, "backlash") and not acts_on_motor(effect) and effect.slot not in (*BEFORE_THE_LOAD, "rigid")
 ]  # fmt: skip
 
 
@@ -197,6 +198,15 @@ def test_every_effect_beyond_the_motor_runs_in_lock_step_as_by_the_masked_kernel
     quick = linear_innovations(axis, motion, vectors, alone.watch)
     for found, vector in zip(quick.T, vectors, strict=True):
         same(found, linear_innovations(axis, motion, [vector], alone.watch)[:, 0])
+
+
+def test_no_gap_is_beside_a_load_that_moves_with_the_motor() -> None:
+    """Which is why such a load is not among the effects above."""
+    for effect in (one for one in CATALOGUE if one.slot == "rigid"):
+        with pytest.raises(UsageError, match=f"{effect.name} brings cart.mass a second time"):
+            model("backlash").with_effect(effect.name)
+        with pytest.raises(UsageError, match="backlash needs a belt"):
+            build_model("axis", (effect.name, "backlash"), {}, base_bodies=("motor",))
 
 
 @pytest.mark.parametrize("more", [(), ("tilt",)])
