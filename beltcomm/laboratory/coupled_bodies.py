@@ -35,15 +35,15 @@ SPANS_BY_PLACE, SECTIONS = "belt_spans", "belt_sections"
 STIFFNESSES, SHARES_BEHIND = (100.0, 150.0, 225.0, 340.0, 500.0, 750.0), (0.2, 0.35, 0.5)
 #: Masses of the end pulley over the carriage's, and the belt's shares over it with how they are split, that are tried beside it.
 PULLEYS, SPANS = (0.005, 0.013, 0.03), ((0.15, 0.5), (0.2, 0.35), (0.27, 0.5), (0.4, 0.5))
-#: Fits that are begun from the best places of the raster, those that go on, and the iterations of both.
-BEGUN, GO_ON, FIRST, ITERATIONS = 12, 3, 6, 40
+#: Iterations of the fits that are begun, how many of them go on, and the iterations of those.
+FIRST, GO_ON, ITERATIONS = 8, 4, 40
 #: Factors of the stiffness from which a coupling is asked for again once the motion is rebuilt, iterations from there, rounds of rebuilding
 #: it, and iterations in each.
 ASIDE, APART, ROUNDS, IN_A_ROUND = (1.0, 1.6, 2.5), 15, 6, 3
 #: Iterations of the model without it where the steps of time are others.
 AGAIN = 4
 #: Share of what lies above the noise that it must explain, and O per sample of a base up to which it is not asked.
-MOST, FAR_OFF = 0.5, 1.5
+MOST, FAR_OFF = 0.5, 1.15
 
 
 def coupling_candidate(data: Data, current: Fitted, axis: Axis) -> Candidate | None:
@@ -187,8 +187,11 @@ def middle_m(data: Data, model: Model) -> float:
 def best_from(data: Data, places: Sequence[Model]) -> list[Fitted]:
     """Fits begun from the places that suit the excited records best as they are; those that come far soon go on, on all records."""
     excited = excited_only(data)
-    seen = by_objective(fit(excited, model, 0) for model in places)
-    begun = by_objective(fit(excited, fitted.model, FIRST) for fitted in seen[:BEGUN])
+    best: dict[tuple[float, float], Fitted] = {}  # of each coupling: else all that go on have the same
+    for seen in by_objective(fit(excited, model, 0) for model in places):
+        own = seen.model["driving_pulley.inertia"]
+        best.setdefault((seen.model["coupling.stiffness"], round(own / (own + seen.model["motor.inertia"]), 6)), seen)
+    begun = by_objective(fit(excited, fitted.model, FIRST) for fitted in best.values())
     return by_objective(fit(data, fitted.model, ITERATIONS) for fitted in begun[:GO_ON])
 
 
