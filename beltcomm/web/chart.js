@@ -21,6 +21,12 @@ export function number(value, digits = 3) {
   return Math.abs(value) >= 100 && digits === 3 ? value.toFixed(0) : String(Number(value.toPrecision(digits)));
 }
 
+// Labels of an axis with as many digits as tell one from the next.
+const even = (u, splits) => {
+  const known = splits.filter((v) => v !== null), step = known.length > 1 ? Math.abs(known[1] - known[0]) : 1, digits = Math.min(Math.max(Math.ceil(-Math.log10(step) - 1e-6), 0), 6);
+  return splits.map((v) => (v === null ? "" : v.toFixed(Math.abs(step * 10 ** digits - Math.round(step * 10 ** digits)) > 1e-6 ? digits + 1 : digits)));
+};
+
 function kept(text, name, type) {
   const link = element("a", { href: URL.createObjectURL(text instanceof Blob ? text : new Blob([text], { type })), download: name });
   link.click();
@@ -42,7 +48,7 @@ export function chart(place, spec) {
     one.u?.destroy();
     one.width = box.clientWidth;
     const ink = colour("ink"), grid = { stroke: colour("grid"), width: 1 }, axis = (which) => ({
-      label: which.label, labelSize: 20, stroke: ink, grid, ticks: { ...grid, size: 4 }, font: `11px ${colour("font")}`, labelFont: `12px ${colour("font")}`, values: which.values,
+      label: which.label, labelSize: 20, stroke: ink, grid, ticks: { ...grid, size: 4 }, font: `11px ${colour("font")}`, labelFont: `12px ${colour("font")}`, values: which.values || even,
       ...(which.log ? { filter: (u, splits) => splits.map((v) => ([1, 2, 5].includes(Math.round(v / 10 ** Math.floor(Math.log10(v) + 1e-9))) ? v : null)), values: (u, splits) => splits.map((v) => (v === null ? "" : String(Number(v.toPrecision(3))))) } : {}),
     });
     const scale = (which) => ({ time: false, distr: which.log ? 3 : 1, ...(which.range ? { range: typeof which.range === "function" ? which.range : () => which.range } : {}) });

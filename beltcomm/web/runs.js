@@ -13,7 +13,7 @@ export function runs(ask) {
     const keys = [...new Set(found.runs.flatMap((one) => Object.keys(one.quantities)))];
     const words = Object.fromEntries(keys.map((key) => [key, found.runs.find((one) => one.quantities[key]).quantities[key]]));
     $("beside").replaceChildren(element("thead", {}, element("tr", {}, ...["run", "began", "drive", "error × noise", "move", "added"].map((t) => element("th", {}, t)), ...keys.map((key) => element("th", { className: "number" }, words[key].words, element("br"), words[key].unit)))),
-      element("tbody", {}, ...found.runs.map((one) => element("tr", { className: one.own ? "own" : "" }, element("td", {}, one.name), element("td", {}, day(one)), element("td", {}, one.drive), element("td", { className: "number" }, number(one.ratio)),
+      element("tbody", {}, ...found.runs.map((one) => element("tr", { className: one.own ? "own" : "" }, element("td", {}, one.own ? one.name : element("a", { href: `?run=${encodeURIComponent(one.name)}#laboratory` }, one.name)), element("td", {}, day(one)), element("td", {}, one.drive), element("td", { className: "number" }, number(one.ratio)),
         element("td", { className: one.passed ? "good" : one.passed === false ? "bad" : "" }, one.passed === null ? "" : one.passed ? "meets its targets" : "misses"), element("td", {}, one.effects.slice(6).join(", ")),
         ...keys.map((key) => { const q = one.quantities[key]; return element("td", { className: "number" }, q ? number(q.value, 4) + (q.interval === null ? "" : ` ± ${number(q.interval, 2)}`) : ""); })))));
     $("quantity").replaceChildren(...keys.map((key) => element("option", { value: key }, `${words[key].words}, ${words[key].unit}`)));
@@ -41,7 +41,7 @@ export function runs(ask) {
       return;
     }
     const chosen = $("quantity").value;
-    $("runs-words").textContent = `${found.runs.length} run${found.runs.length === 1 ? "" : "s"} of ${found.axis || "this axis"} in this folder.` + (found.left_out.length ? ` Left out: ${found.left_out.join("; ")}.` : "") + (found.runs.length > 1 ? " In a terminal, `beltcomm open` with its name shows another one here, and `beltcomm report RUN --against OTHER` lays their curves over each other." : "");
+    $("runs-words").textContent = `${found.runs.length} run${found.runs.length === 1 ? "" : "s"} of ${found.axis || "this axis"} in this folder.` + (found.left_out.length ? ` Left out: ${found.left_out.join("; ")}.` : "") + (found.runs.length > 1 ? " A click on another one opens it here; in a terminal, `beltcomm report RUN --against OTHER` lays their curves over each other." : "");
     table();
     if (chosen && [...$("quantity").options].some((one) => one.value === chosen)) $("quantity").value = chosen;
     draw();
