@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from beltcomm import journal
+from beltcomm.app.view import shown
 from beltcomm.axis import Axis
 from beltcomm.drive import COLUMNS
 from beltcomm.errors import BeltcommError
@@ -112,10 +113,10 @@ class LiveTab:
         return {
             "name": part.name.removesuffix(".csv.part"),
             "experiment": sidecar.experiment,
-            "t_s": _short(time),
-            "position": _short(1e3 * ratio * angle if ratio is not None else angle),
+            "t_s": shown(time),
+            "position": shown(1e3 * ratio * angle if ratio is not None else angle),
             "unit": "mm" if ratio is not None else "rad",
-            "torque": _short(column.get("torque_nm", np.zeros(len(time)))),
+            "torque": shown(column.get("torque_nm", np.zeros(len(time)))),
             "gauges": {one.name: {"value": abs(one.value), "limit": one.limit, "unit": one.unit} for one in gauges},
         }
 
@@ -128,7 +129,7 @@ class LiveTab:
                 response = analyse.responses([folder.recording(name)]).get(name)
             except BeltcommError:
                 response = None
-            found = {} if response is None else {"freq_hz": _short(response.freq_hz), "db": _short(20.0 * np.log10(np.abs(response.h)))}
+            found = {} if response is None else {"freq_hz": shown(response.freq_hz), "db": shown(20.0 * np.log10(np.abs(response.h)))}
             self._responses[name] = {"name": name, **found}
         return [one for one in self._responses.values() if "db" in one]
 
@@ -146,7 +147,3 @@ def _gauges(axis: Axis, drive: Mapping[str, Any], head: Sequence[str], rows: Seq
 
 def _numbers(rows: Sequence[str]) -> list[list[float]]:
     return [[float(cell) if cell else math.nan for cell in row.split(",")] for row in rows]
-
-
-def _short(values: np.ndarray) -> list[float | None]:
-    return [float(f"{x:.5g}") if math.isfinite(x) else None for x in values.tolist()]

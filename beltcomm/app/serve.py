@@ -10,7 +10,7 @@ from typing import Any
 from beltcomm.app.design import DesignTab
 from beltcomm.app.laboratory import LaboratoryTab
 from beltcomm.app.live import LiveTab
-from beltcomm.app.runs import RunsTab
+from beltcomm.app.runs import RunsTab, beside
 from beltcomm.app.session import VirtualSession
 from beltcomm.errors import UsageError
 from beltcomm.experiments.options import Options
@@ -99,24 +99,17 @@ class RunPages:
         """The page of the run that is asked about.   Raises UsageError for none beside the first."""
         if not isinstance(asked, dict) or set(asked) != {"run", "asked"} or not isinstance(asked["run"], str):
             raise UsageError("a question is the name of a run, and what is asked of it")
-        name, own = asked["run"], self.first.run.resolve()
-        if name in ("", own.name):
+        name = asked["run"]
+        if name in ("", self.first.run.resolve().name):
             return self.first
         with self._lock:
             if (page := self._others.pop(name, None)) is None:
-                page = RunPage(own.parent / _run_beside(own, name), **self._settings)
+                page = RunPage(beside(self.first.run, name), **self._settings)
                 page.design.saved = self.saved
             self._others[name] = page  # the one asked last stands last
             while len(self._others) > MOST_OPEN:
                 self._others.pop(next(iter(self._others))).close()
             return page
-
-
-def _run_beside(own: Path, name: str) -> str:
-    """A name that names a folder beside a run and nothing else.   Raises UsageError."""
-    if name in (".", "..") or Path(name).name != name or not (own.parent / name).is_dir():
-        raise UsageError(f"there is no run {name!r} beside {own.name}; the page lists those that there are under Runs")
-    return name
 
 
 def open_page(

@@ -48,14 +48,14 @@ export function chart(place, spec) {
     one.u?.destroy();
     one.width = box.clientWidth;
     const ink = colour("ink"), grid = { stroke: colour("grid"), width: 1 }, axis = (which) => ({
-      label: which.label, labelSize: 20, stroke: ink, grid, ticks: { ...grid, size: 4 }, font: `11px ${colour("font")}`, labelFont: `12px ${colour("font")}`, values: which.values || even,
+      label: which.label, labelSize: 20, stroke: ink, grid, ticks: { ...grid, size: 4 }, ...(which.incrs ? { incrs: which.incrs, space: which.space || 50 } : {}), font: `11px ${colour("font")}`, labelFont: `12px ${colour("font")}`, values: which.values || even,
       ...(which.log ? { filter: (u, splits) => splits.map((v) => ([1, 2, 5].includes(Math.round(v / 10 ** Math.floor(Math.log10(v) + 1e-9))) ? v : null)), values: (u, splits) => splits.map((v) => (v === null ? "" : String(Number(v.toPrecision(3))))) } : {}),
     });
     const scale = (which) => ({ time: false, distr: which.log ? 3 : 1, ...(which.range ? { range: typeof which.range === "function" ? which.range : () => which.range } : {}) });
     let shifted = false;
     one.u = new uPlot({
       width: one.width, height: spec.height || Math.round(Math.min(Math.max(0.52 * one.width, 180), 280)),
-      legend: { live: true, markers: { width: 2 } },
+      legend: { live: true, markers: { width: 2, stroke: (u, i) => (i && spec.series[i - 1].dots ? "transparent" : colour(spec.series[i - 1]?.look || "soft")), fill: (u, i) => (i && spec.series[i - 1].dots ? colour(spec.series[i - 1].look) : "transparent"), dash: (u, i) => (i && spec.series[i - 1].dash ? "dotted" : "solid") } },
       scales: { x: scale(spec.x), y: scale(spec.y) },
       axes: [{ ...axis(spec.x), size: 34 }, { ...axis(spec.y), size: 52 }],
       cursor: { drag: { x: true, y: false, setScale: !spec.onSelect }, sync: spec.sync ? { key: spec.sync } : undefined, points: { size: 6 }, focus: { prox: 24 },
@@ -141,7 +141,7 @@ export function vertical(u, ctx, x, words, stroke, row = 0) {
   ctx.stroke();
   ctx.font = `${11 * devicePixelRatio}px ${colour("font")}`;
   ctx.textBaseline = "top";
-  ctx.textAlign = px > u.bbox.left + 0.7 * u.bbox.width ? "right" : "left";
+  ctx.textAlign = px + ctx.measureText(` ${words} `).width > u.bbox.left + u.bbox.width ? "right" : "left";
   ctx.fillText(` ${words} `, px, u.bbox.top + (3 + 14 * row) * devicePixelRatio);
 }
 

@@ -52,6 +52,8 @@ for (const [k, name] of names.entries()) {
 }
 addEventListener("hashchange", () => show(location.hash.slice(1)));
 
+document.querySelector("nav").hidden = false; // without scripts there is nothing to choose from
+
 let ended = false;
 export function failed(words) {
   $("failed").replaceChildren(...(words ? [element("span", {}, words)] : []));

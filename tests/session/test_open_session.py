@@ -23,7 +23,8 @@ STAMP = "2026-11-26T18:02:03"
 class Ended:
     """A process that has ended and said nothing."""
 
-    stdout = BytesIO(b"")
+    def __init__(self) -> None:
+        self.stdout = BytesIO(b"")
 
     def poll(self) -> int:
         return 0
