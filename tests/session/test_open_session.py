@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
@@ -118,6 +119,7 @@ def test_it_makes_a_run_of_its_own_and_stops_at_the_button(pages: RunPages) -> N
     assert second.name == f"{state['name']}-2"
     while not (second / "journal.txt").is_file():
         assert pages.session.running
+        time.sleep(0.05)
     assert asked(pages, "session-stop")["stopping"]
     ended(pages.session)
     assert asked(pages, "session-state")["code"] == 4
@@ -127,7 +129,7 @@ def test_it_makes_a_run_of_its_own_and_stops_at_the_button(pages: RunPages) -> N
 def ended(session: VirtualSession) -> None:
     """Wait for its end, and until all that it said is heard."""
     assert session._process is not None
-    session._process.wait(120.0)
+    session._process.wait(300.0)
     session._listener.join(10.0)
 
 
