@@ -186,7 +186,7 @@ export function laboratory(ask) {
       const x = order.map((i) => xs[i]), forward = order.map((i) => (cells.speed[i] > 0 ? cells.more[i] : null)), backward = order.map((i) => (cells.speed[i] > 0 ? null : cells.more[i]));
       const drawn = chart($("residuals"), {
         title: `Over ${TITLES[along]}`, name: `residual-${along}`, x: { label: `${TITLES[along]}, ${unitOf(along)}` }, y: { label: `measured − model, ${found.units.force}`, range: [-reach, reach] }, height: 200, quiet: true,
-        series: [{ name: "forward", look: "first", dots: true, size: many }, { name: "backward", look: "second", dots: true, size: many }, { name: "marked", look: "chosen", dots: true, size: many + 1 }],
+        series: [{ name: "forward", look: "first", dots: true, size: many }, { name: "backward", look: "second", dots: true, size: many }, { name: "marked", look: "chosen", dots: true, size: Math.min(many + 1, 3) }],
         onSelect: (low, high) => mark(along, low, high).catch(problem),
         overlay: (u, ctx) => { horizontal(u, ctx, 0, colour("soft")); if (along !== "time") for (const [, values] of both) line(u, ctx, centres, values, colour("paper"), 5); if (along !== "time") for (const [look, values] of both) line(u, ctx, centres, values, colour(look), 2.5); },
       });
