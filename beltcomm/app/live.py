@@ -19,6 +19,7 @@ from beltcomm.locks import NAME as LOCK
 from beltcomm.machine.load import Load
 from beltcomm.outside import opened
 from beltcomm.recording.sidecar import load_sidecar
+from beltcomm.response import FrequencyResponse, estimate_response
 from beltcomm.rundata import analyse
 from beltcomm.rundata.store import PLAN
 from beltcomm.runfolder import RunFolder
@@ -26,6 +27,8 @@ from beltcomm.talk import Gauge
 
 #: Bytes at the end of a record that is being made that are looked at, and points of it that are drawn; bytes of one line at most.
 TAIL, DRAWN, LONGEST_LINE = 400_000, 400, 4096
+#: Bytes of a growing record whose response is estimated.
+WHOLE = 4_000_000
 #: Rows whose load is shown, and what of a row makes it, in the order in which a drive gives it.
 NEWEST, LOADS = 200, COLUMNS[:5]
 #: Looks without anything new after which nobody is at work there: a killed session leaves its lock.
@@ -41,6 +44,7 @@ class LiveTab:
     def __init__(self, run: Path) -> None:
         self._run = run
         self._responses: dict[str, dict[str, Any]] = {}
+        self._grown: dict[str, Any] = {}
         self._seen, self._still = (0, 0), STILL
 
     def answers(self) -> Mapping[str, Callable[[Any], Mapping[str, Any]]]:
@@ -72,7 +76,7 @@ class LiveTab:
             "experiments": [{"title": str(one.get("title")), "seconds": float(one.get("seconds") or 0.0)} for one in plan],
             "record": self._record(part, axis, folder.load_result("drive") or {}) if part is not None else None,
             "travel_mm": None if axis is None or axis.travel.min_m is None else [1e3 * axis.travel.min_m, 1e3 * (axis.travel.max_m or 0.0)],
-            "responses": self._seen_responses(folder, done),
+            "responses": [*self._seen_responses(folder, done), *([self._growing(part)] if part is not None else [])],
         }
 
     def _part(self) -> Path | None:
@@ -120,6 +124,29 @@ class LiveTab:
             "gauges": {one.name: {"value": abs(one.value), "limit": one.limit, "unit": one.unit} for one in gauges},
         }
 
+    def _growing(self, part: Path) -> dict[str, Any]:
+        """Response of the record that is made, by its periods so far; only its name before the second is whole."""
+        name = part.name.removesuffix(".csv.part")
+        try:
+            note = load_sidecar(part.with_name(f"{name}.yaml"))[0].excitation
+            if note is None or not note.period_samples or note.period_starts or part.stat().st_size > WHOLE:
+                return {"name": name}
+            with opened(part) as stream:
+                head, *rows = stream.read(WHOLE).decode("ascii", "replace").split("\n")
+            periods = (len(rows) - 1 - note.first_sample) // note.period_samples
+            if periods < 2:
+                return {"name": name}
+            if self._grown.get("periods") != periods or self._grown.get("name") != name:
+                values = np.array(_numbers(rows[: note.first_sample + periods * note.period_samples]))
+                columns = dict(zip(head.strip().split(","), values.T, strict=True))
+                t_s, torque = columns["t_s"], columns["torque_nm"]
+                period_s = float(np.median(np.diff(t_s)))
+                made = estimate_response(torque, columns["position_rad"], period_s, note.period_samples, note.first_sample, t_s=t_s)
+                self._grown = {"name": name, "periods": periods, **_decibels(made)}
+        except (OSError, ValueError, KeyError, BeltcommError):
+            return {"name": name}
+        return self._grown
+
     def _seen_responses(self, folder: RunFolder, done: list[str]) -> list[dict[str, Any]]:
         """Frequency responses of the records made so far, each estimated once."""
         for name in done:
@@ -129,9 +156,12 @@ class LiveTab:
                 response = analyse.responses([folder.recording(name)]).get(name)
             except BeltcommError:
                 response = None
-            found = {} if response is None else {"freq_hz": shown(response.freq_hz), "db": shown(20.0 * np.log10(np.abs(response.h)))}
-            self._responses[name] = {"name": name, **found}
+            self._responses[name] = {"name": name, **({} if response is None else _decibels(response))}
         return [one for one in self._responses.values() if "db" in one]
+
+
+def _decibels(response: FrequencyResponse) -> dict[str, Any]:
+    return {"freq_hz": shown(response.freq_hz), "db": shown(20.0 * np.log10(np.abs(response.h)))}
 
 
 def _gauges(axis: Axis, drive: Mapping[str, Any], head: Sequence[str], rows: Sequence[Sequence[float]]) -> tuple[Gauge, ...]:

@@ -3,10 +3,10 @@
 import { chart, element, number } from "./chart.js";
 
 const $ = (id) => document.getElementById(id);
-const ENDS = { 0: "The session is done.", 1: "The session is done: a target is missed, or the model does not explain the data.", 4: "The session was stopped; what was recorded is kept." };
+const HEADLINE = /^ {2}[A-Z]{4}[A-Z ]* {3}\S/, ENDS = { 0: "The session is done.", 1: "The session is done: a target is missed, or the model does not explain the data.", 4: "The session was stopped; what was recorded is kept." };
 
 export function live(ask) {
-  let plots = null, timer = 0, session = { name: "", running: false, lines: [] }, offered = false, shown = "";
+  let plots = null, timer = 0, session = { name: "", running: false, lines: [] }, offered = false, shown = "", drawnSession = "";
 
   function make() {
     const time = { label: "time in the record, s" };
@@ -34,12 +34,16 @@ export function live(ask) {
   }
 
   function drawSession() {
+    const told = JSON.stringify(session);
+    if (told === drawnSession) return; // a link stays where it is while somebody is about to click it
+    drawnSession = told;
     $("session-start").disabled = session.running;
-    $("session-stop").disabled = !session.running || session.stopping;
+    $("session-ending").hidden = !session.running;
+    $("session-stop").disabled = session.stopping;
     $("session-end").hidden = session.running || !session.name;
     if (session.command) $("session-words").replaceChildren(session.stopping ? "Stopping … " : session.running ? "This runs: " : "This ran: ", element("code", {}, session.command));
     if (session.running || !session.name) return;
-    const answer = session.lines.lastIndexOf("", session.lines.length - 3), from = session.lines.findIndex((line, k) => k >= 0 && /^ {2}[A-Z]{4,}/.test(line));
+    const answer = session.lines.lastIndexOf("", session.lines.length - 3), from = session.lines.findLastIndex((line) => HEADLINE.test(line));
     $("session-verdict").textContent = ENDS[session.code] || "The session could not go on.";
     $("session-verdict").className = session.code ? "bad" : "good";
     $("session-open").hidden = !session.made;
@@ -112,10 +116,10 @@ export function live(ask) {
       plots.place.spec.y.label = record.unit;
       plots.place.set([record.t_s, record.position]);
     }
-    const [before, newest] = found.responses.length > 1 ? found.responses.slice(-2) : [null, found.responses.at(-1)];
+    const drawn = found.responses.filter((one) => one.db), [before, newest] = drawn.length > 1 ? drawn.slice(-2) : [null, drawn.at(-1)];
     plots.response.figure.hidden = !newest;
     if (newest) {
-      plots.response.figure.querySelector("figcaption span").replaceChildren("Frequency response", ...[["first", newest], ["second", before]].flatMap(([look, one]) => (one ? [element("i", { className: `dot ${look}` }), ` ${one.name}`] : [])));
+      plots.response.figure.querySelector("figcaption span").replaceChildren("Frequency response", ...[["first", newest], ["second", before]].flatMap(([look, one]) => (one ? [element("i", { className: `dot ${look}` }), ` ${one.name}${one.periods ? `, ${one.periods} periods so far` : ""}`] : [])));
       const joined = uPlot.join([[newest.freq_hz, newest.db], ...(before ? [[before.freq_hz, before.db]] : [])]);
       plots.response.set(before ? joined : [...joined, joined[0].map(() => null)]);
     }

@@ -159,6 +159,7 @@ def test_a_virtual_session_is_watched_and_its_run_opened(browser: Browser) -> No
     browser.until("a phase is shown", lambda: "excitation in place" in browser.text("phase-words"))
     browser.until("the load is shown", lambda: " of 3.1 N m" in browser.text("value-torque"))
     assert not browser.at("session-start").is_enabled()
+    browser.until("a response builds up", lambda: "periods so far" in browser.text("live-charts"))
     browser.picture("live")
     browser.at("session-stop").click()
     browser.until("it has ended", lambda: browser.at("session-end").is_displayed())
@@ -166,8 +167,8 @@ def test_a_virtual_session_is_watched_and_its_run_opened(browser: Browser) -> No
     browser.at("session-realtime").click()
     browser.at("session-start").click()
     browser.until("the next one has its answer", lambda: "MEASURED" in browser.text("session-lines"))
-    name = browser.text("session-open").split(" ")[1]
-    browser.driver.find_element("css selector", "#session-open a").click()
+    name = browser.says("document.querySelector('#session-open a').textContent.split(' ')[1]")
+    browser.says("document.querySelector('#session-open a').click()")  # it is drawn anew every half second
     browser.until("it is the run of the page", lambda: browser.text("run").endswith(name))
     browser.tab("runs")
     browser.until("it stands among the runs", lambda: browser.driver.find_elements("css selector", f"#beside tr.own[data-run='{name}']"))
