@@ -172,5 +172,5 @@ def test_a_virtual_session_is_watched_and_its_run_opened(browser: Browser) -> No
     browser.until("it is the run of the page", lambda: browser.text("run").endswith(name))
     browser.tab("runs")
     browser.until("it stands among the runs", lambda: browser.driver.find_elements("css selector", f"#beside tr.own[data-run='{name}']"))
-    assert browser.says("[...document.querySelectorAll('#overlay canvas')].length") >= 1
+    browser.until("its response is drawn", lambda: browser.says("document.querySelectorAll('#overlay canvas').length"))
     assert browser.complaints() == []
