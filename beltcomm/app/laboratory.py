@@ -104,6 +104,7 @@ class LaboratoryTab:
             "parameters": view.parameters,
             "ratio": view.ratio,
             "explained": EXPLAINED,
+            "evidence": EVIDENCE,
             "held_out": view.held_out,
             "plain": view.plain,
             "records": view.records,

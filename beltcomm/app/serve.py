@@ -15,6 +15,7 @@ from beltcomm.app.session import VirtualSession
 from beltcomm.errors import UsageError
 from beltcomm.experiments.options import Options
 from beltcomm.given import Place, place
+from beltcomm.locks import is_occupied
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Silence, Talk
@@ -91,8 +92,9 @@ class RunPages:
 
     def _start(self, asked: Any) -> dict[str, Any]:
         page = self._of(asked)
-        if page.live.running() and not self.session.running:
-            raise UsageError("a session is at work in this run: nothing else is computed beside it, which may need this computer in time")
+        busy = [folder.name for folder in sorted(self.first.run.resolve().parent.iterdir()) if is_occupied(folder)]
+        if busy and not self.session.running:
+            raise UsageError(f"a command is at work in {busy[0]}; wait for its end: a machine that moves may need this computer in time")
         return self.session.start(page.run, asked["asked"])
 
     def _of(self, asked: Any) -> RunPage:
