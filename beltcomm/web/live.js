@@ -77,7 +77,7 @@ export function live(ask) {
     const planned = found.planned_s, elapsed = (Number.parseFloat(found.lines.at(-1)) || 0) + (record ? record.t_s.at(-1) : 0), left = Math.max(planned - elapsed, 0);
     const whose = session.name === shown && shown ? `The virtual session in ${shown}` : "A session";
     const made = `${found.done.length} record${found.done.length === 1 ? " is" : "s are"} finished.`;
-    $("live-words").textContent = running ? `${whose} is at work. ${made}` : session.name === shown && shown ? `${whose} is over. ${made}` : found.done.length ? `No session is at work in this run; ${made} A session that is begun in a terminal, by \`beltcomm commission --run ${$("run").textContent}\`, is shown here while it lasts.` : "No session is at work in this run.";
+    $("live-words").textContent = running ? `${whose} is at work. ${made}` : session.name === shown && shown ? `${whose} is over. ${made}` : found.done.length ? `No session is at work in this run; ${made} A session that is begun in a terminal, by \`beltcomm commission\`, is shown by \`beltcomm open\` on its run while it lasts.` : "No session is at work in this run.";
     $("phase").hidden = !running || !found.phase;
     if (!running || !found.phase) return;
     $("phase-words").textContent = `${found.phase.number}/${found.phase.count} ${found.phase.title}${record ? `: ${record.name}` : ""}`;
