@@ -87,7 +87,7 @@ def own_thesis(topic: str, run: Place, edges: Place | None = None) -> Result:
     UsageError
         For a topic that has nothing to do with one's own axis.
     DataError
-        For a run without a model of a belt axis, a file that holds no edges.
+        For a run without a model of an elastic axis where one is compared, a file that holds no edges.
     """
     if topic not in OWN:
         raise UsageError(f"{topic} is not compared on a run; on a run are {', '.join(OWN)}")
@@ -95,7 +95,7 @@ def own_thesis(topic: str, run: Place, edges: Place | None = None) -> Result:
         raise UsageError(f"edge times say nothing of {topic}; they go with estimators")
     folder = RunFolder.open(place(run))
     model = offline.saved_model(folder)
-    if "cart" not in model.base_bodies or not model.get("belt_stiffness.stiffness"):
+    if topic != "estimators" and ("cart" not in model.base_bodies or not model.get("belt_stiffness.stiffness")):
         raise DataError(f"the model of {folder.path} has no belt of one stiffness, which the design source speaks of")
     data, text = OWN[topic](folder, model) if edges is None else on_edges(folder, model, place(edges, "file"))
     return Result({"topic": topic, "run": str(folder.path), **data}, text)
