@@ -39,7 +39,7 @@ def improve(
     data = dict(found.to_json())
     added = [step["added"] for step in data["steps"] if step["added"]]
     revisions = data.get("revisions") or []
-    if not revisions:
+    if not added:
         return _nothing(run, data, found)
     designed = api.design(run, command=command, options=options, talk=talk)
     verified = None

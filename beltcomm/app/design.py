@@ -124,6 +124,7 @@ class TunedDesign:
     def begin(self) -> dict[str, Any]:
         """State that the page needs once: positions of the controls, their ranges and choices."""
         ground, start, targets = self.bench.ground, self._start, self._basis.folder.axis.targets
+        filters = {one.kind for one in self.bench.prefilters(start.payload_kg).values()}
         return {
             "run": str(self._basis.folder.path),
             "axis": self._basis.folder.axis.name,
@@ -137,7 +138,7 @@ class TunedDesign:
                 for key, one in self.bench.prefilters(start.payload_kg).items()
             },
             "velocity_filters_s": list(ground.velocity_filters_s),
-            "kinds": plain(KINDS),
+            "kinds": plain([kind for kind in KINDS if kind.prefilter in filters]),
             "paces": plain(PACES),
             "disturbance_nm": DISTURBANCE_NM,
             "targets": {"dynamic_mm": 1e3 * targets.following_m, "static_um": 1e6 * targets.settled_m, "places": list(targets.places)},

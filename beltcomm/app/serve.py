@@ -12,6 +12,7 @@ from beltcomm.app.laboratory import LaboratoryTab
 from beltcomm.app.live import LiveTab
 from beltcomm.app.runs import RunsTab, beside
 from beltcomm.app.session import VirtualSession
+from beltcomm.axis.terms import PLAIN, terms_of
 from beltcomm.errors import UsageError
 from beltcomm.experiments.options import Options
 from beltcomm.given import Place, place
@@ -30,8 +31,8 @@ class RunPage:
     def __init__(
         self, run: Path, *, payload_kg: float = 0.0, move: Path | None = None, seed: int = 0, when: Callable[[], str] = str
     ) -> None:
-        RunFolder.open(run)  # says what is wrong before a page opens
-        self.run = run
+        folder = RunFolder.open(run)  # says what is wrong before a page opens
+        self.run, self._terms = run, terms_of(folder.axis) if folder.has_axis else PLAIN
         self.runs, self.live = RunsTab(run), LiveTab(run)
         self.laboratory = LaboratoryTab(run, when, self.live.running)
         self.design = DesignTab(run, payload_kg=payload_kg, move=move, seed=seed)
@@ -45,7 +46,7 @@ class RunPage:
             "runs": self.runs.answers(),
             "live": self.live.answers(),
         }
-        found: dict[str, Callable[[Any], Mapping[str, Any]]] = {"begin": lambda _: self.begin()}
+        found: dict[str, Callable[[Any], Mapping[str, Any]]] = {"begin": lambda _: self.begin(), "words": self.words}
         for tab, answers in tabs.items():
             found |= {f"{tab}-{name}": answer for name, answer in answers.items()}
         return found
@@ -53,7 +54,19 @@ class RunPage:
     def begin(self) -> dict[str, Any]:
         """Head of the page."""
         folder = RunFolder.open(self.run)
-        return {"run": str(self.run), "axis": folder.axis.name if folder.has_axis else "", "live": self.live.running()}
+        return {
+            "run": str(self.run),
+            "axis": folder.axis.name if folder.has_axis else "",
+            "own_words": bool(self._terms),
+            "live": self.live.running(),
+        }
+
+    def words(self, asked: Any) -> dict[str, Any]:
+        """Texts of the page in the words and units of the kind of axis.   Raises UsageError for what is no list of texts."""
+        texts = asked.get("texts") if isinstance(asked, Mapping) else None
+        if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+            raise UsageError("give texts: a list of them")
+        return {"texts": [self._terms.said(text) for text in texts]}
 
     def close(self) -> None:
         """End what runs beside it."""

@@ -98,6 +98,12 @@ class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic 
 @reading.NODE
 @reading.SIGNAL
 @reading.DBC
+@click.option(
+    "--edges",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Encoder edge times on the same clock, a row each, with A and B, a direction, a count or nothing: the position comes from them.",
+)
 @click.option("--dry-run", is_flag=True, help="Show what would be read and write nothing.")
 @click.option("--check", "check_only", is_flag=True, help="Repeat the imports of --run from their originals and compare; no FILE.")
 @shared.output_options

@@ -82,6 +82,7 @@ def reading_of(given: dict[str, Any]) -> Any:
         mapping=_mappings(given["mapping"]),
         **{key: given[key] for key in same if key in given},
         dbc=str(given["dbc"]) if given["dbc"] else None,
+        edges=str(given["edges"]) if given.get("edges") else None,
         period_s=_period_s(given["rate"], given["period"]),
         even_s=_period_s(given.get("resample"), None, "--resample"),
         first_row=first,

@@ -19,9 +19,10 @@ from beltcomm.errors import UsageError
     type=click.Path(file_okay=False, path_type=Path),
     help="On a run's own model: designs, closed-loop, estimators, gravity.",
 )
+@click.option("--edges", type=click.Path(path_type=Path), help="Of estimators with --run: edge times of its own encoder to try them on.")
 @shared.output_options
 @click.pass_obj
-def command(frame: Invocation, /, topic: str | None, pictures: Path | None, run: Path | None) -> int:
+def command(frame: Invocation, /, topic: str | None, pictures: Path | None, run: Path | None, edges: Path | None) -> int:
     """List what the design source compares, or recompute one TOPIC: its table, and its figures with --pictures.
 
     Example: beltcomm thesis
@@ -29,5 +30,7 @@ def command(frame: Invocation, /, topic: str | None, pictures: Path | None, run:
     if run is not None:
         if topic is None or pictures is not None:
             raise UsageError("--run takes one TOPIC and draws nothing: beltcomm thesis designs --run RUN")
-        return frame.show(api("beltcomm.jobs.own_thesis").own_thesis(topic, run))
+        return frame.show(api("beltcomm.jobs.own_thesis").own_thesis(topic, run, edges))
+    if edges is not None:
+        raise UsageError("--edges goes with a run: beltcomm thesis estimators --run RUN --edges FILE")
     return frame.show(api("beltcomm.thesis.topics").thesis(topic, pictures=pictures, command=frame.line()))

@@ -116,12 +116,13 @@ def margins_on(cascade: Cascade, sampled: SampledPlants) -> tuple[Margins, ...]:
 def resonance_or_peak(loop: ComplexArray, omega_rad_s: Array, resonance_rad_s: Array) -> NDArray[np.bool_]:
     """Frequencies at which the suppression is asked: at and above the resonance, and at every local peak of the gain; shape of ``loop``.
 
-    Of a resonance beyond what the loop samples, the highest frequency.
+    Of a resonance beyond what the loop samples, the upper half of that: the highest frequency alone says nothing, the sampling makes a
+    zero there.
     """
-    level = np.abs(loop)
+    level, highest = np.abs(loop), omega_rad_s[..., -1:]
     peak = np.zeros(loop.shape, dtype=bool)
     peak[..., 1:-1] = (level[..., 1:-1] > level[..., :-2]) & (level[..., 1:-1] >= level[..., 2:])
-    return np.asarray(peak | (omega_rad_s >= np.minimum(resonance_rad_s, omega_rad_s[..., -1:])))
+    return np.asarray(peak | (omega_rad_s >= np.where(resonance_rad_s > highest, 0.5 * highest, resonance_rad_s)))
 
 
 def phase_margin(omega_rad_s: Array, loop: ComplexArray) -> tuple[float, float]:

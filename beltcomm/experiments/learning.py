@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,27 +62,36 @@ class Repetition:
     verdict: Verdict
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Learnt:
-    """Outcome of all repetitions.
+    """The repetitions so far; all of them when :func:`learn` has come back, those that were driven when it was stopped.
 
     Attributes
     ----------
-    path : Trajectory
-        The move, with the rest before it that belongs to the torque.
-    best : Repetition
-    limit_m : float
-        rms of what differs between two drives with the same torque: no learning takes that away.
+    path : Trajectory or None
+        The move, with the rest before it that belongs to the torque; None before it was made.
     ended : str
         Why it was stopped before its time, or "".
     """
 
-    path: Trajectory
-    repetitions: tuple[Repetition, ...]
-    best: Repetition
-    limit_m: float
-    band_hz: float
-    ended: str
+    path: Trajectory | None = None
+    repetitions: list[Repetition] = field(default_factory=list)
+    band_hz: float = 0.0
+    ended: str = ""
+
+    @property
+    def best(self) -> Repetition:
+        """The one with the least error; there must be one."""
+        return min(self.repetitions, key=lambda one: one.rms_m)
+
+    @property
+    def limit_m(self) -> float:
+        """rms of what differs between two drives with the same torque: no learning takes that away; nan where there are no two."""
+        best, path = self.best, self.path
+        same = [one for one in self.repetitions if one is not best and np.array_equal(one.torque_nm, best.torque_nm)]
+        if path is None or not same:
+            return math.nan
+        return float(np.sqrt(np.mean((same[-1].error_m - best.error_m)[_moving(path, len(best.error_m))] ** 2) / 2.0))
 
 
 def learn(
@@ -92,14 +102,17 @@ def learn(
     trajectory: Trajectory,
     count: int,
     name_of: Callable[[], str],
+    learnt: Learnt,
     sending: Sending = "nothing",
-) -> Learnt:
+) -> None:
     """Drive a move, then ``count`` times more with what the ones before have taught; the last one repeats the best.
 
     Parameters
     ----------
     name_of : callable
         A free name for the next recording.
+    learnt : Learnt
+        Gets each repetition as soon as it is driven, so that what stops a later one loses none.
 
     Raises
     ------
@@ -109,28 +122,28 @@ def learn(
     period = trajectory.sample_period_s
     path = with_rest_before(trajectory, round(BEFORE_S / period))
     samples = len(path.t_s) + len(at_rest(0.0, REST_S, period).t_s) - 1
-    torque, ended = np.zeros(samples), ""
-    done: list[Repetition] = []
+    learnt.path, done = path, learnt.repetitions
+    torque = np.zeros(samples)
     teacher: LearningFilter | None = None
     for number in range(count + 1):
         last = number == count and number > 0
-        if last or ended:
-            torque = min(done, key=lambda one: one.rms_m).torque_nm
+        if last or learnt.ended:
+            torque = learnt.best.torque_nm
         name = name_of()
         try:
             verdict, _ = verify_move(machine, model, cascade, delay_s, path, name, sending=sending, learnt=torque if done else None)
         except Refused as refusal:
             if not done:
                 raise
-            ended = f"what was learnt next would break a limit ({str(refusal).removeprefix('the move is refused: ')})"
+            learnt.ended = f"what was learnt next would break a limit ({str(refusal).removeprefix('the move is refused: ')})"
             continue
         one = _repetition(name, machine.folder.recording(name), machine.ratio, torque, verdict, period)
         done.append(one)
-        if last or (ended and number > 0 and len(done) > 1):
+        if last or (learnt.ended and number > 0 and len(done) > 1):
             break
-        best = min(done, key=lambda other: other.rms_m)
+        best = learnt.best
         if one.rms_m > DIVERGES * best.rms_m:
-            ended = (
+            learnt.ended = (
                 f"the error grew from {1e6 * best.rms_m:.3g} to {1e6 * one.rms_m:.3g} µm: the model does not tell how to learn this move"
             )
             continue
@@ -139,15 +152,12 @@ def learn(
             noise = machine.ratio * 2.0 * np.pi / machine.drive.capabilities.counts_per_rev / np.sqrt(12.0)
             answers = _answers(machine, model, cascade, delay_s, path)
             teacher = learning_filter(answers[0], answers[1:], period, noise, worth, samples)
+            learnt.band_hz = teacher.band_hz
         if teacher.band_hz == 0.0:
-            ended = "the model is not sure enough of how this axis answers to a torque: nothing can be learnt from it"
+            learnt.ended = "the model is not sure enough of how this axis answers to a torque: nothing can be learnt from it"
             break
         counts = _counts(path, samples)
         torque = teacher.next(one.torque_nm, one.error_m, counts)
-    best = min(done, key=lambda other: other.rms_m)
-    same = [one for one in done if one is not best and np.array_equal(one.torque_nm, best.torque_nm)]
-    limit = float(np.sqrt(np.mean((same[-1].error_m - best.error_m)[_moving(path, samples)] ** 2) / 2.0)) if same else np.nan
-    return Learnt(path, tuple(done), best, limit, teacher.band_hz if teacher else 0.0, ended)
 
 
 def _repetition(name: str, recording: Recording, ratio: float, torque: Array, verdict: Verdict, period_s: float) -> Repetition:

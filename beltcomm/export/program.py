@@ -1,7 +1,8 @@
 """The discrete cascade as data: its coefficients, states, inputs and statements, from which every exported text is made.
 
 The statements are those of :mod:`beltcomm.control.cascade_kernel`, one by one and in its order of operations, in a language of assignments
-and cases with Python's expressions: names, numbers, ``+ - * /``, comparisons, ``and``, ``min``, ``max``.
+and cases with Python's expressions: names, numbers, ``+ - * /``, comparisons, ``and``, ``min``, ``max``, and where whole numbers count
+(:mod:`beltcomm.export.encoder_program`) ``==``, ``!=``, ``real`` of one, ``sin``.
 All quantities at the motor shaft.
 
 Sources: figure 4.1, (4.1), (4.3), (4.6), (4.16), (4.17), (6.1), (6.25), (6.26).
@@ -19,11 +20,12 @@ from beltcomm.errors import UsageError
 
 @dataclass(frozen=True)
 class NamedValue:
-    """One named number.   unit : in ASCII, "" for none.   meaning : in words."""
+    """One named number.   unit : in ASCII, "" for none.   meaning : in words.   whole : a whole number of 64 bits."""
 
     name: str
     unit: str
     meaning: str
+    whole: bool = False
 
     def __str__(self) -> str:
         return f"{self.meaning} [{self.unit}]" if self.unit else self.meaning
@@ -288,13 +290,16 @@ def expression(text: str, words: TargetLanguage) -> str:
 
 @dataclass(frozen=True)
 class TargetLanguage:
-    """Notation of a target language for names, numbers, conjunctions, and the smaller or larger of two."""
+    """Notation of a target language for names, numbers, conjunctions, the smaller or larger of two, equality, functions of one number."""
 
     name: Callable[[str], str]
     number: Callable[[float], str]
     conjunction: str
     least: str
     most: str
+    equal: str = "=="
+    unequal: str = "!="
+    functions: Mapping[str, str] = field(default_factory=dict)
 
 
 _SIGNS: Mapping[type[ast.AST], tuple[str, int]] = {
@@ -321,6 +326,15 @@ def _said(node: ast.expr, words: TargetLanguage) -> tuple[str, int]:
         case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in _SIGNS:
             sign, firm = _SIGNS[type(op)]
             return f"{_inside(left, words, firm + 1)} {sign} {_inside(right, words, firm + 1)}", firm
+        case ast.Constant(value=int(number)) if not isinstance(number, bool):
+            return str(number), _ATOM
+        case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int(number))) if not isinstance(number, bool):
+            return str(-number), _ATOM
+        case ast.Compare(left=left, ops=[(ast.Eq() | ast.NotEq()) as op], comparators=[right]):
+            sign = words.equal if isinstance(op, ast.Eq) else words.unequal
+            return f"{_inside(left, words, 3)} {sign} {_inside(right, words, 3)}", 2
+        case ast.Call(func=ast.Name(id=name), args=[one]) if name in words.functions:
+            return f"{words.functions[name]}({_said(one, words)[0]})", _ATOM
         case ast.BoolOp(op=ast.And(), values=values):
             # each in parentheses, because languages differ in what binds firmer
             return f" {words.conjunction} ".join(f"({_said(value, words)[0]})" for value in values), 1

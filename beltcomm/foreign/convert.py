@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -65,6 +66,8 @@ class Reading:
         "torque", "position" or both: all columns of that kind get the other sign.
     record, channel, node, signals, dbc
         Of a log of frames: which of its moves, from 1; interface; node of the drive; what frames carry, by hand or by a DBC file.
+    edges : str or None
+        A file of encoder edge times on the same clock: the position at the rows is taken from it.
     """
 
     mapping: tuple[str, ...] = ()
@@ -87,6 +90,7 @@ class Reading:
     node: int | None = None
     signals: tuple[str, ...] = ()
     dbc: str | None = None
+    edges: str | None = None
 
     def __post_init__(self) -> None:
         if self.period_s is not None and not 0.0 < self.period_s < np.inf:
@@ -158,13 +162,15 @@ class Converted:
     notes: tuple[str, ...] = field(default=())
 
 
-def convert(table: Table, reading: Reading, *, timed: bool = True) -> Converted:
+def convert(table: Table, reading: Reading, *, timed: bool = True, turns: Callable[[Column], Column] | None = None) -> Converted:
     """Map, scale, cut and align the columns of a table.
 
     Parameters
     ----------
     timed : bool
         False for a static map, which has no time.
+    turns : Callable or None
+        Turns of the motor at given times, from encoder edges; they stand for the position of the table.
 
     Raises
     ------
@@ -182,6 +188,8 @@ def convert(table: Table, reading: Reading, *, timed: bool = True) -> Converted:
         sources.pop("t_s", None)
     notes: list[str] = []
     columns = {name: _scaled(table, source, notes) for name, source in sources.items()}
+    if turns is not None:
+        columns["position_rad"], sources["position_rad"] = _from_edges(table, columns, sources, reading, turns)
     columns |= {name: table.columns[theirs] for name, theirs in kept.items()}
     _check_lengths(table, columns, sources)
     notes[:0] = [*table.notes, *merged]
@@ -222,8 +230,22 @@ def convert(table: Table, reading: Reading, *, timed: bool = True) -> Converted:
         columns = _moved(columns)
         notes.append("torque was moved to the row before: it acts until its own time stamp")
     ordered = {name: columns[name] for name in ("t_s", *KNOWN_COLUMNS, *columns) if name in columns}
-    taken = {source.theirs for source in sources.values()} | set(kept.values())
+    taken = {source.theirs for source in sources.values()} | set(kept.values()) | ({"position_rad"} if turns is not None else set())
     return Converted(ordered, sources, tuple(name for name in table.columns if name not in taken), tuple(notes))
+
+
+def _from_edges(
+    table: Table, columns: Mapping[str, Column], sources: Mapping[str, Source], reading: Reading, turns: Callable[[Column], Column]
+) -> tuple[Column, Source]:
+    """The motor's angle at the rows."""
+    other = sources.get("position_rad")
+    if other is not None and other.theirs != "position_rad":
+        raise UsageError(f"--edges gives the position, and so does --map position_rad={other.written}; leave one out")
+    if reading.period_s is None:
+        _check_there_is_time(table, columns)
+    count = max((len(column) for name, column in columns.items() if name != "position_rad"), default=0)
+    stamps = columns["t_s"] if reading.period_s is None else reading.period_s * np.arange(count)
+    return math.tau * turns(stamps), Source("position_rad", "edges", math.tau, written="--edges")
 
 
 def _scaled(table: Table, source: Source, notes: list[str]) -> Column:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -63,7 +63,12 @@ def _parts_of(path: Path, reading: Reading, axis: Axis) -> list[Part]:
         table = read_table(
             path, separator=reading.separator, decimal=reading.decimal, skip_lines=reading.skip_lines, torn_rows=reading.drop_incomplete
         )
+        if reading.edges is not None:  # a place for it: its values come with the times of the rows
+            rows = max((len(column) for column in table.columns.values()), default=0)
+            table = replace(table, columns={**table.columns, "position_rad": np.full(rows, np.nan)})
         return [Part(table, sha256)]
+    if reading.edges is not None:
+        raise UsageError(f"--edges gives a table its position, and {path} is a log of frames, which has one; leave it out")
     from beltcomm.foreign.busrecords import readable, records_of
     from beltcomm.foreign.logclock import in_order
 

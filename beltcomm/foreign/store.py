@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -27,6 +27,7 @@ from beltcomm.configfiles import without_halves
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.checks import check
 from beltcomm.foreign.convert import Converted, Reading, convert, reading_from_dict, without_time
+from beltcomm.foreign.edgetimes import EdgeTimes, read_edges
 from beltcomm.foreign.files import Part, parts_of
 from beltcomm.foreign.plausibility import Doubt, findings
 from beltcomm.locks import link_refused
@@ -36,6 +37,9 @@ from beltcomm.runfolder import RunFolder, checked_name, is_new
 from beltcomm.version import __version__
 
 ORIGINALS = "originals"
+#: Files that a reading names beside the one that is imported.
+_BESIDE = ("dbc", "edges")
+_BETWEEN = "the position of a row lies on a smooth curve through the edges, within the count that holds there"
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +64,15 @@ def imported(path: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Ax
     static = sidecar.experiment == "static_map"
     reading = without_time(reading) if static else reading
     # in a log of frames the torque stands where it acts already
-    converted = convert(part.table, replace(reading, torque_acts=None) if part.number is not None else reading, timed=not static)
+    edges = read_edges(Path(reading.edges)) if reading.edges is not None else None
+    converted = convert(
+        part.table,
+        replace(reading, torque_acts=None) if part.number is not None else reading,
+        timed=not static,
+        turns=_turns(edges, axis) if edges is not None else None,
+    )
+    if edges is not None:
+        converted = replace(converted, notes=(*converted.notes, *edges.notes, _BETWEEN))
     about = {
         "original": f"{ORIGINALS}/{path.name}",
         "sha256": part.sha256,
@@ -68,8 +80,7 @@ def imported(path: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Ax
         "reading": replace(reading, record=part.number).to_dict(),
         "beltcomm": __version__,
     }
-    if reading.dbc is not None:
-        about["dbc_sha256"] = sha256_of(Path(reading.dbc))
+    about |= {f"{key}_sha256": sha256_of(Path(beside)) for key in _BESIDE if (beside := getattr(reading, key)) is not None}
     noted = replace(sidecar, extra={**sidecar.extra, "import": about})
     try:
         recording = recording_from_columns(name, converted.columns, noted, file=str(path))
@@ -79,6 +90,13 @@ def imported(path: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Ax
         raise _with_the_way_out(error, part.table.columns, converted) from error
     doubts = findings(checked, axis)
     return Imported(path, part.sha256, recording, converted, (*converted.notes, *checked.notes, *odd), doubts, part.table.scalars)
+
+
+def _turns(edges: EdgeTimes, axis: Axis) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+    """Turns of the motor at given times."""
+    axis.require("a position from encoder edges", "motor.encoder_counts_per_rev")
+    counts = float(axis.motor.encoder_counts_per_rev or 1)
+    return lambda t_s: edges.counts_at(t_s) / counts
 
 
 def _with_the_way_out(error: DataError, names: Mapping[str, Any], converted: Converted) -> DataError:
@@ -155,9 +173,10 @@ def write(run: Path, folder: RunFolder | None, axis: Axis, found: Sequence[Impor
     for item in found:
         extra = dict(item.recording.sidecar.extra)
         about = {**extra["import"], "original": f"{ORIGINALS}/{_keep_original(folder, item.source, item.sha256).name}"}
-        if "dbc_sha256" in about:
-            kept = _keep_original(folder, Path(about["reading"]["dbc"]), about["dbc_sha256"])
-            about["reading"] = {**about["reading"], "dbc": f"{ORIGINALS}/{kept.name}"}
+        for key in _BESIDE:
+            if f"{key}_sha256" in about:
+                kept = _keep_original(folder, Path(about["reading"][key]), about[f"{key}_sha256"])
+                about["reading"] = {**about["reading"], key: f"{ORIGINALS}/{kept.name}"}
         extra["import"] = about
         folder.add_recording(replace(item.recording, notes=(), sidecar=replace(item.recording.sidecar, extra=extra)))
     return folder
@@ -227,6 +246,8 @@ def _difference(folder: RunFolder, recording: Recording, about: Mapping[str, Any
         reading = reading_from_dict(about.get("reading") or {})
         if reading.dbc is not None:
             reading = replace(reading, dbc=str(_kept(folder, reading.dbc)))
+        if reading.edges is not None:
+            reading = replace(reading, edges=str(_kept(folder, reading.edges)))
         everything = replace(reading, record=None)
         key = f"{original} {everything.to_dict()}"
         if key not in read:

@@ -12,15 +12,19 @@ from beltcomm.configfiles import did_you_mean, write_text
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.drive.objects import object_values
 from beltcomm.drive.parameters import cascade_to_parameters
+from beltcomm.encoder.edges import TICK_S
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.experiments.options import Options
 from beltcomm.export.dcf import dcf_text
+from beltcomm.export.encoder_program import encoder_of
+from beltcomm.export.encoder_texts import FORMATS as ENCODER_FORMATS
 from beltcomm.export.mcap import write_mcap
 from beltcomm.export.program import controller_of
 from beltcomm.export.texts import FORMATS, text_of
 from beltcomm.given import Place, may_write, pasted, place
 from beltcomm.result import Result
 from beltcomm.rundata import offline
+from beltcomm.rundata.encoder import estimator_settings
 from beltcomm.rundata.proof import doubts
 from beltcomm.rundata.store import cascade_from_dict, parameters_from_dict, saved_design, structure_from_dict
 from beltcomm.runfolder import RunFolder
@@ -36,6 +40,8 @@ def export(
     *,
     out: Place | None = None,
     torque_limit_nm: float | None = None,
+    part: str = "controller",
+    tick_s: float | None = None,
     recording: str | None = None,
     command: str = "",
     when: str = "",
@@ -54,6 +60,10 @@ def export(
         File to be written; None only returns the text.
     torque_limit_nm : float or None, N m, motor shaft
         The drive's peak torque when left out, else the motor's.
+    part : str
+        Of "yaml", "c" and "st": "controller", or "encoder" for velocity from the edges of the encoder.
+    tick_s : float or None, s
+        Of the encoder: unit in which edges are timed; 10 ns when left out.
     recording : str or None
         Of "mcap": this one alone; None takes all.
     command : str
@@ -83,32 +93,62 @@ def export(
     out = None if out is None else place(out, "file")
     if format_ not in (*FORMATS, "dcf", "mcap"):
         raise UsageError(f"there is no format {format_!r}; there are {', '.join(FORMATS)}, dcf, mcap")
+    if part not in ("controller", "encoder"):
+        raise UsageError(f"there is no part {part!r}; there are controller, encoder")
+    if part == "encoder" and (format_ not in FORMATS or torque_limit_nm is not None):
+        raise UsageError("--part encoder is text without a torque: --format c, st or yaml, and no --torque-limit")
+    if part != "encoder" and tick_s is not None:
+        raise UsageError("--tick is the encoder's; give --part encoder")
     folder = RunFolder.open(run)
     if format_ == "mcap":
         return _mcap(folder, recording, out, options, talk)
+    if part == "encoder":
+        return _encoder(folder, format_, tick_s, out, command, options, talk)
     saved = saved_design(folder)
     if format_ == "dcf":
         return _dcf(folder, saved, out, when, options, talk)
     cascade, structure = cascade_from_dict(saved), structure_from_dict(saved)
     limit = _torque_limit_nm(folder, structure, torque_limit_nm)
     model = offline.trusted_revision(folder, str(saved.get("revision") or ""))[0]
-    provenance = {
-        "model": model.name,
-        "run": folder.path.name,
-        "designed": f"for the cascade {structure.name}",
-        "command": command or f"beltcomm export {pasted(run)} --format {format_}",
-        "made by": f"beltcomm {__version__}",
-    }
+    command = command or f"beltcomm export {pasted(run)} --format {format_}"
+    provenance = _provenance(folder, command, model=model.name, designed=f"for the cascade {structure.name}")
     notes = [*_apart(cascade, structure, saved), *(f"the design is in doubt: {doubt}" for doubt in doubts(folder))]
     controller = controller_of(cascade, structure.period_s, limit, provenance, notes)
     text = text_of(controller, format_)
     data: dict[str, Any] = {"run": str(run), "format": format_, "coefficients": controller.values, "notes": notes}
+    said = f"the cascade of {folder.path}, {1e3 * structure.period_s:g} ms, at most {limit:.4g} N m."
+    return _written(data, text, out, said, options, talk)
+
+
+def _provenance(folder: RunFolder, command: str, **more: str) -> dict[str, str]:
+    """Where a text comes from."""
+    return {"run": folder.path.name, **more, "command": command, "made by": f"beltcomm {__version__}"}
+
+
+def _written(data: dict[str, Any], text: str, out: Path | None, said: str, options: Options, talk: Talk) -> Result:
+    """The text to a file, or in the result; notes beside it."""
     if out is None:
         return Result({**data, "file": None, "text": text}, text.splitlines())
     may_write(out, options.yes, talk)
     write_text(out, text)
-    said = [f"{out} is written: the cascade of {folder.path}, {1e3 * structure.period_s:g} ms, at most {limit:.4g} N m."]
-    return Result({**data, "file": str(out)}, [*said, *(f"Note: {note}" for note in notes)])
+    return Result({**data, "file": str(out)}, [f"{out} is written: {said}", *(f"Note: {note}" for note in data["notes"])])
+
+
+def _encoder(folder: RunFolder, format_: str, tick_s: float | None, out: Path | None, command: str, options: Options, talk: Talk) -> Result:
+    """Velocity from the edges of the run's encoder at its drive's sampling."""
+    settings = estimator_settings(folder, TICK_S if tick_s is None else tick_s)
+    slowest = settings.increment_m / settings.timeout_s
+    notes = [
+        f"below {slowest:.3g} rad/s, one count in {settings.timeout_s:g} s, gate and combination are 0",
+        "the counts of axis.yaml or of the drive are taken for the edges of both channels, four to a line",
+        "the exported cascade takes the angle and has the high-pass inside",
+    ]
+    provenance = _provenance(folder, command or f"beltcomm export {pasted(folder.path)} --format {format_} --part encoder")
+    controller = encoder_of(settings, provenance, notes)
+    data = {"run": str(folder.path), "format": format_, "coefficients": controller.values, "notes": notes}
+    timed = f"timed in {1e9 * settings.tick_s:g} ns, every {1e3 * settings.period_s:g} ms"
+    said = f"velocity from edges of {settings.increment_m:.4g} rad, {timed}."
+    return _written(data, ENCODER_FORMATS[format_](controller), out, said, options, talk)
 
 
 def _mcap(folder: RunFolder, name: str | None, out: Path | None, options: Options, talk: Talk) -> Result:
@@ -159,12 +199,7 @@ def _dcf(folder: RunFolder, saved: Mapping[str, Any], out: Path | None, when: st
     notes = [*left, *(f"the design is in doubt: {doubt}" for doubt in doubts(folder))]
     text = dcf_text(values, {**folder.drive, "when": when}, notes)
     data = {"run": str(folder.path), "format": "dcf", "objects": [item.to_dict() for item in values], "notes": notes}
-    if out is None:
-        return Result({**data, "file": None, "text": text}, text.splitlines())
-    may_write(out, options.yes, talk)
-    write_text(out, text)
-    said = [f"{out} is written: {len(values)} objects of {folder.drive.get('device_name', 'the drive')}."]
-    return Result({**data, "file": str(out)}, [*said, *(f"Note: {note}" for note in notes)])
+    return _written(data, text, out, f"{len(values)} objects of {folder.drive.get('device_name', 'the drive')}.", options, talk)
 
 
 def _torque_limit_nm(folder: RunFolder, structure: CascadeStructure, given: float | None) -> float:

@@ -263,10 +263,10 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
 def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: str) -> list[Revision]:
     """Save every confirmed step of a diagnosis as a revision, one that is not together with the next ones if all of them are.
 
-    What comes after the last that is confirmed is not added.
+    What comes after the last that is confirmed is not added. Where the run has a model and none is confirmed, nothing is saved.
     """
     made = []
-    if not (known and current_revision(folder)):
+    if not known:
         made.append(base_revision(folder, *found.published_base, command, when))
     (seen, before), parts = found.published_base, list[Stage]()
     for number, step in enumerate(found.steps):
@@ -277,6 +277,8 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
         after = parts[-1].after
         if is_confirmed(seen, before, after, found.data):
             change = change_of([name for s in parts for name in (s.added, *s.forms) if name], [name for s in parts for name in s.removed])
+            if not made and not current_revision(folder):
+                made.append(base_revision(folder, *found.published_base, command, when))
             made.append(revision_of(folder, (found.data, after), (seen, before), change, command, when))
             before, seen, parts = after, found.data, []
     return made

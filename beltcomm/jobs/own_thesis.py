@@ -5,26 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from beltcomm.control import Cascade, CascadeStructure
+from beltcomm.control import Cascade
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.loops import closed_loop_poles
 from beltcomm.design.thesis import thesis_design, thesis_margins
 from beltcomm.effects.tilt import GRAVITY_M_S2
-from beltcomm.errors import DataError, Refused, UsageError
-from beltcomm.given import Place, place
-from beltcomm.model import Model
-from beltcomm.result import Result
-from beltcomm.rundata import offline
-from beltcomm.rundata.store import saved_design, structure_from_dict
-from beltcomm.runfolder import RunFolder
-from beltcomm.sentences.own_words import own_words
-from beltcomm.simulate.stopping import total_friction, total_viscous
-from beltcomm.thesis.closed_loop import CutOff
-from beltcomm.thesis.encoder.formulas import (
+from beltcomm.encoder.estimators import velocities
+from beltcomm.encoder.formulas import (
     crossing_speed_m_s,
     event_counter_delay_s,
     event_counter_worst_percent,
@@ -33,6 +26,18 @@ from beltcomm.thesis.encoder.formulas import (
     high_pass_delay_s,
     high_pass_worst_percent,
 )
+from beltcomm.errors import DataError, Refused, UsageError
+from beltcomm.foreign.edgetimes import read_edges
+from beltcomm.given import Place, place
+from beltcomm.model import Model
+from beltcomm.result import Result
+from beltcomm.rundata import offline
+from beltcomm.rundata.encoder import estimator_settings, structure_of
+from beltcomm.rundata.store import saved_design
+from beltcomm.runfolder import RunFolder
+from beltcomm.sentences.own_words import own_words
+from beltcomm.simulate.stopping import total_friction, total_viscous
+from beltcomm.thesis.closed_loop import CutOff
 from beltcomm.trajectory import at_rest, join, plan_trajectory
 from beltcomm.verify import Loop, demand, predict_move, tracking_error
 
@@ -52,11 +57,15 @@ TICK_S, SHARES = 1e-8, (1e-4, 1e-3, 1e-2, 0.1, 0.5, 1.0)
 #: deg: of a level axis that is tilted in thought; rad/s of friction's rounding; s of the integrator.
 TILT_DEG, ROUND_RAD_S, INTEGRATES_S, STEP_S = 20.0, 0.02, 30.0, 1e-3
 
+#: Counts in a sampling period, between which edges of a file are judged; names of the estimators.
+BANDS = (0.0, 0.1, 1.0, 2.0, 10.0, 100.0, math.inf)
+NAMES = {"high_pass": "high-pass", "event_counter": "event counter", "gate": "gate", "combined": "combination"}
+
 _Told = tuple[dict[str, Any], list[str]]
 
 
 @own_words
-def own_thesis(topic: str, run: Place) -> Result:
+def own_thesis(topic: str, run: Place, edges: Place | None = None) -> Result:
     """A topic of the design source on the model of a run.
 
     Parameters
@@ -65,6 +74,8 @@ def own_thesis(topic: str, run: Place) -> Result:
         One of ``designs``, ``closed-loop``, ``estimators``, ``gravity``.
     run : Place
         Run folder.
+    edges : Place or None
+        Of ``estimators``: a file of edge times of the axis's own encoder, on which they are tried.
 
     Returns
     -------
@@ -76,21 +87,18 @@ def own_thesis(topic: str, run: Place) -> Result:
     UsageError
         For a topic that has nothing to do with one's own axis.
     DataError
-        For a run without a model of a belt axis.
+        For a run without a model of an elastic axis where one is compared, a file that holds no edges.
     """
     if topic not in OWN:
         raise UsageError(f"{topic} is not compared on a run; on a run are {', '.join(OWN)}")
+    if edges is not None and topic != "estimators":
+        raise UsageError(f"edge times say nothing of {topic}; they go with estimators")
     folder = RunFolder.open(place(run))
     model = offline.saved_model(folder)
-    if "cart" not in model.base_bodies or not model.get("belt_stiffness.stiffness"):
+    if topic != "estimators" and ("cart" not in model.base_bodies or not model.get("belt_stiffness.stiffness")):
         raise DataError(f"the model of {folder.path} has no belt of one stiffness, which the design source speaks of")
-    data, text = OWN[topic](folder, model)
+    data, text = OWN[topic](folder, model) if edges is None else on_edges(folder, model, place(edges, "file"))
     return Result({"topic": topic, "run": str(folder.path), **data}, text)
-
-
-def _structure(folder: RunFolder) -> CascadeStructure:
-    known = folder.load_result("drive")
-    return structure_from_dict(known) if known is not None else offline.THESIS_STRUCTURE
 
 
 def _plant(folder: RunFolder, model: Model) -> DesignPlant:
@@ -111,7 +119,7 @@ def _plant(folder: RunFolder, model: Model) -> DesignPlant:
 
 def designs(folder: RunFolder, model: Model) -> _Told:
     """(4.7) to (4.9), (4.13), (4.14) solved as printed, and whether the Butterworth is more robust than the notch (5.1)."""
-    plant, period = _plant(folder, model), _structure(folder).period_s
+    plant, period = _plant(folder, model), structure_of(folder).period_s
     text = [
         "(4.7) to (4.9) as printed: 60 deg, -10 dB at the resonance, T_R 2 ms; (4.13), (4.14): 80 deg. Own axis: "
         f"antiresonance {plant.antiresonance_rad_s / math.tau:.1f} Hz, resonance {plant.resonance_rad_s / math.tau:.1f} Hz",
@@ -178,7 +186,7 @@ def _robust_words(largest: float, margin: float | None) -> str:
 
 def windup(folder: RunFolder, model: Model) -> _Told:
     """Figure 6.10 on the own move: the torque cut off, with conditional integration (6.26) and without."""
-    structure, saved, axis = _structure(folder), saved_design(folder), folder.axis
+    structure, saved, axis = structure_of(folder), saved_design(folder), folder.axis
     cascade, delay_s = offline.cascade_of(saved, model, structure, None)
     limits = axis.trajectory(axis.targets.limits)
     low, way = axis.travel.min_m or 0.0, axis.targets.way_m
@@ -206,12 +214,9 @@ def windup(folder: RunFolder, model: Model) -> _Told:
 
 def estimators(folder: RunFolder, model: Model) -> _Told:
     """The four velocity estimators of 6.1 at the own encoder, sampling and speeds: which errs least, and how late each is."""
-    axis, structure = folder.axis, _structure(folder)
-    counts = offline.counts_of(folder)
-    ratio, period = model["transmission.ratio"], structure.period_s
-    step = ratio * math.tau / counts
-    lag = float((saved_design(folder).get("parameters") or {}).get("velocity_filter_s") or 0.002)
-    top = min(axis.limits.speed_m_s or 1.0, 0.9 * step / TICK_S)
+    settings = estimator_settings(folder, TICK_S)
+    step, period, lag = model["transmission.ratio"] * settings.increment_m, settings.period_s, settings.lag_s
+    top = min(folder.axis.limits.speed_m_s or 1.0, 0.9 * step / TICK_S)
     crossing = crossing_speed_m_s(step, TICK_S, period, sign=-1)
     text = [
         f"Increment {1e6 * step:.3g} µm, sampling {1e3 * period:g} ms, edges by {1e9 * TICK_S:g} ns, T_R {1e3 * lag:g} ms; errors at worst",
@@ -239,6 +244,43 @@ def estimators(folder: RunFolder, model: Model) -> _Told:
         "A drive that gives counts at the sampling alone has the first two; T_R is chosen in `beltcomm design` (--velocity-filter).",
     ]
     return {"increment_m": step, "crossing_m_s": crossing, "rows": rows}, text
+
+
+def on_edges(folder: RunFolder, model: Model, path: Path) -> _Told:
+    """The four estimators on edges of a file, against the mean speed of the edges over two periods around each sampling instant."""
+    found = read_edges(path)
+    settings = estimator_settings(folder, found.edges.tick_s)
+    settings = replace(settings, increment_m=model["transmission.ratio"] * settings.increment_m)
+    step, period = settings.increment_m, settings.period_s
+    last_s = float(found.edges.tick[-1]) * found.edges.tick_s
+    if last_s < 10.0 * period:
+        raise DataError(
+            f"the edges of {path} last {1e3 * last_s:.3g} ms, less than ten periods of {1e3 * period:g} ms; give a longer record"
+        )
+    read = velocities(replace(found.edges, increment_m=step), settings, last_s)
+    t = found.start_s + read.t_s
+    true = step * (found.counts_at(t + period) - found.counts_at(t - period)) / (2.0 * period)
+    known, per_period = ~np.isnan(true), np.abs(true) * period / step
+    text = [
+        *found.notes,
+        f"{len(found.edges.tick)} edges in {last_s:.4g} s, {int(np.count_nonzero(known))} periods of {1e3 * period:g} ms, increment "
+        f"{1e6 * step:.3g} µm; rms of each against the edges' mean speed over two periods, mm/s",
+        f"  {'counts a period':>16} {'periods':>8} {'high-pass':>10} {'event counter':>14} {'gate':>9} {'combined':>9}   least",
+    ]
+    rows = []
+    for low, high in pairwise(BANDS):
+        here = known & (per_period >= low) & (per_period < high)
+        if not here.any():
+            continue
+        off = {name: 1e3 * float(np.sqrt(np.mean((getattr(read, name) - true)[here] ** 2))) for name in NAMES}
+        usable = off if low >= 2.0 else {name: value for name, value in off.items() if name != "event_counter"}
+        best = min(usable, key=lambda name: usable[name])
+        rows.append({"from_counts": low, "to_counts": high, "periods": int(here.sum()), "best": best, "rms_mm_s": off})
+        band = f"{low:g} to {high:g}" if math.isfinite(high) else f"above {low:g}"
+        cells = [f"{off[name]:.3g}" if name in usable else "-" for name in NAMES]
+        text.append(f"  {band:>16} {here.sum():8d} {cells[0]:>10} {cells[1]:>14} {cells[2]:>9} {cells[3]:>9}   {NAMES[best]}")
+    text.append("What lags errs while the axis accelerates. As code for firmware: beltcomm export RUN --format c --part encoder")
+    return {"edges": len(found.edges.tick), "invalid": read.invalid, "increment_m": step, "rows": rows}, text
 
 
 def gravity(folder: RunFolder, model: Model) -> _Told:

@@ -15,7 +15,7 @@ from beltcomm.axis.targets import with_targets
 from beltcomm.control import Cascade
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.drive import Drive, simulated
-from beltcomm.errors import Refused, SafetyStop, UsageError
+from beltcomm.errors import BeltcommError, Refused, SafetyStop, UsageError
 from beltcomm.experiments import referencing, verification
 from beltcomm.experiments.learning import Learnt
 from beltcomm.experiments.learning import learn as repeat_and_learn
@@ -27,6 +27,7 @@ from beltcomm.given import pasted, whole
 from beltcomm.language import tr
 from beltcomm.machine import stops
 from beltcomm.machine.machine import Machine
+from beltcomm.model import Model
 from beltcomm.recording.signalfile import write_columns
 from beltcomm.result import Line, Result
 from beltcomm.rundata import analyse, offline
@@ -144,7 +145,12 @@ def verify_with(
     if feedforward == "led" or (feedforward is None and verification.leads(drive, axis, cascade)):
         sending = "led"
     driven: list[tuple[str, Verdict, Demand]] = []
-    with Machine(drive, axis, folder, talk) as machine:
+    learnt = Learnt()
+
+    def repeated(remark: str = "") -> Result:
+        return _learnt_result(folder, drive, model, cascade, learnt, sending, remark)
+
+    with _kept_when_stopped(repeated, learnt, talk), Machine(drive, axis, folder, talk) as machine:
         machine.over_belt = over_belt
         referencing.reference(machine, settings_of(replace(options, feedforward=None)))
         braking = stops.count_on_loop(machine, [model], cascade, delay_s)
@@ -161,18 +167,14 @@ def verify_with(
         agree(plan, machine)
         check_sign(machine)
         if learn:
-            return _learnt_result(folder, repeat_and_learn(machine, model, cascade, delay_s, path, learn, _names(folder), sending), remark)
+            repeat_and_learn(machine, model, cascade, delay_s, path, learn, _names(folder), learnt, sending)
+            return repeated(remark)
         ways = [(rung.change(cascade), rung.sending) for rung in RUNGS] if rungs else [(cascade, sending)]
         for gains, how in ways:
             record = _names(folder)()
             with set_by_hand(drive, folder):
                 verdict, asked = verify_move(machine, model, gains, delay_s, path, record, sending=how, learnt=taught)
-            led_by = LEARNT if taught is not None else how if how in ("stretch", "compliant", "led") else ""
-            driven_with = proof(gains, path, (), led_by)
-            shown = {"proof": driven_with, OF: hashes_of(driven_with["gains"], model)}
-            if drive.capabilities.gains == "unknown" and not as_predicted(verdict):
-                shown = {}  # what was driven are other gains
-            folder.save_result(f"verify_{record}", {**verdict_to_dict(verdict), **shown})
+            _keep(folder, drive, model, gains, path, record, verdict, LEARNT if taught is not None else how)
             driven.append((record, verdict, asked))
     if over_belt and asked.feed_force_n > folder.axis.belt_force_limit_n:
         beyond = (
@@ -189,17 +191,38 @@ def _names(folder: RunFolder) -> Callable[[], str]:
     return lambda: f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
 
 
-def _learnt_result(folder: RunFolder, learnt: Learnt, remark: str) -> Result:
+def _keep(folder: RunFolder, drive: Drive, model: Model, gains: Cascade, path: Trajectory, record: str, verdict: Verdict, how: str) -> None:
+    """The verdict of a move, and what it proves.   how : what the host added."""
+    driven_with = proof(gains, path, (), how if how in ("stretch", "compliant", "led", LEARNT) else "")
+    shown = {"proof": driven_with, OF: hashes_of(driven_with["gains"], model)}
+    if drive.capabilities.gains == "unknown" and not as_predicted(verdict):
+        shown = {}  # what was driven are other gains
+    folder.save_result(f"verify_{record}", {**verdict_to_dict(verdict), **shown})
+
+
+@contextmanager
+def _kept_when_stopped(result: Callable[[], Result], learnt: Learnt, talk: Talk) -> Iterator[None]:
+    """Keep and say what repetitions have taught when a later one is stopped; the axis is at rest by then."""
+    try:
+        yield
+    except (BeltcommError, KeyboardInterrupt):
+        if learnt.repetitions:
+            talk.say(*result().text)
+        raise
+
+
+def _learnt_result(folder: RunFolder, drive: Drive, model: Model, gains: Cascade, learnt: Learnt, sending: Sending, remark: str) -> Result:
     """Outcome of the repetitions; the torque stands beside the move, to be driven and exported with it."""
     best, first = learnt.best, learnt.repetitions[0]
+    assert learnt.path is not None
+    for one in learnt.repetitions:
+        _keep(folder, drive, model, gains, learnt.path, one.name, one.verdict, sending if one is first else LEARNT)
     file = folder.path / "designs" / f"{best.name}_learnt.csv"
     path = with_dwell(learnt.path, REST_S)
     columns = {"t_s": path.t_s, "position_m": path.position_m, "velocity_m_s": path.velocity_m_s, "torque_along_nm": best.torque_nm}
     if best is not first:
         file.parent.mkdir(exist_ok=True)
         write_columns(file, {name: np.asarray(column) for name, column in columns.items()})
-    for one in learnt.repetitions[1:]:
-        folder.save_result(f"verify_{one.name}", {**verdict_to_dict(one.verdict), "proof": {"led_by": LEARNT, "repetitions": one.name}})
     data = {
         "run": str(folder.path),
         "repetitions": [

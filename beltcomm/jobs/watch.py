@@ -232,7 +232,7 @@ def _resume(state: _Watch, anew: bool) -> None:
             state.drift.begin_anew()
             state.standings = []
             continue
-        told = {key: MoveEstimate(*pair) for key, pair in store.told_by(entry).items()}
+        told = store.told_by(entry)
         state.standings = state.drift.add_told(told)
         state.known.add((entry["date_s"], entry.get("error_over_noise")))
         state.before += 1

@@ -26,6 +26,8 @@ from beltcomm.simulate.stopping import unknown_loads_kg
 FIRST_FACTOR, FITTED_FACTOR = 1.6, 1.35
 #: Inertia that steps of the torque may show, in parts of the data sheets': barely broken away 1.2 to 1.6, louder 0.99 to 1.1.
 STEPS_SHOW = (0.9, 1.6)
+#: Share of the motor's own inertia by its data sheet that motor and load together have at least; the sheet is right to 10 %.
+RIGID_LEAST = 0.75
 #: Where a first estimate's inertia is from when it is that of the data sheets.
 OF_THE_SHEETS = "first estimate, inertia of the data sheets"
 #: Share of the torque that must accelerate the motor in the record of a first estimate: barely broken away it is 0.46 to 0.65; and from
@@ -120,7 +122,8 @@ def check_first(machine: Machine, model: Model, recording: Recording) -> Model:
     ------
     Refused
     """
-    if model.rigid:  # motor and load are one inertia, of which the data sheets know a part
+    if model.rigid:
+        _check_rigid(machine, recording)
         return model
     stated = machine.axis.motor_side_inertia_kg_m2
     share = accelerating_share(recording, stated)
@@ -138,6 +141,37 @@ def check_first(machine: Machine, model: Model, recording: Recording) -> Model:
         return model.with_values({"motor.inertia": stated}, OF_THE_SHEETS)
     check_scale(machine, model, FIRST_FACTOR)
     return model
+
+
+def _check_rigid(machine: Machine, recording: Recording) -> None:
+    """Check the scaling where motor and load are one inertia, of which the data sheets know a part: the motor, and the loads counted with.
+
+    A load that gives way after all leaves the motor to the steps of the torque; friction makes them show more.
+
+    Raises
+    ------
+    Refused
+    """
+    axis, shown = machine.axis, jumping_inertia(recording)
+    alone = axis.motor_side_inertia_kg_m2
+    most = alone + axis.transmission_m_rad**2 * max(unknown_loads_kg(axis)[-1], axis.payload.mass_kg or 0.0)
+    if not math.isfinite(shown):
+        return
+    machine.folder.journal(
+        f"scale: the steps of {recording.name} show {shown:.3g} kg m² of motor and load together; axis.yaml has {alone:.3g} kg m² of the "
+        f"motor alone, {most:.3g} kg m² with the heaviest load counted with"
+    )
+    if shown < RIGID_LEAST * alone:
+        found = f"less than the {alone:.3g} kg m² that the motor side alone has by axis.yaml, {alone / shown:.2g} times or more"
+    elif shown > FIRST_FACTOR * most and accelerating_share(recording, shown) > LEAST_SHARE:
+        found = f"more than the {most:.3g} kg m² that it would have with the heaviest load counted with, {shown / most:.2g} times or more"
+    else:
+        return
+    raise Refused(
+        f"torque over acceleration in {recording.name} shows {shown:.3g} kg m² of motor and load together: {found}. Nothing faster is "
+        "tried. Either the drive's torque or its angle is scaled wrongly (6076h; 608Fh, 6091h, 6092h, 6093h), or the motor's inertia, the "
+        "gearbox or the payload in axis.yaml. A ruler tells of the angle: beltcomm move --drive DRIVE --axis AXIS --by 50mm"
+    )
 
 
 def check_scale(machine: Machine, model: Model, factor: float) -> None:
@@ -182,6 +216,8 @@ def check_fitted(machine: Machine, model: Model, first: Model, response: Recordi
     ------
     Refused
     """
+    if model.rigid:
+        _check_rigid(machine, response)
     if model["cart.mass"] < LIGHTEST_SHARE * unknown_loads_kg(machine.axis)[0]:
         raise Refused(
             f"by {response.name} the carriage weighs {1e3 * model['cart.mass']:.2g} g: the motor turns as if nothing hung on it, and no "

@@ -90,7 +90,7 @@ def cost_of(folder: RunFolder, before: Model, after: Model) -> Cost:
     measure_delay_and_damping(findings, excited, before)
     structure = structure_of(folder, findings)
     assume_delay(findings, structure)
-    kinds = [kind for kind in PREFILTERS if kind in structure.prefilters]
+    kinds = ["none"] if before.rigid else [kind for kind in PREFILTERS if kind in structure.prefilters]
     structure = replace(structure, prefilters=(kinds[0],))
     move = offline_move(axis, after, structure.period_s)
     rested = with_dwell(move, REST_S)

@@ -84,6 +84,11 @@ def lines_in(terms: Terms, lines: Sequence[str]) -> list[str]:
     return made
 
 
+def text_in(terms: Terms, marked: str) -> str:
+    """A text between the marks of SVG or HTML."""
+    return _TEXT.sub(lambda one: f">{terms.said(one[1])}<", marked)
+
+
 def said_in(terms: Terms, value: V, *, keys: bool = False) -> V:
     """The sentences within dataclasses, mappings and sequences; single words are names for programs, and stay.
 
@@ -94,7 +99,7 @@ def said_in(terms: Terms, value: V, *, keys: bool = False) -> V:
     """
     if isinstance(value, str):
         if value.lstrip().startswith("<svg"):
-            return cast(V, _TEXT.sub(lambda one: f">{terms.said(one[1])}<", value))
+            return cast(V, text_in(terms, value))
         return cast(V, terms.said(value)) if keys or " " in value else value
     if dataclasses.is_dataclass(value) and not isinstance(value, type) and hasattr(value, "head") and hasattr(value, "rows"):
         value = dataclasses.replace(value, **_table_in(terms, value.head, value.rows))

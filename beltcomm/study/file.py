@@ -12,6 +12,7 @@ from typing import Any
 
 from beltcomm.axis import Axis, load_axis
 from beltcomm.axis.entries import NO_TARGETS
+from beltcomm.axis.terms import PLAIN, Terms, terms_of
 from beltcomm.configfiles import did_you_mean, find_config, read_yaml
 from beltcomm.control import Cascade
 from beltcomm.design.compensation import compensation
@@ -62,6 +63,8 @@ class Study:
         Of the values.
     fingerprint : str
         Of everything that all members share; with the values it makes the key of a member.
+    terms : Terms
+        Words and units of the axis.
     """
 
     name: str
@@ -76,6 +79,7 @@ class Study:
     gains: Mapping[str, float] | None
     fingerprint: str
     units: Mapping[str, str]
+    terms: Terms = PLAIN
 
     def values(self, number: int) -> Values:
         """Values of member ``number``, from 0."""
@@ -169,6 +173,7 @@ def _study_in(path: Path, data: Mapping[str, Any], doing: Doing) -> Study:
         gains,
         _digest([each, plain(targets), *shared]),
         units_of(model),
+        terms_of(RunFolder.open(path.parent / str(base["run"])).axis if "run" in base else load_axis(str(base["axis"]))),
     )
 
 

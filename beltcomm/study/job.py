@@ -19,6 +19,7 @@ from beltcomm.locks import occupied
 from beltcomm.outside import MEASURED_BYTES, from_json, read_bytes, read_text
 from beltcomm.programs import source_hash
 from beltcomm.result import Result, jsonable, plain
+from beltcomm.sentences.own_words import lines_in, text_in
 from beltcomm.study import words as words
 from beltcomm.study.file import Study, load_study
 from beltcomm.study.members import Doing, line_of, lines_of
@@ -170,7 +171,7 @@ def one_member(file: str | Path, number: int, *, doing: Doing, out: Path | None 
         write_text(out / "plant.yaml", to_yaml(described))
         kept.append(f"Its plant is in {out / 'plant.yaml'}: beltcomm commission --drive virtual:{pasted(out / 'plant.yaml')} takes it.")
     line = line_of(asked.work, number, asked.key(number), values, out)
-    return Result({**line, "plant": described}, [*words.member_lines(line, asked), *kept], line["exit_code"])
+    return Result({**line, "plant": described}, [*lines_in(asked.terms, words.member_lines(line, asked)), *kept], line["exit_code"])
 
 
 def _result(asked: Study, file: str | Path, out: Path, lines: Mapping[int, Line], report: bool) -> Result:
@@ -182,13 +183,19 @@ def _result(asked: Study, file: str | Path, out: Path, lines: Mapping[int, Line]
     if report:
         from beltcomm.study.page import study_page  # a worker draws nothing
 
-        write_text(out / PAGE, study_page(asked, summary, ordered, f"beltcomm study {pasted(file)}"))
+        write_text(out / PAGE, _said(asked, study_page(asked, summary, ordered, f"beltcomm study {pasted(file)}")))
         made.append(PAGE)
     missed = summary.failed or any(line["exit_code"] for line in ordered) or summary.done < summary.planned
-    text = [*words.summary_lines(asked, summary, ordered, str(file)), f"Everything is in {out}: {', '.join(made)}."]
+    text = [*lines_in(asked.terms, words.summary_lines(asked, summary, ordered, str(file))), f"Everything is in {out}: {', '.join(made)}."]
     if summary.done < summary.planned:
         text.append(f"{summary.planned - summary.done} members are still to come: the same command goes on")
     return Result({**data, "folder": str(out), "page": str(out / PAGE) if report else None}, text, int(bool(missed)))
+
+
+def _said(asked: Study, page: str) -> str:
+    """A page in the words of the axis: what stands between its marks, but for styles."""
+    head, mark, body = page.partition("</style>")
+    return f"{head}{mark}{text_in(asked.terms, body)}" if asked.terms else page
 
 
 def _make(out: Path) -> None:

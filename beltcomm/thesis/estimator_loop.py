@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, Prefilter, discrete_coefficients, new_state, velocity_step
-from beltcomm.model import Model, load_plant
-from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
-from beltcomm.thesis.encoder.edges import INCREMENT_M
-from beltcomm.thesis.encoder.estimators import EstimatorSettings, coefficients
-from beltcomm.thesis.encoder.kernel import (
+from beltcomm.encoder.edges import INCREMENT_M
+from beltcomm.encoder.estimators import EstimatorSettings, coefficients
+from beltcomm.encoder.kernel import (
     COUNT,
     INVALID,
     close_period,
@@ -26,6 +24,8 @@ from beltcomm.thesis.encoder.kernel import (
     new_estimator,
     take_stretch,
 )
+from beltcomm.model import Model, load_plant
+from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 from beltcomm.trajectory import Trajectory, plan_trajectory
 
 Array = NDArray[np.float64]

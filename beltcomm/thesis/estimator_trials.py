@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.thesis.encoder import formulas
-from beltcomm.thesis.encoder.edges import INCREMENT_M, TICK_S, Edges, Flaws, Motion, edges_of
-from beltcomm.thesis.encoder.estimators import EstimatorSettings, Extension, Switching, Velocities, velocities
-from beltcomm.thesis.encoder.kernel import COUNT, LEVEL_A, LEVEL_B, STATE, new_decoder, take_edge
-from beltcomm.thesis.encoder.quadrature import count_increments
+from beltcomm.encoder import formulas
+from beltcomm.encoder.edges import INCREMENT_M, TICK_S, Edges, Flaws, Motion, edges_of
+from beltcomm.encoder.estimators import EstimatorSettings, Extension, Switching, Velocities, velocities
+from beltcomm.encoder.kernel import COUNT, LEVEL_A, LEVEL_B, STATE, new_decoder, take_edge
+from beltcomm.encoder.quadrature import count_increments
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.encoder import formulas
+from beltcomm.encoder.edges import INCREMENT_M, TICK_S, Flaws
+from beltcomm.encoder.estimators import EstimatorSettings, Velocities
 from beltcomm.thesis import estimator_trials as trials
-from beltcomm.thesis.encoder import formulas
-from beltcomm.thesis.encoder.edges import INCREMENT_M, TICK_S, Flaws
-from beltcomm.thesis.encoder.estimators import EstimatorSettings, Velocities
 from beltcomm.thesis.estimator_loop import LoopResult, loop_results
 
 Array = NDArray[np.float64]

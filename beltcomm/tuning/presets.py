@@ -35,8 +35,8 @@ class LoopDemand:
 
 KINDS: tuple[Kind, ...] = (
     Kind("stiff", "Stiff axis", "none", "no filter: the resonance lies far above what the loop needs"),
-    Kind("short", "Short belt", "notch", "a notch at the resonance"),
-    Kind("long", "Long belt", "butterworth", "a low-pass below the antiresonance"),
+    Kind("short", "High resonance", "notch", "a notch at the resonance"),
+    Kind("long", "Low resonance", "butterworth", "a low-pass below the antiresonance"),
 )
 PACES: tuple[LoopDemand, ...] = (
     LoopDemand("robust", "robust", Knobs(60.0, 80.0, -12.0)),

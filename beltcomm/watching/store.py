@@ -13,11 +13,10 @@ import numpy as np
 
 from beltcomm.atomic import appending
 from beltcomm.errors import UsageError
-from beltcomm.identify.course import NORMAL
 from beltcomm.locks import link_refused
 from beltcomm.outside import opened
-from beltcomm.watching.drift import BASE
-from beltcomm.watching.judge import ERROR
+from beltcomm.watching.drift import BASE, together
+from beltcomm.watching.judge import ERROR, MoveEstimate
 
 FOLDER, FILE = "watch", "moves.jsonl"
 DAY_S = 86400.0
@@ -60,14 +59,14 @@ def entries(run: Path, *, marks: bool = False) -> Iterable[Mapping[str, Any]]:
                 yield found
 
 
-def told_by(entry: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+def told_by(entry: Mapping[str, Any]) -> dict[str, MoveEstimate]:
     """Value and interval of every quantity that a move told, the error over the noise among them."""
     error = {"value": entry.get("error_over_noise"), "interval": entry.get("error_interval")}
     found = {}
     for key, one in {**entry["quantities"], ERROR: error}.items():
         value, interval = (one.get("value"), one.get("interval")) if isinstance(one, dict) else (None, None)
         if isinstance(value, (int, float)) and isinstance(interval, (int, float)) and 0.0 < value < math.inf and 0.0 < interval < math.inf:
-            found[str(key)] = float(value), float(interval)
+            found[str(key)] = MoveEstimate(float(value), float(interval))
     return found
 
 
@@ -76,17 +75,18 @@ def by_day(run: Path) -> list[tuple[float, dict[str, tuple[float, float]]]]:
 
     The base are the first moves, anew after each maintenance that was told.
     """
-    told: dict[int, dict[str, list[tuple[float, float]]]] = {}
+    told: dict[int, dict[str, list[MoveEstimate]]] = {}
     dates: dict[int, list[float]] = {}
     for part in _parts(run):
-        bases = _together([told_by(entry) for entry in part], BASE)
+        bases = _bases([told_by(entry) for entry in part])
         for entry in part:
             day = int(entry["date_s"] // DAY_S)
             dates.setdefault(day, []).append(float(entry["date_s"]))
-            for key, (value, interval) in told_by(entry).items():
-                base = abs(bases[key][0])
-                told.setdefault(day, {}).setdefault(key, []).append((value / base, interval / base))
-    return [(float(np.mean(dates[day])), {key: _mean(pairs) for key, pairs in found.items()}) for day, found in sorted(told.items())]
+            for key, one in told_by(entry).items():
+                told.setdefault(day, {}).setdefault(key, []).append(MoveEstimate(one.value / bases[key], one.interval / bases[key]))
+    return [
+        (float(np.mean(dates[day])), {key: together(key, pairs) for key, pairs in found.items()}) for day, found in sorted(told.items())
+    ]
 
 
 def _parts(run: Path) -> list[list[Mapping[str, Any]]]:
@@ -100,15 +100,7 @@ def _parts(run: Path) -> list[list[Mapping[str, Any]]]:
     return [part for part in parts if part]
 
 
-def _together(told: list[dict[str, tuple[float, float]]], most: int) -> dict[str, tuple[float, float]]:
+def _bases(told: list[dict[str, MoveEstimate]]) -> dict[str, float]:
     """Every quantity over the first moves that told it."""
     keys = dict.fromkeys(key for one in told for key in one)
-    return {key: _mean([one[key] for one in told if key in one][:most]) for key in keys}
-
-
-def _mean(pairs: list[tuple[float, float]]) -> tuple[float, float]:
-    values, halves = np.array(pairs).T
-    weights = (NORMAL / halves) ** 2
-    mean = float(np.sum(weights * values) / np.sum(weights))
-    square = float(np.sum(weights * (values - mean) ** 2)) / max(len(values) - 1, 1)
-    return mean, NORMAL * math.sqrt(max(1.0, square) / float(np.sum(weights)))
+    return {key: abs(together(key, [one[key] for one in told if key in one][:BASE])[0]) for key in keys}

@@ -1,5 +1,7 @@
 // Charts by uPlot: colours of the page, width of their place, export of picture and numbers; the same way for all tabs.
 
+import { said } from "./words.js";
+
 const charts = new Set();
 
 export function element(tag, attributes = {}, ...children) {
@@ -104,6 +106,7 @@ export function chart(place, spec) {
     box.setAttribute("role", "img");
     box.setAttribute("aria-label", `${spec.title || spec.y.label}: ${spec.series.map((s) => s.name).join(", ")} over ${spec.x.label}`);
   };
+  for (const [k, which] of [spec.x, spec.y].entries()) said(which.label, (words) => { which.label = words; if (one.u) { one.u.axes[k].label = words; one.u.redraw(false, true); } });
   one.set = (data, keepScales = false) => {
     one.data = data;
     if (!one.u || box.clientWidth !== one.width) one.build();

@@ -5,6 +5,7 @@ import { laboratory } from "./laboratory.js";
 import { design } from "./design.js";
 import { live } from "./live.js";
 import { runs } from "./runs.js";
+import { sayAll } from "./words.js";
 
 const $ = (id) => document.getElementById(id);
 
@@ -80,6 +81,7 @@ async function look() {
 
 ask("begin").then((begun) => {
   document.title = `beltcomm – ${begun.axis || begun.run}`;
+  if (begun.own_words) sayAll(ask);
   $("axis").textContent = begun.axis;
   $("run").textContent = begun.run;
   show(names.includes(location.hash.slice(1)) ? location.hash.slice(1) : begun.live ? "live" : "laboratory");

@@ -55,10 +55,11 @@ class PageFiles:
         return files("beltcomm.web").joinpath(place).read_text(encoding="utf-8")
 
 
+_PARTS = ("open", "words", "chart", "laboratory", "record", "design", "live", "runs")
 #: The page of ``beltcomm open``.
 PAGE = PageFiles(
     "open.html",
-    {name: name for name in ("open.css", "open.js", "chart.js", "laboratory.js", "record.js", "design.js", "live.js", "runs.js")}
+    {name: name for name in ("open.css", *(f"{part}.js" for part in _PARTS))}
     | {name: f"vendor/{name}" for name in ("uPlot.iife.min.js", "uPlot.min.css")},
 )
 

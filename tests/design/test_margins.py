@@ -117,6 +117,16 @@ def test_suppression_sees_the_resonance_and_every_other_peak() -> None:
     assert one.suppression_db == pytest.approx(20.0 * math.log10(np.max(np.abs(velocity))), abs=0.01)
 
 
+def test_suppression_of_a_rigid_axis_is_that_of_the_upper_half_of_what_is_sampled() -> None:
+    """At the highest frequency the difference over one period and the hold leave next to nothing of any loop."""
+    stiff = replace(G_A, stiffness_n_m=1e10)
+    assert stiff.resonance_rad_s > math.pi / PERIOD
+    one, twice = (margins(replace(LOOP_PLAIN, kp_nm_s_rad=kp, ki_nm_rad=0.0), [stiff], PERIOD)[0] for kp in (0.05, 0.1))
+    velocity, _ = independent_loops(stiff, replace(LOOP_PLAIN, kp_nm_s_rad=0.05, ki_nm_rad=0.0), np.array([0.5 * math.pi / PERIOD]))
+    assert one.suppression_db == pytest.approx(20.0 * math.log10(abs(velocity[0])), abs=0.3)
+    assert twice.suppression_db - one.suppression_db == pytest.approx(20.0 * math.log10(2.0), abs=1e-6)
+
+
 def test_no_crossover_is_an_infinite_margin_and_no_frequency() -> None:
     (one,) = margins(replace(LOOP_A, kp_nm_s_rad=1e-9, ki_nm_rad=0.0), [G_A], PERIOD)
     assert one.phase_margin_deg == math.inf

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from beltcomm.encoder.edges import Flaws, edges_of
 from beltcomm.errors import UsageError
-from beltcomm.thesis.encoder.edges import Flaws, edges_of
 
 
 def test_edges_are_the_changes_of_the_sampled_channels() -> None:

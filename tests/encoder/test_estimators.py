@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltcomm.errors import DataError, UsageError
-from beltcomm.thesis.encoder.edges import Edges, Flaws, edges_of
-from beltcomm.thesis.encoder.estimators import EstimatorSettings, Velocities, coefficients, velocities
-from beltcomm.thesis.encoder.kernel import (
+from beltcomm.encoder.edges import Edges, Flaws, edges_of
+from beltcomm.encoder.estimators import EstimatorSettings, Velocities, coefficients, velocities
+from beltcomm.encoder.kernel import (
     close_period,
     combined_step,
     event_counter_step,
@@ -22,6 +21,7 @@ from beltcomm.thesis.encoder.kernel import (
     switching_weight,
     take_edge,
 )
+from beltcomm.errors import DataError, UsageError
 
 METHODS = ("high_pass", "event_counter", "gate", "combined")
 GAP = 2.5e-6

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 
+from beltcomm.encoder import formulas as f
+from beltcomm.encoder.edges import edges_of
+from beltcomm.encoder.estimators import EstimatorSettings, velocities
 from beltcomm.errors import UsageError
-from beltcomm.thesis.encoder import formulas as f
-from beltcomm.thesis.encoder.edges import edges_of
-from beltcomm.thesis.encoder.estimators import EstimatorSettings, velocities
 
 STEP, TICK, PERIOD, LAG = 2.5e-6, 1e-8, 1e-3, 2e-3
 #: In units of Δξ/T_s: neither they nor the ticks of their gaps, 10⁵ over them, lie near a whole number, so both roundings occur.

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from beltcomm.encoder.edges import Edges, Flaws, edges_of
+from beltcomm.encoder.kernel import COUNT, GAP, INCREMENTS, INVALID, PREVIOUS, STATE, STEPS, new_decoder, take_edge, take_stretch
+from beltcomm.encoder.quadrature import count_increments
 from beltcomm.errors import DataError
-from beltcomm.thesis.encoder.edges import Edges, Flaws, edges_of
-from beltcomm.thesis.encoder.kernel import COUNT, GAP, INCREMENTS, INVALID, PREVIOUS, STATE, STEPS, new_decoder, take_edge, take_stretch
-from beltcomm.thesis.encoder.quadrature import count_increments
 
 FORWARD = [(0, 0), (1, 0), (1, 1), (0, 1)]  # S1 to S4; A leads
 

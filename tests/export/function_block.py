@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import re
 
-_DECLARATION = re.compile(r"    ([a-z][a-z0-9_]*) : (LREAL|BOOL) := (TRUE|FALSE|-?\d+\.\d+(?:E[+-]?\d+)?);$")
+_DECLARATION = re.compile(r"    ([a-z][a-z0-9_]*) : (LREAL|LINT|BOOL) := (TRUE|FALSE|-?\d+(?:\.\d+(?:E[+-]?\d+)?)?);$")
 _TOKEN = re.compile(
-    r"\s*(?:(?P<name>[a-z][a-z0-9_]*)|(?P<number>\d+\.\d+(?:E[+-]?\d+)?)|(?P<word>AND|MIN|MAX)|(?P<sign><=|>=|[-+*/<>(),]))"
+    r"\s*(?:(?P<name>[a-z][a-z0-9_]*)|(?P<number>\d+\.\d+(?:E[+-]?\d+)?|\d+)"
+    r"|(?P<word>AND|MIN|MAX|SIN|LINT_TO_LREAL)|(?P<sign><=|>=|<>|[-+*/<>=(),]))"
 )
+_PYTHON = {"AND": "and", "MIN": "min", "MAX": "max", "SIN": "sin", "LINT_TO_LREAL": "float", "=": "==", "<>": "!="}
 #: Keywords and standard functions of IEC 61131-3 that no variable may be called, whatever its case.
 _WORDS = """
 abs acos action add and any array asin at atan bool by byte case configuration constant cos ctd ctu date delete div do dt else
@@ -22,13 +25,14 @@ RESERVED = frozenset(_WORDS.split())
 class FunctionBlock:
     """A function block run by translating its text to Python, refusing whatever the small part of the language used here does not hold."""
 
-    def __init__(self, source: str) -> None:
+    def __init__(self, source: str, name: str = "BELTCOMM_CASCADE") -> None:
         assert source.isascii()
         assert not re.search(r"\(\*(?:(?!\*\)).)*\(\*", source, re.DOTALL), "comments stand in one another"
         code = [line.rstrip() for line in re.sub(r"\(\*.*?\*\)", "", source, flags=re.DOTALL).splitlines() if line.strip()]
-        assert (code[0], code[-1]) == ("FUNCTION_BLOCK BELTCOMM_CASCADE", "END_FUNCTION_BLOCK")
-        self.values: dict[str, float | bool] = {}
+        assert (code[0], code[-1]) == (f"FUNCTION_BLOCK {name}", "END_FUNCTION_BLOCK")
+        self.values: dict[str, float | bool | int] = {}
         self.kinds: dict[str, str] = {}
+        self.types: dict[str, str] = {}
         place = 1
         while code[place].startswith("VAR"):
             kind, place = code[place], place + 1
@@ -38,8 +42,9 @@ class FunctionBlock:
                 name, type_, value = match.groups()
                 assert name not in self.values
                 assert name not in RESERVED
-                assert (type_ == "BOOL") == (value in ("TRUE", "FALSE"))
-                self.values[name], self.kinds[name] = value == "TRUE" if type_ == "BOOL" else float(value), kind
+                assert type_ == ("BOOL" if value in ("TRUE", "FALSE") else "LREAL" if "." in value else "LINT")
+                self.types[name], self.kinds[name] = type_, kind
+                self.values[name] = value == "TRUE" if type_ == "BOOL" else float(value) if type_ == "LREAL" else int(value)
                 place += 1
             place += 1
         body, depth = [], 0
@@ -56,6 +61,7 @@ class FunctionBlock:
                 match = re.fullmatch(r"([a-z][a-z0-9_]*) := (.*);", line)
                 assert match, line
                 assert self.kinds[match[1]] in ("VAR", "VAR_TEMP", "VAR_OUTPUT"), f"{match[1]} must not be written"
+                assert self._type(match[2]) == self.types[match[1]], f"{line} mixes types"
                 body.append("    " * depth + f"v['{match[1]}'] = {self._expression(match[2])}")
         assert depth == 0
         self._program = compile("\n".join(body), "function block", "exec")
@@ -71,14 +77,27 @@ class FunctionBlock:
                 assert match["name"] in self.kinds, f"{match['name']} is not declared"
                 words.append(f"v['{match['name']}']")
             else:
-                words.append({"AND": "and", "MIN": "min", "MAX": "max"}.get(match[0].strip(), match[0].strip()))
+                words.append(_PYTHON.get(match[0].strip(), match[0].strip()))
         return " ".join(words)
 
+    def _type(self, source: str) -> str:
+        """LREAL or LINT: in structured text nothing becomes the other by itself."""
+        outside = re.sub(r"LINT_TO_LREAL\([^()]*\)", "1.0", source)
+        found = {self.types[name] for name in re.findall(r"\b[a-z][a-z0-9_]*", outside)}
+        found |= {"LREAL" if "." in text else "LINT" for text in re.findall(r"(?<![\w.])\d+(?:\.\d+)?", outside)}
+        assert len(found) == 1, f"{source} mixes {found}"
+        return found.pop()
+
     def call(self, **inputs: float | bool) -> float:
+        """One call; its torque."""
+        self.run(**inputs)
+        return float(self.values["torque_nm"])
+
+    def run(self, **inputs: float | bool) -> None:
         assert all(self.kinds[name] == "VAR_INPUT" for name in inputs)
         # temporary variables begin anew at every call: an old value must not be read
         for name in [name for name, kind in self.kinds.items() if kind == "VAR_TEMP"]:
             self.values[name] = float("nan")
         self.values.update(inputs)
-        exec(self._program, {"v": self.values, "min": min, "max": max, "__builtins__": {}})
-        return float(self.values["torque_nm"])
+        known = {"min": min, "max": max, "sin": math.sin, "float": float}
+        exec(self._program, {"v": self.values, **known, "__builtins__": {}})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -89,6 +90,21 @@ def test_what_the_drive_lacks_and_what_the_text_lacks_is_said(make_run: Callable
         "the design is in doubt: no verification move was driven with these gains",
     ):
         assert sentence in text_
+
+
+def test_the_encoder_s_text_is_written_for_the_run_s_encoder_and_sampling(make_run: Callable[..., Path], tmp_path: Path) -> None:
+    run, out = make_run(), tmp_path / "encoder.st"
+    outcome = call("export", str(run), "--format", "st", "--part", "encoder", "--tick", "11.9 ns", "--out", str(out), "--json")
+    assert outcome.exit_code == 0, outcome.stderr
+    values = json.loads(outcome.stdout)["coefficients"]
+    assert values["increment_rad"] == pytest.approx(math.tau / load_axis("egc-70-600").motor.encoder_counts_per_rev)
+    assert (values["period_s"], values["tick_s"]) == (PERIOD_S, 11.9e-9)
+    assert values["lag_pole"] == pytest.approx(2.0 / 3.0)  # T_R of the design
+    FunctionBlock(out.read_text(encoding="ascii"), "BELTCOMM_ENCODER")
+    for words in (("--format", "dcf", "--part", "encoder"), ("--format", "c", "--tick", "1ns"), ("--format", "c", "--torque-limit", "1")):
+        more = ("--part", "encoder") if "--torque-limit" in words else ()
+        assert call("export", str(run), *words, *more).exit_code == 2, words
+    assert call("export", str(run), "--format", "c", "--part", "encoder", "--tick", "2ms").exit_code == 2
 
 
 def test_faults_are_named(make_run: Callable[..., Path], tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.jobs import rungs
-from beltcomm.jobs.laboratory import named_beside
+from beltcomm.jobs.laboratory import climb, named_beside
 from beltcomm.laboratory import acceptance
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.model import load_plant
@@ -112,6 +112,15 @@ def test_a_climb_keeps_the_cost_of_what_it_added(
     assert [rung.cost for rung in made] == [None, {"of": "backlash", "move": "anew" if computed else "whole"}]
     assert revisions(folder) == made
     assert [after.effects[-1] for _, after in asked] == ["backlash"] * computed
+
+
+def test_a_climb_without_a_step_leaves_the_run_as_it_is(tmp_path: Path) -> None:
+    """A run that has a model and lacks nothing keeps it, and the move that proved its gains stays their proof."""
+    folder = RunFolder.create(tmp_path / "run", load_axis("egc-70-600"))
+    folder.save_model("final", load_plant("g_a").model.to_dict())
+    found: Any = SimpleNamespace(published_base=(None, None), steps=(SimpleNamespace(added="", removed=(), forms=()),))
+    assert climb(folder, found, True, "", "") == []
+    assert folder.names("models") == ["final"]
 
 
 @pytest.mark.parametrize(("held", "confirmed"), [(1.9, True), (2.1, False)])

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from beltcomm import api
 from beltcomm.configfiles import read_yaml, to_yaml, write_text
-from beltcomm.errors import Refused, UsageError
+from beltcomm.errors import Refused, SafetyStop, UsageError
+from beltcomm.experiments import learning
 from beltcomm.experiments.learning import _repetition
 from beltcomm.recording import Recording
 from beltcomm.recording.signalfile import read_columns
+from beltcomm.runfolder import RunFolder
+from beltcomm.talk import Silence
 from beltcomm.verify import Verdict
 from session.bench import Bench
 
@@ -37,6 +40,43 @@ def test_repetitions_teach_the_move(copy_of_complete: Callable[..., Path], make_
     again = api.verify(before, run, move=found["file"], options=api.Options(yes=True, seed=1, force=True)).to_json()
     assert again["measured"]["dynamic_m"] < 0.7 * found["repetitions"][0]["largest_m"]
     assert np.max(np.abs(bench.plant.belt_force_n)) < 110.0
+
+
+def test_a_stop_in_a_repetition_loses_none_before_it(
+    copy_of_complete: Callable[..., Path], make_bench: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, bench, told = copy_of_complete(), make_bench("g_a"), Heard()
+    first = next(name for name in (f"move_{n}" for n in range(1, 9)) if RunFolder.open(run).finished(name) is None)
+    drive_once, driven = learning.verify_move, []
+
+    def stopped(*given: Any, **more: Any) -> Any:
+        driven.append(given)
+        if len(driven) == 3:
+            raise SafetyStop("the motor torque reached its limit: the axis was stopped", "torque")
+        return drive_once(*given, **more)
+
+    monkeypatch.setattr(learning, "verify_move", stopped)
+    with pytest.raises(SafetyStop):
+        api.verify(bench.name, run, learn=4, options=api.Options(yes=True, seed=1), talk=told)
+    folder = RunFolder.open(run)
+    number = int(first.removeprefix("move_"))
+    kept = [folder.load_result(f"verify_move_{n}") for n in (number, number + 1)]
+    assert all(one is not None and one["proof"]["gains"] for one in kept)
+    assert [one["proof"].get("led_by") for one in kept if one] == [None, "learnt"]
+    said = "\n".join(told.lines)
+    assert "learnt torque" in said
+    columns = read_columns(run / "designs" / f"move_{number + 1}_learnt.csv", {"t_s"})
+    assert np.max(np.abs(columns["torque_along_nm"])) > 0.0
+
+
+class Heard(Silence):
+    """Lines that were said."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def say(self, *texts: Any, **_: Any) -> None:
+        self.lines += map(str, texts)
 
 
 def test_what_cannot_be_sent_is_not_learnt(copy_of_complete: Callable[..., Path], make_bench: Callable[..., Bench]) -> None:

@@ -12,8 +12,11 @@ import pytest
 from click.testing import CliRunner
 
 from beltcomm.app.design import DesignTab, TunedDesign
+from beltcomm.app.serve import RunPage
+from beltcomm.axis import load_axis
 from beltcomm.cli.main import cli
 from beltcomm.errors import DataError, UsageError
+from beltcomm.runfolder import RunFolder
 from beltcomm.web import server
 from beltcomm.web.server import PageFiles, ServedPage
 
@@ -65,6 +68,22 @@ def test_without_a_design_the_tab_says_what_makes_one(copy_of_complete: Copy) ->
 def test_what_is_no_run_opens_no_page(tmp_path: Path, served: list[Any]) -> None:
     assert call("open", tmp_path / "nowhere", "--no-browser").exit_code == 3
     assert served == []
+
+
+def test_the_page_speaks_the_words_of_its_axis(tmp_path: Path) -> None:
+    """A rotary axis: degrees, its own load; a belt axis keeps what stands there."""
+    texts = ["From, mm", "within 0.006 mm", "belt force", "the carriage at 120 mm", "Speed, m/s"]
+    for name, said in (
+        ("torque-table", ["From, °", "within 0.006°", "load torque", "the load at 120°", "Speed, 1000°/s"]),
+        ("egc-70-600", texts),
+    ):
+        page = RunPage(RunFolder.create(tmp_path / name, load_axis(name)).path)
+        assert page.answers()["words"]({"texts": texts}) == {"texts": said}
+        assert page.begin()["own_words"] is (said is not texts)
+        for wrong in (None, {}, {"texts": "mm"}, {"texts": [1]}):
+            with pytest.raises(UsageError, match="a list"):
+                page.words(wrong)
+        page.close()
 
 
 def test_answers_say_what_is_wrong(copy_of_complete: Copy, tmp_path: Path) -> None:

@@ -209,14 +209,14 @@ def test_a_fit_that_takes_the_carriage_for_the_motor_is_not_blamed_on_the_scalin
         check_fitted(machine, first.with_values({"motor.inertia": both}), first.with_values({"motor.inertia": both}), response)
 
 
-def stepped(plant: Any, amplitude_nm: float, torque: float = 1.0) -> Recording:
+def stepped(plant: Any, amplitude_nm: float, torque: float = 1.0, axis: Axis = RIG) -> Recording:
     """A binary torque on a simulated machine, held for 3 ms each; the drive believes it to be ``1/torque`` of what acts."""
     setpoint = amplitude_nm * np.repeat(np.random.default_rng(3).choice([-1.0, 1.0], 300), 3)
     shown = []
     for nm in setpoint:
         shown.append(plant.position_rad)
         plant.step(torque * nm, 1e-3)
-    step_rad = math.tau / RIG.motor.encoder_counts_per_rev
+    step_rad = math.tau / axis.motor.encoder_counts_per_rev
     return Recording("amplitude_1", np.arange(len(shown)) * 1e-3, setpoint, step_rad * np.round(np.array(shown) / step_rad))
 
 
@@ -253,6 +253,41 @@ def test_an_estimate_that_a_delay_or_a_ripple_made_wrong_does_not_end_the_sessio
         check_first(machine, heavy, barely)  # both show too much
     with pytest.raises(Refused, match="2 times more"):
         check_first(machine, heavy, stepped(nominal("g_a"), 0.6, torque=0.5))
+
+
+class OneInertia:
+    """Motor and load as one inertia with Coulomb friction, stepped finely."""
+
+    def __init__(self, inertia_kg_m2: float, friction_nm: float) -> None:
+        self.inertia, self.friction, self.position_rad, self.speed = inertia_kg_m2, friction_nm, 0.0, 0.0
+
+    def step(self, torque_nm: float, duration_s: float) -> None:
+        h = duration_s / 20
+        for _ in range(20):
+            if self.speed == 0.0 and abs(torque_nm) <= self.friction:
+                continue
+            rubbing = math.copysign(self.friction, self.speed or torque_nm)
+            after = self.speed + h * (torque_nm - rubbing) / self.inertia
+            self.speed = 0.0 if after * self.speed < 0.0 else after
+            self.position_rad += h * self.speed
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_rigid_axis_is_checked_against_the_motor_alone_and_the_heaviest_load(seed: int) -> None:
+    """What lies between is a load that nobody has stated; less than the motor, and more than any load, is a wrong scale."""
+    random, axis = np.random.default_rng(seed), load_axis("torque-table")
+    machine: Any = SimpleNamespace(axis=axis, drive=DRIVE, folder=SimpleNamespace(journal=lambda _text: None))
+    model, alone = data_sheet_model(axis, 0.25, 0.1), axis.motor_side_inertia_kg_m2
+    assert model.rigid
+    inertia, friction = alone * random.uniform(1.3, 9.0), random.uniform(0.05, 0.6)
+    amplitude = friction * random.uniform(1.6, 4.0)
+    assert check_first(machine, model, stepped(OneInertia(inertia, friction), amplitude, axis=axis)) is model
+    too_much, too_little = 2.0 * inertia / alone, 20.0 * alone / inertia  # the torque acts so many times stronger, or weaker
+    with pytest.raises(Refused, match=r"less than the .* motor side alone"):
+        check_first(machine, model, stepped(OneInertia(inertia, friction), amplitude, too_much, axis))
+    weak = OneInertia(inertia, friction / too_little)
+    with pytest.raises(Refused, match=r"more than the .* heaviest load"):
+        check_first(machine, model, stepped(weak, amplitude, 1.0 / too_little, axis))
 
 
 def test_a_fit_that_lacks_a_body_is_no_wrong_scale_where_the_steps_of_the_torque_show_the_inertia() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,9 +11,11 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from beltcomm import api
 from beltcomm.axis import load_axis
+from beltcomm.cli.main import cli
 from beltcomm.configfiles import find_config, read_yaml
 from beltcomm.errors import SafetyStop
 from beltcomm.model import load_plant
@@ -26,6 +29,17 @@ from beltcomm.study.words import answer_row, headline, values_text, why
 from study.conftest import STUDY
 
 MACHINES: dict[str, Any] = {"base": {"plant": "g_a", "axis": "egc-70-600"}, "members": 3, "each": "commission", "ageing": None}
+
+
+def test_a_series_of_screws_is_told_in_their_words(tmp_path: Path) -> None:
+    (tmp_path / "screws.yaml").write_text(
+        "base: {plant: ball_screw, axis: ball-screw}\nmembers: 2\npopulation: {cart.mass: {tolerance: 5 %}}\n", encoding="utf-8"
+    )
+    outcome = CliRunner().invoke(cli, ["study", str(tmp_path / "screws.yaml"), "--member", "1"])
+    assert outcome.exit_code == 0, outcome.output
+    for words in ("load.mass: ", "following error at the table: ", "screw force: "):
+        assert words in outcome.stdout
+    assert not re.search(r"\b(belt|carriage|cart)\b", outcome.stdout)
 
 
 def commission(drive: str, axis: Any, run: Path, *, options: Any) -> Result:

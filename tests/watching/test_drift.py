@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from beltcomm.errors import UsageError
+from beltcomm.watching import store
 from beltcomm.watching.drift import BASE, FEWEST, AxisDrift, Standing
 from beltcomm.watching.judge import ERROR, MoveEstimate
 from beltcomm.watching.limits import LIMITS, Limit, limits_given
@@ -58,6 +60,25 @@ def test_one_knock_is_not_the_axis() -> None:
     values = [1.0] * 40
     values[30] = 4.0
     assert {one.state for one in followed(values, 0.06, key=ERROR)} == {"few", "steady"}
+
+
+def test_the_trace_of_a_day_says_what_the_watch_said(tmp_path: Path) -> None:
+    """The error over the noise by its median, in the day as in the pool: a knock is one move there, too."""
+    values = [*np.random.default_rng(4).normal(1.0, 0.01, BASE).tolist(), 1.0, 4.0, 1.01, 0.99, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
+    watched = {key: followed(values, 0.06, key=key)[-1] for key in (ERROR, KEY)}
+    for number, value in enumerate(values):
+        quantities = {KEY: {"value": value, "interval": 0.06}}
+        date_s = store.DAY_S * (0.5 if number < BASE else 1.5)
+        store.append(tmp_path, {"date_s": date_s, "quantities": quantities, "error_over_noise": value, "error_interval": 0.06})
+    _, told = store.by_day(tmp_path)[-1]
+    for key, one in watched.items():
+        assert one.base is not None
+        assert told[key] == pytest.approx((one.value / one.base.value, one.interval / one.base.value))
+    assert told[ERROR][0] < 1.02 < told[KEY][0]
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    store.append(alone, {"date_s": 1.0, "quantities": {KEY: {"value": 2.0, "interval": 0.1}}})
+    assert store.by_day(alone) == [(1.0, {KEY: (1.0, 0.05)})]
 
 
 def test_scatter_beyond_the_intervals_widens_them() -> None:

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from beltcomm.encoder import formulas
+from beltcomm.encoder.edges import INCREMENT_M, TICK_S
 from beltcomm.report import style
-from beltcomm.thesis.encoder import formulas
-from beltcomm.thesis.encoder.edges import INCREMENT_M, TICK_S
 from beltcomm.thesis.estimators import FINE_INCREMENT_M, PERIODS_S, EstimatorStudy
 
 #: Colours of the methods in every figure.

@@ -22,10 +22,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.encoder.edges import INCREMENT_M, TICK_S, Edges
+from beltcomm.encoder.kernel import INVALID, new_decoder, new_estimator, run_record
+from beltcomm.encoder.quadrature import require_order
 from beltcomm.errors import UsageError
-from beltcomm.thesis.encoder.edges import INCREMENT_M, TICK_S, Edges
-from beltcomm.thesis.encoder.kernel import INVALID, new_decoder, new_estimator, run_record
-from beltcomm.thesis.encoder.quadrature import require_order
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -74,6 +74,32 @@ class EstimatorSettings:
         return round(self.period_s / self.tick_s)
 
 
+def checked(settings: EstimatorSettings) -> EstimatorSettings:
+    """The settings as they are.
+
+    Raises
+    ------
+    UsageError
+        For one out of its range.
+    """
+    s = settings
+    for name, value in (("increment", s.increment_m), ("tick", s.tick_s), ("period", s.period_s)):
+        if not (math.isfinite(value) and value > 0.0):
+            raise UsageError(f"the {name} is {value:g}; it must be above 0")
+    if not s.tick_s < s.period_s:
+        raise UsageError(f"the tick of {s.tick_s:g} s is not shorter than the sampling period {s.period_s:g} s; choose a shorter one")
+    for name, value in (("T_R", s.lag_s), ("low-pass time constant", s.low_pass_s)):
+        if not (math.isfinite(value) and value >= 0.0):
+            raise UsageError(f"the {name} is {value:g} s; it must not be negative")
+    if not s.timeout_s > s.period_s:
+        raise UsageError(f"the time-out {s.timeout_s:g} s is not above the sampling period {s.period_s:g} s; choose a longer one (6.17)")
+    if s.extension not in _EXTENSIONS:
+        raise UsageError(f"there is no extension {s.extension!r}; take one of {', '.join(_EXTENSIONS)}")
+    if s.switching not in ("guarded", "printed"):
+        raise UsageError(f"there is no switching {s.switching!r}; take guarded or printed")
+    return s
+
+
 def coefficients(settings: EstimatorSettings) -> Array:
     """Numbers of the compiled steps: ndarray (9,).
 
@@ -84,21 +110,9 @@ def coefficients(settings: EstimatorSettings) -> Array:
     UsageError
         For a setting out of its range.
     """
-    s = settings
-    for name, value in (("increment", s.increment_m), ("tick", s.tick_s), ("period", s.period_s)):
-        if not (math.isfinite(value) and value > 0.0):
-            raise UsageError(f"the {name} is {value:g}; it must be above 0")
+    s = checked(settings)
     if s.period_ticks < 1 or abs(s.period_ticks * s.tick_s - s.period_s) > 1e-6 * s.tick_s:
         raise UsageError(f"the sampling period {s.period_s:g} s is not a whole number of ticks of {s.tick_s:g} s; choose one that is")
-    for name, value in (("T_R", s.lag_s), ("low-pass time constant", s.low_pass_s)):
-        if not (math.isfinite(value) and value >= 0.0):
-            raise UsageError(f"the {name} is {value:g} s; it must not be negative")
-    if not s.timeout_s > s.period_s:
-        raise UsageError(f"the time-out {s.timeout_s:g} s is not above the sampling period {s.period_s:g} s; choose a longer one (6.17)")
-    if s.extension not in _EXTENSIONS:
-        raise UsageError(f"there is no extension {s.extension!r}; take one of {', '.join(_EXTENSIONS)}")
-    if s.switching not in ("guarded", "printed"):
-        raise UsageError(f"there is no switching {s.switching!r}; take guarded or printed")
     return np.array(
         [
             s.increment_m,

@@ -25,9 +25,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.encoder.edges import Edges
+from beltcomm.encoder.kernel import INVALID, all_increments, new_decoder
 from beltcomm.errors import DataError
-from beltcomm.thesis.encoder.edges import Edges
-from beltcomm.thesis.encoder.kernel import INVALID, all_increments, new_decoder
 
 IntArray = NDArray[np.int64]
 
