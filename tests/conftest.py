@@ -9,12 +9,20 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 # As the console command, and before numpy is loaded: two workers whose matrices wait for two threads each take several times as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# Python that may keep no bytecode beside the sources compiles the package anew in each of the hundreds of processes that tests start.
+if sys.dont_write_bytecode:
+    sys.dont_write_bytecode = False
+    sys.pycache_prefix = os.environ["PYTHONPYCACHEPREFIX"] = str(Path(__file__).parents[1] / ".pytest_cache" / "bytecode")
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
 def pytest_configure() -> None:

@@ -117,7 +117,10 @@ class _Client(SdoClient):
 class Objects(ABC):
     """The object dictionary of one drive, one transfer at a time; a carrier brings ``read_bytes``, ``write_bytes`` and ``save``.
 
-    clock : of its carrier.   node : number on its bus, 0 where there is no bus.   locks : what is never written, whoever asks.
+    Attributes
+    ----------
+    clock : Clock
+        Of its carrier. node : number on its bus, 0 where there is no bus. locks : what is never written, whoever asks.
     """
 
     clock: Clock
@@ -133,7 +136,17 @@ class Objects(ABC):
 
     @abstractmethod
     def write_bytes(self, index: int, subindex: int, data: bytes, verb: str) -> None:
-        """Raw content into an object, once ``locks`` allow it.   verb : for messages.   Raises ObjectLocked, ObjectRefused, BusError."""
+        """Raw content into an object, once ``locks`` allow it.
+
+        Parameters
+        ----------
+        verb : str
+            For messages.
+
+        Raises
+        ------
+        ObjectLocked, ObjectRefused, BusError
+        """
 
     @abstractmethod
     def save(self) -> None:
@@ -274,7 +287,10 @@ class Lending:
     def set(self, index: int, subindex: int, kind: str, value: float, *, keep: bool = False) -> None:
         """Write ``value`` and remember what stood there.  Raises as :meth:`Objects.write`.
 
-        keep : lent although nothing changes, as where a session that was cut off has left this value: what stood there before is owed.
+        Parameters
+        ----------
+        keep : bool
+            Lent although nothing changes, as where a session that was cut off has left this value: what stood there before is owed.
         """
         before = self._objects.read(index, subindex, kind)
         if before == value and not keep:

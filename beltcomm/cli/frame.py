@@ -306,7 +306,10 @@ def typed(lines: Iterable[str]) -> Iterator[str]:
 def api(home: str = "beltcomm.api") -> Any:
     """:mod:`beltcomm.api`, imported when a verb runs: numba takes longer to import than ``--help`` may last.
 
-    home : module of a function that needs no machine; without what moves one it is there in half the time.
+    Parameters
+    ----------
+    home : str
+        Module of a function that needs no machine; without what moves one it is there in half the time.
     """
     from beltcomm.cli import kernels
 

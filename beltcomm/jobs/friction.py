@@ -45,7 +45,15 @@ TOO_HEAVY = 1.05
 
 @dataclass(frozen=True)
 class RecordedSweeps:
-    """Sweeps recorded.   left_out_m_s : speeds without a way, or without one to stop.   remarks : on records that were not usable."""
+    """Sweeps recorded.
+
+    Attributes
+    ----------
+    left_out_m_s : tuple of float
+        Speeds without a way, or without one to stop.
+    remarks : tuple of str
+        On records that were not usable.
+    """
 
     names: tuple[str, ...]
     left_out_m_s: tuple[float, ...] = ()

@@ -57,7 +57,15 @@ def unwatched(_row: Row) -> None:
 
 @dataclass(frozen=True)
 class Foreseen:
-    """Prediction of a motion in the drive's own loops.   watch : called with every row.   torque_nm : limit in the drive."""
+    """Prediction of a motion in the drive's own loops.
+
+    Attributes
+    ----------
+    watch : callable
+        Called with every row.
+    torque_nm : float
+        Limit in the drive.
+    """
 
     watch: Callable[[Row], None]
     torque_nm: float = math.inf

@@ -267,7 +267,12 @@ class Machine:
     def follow(self, trajectory: Trajectory, kind: LoopKind, torque_nm: Array | None = None, lead_m: Array | None = None) -> Motion:
         """A motion of the carriage for the drive's own position or velocity loop.
 
-        torque_nm : (n,), sent along with it.   lead_m : (n,), by which the drive's reference is ahead.
+        Parameters
+        ----------
+        torque_nm : ndarray (n,)
+            Sent along with it.
+        lead_m : ndarray (n,)
+            By which the drive's reference is ahead.
         """
         speed = trajectory.velocity_m_s / self.ratio
         return Motion(
@@ -314,9 +319,17 @@ class Machine:
         """Run a motion and keep it as ``recordings/NAME``; a record already finished in a resumed run is read instead.
 
         Rows stream to disk while the axis moves; an interrupted record stays, marked as unfinished.
-        watch : is called with every row as the drive gives it, and may raise; that stops the axis.
-        foreseen : carriage position and speed, m and m/s, (n,), where they are not what is asked for: from them a stop must be possible.
-        Raises Refused, SafetyStop, DriveError, DataError.
+
+        Parameters
+        ----------
+        watch : Watch
+            Is called with every row as the drive gives it, and may raise; that stops the axis.
+        foreseen : tuple[ndarray, ndarray] or None
+            Carriage position and speed, m and m/s, (n,), where they are not what is asked for: from them a stop must be possible.
+
+        Raises
+        ------
+        Refused, SafetyStop, DriveError, DataError
         """
         if self.folder.finished(name) is not None:
             self.detail(f"{name}: kept from the earlier run")

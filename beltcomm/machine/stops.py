@@ -34,7 +34,10 @@ VELOCITY_GAINS = ("kp_nm_s_rad", "ki_nm_rad")
 class PassiveBraking:
     """Braking of an axis whose drive is as it was found: friction, or the velocity loop in it, whichever needs less way.
 
-    sliding_nm : friction at least, N m, by inertia and transmission; None takes the model's own.
+    Attributes
+    ----------
+    sliding_nm : callable
+        Friction at least, N m, by inertia and transmission; None takes the model's own.
     """
 
     kp_nm_s_rad: float
@@ -64,7 +67,13 @@ class Designed:
 
 
 def braking_of(machine: Machine, sliding_nm: Callable[[float, float], float] | None = None) -> PassiveBraking | Designed:
-    """Braking that a stop is counted with now.   sliding_nm : as in :class:`PassiveBraking`."""
+    """Braking that a stop is counted with now.
+
+    Parameters
+    ----------
+    sliding_nm : callable
+        As in :class:`PassiveBraking`.
+    """
     if machine.braking is not None:
         return Designed(machine.braking)
     gains = machine.drive.backup()

@@ -16,8 +16,15 @@ def stop_segments(speed: float, deceleration: float) -> list[Segment]:
 def trapezoid(distance: float, speed: float, top_speed: float, acceleration: float, deceleration: float) -> list[Segment]:
     """Fastest way over ``distance`` that ends at rest, from ``speed``, with bounded speed and acceleration.
 
-    Peak speed v from  (v² - v0²)/2a + v²/2d = distance,  cut at ``top_speed``.  Moving the wrong way or too fast to stop
-    in front of the target, the profile brakes first.  distance : rad, signed.   speed : rad/s, signed.   others > 0.
+    Peak speed v from  (v² - v0²)/2a + v²/2d = distance,  cut at ``top_speed``.  Moving the wrong way or too fast to stop in front of
+    the target, the profile brakes first.
+
+    Parameters
+    ----------
+    distance : float, rad
+        Signed.
+    speed : float, rad/s
+        Signed. others > 0.
     """
     braking = speed * abs(speed) / (2.0 * deceleration)
     if distance == braking:

@@ -99,7 +99,15 @@ class SlcanTerminal:
 class LocalSocket:
     """A :class:`ByteLine` over TCP on 127.0.0.1; the next host is taken when the one before has gone.
 
-    port : 0 chooses a free one.   Raises BusError when it is taken.
+    Parameters
+    ----------
+    port : int
+        0 chooses a free one.
+
+    Raises
+    ------
+    BusError
+        When it is taken.
     """
 
     def __init__(self, port: int) -> None:

@@ -38,7 +38,17 @@ class Supervision:
         self.following_error = False
 
     def check(self, position: int, switches: tuple[bool, bool], homing: bool, follows_position: bool) -> None:
-        """One look per tick.  position : user units.   switches : lower, upper.   homing : a switch is looked for."""
+        """One look per tick.
+
+        Parameters
+        ----------
+        position : int
+            User units.
+        switches : tuple[bool, bool]
+            Lower, upper.
+        homing : bool
+            A switch is looked for.
+        """
         loops = self._loops
         speed = loops.speed_rad_s
         if abs(speed) > self._top_rpm.value * _RAD_S_PER_RPM:
