@@ -271,10 +271,15 @@ def refusal(index: int, subindex: int, verb: str, code: int) -> ObjectRefused:
 class Lending:
     """Objects changed for a while: the first value of each is kept, and put back in reverse order.
 
-    As a context manager it gives everything back on the way out; what cannot be given back is a DriveError, or a note on
-    the exception that is already under way.
+    As a context manager it gives everything back on the way out; what cannot be given back is a DriveError, or a note on the exception
+    that is already under way.
 
-    refused : what the drive has and did not let be written, of what it could do without.   altered : what it took otherwise, in words.
+    Attributes
+    ----------
+    refused
+        What the drive has and did not let be written, of what it could do without.
+    altered
+        What it took otherwise, in words.
     """
 
     def __init__(self, objects: Objects) -> None:

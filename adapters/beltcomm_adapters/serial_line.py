@@ -118,7 +118,11 @@ class SerialLine:
     """The host's end of the line.  Single-threaded; nothing arrives unless somebody waits for it.
 
     emergency, restarted : always None and False, the port reports nothing unasked.
-    asked_s, answered_s : when the last request was sent and answered.
+
+    Attributes
+    ----------
+    asked_s, answered_s
+        When the last request was sent and answered.
     """
 
     emergency: Emergency | None = None

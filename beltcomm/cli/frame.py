@@ -73,8 +73,18 @@ class CommandResult(Protocol):
 class Invocation:
     """One call of the command line.
 
-    run : the run folder, once known: where the log of an unexpected error goes.   verbose : -v once or more.   details : --details.
-    ended : by a signal from outside.   drive, bus_log : as given on the command line.
+    Attributes
+    ----------
+    run : Path or None
+        The run folder, once known: where the log of an unexpected error goes.
+    verbose
+        -v once or more.
+    details
+        --details.
+    ended
+        By a signal from outside.
+    drive, bus_log
+        As given on the command line.
     """
 
     def __init__(self, words: list[str]) -> None:

@@ -54,18 +54,37 @@ LONG_AGO_S = 300.0
 class Machine:
     """The connected axis.  Use as a context manager.
 
-    position_m : carriage position; the zero of the axis is known after :meth:`reference_at` or when the drive is referenced, else
-    (``place_known`` False) positions count from where the carriage stood in :meth:`stand_anywhere`.
-    friction : Coulomb, N m, and viscous, N m s/rad, of the whole axis at the motor, as far as it is known.
-    holding_nm : what keeps the axis where it is beside friction, N m; every open-loop record holds it, or the carriage would drift.
-    remarks : sentences for the result.
-    titles : of the phases to come, so that :meth:`begin` can number them.
-    keep_gains : set by the sequence when the user wants to keep the new gains in the drive (not saved).
-    over_belt : the user lets the belt carry more than its feed force; virtual drives only.
-    deceleration_m_s2 : of a quick stop, lent to the drive with every motion.   braking : what brakes the axis with the loop that is in
-    the drive; None as long as only friction can be counted with.   guarding : how the drive took the silence of its host, once seen.
-    cascade : what was written last.   closed : model and delay, s, that loops are counted with.   planned_s : the agreed plan's, s.
-    wanderings : stops of a carriage that went too far, after which the session went on, see :mod:`beltcomm.experiments.recentre`.
+    Attributes
+    ----------
+    position_m : float
+        Carriage position; the zero of the axis is known after :meth:`reference_at` or when the drive is referenced, else
+        (``place_known`` False) positions count from where the carriage stood in :meth:`stand_anywhere`.
+    friction
+        Coulomb, N m, and viscous, N m s/rad, of the whole axis at the motor, as far as it is known.
+    holding_nm
+        What keeps the axis where it is beside friction, N m; every open-loop record holds it, or the carriage would drift.
+    remarks
+        Sentences for the result.
+    titles
+        Of the phases to come, so that :meth:`begin` can number them.
+    keep_gains
+        Set by the sequence when the user wants to keep the new gains in the drive (not saved).
+    over_belt
+        The user lets the belt carry more than its feed force; virtual drives only.
+    deceleration_m_s2
+        Of a quick stop, lent to the drive with every motion.
+    braking
+        What brakes the axis with the loop that is in the drive; None as long as only friction can be counted with.
+    guarding
+        How the drive took the silence of its host, once seen.
+    cascade
+        What was written last.
+    closed
+        Model and delay, s, that loops are counted with.
+    planned_s
+        The agreed plan's, s.
+    wanderings
+        Stops of a carriage that went too far, after which the session went on, see :mod:`beltcomm.experiments.recentre`.
     """
 
     def __init__(self, drive: Drive, axis: Axis, folder: RunFolder, talk: Talk) -> None:

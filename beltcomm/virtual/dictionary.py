@@ -104,8 +104,12 @@ class ObjectRow:
 class ObjectEntry:
     """The value of one object, and who must know when it is written.
 
-    check : called before a write with the new value; returns the value to store or raises SdoAbort.
-    changed : called after a write.
+    Attributes
+    ----------
+    check
+        Called before a write with the new value; returns the value to store or raises SdoAbort.
+    changed
+        Called after a write.
     """
 
     __slots__ = ("changed", "check", "row", "value")
@@ -145,7 +149,10 @@ class _Alias(ObjectEntry):
 class ObjectDictionary:
     """All objects of one drive.
 
-    stage_on, moving : kept up to date by the servo; they decide on writes that need the axis still or the stage off.
+    Attributes
+    ----------
+    stage_on, moving
+        Kept up to date by the servo; they decide on writes that need the axis still or the stage off.
     """
 
     def __init__(self, rows: Iterable[ObjectRow]) -> None:

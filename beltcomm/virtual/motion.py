@@ -53,7 +53,12 @@ def trapezoid(distance: float, speed: float, top_speed: float, acceleration: flo
 class ReferenceProfile:
     """A position reference that runs through segments of constant acceleration, sampled once per tick.
 
-    position, speed, acceleration : the present reference.   done : it is at rest.
+    Attributes
+    ----------
+    position, speed, acceleration
+        The present reference.
+    done
+        It is at rest.
     """
 
     def __init__(self, position: float, speed: float, tick_s: float) -> None:
@@ -92,7 +97,13 @@ class ReferenceProfile:
 
 
 class Ramp:
-    """A value that follows its target with bounded slope.  slope : the step of the last tick per second."""
+    """A value that follows its target with bounded slope.
+
+    Attributes
+    ----------
+    slope
+        The step of the last tick per second.
+    """
 
     def __init__(self, value: float, tick_s: float) -> None:
         self.value = value

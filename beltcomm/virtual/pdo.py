@@ -274,8 +274,13 @@ class PdoSet:
     """The receive and the transmit PDOs that the drive has.
 
     send(identifier, data) : puts a frame on the bus.   report(code) : sends an emergency that is no fault.
-    receivers : identifier -> handler of the valid receive PDOs while the node is operational.   asked : identifier -> what answers a
-    remote frame.
+
+    Attributes
+    ----------
+    receivers
+        Identifier -> handler of the valid receive PDOs while the node is operational.
+    asked
+        Identifier -> what answers a remote frame.
     """
 
     def __init__(

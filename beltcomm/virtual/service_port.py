@@ -181,7 +181,12 @@ class ServicePort:
 class LockstepPort:
     """The host's end in virtual time: waiting for characters lets the drive run.
 
-    name : for messages.     bitrate : of this end.
+    Attributes
+    ----------
+    name
+        For messages.
+    bitrate
+        Of this end.
     """
 
     def __init__(self, bus: LockstepBus, port: ServicePort) -> None:

@@ -170,7 +170,13 @@ class LocalSocket:
 
 
 class SlcanAdapter:
-    """The adapter between a :class:`ByteLine` and classic CAN frames.   lost : frames that a host did not read in time."""
+    """The adapter between a :class:`ByteLine` and classic CAN frames.
+
+    Attributes
+    ----------
+    lost
+        Frames that a host did not read in time.
+    """
 
     def __init__(self, line: ByteLine) -> None:
         self._line = line

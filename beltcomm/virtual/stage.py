@@ -66,11 +66,15 @@ class Brake:
 class PowerStage:
     """Turns torque setpoints into acting torque and lets the machine move on, one tick at a time.
 
-    A setpoint decided at t_k acts from t_k + ``setpoint_delay_s`` on, until the next one does; within a tick the machine is
-    stepped in two pieces when the switch falls inside, and in more where ``instruments`` filter the torque.
+    A setpoint decided at t_k acts from t_k + ``setpoint_delay_s`` on, until the next one does; within a tick the machine is stepped in
+    two pieces when the switch falls inside, and in more where ``instruments`` filter the torque.
 
-    torque_sample_nm : reading at the end of the tick, N m: mean acting torque with sensor noise, or what the instruments make of it.
-    i2t_exceeded : the I²t reserve (peak current for 2 s) is used up; False again at half of it.
+    Attributes
+    ----------
+    torque_sample_nm
+        Reading at the end of the tick, N m: mean acting torque with sensor noise, or what the instruments make of it.
+    i2t_exceeded
+        The I²t reserve (peak current for 2 s) is used up; False again at half of it.
     """
 
     def __init__(

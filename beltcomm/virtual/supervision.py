@@ -15,8 +15,13 @@ _WINDOW_OFF = 0xFFFFFFFF
 class Supervision:
     """Overspeed, end switches, software limits, following error and I²t.
 
-    fault(code, coast) : the drive goes into fault, with the stage off at once when ``coast``, else it brakes first.
-    follows_position : whether the running mode has a position reference.   following_error : bit 13 of the statusword.
+    fault(code, coast) : the drive goes into fault, with the stage off at once when ``coast``, else it brakes first. follows_position :
+    whether the running mode has a position reference.
+
+    Attributes
+    ----------
+    following_error
+        Bit 13 of the statusword.
     """
 
     def __init__(self, loops: Loops, fault: Callable[[int, bool], None]) -> None:
