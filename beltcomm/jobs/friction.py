@@ -186,7 +186,7 @@ def _recorded(machine: Machine, path: Trajectory, note: SweepNote, asked: Wanted
         payload_kg=asked.mounted_kg,
         extra=note.to_dict(),
     )
-    machine.record(name, machine.follow(path, machine.stroking()), phases.loose_room(machine), sidecar)
+    machine.record(name, machine.follow(path, machine.stroking()), phases.untuned_envelope(machine), sidecar)
     return name
 
 

@@ -193,7 +193,7 @@ def _show(
             referencing.reference(machine, settings_of(options))
             braking = stops.count_on_loop(machine, [model], cascade, delay_s)
             at = machine.position_m
-            low, high = machine.full_room().window_m
+            low, high = machine.envelope().window_m
             way = math.copysign(min(SMALL_M, 0.25 * (high - low)), 0.5 * (low + high) - at)
             limits = phases.gentle_limits(machine, model, SMALL_M_S)
             path = plan_trajectory(at, at + way, limits, drive.capabilities.sample_period_s)

@@ -8,7 +8,7 @@ from beltcomm.drive import GUARD_S, Capabilities, LoopKind
 
 
 @dataclass(frozen=True)
-class Room:
+class Envelope:
     """Envelope of the present phase.
 
     Attributes

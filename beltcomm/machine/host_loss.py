@@ -59,7 +59,7 @@ def prove(machine: Machine, holding_nm: float | None = None) -> Guarding:
 def _withhold(machine: Machine, guard_s: float, holding_nm: float) -> Guarding:
     """Prove the guarding (:meth:`beltcomm.drive.Drive.prove_guarding`); the axis must stay within ``REACH_M`` of where it stands."""
     machine.let_settle()
-    full, at, begun = machine.full_room(), machine.position_m, machine.drive.clock.now()
+    full, at, begun = machine.envelope(), machine.position_m, machine.drive.clock.now()
     window = (max(full.window_m[0], at - REACH_M), min(full.window_m[1], at + REACH_M))
     try:
         return machine.drive.prove_guarding(machine.drive_limits(replace(full, window_m=window, guard_s=guard_s)), holding_nm)

@@ -23,7 +23,7 @@ from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, Sa
 from beltcomm.excitation import AS_CHOSEN, ExcitationKind
 from beltcomm.machine.closed_loop_watch import foreseen as foreseen_of
 from beltcomm.machine.closed_loop_watch import unwatched, within
-from beltcomm.machine.envelope import Room as Room
+from beltcomm.machine.envelope import Envelope as Envelope
 from beltcomm.machine.envelope import stroking as stroking
 from beltcomm.machine.load import Load
 from beltcomm.machine.ratings import check_ratings
@@ -208,7 +208,7 @@ class Machine:
 
     def reference_at(self, position_m: float) -> None:
         """The carriage stands at ``position_m`` now, as the operator says.  Raises UsageError outside the travel."""
-        low, high = self.full_room().window_m
+        low, high = self.envelope().window_m
         if not low <= position_m <= high:
             raise UsageError(f"position {position_m:.4g} m is outside the travel {low:g}..{high:g} m of axis.yaml")
         self.origin_rad = self.drive.read(["position_rad"])["position_rad"] - position_m / self.ratio
@@ -247,7 +247,7 @@ class Machine:
         """A position on the axis, None when that is not known."""
         return position_m if self.place_known else None
 
-    def full_room(self) -> Room:
+    def envelope(self) -> Envelope:
         """The travel and the window that must be kept, the speed that axis and drive allow, the torque that motor and drive allow."""
         travel, limits = self.axis.travel, self.axis.limits
         torque = min(self.axis.motor.peak_torque_nm or math.inf, self.drive.capabilities.peak_torque_nm)
@@ -256,16 +256,16 @@ class Machine:
         low, high = self._window_m
         if self.place_known:
             low, high = max(low, float(travel.min_m or 0.0)), min(high, float(travel.max_m or 0.0))
-        return Room((low, high), speed, torque)
+        return Envelope((low, high), speed, torque)
 
-    def drive_limits(self, room: Room) -> Limits:
+    def drive_limits(self, envelope: Envelope) -> Limits:
         """Limits of the envelope at the motor shaft, in the drive's zero."""
-        low, high = sorted(self.origin_rad + x / self.ratio for x in room.window_m)
-        speed = min(room.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
-        lag = None if room.lag_m is None else room.lag_m / self.ratio
+        low, high = sorted(self.origin_rad + x / self.ratio for x in envelope.window_m)
+        speed = min(envelope.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
+        lag = None if envelope.lag_m is None else envelope.lag_m / self.ratio
         deceleration = self.deceleration_m_s2 / self.ratio
         place = self.ratio, self.origin_rad
-        return Limits(low, high, speed, room.torque_nm, deceleration, lag, *place, brake_s=self.brake_s, guard_s=room.guard_s)
+        return Limits(low, high, speed, envelope.torque_nm, deceleration, lag, *place, brake_s=self.brake_s, guard_s=envelope.guard_s)
 
     @property
     def brake_s(self) -> float:
@@ -307,7 +307,7 @@ class Machine:
         """In words, where a stop at some moment of a motion would end outside the travel, or within ``spare_m`` of its ends; else empty."""
         if self.braking is None or self.over_belt:
             return ""
-        low, high = self.full_room().window_m
+        low, high = self.envelope().window_m
         reached = self.braking.span_m(position_m, speed_m_s, self.drive.capabilities.sample_period_s)
         if low + spare_m <= reached[0] and reached[1] <= high - spare_m:
             return ""
@@ -330,7 +330,7 @@ class Machine:
         self,
         name: str,
         motion: Motion,
-        room: Room,
+        envelope: Envelope,
         sidecar: Sidecar,
         watch: Watch = unwatched,
         foreseen: tuple[Array, Array] | None = None,
@@ -358,7 +358,7 @@ class Machine:
         writer = self.folder.new_recording(name, sidecar, COLUMNS)
         closed = foreseen_of(self, motion)
         zero, begun, total = self.origin_rad, self.drive.clock.now(), len(motion.torque_nm)
-        rows, load = 0, Load(self.axis, room)
+        rows, load = 0, Load(self.axis, envelope)
 
         def sink(row: Row) -> None:
             nonlocal rows
@@ -373,7 +373,7 @@ class Machine:
                 self.talk.progress(rows / total, (total - rows) * motion.period_s)
 
         try:
-            report = self.drive.record(motion, self.drive_limits(within(room, closed)), sink)
+            report = self.drive.record(motion, self.drive_limits(within(envelope, closed)), sink)
         except BaseException:
             writer.close(finished=False)
             self.folder.journal(f"{name}: interrupted after {rows} of {total} samples; what was recorded is kept")
@@ -399,7 +399,7 @@ class Machine:
         gone = self.machine_seconds + self.drive.clock.now() - begun_s
         left = None if self.planned_s is None else max(0.0, self.planned_s - gone)
         return CarriagePosition(
-            record, self.ratio * (position_rad - self.origin_rad), self.full_room().window_m, self.place_known, left, gauges
+            record, self.ratio * (position_rad - self.origin_rad), self.envelope().window_m, self.place_known, left, gauges
         )
 
     @contextmanager
@@ -412,7 +412,7 @@ class Machine:
             self.folder.journal(f"{damage.record}: kept as unfinished, because {damage}")
             raise
 
-    def run(self, motion: Motion, room: Room, watch: Watch = unwatched) -> None:
+    def run(self, motion: Motion, envelope: Envelope, watch: Watch = unwatched) -> None:
         """Run a motion that is only a means (positioning, creeping), watched row by row; nothing is kept."""
         self._check_stops(motion)
         self.let_settle()
@@ -423,7 +423,7 @@ class Machine:
             watch(row)
 
         try:
-            self.drive.record(motion, self.drive_limits(within(room, closed)), sink)
+            self.drive.record(motion, self.drive_limits(within(envelope, closed)), sink)
         finally:
             self.machine_seconds += self.drive.clock.now() - begun
 
