@@ -78,6 +78,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 @pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
+    """One process for a real drive, whose tests take turns, and for what one worker would take; else one for each core."""
+    units = {work_unit(argument) for argument in config.args}
+    alone = len(units) == 1 and "".join(units).endswith(".py")
+    return 0 if config.getoption("--drive") or alone else None
+
+
+@pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object:
     """Workers (``-n 2``) take whole work units: no fixture is built twice."""
     from xdist.scheduler import LoadScopeScheduling

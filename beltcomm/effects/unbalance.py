@@ -18,7 +18,11 @@ def force(position: float, speed: float, t: float, order: float, sine: float, co
     Parameters
     ----------
     order : float
-        Turns of the load per turn of the motor. Source: m g l sin(φ), the moment of a weight about its axis.
+        Turns of the load per turn of the motor.
+
+    References
+    ----------
+    m g l sin(φ), the moment of a weight about its axis.
     """
     return -(sine * math.sin(order * position) + cosine * math.cos(order * position))
 
