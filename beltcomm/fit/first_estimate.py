@@ -331,7 +331,7 @@ class _Search:
         found: list[tuple[Array, float]] = []
         for first in range(0, len(vectors), SIDE_BY_SIDE):
             some = vectors[first : first + SIDE_BY_SIDE]
-            left = [[e[p.keep] for e in evaluate_each(p, without, some, np.zeros(len(some)))] for p in self.pieces]
+            left = [[e[p.keep] for e in evaluate_each(p, without, some, [0.0] * len(some))] for p in self.pieces]
             found += [self._solved(np.concatenate(base)) for base in zip(*left, strict=True)]
         return found
 
