@@ -18,11 +18,11 @@ import pytest
 # As the console command, and before numpy is loaded: two workers whose matrices wait for two threads each take several times as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# Python that may keep no bytecode beside the sources compiles the package anew in each of the hundreds of processes that tests start.
+# Python that may keep no bytecode beside the sources compiles the package anew in each of the hundreds of processes that tests start:
+# they read what this process keeps apart, and write none, for some of them are killed or have no room.
 if sys.dont_write_bytecode:
     sys.dont_write_bytecode = False
     sys.pycache_prefix = os.environ["PYTHONPYCACHEPREFIX"] = str(Path(__file__).parents[1] / ".pytest_cache" / "bytecode")
-    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
 def pytest_configure() -> None:

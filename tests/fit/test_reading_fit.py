@@ -50,9 +50,7 @@ def test_a_delay_is_found_whether_whole_or_not(setpoint: np.ndarray, delay: floa
 def test_a_command_that_comes_back_has_no_filter_to_look_for(setpoint: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without noise every chain explains as much: fitting them all took seconds for each record."""
     tried, one = list[tuple[str, ...]](), reading_fit._fit_chain
-    monkeypatch.setattr(
-        reading_fit, "_fit_chain", lambda pairs, period, chain, *rest: tried.append(chain) or fit(pairs, period, chain, *rest)
-    )
+    monkeypatch.setattr(reading_fit, "_fit_chain", lambda pairs, s, chain, *more: tried.append(chain) or one(pairs, s, chain, *more))
     found = fit_reading([recorded(setpoint, np.concatenate((setpoint[:1], setpoint[:-1])), noise_nm=0.0)])
     assert found is not None
     assert (found.law.delay, found.law.lags, tried) == (1.0, (), [()])
