@@ -60,7 +60,12 @@ def spelled(error: UnicodeError) -> tuple[str, int]:
 def for_file_name(text: str, otherwise: str, gap: str = "-", longest: int = 60) -> str:
     """A part of a file name on any system: letters, digits, '_', '-' and '.', a letter or digit at both ends.
 
-    otherwise : where nothing is left.   gap : stands for everything else.
+    Parameters
+    ----------
+    otherwise : str
+        Where nothing is left.
+    gap : str
+        Stands for everything else.
     """
     ascii_only = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
     return re.sub(r"[^A-Za-z0-9_.-]+", gap, ascii_only)[:longest].strip("_.-") or otherwise

@@ -37,7 +37,7 @@ def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def within_kernels(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """The same for what compiled functions alone call: nothing of it is cached but inside them, and Python must not call it.
+    """Compile what compiled functions alone call: nothing of it is cached but inside them, and Python must not call it.
 
     Without the two ways in for others a short law takes half the time to compile.
     """
@@ -45,12 +45,12 @@ def within_kernels(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """The same written out wherever it is called: with sizes that are known there, every step of its loops is laid out."""
+    """Compile what is written out wherever it is called: with sizes that are known there, every step of its loops is laid out."""
     return cast("Callable[_P, _R]", numba.njit(**_NO_WAY_IN, error_model="numpy", fastmath={"contract"}, forceinline=True)(function))
 
 
 def in_lanes(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """The same for loops over neighbours that do not know each other: no test for a division by zero, multiply and add in one.
+    """Compile loops over neighbours that do not know each other: no test for a division by zero, multiply and add in one.
 
     With the test the compiler cannot put the neighbours into one register.
     """
@@ -58,7 +58,7 @@ def in_lanes(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def within_lanes(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """The same for what loops in lanes alone call, see :func:`within_kernels`."""
+    """Compile what loops in lanes alone call, see :func:`within_kernels`."""
     return cast("Callable[_P, _R]", numba.njit(**_NO_WAY_IN, error_model="numpy", fastmath={"contract"})(function))
 
 
@@ -70,7 +70,10 @@ def _kept(dispatcher: Any) -> Any:
 def when_compiling(begun: Callable[[], None], ended: Callable[[], None]) -> None:
     """Call these before and after everything that is really compiled; what is found in the cache, and what another kernel needs, is not.
 
-    begun, ended : of the outermost one.   Nothing is collected meanwhile: a compiler makes much and drops little of it.
+    Parameters
+    ----------
+    begun, ended : callable
+        Of the outermost one. Nothing is collected meanwhile: a compiler makes much and drops little of it.
     """
     depth, collects = 0, False
 
@@ -96,7 +99,7 @@ def when_compiling(begun: Callable[[], None], ended: Callable[[], None]) -> None
 
 @contextmanager
 def told_as_compiling() -> Iterator[None]:
-    """What is done inside counts for :func:`when_compiling` as one more kernel that is compiled."""
+    """Count a block for :func:`when_compiling` as one more kernel that is compiled."""
     with event.trigger_event("numba:compile", data={}):
         yield
 

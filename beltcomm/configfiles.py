@@ -36,9 +36,17 @@ _WORD_FOR = {"axes": "axis", "plants": "plant", "drives": "drive profile", "stud
 def find_config(kind: str, name: str) -> Path:
     """The file that ``name`` means.
 
-    kind : "axes", "plants", "drives", "studies" or "slaves".
-    name : the name of a shipped file, or a path (anything with a slash or ending in ``.yaml``).
-    Raises UsageError when there is no such file, with the names that exist.
+    Parameters
+    ----------
+    kind : str
+        "axes", "plants", "drives", "studies" or "slaves".
+    name : str
+        The name of a shipped file, or a path (anything with a slash or ending in ``.yaml``).
+
+    Raises
+    ------
+    UsageError
+        When there is no such file, with the names that exist.
     """
     word = _WORD_FOR.get(kind, kind)
     if named_file(name):
@@ -79,7 +87,10 @@ def config_names(kind: str) -> list[str]:
 def did_you_mean(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
     """The words ``, did you mean X?`` for the known word that resembles ``word`` most; "" when none does.
 
-    likeness : 0 to 1, share of matching letters from which on a word counts (``difflib.SequenceMatcher.ratio``).
+    Parameters
+    ----------
+    likeness : float
+        0 to 1, share of matching letters from which on a word counts (``difflib.SequenceMatcher.ratio``).
     """
     by_lower = {item.lower(): item for item in known}
     close = difflib.get_close_matches(str(word).lower(), by_lower, n=1, cutoff=likeness)
@@ -215,7 +226,13 @@ def _check_size(node: yaml.Node | None) -> None:
 
 
 def line_of(path: Path, keys: tuple[str, ...]) -> int:
-    """The line where a key stands, counted from 1, for messages; 0 when it is not found.   keys : from the outermost."""
+    """The line where a key stands, counted from 1, for messages; 0 when it is not found.
+
+    Parameters
+    ----------
+    keys : tuple of str
+        From the outermost.
+    """
     try:
         node = yaml.compose(_text_of(path, UsageError), Loader=_Loader)
     except (OSError, ValueError, yaml.YAMLError, UsageError):
@@ -263,7 +280,15 @@ def _checksum(content: Mapping[str, Any]) -> str:
 def write_text(path: Path, text: str | Iterable[str]) -> None:
     """Write a text, see :mod:`beltcomm.atomic`.
 
-    text : or pieces of it, of which only one is in memory.   Raises UsageError when the folder is missing, read-only or full.
+    Parameters
+    ----------
+    text : str or Iterable[str]
+        Or pieces of it, of which only one is in memory.
+
+    Raises
+    ------
+    UsageError
+        When the folder is missing, read-only or full.
     """
     try:
         with atomic.replacing(path) as file:

@@ -29,7 +29,10 @@ def improve(
 ) -> Result:
     """Diagnose, add what is confirmed, design, with a ``drive`` verify.   Exit code 1: nothing was named, or a target is missed.
 
-    command, when : noted with the revisions.   Raises what the single functions raise.
+    Parameters
+    ----------
+    command, when : str
+        Noted with the revisions. Raises what the single functions raise.
     """
     options, talk, run = given(options), talk or Silence(), place(run)
     if "final" not in RunFolder.open(run).names("models"):

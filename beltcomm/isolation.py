@@ -35,7 +35,17 @@ def start(command: Sequence[str]) -> subprocess.Popen[bytes]:
 
 
 def piped(command: Sequence[str], **variables: str) -> subprocess.Popen[bytes]:
-    """A process that writes what it finds into a pipe.   variables : of its environment.   Raises OSError."""
+    """A process that writes what it finds into a pipe.
+
+    Parameters
+    ----------
+    variables : str
+        Of its environment.
+
+    Raises
+    ------
+    OSError
+    """
     quiet = subprocess.DEVNULL
     return subprocess.Popen(command, stdin=quiet, stdout=subprocess.PIPE, stderr=quiet, env={**environment(), **variables})
 
@@ -100,7 +110,10 @@ def children_apart() -> Iterator[None]:
 def apart(folder: Path, *without: str) -> Iterator[None]:
     """Be in a folder of an installed package meanwhile: for the import of a library that reads settings from the working directory.
 
-    without : variables of the environment that are not there meanwhile.
+    Parameters
+    ----------
+    without : str
+        Variables of the environment that are not there meanwhile.
     """
     with _without(without), _inside(folder):
         yield

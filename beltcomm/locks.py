@@ -54,8 +54,19 @@ _holds: dict[tuple[str, int], _Hold] = {}
 def take(path: Path, refusal: Callable[[str], str], waiting: Callable[[str], object] | None = None) -> FileLock:
     """The lock of a file until its ``release()``, or the end of this process.
 
-    refusal : the sentence for a lock that is held, from the words for who holds it.   waiting : gets these words once, then its turn is
-    waited for.   Raises UsageError with ``refusal``, OSError where there can be no lock.
+    Parameters
+    ----------
+    refusal : callable
+        The sentence for a lock that is held, from the words for who holds it.
+    waiting : callable
+        Gets these words once, then its turn is waited for.
+
+    Raises
+    ------
+    UsageError
+        With ``refusal``.
+    OSError
+        Where there can be no lock.
     """
     import filelock  # it takes as long to import as all that prints help
 
@@ -81,8 +92,18 @@ def occupied(
 ) -> Iterator[None]:
     """Keep other commands out of a folder; a command that calls another one is in it already.
 
-    refusal : the sentence where somebody else is in it; None waits, which is said.   session : moves a machine: one at a time, whoever
-    calls.   unwritable : what to do where nothing can be written; "" goes on, because nothing can be changed there.   Raises UsageError.
+    Parameters
+    ----------
+    refusal : callable
+        The sentence where somebody else is in it; None waits, which is said.
+    session : bool
+        Moves a machine: one at a time, whoever calls.
+    unwritable : str
+        What to do where nothing can be written; "" goes on, because nothing can be changed there.
+
+    Raises
+    ------
+    UsageError
     """
     key = (os.path.realpath(folder), threading.get_ident())
     hold = _holds.get(key)
@@ -128,7 +149,10 @@ def is_occupied(folder: Path) -> bool:
 def changes_run(*, waits: bool = True) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
     """Of a command whose argument ``run`` is a folder that it changes: others are kept out of it meanwhile.
 
-    waits : its turn, where another one is at work; else it is refused, as what moves a machine.
+    Parameters
+    ----------
+    waits : bool
+        Its turn, where another one is at work; else it is refused, as what moves a machine.
     """
 
     def alone(command: Callable[_P, _R]) -> Callable[_P, _R]:

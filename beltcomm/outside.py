@@ -36,8 +36,17 @@ def opened(
 ) -> BufferedReader:
     """A file opened for reading.
 
-    most : bytes.   within : the folder that a link may not lead out of; None: the one in which it stands.
-    Raises OSError when it is missing or must not be read, ``failure`` for what is no regular file, too large, or a link to elsewhere.
+    Parameters
+    ----------
+    most : int
+        Bytes.
+    within : Path or None
+        The folder that a link may not lead out of; None: the one in which it stands.
+
+    Raises
+    ------
+    OSError
+        When it is missing or must not be read, ``failure`` for what is no regular file, too large, or a link to elsewhere.
     """
     real = Path(os.path.realpath(path, strict=True))
     folder = Path(os.path.realpath(within or path.parent))
@@ -68,7 +77,13 @@ def read_bytes(path: Path, most: int = SETTINGS_BYTES, failure: type[BeltcommErr
 
 
 def read_text(path: Path, most: int = SETTINGS_BYTES, failure: type[BeltcommError] = DataError, *, errors: str = "strict") -> str:
-    """All text of a file in UTF-8, see :func:`opened`.   errors : as of ``bytes.decode``.   Raises ``failure`` for other text, too."""
+    """All text of a file in UTF-8, see :func:`opened`.
+
+    Parameters
+    ----------
+    errors : str
+        As of ``bytes.decode``. Raises ``failure`` for other text, too.
+    """
     try:
         return read_bytes(path, most, failure).decode("utf-8-sig", errors)
     except UnicodeDecodeError as error:

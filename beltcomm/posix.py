@@ -19,8 +19,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TerminalPair:
-    """A pseudo-terminal.   here, there : file descriptors of both ends.   path : what another program opens.   forget : drops what was sent
-    and not read yet.   bitrate : that the other program has set, 0 for one that is none.
+    """A pseudo-terminal.
+
+    Attributes
+    ----------
+    here, there : int
+        File descriptors of both ends.
+    path : str
+        What another program opens.
+    forget : callable
+        Drops what was sent and not read yet.
+    bitrate : callable
+        That the other program has set, 0 for one that is none.
     """
 
     here: int

@@ -15,7 +15,15 @@ from beltcomm.errors import UsageError
 
 @dataclass(frozen=True)
 class Unit:
-    """One SI unit.   symbol : as printed.   others : other spellings and units of the quantity -> factor to SI."""
+    """One SI unit.
+
+    Attributes
+    ----------
+    symbol : str
+        As printed.
+    others : Mapping[str, float]
+        Other spellings and units of the quantity -> factor to SI.
+    """
 
     symbol: str
     others: Mapping[str, float]
@@ -85,8 +93,15 @@ def in_other_unit(name: str, wanted: str) -> float | None:
 def parse_quantity(text: str, name: str) -> float:
     """The SI value of a text such as ``0.3``, ``300mm`` or ``0.449 kg cm²``.
 
-    name : whose suffix says which quantity is meant.   Raises UsageError for text that is no such number, or a unit of
-    another quantity, with the units that are understood.
+    Parameters
+    ----------
+    name : str
+        Whose suffix says which quantity is meant.
+
+    Raises
+    ------
+    UsageError
+        For text that is no such number, or a unit of another quantity, with the units that are understood.
     """
     text = re.sub(r"^(\s*[-+]?\d+),(\d+)(?!\d*[.,])", _decimal_comma, text)
     match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text)

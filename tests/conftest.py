@@ -9,12 +9,20 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 # As the console command, and before numpy is loaded: two workers whose matrices wait for two threads each take several times as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# Python that may keep no bytecode beside the sources compiles the package anew in each of the hundreds of processes that tests start:
+# they read what this process keeps apart, and write none, for some of them are killed or have no room.
+if sys.dont_write_bytecode:
+    sys.dont_write_bytecode = False
+    sys.pycache_prefix = os.environ["PYTHONPYCACHEPREFIX"] = str(Path(__file__).parents[1] / ".pytest_cache" / "bytecode")
 
 
 def pytest_configure() -> None:
@@ -67,6 +75,17 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if hasattr(config, "workerinput"):
         places = {unit: place for place, unit in enumerate(FIRST)}
         items.sort(key=lambda item: places.get(work_unit(item.nodeid), len(FIRST)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """One process for a real drive, whose tests take turns, and for what one worker would take; else one more than there are cores.
+
+    Many tests wait, for another process, a disk or a real clock: two workers on two cores leave a fifth of them idle.
+    """
+    units = {work_unit(argument) for argument in config.args}
+    alone = len(units) == 1 and "".join(units).endswith(".py")
+    return 0 if config.getoption("--drive") or alone else len(os.sched_getaffinity(0)) + 1
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -98,7 +98,7 @@ def test_is_complete(effect: Effect) -> None:
     assert effect.title
     assert effect.seen
     assert effect.check
-    known = re.search(r"\([23]\.\d+\)|table A\.\d|data sheet|\w+ (19|20)\d\d", effect.source)
+    known = re.search(r"\([23]\.\d+\)|table A\.\d|data sheet|\w+ \(?(19|20)\d\d", effect.source)
     assert known, f"source is {effect.source!r}; name an equation or table of the thesis, a data sheet, or author and year"
     for parameter in parameters_of(effect):
         assert parameter.unit in UNITS

@@ -57,8 +57,21 @@ class BusPlan:
 def plan_exchange(bitrate: int | None, frames: tuple[int, ...], shortest_s: float, step_s: float, wanted_s: float | None = None) -> BusPlan:
     """The shortest period that fits, or the one wanted where it does.
 
-    bitrate : None when the bus carries any load.    frames : as :func:`fullest`.    shortest_s, step_s : of the drive.
-    wanted_s : as asked for.   Raises UsageError for one that is no positive time, or shorter than the drive has.
+    Parameters
+    ----------
+    bitrate : int or None
+        None when the bus carries any load.
+    frames : tuple of int
+        As :func:`fullest`.
+    shortest_s, step_s : float
+        Of the drive.
+    wanted_s : float or None
+        As asked for.
+
+    Raises
+    ------
+    UsageError
+        For one that is no positive time, or shorter than the drive has.
     """
     if wanted_s is not None:
         if not (math.isfinite(wanted_s) and wanted_s > 0.0):
@@ -87,5 +100,11 @@ def plan_exchange(bitrate: int | None, frames: tuple[int, ...], shortest_s: floa
 
 
 def shortest_period_s(profile: Profile, modes: Iterable[int], bitrate: int | None, steps_s: tuple[float, float]) -> float:
-    """The shortest period of the fullest exchange, s, that a drive of this kind and its bus allow.   modes, bitrate, steps_s : as above."""
+    """The shortest period of the fullest exchange, s, that a drive of this kind and its bus allow.
+
+    Parameters
+    ----------
+    modes, bitrate, steps_s
+        As above.
+    """
     return plan_exchange(bitrate, fullest(profile, modes), *steps_s).period_s

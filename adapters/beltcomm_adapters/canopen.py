@@ -58,13 +58,32 @@ _COMMUNICATION_ERRORS: Final = 0x81  # first byte of the EMCY codes for life gua
 class CanopenDrive(ObjectDrive):
     """A drive behind a CAN bus; see :class:`beltcomm.drive.Drive`.
 
-    While it is open, the speed unit and the enable logic (cmmp-as) are as the adapter needs them; mode of operation, PDOs,
-    limits and guarding are changed during a recording only.
+    While it is open, the speed unit and the enable logic (cmmp-as) are as the adapter needs them; mode of operation, PDOs, limits and
+    guarding are changed during a recording only.
 
-    bus, clock : open bus and its time.    node : number on the bus.    profile : name, None to choose by identity.
-    bitrate : of the bus, None when it carries any load.    release : called once by :meth:`close`, last.
-    sample_period_s : asked for, None for the shortest that the bus carries.
-    Raises BusError when nobody answers, DriveError, DriveFault, UsageError for an unknown profile.
+    Parameters
+    ----------
+    bus, clock
+        Open bus and its time.
+    node : int
+        Number on the bus.
+    profile : str or None
+        Name, None to choose by identity.
+    bitrate : int or None
+        Of the bus, None when it carries any load.
+    release : callable
+        Called once by :meth:`close`, last.
+    sample_period_s : float or None
+        Asked for, None for the shortest that the bus carries.
+
+    Raises
+    ------
+    BusError
+        When nobody answers.
+    DriveError
+    DriveFault
+    UsageError
+        For an unknown profile.
     """
 
     def __init__(

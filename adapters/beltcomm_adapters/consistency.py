@@ -34,7 +34,11 @@ class Odometer:
     """The scale between the smoothed rates of position and the reported speeds,  k = Σ φ' v Δt / Σ v² Δt,  over every 4 rad of way.
 
     A speed that the drive has filtered with a first-order lag F leaves k as it is: Re F = |F|² at every frequency.
-    position_rad, speed_rad_s : per raw unit.   Call it with the raw change of position, raw speed and s since the sample before.
+
+    Parameters
+    ----------
+    position_rad, speed_rad_s : float
+        Per raw unit. Call it with the raw change of position, raw speed and s since the sample before.
     """
 
     def __init__(self, position_rad: float, speed_rad_s: float) -> None:

@@ -136,8 +136,14 @@ def silence(objects: Objects, lending: Lending, direction: Literal["receive", "t
 class Exchange:
     """SYNC-driven exchange at a fixed period; started by :meth:`start`, one :meth:`cycle` per period.
 
-    lost : cycles without a complete answer.     lost_in_a_row : the latest such cycles.     arrangement : of the answers, its number.
-    speed_unit_s : units of position per second in one unit of speed, for a drive that sends no speed.
+    lost : cycles without a complete answer.     lost_in_a_row : the latest such cycles.
+
+    Parameters
+    ----------
+    arrangement : int
+        Of the answers, its number.
+    speed_unit_s : float
+        Units of position per second in one unit of speed, for a drive that sends no speed.
     """
 
     def __init__(

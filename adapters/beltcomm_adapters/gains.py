@@ -34,8 +34,11 @@ def _width(objects: Objects, index: int) -> int:
 class Parameters:
     """The parameters beltcomm may write, by name, SI at the motor shaft; and any other object by number.
 
-    session : what is lent while the drive is open; the drive's own values of these are what it will get back.
-    table : the objects by name.     uncalibrated : names whose meaning nobody knows yet; they are not written.
+    Parameters
+    ----------
+    session : Lending or None
+        What is lent while the drive is open; the drive's own values of these are what it will get back. table : the objects by name.
+        uncalibrated : names whose meaning nobody knows yet; they are not written.
     """
 
     def __init__(self, objects: Objects, profile: Profile, scaling: Scaling, session: Lending | None = None) -> None:
@@ -93,7 +96,7 @@ class Parameters:
         return {name: self.table[name].value(raws[name], gain) for name in values}
 
     def objects(self) -> tuple[ObjectValue, ...]:
-        """What this drive had before the session, as far as it may be written for good: the parameters, what is lent to the session,
+        """Values that this drive had before the session, as far as it may be written for good: the parameters, what is lent to the session,
         and what single records borrow."""
         values = self.read(self.names)
         found = [replace(self._value_of(name, self._read_raw(name)), value=values[name]) for name in self.names]
@@ -193,9 +196,14 @@ def structure_of(
     dead_zone_rad: float = 0.0,
     parameters: Mapping[str, ParameterObject] | None = None,
 ) -> CascadeStructure:
-    """The cascade inside a drive of this kind, its gains as the objects quantise them.   parameters : calibrated ones.
+    """The cascade inside a drive of this kind, its gains as the objects quantise them.
 
     Where the integral part is an integral time, its step and bounds stand under ``integral_time_s`` (K_I = K_P / T_n).
+
+    Parameters
+    ----------
+    parameters : Mapping[str, ParameterObject] or None
+        Calibrated ones.
     """
     steps: dict[str, float] = {}
     lowest: dict[str, float] = {}

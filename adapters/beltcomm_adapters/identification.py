@@ -109,8 +109,19 @@ def read_capabilities(
 ) -> Capabilities:
     """Capabilities of the drive.
 
-    bitrate : of the bus, None when it carries any load.    parameters, uncalibrated : see :class:`beltcomm_adapters.gains.Parameters`.
-    wanted_s : sample period asked for, None for the shortest that fits.   Raises UsageError for one that cannot be.
+    Parameters
+    ----------
+    bitrate : int or None
+        Of the bus, None when it carries any load.
+    parameters, uncalibrated
+        See :class:`beltcomm_adapters.gains.Parameters`.
+    wanted_s : float or None
+        Sample period asked for, None for the shortest that fits.
+
+    Raises
+    ------
+    UsageError
+        For one that cannot be.
     """
     modes = supported_modes(objects, profile)
     loop_s = _loop_period_s(objects, profile)

@@ -41,10 +41,18 @@ class Emergency:
 class Link:
     """The host's end of the wire to node ``node``.
 
-    emergency : the last EMCY with an error in it, None since :meth:`forget_emergency` or since the node took it back; emergency_s : when
-    it came.
-    last_life_s : when the last sign of life went out.   life_due_s : when the next one must, never (inf) without guarding.
-    restarted : a boot-up message has come: what was written to the node and not saved is gone, for the rest of the connection.
+    Attributes
+    ----------
+    emergency
+        The last EMCY with an error in it, None since :meth:`forget_emergency` or since the node took it back.
+    emergency_s
+        When it came.
+    last_life_s
+        When the last sign of life went out.
+    life_due_s
+        When the next one must, never (inf) without guarding.
+    restarted
+        A boot-up message has come: what was written to the node and not saved is gone, for the rest of the connection.
     """
 
     def __init__(self, bus: can.BusABC, clock: Clock, node: int) -> None:

@@ -70,8 +70,23 @@ class HeardBus(can.BusABC):
 class BusListening:
     """A CAN bus as :class:`beltcomm.drive.Listening` asks.
 
-    bus : whose frames come into ``heard``.   node : None looks who is there.   ask : SDO uploads are allowed.   release : called last.
-    Raises BusError where nobody is heard, UsageError where several are.
+    Parameters
+    ----------
+    bus : BusABC
+        Whose frames come into ``heard``.
+    node : int or None
+        None looks who is there.
+    ask : bool
+        SDO uploads are allowed.
+    release : callable
+        Called last.
+
+    Raises
+    ------
+    BusError
+        Where nobody is heard.
+    UsageError
+        Where several are.
     """
 
     def __init__(

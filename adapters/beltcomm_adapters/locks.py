@@ -12,7 +12,13 @@ from beltcomm.errors import ObjectLocked
 
 @dataclass(frozen=True)
 class Lock:
-    """Objects ``first`` to ``last``, all their subindices or one.   what : they hold, in words."""
+    """Objects ``first`` to ``last``, all their subindices or one.
+
+    Attributes
+    ----------
+    what : str
+        They hold, in words.
+    """
 
     first: int
     last: int

@@ -19,7 +19,10 @@ def _source(message: can.Message) -> str:
 class LoggedBus(can.BusABC):
     """A bus that calls ``log`` with (time in s, identifier, data, "host", "host rtr" or "node") for every frame sent or received.
 
-    clock : of the stamps, which are thus of one clock whatever the interface stamps with.
+    Parameters
+    ----------
+    clock : Clock
+        Of the stamps, which are thus of one clock whatever the interface stamps with.
     """
 
     def __init__(self, bus: can.BusABC, clock: Clock, log: Callable[[tuple[float, int, bytes, str]], object]) -> None:

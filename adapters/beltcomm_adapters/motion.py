@@ -63,7 +63,13 @@ class Report(ExchangeReport):
 
 
 class Tally:
-    """Statements of a drive beside its samples; those that contradict the motion end it.   mode : of operation."""
+    """Statements of a drive beside its samples; those that contradict the motion end it.
+
+    Parameters
+    ----------
+    mode : int
+        Of operation.
+    """
 
     def __init__(self, period_s: float, setpoints: Setpoints, mode: int) -> None:
         self._period_s, self._setpoints, self._mode = period_s, setpoints, mode
@@ -108,9 +114,18 @@ class Tally:
 class Run:
     """One enabled stretch on an exchange: :meth:`enable`, :meth:`follow`, :meth:`halt`.
 
-    fault : makes the exception for a drive in fault, from what it was doing.     emergency : whether an EMCY has come.
-    position : where the axis is now, counts.   rest : torque that holds it in torque mode, in the drive's unit.
-    loop_s : period of the drive's loop, which interpolates the setpoints where they come more seldom.
+    Parameters
+    ----------
+    fault : callable
+        Makes the exception for a drive in fault, from what it was doing.
+    emergency : callable
+        Whether an EMCY has come.
+    position : int
+        Where the axis is now, counts.
+    rest : int
+        Torque that holds it in torque mode, in the drive's unit.
+    loop_s : float
+        Period of the drive's loop, which interpolates the setpoints where they come more seldom.
     """
 
     def __init__(
@@ -167,8 +182,18 @@ class Run:
     def enable(self, brake_s: float = 0.0) -> None:
         """Lead the drive to Operation Enabled, each state confirmed; where positions are commanded it holds the last one.
 
-        brake_s : s, for which the axis is then held while its brake opens.
-        Raises DriveError when a state does not come in time, DriveFault, SafetyStop, BusError.
+        Parameters
+        ----------
+        brake_s : float, s
+            For which the axis is then held while its brake opens.
+
+        Raises
+        ------
+        DriveError
+            When a state does not come in time.
+        DriveFault
+        SafetyStop
+        BusError
         """
         self._brake_s = brake_s
         controlword, target = DISABLE_VOLTAGE, self._position
@@ -199,9 +224,14 @@ class Run:
     ) -> tuple[float, bool] | None:
         """Go on without signs of life until the drive leaves Operation Enabled; its reaction time, s, and whether it was seen to brake.
 
-        ask : 6041h without PDOs, for a node that leaves Operational with its host's silence (1029h = 0).   noticed_s : when its EMCY came.
-        None when it has not by ``until_s``.   A drive that shows another state between Operation Enabled and Fault brakes; one that
-        is in Fault at once, or whose fault cannot be told from its reaction (0Fh for both), counts as one that lets the axis coast.
+        Parameters
+        ----------
+        ask : callable
+            6041h without PDOs, for a node that leaves Operational with its host's silence (1029h = 0).
+        noticed_s : callable
+            When its EMCY came. None when it has not by ``until_s``. A drive that shows another state between Operation Enabled and Fault
+            brakes; one that is in Fault at once, or whose fault cannot be told from its reaction (0Fh for both), counts as one that lets
+            the axis coast.
         """
         reacted_s: float | None = None
         braking, self._silenced = False, True
@@ -228,8 +258,10 @@ class Run:
     def follow(self, setpoints: Setpoints, torque_is_of: Literal["over", "after"], sink: Sink) -> Report:
         """Run the motion and hand aligned rows to ``sink``: row n goes out when the sample of row n+1 has come.
 
-        torque_is_of : see :class:`beltcomm.drive.Capabilities`.  A lost sample costs its own row and the one before, whose
-        torque it held.
+        Parameters
+        ----------
+        torque_is_of : Literal['over', 'after']
+            See :class:`beltcomm.drive.Capabilities`. A lost sample costs its own row and the one before, whose torque it held.
         """
         frames = [
             self._frames.of(self._layout.running, *values)
@@ -278,8 +310,17 @@ class Run:
     def home(self, width: float, time_s: float) -> None:
         """Start the drive's homing and watch it to its end: bit 12 attained, bit 13 failed.
 
-        width : counts the axis may travel in one direction.  Raises SafetyStop when it travels further, DriveError when the
-        drive gives up or takes longer than ``time_s``.
+        Parameters
+        ----------
+        width : float
+            Counts the axis may travel in one direction.
+
+        Raises
+        ------
+        SafetyStop
+            When it travels further.
+        DriveError
+            When the drive gives up or takes longer than ``time_s``.
         """
         travel, before = 0, self._position
         for _ in range(math.ceil(time_s / self._period_s)):
@@ -346,9 +387,17 @@ class Run:
     def halt(self, release: bool = False) -> None:
         """Quick stop, wait for standstill, take the stage off.  Faults and limits no longer interrupt.
 
-        release : without the quick stop.
-        Raises BusError when the drive does not answer: then its guarding stops the axis, because the host falls silent.
-        Raises DriveError when the stage stays on.
+        Parameters
+        ----------
+        release : bool
+            Without the quick stop.
+
+        Raises
+        ------
+        BusError
+            When the drive does not answer: then its guarding stops the axis, because the host falls silent.
+        DriveError
+            When the stage stays on.
         """
         live = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
         standing = self._standing()

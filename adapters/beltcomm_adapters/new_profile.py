@@ -38,9 +38,18 @@ _BITS: Final = {1: 0, 3: 2, 4: 3, 6: 5, 7: 6, 8: 7, 9: 8, 10: 9}  # 6502h
 
 @dataclass(frozen=True)
 class Facts:
-    """Facts known of a drive.   values : of objects that are there, None where the value is not known.   absent : objects that are not.
+    """Facts known of a drive.
 
-    names : of manufacturer objects, from an EDS.   source : where all this is from.
+    Attributes
+    ----------
+    values : Mapping[tuple[int, int], float or None]
+        Of objects that are there, None where the value is not known.
+    absent : frozenset[tuple[int, int]]
+        Objects that are not.
+    names : sequence of DictionaryEntry
+        Of manufacturer objects, from an EDS.
+    source : str
+        Where all this is from.
     """
 
     identity: Mapping[str, str]
@@ -61,7 +70,17 @@ class Facts:
 
 
 def facts_of_bus(bus: can.BusABC, clock: Clock, node: int | None, entries: Sequence[DictionaryEntry]) -> Facts:
-    """Facts that the drive on a bus answers; nothing is written.   entries : of its EDS, if there is one.   Raises BusError, UsageError."""
+    """Facts that the drive on a bus answers; nothing is written.
+
+    Parameters
+    ----------
+    entries : sequence of DictionaryEntry
+        Of its EDS, if there is one.
+
+    Raises
+    ------
+    BusError, UsageError
+    """
     if node is None:
         nodes = find_nodes(bus, clock)
         if len(nodes) != 1:
@@ -83,7 +102,13 @@ def facts_of_bus(bus: can.BusABC, clock: Clock, node: int | None, entries: Seque
 
 
 def facts_of_file(device: Mapping[str, str], entries: Sequence[DictionaryEntry]) -> Facts:
-    """Facts that an EDS or DCF says.   device : its [DeviceInfo]."""
+    """Facts that an EDS or DCF says.
+
+    Parameters
+    ----------
+    device : Mapping[str, str]
+        Its [DeviceInfo].
+    """
     values: dict[tuple[int, int], float | None] = {(e.index, e.subindex): e.value for e in entries}
     asked = {(index, subindex) for index, subindex, _ in ASKED}
     known = {str(key).lower(): str(value) for key, value in device.items()}

@@ -23,7 +23,10 @@ from beltcomm_adapters.sdo import RECOVERY_S, RETRY_S, Objects
 class ObjectDrive:
     """The part of :class:`beltcomm.drive.Drive` that needs no motion.
 
-    clock : its time.   objects : its dictionary.   release : called once by :meth:`close`, last.
+    Attributes
+    ----------
+    clock
+        Its time. objects : its dictionary. release : called once by :meth:`close`, last.
     """
 
     capabilities: Capabilities

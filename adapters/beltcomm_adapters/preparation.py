@@ -134,11 +134,15 @@ def prepare(
 ) -> None:
     """Mode of operation, setpoints at rest, limits inside the drive, SYNC period; everything but setpoints is lent.
 
-    ahead_rad : by which a reference leads the axis at most.
+    The drive's own limits are only ever tightened; its following error window is set as asked, and the quick stop's deceleration, for
+    the way it takes is counted with.
 
-    The drive's own limits are only ever tightened; its following error window is set as asked, and the quick stop's deceleration, for the
-    way it takes is counted with.
-    speeds_rad_s : the speeds of a motion in mode 3, whose ramps are opened just so far that they do not shape it.
+    Parameters
+    ----------
+    ahead_rad : float
+        By which a reference leads the axis at most.
+    speeds_rad_s : ndarray or None
+        The speeds of a motion in mode 3, whose ramps are opened just so far that they do not shape it.
     """
     mode = layout.mode
     if objects.read_int(0x6060, 0, "int8"):
@@ -235,7 +239,12 @@ def limit(
 ) -> None:
     """Lend a limit or a ramp and read it back: what a drive cuts without a word is told, see :attr:`Lending.altered`.
 
-    shown : its meaning in ``unit``.   harder : more of it would be dangerous: raises DriveError where the drive has more than was written.
+    Parameters
+    ----------
+    shown : callable
+        Its meaning in ``unit``.
+    harder : bool
+        More of it would be dangerous: raises DriveError where the drive has more than was written.
     """
     if not lending.set_if_there(index, subindex, kind, raw) or (index, subindex, raw) in objects.taken_as_written:
         return
@@ -316,9 +325,17 @@ def _way(limits: Limits, angle_rad: float) -> str:
 
 
 def guard(objects: Objects, lending: Lending, profile: Profile, guard_s: float) -> Literal["heartbeat", "node_guarding"]:
-    """Have the drive watch its host; returns the sign of life it wants.   guard_s : s, after which it must notice that the host is gone.
+    """Have the drive watch its host; returns the sign of life it wants.
 
-    Raises DriveError when it can do neither: an axis with a torque setpoint must not outlive its host.
+    Parameters
+    ----------
+    guard_s : float, s
+        After which it must notice that the host is gone.
+
+    Raises
+    ------
+    DriveError
+        When it can do neither: an axis with a torque setpoint must not outlive its host.
     """
     wanted, time_ms = profile.guarding, round(1e3 * guard_s)
     refusals = []

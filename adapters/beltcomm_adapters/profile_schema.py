@@ -21,7 +21,15 @@ Path = tuple[str, ...]
 
 @dataclass(frozen=True)
 class FieldValue:
-    """A single value.   give : what is to be given, in words.   fits : whether a value is that."""
+    """A single value.
+
+    Attributes
+    ----------
+    give : str
+        What is to be given, in words.
+    fits : callable
+        Whether a value is that.
+    """
 
     give: str
     fits: Callable[[Any], bool]
@@ -29,7 +37,15 @@ class FieldValue:
 
 @dataclass(frozen=True)
 class FieldGroup:
-    """A mapping.   fields : by key, "*" for any.   needed : keys that must be there."""
+    """A mapping.
+
+    Attributes
+    ----------
+    fields : Mapping[str, Any]
+        By key, "*" for any.
+    needed : tuple of str
+        Keys that must be there.
+    """
 
     fields: Mapping[str, Any]
     needed: tuple[str, ...] = ()
@@ -37,7 +53,13 @@ class FieldGroup:
 
 @dataclass(frozen=True)
 class FieldRows:
-    """A list.   row : each of its entries."""
+    """A list.
+
+    Attributes
+    ----------
+    row : FieldGroup
+        Each of its entries.
+    """
 
     row: FieldGroup
 
@@ -179,7 +201,7 @@ def _matches(value: object) -> bool:
 
 
 def faults(raw: object, group: FieldGroup = PROFILE, path: Path = ()) -> Iterator[tuple[Path, str]]:
-    """Where a file is not as it must be, with a sentence each, from the outermost field in."""
+    """Faults of a file, with a sentence each, from the outermost field in."""
     where = ".".join(path)
     if not isinstance(raw, Mapping):
         yield path, f"{where} is {_shown(raw)}; give a mapping of {', '.join(group.fields)}"

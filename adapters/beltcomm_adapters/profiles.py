@@ -34,9 +34,18 @@ RATED_PERMILLE: Final = 1000
 
 @dataclass(frozen=True)
 class TorqueScale:
-    """Torque of which the drive's torques are thousandths.   of : "rated_torque" (6076h), "rated_current", "drive_peak" or "unknown".
+    """Torque of which the drive's torques are thousandths.
 
-    confidence : of that.   check : what tells whether it is right, in words.   nm : N m that a thousand are; None is the rated torque.
+    Attributes
+    ----------
+    of : Literal
+        "rated_torque" (6076h), "rated_current", "drive_peak" or "unknown".
+    confidence : str
+        Of that.
+    check : str
+        What tells whether it is right, in words.
+    nm : float or None
+        N m that a thousand are; None is the rated torque.
     """
 
     of: Literal["rated_torque", "rated_current", "drive_peak", "unknown"]
@@ -49,30 +58,61 @@ class TorqueScale:
 class Profile:
     """A kind of drive.
 
-    match : of its identity; None is chosen by name only.
-    modes : CiA 402 mode of operation by kind of motion.    choices : all that may serve, the best first; see :meth:`with_modes`.
-    supported_modes : asked when the drive has no 6502h.
-    units : "cia402" (608Fh, 6091h, 6092h, 60A8h to 60AAh) or "factor_group" (6093h, 6094h, 6097h of the Metronix family).
-    position_unit, velocity_unit, acceleration_unit : by name, where the drive does not tell them ("0.1 rpm", "10 counts/s2").
-    rated_torque_unit_nm : N m in one unit of 6076h; None is mN m, or what agrees with axis.yaml.
-    offsets : 60B1h and 60B2h exist.    guarding : how the drive notices that its host is gone.
-    torque_sampling : see :class:`beltcomm.drive.Capabilities`.
-    bus : "canopen", or what the drive has in place of such a port; then it cannot be opened here.
-    shortest_sync_ms, sync_step_ms, sync_change : smallest period of SYNC and its step, and whether a new one (60C2h) acts at once or
-        after save and reset.
-    torque_scale : see :class:`TorqueScale`.
-    gain_meaning : "documented", "unconfirmed" (a step test finds it before a gain is written), or "none": no gain is writable.
-    known_gains : what is said of gains that are not writable.     never_write : locked beside those of every drive.
-    enable_logic : (index, subindex, type, value) that hands control to the bus, None when there is no such switch.
-    torque_slope_permille_s : 6087h that makes mode 4 follow a setpoint at once.
-    torque_exit : what brakes an axis out of torque mode: its quick stop, or, where that only takes the torque away, profile velocity
-    (mode 3) at no speed before it.
-    torque_limit_lowest_permille : smallest 6072h the drive takes.
-    loop_period : (index, subindex) of the velocity loop's period in us.    referenced : (index, subindex, bit).
-    overload_time : (index, subindex) of the motor's I²t time in ms.
-    output_limit, dead_zone : (index, subindex) of the position controller's, in speed and position units, where it has them.
-    emergency : text of an EMCY code, beside those of CiA 301.
-    signals : places that only this kind of drive has, read by ``beltcomm doctor``: ready_for_enable, enable_inputs, ...
+    Attributes
+    ----------
+    match : Mapping[str, Any] or None
+        Of its identity; None is chosen by name only.
+    modes : Mapping[str, int]
+        CiA 402 mode of operation by kind of motion.
+    choices : Mapping[str, tuple[int, ...]]
+        All that may serve, the best first; see :meth:`with_modes`.
+    supported_modes : tuple of int
+        Asked when the drive has no 6502h.
+    units : Literal['cia402', 'factor_group']
+        "cia402" (608Fh, 6091h, 6092h, 60A8h to 60AAh) or "factor_group" (6093h, 6094h, 6097h of the Metronix family).
+    position_unit, velocity_unit, acceleration_unit : str or None
+        By name, where the drive does not tell them ("0.1 rpm", "10 counts/s2").
+    rated_torque_unit_nm : float or None
+        N m in one unit of 6076h; None is mN m, or what agrees with axis.yaml.
+    offsets : bool
+        60B1h and 60B2h exist.
+    guarding : Literal['heartbeat', 'node_guarding']
+        How the drive notices that its host is gone.
+    torque_sampling : Literal['over', 'after']
+        See :class:`beltcomm.drive.Capabilities`.
+    bus : str
+        "canopen", or what the drive has in place of such a port; then it cannot be opened here.
+    shortest_sync_ms, sync_step_ms, sync_change
+        Smallest period of SYNC and its step, and whether a new one (60C2h) acts at once or after save and reset.
+    torque_scale : TorqueScale
+        See :class:`TorqueScale`.
+    gain_meaning : Literal['documented', 'unconfirmed', 'none']
+        "documented", "unconfirmed" (a step test finds it before a gain is written), or "none": no gain is writable.
+    known_gains : tuple of GainTerm
+        What is said of gains that are not writable.
+    never_write : tuple of Lock
+        Locked beside those of every drive.
+    enable_logic : tuple[int, int, str, int] or None
+        (index, subindex, type, value) that hands control to the bus, None when there is no such switch.
+    torque_slope_permille_s : int or None
+        6087h that makes mode 4 follow a setpoint at once.
+    torque_exit : Literal['quick_stop', 'velocity']
+        What brakes an axis out of torque mode: its quick stop, or, where that only takes the torque away, profile velocity (mode 3) at
+        no speed before it.
+    torque_limit_lowest_permille : int
+        Smallest 6072h the drive takes.
+    loop_period : tuple[int, int] or None
+        (index, subindex) of the velocity loop's period in us.
+    referenced : tuple[int, int, int] or None
+        (index, subindex, bit).
+    overload_time : tuple[int, int] or None
+        (index, subindex) of the motor's I²t time in ms.
+    output_limit, dead_zone : tuple[int, int] or None
+        (index, subindex) of the position controller's, in speed and position units, where it has them.
+    emergency : Mapping[int, str]
+        Text of an EMCY code, beside those of CiA 301.
+    signals : Mapping[str, Mapping[str, Any]]
+        Places that only this kind of drive has, read by ``beltcomm doctor``: ready_for_enable, enable_inputs, ...
     """
 
     name: str

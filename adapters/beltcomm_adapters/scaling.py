@@ -32,9 +32,22 @@ _LARGEST: Final = 2**32 - 1
 class Scaling:
     """SI value of one raw unit, motor shaft, and the drive's ratings.
 
-    position_rad, speed_rad_s, acceleration_rad_s2, torque_nm : per raw unit.     counts_per_rev : encoder counts.
-    rated_torque_nm : N m (6076h).     rated_current_a : A rms (6075h).   ramp : an acceleration is the time of a ramp, in s⁻¹ of its unit.
-    said : sentences on what does not come from the drive.   speed_told, acceleration_told : whether somebody tells these units.
+    Attributes
+    ----------
+    position_rad, speed_rad_s, acceleration_rad_s2, torque_nm : float
+        Per raw unit.
+    counts_per_rev : int
+        Encoder counts.
+    rated_torque_nm : float
+        N m (6076h).
+    rated_current_a : float
+        A rms (6075h).
+    ramp : bool
+        An acceleration is the time of a ramp, in s⁻¹ of its unit.
+    said : tuple of str
+        Sentences on what does not come from the drive.
+    speed_told, acceleration_told : bool
+        Whether somebody tells these units.
     """
 
     position_rad: float
@@ -76,11 +89,21 @@ class Scaling:
 def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, nameplate: KnownMotor | None = None) -> Scaling:
     """Ask the drive for its units.
 
-    Factor group: internal = user * numerator / divisor; the speed factor is set to 1/1, 1/4096 min⁻¹, for the session, because
-    whole min⁻¹ are useless as feedback; without ``lending`` nothing is written.
-    CiA 402: user units per motor revolution = feed constant / gear ratio.
-    nameplate : what axis.yaml knows of the motor, for what the drive does not tell.
-    Raises DriveError when a divisor is zero, a unit is not known or nobody tells a rating; ObjectRefused, BusError.
+    Factor group: internal = user * numerator / divisor; the speed factor is set to 1/1, 1/4096 min⁻¹, for the session, because whole
+    min⁻¹ are useless as feedback; without ``lending`` nothing is written. CiA 402: user units per motor revolution = feed constant /
+    gear ratio.
+
+    Parameters
+    ----------
+    nameplate : KnownMotor or None
+        What axis.yaml knows of the motor, for what the drive does not tell.
+
+    Raises
+    ------
+    DriveError
+        When a divisor is zero, a unit is not known or nobody tells a rating.
+    ObjectRefused
+    BusError
     """
     plate, said = nameplate or KnownMotor(), list[str]()
     torque_nm = _rated_torque_nm(objects, profile, plate, said)

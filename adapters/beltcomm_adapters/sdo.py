@@ -117,7 +117,10 @@ class _Client(SdoClient):
 class Objects(ABC):
     """The object dictionary of one drive, one transfer at a time; a carrier brings ``read_bytes``, ``write_bytes`` and ``save``.
 
-    clock : of its carrier.   node : number on its bus, 0 where there is no bus.   locks : what is never written, whoever asks.
+    Attributes
+    ----------
+    clock : Clock
+        Of its carrier. node : number on its bus, 0 where there is no bus. locks : what is never written, whoever asks.
     """
 
     clock: Clock
@@ -133,7 +136,17 @@ class Objects(ABC):
 
     @abstractmethod
     def write_bytes(self, index: int, subindex: int, data: bytes, verb: str) -> None:
-        """Raw content into an object, once ``locks`` allow it.   verb : for messages.   Raises ObjectLocked, ObjectRefused, BusError."""
+        """Raw content into an object, once ``locks`` allow it.
+
+        Parameters
+        ----------
+        verb : str
+            For messages.
+
+        Raises
+        ------
+        ObjectLocked, ObjectRefused, BusError
+        """
 
     @abstractmethod
     def save(self) -> None:
@@ -258,10 +271,15 @@ def refusal(index: int, subindex: int, verb: str, code: int) -> ObjectRefused:
 class Lending:
     """Objects changed for a while: the first value of each is kept, and put back in reverse order.
 
-    As a context manager it gives everything back on the way out; what cannot be given back is a DriveError, or a note on
-    the exception that is already under way.
+    As a context manager it gives everything back on the way out; what cannot be given back is a DriveError, or a note on the exception
+    that is already under way.
 
-    refused : what the drive has and did not let be written, of what it could do without.   altered : what it took otherwise, in words.
+    Attributes
+    ----------
+    refused
+        What the drive has and did not let be written, of what it could do without.
+    altered
+        What it took otherwise, in words.
     """
 
     def __init__(self, objects: Objects) -> None:
@@ -274,7 +292,10 @@ class Lending:
     def set(self, index: int, subindex: int, kind: str, value: float, *, keep: bool = False) -> None:
         """Write ``value`` and remember what stood there.  Raises as :meth:`Objects.write`.
 
-        keep : lent although nothing changes, as where a session that was cut off has left this value: what stood there before is owed.
+        Parameters
+        ----------
+        keep : bool
+            Lent although nothing changes, as where a session that was cut off has left this value: what stood there before is owed.
         """
         before = self._objects.read(index, subindex, kind)
         if before == value and not keep:

@@ -24,8 +24,15 @@ _for_url: Callable[..., Any] = serial.serial_for_url
 class SerialPort:
     """A port of this computer, or what pyserial reaches by an address (``socket://host:port``).  8 data bits, no parity, 1 stop bit.
 
-    rtscts : the drive and the cable have hardware handshake; a driver in the wild uses it (G1), the makers' manuals do not (F6).
-    Raises BusError when the port cannot be opened.
+    Parameters
+    ----------
+    rtscts : bool
+        The drive and the cable have hardware handshake; a driver in the wild uses it (G1), the makers' manuals do not (F6).
+
+    Raises
+    ------
+    BusError
+        When the port cannot be opened.
     """
 
     def __init__(self, name: str, rtscts: bool) -> None:
@@ -53,7 +60,7 @@ class SerialPort:
         self._port.flush()
 
     def read(self, timeout_s: float) -> bytes:
-        """What has come, waiting at most ``timeout_s`` for the first byte of it.  Raises OSError."""
+        """Bytes that have come, waiting at most ``timeout_s`` for the first byte of it.  Raises OSError."""
         self._port.timeout = timeout_s
         return bytes(self._port.read(max(1, self._port.in_waiting)))
 

@@ -32,9 +32,25 @@ _NUMBERS: Final = ("vendor_id", "product_code")
 class SerialDrive(ObjectDrive):
     """A drive on a serial port; see :class:`beltcomm.drive.Drive`.
 
-    port, clock : open port and its time.    bitrate : wanted, for the time of the session.     profile : name, None to choose by identity.
-    release : called once by :meth:`close`, last.
-    Raises BusError when nobody answers, DriveError, DriveFault, UsageError for a drive whose profile must be named.
+    Parameters
+    ----------
+    port, clock
+        Open port and its time.
+    bitrate : int
+        Wanted, for the time of the session.
+    profile : str or None
+        Name, None to choose by identity.
+    release : callable
+        Called once by :meth:`close`, last.
+
+    Raises
+    ------
+    BusError
+        When nobody answers.
+    DriveError
+    DriveFault
+    UsageError
+        For a drive whose profile must be named.
     """
 
     def __init__(self, port: Port, clock: Clock, bitrate: int, profile: str | None, release: Callable[[], None]) -> None:

@@ -41,7 +41,15 @@ _STRAY: Final = " \n\t\0"
 
 
 class Port(Protocol):
-    """A serial port, real or simulated.   name : for messages.    bitrate : of this end; may be set at any time."""
+    """A serial port, real or simulated.
+
+    Attributes
+    ----------
+    name : str
+        For messages.
+    bitrate : int
+        Of this end; may be set at any time.
+    """
 
     name: str
     bitrate: int
@@ -51,7 +59,7 @@ class Port(Protocol):
         ...
 
     def read(self, timeout_s: float) -> bytes:
-        """What has come, waiting at most ``timeout_s`` for the first byte of it; empty when nothing came.  Raises OSError."""
+        """Bytes that have come, waiting at most ``timeout_s`` for the first byte of it; empty when nothing came.  Raises OSError."""
         ...
 
     def close(self) -> None:
@@ -61,7 +69,13 @@ class Port(Protocol):
 
 @dataclass(frozen=True)
 class ObjectAnswer:
-    """An object's content, or the echo of a write.   data : little endian, as everywhere in CANopen."""
+    """An object's content, or the echo of a write.
+
+    Attributes
+    ----------
+    data : bytes
+        Little endian, as everywhere in CANopen.
+    """
 
     index: int
     subindex: int
@@ -104,7 +118,11 @@ class SerialLine:
     """The host's end of the line.  Single-threaded; nothing arrives unless somebody waits for it.
 
     emergency, restarted : always None and False, the port reports nothing unasked.
-    asked_s, answered_s : when the last request was sent and answered.
+
+    Attributes
+    ----------
+    asked_s, answered_s
+        When the last request was sent and answered.
     """
 
     emergency: Emergency | None = None
@@ -139,8 +157,18 @@ class SerialLine:
     ) -> Line | None:
         """Send a request; the first line that ``fits``, or None when none came in time.
 
-        longest : characters of the longest answer.   time_s : the drive's own time, beside that of the characters.
-        quiet_s : silence to wait for when an earlier request is still owed its answer.   Raises BusError.
+        Parameters
+        ----------
+        longest : int
+            Characters of the longest answer.
+        time_s : float
+            The drive's own time, beside that of the characters.
+        quiet_s : float
+            Silence to wait for when an earlier request is still owed its answer.
+
+        Raises
+        ------
+        BusError
         """
         if self._unsettled or self._owed:
             self.settle(quiet_s)

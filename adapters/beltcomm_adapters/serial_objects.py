@@ -30,7 +30,10 @@ _DONE, _ERROR = Text("DONE"), Text("ERROR!")
 class SerialObjects(Objects):
     """The object dictionary of the drive on a line.
 
-    answer_time_s, quiet_s : how long an answer is waited for, and silence after one that did not come; shorter while the axis moves.
+    Attributes
+    ----------
+    answer_time_s, quiet_s
+        How long an answer is waited for, and silence after one that did not come; shorter while the axis moves.
     """
 
     def __init__(self, line: SerialLine) -> None:

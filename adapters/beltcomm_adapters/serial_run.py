@@ -52,7 +52,15 @@ _ARRIVAL_CONSTANTS: Final = 10.0
 
 @dataclass(frozen=True)
 class LineSpeed:
-    """Speed of this line.   period_s : of polling.   patience_s : after which an answer is lost, beside its characters."""
+    """Speed of this line.
+
+    Attributes
+    ----------
+    period_s : float
+        Of polling.
+    patience_s : float
+        After which an answer is lost, beside its characters.
+    """
 
     period_s: float
     patience_s: float
@@ -97,9 +105,16 @@ def prepare(
 
 
 class PolledRun:
-    """One enabled stretch.   limits : watched on the host in every poll.   sink : gets a row of every poll.
+    """One enabled stretch.
 
-    lag_1_s : gain of a position loop that follows late because it has no velocity feedforward, 1/s; infinite for one that has.
+    Parameters
+    ----------
+    limits : Limits
+        Watched on the host in every poll.
+    sink : Sink
+        Gets a row of every poll.
+    lag_1_s : float
+        Gain of a position loop that follows late because it has no velocity feedforward, 1/s; infinite for one that has.
     """
 
     def __init__(

@@ -69,10 +69,19 @@ class SerialStroke:
 
 
 def strokes_of(motion: Motion, here: int, scaling: Scaling) -> tuple[list[SerialStroke], float]:
-    """The strokes that a sampled path consists of, and the rest after the last, s.   here : where the axis stands, counts.
+    """The strokes that a sampled path consists of, and the rest after the last, s.
 
     Way, time and top speed of each stroke are kept:  ramp = T - D/v,  a = v/ramp.
-    Raises UsageError for a path that is no sequence of such strokes.
+
+    Parameters
+    ----------
+    here : int
+        Where the axis stands, counts.
+
+    Raises
+    ------
+    UsageError
+        For a path that is no sequence of such strokes.
     """
     position, velocity, period_s = motion.position_rad, motion.velocity_rad_s, motion.period_s
     top = float(np.abs(velocity).max())

@@ -31,8 +31,14 @@ OFFSET_MODES: Final = (8, 9)
 class Layout:
     """Way of the setpoints of one mode of operation to the drive.
 
-    received : objects of each receive PDO; the first begins with 6040h.     follows : statusword bit 12 must be set.
-    running : control word while moving.
+    Attributes
+    ----------
+    received : tuple[tuple[MappedObject, ...], ...]
+        Objects of each receive PDO; the first begins with 6040h.
+    follows : bool
+        Statusword bit 12 must be set.
+    running : int
+        Control word while moving.
     """
 
     mode: int
@@ -63,7 +69,10 @@ def layout_of(mode: int, offsets: bool) -> Layout:
 class Setpoints:
     """A motion in the drive's units, one entry per period; ``kind`` as in :class:`beltcomm.drive.Motion`.
 
-    axis : where the axis is to be, where that is not the position sent.
+    Attributes
+    ----------
+    axis : tuple of int
+        Where the axis is to be, where that is not the position sent.
     """
 
     kind: MotionKind
@@ -96,7 +105,10 @@ class Setpoints:
 def as_interpolated(values: Sequence[int], loop_share: float) -> list[float]:
     """Setpoints as the drive's loop has them at the SYNC that makes each of them active: on its way from the one before.
 
-    loop_share : the loop's period over that of the setpoints; each is reached in the last loop before the next one (60C2h).
+    Parameters
+    ----------
+    loop_share : float
+        The loop's period over that of the setpoints; each is reached in the last loop before the next one (60C2h).
     """
     if loop_share >= 1.0:
         return list(values)
@@ -104,7 +116,13 @@ def as_interpolated(values: Sequence[int], loop_share: float) -> list[float]:
 
 
 class Frames:
-    """Payloads of a layout's receive PDOs.   rest : torque that holds the axis where torque is commanded."""
+    """Payloads of a layout's receive PDOs.
+
+    Parameters
+    ----------
+    rest : int
+        Torque that holds the axis where torque is commanded.
+    """
 
     def __init__(self, layout: Layout, kind: str, rest: int = 0) -> None:
         self._layout = layout

@@ -21,7 +21,13 @@ _SILENT_PERIODS: Final = 20
 
 
 class SyncSource(Protocol):
-    """SYNCs one after the other.   early : frames that have come behind the latest SYNC before the host looked."""
+    """SYNCs one after the other.
+
+    Attributes
+    ----------
+    early : deque[can.Message]
+        Frames that have come behind the latest SYNC before the host looked.
+    """
 
     early: deque[can.Message]
 

@@ -67,7 +67,10 @@ class SyncClock:
 class SyncTimeBus(can.BusABC):
     """An open bus to such a drive.   Before a frame goes out, SYNCs bring the drive to the host's time; the exchange has its own.
 
-    release : called by :meth:`shutdown`, last.
+    Parameters
+    ----------
+    release : callable
+        Called by :meth:`shutdown`, last.
     """
 
     def __init__(self, bus: can.BusABC, node: int, release: Callable[[], None]) -> None:

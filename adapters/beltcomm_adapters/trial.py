@@ -47,7 +47,18 @@ def refused_words(error: ObjectRefused) -> str:
 
 
 def tried(objects: Objects, profile: Profile, scaling: Scaling, modes: frozenset[int], period_s: float) -> Iterator[Finding]:
-    """The findings; everything is put back.   modes : that the drive has.   Raises BusError, DriveError (a ramp steeper than written)."""
+    """The findings; everything is put back.
+
+    Parameters
+    ----------
+    modes : frozenset[int]
+        That the drive has.
+
+    Raises
+    ------
+    BusError, DriveError
+        (a ramp steeper than written).
+    """
     yield from _mapping(objects, profile, modes)
     yield from _settings(objects, profile, scaling, modes, period_s)
 

@@ -53,7 +53,10 @@ _NAMED: Final = re.compile(r"^(?:(?P<factor>[0-9.eE+-]+) )?(?P<what>[a-z]+)(?P<o
 class RawUnit:
     """One raw number: ``value`` of what it counts, per second to the power ``per``.
 
-    ramp : a raw number n is the time of a ramp, so that the acceleration is ``value``/n.
+    Attributes
+    ----------
+    ramp : bool
+        A raw number n is the time of a ramp, so that the acceleration is ``value``/n.
     """
 
     value: float

@@ -45,7 +45,7 @@ OPTIONS: Final = (
 
 
 def played(options: Mapping[str, object]) -> tuple[str, str | None]:
-    """Which virtual drive the options ``as`` and ``profile`` play, and the profile that the host reads it by, None to choose by identity.
+    """Virtual drive that the options ``as`` and ``profile`` play, and the profile that the host reads it by, None to choose by identity.
 
     A profile that is not played is the host's: of the reference drive, which is an ordinary CiA 402 drive to whoever knows no more of it.
     """
@@ -72,9 +72,14 @@ def attached(
 ) -> tuple[VirtualDrive, str]:
     """The drive of these options (see :func:`beltcomm_adapters.virtual._playing`) on ``bus``, and its plant's name.
 
-    node, hardware : its number, its 1009h.
+    Parameters
+    ----------
+    node, hardware
+        Its number, its 1009h.
 
-    Raises UsageError.
+    Raises
+    ------
+    UsageError
     """
     if unknown := sorted(set(options) - set(OPTIONS)):
         raise UsageError(f"the virtual drive has no option {', '.join(unknown)}; leave it out")

@@ -20,9 +20,14 @@ _OPTIONS = ("bitrate", "line_faults")
 
 
 def open_serial(address: str, options: Mapping[str, object], bitrate: int) -> Drive:
-    """The virtual drive at its RS-232 port, in virtual time.   address, options : as of the adapter ``virtual``.
+    """The virtual drive at its RS-232 port, in virtual time.
 
-    bitrate : bit/s of the session.     Further option: line_faults, a :class:`beltcomm.virtual.service_port.LineFaults`.
+    Parameters
+    ----------
+    address, options
+        As of the adapter ``virtual``.
+    bitrate : int
+        bit/s of the session. Further option: line_faults, a :class:`beltcomm.virtual.service_port.LineFaults`.
     """
     bus = LockstepBus(MonotonicClock() if options.get("realtime") else None)
     port, plant = _port(bus, address, options)
@@ -45,7 +50,15 @@ class ServedSerial:
     """The virtual drive's RS-232 port on a pseudo-terminal, at the wall clock, for other processes.   Use as a context manager.
 
     reached_as : what another process gives as ``--drive``.     title : what is served there, in words.
-    address, options : as of :func:`open_serial`.   Raises UsageError.
+
+    Parameters
+    ----------
+    address, options
+        As of :func:`open_serial`.
+
+    Raises
+    ------
+    UsageError
     """
 
     def __init__(self, address: str, options: Mapping[str, object]) -> None:

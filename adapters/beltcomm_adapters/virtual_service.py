@@ -20,9 +20,17 @@ from beltcomm_adapters.virtual_node import NODE, OPTIONS, attached, played, tick
 class ServedDrive:
     """The virtual drive on a CAN interface for other processes; see :class:`beltcomm.drive.Service`.
 
-    on : ``slcan`` (a pseudo-terminal), ``socket:PORT`` (TCP on this computer), or an interface of :class:`beltcomm_adapters.buses.Address`.
-    options : as of the adapter ``virtual``, with ``node`` (1).   Without ``realtime`` each SYNC is one period of the drive.
-    Raises UsageError, BusError.
+    Parameters
+    ----------
+    on : str
+        ``slcan`` (a pseudo-terminal), ``socket:PORT`` (TCP on this computer), or an interface of
+        :class:`beltcomm_adapters.buses.Address`.
+    options : Mapping[str, object]
+        As of the adapter ``virtual``, with ``node`` (1). Without ``realtime`` each SYNC is one period of the drive.
+
+    Raises
+    ------
+    UsageError, BusError
     """
 
     def __init__(self, address: str, on: str, options: Mapping[str, object]) -> None:

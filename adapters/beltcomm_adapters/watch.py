@@ -21,10 +21,14 @@ _BELIEVED: Final = 0.5
 class Watch:
     """The limits in the drive's units; every sample is held against them.
 
-    Speed is watched twice: as the drive reports it, and as the difference of positions.  A difference is divided by the
-    elapsed time, but never by less than a period: stamps jitter, the drive's sampling does not.  ``differences`` False: only
-    as reported, for homing, which moves the zero.   speed_unit : learns what the reported one counts in, where nobody tells; then
-    it counts only where the difference is half of it.
+    Speed is watched twice: as the drive reports it, and as the difference of positions.  A difference is divided by the elapsed time,
+    but never by less than a period: stamps jitter, the drive's sampling does not.  ``differences`` False: only as reported, for homing,
+    which moves the zero.
+
+    Parameters
+    ----------
+    speed_unit : SpeedUnit or None
+        Learns what the reported one counts in, where nobody tells; then it counts only where the difference is half of it.
     """
 
     def __init__(

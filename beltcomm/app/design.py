@@ -48,7 +48,10 @@ LONGEST_MOVE = 60_000
 class DesignTab:
     """The design of a run on the page, made when the tab is first looked at, and anew where the run's model or design has changed.
 
-    payload_kg, move, seed : see :class:`TunedDesign`.
+    Parameters
+    ----------
+    payload_kg, move, seed
+        See :class:`TunedDesign`.
     """
 
     def __init__(self, run: Path, *, payload_kg: float = 0.0, move: Path | None = None, seed: int = 0) -> None:
@@ -65,7 +68,13 @@ class DesignTab:
         }
 
     def present(self, *, begins: bool = False) -> TunedDesign:
-        """The design that the page shows.   begins : a page that begins, with the model as it is now."""
+        """The design that the page shows.
+
+        Parameters
+        ----------
+        begins : bool
+            A page that begins, with the model as it is now.
+        """
         with self._making:
             stamp = self._stamp()
             if self._made is None or (begins and self._made[0] != stamp):

@@ -36,8 +36,15 @@ MOST_BANDS = 400
 
 
 class LaboratoryTab:
-    """One run seen by its laboratory.   when : date and time for a revision, from whoever knows a clock.   moving : whether a session is in
-    the run: nothing is computed beside one, which may need this computer in time.   Ends with :meth:`close`."""
+    """One run seen by its laboratory.
+
+    Parameters
+    ----------
+    when : callable
+        Date and time for a revision, from whoever knows a clock.
+    moving : callable
+        Whether a session is in the run: nothing is computed beside one, which may need this computer in time. Ends with :meth:`close`.
+    """
 
     def __init__(self, run: Path, when: Callable[[], str] = str, moving: Callable[[], bool] = bool) -> None:
         self._run, self._when, self._moving = run, when, moving

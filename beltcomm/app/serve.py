@@ -26,7 +26,17 @@ MOST_OPEN = 3
 
 
 class RunPage:
-    """All tabs of one run.   move : file with the user's own.   seed : of the draws of a proof.   when : date and time, as text."""
+    """All tabs of one run.
+
+    Parameters
+    ----------
+    move : Path or None
+        File with the user's own.
+    seed : int
+        Of the draws of a proof.
+    when : callable
+        Date and time, as text.
+    """
 
     def __init__(
         self, run: Path, *, payload_kg: float = 0.0, move: Path | None = None, seed: int = 0, when: Callable[[], str] = str

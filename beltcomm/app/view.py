@@ -36,10 +36,22 @@ CHOSEN = ("frequency", "position", "time")
 class ResidualView:
     """A run's present model against its records.
 
-    stamp : of the files that it was made of.   records : as ``compare --json`` has them.   places : where it fails, in words, with a range
-    that can be chosen.   fitted : samples of the fitted records, which stand first in ``white``, the whitened residual.   rows, edges,
-    spectrum : of it over frequency.   removable : effects that may be taken out again.   traces, responses : of the records,
-    measured and by the model.
+    Attributes
+    ----------
+    stamp : str
+        Of the files that it was made of.
+    records : Sequence[Mapping[str, Any]]
+        As ``compare --json`` has them.
+    places : Sequence[Mapping[str, Any]]
+        Where it fails, in words, with a range that can be chosen.
+    fitted : int
+        Samples of the fitted records, which stand first in ``white``, the whitened residual. rows, edges.
+    spectrum : ndarray
+        Of it over frequency.
+    removable : tuple of str
+        Effects that may be taken out again.
+    traces, responses
+        Of the records, measured and by the model.
     """
 
     stamp: str

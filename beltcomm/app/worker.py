@@ -16,7 +16,13 @@ from beltcomm.talk import CarriagePosition
 
 
 class TellingTalk:
-    """A talk that tells the page how far it is.   what : words for the job."""
+    """A talk that tells the page how far it is.
+
+    Parameters
+    ----------
+    what : str
+        Words for the job.
+    """
 
     def __init__(self, tell: Callable[[str, float | None], None], what: str) -> None:
         self._tell, self._what = tell, what

@@ -121,7 +121,7 @@ class Belt:
 
 @dataclass(frozen=True)
 class Travel:
-    """Where the carriage may go; its zero is the axis zero."""
+    """Travel of the carriage; its zero is the axis zero."""
 
     min_m: float | None = _known("lowest position of the carriage", at_least=-100.0, at_most=100.0)
     max_m: float | None = _known("highest position of the carriage", at_least=-100.0, at_most=100.0)
@@ -152,7 +152,7 @@ class TrajectoryLimits:
 
 @dataclass(frozen=True)
 class Mounting:
-    """How the axis stands: α of figure 2.5, positive when positive travel goes up."""
+    """Tilt of the axis: α of figure 2.5, positive when positive travel goes up."""
 
     tilt_deg: float = field(default=0.0, metadata={"entry": AxisEntry("tilt against the horizontal", at_least=-90.0, at_most=90.0)})
 
@@ -205,7 +205,7 @@ class AxisTargets:
 
     @property
     def places(self) -> tuple[str, ...]:
-        """Where they count: motor, carriage."""
+        """Bodies at which they count: motor, carriage."""
         return {"carriage": ("carriage",), "both": ("motor", "carriage")}.get(self.at, ("motor",))
 
     @property

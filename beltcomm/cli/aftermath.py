@@ -29,7 +29,17 @@ def aftermath(
     *,
     resumes: bool,
 ) -> dict[str, str]:
-    """Labelled sentences.   words : of the command line.   events : that it noted.   resumes : the verb knows ``--resume``."""
+    """Labelled sentences.
+
+    Parameters
+    ----------
+    words : sequence of str
+        Of the command line.
+    events : sequence of str
+        That it noted.
+    resumes : bool
+        The verb knows ``--resume``.
+    """
     sentence, declined = str(error), isinstance(error, Declined)  # somebody said no, so nothing is to be mended
     kept = sum(1 for _ in (run / "recordings").glob("*.csv"))
     records = f"{kept} record{'s' if kept != 1 else ''} kept" if kept else "nothing recorded yet"
@@ -66,7 +76,13 @@ def _with_axis(words: Sequence[str], run: Path) -> list[str]:
 
 
 def again_command(words: Sequence[str], run: Path | None, *, resumes: bool) -> str:
-    """The command once more, to be pasted.   run : the folder to go on in; None begins a new one, whatever was asked for before."""
+    """The command once more, to be pasted.
+
+    Parameters
+    ----------
+    run : Path or None
+        The folder to go on in; None begins a new one, whatever was asked for before.
+    """
     kept: list[str] = []
     skip = False
     for word in words:

@@ -29,7 +29,15 @@ _AT = {"load": "load at", "table": "table at"}
 
 
 class Display:
-    """One job.   number : of its phase, ``2/5``.   place : of the carriage, None while nothing moves.   clock : s, of the wall."""
+    """One job.
+
+    Parameters
+    ----------
+    number : str
+        Of its phase, ``2/5``. place : of the carriage, None while nothing moves.
+    clock : callable
+        Wall clock, s.
+    """
 
     def __init__(self, number: str, title: str, pace: Pace, clock: Callable[[], float], found: Mapping[str, str] | None = None) -> None:
         self.place: CarriagePosition | None = None
@@ -48,7 +56,7 @@ class Display:
         self._pace.begin()
 
     def moving(self, place: CarriagePosition) -> None:
-        """Where the carriage is now; the largest load of a record stays in sight."""
+        """Show the carriage's place; the largest load of a record stays in sight."""
         if self.place is None or self.place.record != place.record:
             self._peaks.clear()
         for gauge in place.gauges:

@@ -19,8 +19,11 @@ TWICE_S = 2.0
 def like_ctrl_c(noted: Callable[[], None]) -> Iterator[None]:
     """SIGTERM (``kill``, shutdown) and SIGHUP (closed terminal, dropped connection) raise KeyboardInterrupt in the main thread.
 
-    noted : called first.   From then on both are ignored: closing a terminal sends several, and none may disturb the restoring.
-    A SIGHUP that was ignored before (``nohup``) stays so.  Outside the main thread nothing changes.
+    Parameters
+    ----------
+    noted : callable
+        Called first. From then on both are ignored: closing a terminal sends several, and none may disturb the restoring. A SIGHUP that
+        was ignored before (``nohup``) stays so. Outside the main thread nothing changes.
     """
     names = ("SIGTERM", "SIGHUP")
     wanted = [signal.Signals[name] for name in names if name in signal.Signals.__members__]  # Windows has no SIGHUP
@@ -46,10 +49,15 @@ def like_ctrl_c(noted: Callable[[], None]) -> Iterator[None]:
 
 @contextmanager
 def twice_leaves(clock: Callable[[], float] = time.monotonic) -> Iterator[None]:
-    """Ctrl-C raises KeyboardInterrupt as ever; another one within ``TWICE_S`` raises LeaveNow.   clock : s, never going back.
+    """Ctrl-C raises KeyboardInterrupt as ever; another one within ``TWICE_S`` raises LeaveNow.
 
     Also where SIGINT is ignored: a script's job in the background is born deaf to it, and who ends the script must stop the axis too.
     Where it is handled by somebody else, and outside the main thread, nothing changes.
+
+    Parameters
+    ----------
+    clock : callable
+        Monotonic clock, s.
     """
     before = signal.getsignal(signal.SIGINT)
     ours = threading.current_thread() is threading.main_thread() and before in (signal.default_int_handler, signal.SIG_IGN)

@@ -73,8 +73,18 @@ class CommandResult(Protocol):
 class Invocation:
     """One call of the command line.
 
-    run : the run folder, once known: where the log of an unexpected error goes.   verbose : -v once or more.   details : --details.
-    ended : by a signal from outside.   drive, bus_log : as given on the command line.
+    Attributes
+    ----------
+    run : Path or None
+        The run folder, once known: where the log of an unexpected error goes.
+    verbose
+        -v once or more.
+    details
+        --details.
+    ended
+        By a signal from outside.
+    drive, bus_log
+        As given on the command line.
     """
 
     def __init__(self, words: list[str]) -> None:
@@ -306,7 +316,10 @@ def typed(lines: Iterable[str]) -> Iterator[str]:
 def api(home: str = "beltcomm.api") -> Any:
     """:mod:`beltcomm.api`, imported when a verb runs: numba takes longer to import than ``--help`` may last.
 
-    home : module of a function that needs no machine; without what moves one it is there in half the time.
+    Parameters
+    ----------
+    home : str
+        Module of a function that needs no machine; without what moves one it is there in half the time.
     """
     from beltcomm.cli import kernels
 

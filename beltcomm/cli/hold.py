@@ -23,7 +23,16 @@ KEY = b" "
 class HeldKey:
     """A key that repeats while it is held, or any byte from a script.
 
-    fd : where its signs come from.   key : the byte that counts, None for any.   clock : s.   say : tells the person what to do.
+    Parameters
+    ----------
+    fd : int
+        Where its signs come from.
+    key : bytes or None
+        The byte that counts, None for any.
+    clock : callable
+        Time, s.
+    say : callable
+        Tells the person what to do.
     """
 
     def __init__(self, fd: int, key: bytes | None, say: Callable[[str], None], clock: Callable[[], float] = time.monotonic) -> None:

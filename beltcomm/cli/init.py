@@ -322,7 +322,7 @@ class _Answers:
         return found
 
     def fault(self, section: str, name: str, value: float) -> str:
-        """What a further answer contradicts, "" for nothing."""
+        """Contradiction between a further answer and those before, "" for none."""
         from beltcomm.axis import axis_from_dict
 
         known = self.known

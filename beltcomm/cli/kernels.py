@@ -18,7 +18,15 @@ USUAL = "15 seconds"
 
 
 class Told:
-    """Lines while kernels are compiled.   say : where they go.   clock : s."""
+    """Lines while kernels are compiled.
+
+    Parameters
+    ----------
+    say : callable
+        Where they go.
+    clock : callable
+        Time, s.
+    """
 
     def __init__(self, say: Callable[[str], None], clock: Callable[[], float] = time.monotonic) -> None:
         self._say, self._clock = say, clock

@@ -69,7 +69,13 @@ class WordChoice(Words):
 
 
 class QuantityType(Numbers):
-    """A number with its unit: SI when none is written (``0.3``, ``300mm``).   name : whose suffix says the unit."""
+    """A number with its unit: SI when none is written (``0.3``, ``300mm``).
+
+    Parameters
+    ----------
+    name : str
+        Whose suffix says the unit.
+    """
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -156,7 +162,15 @@ def as_option(text: str) -> Callable[[Function], Function]:
 
 
 def drive_options(function: Function, *, needed: bool = True, of_run: bool = True) -> Function:
-    """``--drive`` and what an adapter needs to open it.   needed : False where a verb can do without.   of_run : the run's, unless told."""
+    """``--drive`` and what an adapter needs to open it.
+
+    Parameters
+    ----------
+    needed : bool
+        False where a verb can do without.
+    of_run : bool
+        The run's, unless told.
+    """
     for decorate in reversed(
         (
             click.option(
@@ -213,7 +227,13 @@ def serving_options(function: Function) -> Function:
 
 
 def machine_options(function: Function, *, needed: bool = True, of_run: bool = True) -> Function:
-    """Options of every verb that moves an axis.   needed : as in :func:`drive_options`."""
+    """Options of every verb that moves an axis.
+
+    Parameters
+    ----------
+    needed : bool
+        As in :func:`drive_options`.
+    """
     for decorate in reversed(
         (
             yes_option,
@@ -251,7 +271,13 @@ def machine_options(function: Function, *, needed: bool = True, of_run: bool = T
 
 
 def writing_options(function: Function, *, needed: bool = True) -> Function:
-    """Options of every verb that writes a run's parameters to a drive.   needed : as in :func:`drive_options`."""
+    """Options of every verb that writes a run's parameters to a drive.
+
+    Parameters
+    ----------
+    needed : bool
+        As in :func:`drive_options`.
+    """
     for decorate in reversed(
         (
             partial(drive_options, needed=needed),

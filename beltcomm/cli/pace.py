@@ -11,7 +11,13 @@ PACE_S, PACE_SHARE = 1.0, 0.05
 
 
 class Pace:
-    """Seconds left in a phase: on the machine they are known, in a calculation its pace so far tells them.   clock : s, of the wall."""
+    """Seconds left in a phase: on the machine they are known, in a calculation its pace so far tells them.
+
+    Parameters
+    ----------
+    clock : callable
+        Wall clock, s.
+    """
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock = clock

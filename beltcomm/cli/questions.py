@@ -53,9 +53,14 @@ class Back(Exception):
 def ask_number(
     key: str, name: str, entry: AxisEntry, default: float | None, contradicts: Callable[[float], str], where: str, kind: str = ""
 ) -> tuple[float | None, str]:
-    """A number, and how it was written; what it means is said, and an unusual one asked for again.   contradicts : in words.
+    """A number, and how it was written; what it means is said, and an unusual one asked for again.
 
-    where : number of the question.
+    Parameters
+    ----------
+    contradicts : callable
+        In words.
+    where : str
+        Number of the question.
     """
     from beltcomm.axis.kinds import KINDS
     from beltcomm.axis.terms import terms
@@ -142,9 +147,17 @@ def tell(line: str) -> None:
 
 
 def reply(question: str, default: str, shown: str = "", *, back: bool = False) -> str:
-    """One line from stdin; the default for an empty one.   shown : the default as people write it.
+    """One line from stdin; the default for an empty one.
 
-    Raises UsageError when stdin is closed, Back for that word.
+    Parameters
+    ----------
+    shown : str
+        The default as people write it.
+
+    Raises
+    ------
+    UsageError
+        When stdin is closed, Back for that word.
     """
     kept = f" ({tr('Enter keeps')} {shown or default})" if default else ""
     click.echo(fitted(f"{question}{kept}:", sys.stderr) + " ", nl=False, err=True)

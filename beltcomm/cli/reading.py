@@ -70,7 +70,7 @@ def _mappings(written: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def reading_of(given: dict[str, Any]) -> Any:
-    """How the options say that rows are read, a :class:`beltcomm.foreign.convert.Reading`.   Raises UsageError."""
+    """Reading of rows as the options ask for it, a :class:`beltcomm.foreign.convert.Reading`.  Raises UsageError."""
     from beltcomm.foreign.convert import Reading
 
     first, last = given.get("rows") or (None, None)

@@ -22,7 +22,15 @@ PLAIN_STEP = 0.25
 
 
 def terminal_talk(verbose: int = 0, details: bool = False) -> PlainTalk | RichTalk:
-    """The Talk for this process.   verbose : 1 shows what the library reports, 2 its details too.   details : of what happens."""
+    """The Talk for this process.
+
+    Parameters
+    ----------
+    verbose : int
+        1 shows what the library reports, 2 its details too.
+    details : bool
+        Of what happens.
+    """
     if verbose:
         logging.basicConfig(stream=sys.stderr, format="%(name)s: %(message)s")
         logging.getLogger("beltcomm").setLevel(logging.DEBUG if verbose > 1 else logging.INFO)
@@ -36,7 +44,13 @@ def place_of(index: int, count: int) -> str:
 
 
 class PlainTalk:
-    """Lines without colour or movement, for logs and pipes.   clock : s, of the wall."""
+    """Lines without colour or movement, for logs and pipes.
+
+    Parameters
+    ----------
+    clock : callable
+        Wall clock, s.
+    """
 
     def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic, details: bool = False) -> None:
         self._stream, self._details = stream, details
@@ -100,7 +114,10 @@ class PlainTalk:
 class RichTalk:
     """A live display below the text: phase n of m, the record with its seconds, where the carriage is in its window.
 
-    clock : s, of the wall.
+    Parameters
+    ----------
+    clock : callable
+        Wall clock, s.
     """
 
     def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic, details: bool = False) -> None:
@@ -162,7 +179,13 @@ class RichTalk:
         return sys.stdin is not None and sys.stdin.isatty()
 
     def close(self, done: bool = False) -> None:
-        """End the display and give the terminal its cursor back.   done : the phase came to its end.   Idempotent."""
+        """End the display and give the terminal its cursor back.
+
+        Parameters
+        ----------
+        done : bool
+            The phase came to its end. Idempotent.
+        """
         if self._live is not None:
             live, self._live = self._live, None
             live.stop()

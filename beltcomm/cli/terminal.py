@@ -94,7 +94,7 @@ def echo(lines: Iterable[str], stream: TextIO) -> None:
 
 
 def draw(lines: Iterable[str], console: Console, stream: TextIO) -> None:
-    """The same on a console, which may have a live display below."""
+    """Draw lines on a console, which may have a live display below."""
     from beltcomm.result import Line
 
     for block in _blocks(lines):

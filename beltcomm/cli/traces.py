@@ -30,7 +30,13 @@ def private_words() -> list[str]:
 
 
 class Traces:
-    """Of one command.   drive : as given.   on_hardware : it is no virtual drive."""
+    """Of one command.
+
+    Parameters
+    ----------
+    drive : str
+        As given. on_hardware : it is no virtual drive.
+    """
 
     def __init__(self, drive: str, wanted: bool) -> None:
         scheme = drive.partition(":")[0]

@@ -21,7 +21,13 @@ _NO_TURN, _NOTHING = 1e-12, 1e-300
 
 @dataclass(frozen=True)
 class AllowedGains:
-    """Gains below ``top`` and in none of the intervals; lows, highs : ndarray (m,), sorted, disjoint."""
+    """Gains below ``top`` and in none of the intervals.
+
+    Attributes
+    ----------
+    lows, highs : ndarray (m,)
+        Sorted, disjoint.
+    """
 
     top: float
     lows: Array

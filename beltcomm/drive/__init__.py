@@ -553,7 +553,10 @@ Heard = tuple[float, int, bytes, bool]
 class Listening(Protocol):
     """A bus that is listened to: nothing is written to a drive, nothing moves.   Use as a context manager.
 
-    title : where, in words.
+    Attributes
+    ----------
+    title : str
+        Where, in words.
     """
 
     title: str

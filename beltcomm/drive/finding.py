@@ -17,11 +17,22 @@ Values = dict[str, float | int | str | bool]
 class Finding:
     """One statement.
 
-    area : where it belongs, a word or two such as ``bus``; findings of one area stand together.
-    name : stable key for programs, unique within its area.     state : see :data:`State`.
-    text : one plain sentence with the value found, for people.     remedy : what to do next, "" when nothing is.
-    values : what was read, by name with the unit as suffix (SI), for programs and for comparison with axis.yaml.
-    unreachable : the drive or its bus cannot be reached, so that nothing further was asked.
+    Attributes
+    ----------
+    area : str
+        Where it belongs, a word or two such as ``bus``; findings of one area stand together.
+    name : str
+        Stable key for programs, unique within its area.
+    state : State
+        See :data:`State`.
+    text : str
+        One plain sentence with the value found, for people.
+    remedy : str
+        What to do next, "" when nothing is.
+    values : Mapping[str, float or int or str or bool]
+        What was read, by name with the unit as suffix (SI), for programs and for comparison with axis.yaml.
+    unreachable : bool
+        The drive or its bus cannot be reached, so that nothing further was asked.
     """
 
     area: str

@@ -74,7 +74,15 @@ def packed(kind: str, raw: float) -> bytes:
 
 @dataclass(frozen=True)
 class DictionaryEntry:
-    """Entry of a file on an object.   kind : data type, None for no single number.   value : that or default, None for none."""
+    """Entry of a file on an object.
+
+    Attributes
+    ----------
+    kind : str or None
+        Data type, None for no single number.
+    value : float or None
+        That or default, None for none.
+    """
 
     index: int
     subindex: int
@@ -88,8 +96,14 @@ class DictionaryEntry:
 class ParameterObject:
     """One parameter as an object of the drive:  SI value = scale * raw value.
 
-    type : an integer type or ``real32``.    lowest, highest : raw values the drive takes, None when unknown.
-    law : "linear", or "integral_time": the object is T_n = K_P / K_I in units of ``scale`` seconds.
+    Attributes
+    ----------
+    type : str
+        An integer type or ``real32``.
+    lowest, highest : int or None
+        Raw values the drive takes, None when unknown.
+    law : Literal['linear', 'integral_time']
+        "linear", or "integral_time": the object is T_n = K_P / K_I in units of ``scale`` seconds.
     """
 
     index: int
@@ -119,13 +133,30 @@ class ParameterObject:
         return int(least if self.lowest is None else self.lowest), int(most if self.highest is None else self.highest)
 
     def value(self, raw: float, gain: Callable[[], float]) -> float:
-        """SI value of a raw one.   gain : K_P in N m s/rad, asked where the object is an integral time."""
+        """SI value of a raw one.
+
+        Parameters
+        ----------
+        gain : callable
+            K_P in N m s/rad, asked where the object is an integral time.
+        """
         if self.law == "linear":
             return raw * self.scale
         return gain() / (raw * self.scale) if raw else math.inf
 
     def raw(self, name: str, value: float, gain: Callable[[], float]) -> float:
-        """The raw value nearest to an SI one.   gain : as in :meth:`value`.   Raises UsageError when it is out of range."""
+        """The raw value nearest to an SI one.
+
+        Parameters
+        ----------
+        gain : callable
+            As in :meth:`value`.
+
+        Raises
+        ------
+        UsageError
+            When it is out of range.
+        """
         if not math.isfinite(value):
             raise UsageError(f"{name} must be a number, not {value}")
         if self.type == "real32":
@@ -147,9 +178,16 @@ class ParameterObject:
 
 @dataclass(frozen=True)
 class ObjectValue:
-    """Value that stands, or shall stand, in one object.   kind : data type.   raw : the number on the wire.
+    """Value that stands, or shall stand, in one object.
 
-    name, value : the parameter that it holds and its SI value, "" and None for none.
+    Attributes
+    ----------
+    kind : str
+        Data type.
+    raw : float
+        The number on the wire.
+    name, value
+        The parameter that it holds and its SI value, "" and None for none.
     """
 
     index: int

@@ -45,9 +45,22 @@ GainAccess = Literal["writable", "to_calibrate", "unknown"]
 class GainTerm:
     """Gain that beltcomm does not write: how a person calls it in the maker's tool.
 
-    place : object, parameter number or name there.   what : it does, in words.   missing : what is not known of it; "" for nothing.
-    parameter : which of :data:`GAIN_NAMES` it holds, or ``integral_time_s``; "" where that is not known.   unit : as the tool shows it.
-    scale : SI at the motor shaft of one such unit, 0 where not known.   current : it counts in A rms of the motor in place of N m.
+    Attributes
+    ----------
+    place : str
+        Object, parameter number or name there.
+    what : str
+        It does, in words.
+    missing : str
+        What is not known of it; "" for nothing.
+    parameter : str
+        Which of :data:`GAIN_NAMES` it holds, or ``integral_time_s``; "" where that is not known.
+    unit : str
+        As the tool shows it.
+    scale : float
+        SI at the motor shaft of one such unit, 0 where not known.
+    current : bool
+        It counts in A rms of the motor in place of N m.
     """
 
     place: str
@@ -98,9 +111,16 @@ def cascade_to_parameters(cascade: Cascade) -> dict[str, float]:
 def parameters_to_cascade(parameters: Mapping[str, float]) -> Cascade:
     """The controller that a drive with these parameters runs; the inverse of :func:`cascade_to_parameters`.
 
-    parameters : the four gains at least; further names of :data:`GAIN_NAMES` that are missing are not in the drive, so no
-        prefilter, no feedforward torque, no velocity feedforward, reference unfiltered.  Other names (limits) are ignored.
-    Raises UsageError for a missing gain or an unknown prefilter kind.
+    Parameters
+    ----------
+    parameters : Mapping[str, float]
+        The four gains at least; further names of :data:`GAIN_NAMES` that are missing are not in the drive, so no prefilter, no
+        feedforward torque, no velocity feedforward, reference unfiltered. Other names (limits) are ignored.
+
+    Raises
+    ------
+    UsageError
+        For a missing gain or an unknown prefilter kind.
     """
     missing = [name for name in GAIN_NAMES[:4] if name not in parameters]
     if missing:

@@ -13,9 +13,14 @@ Array = NDArray[np.float64]
 
 @compiled
 def lag_torque(cells: Array, h: float, time: float) -> Array:
-    """Torque averaged over cells of ``h`` seconds, behind a lag 1/(1 + time s); cells : ndarray (n,), N m, constant in each cell.
+    """Torque averaged over cells of ``h`` seconds, behind a lag 1/(1 + time s).
 
-    y' = (u - y)/time;   mean of y over a cell = u + (y_0 - u) (1 - e^{-h/time}) time/h
+    y' = (u - y)/time;   mean of y over a cell = u + (y_0 - u) (1 - e^{-h/time}) time/h.
+
+    Parameters
+    ----------
+    cells : ndarray (n,), N m
+        Constant in each cell.
     """
     out = np.empty_like(cells)
     if time < 1e-9:

@@ -14,9 +14,14 @@ Array = NDArray[np.float64]
 
 @compiled
 def read(torque: Array, start: float, h: float, time: float) -> Array:
-    """Reading of a torque, behind a lag 1/(1 + time s); torque : (n,), N m, every ``h`` seconds, straight between.
+    """Reading of a torque, behind a lag 1/(1 + time s).
 
     time y' = u - y,   y_0 = start.   Exact for a torque that is straight between the samples.
+
+    Parameters
+    ----------
+    torque : ndarray (n,), N m
+        Every ``h`` seconds, straight between.
     """
     out = np.empty_like(torque)
     if time < 1e-9:

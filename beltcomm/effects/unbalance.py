@@ -14,7 +14,15 @@ def force(position: float, speed: float, t: float, order: float, sine: float, co
     """Torque on the motor:  -(sine sin(order θ) + cosine cos(order θ)), N m.   θ : rad, absolute motor angle.
 
     m g l over the gear ratio is sqrt(sine² + cosine²); the arm hangs where sine sin(order θ) + cosine cos(order θ) is 0 and rises.
-    order : turns of the load per turn of the motor.   Source: m g l sin(φ), the moment of a weight about its axis.
+
+    Parameters
+    ----------
+    order : float
+        Turns of the load per turn of the motor.
+
+    References
+    ----------
+    m g l sin(φ), the moment of a weight about its axis.
     """
     return -(sine * math.sin(order * position) + cosine * math.cos(order * position))
 

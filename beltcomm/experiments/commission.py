@@ -388,7 +388,7 @@ def measure_friction(
         held_out=held_out,
         extra=own_strokes.note(machine),
     )
-    return machine.record(name, machine.follow(strokes.trajectory, machine.stroking()), phases.loose_room(machine), sidecar)
+    return machine.record(name, machine.follow(strokes.trajectory, machine.stroking()), phases.untuned_envelope(machine), sidecar)
 
 
 def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> Cascade:
@@ -401,7 +401,7 @@ def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> 
         findings.final = final_model(recordings, machine.axis, counts, start=first, progress=lambda f: machine.talk.progress(f, None))
     model = findings.final.fit.model
     measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
-    middle = sum(machine.full_room().window_m) / 2
+    middle = sum(machine.envelope().window_m) / 2
     findings.characteristics = analyse.characteristics(findings.final.fit, middle)
     tell_model(machine, model, middle)
     sampling_limits.note_after(findings.remarks, model, machine.axis, machine.drive.capabilities, middle)

@@ -90,7 +90,7 @@ def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: floa
         closed_loop=True,
         held_out=step.held_out,
     )
-    machine.record(name, machine.follow(path, machine.stroking()), phases.loose_room(machine), sidecar)
+    machine.record(name, machine.follow(path, machine.stroking()), phases.untuned_envelope(machine), sidecar)
 
 
 def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: float, share: float) -> None:
@@ -101,7 +101,7 @@ def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: f
     share : float
         Of its torque; below 1 after a carriage that went too far.
     """
-    phases.move_to(machine, step.at_m(machine.full_room().window_m), model)
+    phases.move_to(machine, step.at_m(machine.envelope().window_m), model)
     if machine.folder.finished(SWEEP) is not None and machine.stroking() == "position":
         held = holding_at(machine.folder.recording(SWEEP), machine.ratio, machine.position_m)
         machine.holding_nm = machine.holding_nm if held is None else held
@@ -176,19 +176,19 @@ def quieter(loud_nm: float, friction_nm: float, share: float) -> float:
 def course_of(machine: Machine, model: Model) -> Course:
     """Limits of motions of this axis."""
     gentle = phases.gentle_limits(machine, model, np.inf)
-    room, ends, period = machine.full_room(), phases.stroke_ends(machine), machine.drive.capabilities.sample_period_s
+    envelope, ends, period = machine.envelope(), phases.stroke_ends(machine), machine.drive.capabilities.sample_period_s
     if machine.stroking() != "position":  # a velocity loop lags, nobody predicts what the belt would carry
-        return Course(room.window_m, ends, gentle, gentle, period)
-    slowest_hz, _ = analyse.characteristic_hz(model, 0.5 * sum(room.window_m))
+        return Course(envelope.window_m, ends, gentle, gentle, period)
+    slowest_hz, _ = analyse.characteristic_hz(model, 0.5 * sum(envelope.window_m))
     hard = hard_acceleration_m_s2(machine, model)
     limits = replace(gentle, acceleration_m_s2=hard, jerk_m_s3=hard * slowest_hz / RISE_PERIODS)
-    return Course(room.window_m, ends, gentle, limits, period)
+    return Course(envelope.window_m, ends, gentle, limits, period)
 
 
 def hard_acceleration_m_s2(machine: Machine, model: Model) -> float:
     """Acceleration with all of the belt's force or the motor's torque beside friction, whichever is less, m/s²."""
     ratio, mass = model["transmission.ratio"], model["cart.mass"]
-    torque = max(machine.full_room().torque_nm - 2.0 * total_friction(model), 0.1 * machine.full_room().torque_nm)
+    torque = max(machine.envelope().torque_nm - 2.0 * total_friction(model), 0.1 * machine.envelope().torque_nm)
     by_torque = torque / (model["motor.inertia"] / ratio + ratio * mass)
     return HARD_SHARE * min(machine.axis.limits.acceleration_m_s2 or math.inf, machine.belt_left_n / mass, by_torque)
 
@@ -226,4 +226,4 @@ def is_measured(machine: Machine, step: Step) -> bool:
     """True if the first response stands for that of a step."""
     here = machine.folder.recording("frf_1").sidecar.start_position_m
     loud = step.kind == "response" and step.share >= LOUD and not step.held_out
-    return loud and here is not None and abs(step.at_m(machine.full_room().window_m) - here) < SAME_PLACE_M
+    return loud and here is not None and abs(step.at_m(machine.envelope().window_m) - here) < SAME_PLACE_M

@@ -20,7 +20,7 @@ from beltcomm.drive.objects import GAIN, ObjectValue, ParameterObject, name_of
 from beltcomm.errors import DataError, Refused, SafetyStop
 from beltcomm.experiments.bounds import Experiment
 from beltcomm.identify.loop_gain import RISE, Gain, Steps, VelocityLaw, position_gain, velocity_law
-from beltcomm.machine.machine import Machine, Room
+from beltcomm.machine.machine import Envelope, Machine
 from beltcomm.rundata.backups import renew
 from beltcomm.rundata.calibration import RESULT, Calibration, GainUnit, calibration_of, check
 from beltcomm.rundata.store import drive_to_dict
@@ -137,7 +137,7 @@ def measure(machine: Machine, breakaway_nm: float) -> Calibration:
             "what this drive's gains mean is measured at standstill without a holding torque; the axis is tilted and would fall. Calibrate "
             "it level, or the drive on another axis, and copy results/calibration.yaml of that run into this one"
         )
-    low, high = machine.full_room().window_m
+    low, high = machine.envelope().window_m
     if min(machine.position_m - low, high - machine.position_m) < REACH_M:
         raise Refused(f"the steps need {1e3 * REACH_M:g} mm to both ends; the carriage stands at {machine.where(machine.position_m)}")
     limit = min(axis.torque_limit_nm, capabilities.peak_torque_nm)
@@ -176,7 +176,7 @@ class _Probe:
         inertia = self.machine.axis.motor_side_inertia_kg_m2
         entry = self.parameters[GAIN]
         raw = self._gains(BANDWIDTH * inertia / entry.scale)
-        most = SPEED_SHARE * self.machine.full_room().speed_m_s / self.machine.ratio
+        most = SPEED_SHARE * self.machine.envelope().speed_m_s / self.machine.ratio
         first = self.torque_nm / (entry.scale * raw[GAIN] * CAUTION)
 
         def raise_gain(factor: float) -> bool:
@@ -202,8 +202,8 @@ class _Probe:
         law = VelocityLaw(Gain(kp, units[GAIN].interval * raw[GAIN]), Gain(tn, 0.0), 0)
         position = [_check_within(entry, POSITION_GAIN / entry.scale)]
         self._write({"kpp_1_s": position[0]})
-        room = self.machine.full_room()
-        most = min(LARGEST_STEP_M, SPEED_SHARE * room.speed_m_s * self.period_s) / self.machine.ratio
+        envelope = self.machine.envelope()
+        most = min(LARGEST_STEP_M, SPEED_SHARE * envelope.speed_m_s * self.period_s) / self.machine.ratio
         first = self.torque_nm / (kp * entry.scale * position[0] * CAUTION)
 
         def raise_gain(factor: float) -> bool:
@@ -269,7 +269,7 @@ class _Probe:
 
     def _run(self, kind: Literal["velocity", "position"], shape: Array) -> list[Row]:
         machine, zero = self.machine, np.zeros(len(shape))
-        at, full = machine.position_m, machine.full_room()
+        at, full = machine.position_m, machine.envelope()
         start = machine.drive.read(["position_rad"])["position_rad"]
         limit = WATCHED * self.torque_nm + WATCHED_OF_RATED * machine.drive.capabilities.rated_torque_nm
         rows: list[Row] = []
@@ -295,8 +295,8 @@ class _Probe:
         else:
             motion = Motion("position", self.period_s, start + shape, zero, zero)
             speed = full.speed_m_s
-        room = Room((at - REACH_M, at + REACH_M), min(speed, full.speed_m_s), full.torque_nm)
-        machine.run(motion, room, watch)
+        envelope = Envelope((at - REACH_M, at + REACH_M), min(speed, full.speed_m_s), full.torque_nm)
+        machine.run(motion, envelope, watch)
         return rows
 
 

@@ -106,15 +106,15 @@ def _half(pair: Breakaway) -> float:
 
 
 def _limits(machine: Machine, release: bool) -> Limits:
-    """The little room of the first motions.   release : a stop takes the stage off: no loop is known yet to hold the axis."""
-    room = phases.room_around(machine, machine.position_m, phases.SIGN_REACH_M)
-    return replace(machine.drive_limits(room), release=release)
+    """Small envelope of the first motions.   release : a stop takes the stage off: no loop is known yet to hold the axis."""
+    envelope = phases.envelope_around(machine, machine.position_m, phases.SIGN_REACH_M)
+    return replace(machine.drive_limits(envelope), release=release)
 
 
 def _break_away(machine: Machine, torque_nm: float, release: bool) -> Breakaway:
     """One breakaway up and one down, first upwards."""
     found = {}
-    low, high = machine.full_room().window_m
+    low, high = machine.envelope().window_m
     for sign in (math.copysign(1.0, machine.axis.mounting.tilt_deg), -math.copysign(1.0, machine.axis.mounting.tilt_deg)):
         machine.let_settle()
         here = machine.position_m
@@ -240,7 +240,7 @@ def _creep(machine: Machine) -> Recording:
         here = target
     path: Trajectory = join([*parts, at_rest(here, REST_S, period)])
     sidecar = Sidecar("reversal", machine.place_m(at), machine.session_time_s, closed_loop=True)
-    return machine.record(RECORD, machine.follow(path, "position"), phases.loose_room(machine), sidecar)
+    return machine.record(RECORD, machine.follow(path, "position"), phases.untuned_envelope(machine), sidecar)
 
 
 def half_sums(recording: Recording, ratio: float) -> tuple[HoldingTorque, float]:
@@ -291,7 +291,7 @@ def _integrate(machine: Machine, centre_nm: float, friction_nm: float) -> Settle
     def watch(row: Row) -> None:
         rows.append((row[1], machine.ratio * row[3]))
 
-    machine.run(machine.follow(at_rest(start, INTEGRATE_S, period), "velocity"), phases.loose_room(machine), watch)
+    machine.run(machine.follow(at_rest(start, INTEGRATE_S, period), "velocity"), phases.untuned_envelope(machine), watch)
     last = np.array(rows[-round(READ_S / period) :])
     seen = np.array(rows)[:, 1]
     slipped, stood = float(np.ptp(seen)), float(np.ptp(last[:, 1])) < STOOD_M

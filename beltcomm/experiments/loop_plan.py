@@ -157,16 +157,16 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
     """
     capabilities = machine.drive.capabilities
     kind, into = require_offered(capabilities, way, frozenset(machine.drive.backup()))
-    cascade, margin = sequence.first_cascade(machine, findings, model, sum(machine.full_room().window_m) / 2.0)
+    cascade, margin = sequence.first_cascade(machine, findings, model, sum(machine.envelope().window_m) / 2.0)
     excited = cascade
     if into == "velocity":  # what the drive feeds forward would pass the excitation on beside the controller
         forward = replace(cascade.feedforward, inertia_kg_m2=0.0, viscous_nm_s_rad=0.0, advance_s=0.0)
         excited = replace(cascade, feedforward=forward if base_speed_m_s != 0.0 else replace(forward, coulomb_nm=0.0))
-    room = machine.full_room()
+    envelope = machine.envelope()
     structure = capabilities.structure
-    drive = LoopDrive(structure.period_s, delays.delay(findings), room.torque_nm, capabilities.counts_per_rev)
+    drive = LoopDrive(structure.period_s, delays.delay(findings), envelope.torque_nm, capabilities.counts_per_rev)
     loop = ClosedLoop(excited, drive, kind, into, capabilities.sample_period_s)
-    band = visible_band(capabilities.sample_period_s, *analyse.characteristic_hz(model, sum(machine.full_room().window_m) / 2.0))
+    band = visible_band(capabilities.sample_period_s, *analyse.characteristic_hz(model, sum(machine.envelope().window_m) / 2.0))
     choice: Choice = choose(machine.excitation, capabilities.sample_period_s, *band, RESPONSE_S)
     choice = machine.asked.of(choice, capabilities.sample_period_s)
     period_s = choice.excitation(1.0, capabilities.sample_period_s).period_samples * capabilities.sample_period_s
@@ -184,8 +184,8 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
         most = MOST_SHARE * (speed or phases.EXCITATION_SPEED_M_S) / machine.ratio
     limits = MotionLimits(
         excitation_travel_m(capabilities.sample_period_s),
-        min(room.speed_m_s, max(speed, 0.0) + phases.EXCITATION_SPEED_M_S),
-        room.torque_nm,
+        min(envelope.speed_m_s, max(speed, 0.0) + phases.EXCITATION_SPEED_M_S),
+        envelope.torque_nm,
         phases.BELT_SHARE * machine.axis.belt_force_limit_n,
     )
     signal = cast("Any", choice)
@@ -208,7 +208,7 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
 def plan_of(machine: Machine, job: LoopJob) -> Plan:
     """The plan that the user is shown."""
     axis, told, period = machine.axis, job.prediction, job.loop.sample_period_s
-    low, high = machine.full_room().window_m
+    low, high = machine.envelope().window_m
     signal = f"±{job.step.amplitude:.3g} {job.unit} of {'torque' if job.loop.into == 'torque' else 'speed setpoint'}"
     what = f"be excited in place with up to {signal}"
     if job.speed_m_s:
@@ -220,12 +220,12 @@ def plan_of(machine: Machine, job: LoopJob) -> Plan:
         f"limited by {job.step.binds}. {job.why[0].upper()}{job.why[1:]}."
     )
     short, long = (period * len(job.motion(job.step.amplitude, rising=rising).added) for rising in (True, False))
-    travel, torque = told.high_m - told.low_m, machine.full_room().torque_nm
+    travel, torque = told.high_m - told.low_m, machine.envelope().torque_nm
     positioning = Experiment(
         "to an end of the strokes, before each",
         high - low,
         high - low,
-        min(phases.POSITIONING_SPEED_M_S, machine.full_room().speed_m_s),
+        min(phases.POSITIONING_SPEED_M_S, machine.envelope().speed_m_s),
         torque,
         gentle_force_n(axis),
         (1 + RISES) * MOVE_SECONDS,
@@ -256,7 +256,7 @@ def _moves(job: LoopJob, amplitude: float, at_m: float) -> None:
 
 def check_inside(machine: Machine, prediction: MovingPrediction) -> None:
     """Raise Refused when a record with its stops is predicted to leave the travel."""
-    low, high = machine.full_room().window_m
+    low, high = machine.envelope().window_m
     if prediction.low_m < low or prediction.high_m > high:
         raise Refused(
             f"the carriage is predicted to go from {prediction.low_m:.4g} to {prediction.high_m:.4g} m with the way of a stop, "

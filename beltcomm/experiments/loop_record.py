@@ -21,7 +21,7 @@ from beltcomm.identify.loop_amplitude import (
     simulate_record,
 )
 from beltcomm.identify.loop_response import KnownController
-from beltcomm.machine.machine import Machine, Room
+from beltcomm.machine.machine import Envelope, Machine
 from beltcomm.machine.prediction_watch import SURPRISE, TRAVEL_SLACK_M
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar
@@ -95,10 +95,12 @@ def _record(machine: Machine, job: LoopJob, name: str, amplitude: float, *, risi
     asked = motion.base_m_s / machine.ratio
     torque, faster = (motion.added, zero) if loop.into == "torque" else (zero, motion.added)
     order = Motion(loop.kind, loop.sample_period_s, machine.origin_rad + base / machine.ratio, asked + faster, torque)
-    low, high = machine.full_room().window_m
+    low, high = machine.envelope().window_m
     slack = SURPRISE * predicted.deviation_m + TRAVEL_SLACK_M + phases.END_MARGIN_M
     window = max(low, float(base.min()) - slack), min(high, float(base.max()) + slack)
-    room = Room(window, machine.full_room().speed_m_s, machine.full_room().torque_nm, phases.LOST_M if loop.kind == "position" else None)
+    envelope = Envelope(
+        window, machine.envelope().speed_m_s, machine.envelope().torque_nm, phases.LOST_M if loop.kind == "position" else None
+    )
     known = KnownController(running, loop.kind, loop.drive.period_s, loop.drive.delay_s)
     note = ExcitationNote(
         kind=job.choice.excitation(1.0, loop.sample_period_s).kind,
@@ -111,7 +113,7 @@ def _record(machine: Machine, job: LoopJob, name: str, amplitude: float, *, risi
     )
     sidecar = Sidecar("frf", at, machine.session_time_s, closed_loop=True, excitation=note, controller=known.to_dict())
     watch = MovingWatch(base, machine.ratio, machine.origin_rad, loop.sample_period_s, predicted)
-    return machine.record(name, order, room, sidecar, watch, (carriage, np.gradient(carriage, loop.sample_period_s)))
+    return machine.record(name, order, envelope, sidecar, watch, (carriage, np.gradient(carriage, loop.sample_period_s)))
 
 
 class MovingWatch:

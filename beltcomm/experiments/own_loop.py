@@ -18,7 +18,7 @@ from beltcomm.errors import DriveFault, Refused, SafetyStop
 from beltcomm.experiments import phases, verification
 from beltcomm.experiments.recentre import stands
 from beltcomm.identify.amplitude import family_around
-from beltcomm.machine.machine import Machine, Room
+from beltcomm.machine.machine import Envelope, Machine
 from beltcomm.model import Model
 from beltcomm.recording.sidecar import Sidecar
 from beltcomm.rundata.delays import delay
@@ -66,7 +66,7 @@ def try_out(machine: Machine, findings: Findings, model: Model) -> bool:
         return False
     reaction_s = REACTION_PERIODS * machine.drive.capabilities.sample_period_s
     heaviest = max(one["cart.mass"] for one in family)
-    deceleration = rigid_deceleration(machine.axis, heaviest, machine.full_room().torque_nm, SWING).value_m_s2
+    deceleration = rigid_deceleration(machine.axis, heaviest, machine.envelope().torque_nm, SWING).value_m_s2
     machine.brake_with(Braking(deceleration, LAG_GROWTH * lag_s + reaction_s, reaction_s))
     machine.folder.journal(f"the drive's own loop lags by {1e3 * lag_s:.1f} ms; a stop brakes with {deceleration:.4g} m/s²")
     return True
@@ -74,7 +74,7 @@ def try_out(machine: Machine, findings: Findings, model: Model) -> bool:
 
 def _trials(machine: Machine, model: Model) -> float:
     """The lag that the loop showed last, s.   Raises SafetyStop, Refused for a loop that does not hold the axis."""
-    low, high = machine.full_room().window_m
+    low, high = machine.envelope().window_m
     lag_s = math.inf
     for speed in TRIALS_M_S:
         at = machine.position_m
@@ -100,7 +100,7 @@ def _trials(machine: Machine, model: Model) -> float:
 
 def _follow(machine: Machine, model: Model, path: Trajectory, most_m: float) -> tuple[float, float]:
     """Follow a path; its top speed, m/s, and how far the carriage was off it, m.   most_m : what is allowed of that."""
-    kind, full = machine.stroking(), machine.full_room()
+    kind, full = machine.stroking(), machine.envelope()
     rows: list[tuple[float, float]] = []
     reference, period = path.position_m, machine.drive.capabilities.sample_period_s
     begun: list[float] = []
@@ -121,8 +121,8 @@ def _follow(machine: Machine, model: Model, path: Trajectory, most_m: float) -> 
 
     low, high = float(np.min(reference)) - most_m, float(np.max(reference)) + most_m
     window = max(low, full.window_m[0]), min(high, full.window_m[1])
-    room = Room(window, full.speed_m_s, full.torque_nm, most_m if kind == "position" else None)
-    machine.run(machine.follow(path, kind), room, watch)
+    envelope = Envelope(window, full.speed_m_s, full.torque_nm, most_m if kind == "position" else None)
+    machine.run(machine.follow(path, kind), envelope, watch)
     off = np.array(rows)
     return float(np.max(np.abs(path.velocity_m_s))), float(np.max(np.abs(off[:, 0] - off[:, 1])))
 
@@ -168,7 +168,7 @@ def _verified(machine: Machine, findings: Findings, model: Model, cascade: Casca
         closed_loop=True,
         held_out=True,
     )
-    recording = machine.record(MOVE, machine.follow(beside, "position"), phases.loose_room(machine), sidecar)
+    recording = machine.record(MOVE, machine.follow(beside, "position"), phases.untuned_envelope(machine), sidecar)
     designed = predict_move(model, cascade, along, verification.in_drive(machine, delay(findings)))
     verdict = judge(recording, machine.ratio, designed)
     said = (

@@ -1,6 +1,6 @@
 """The phases of a commissioning, each a step on the machine followed by what it taught.
 
-Every phase predicts what its motion will do before it asks the machine to move, and stays inside :class:`Room`.
+Every phase predicts what its motion will do before it asks the machine to move, and stays inside :class:`Envelope`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from beltcomm.identify.amplitude import (
 from beltcomm.machine import exciting, host_loss, stops
 from beltcomm.machine.creep import creep
 from beltcomm.machine.heat import Thermal
-from beltcomm.machine.machine import Machine, Room, stroking
+from beltcomm.machine.machine import Envelope, Machine, stroking
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.rundata import analyse
@@ -69,11 +69,11 @@ EXCITATION_SPEED_M_S = 0.5
 POSITIONING_SPEED_M_S = 0.5
 
 
-def room_around(machine: Machine, position_m: float, travel_m: float) -> Room:
+def envelope_around(machine: Machine, position_m: float, travel_m: float) -> Envelope:
     """Full speed and torque inside a window around a place, cut at the ends of the travel."""
-    full = machine.full_room()
+    full = machine.envelope()
     low, high = full.window_m
-    return Room((max(low, position_m - travel_m), min(high, position_m + travel_m)), full.speed_m_s, full.torque_nm)
+    return Envelope((max(low, position_m - travel_m), min(high, position_m + travel_m)), full.speed_m_s, full.torque_nm)
 
 
 def room_to_creep(machine: Machine) -> float:
@@ -85,7 +85,7 @@ def room_to_creep(machine: Machine) -> float:
         When that is too near to an end to creep both ways.
     """
     at = machine.position_m
-    low, high = machine.full_room().window_m
+    low, high = machine.envelope().window_m
     if min(at - low, high - at) < 2.0 * SIGN_TRAVEL_M:
         raise UsageError(
             f"the carriage stands at {machine.where(at)}, within {2e3 * SIGN_TRAVEL_M:.0f} mm of an end of its {machine.room_word}; "
@@ -104,9 +104,9 @@ def sign_and_scale(machine: Machine) -> Breakaway:
     DriveError
         When positive torque drives to negative position or the axis does not stop.
     """
-    low, high = machine.full_room().window_m
+    low, high = machine.envelope().window_m
     at = room_to_creep(machine)
-    limits = machine.drive_limits(room_around(machine, at, SIGN_REACH_M))
+    limits = machine.drive_limits(envelope_around(machine, at, SIGN_REACH_M))
     limits = replace(limits, release=bool(machine.axis.motor.brake_torque_nm))  # should gravity pull after all, the brake stops it
     host_loss.prove(machine)
     begun = machine.drive.clock.now()
@@ -123,7 +123,7 @@ def sign_and_scale(machine: Machine) -> Breakaway:
 
 def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
     """Limits of an excitation at a place."""
-    full = machine.full_room()
+    full = machine.envelope()
     low, high = full.window_m
     space = min(position_m - low, high - position_m) - END_MARGIN_M
     if space < 2e-3:
@@ -212,11 +212,11 @@ def planned_response(
         f"{name}: {choice.reason}; ±{step.amplitude_nm:.3f} N m, limited by {step.binds}; stopping distance at most "
         f"{1e3 * step.prediction.stop_m:.1f} mm; {run_on}"
     )
-    context, room = (
+    context, envelope = (
         exciting.ExcitationContext(step.prediction, family_around(without_offset(model)), host_loss.losses_of(machine)),
-        excitation_room(machine, at),
+        excitation_envelope(machine, at),
     )
-    return exciting.excite(machine, name, excitation, at, room, context, held_out), excitation, step
+    return exciting.excite(machine, name, excitation, at, envelope, context, held_out), excitation, step
 
 
 def response_to_come(
@@ -268,9 +268,9 @@ def without_offset(model: Model) -> Model:
     return model.with_values({name: 0.0 for name in ("constant_offset.torque", "tilt.angle") if name in model.parameters})
 
 
-def excitation_room(machine: Machine, at: float) -> Room:
+def excitation_envelope(machine: Machine, at: float) -> Envelope:
     """Envelope of an excitation at a place."""
-    return room_around(machine, at, excitation_travel_m(machine.drive.capabilities.sample_period_s) + END_MARGIN_M)
+    return envelope_around(machine, at, excitation_travel_m(machine.drive.capabilities.sample_period_s) + END_MARGIN_M)
 
 
 def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = POSITIONING_SPEED_M_S) -> None:
@@ -286,7 +286,7 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = P
             return
         plan = partial(plan_trajectory, machine.position_m, target_m, sample_period_s=machine.drive.capabilities.sample_period_s)
         trajectory = stoppable(machine, gentle_limits(machine, model, slow_m_s), plan)
-        machine.run(machine.follow(with_dwell(trajectory, 0.3), machine.stroking()), loose_room(machine))
+        machine.run(machine.follow(with_dwell(trajectory, 0.3), machine.stroking()), untuned_envelope(machine))
     if abs(machine.position_m - target_m) > ASTRAY_M:
         raise SafetyStop(
             f"the carriage stands at {machine.position_m:.4f} m instead of {target_m:.4f} m after a move; the loop does not hold it",
@@ -294,14 +294,14 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = P
         )
 
 
-def loose_room(machine: Machine) -> Room:
+def untuned_envelope(machine: Machine) -> Envelope:
     """The whole axis for a loop that is not tuned yet.  The drive's own window counts motor revolutions, whatever the gearbox."""
-    return replace(machine.full_room(), lag_m=LOST_M + own_strokes.LAG_M * (own_strokes.kpp_1_s(machine) < np.inf))
+    return replace(machine.envelope(), lag_m=LOST_M + own_strokes.LAG_M * (own_strokes.kpp_1_s(machine) < np.inf))
 
 
 def gentle_limits(machine: Machine, model: Model, speed_m_s: float) -> TrajectoryLimits:
     """Speed, acceleration and jerk that load the belt with a third of its force at most."""
-    limits, top = machine.axis.limits, min(SPEED_SHARE * machine.full_room().speed_m_s, own_strokes.LAG_M * own_strokes.kpp_1_s(machine))
+    limits, top = machine.axis.limits, min(SPEED_SHARE * machine.envelope().speed_m_s, own_strokes.LAG_M * own_strokes.kpp_1_s(machine))
     acceleration = min(limits.acceleration_m_s2 or np.inf, machine.belt_left_n / 3.0 / model["cart.mass"])
     return TrajectoryLimits(jerk_m_s3=20.0 * acceleration, acceleration_m_s2=acceleration, speed_m_s=min(speed_m_s, top))
 
@@ -331,7 +331,7 @@ def slower(limits: TrajectoryLimits, share: float) -> TrajectoryLimits:
 
 def stroke_ends(machine: Machine) -> tuple[float, float]:
     """Turning points of strokes: near the ends of the travel in a position loop, well inside in a velocity loop, which drifts."""
-    low, high = machine.full_room().window_m
+    low, high = machine.envelope().window_m
     margin = stroke_share(machine.drive.capabilities) * (high - low)
     return low + margin, high - margin
 

@@ -179,7 +179,7 @@ def verify_move(
         controller=proof(cascade, trajectory, payloads_kg, led_by),
     )
     motion = machine.follow(beside, "position", sent.torque_nm, None if sent.reference is None else sent.reference.lead_m)
-    recording = machine.record(name, motion, replace(machine.full_room(), lag_m=lag), sidecar)
+    recording = machine.record(name, motion, replace(machine.envelope(), lag_m=lag), sidecar)
 
     if sent.reference is not None:
         ahead = grid.in_loop(sent.reference.lead_m) / machine.ratio
@@ -240,7 +240,7 @@ def _brought(sent: Sent, alone: PredictedMove) -> list[str]:
 
 def _check_along(machine: Machine, sent: Sent) -> None:
     """Raise Refused when the torque sent along would take the move beyond the torque that axis and drive allow."""
-    limit = machine.full_room().torque_nm
+    limit = machine.envelope().torque_nm
     if sent.torque_nm is not None and not sent.demanded_nm <= limit:
         most = float(np.max(np.abs(sent.torque_nm)))
         raise Refused(
@@ -262,7 +262,7 @@ def _check_lead(machine: Machine, sent: Sent, path: PredictedMove) -> None:
 
 def _check_path(machine: Machine, path: PredictedMove) -> None:
     """Raise Refused when a loop is predicted to leave the travel, although its reference does not."""
-    low, high = machine.full_room().window_m
+    low, high = machine.envelope().window_m
     for where, places in (("motor", path.motor_m), ("carriage", path.cart_m)):
         if float(np.min(places)) < low or float(np.max(places)) > high:
             raise Refused(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import NoMotion, Refused, SafetyStop
-from beltcomm.experiments.phases import BELT_SHARE, excitation_room, motion_limits, without_offset
+from beltcomm.experiments.phases import BELT_SHARE, excitation_envelope, motion_limits, without_offset
 from beltcomm.experiments.recentre import stands_after
 from beltcomm.fit.acting import acting_recording
 from beltcomm.fit.first_estimate import data_sheet_model, moves_enough, stiffness_range
@@ -42,7 +42,7 @@ MOST_STEPS = 5
 def unknown_axis(machine: Machine, breakaway: Breakaway, masses_kg: Sequence[float]) -> tuple[Model, Sequence[Model]]:
     """The model of the data sheets where the carriage stands, and the family that it may be before anything is measured."""
     sheet = data_sheet_model(machine.axis, machine.place_m(machine.position_m), breakaway.coulomb_nm)
-    factors = (1.0, 1.0) if machine.place_known else stiffness_range(machine.axis, machine.full_room().window_m)
+    factors = (1.0, 1.0) if machine.place_known else stiffness_range(machine.axis, machine.envelope().window_m)
     return sheet, unknown_payload(sheet, factors, masses_kg)
 
 
@@ -179,7 +179,7 @@ def _record_of_step(machine: Machine, name: str, wanted: _Next, kept: bool) -> R
         )
     excitation = short_sequence(wanted.order, wanted.clock, step.amplitude_nm, own.sample_period_s, own.torque_step_nm)
     context = exciting.ExcitationContext(step.prediction, wanted.family, wanted.losses)
-    return exciting.excite(machine, name, excitation, wanted.at_m, excitation_room(machine, wanted.at_m), context)
+    return exciting.excite(machine, name, excitation, wanted.at_m, excitation_envelope(machine, wanted.at_m), context)
 
 
 def _louder(machine: Machine, family: Sequence[Model], made: _Next, at_most_nm: float) -> AmplitudeStep:
@@ -212,7 +212,10 @@ def as_made(step: AmplitudeStep, recording: Recording) -> AmplitudeStep:
 def believable(model: Model, sheet: Model, mass: float) -> Model:
     """A first estimate within what can be: a gap or a lag drives it to a feather on a rod, and no prediction may count on that.
 
-    mass : of the lightest load, kg.
+    Parameters
+    ----------
+    mass : float
+        Of the lightest load, kg.
     """
     if model.rigid:
         return model.with_values({"cart.mass": mass}, "first estimate, bounded") if model["cart.mass"] < mass else model

@@ -41,7 +41,7 @@ def stands_after(machine: Machine, problem: BeltcommError) -> bool:
 
 def stands(machine: Machine) -> bool:
     """True if the carriage stands still inside the travel."""
-    low, high = machine.full_room().window_m
+    low, high = machine.envelope().window_m
     before = machine.position_m
     machine.drive.clock.sleep_until(machine.drive.clock.now() + LOOK_S)
     at = machine.position_m
@@ -61,5 +61,5 @@ def bring_back(machine: Machine, model: Model, step: Step, problem: SafetyStop) 
     if step.kind != "response" or not stands_after(machine, problem):
         return False
     first, last = phases.stroke_ends(machine)
-    phases.move_to(machine, min(max(step.at_m(machine.full_room().window_m), first), last), model, BACK_M_S)
+    phases.move_to(machine, min(max(step.at_m(machine.envelope().window_m), first), last), model, BACK_M_S)
     return True

@@ -75,9 +75,9 @@ def _believe(machine: Machine, settings: Settings, position_m: float) -> None:
 def home(machine: Machine) -> None:
     """Let the drive find its zero, then creep off the end where it found it, so far that an excitation has room."""
     begun = machine.drive.clock.now()
-    machine.drive.home(machine.drive_limits(machine.full_room()))
+    machine.drive.home(machine.drive_limits(machine.envelope()))
     machine.origin_rad = 0.0
-    low, high = machine.full_room().window_m
+    low, high = machine.envelope().window_m
     room = excitation_travel_m(machine.drive.capabilities.sample_period_s) + 2.0 * phases.END_MARGIN_M
     at = machine.position_m
     inside = min(max(at, low + room), high - room)

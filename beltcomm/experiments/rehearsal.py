@@ -232,10 +232,10 @@ def play_record(recording: Recording, axis: Axis, otherwise_m: float) -> Rehears
 
 def bounds_of(machine: Machine, model: Model) -> Bounds:
     """Limits at which the real axis is stopped."""
-    room, axis = machine.full_room(), machine.axis
-    low, high = room.window_m if machine.place_known else (-math.inf, math.inf)
+    envelope, axis = machine.envelope(), machine.axis
+    low, high = envelope.window_m if machine.place_known else (-math.inf, math.inf)
     belt = math.inf if machine.over_belt else BELT_BEYOND * axis.belt_force_limit_n + total_friction(model) / axis.transmission_m_rad
-    return Bounds(low, high, room.speed_m_s, TORQUE_SHARE * room.torque_nm, belt)
+    return Bounds(low, high, envelope.speed_m_s, TORQUE_SHARE * envelope.torque_nm, belt)
 
 
 def _clock(folder: RunFolder, name: str) -> float:

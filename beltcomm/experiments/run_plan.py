@@ -20,7 +20,7 @@ from beltcomm.schedule.next_plan import NextPlan
 def motion_plan(machine: Machine, model: Model, wanted: NextPlan) -> Plan:
     """Plan shown before anything moves."""
     axis = machine.axis
-    low, high = machine.full_room().window_m
+    low, high = machine.envelope().window_m
     text = (
         f"The carriage of {axis.name or 'the axis'} will travel between {low:g} m and {high:g} m in closed loop, with a loop designed from "
         "the run's model, and is excited in place."

@@ -62,7 +62,7 @@ def repeat_first_excitation(machine: Machine, breakaway: Breakaway, masses_kg: S
     before = _speed_rad_s(earlier)
     fastest = GROSSLY * float(np.max(np.abs(before)))
     rows: list[tuple[float, float]] = []
-    room, guarding = exciting.guarded(machine, excitation, at, phases.excitation_room(machine, at), context)
+    envelope, guarding = exciting.guarded(machine, excitation, at, phases.excitation_envelope(machine, at), context)
 
     def watch(row: Row) -> None:
         rows.append((row[0], row[3]))
@@ -71,7 +71,7 @@ def repeat_first_excitation(machine: Machine, breakaway: Breakaway, masses_kg: S
         guarding(row)
 
     try:
-        machine.run(machine.torque_motion(excitation.torque), room, watch)
+        machine.run(machine.torque_motion(excitation.torque), envelope, watch)
     except SafetyStop as stop:
         raise SafetyStop(f"{stop}; this happened while the first excitation of the run was repeated: {ADVICE}", stop.reason) from stop
     t_s, position_rad = np.array(rows).T

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from beltcomm.axis import Axis
-from beltcomm.experiments.phases import SIGN_REACH_M, SIGN_TRAVEL_M, room_around, room_to_creep
+from beltcomm.experiments.phases import SIGN_REACH_M, SIGN_TRAVEL_M, envelope_around, room_to_creep
 from beltcomm.machine import host_loss
 from beltcomm.machine.creep import RAMP_S, creep
 from beltcomm.machine.machine import Machine
@@ -49,11 +49,11 @@ def check_sign(machine: Machine) -> None:
     if not is_crept(machine.axis, machine.drive.capabilities.kinds):
         return
     at = room_to_creep(machine)
-    low, high = machine.full_room().window_m
+    low, high = machine.envelope().window_m
     way, left = (SIGN_TRAVEL_M, high - at) if at < 0.5 * (low + high) else (-SIGN_TRAVEL_M, at - low)
     host_loss.prove(machine)
     begun = machine.drive.clock.now()
-    limits = machine.drive_limits(room_around(machine, at, SIGN_REACH_M))
+    limits = machine.drive_limits(envelope_around(machine, at, SIGN_REACH_M))
     crept = creep(machine.drive, machine.axis, limits, way, min(SIGN_REACH_M, left), left_m=left)
     machine.machine_seconds += machine.drive.clock.now() - begun
     machine.folder.journal(f"sign checked: {1e3 * crept.moved_m:+.1f} mm under {crept.onset_nm:.3f} N m")

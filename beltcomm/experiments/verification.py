@@ -108,7 +108,7 @@ def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: floa
 
 def _way(machine: Machine) -> tuple[float, float]:
     """From 0 over the way of the targets; where travel or a loop that drifts while positioning forbid that, what of it lies well inside."""
-    low, high = machine.full_room().window_m
+    low, high = machine.envelope().window_m
     start, end = phases.stroke_ends(machine)
     spare, way = phases.END_MARGIN_M, machine.axis.targets.way_m
     if machine.stroking() == "position" and low <= -spare and high >= way + spare:
@@ -130,7 +130,7 @@ def move_asked_for(machine: Machine, model: Model, file: Path | None, name: str 
 def admissible(machine: Machine, model: Model, start: float, end: float, limits: TrajectoryLimits) -> tuple[TrajectoryLimits, str]:
     """The limits, or the fastest uniformly slower ones with which the move keeps every limit of the axis, and in words why."""
     period = machine.drive.capabilities.sample_period_s
-    window = machine.full_room().window_m
+    window = machine.envelope().window_m
     spare = max(0.0, min(BESIDE_M, 0.5 * (min(start, end) - window[0]), 0.5 * (window[1] - max(start, end))))
     broken = broken_limits(machine, model, plan_trajectory(start, end, limits, period), spare)
     if not broken:
@@ -285,15 +285,15 @@ def broken_limits(machine: Machine, model: Model, trajectory: Trajectory, spare_
     spare_m : float
         That a stop leaves of the travel.
     """
-    asked, axis, room = demand(trajectory, model), machine.axis.limits, machine.full_room()
+    asked, axis, envelope = demand(trajectory, model), machine.axis.limits, machine.envelope()
     pairs = [
-        ("the speed", asked.speed_m_s, phases.SPEED_SHARE * room.speed_m_s, "m/s"),
+        ("the speed", asked.speed_m_s, phases.SPEED_SHARE * envelope.speed_m_s, "m/s"),
         ("the acceleration", asked.acceleration_m_s2, axis.acceleration_m_s2 or math.inf, "m/s²"),
         ("the feed force", asked.feed_force_n, math.inf if machine.over_belt else machine.belt_left_n, "N"),
-        ("the motor torque", asked.torque_nm, room.torque_nm, "N m"),
+        ("the motor torque", asked.torque_nm, envelope.torque_nm, "N m"),
     ]
     broken = [f"{what} would be {value:.4g} {unit}, limit {limit:.4g} {unit}" for what, value, limit, unit in pairs if value > limit]
-    low, high = room.window_m
+    low, high = envelope.window_m
     ends = float(np.min(trajectory.position_m)), float(np.max(trajectory.position_m))
     if ends[0] < low or ends[1] > high:
         broken.append(f"the move goes from {ends[0]:.4g} m to {ends[1]:.4g} m, the travel is {low:g}..{high:g} m")

@@ -19,9 +19,14 @@ _VAR, _RECORD = 0x7, 0x9
 
 
 def dcf_text(values: Sequence[ObjectValue], about: Mapping[str, str], notes: Sequence[str] = ()) -> str:
-    """The file's text, CR LF.   about : vendor_id, product_code, device_name, node, bitrate (kbit/s), when: what is known of them.
+    """The file's text, CR LF.
 
-    notes : into [Comments].   Raises nothing: values fit their types.
+    Parameters
+    ----------
+    about : Mapping[str, str]
+        vendor_id, product_code, device_name, node, bitrate (kbit/s), when: what is known of them.
+    notes : sequence of str
+        Into [Comments]. Raises nothing: values fit their types.
     """
     by_index: dict[int, dict[int, ObjectValue]] = {}
     for item in values:

@@ -20,7 +20,17 @@ from beltcomm.errors import UsageError
 
 @dataclass(frozen=True)
 class NamedValue:
-    """One named number.   unit : in ASCII, "" for none.   meaning : in words.   whole : a whole number of 64 bits."""
+    """One named number.
+
+    Attributes
+    ----------
+    unit : str
+        In ASCII, "" for none.
+    meaning : str
+        In words.
+    whole : bool
+        A whole number of 64 bits.
+    """
 
     name: str
     unit: str
@@ -33,7 +43,13 @@ class NamedValue:
 
 @dataclass(frozen=True)
 class Let:
-    """``target = value``.   why : the equation in words, "" where the one before it says it."""
+    """``target = value``.
+
+    Attributes
+    ----------
+    why : str
+        The equation in words, "" where the one before it says it.
+    """
 
     target: str
     value: str
@@ -42,7 +58,13 @@ class Let:
 
 @dataclass(frozen=True)
 class Case:
-    """The statements of the first condition that holds, else ``otherwise``.   why : in words."""
+    """The statements of the first condition that holds, else ``otherwise``.
+
+    Attributes
+    ----------
+    why : str
+        In words.
+    """
 
     branches: tuple[tuple[str, tuple[Let, ...]], ...]
     otherwise: tuple[Let, ...] = ()
@@ -260,7 +282,14 @@ STEP: tuple[Statement, ...] = (
 class Controller:
     """Controller to be exported: the numbers, where they come from, and what else to know.
 
-    values : coefficient -> SI value, in the order of :data:`COEFFICIENTS`.   provenance : word -> text.   notes : sentences.
+    Attributes
+    ----------
+    values : Mapping[str, float]
+        Coefficient -> SI value, in the order of :data:`COEFFICIENTS`.
+    provenance : Mapping[str, str]
+        Word -> text.
+    notes : sequence of str
+        Sentences.
     """
 
     values: Mapping[str, float]
@@ -271,9 +300,18 @@ class Controller:
 def controller_of(
     cascade: Cascade, period_s: float, torque_limit_nm: float, provenance: Mapping[str, str], notes: Sequence[str]
 ) -> Controller:
-    """The exported form of a cascade.   period_s : s.   torque_limit_nm : N m, motor shaft.
+    """The exported form of a cascade.
 
-    Raises UsageError as :func:`beltcomm.control.discrete_coefficients`, or for a number that no text can hold.
+    Parameters
+    ----------
+    period_s : float, s
+    torque_limit_nm : float, N m
+        Motor shaft.
+
+    Raises
+    ------
+    UsageError
+        As :func:`beltcomm.control.discrete_coefficients`, or for a number that no text can hold.
     """
     numbers = discrete_coefficients(cascade, period_s, torque_limit_nm)
     values = {quantity.name: float(number) for quantity, number in zip(COEFFICIENTS, numbers, strict=True)}

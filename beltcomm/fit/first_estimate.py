@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from beltcomm.errors import DataError
 from beltcomm.fit.jumps import CERTAIN, Jump, largest_step, refuse
 from beltcomm.fit.low_pass import fine, legible, smooth
 from beltcomm.fit.noise_level import torque_noise
-from beltcomm.fit.segment import Segment, evaluate, segments
+from beltcomm.fit.segment import Segment, evaluate_each, segments
 from beltcomm.fit.seldom import clearly_moves, comes_seldom
 from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.model import BASE_BODIES, Model, Value, build_model, expected_parameters
@@ -39,6 +39,8 @@ NEARER = 6
 #: How many points of the grid are refined; moving samples without which nothing is tried; how far the inertia may leave the sheet's.
 REFINED = 3
 SHORT_REFINEMENT, LONGEST_REFINEMENT = 60, 160
+#: Trials that are evaluated at once: as many as the belt's kernel takes in one step.
+SIDE_BY_SIDE = 16
 FEWEST_SAMPLES = 100
 #: rad: a motor that turned by this has moved, whatever few samples show it.
 CLEARLY_MOVED_RAD = 0.05
@@ -218,22 +220,20 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
     masses = masses_tried(start)
     rests = np.full((len(masses), len(stiffnesses)), np.inf)
 
-    def tried(i: int, j: int) -> None:
-        if np.isinf(rests[i, j]):
-            rests[i, j] = search.rest((masses[i], stiffnesses[j], friction))
+    def tried(places: Iterable[tuple[int, int]]) -> None:
+        new = [(i, j) for i, j in dict.fromkeys(places) if i < len(masses) and j < len(stiffnesses) and np.isinf(rests[i, j])]
+        for place, rest in zip(new, search.rests([(masses[i], stiffnesses[j], friction) for i, j in new]), strict=True):
+            rests[place] = rest
 
-    for i, j in itertools.product(range(0, len(masses), 2), range(0, len(stiffnesses), 2)):
-        tried(i, j)
-    for i, j in _lowest(rests, NEARER):
-        for near_i, near_j in itertools.product(range(max(i - 1, 0), i + 2), range(max(j - 1, 0), j + 2)):
-            if near_i < len(masses) and near_j < len(stiffnesses):
-                tried(near_i, near_j)
+    tried(itertools.product(range(0, len(masses), 2), range(0, len(stiffnesses), 2)))
+    beside = (itertools.product(range(max(i - 1, 0), i + 2), range(max(j - 1, 0), j + 2)) for i, j in _lowest(rests, NEARER))
+    tried(itertools.chain.from_iterable(beside))
     # How the friction is split between motor and carriage is only a guess so far; a wrong split puts mass and stiffness 15 % off.
     # (Where the carriage stuck before is neglected: 1 % of the mass at usual friction, 6 % where friction is all at the carriage.)
     starts = [np.log([masses[i], stiffnesses[j], friction]) for i, j in _lowest(rests, REFINED)]
 
     def cost(logarithms: Array) -> float:
-        return search.rest(np.exp(logarithms))
+        return search.rests([np.exp(logarithms)])[0]
 
     tries = [minimize(cost, y, method="Nelder-Mead", options={"xatol": 1e-2, "maxfev": SHORT_REFINEMENT}) for y in starts]
     nearest = min(tries, key=lambda found: float(found.fun)).x
@@ -321,12 +321,22 @@ class _Search:
         self.regressor = np.stack([np.concatenate(acceleration), np.sign(speed), speed], axis=1)
         self.across, self.triangle = np.linalg.qr(self.regressor)
 
-    def solved(self, trial: Sequence[float] | Array) -> tuple[Array, float]:
+    def solved(self, trials: Sequence[Sequence[float] | Array]) -> list[tuple[Array, float]]:
         """Inertia kg m² near the data sheet's, Coulomb N m and viscous N m s/rad >= 0 at the motor; the mean square left, (N m)²."""
-        model = self.start.with_values({**dict(zip(_NONLINEAR, map(float, trial), strict=True)), **dict.fromkeys(_LINEAR, 0.0)})
-        vector = model.vector()
-        vector[model.index("motor.inertia")] = 0.0
-        base = np.concatenate([evaluate(p, model, vector)[p.keep] for p in self.pieces])
+        without = self.start.with_values(dict.fromkeys(_LINEAR, 0.0))
+        vectors = []
+        for trial in trials:
+            vectors.append(without.with_values(dict(zip(_NONLINEAR, map(float, trial), strict=True))).vector())
+            vectors[-1][without.index("motor.inertia")] = 0.0
+        found: list[tuple[Array, float]] = []
+        for first in range(0, len(vectors), SIDE_BY_SIDE):
+            some = vectors[first : first + SIDE_BY_SIDE]
+            left = [[e[p.keep] for e in evaluate_each(p, without, some, [0.0] * len(some))] for p in self.pieces]
+            found += [self._solved(np.concatenate(base)) for base in zip(*left, strict=True)]
+        return found
+
+    def _solved(self, base: Array) -> tuple[Array, float]:
+        """Of one trial, by the torque that is left without what is solved for."""
         if not np.all(np.abs(base) < RUNAWAY_NM):  # a load so soft that its motion runs away
             return np.zeros(3), np.inf
         # the same least squares as that over all rows, over three
@@ -340,19 +350,28 @@ class _Search:
             found = np.array([inertia, *rest])
         return found, (unseen + float(norm**2)) / len(base)
 
-    def rest(self, trial: Sequence[float] | Array) -> float:
+    def rests(self, trials: Sequence[Sequence[float] | Array]) -> list[float]:
         """Mean square of what is left, (N m)², the data sheet's word weighed in; infinite outside the bounds of the parameters."""
-        for name, value in zip(_NONLINEAR, trial, strict=True):
-            item = self.start.parameters[name]
-            if not item.low <= value <= item.high:
-                return np.inf
-        share = trial[1] / self.start["belt_stiffness.stiffness"]
-        if not STIFFNESS_SHARES[0] <= share * (1.0 + 1e-9) or not share <= STIFFNESS_SHARES[-1] * (1.0 + 1e-9):
-            return np.inf
-        return self.solved(trial)[1] * (1.0 + SHEET_WEIGHT * math.log(share) ** 2)
+        found = [math.inf] * len(trials)
+        inside = [k for k, trial in enumerate(trials) if self._allows(trial)]
+        for k, (_, left) in zip(inside, self.solved([trials[k] for k in inside]), strict=True):
+            found[k] = left * (1.0 + SHEET_WEIGHT * math.log(self._share(trials[k])) ** 2)
+        return found
+
+    def _share(self, trial: Sequence[float] | Array) -> float:
+        return float(trial[1] / self.start["belt_stiffness.stiffness"])
+
+    def _allows(self, trial: Sequence[float] | Array) -> bool:
+        bounds = (self.start.parameters[name] for name in _NONLINEAR)
+        share = self._share(trial)
+        return (
+            all(item.low <= value <= item.high for item, value in zip(bounds, trial, strict=True))
+            and STIFFNESS_SHARES[0] <= share * (1.0 + 1e-9)
+            and share <= STIFFNESS_SHARES[-1] * (1.0 + 1e-9)
+        )
 
     def model(self, trial: Sequence[float] | Array) -> Model:
         """The model with everything solved for; the data sheet's inertia where the data want none."""
-        (inertia, coulomb, viscous), _ = self.solved(trial)
+        (((inertia, coulomb, viscous), _),) = self.solved([trial])
         found = {"motor.inertia": float(inertia), "coulomb.level": coulomb, "viscous.damping": viscous}
         return self.start.with_values({**dict(zip(_NONLINEAR, map(float, trial), strict=True)), **found}, "first estimate")

@@ -134,7 +134,8 @@ def _best_chain(pairs: Sequence[Pair], sample_s: float, free: float, colour: flo
     if best is None:
         return None
     enough = free * math.exp(0.5 * (TAPS * math.log(best.samples) + CLEAR) / best.samples)
-    if free <= best.rest_nm <= enough and abs(best.law.delay - round(best.law.delay)) <= WHOLE:
+    comes_back = best.rest_nm <= COMMAND * float(np.std(np.concatenate([setpoint for setpoint, _ in pairs])))
+    if (comes_back or free <= best.rest_nm <= enough) and abs(best.law.delay - round(best.law.delay)) <= WHOLE:
         return best
     every = [best]
     for number in (1, 2):  # a second filter must be clearly better than one, but not one than another

@@ -81,7 +81,7 @@ def read_apart(kind: Kind, path: Path, most: int = MEASURED_BYTES) -> Table:
 
 
 def instead_of(kind: Kind) -> str:
-    """What to do with a file whose reader fails."""
+    """Remedy for a file whose reader fails."""
     return "Name the signals by --signal instead" if kind == "dbc" else "Export it as CSV"
 
 

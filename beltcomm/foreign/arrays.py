@@ -206,7 +206,7 @@ class _Found:
         return free
 
     def objects_hint(self) -> str:
-        """What to do with objects, which only MATLAB itself can open."""
+        """Note of the objects that were left out, which only MATLAB itself can open."""
         return f" (not read: {', '.join(self.left_out[:10])})" if self.left_out else ""
 
 

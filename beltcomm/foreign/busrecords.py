@@ -44,9 +44,18 @@ _FEWEST_SYNCS = 10
 
 @dataclass(frozen=True, eq=False)
 class BusRecord:
-    """One move in a log.   table : its columns, in SI where the units are known.   start_s : s after the log's first frame.
+    """One move in a log.
 
-    experiment, closed_loop, excitation : what the setpoints show was done.   lost : what of the log may hold moves that were not read.
+    Attributes
+    ----------
+    table : Table
+        Its columns, in SI where the units are known.
+    start_s : float
+        s after the log's first frame.
+    experiment, closed_loop, excitation
+        What the setpoints show was done.
+    lost : str
+        What of the log may hold moves that were not read.
     """
 
     table: Table
@@ -76,9 +85,19 @@ def records_of(
 ) -> list[BusRecord]:
     """The moves of one drive, in order.
 
-    node : None takes the one whose position is on the bus.   torque_acts : of the reported torque, relative to its SYNC; None as the
-    drive's profile says.   period_s : between rows, instead of the stamps.
-    Raises DataError when the log does not show what the frames carry, or holds no move.
+    Parameters
+    ----------
+    node : int or None
+        None takes the one whose position is on the bus.
+    torque_acts : Literal['after', 'before'] or None
+        Of the reported torque, relative to its SYNC; None as the drive's profile says.
+    period_s : float or None
+        Between rows, instead of the stamps.
+
+    Raises
+    ------
+    DataError
+        When the log does not show what the frames carry, or holds no move.
     """
     seen = objects_seen(log)
     node, found = _node_with_position(log, seen, node)

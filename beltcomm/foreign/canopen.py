@@ -24,7 +24,15 @@ _DUMMIES = range(0x0001, 0x0020)
 
 
 class Seen(NamedTuple):
-    """One object whose value went over the bus.   frame : of the confirmation.   value : its bytes, little endian."""
+    """One object whose value went over the bus.
+
+    Attributes
+    ----------
+    frame : int
+        Of the confirmation.
+    value : bytes
+        Its bytes, little endian.
+    """
 
     frame: int
     node: int
@@ -34,7 +42,15 @@ class Seen(NamedTuple):
 
 
 class Pdo(NamedTuple):
-    """What a PDO carries from a frame on.   number : from 0.   entries : (index, subindex, bits) in their order, () while switched off."""
+    """Mapping of a PDO from a frame on.
+
+    Attributes
+    ----------
+    number : int
+        From 0.
+    entries : tuple[tuple[int, int, int], ...]
+        (index, subindex, bits) in their order, () while switched off.
+    """
 
     frame: int
     cob_id: int
@@ -46,8 +62,16 @@ class Pdo(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ObjectSamples:
-    """Values of one object.   frames : ndarray (n,), places in the log, rising.   raw : ndarray (n,), int64.   synchronous : (n,), of a PDO
-    that waits for the SYNC."""
+    """Values of one object.
+
+    Attributes
+    ----------
+    frames : ndarray (n,)
+        Places in the log, rising.
+    raw : ndarray (n,), int64
+    synchronous : ndarray (n,)
+        Of a PDO that waits for the SYNC.
+    """
 
     frames: NDArray[np.intp]
     raw: NDArray[np.int64]
@@ -165,7 +189,10 @@ def _pdo_now(key: tuple[str, int], frame: int, state: Mapping[str, int], entries
 def samples(log: FrameLog, seen: list[Seen], node: int, signed: frozenset[int]) -> dict[tuple[str, Place], ObjectSamples]:
     """Values of every object that PDOs carried or SDOs wrote, by direction ("sent" by the node, "received" by it).
 
-    signed : indices of objects that may be negative.
+    Parameters
+    ----------
+    signed : frozenset[int]
+        Indices of objects that may be negative.
     """
     pieces: dict[tuple[str, Place], list[tuple[NDArray[np.intp], NDArray[np.int64], NDArray[np.bool_]]]] = {}
     changes = pdos(seen, node)
@@ -201,7 +228,12 @@ def _placed(entries: tuple[tuple[int, int, int], ...]) -> Iterator[tuple[int, in
 
 
 def bits_of(words: NDArray[np.uint8], first: int, bits: int, signed: bool) -> NDArray[np.int64]:
-    """Little-endian integers of ``bits`` bits from bit ``first`` on.   words : ndarray (n, 8)."""
+    """Little-endian integers of ``bits`` bits from bit ``first`` on.
+
+    Parameters
+    ----------
+    words : ndarray (n, 8)
+    """
     whole = np.ascontiguousarray(words).view("<u8").ravel()
     shifted = (whole << np.uint64(64 - first - bits)) if first + bits < 64 else whole
     if signed:

@@ -26,7 +26,13 @@ _SCALING = (0x608F, 0x6091, 0x6092, 0x6093, 0x6094, 0x6075, 0x6076, 0x60A9)
 
 @dataclass(frozen=True)
 class LogUnits:
-    """SI of one raw number, motor shaft; None where the log does not tell.   notes : where each comes from, in words."""
+    """SI of one raw number, motor shaft; None where the log does not tell.
+
+    Attributes
+    ----------
+    notes : tuple of str
+        Where each comes from, in words.
+    """
 
     position_rad: float | None
     speed_rad_s: float | None
@@ -36,11 +42,15 @@ class LogUnits:
 
 
 def units_of(seen: list[Seen], node: int, axis: Axis, frame: int) -> LogUnits:
-    """From SDO transfers in the log; what they do not show from the axis file.   frame : at which they hold, for a session may change them
-    and put them back; what was seen only later counts as well.
+    """From SDO transfers in the log; what they do not show from the axis file.
 
     Position: factor group (6093h, F1 p80-87) or feed constant over gear ratio (608Fh, 6091h, 6092h, CiA 402-2).  Speed: 6094h; 60A9h.
     Torque: thousandths of 6076h (mN m); current: of 6075h (mA).
+
+    Parameters
+    ----------
+    frame : int
+        At which they hold, for a session may change them and put them back; what was seen only later counts as well.
     """
     values: dict[Place, int] = {}
     for item in seen:

@@ -37,7 +37,7 @@ _POSITIONS = tuple(channels["position"] for channels in CHANNELS.values())
 
 @dataclass(frozen=True)
 class Reading:
-    """How foreign files are read, the same for all files of one import.
+    """Options of reading foreign files, the same for all files of one import.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class Reading:
             raise UsageError(f"the rows {first} to {self.last_row} are none; rows are counted from 1")
 
     def to_dict(self) -> dict[str, Any]:
-        """What differs from the defaults, for the sidecar."""
+        """Options that differ from the defaults, for the sidecar."""
         given = {item.name: getattr(self, item.name) for item in fields(self) if getattr(self, item.name) != item.default}
         return {name: list(value) if isinstance(value, tuple) else value for name, value in given.items()}
 
@@ -388,7 +388,7 @@ def line_of_table(name: str, column: Column, source: Source | None) -> dict[str,
 
 
 def without_time(reading: Reading) -> Reading:
-    """The same for a static map.
+    """Convert a static map.
 
     Raises
     ------

@@ -33,7 +33,15 @@ _DOMAIN, _STRUCTURED = 0x2, (0x8, 0x9)
 
 @dataclass(frozen=True)
 class FileObject:
-    """One entry of a file.   kind : data type, None for one that holds no single number.   value : what the file wants to stand there."""
+    """One entry of a file.
+
+    Attributes
+    ----------
+    kind : str or None
+        Data type, None for one that holds no single number.
+    value : float or None
+        What the file wants to stand there.
+    """
 
     index: int
     subindex: int
@@ -53,7 +61,15 @@ class FileObject:
 
 @dataclass(frozen=True)
 class ObjectFile:
-    """What a file holds.   device : its [DeviceInfo].   repairs : in words, what was wrong and how it was taken."""
+    """Content of an EDS or DCF.
+
+    Attributes
+    ----------
+    device : Mapping[str, str]
+        Its [DeviceInfo].
+    repairs : tuple of str
+        In words, what was wrong and how it was taken.
+    """
 
     path: Path
     device: Mapping[str, str]
@@ -62,7 +78,7 @@ class ObjectFile:
 
     @property
     def values(self) -> list[ObjectValue]:
-        """What the file wants to be written: objects with a value, a known type, and write access."""
+        """Values that the file wants to be written: objects with a value, a known type, and write access."""
         return [
             ObjectValue(o.index, o.subindex, o.kind, o.value)
             for o in self.objects
@@ -99,7 +115,18 @@ class _Repairs:
 
 
 def load_object_file(path: Path, node: int = 1) -> ObjectFile:
-    """Read an EDS or DCF.   node : what $NODEID stands for.   Raises DataError for a file that cannot be read or holds no object."""
+    """Read an EDS or DCF.
+
+    Parameters
+    ----------
+    node : int
+        What $NODEID stands for.
+
+    Raises
+    ------
+    DataError
+        For a file that cannot be read or holds no object.
+    """
     try:
         content = read_bytes(path, LARGEST_FILE)
     except OSError as error:
@@ -108,7 +135,7 @@ def load_object_file(path: Path, node: int = 1) -> ObjectFile:
 
 
 def parse(content: bytes, path: Path, node: int = 1) -> ObjectFile:
-    """The same from the file's bytes."""
+    """Read an EDS or DCF from its bytes."""
     repairs = _Repairs()
     sections = _sections(_text(content, repairs), repairs)
     objects = _objects(sections, repairs, node)

@@ -19,8 +19,11 @@ _SWITCHED = 4
 def excitation_of(setpoint: Array) -> ExcitationNote | None:
     """Kind, period and first sample of a setpoint that repeats exactly at least twice; None when it does not.
 
-    setpoint : ndarray (n,), as it was sent, so that equal samples are equal numbers.   The first period, in which the axis still
-    swings in, is left out where three or more are there.
+    Parameters
+    ----------
+    setpoint : ndarray (n,)
+        As it was sent, so that equal samples are equal numbers. The first period, in which the axis still swings in, is left out where
+        three or more are there.
     """
     moves = np.flatnonzero(np.diff(setpoint)) + 1
     if len(moves) < 10:
@@ -44,7 +47,7 @@ def excitation_of(setpoint: Array) -> ExcitationNote | None:
 
 
 def is_sweep(reference_velocity: Array | None) -> bool:
-    """Whether a speed that was asked for rests most of the time on two or more levels that are not zero: a friction sweep."""
+    """True for a speed that was asked for and rests most of the time on two or more levels that are not zero: a friction sweep."""
     if reference_velocity is None or not reference_velocity.any():
         return False
     largest = float(np.abs(reference_velocity).max())

@@ -28,10 +28,20 @@ _EXTRAS: Final[Mapping[str, tuple[str, str]]] = {"mdf": ("asammdf", "mdf"), "tdm
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One recording's worth of a file.   number : from 1, of the moves in a log of frames; None for a table.
+    """One recording's worth of a file.
 
-    sha256 : of the file.   start_s : s after the file's first row.   experiment, closed_loop, excitation : what a log shows was done.
-    lost : what of a log may hold moves that were not read, in words.
+    Attributes
+    ----------
+    number : int or None
+        From 1, of the moves in a log of frames; None for a table.
+    sha256 : str
+        Of the file.
+    start_s : float
+        s after the file's first row.
+    experiment, closed_loop, excitation
+        What a log shows was done.
+    lost : str
+        What of a log may hold moves that were not read, in words.
     """
 
     table: Table
@@ -45,7 +55,17 @@ class Part:
 
 
 def parts_of(path: Path, reading: Reading, axis: Axis) -> list[Part]:
-    """All recordings that a file holds.   axis : gives units that a log of frames does not show.   Raises UsageError, DataError."""
+    """All recordings that a file holds.
+
+    Parameters
+    ----------
+    axis : Axis
+        Gives units that a log of frames does not show.
+
+    Raises
+    ------
+    UsageError, DataError
+    """
     try:
         return _parts_of(path, reading, axis)
     except OSError as error:  # a disk that fails, a stick that is pulled
@@ -104,9 +124,21 @@ def read_table(
 ) -> Table:
     """All columns of a file, whose kind is told by its content: text (also .gz), MATLAB, HDF5, MDF, TDMS, MCAP, JSON, NumPy.
 
-    separator, decimal : of a text file; recognised when None.   skip_lines : leave out so many at its beginning.
-    torn_rows : leave out rows in the middle of a text file that have another number of values.
-    Raises UsageError for a file that does not exist or is of no such kind, DataError for one that cannot be read.
+    Parameters
+    ----------
+    separator, decimal
+        Of a text file; recognised when None.
+    skip_lines : int
+        Leave out so many at its beginning.
+    torn_rows : bool
+        Leave out rows in the middle of a text file that have another number of values.
+
+    Raises
+    ------
+    UsageError
+        For a file that does not exist or is of no such kind.
+    DataError
+        For one that cannot be read.
     """
     _check_there(path)
     kind = kind_of_table(path)

@@ -58,8 +58,19 @@ class LoggedFrame(NamedTuple):
 
 @dataclass
 class Others:
-    """Lines of a file that are no frames to be read.   count : of them.   what : they are.   first : line, 0 when not known.
-    fd : frames of CAN FD among them."""
+    """Lines of a file that are no frames to be read.
+
+    Attributes
+    ----------
+    count : int
+        Of them.
+    what : str
+        Kind of these lines, in words.
+    first : int
+        Line, 0 when not known.
+    fd : int
+        Frames of CAN FD among them.
+    """
 
     count: int = 0
     what: str = "lines that are no classic CAN frames"
@@ -94,7 +105,7 @@ _CSV_DATA = re.compile(r"data( ?bytes)?( ?\(?hex\)?)?|payload|(d|b|data|byte)[ _
 
 
 def kind_of_log(path: Path) -> LogKind | None:
-    """What kind of log of frames a file is, by its first bytes and lines; by its ending alone where those say nothing; None for no log.
+    """Kind of log of frames that a file is, by its first bytes and lines; by its ending alone where those say nothing; None for no log.
 
     Raises OSError.
     """

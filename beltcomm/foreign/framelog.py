@@ -71,7 +71,7 @@ class FrameLog:
         return int(np.sum((self.identifier > _FIRST_OWN) & (self.identifier < _END_OWN) & (self.identifier % 0x80 == node)))
 
     def summary(self, most: int = 12) -> str:
-        """What is on the bus: identifier, frames, bytes and rate of the most frequent ones, in words."""
+        """Traffic on the bus: identifier, frames, bytes and rate of the most frequent ones, in words."""
         found, counts = np.unique(self.identifier, return_counts=True)
         lasts = float(self.t_s[-1] - self.t_s[0]) if len(self.t_s) > 1 else 0.0
         order = np.argsort(-counts, kind="stable")[:most]
@@ -86,8 +86,17 @@ class FrameLog:
 def read_frames(path: Path, channel: str | None = None) -> FrameLog:
     """All classic data and remote frames of one interface, in the order of the file.
 
-    channel : the interface, such as can0; None takes the one with the most frames and says so.
-    Raises DataError for a file that cannot be read or holds no frame, UsageError for an interface that is not in it.
+    Parameters
+    ----------
+    channel : str or None
+        The interface, such as can0; None takes the one with the most frames and says so.
+
+    Raises
+    ------
+    DataError
+        For a file that cannot be read or holds no frame.
+    UsageError
+        For an interface that is not in it.
     """
     others = Others()
     kind = kind_of_log(path)
@@ -138,7 +147,7 @@ class _Frames:
 
     @classmethod
     def of(cls, path: Path, frames: Iterable[LoggedFrame]) -> _Frames:
-        """What a reader finds.   Raises DataError for more interfaces than any computer has."""
+        """Frames that a reader finds.  Raises DataError for more interfaces than any computer has."""
         made = cls()
         channels, columns, data = made._channels, made._columns, made._data
         adds = [column.append for column in columns.values()]

@@ -33,8 +33,18 @@ _SMALLEST_SHARE, _LARGEST_SHARE = 0.01, 1.1
 class Guess:
     """One of our columns and where it may come from.
 
-    column : ours.   choices : mappings ``ours=theirs*scale``, the best first; () when nothing in the file looks like it.
-    confidence : of the first choice.   why : in words.   needed : without it there is no recording.
+    Attributes
+    ----------
+    column : str
+        Ours.
+    choices : tuple of str
+        Mappings ``ours=theirs*scale``, the best first; () when nothing in the file looks like it.
+    confidence : Confidence
+        Of the first choice.
+    why : str
+        In words.
+    needed : bool
+        Without it there is no recording.
     """
 
     column: str
@@ -55,7 +65,13 @@ Ask = Callable[[Sequence[Guess]], Sequence[str]]
 
 
 class NeedsAnswers(Refused):
-    """Columns that must be mapped by a person.   template : a file of mappings to be edited and given to --map."""
+    """Columns that must be mapped by a person.
+
+    Parameters
+    ----------
+    template : str
+        A file of mappings to be edited and given to --map.
+    """
 
     def __init__(self, message: str, template: str) -> None:
         super().__init__(message)
@@ -67,8 +83,18 @@ def completed(
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The mappings with what was guessed added, and sentences on each guess.
 
-    written : what the user mapped; nothing is guessed when that and columns with our own names make a recording.
-    timed : a time column is needed.   Raises NeedsAnswers when a needed column is not sure and nobody can be asked, UsageError.
+    Parameters
+    ----------
+    written : sequence of str
+        What the user mapped; nothing is guessed when that and columns with our own names make a recording.
+    timed : bool
+        A time column is needed.
+
+    Raises
+    ------
+    NeedsAnswers
+        When a needed column is not sure and nobody can be asked.
+    UsageError
     """
     sources = sources_for(table, written, KNOWN_COLUMNS)
     twins = _twins_of_ours(table, sources)

@@ -63,7 +63,13 @@ _UNIT_WORDS = {other for unit in UNITS.values() for other in unit.others} | {
 
 
 class TextLine(NamedTuple):
-    """A line of a text file.   number : from 1."""
+    """A line of a text file.
+
+    Attributes
+    ----------
+    number : int
+        From 1.
+    """
 
     number: int
     text: str
@@ -95,9 +101,23 @@ class OtherLength(ValueError):
 
 @dataclass(frozen=True)
 class RowShape:
-    """What is known of the rows.   width : their values.   split : a line into its cells.   number : a cell's, None for text.
-    blank : columns without a value in any row looked at.   spaces : whether blanks part the columns.   counted : whether their first
-    cell is the number of the row."""
+    """Layout of the rows.
+
+    Attributes
+    ----------
+    width : int
+        Their values.
+    split : callable
+        A line into its cells.
+    number : callable
+        A cell's, None for text.
+    blank : tuple of bool
+        Columns without a value in any row looked at.
+    spaces : bool
+        Whether blanks part the columns.
+    counted : bool
+        Whether their first cell is the number of the row.
+    """
 
     width: int
     split: Callable[[str], list[str]]
@@ -108,7 +128,17 @@ class RowShape:
 
 
 def heading_of(above: Sequence[TextLine], shape: RowShape, commented: tuple[str, ...]) -> Heading:
-    """What the lines above the first row say.   commented : marks before a comment.   Raises OtherLength."""
+    """Names, units, period and clocks that the lines above the first row state.
+
+    Parameters
+    ----------
+    commented : tuple of str
+        Marks before a comment.
+
+    Raises
+    ------
+    OtherLength
+    """
     block = _Block(shape)
     rest = [line for line in above if not block.takes(line)]
     names, units, number = _header(rest, shape, commented, required=not block.names)
@@ -141,7 +171,7 @@ class _Block:
         self.line = 0
 
     def takes(self, line: TextLine) -> bool:
-        """Whether the line is one of a block; what it says is kept, the last one of a kind."""
+        """True for a line of a block; what it says is kept, the last one of a kind."""
         cells = [cell.strip().strip('"') for cell in self._shape.split(line.text.lstrip("#%/ "))]
         if self._shape.spaces or len(cells) < 2:
             cells = _by_mark(line.text) or cells
@@ -245,7 +275,7 @@ def _as_wide(fields: list[str], text: str, shape: RowShape, comment: bool) -> li
 
 
 def is_unit(cell: str) -> bool:
-    """Whether a cell holds a unit, or nothing."""
+    """True for a cell that holds a unit, or nothing."""
     plain = cell.strip('[]()" ').replace(" ", "").replace("·", "").replace("²", "2").replace("µ", "u").lower()
     return not plain or plain in _UNIT_WORDS or (cell.startswith(("[", "(")) and cell.endswith(("]", ")")))
 

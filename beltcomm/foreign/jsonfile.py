@@ -35,7 +35,7 @@ def read_json(path: Path) -> Table:
 
 
 def as_columns(found: Any) -> dict[str, Any]:
-    """What a JSON text holds, as nested mappings of arrays."""
+    """Content of a JSON text as nested mappings of arrays."""
     made = _turned(found)
     return made if isinstance(made, dict) else {"": made}
 

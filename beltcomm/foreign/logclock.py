@@ -36,8 +36,11 @@ PAUSE_PERIODS, PAUSE_S = 20.0, 0.05
 def in_order(log: FrameLog, readable: Callable[[FrameLog], int]) -> FrameLog:
     """The log with its parts in the order of their stamps, where they were joined in another one, and a note on it.
 
-    readable : counts the frames of a log that are understood in their order: the set-up must come before what it explains.  It decides
-    between a clock that was set back, whose frames stand in the right order, and files joined in the wrong one.
+    Parameters
+    ----------
+    readable : callable
+        Counts the frames of a log that are understood in their order: the set-up must come before what it explains. It decides between
+        a clock that was set back, whose frames stand in the right order, and files joined in the wrong one.
     """
     if not np.isfinite(log.t_s).all():
         return log
@@ -83,9 +86,18 @@ class RowTimes:
 def row_times(t_s: Array, position: Array, synchronous: bool, cycle_s: float | None, period_s: float | None) -> RowTimes:
     """Times of rows whose stamps may stand still or jump.
 
-    t_s : ndarray (n,), stamps of the rows, s.   position : ndarray (n,), in any unit, NaN where none came: motion that goes on over a
-    jump of the stamps shows that it was the clock.   synchronous : the rows are SYNCs.   cycle_s : the SYNC's period, s, when the
-    log shows it (1006h).   period_s : the time between rows that the user gave instead of stamps.
+    Parameters
+    ----------
+    t_s : ndarray (n,)
+        Stamps of the rows, s.
+    position : ndarray (n,)
+        In any unit, NaN where none came: motion that goes on over a jump of the stamps shows that it was the clock.
+    synchronous : bool
+        The rows are SYNCs.
+    cycle_s : float or None
+        The SYNC's period, s, when the log shows it (1006h).
+    period_s : float or None
+        The time between rows that the user gave instead of stamps.
     """
     size = len(t_s)
     broken, standing = np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)

@@ -31,10 +31,20 @@ _NUMBER = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 @dataclass(frozen=True)
 class Source:
-    """Where one of our columns comes from:  ours = scale · theirs + offset.
+    """Origin of one of our columns:  ours = scale · theirs + offset.
 
-    column : our name.   theirs : the name in the foreign file.   scale, offset : to SI.   written : as the user wrote it.
-    scaled : whether any factor was written.
+    Attributes
+    ----------
+    column : str
+        Our name.
+    theirs : str
+        The name in the foreign file.
+    scale, offset : float
+        To SI.
+    written : str
+        As the user wrote it.
+    scaled : bool
+        Whether any factor was written.
     """
 
     column: str
@@ -46,11 +56,20 @@ class Source:
 
 
 def sources_for(table: Table, written: Sequence[str], known: Collection[str]) -> dict[str, Source]:
-    """Where each column comes from: what the user wrote, then columns of the file that already have one of our names.
+    """Origin of each column: what the user wrote, then columns of the file that already have one of our names.
 
-    written : one ``column=name*scale`` each.   known : our names.
-    Raises UsageError for text that is no such mapping, an unknown name on either side, a column mapped twice, or a unit
-    stated in the file that the mapping forgets.
+    Parameters
+    ----------
+    written : sequence of str
+        One ``column=name*scale`` each.
+    known : Collection[str]
+        Our names.
+
+    Raises
+    ------
+    UsageError
+        For text that is no such mapping, an unknown name on either side, a column mapped twice, or a unit stated in the file that the
+        mapping forgets.
     """
     sources: dict[str, Source] = {}
     for text in written:
@@ -222,9 +241,17 @@ def _not_understood(expression: str, column: str, table: Table) -> str:
 
 
 def kept_columns(table: Table, names: Sequence[str], sources: Mapping[str, Source], known: Collection[str]) -> dict[str, str]:
-    """Further columns to keep under their own name: our name -> theirs.   names : as the user wrote them, or "all".
+    """Further columns to keep under their own name: our name -> theirs.
 
-    Raises UsageError for an unknown name.
+    Parameters
+    ----------
+    names : sequence of str
+        As the user wrote them, or "all".
+
+    Raises
+    ------
+    UsageError
+        For an unknown name.
     """
     used = {source.theirs for source in sources.values()}
     wanted = [name for name in table.columns if name not in used] if list(names) == ["all"] else list(names)

@@ -67,7 +67,7 @@ def _is_hdf5(head: bytes) -> bool:
 
 
 def read_hdf5(path: Path) -> dict[str, Any]:
-    """The same for an HDF5 file, of MATLAB 7.3 or of another program.   Raises DataError."""
+    """All columns of an HDF5 file, of MATLAB 7.3 or of another program.  Raises DataError."""
     import h5py
 
     try:

@@ -91,10 +91,20 @@ _OBJECTS: dict[str, tuple[Quantity, Role, str]] = {
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a column seems to hold.   by_name : whether its words say the quantity, not the unit alone.
+    """Quantity and unit that a column seems to hold.
 
-    suffix : of our columns with that unit ("rad", "m_s"), "" when the unit is not known.   unit : as a mapping writes it.
-    special : "counts", "per cent" or "per mille", which need a data sheet.   load : a second sensor.
+    Attributes
+    ----------
+    by_name : bool
+        Whether its words say the quantity, not the unit alone.
+    suffix : str
+        Of our columns with that unit ("rad", "m_s"), "" when the unit is not known.
+    unit : str
+        As a mapping writes it.
+    special : str
+        "counts", "per cent" or "per mille", which need a data sheet.
+    load : bool
+        A second sensor.
     """
 
     name: str
@@ -108,7 +118,7 @@ class Meaning:
 
 
 def meaning_of(table: Table, name: str) -> Meaning | None:
-    """What a column of a table means by its name and unit; None when neither says anything, or that it is something else."""
+    """Meaning of a table's column by its name and unit; None when neither says anything, or that it is something else."""
     stated = plain_unit(table.unit(name))
     number = re.fullmatch(r"(?:0x)?(60[0-9A-F]{2})(?:h|_?h?:0|_0)?", Table.bare(name).strip(), re.I)
     if number and number[1].upper() in _OBJECTS:

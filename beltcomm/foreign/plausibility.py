@@ -42,7 +42,17 @@ _POSITION_UNITS = {math.pi / 180.0: "degrees (*deg)", math.tau: "revolutions (*r
 
 @dataclass(frozen=True)
 class Doubt:
-    """One doubt.   what : in words.   value, expected : with units.   remedy : what to do next."""
+    """One doubt.
+
+    Attributes
+    ----------
+    what : str
+        In words.
+    value, expected : str
+        With units.
+    remedy : str
+        What to do next.
+    """
 
     what: str
     value: str
@@ -54,7 +64,13 @@ class Doubt:
 
 
 def findings(recording: Recording, axis: Axis) -> tuple[Doubt, ...]:
-    """All doubts about a recording that has passed the checks.   axis : what is not known of it is not asked."""
+    """All doubts about a recording that has passed the checks.
+
+    Parameters
+    ----------
+    axis : Axis
+        What is not known of it is not asked.
+    """
     if recording.is_static_map:
         return ()
     ratio = axis.transmission_m_rad if axis.get("pulley.effective_radius_m") is not None and recording.side != "load" else None

@@ -38,12 +38,20 @@ class Relations:
     words: tuple[tuple[str, str], ...] = ()
 
     def why(self, name: str) -> str:
-        """What was seen of a column, in words; "" for nothing."""
+        """Relations of a column to others, in words; "" for none."""
         return next((words for column, words in self.words if column == name), "")
 
 
 def relations(table: Table, time: str = "", step: float = 1.0) -> Relations:
-    """What the numbers say.   time : the column that is known to be it, "" to look for one; step : between rows, where there is none."""
+    """Clock, motion and torque among columns, by their numbers alone.
+
+    Parameters
+    ----------
+    time : str
+        The column that is known to be it, "" to look for one.
+    step : float
+        Between rows, where there is none.
+    """
     names = [name for name, column in table.columns.items() if column.dtype.kind == "f" and np.isfinite(column[:_ROWS]).all()]
     sizes = [len(table.columns[name]) for name in names]
     names = [name for name in names if len(table.columns[name]) == max(sizes, default=0)][:_MOST_COLUMNS]

@@ -31,8 +31,14 @@ _BY_HAND = re.compile(r"(?P<name>[^=]+)=(?P<id>[0-9A-Fa-f]{1,8})h?:(?P<byte>[0-7
 class Signal:
     """One number inside a frame:  value = scale * raw + offset.
 
-    first, bits : first bit from the frame's first byte on (big endian: counted from its highest bit), and how many.
-    kind : "i", "u" or "f".   big : big endian.
+    Attributes
+    ----------
+    first, bits : int
+        First bit from the frame's first byte on (big endian: counted from its highest bit), and how many.
+    kind : str
+        "i", "u" or "f".
+    big : bool
+        Big endian.
     """
 
     name: str
@@ -47,7 +53,12 @@ class Signal:
     message: str = ""
 
     def of(self, words: NDArray[np.uint8]) -> NDArray[np.float64]:
-        """Values in frames.   words : ndarray (n, 8)."""
+        """Values in frames.
+
+        Parameters
+        ----------
+        words : ndarray (n, 8)
+        """
         if self.big:
             whole = np.ascontiguousarray(words).view(">u8").ravel().astype(np.uint64)
             top = whole << np.uint64(self.first)

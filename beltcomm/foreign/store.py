@@ -44,10 +44,24 @@ _BETWEEN = "the position of a row lies on a smooth curve through the edges, with
 
 @dataclass(frozen=True, eq=False)
 class Imported:
-    """One foreign file as a recording.   source : the file.   sha256 : of its bytes.   recording : as saved, side as in the file.
+    """One foreign file as a recording.
 
-    converted : where the columns came from.     notes : sentences on how it was read and what looks odd.
-    findings : doubts whether it can be of this axis.   scalars : single numbers that stand beside the columns.
+    Attributes
+    ----------
+    source : Path
+        The file.
+    sha256 : str
+        Of its bytes.
+    recording : Recording
+        As saved, side as in the file.
+    converted : Converted
+        Where the columns came from.
+    notes : tuple of str
+        Sentences on how it was read and what looks odd.
+    findings : tuple of Doubt
+        Doubts whether it can be of this axis.
+    scalars : Mapping[str, float]
+        Single numbers that stand beside the columns.
     """
 
     source: Path
@@ -116,8 +130,15 @@ def _with_the_way_out(error: DataError, names: Mapping[str, Any], converted: Con
 def open_or_plan(run: Path, axis: Axis | None) -> tuple[RunFolder | None, Axis]:
     """The run that is continued, None for a new one, and the axis that holds.
 
-    axis : what the user gave; None takes that of an existing run, and for a new one nothing but a name is known then.
-    Raises UsageError when the run was recorded on a drive or has another axis.
+    Parameters
+    ----------
+    axis : Axis or None
+        What the user gave; None takes that of an existing run, and for a new one nothing but a name is known then.
+
+    Raises
+    ------
+    UsageError
+        When the run was recorded on a drive or has another axis.
     """
     if is_new(run) and not (run / "axis.yaml").is_file():
         return None, axis or Axis(name=run.resolve().name)
@@ -155,7 +176,7 @@ def check_together(folder: RunFolder | None, found: Sequence[Imported], axis: Ax
 
 
 def stands(folder: RunFolder, item: Imported) -> bool:
-    """Whether this import is in the run already, row for row: the same command after one that was cut off goes on behind it."""
+    """True for an import that is in the run already, row for row: the same command after one that was cut off goes on behind it."""
     path = folder.recordings_folder / f"{item.recording.name}.csv"
     if not path.is_file():
         return False

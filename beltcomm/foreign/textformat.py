@@ -50,7 +50,7 @@ class Format(NamedTuple):
         return _number(text, self.decimal_comma, self.grouped)
 
     def is_row(self, fields: Sequence[str]) -> bool:
-        """Whether the numeric columns hold numbers or nothing, and one of them a number."""
+        """True where the numeric columns hold numbers or nothing, and one of them a number."""
         if len(fields) != self.width:
             return False
         if any(cell and empty for cell, empty in zip(fields, self.blank, strict=True)):

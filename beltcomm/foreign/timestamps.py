@@ -110,7 +110,13 @@ def rough_stamps(t_s: Column) -> str:
 
 
 def checked_time(file: str, t_s: Column, rows: NDArray[np.intp]) -> None:
-    """Raise DataError when time stands still or goes back, or when it is in another unit than seconds.   rows : numbers from 0."""
+    """Raise DataError when time stands still or goes back, or when it is in another unit than seconds.
+
+    Parameters
+    ----------
+    rows : ndarray
+        Numbers from 0.
+    """
     if len(t_s) < 2:
         return
     steps = np.diff(t_s)

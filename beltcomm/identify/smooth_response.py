@@ -29,7 +29,13 @@ NORMAL_QUANTILE = 1.96
 
 @dataclass(frozen=True)
 class SmoothResponse:
-    """Magnitude of angle over torque, rad/(N m), over frequency.   low, high : 95 % of the draws of the parameters, (k,)."""
+    """Magnitude of angle over torque, rad/(N m), over frequency.
+
+    Attributes
+    ----------
+    low, high : ndarray
+        95 % of the draws of the parameters, (k,).
+    """
 
     freq_hz: Array
     magnitude: Array

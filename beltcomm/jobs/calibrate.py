@@ -43,9 +43,17 @@ def plan_of(axis: Axis, capabilities: Capabilities) -> Plan:
 
 
 def calibrate_on(drive: Drive, name: str, folder: RunFolder, settings: Settings, agree: Callable[[Machine], None], talk: Talk) -> Result:
-    """Measure, hold it against what is known, keep it in the run, and of a real drive for its kind.   name : of the drive.
+    """Measure, hold it against what is known, keep it in the run, and of a real drive for its kind.
 
-    Raises Refused where it contradicts what is known by more than a factor of two, or cannot be told.
+    Parameters
+    ----------
+    name : str
+        Of the drive.
+
+    Raises
+    ------
+    Refused
+        Where it contradicts what is known by more than a factor of two, or cannot be told.
     """
     folder.claim_drive(drive.capabilities.identity)
     with Machine(drive, folder.axis, folder, talk) as machine:

@@ -43,7 +43,15 @@ GENTLE = (0.5, 2.0)
 
 @dataclass(frozen=True)
 class Basis:
-    """Basis of a design in a run.   which : a sentence on the model's ``revision``.   findings : delay and damping, no design yet."""
+    """Basis of a design in a run.
+
+    Attributes
+    ----------
+    which : str
+        A sentence on the model's ``revision``.
+    findings : Findings
+        Delay and damping, no design yet.
+    """
 
     folder: RunFolder
     model: Model
@@ -98,7 +106,16 @@ def delivered(
 ) -> Result:
     """The design in the findings, proven on the run's own data and kept as ``designs/final.yaml``.   Exit code 1 for one not to be used.
 
-    along : effects that ``verify`` compensates.   payload_kg : heaviest further load.   seed : of the draws.   noted : what else is kept.
+    Parameters
+    ----------
+    along : sequence of str
+        Effects that ``verify`` compensates.
+    payload_kg : float or None
+        Heaviest further load.
+    seed : int
+        Of the draws.
+    noted : Mapping[str, Any] or None
+        What else is kept.
     """
     folder, findings = basis.folder, basis.findings
     assert findings.design is not None

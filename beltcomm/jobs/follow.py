@@ -22,7 +22,13 @@ from beltcomm.talk import Silence, Talk
 
 
 def follow_plan(drive: Drive, run: Path, file: Path, options: Options, agree: Callable[[Plan, Machine], None], talk: Talk) -> Result:
-    """Run the records of a plan file into an existing run.   agree : shows what will move, raises Refused for a no, and homes if asked."""
+    """Run the records of a plan file into an existing run.
+
+    Parameters
+    ----------
+    agree : callable
+        Shows what will move, raises Refused for a no, and homes if asked.
+    """
     wanted = load_plan(file)
     folder = RunFolder.open(run)
     model = offline.trusted_revision(folder)[0]

@@ -45,7 +45,15 @@ TOO_HEAVY = 1.05
 
 @dataclass(frozen=True)
 class RecordedSweeps:
-    """Sweeps recorded.   left_out_m_s : speeds without a way, or without one to stop.   remarks : on records that were not usable."""
+    """Sweeps recorded.
+
+    Attributes
+    ----------
+    left_out_m_s : tuple of float
+        Speeds without a way, or without one to stop.
+    remarks : tuple of str
+        On records that were not usable.
+    """
 
     names: tuple[str, ...]
     left_out_m_s: tuple[float, ...] = ()
@@ -178,7 +186,7 @@ def _recorded(machine: Machine, path: Trajectory, note: SweepNote, asked: Wanted
         payload_kg=asked.mounted_kg,
         extra=note.to_dict(),
     )
-    machine.record(name, machine.follow(path, machine.stroking()), phases.loose_room(machine), sidecar)
+    machine.record(name, machine.follow(path, machine.stroking()), phases.untuned_envelope(machine), sidecar)
     return name
 
 

@@ -34,8 +34,19 @@ SLOW_S = 0.5
 def identify_in_loop(drive: Drive, axis: Axis, run: Path, options: Options, agree: Callable[[Plan, Machine], None], talk: Talk) -> Result:
     """Plan, agree, close the loop, record with rising amplitude, and show the response by every way beside the open-loop one.
 
-    agree : shows what will move, raises Refused for a no, and homes when that is asked for.
-    Raises UsageError for a run that does not exist, DataError for one without a model, Refused with what the drive or the axis lacks.
+    Parameters
+    ----------
+    agree : callable
+        Shows what will move, raises Refused for a no, and homes when that is asked for.
+
+    Raises
+    ------
+    UsageError
+        For a run that does not exist.
+    DataError
+        For one without a model.
+    Refused
+        With what the drive or the axis lacks.
     """
     if not run.is_dir():
         raise UsageError(f"--loop {options.loop} goes on with a run that has a model, and {run} does not exist; make one without --loop")

@@ -63,7 +63,13 @@ def plan_of(axis: Axis, capabilities: Capabilities, by_m: float) -> Plan:
 
 
 def make(drive: Drive, axis: Axis, by_m: float, position_m: float | None) -> float:
-    """Move; returns how far it went, m.   position_m : where the carriage stands, as the operator says.   Raises as the drive does."""
+    """Move; returns how far it went, m.
+
+    Parameters
+    ----------
+    position_m : float or None
+        Where the carriage stands, as the operator says. Raises as the drive does.
+    """
     if not by_drive(drive.capabilities):
         return small_move(drive, axis, by_m, position_m)
     ratio, period_s = axis.transmission_m_rad, drive.capabilities.sample_period_s
@@ -77,7 +83,13 @@ def make(drive: Drive, axis: Axis, by_m: float, position_m: float | None) -> flo
 
 @own_words
 def moved(drive: Drive, name: str, axis: Axis, by_m: float, options: Options, talk: Talk) -> Result:
-    """The command on a connected drive.   name : of the drive, for what to do next.   Exit code 1 for a move that fell short."""
+    """The command on a connected drive.
+
+    Parameters
+    ----------
+    name : str
+        Of the drive, for what to do next. Exit code 1 for a move that fell short.
+    """
     plan = plan_of(axis, drive.capabilities, by_m)
     if options.dry_run:
         return plan_result(plan)

@@ -26,9 +26,14 @@ def base_revision(folder: RunFolder, data: Data, fitted: Fitted, command: str, w
 
 
 def revision_of(folder: RunFolder, new: tuple[Data, Fitted], old: tuple[Data, Fitted], change: str, command: str, when: str) -> Revision:
-    """A rung for a refitted model.   new, old : models, each with the records as it sees them.
+    """A rung for a refitted model.
 
     What stands on a rung that is not confirmed must be better than the last one that is, too.
+
+    Parameters
+    ----------
+    new, old : tuple[Data, Fitted]
+        Models, each with the records as it sees them.
     """
     (data, after), (seen, before) = new, old
     fell = None if change.startswith("-") else is_confirmed(seen, before, after, data)  # who takes one out has decided

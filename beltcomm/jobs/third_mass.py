@@ -39,7 +39,16 @@ _SHOWN = (
 def fit_three_masses(run: Path, *, command: str = "", when: str = "", talk: Talk | None = None) -> Result:
     """Two and three masses fitted to all records of a run.   Exit code 1 and nothing written where they do not hold a third mass.
 
-    command, when : noted with the revision.   Raises UsageError without the belt's data, DataError.
+    Parameters
+    ----------
+    command, when : str
+        Noted with the revision.
+
+    Raises
+    ------
+    UsageError
+        Without the belt's data.
+    DataError
     """
     talk = talk or Silence()
     folder = RunFolder.open(run)

@@ -43,7 +43,15 @@ from beltcomm.verify import AS_PREDICTED, REST_S, SLACK_M, Demand, Verdict
 
 @dataclass(frozen=True)
 class MoveVariant:
-    """One way to drive the same move with the same gains.   change : of the design's controller.   sending : what the host adds."""
+    """One way to drive the same move with the same gains.
+
+    Attributes
+    ----------
+    change : callable
+        Of the design's controller.
+    sending : Sending
+        What the host adds.
+    """
 
     key: str
     title: str
@@ -97,12 +105,22 @@ def verify_with(
 ) -> Result:
     """Drive a move with the run's design and compare its error with the prediction.   Exit code 1 when a target is missed.
 
-    name : of the drive, for what to do next.   agree : shows what will move and raises Refused for a no.   move, trajectory : a file, or
-    limits named in axis.yaml.   ``options.feedforward`` replaces the design's for this move only.   rungs : the move once for each of
-    ``RUNGS``.
-    learn : the move so many times more, each with the torque that the ones before have taught.
-    over_belt : a virtual belt may carry more than its feed force, as T_B of the design source asks for.
-    planned : makes the result of a plan that is only shown.
+    Parameters
+    ----------
+    name : str
+        Of the drive, for what to do next.
+    agree : callable
+        Shows what will move and raises Refused for a no.
+    move, trajectory
+        A file, or limits named in axis.yaml. ``options.feedforward`` replaces the design's for this move only.
+    rungs : bool
+        The move once for each of ``RUNGS``.
+    learn : int or None
+        The move so many times more, each with the torque that the ones before have taught.
+    over_belt : bool
+        A virtual belt may carry more than its feed force, as T_B of the design source asks for.
+    planned : callable
+        Makes the result of a plan that is only shown.
     """
     if over_belt and not simulated(name):
         raise Refused("more than the feed force is for virtual belts only; slow the move down, or state another belt in axis.yaml")

@@ -49,9 +49,19 @@ def apply_to(
     dcf: Path | None = None,
     shown: bool = False,
 ) -> Result:
-    """The run's design, or a file's values, into its drive.   shown : by a small move, before anything is saved.   name : of the drive.
+    """The run's design, or a file's values, into its drive.
 
-    Raises Refused, UsageError, DataError, ObjectLocked, DriveError; a drive whose move fails has its values from before again.
+    Parameters
+    ----------
+    shown : bool
+        By a small move, before anything is saved.
+    name : str
+        Of the drive.
+
+    Raises
+    ------
+    Refused, UsageError, DataError, ObjectLocked, DriveError
+        A drive whose move fails has its values from before again.
     """
     claim(folder, drive.capabilities, options, talk)
     recall(drive, folder)
@@ -80,7 +90,13 @@ def apply_to(
 
 
 def roll_back(drive: Drive, name: str, folder: RunFolder, which: str | None, options: Options, talk: Talk) -> Result:
-    """A backup into its drive.   which : its name or path; None is the one from before the run.   Nothing moves."""
+    """A backup into its drive.
+
+    Parameters
+    ----------
+    which : str or None
+        Its name or path; None is the one from before the run. Nothing moves.
+    """
     backup = backups.choose_backup(folder, which)
     claim(folder, drive.capabilities, options, talk)
     backups.same_drive(backup, drive)
@@ -177,7 +193,7 @@ def _show(
             referencing.reference(machine, settings_of(options))
             braking = stops.count_on_loop(machine, [model], cascade, delay_s)
             at = machine.position_m
-            low, high = machine.full_room().window_m
+            low, high = machine.envelope().window_m
             way = math.copysign(min(SMALL_M, 0.25 * (high - low)), 0.5 * (low + high) - at)
             limits = phases.gentle_limits(machine, model, SMALL_M_S)
             path = plan_trajectory(at, at + way, limits, drive.capabilities.sample_period_s)

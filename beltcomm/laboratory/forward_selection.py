@@ -352,9 +352,17 @@ def refit_with(data: Data, base: Fitted, way: Scored, goal: float = math.inf) ->
 
 @in_one_thread
 def with_effect(data: Data, base: Fitted, ground: AxisSummary, effect: Effect, start: Mapping[str, float] | None = None) -> Fitted:
-    """The model with an effect that was asked for, whatever speaks for it.   start : values from which the fit begins, instead of a search.
+    """The model with an effect that was asked for, whatever speaks for it.
 
-    Raises UsageError for a name that is no parameter of the effect, or a value outside its bounds.
+    Parameters
+    ----------
+    start : Mapping[str, float] or None
+        Values from which the fit begins, instead of a search.
+
+    Raises
+    ------
+    UsageError
+        For a name that is no parameter of the effect, or a value outside its bounds.
     """
     if start:
         own = {parameter.name: parameter for parameter in effect.parameters}

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.drive import Drive, Motion, Row
-from beltcomm.machine.envelope import Room
+from beltcomm.machine.envelope import Envelope
 from beltcomm.machine.prediction_watch import BeltWatch
 from beltcomm.machine.resonance import ResonanceWatch, allowed, band_of, predicted_torque
 from beltcomm.model import Model
@@ -37,7 +37,7 @@ class Watched(Protocol):
     closed: tuple[Model, float] | None
     cascade: Cascade | None
 
-    def full_room(self) -> Room:
+    def envelope(self) -> Envelope:
         """The travel and all that axis and drive allow."""
         ...
 
@@ -57,15 +57,23 @@ def unwatched(_row: Row) -> None:
 
 @dataclass(frozen=True)
 class Foreseen:
-    """Prediction of a motion in the drive's own loops.   watch : called with every row.   torque_nm : limit in the drive."""
+    """Prediction of a motion in the drive's own loops.
+
+    Attributes
+    ----------
+    watch : callable
+        Called with every row.
+    torque_nm : float
+        Limit in the drive.
+    """
 
     watch: Callable[[Row], None]
     torque_nm: float = math.inf
 
 
-def within(room: Room, found: Foreseen) -> Room:
-    """The room with the torque that was foreseen."""
-    return replace(room, torque_nm=min(room.torque_nm, found.torque_nm))
+def within(envelope: Envelope, found: Foreseen) -> Envelope:
+    """The envelope with the torque that was foreseen."""
+    return replace(envelope, torque_nm=min(envelope.torque_nm, found.torque_nm))
 
 
 def foreseen(machine: Watched, motion: Motion) -> Foreseen:
@@ -86,7 +94,7 @@ def foreseen(machine: Watched, motion: Motion) -> Foreseen:
     else:
         drive = Loop(capabilities.structure, delay_s, capabilities.peak_torque_nm, capabilities.counts_per_rev)
         torque, over = predicted_torque(model, machine.cascade, motion, drive, machine.ratio, machine.origin_rad), OVER_PLAN
-    swing = allowed(torque, motion.period_s, band_of(model, machine.full_room().window_m, motion.period_s), capabilities.rated_torque_nm)
+    swing = allowed(torque, motion.period_s, band_of(model, machine.envelope().window_m, motion.period_s), capabilities.rated_torque_nm)
     resonance = ResonanceWatch(swing, motion.period_s)
     stop_nm = total_inertia(model) * machine.deceleration_m_s2 / machine.ratio + total_friction(model)
     planned_nm = max(float(np.max(np.abs(torque))), stop_nm) + abs(machine.holding_nm)

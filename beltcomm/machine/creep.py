@@ -51,7 +51,10 @@ class Crept:
 class Enough(SafetyStop):
     """Raised by the watcher inside a record when the motion has shown what it was for; the axis is stopped as for any limit.
 
-    answered : as of :class:`beltcomm.errors.SafetyStop`.
+    Parameters
+    ----------
+    answered : bool
+        As of :class:`beltcomm.errors.SafetyStop`.
     """
 
     def __init__(self, answered: bool = False) -> None:
@@ -60,9 +63,14 @@ class Enough(SafetyStop):
 
 
 def run_on_m(axis: Axis, torque_nm: float, held_s: float) -> float:
-    """Way that the lightest carriage runs on when the computer dies just as it breaks away, m.   torque_nm : then, N m.
+    """Way that the lightest carriage runs on when the computer dies just as it breaks away, m.
 
     ``SLIDING_SHARE`` of that is left as friction, against the torque that is held for ``held_s`` and then alone.
+
+    Parameters
+    ----------
+    torque_nm : float
+        Then, N m.
     """
     ratio, friction = axis.transmission_m_rad, SLIDING_SHARE * torque_nm
     inertia = axis.motor_side_inertia_kg_m2 + ratio**2 * max(unknown_loads_kg(axis)[0], axis.payload.mass_kg or 0.0)
@@ -73,12 +81,25 @@ def run_on_m(axis: Axis, torque_nm: float, held_s: float) -> float:
 def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float, about_nm: float = 0.0, left_m: float = math.inf) -> Crept:
     """Creep by about ``by_m`` (signed), or until it gets fast; check direction and stopping.   Nothing is recorded.
 
-    reach_m : m, which the carriage must not leave with the way of the stop.  The work of the torque is used up by friction:  it ends
-    within  moved τ/τ_friction,  so it is stopped while that is less.   about_nm : N m, what holds a tilted axis: the torque rises and
-    falls from there, it is held before and after, and τ and the onset count from it.   left_m : m to the end of the travel in that
-    direction, which the carriage must not pass if the computer dies: the torque rises no further than that allows.
-    Raises Refused when nothing moves, DriveError when torque and motion have opposite signs or the axis does not stop, SafetyStop when
-    it went further than ``reach_m``.
+    Parameters
+    ----------
+    reach_m : float, m
+        Which the carriage must not leave with the way of the stop. The work of the torque is used up by friction: it ends within moved
+        τ/τ_friction, so it is stopped while that is less.
+    about_nm : float, N m
+        What holds a tilted axis: the torque rises and falls from there, it is held before and after, and τ and the onset count from it.
+    left_m : float
+        m to the end of the travel in that direction, which the carriage must not pass if the computer dies: the torque rises no further
+        than that allows.
+
+    Raises
+    ------
+    Refused
+        When nothing moves.
+    DriveError
+        When torque and motion have opposite signs or the axis does not stop.
+    SafetyStop
+        When it went further than ``reach_m``.
     """
     ratio, sign = axis.transmission_m_rad, float(np.sign(by_m))
     period = drive.capabilities.sample_period_s
@@ -184,9 +205,17 @@ def _backwards(sign: float, torque_nm: float, top_nm: float) -> str:
 
 
 def move_limits(drive: Drive, axis: Axis, by_m: float, position_m: float | None) -> Limits:
-    """Limits of a short move.   position_m : m, where the carriage stands, as the operator says; else the drive's own zero counts.
+    """Limits of a short move.
 
-    Raises Refused when the move would leave the travel.
+    Parameters
+    ----------
+    position_m : float or None, m
+        Where the carriage stands, as the operator says; else the drive's own zero counts.
+
+    Raises
+    ------
+    Refused
+        When the move would leave the travel.
     """
     ratio = axis.transmission_m_rad
     here = drive.read(["position_rad"])["position_rad"]
@@ -209,8 +238,15 @@ def move_limits(drive: Drive, axis: Axis, by_m: float, position_m: float | None)
 def small_move(drive: Drive, axis: Axis, by_m: float, position_m: float | None) -> float:
     """Creep to a place ``by_m`` away, in as many goes as it takes; returns how far it went, m.
 
-    position_m : m, where the carriage stands, as the operator says; without it the drive's own zero counts.
-    Raises Refused when the move would leave the travel, and as :func:`creep`.
+    Parameters
+    ----------
+    position_m : float or None, m
+        Where the carriage stands, as the operator says; without it the drive's own zero counts.
+
+    Raises
+    ------
+    Refused
+        When the move would leave the travel, and as :func:`creep`.
     """
     limits = move_limits(drive, axis, by_m, position_m)
     known = position_m is not None or drive.capabilities.referenced

@@ -8,11 +8,17 @@ from beltcomm.drive import GUARD_S, Capabilities, LoopKind
 
 
 @dataclass(frozen=True)
-class Room:
-    """Envelope of the present phase.  window_m : (min, max) of the carriage.   speed_m_s, torque_nm (motor shaft).
+class Envelope:
+    """Envelope of the present phase.
 
-    lag_m : how far a position loop may be off its reference; None leaves it to the drive's own setting.
-    guard_s : within which the drive is to notice that its host is gone.
+    Attributes
+    ----------
+    window_m : tuple[float, float]
+        (min, max) of the carriage. speed_m_s, torque_nm (motor shaft).
+    lag_m : float or None
+        How far a position loop may be off its reference; None leaves it to the drive's own setting.
+    guard_s : float
+        Within which the drive is to notice that its host is gone.
     """
 
     window_m: tuple[float, float]

@@ -11,7 +11,7 @@ from beltcomm.excitation import Excitation
 from beltcomm.identify.amplitude import Prediction
 from beltcomm.machine import delivered, host_loss
 from beltcomm.machine.host_loss import guard_times_s
-from beltcomm.machine.machine import Machine, Room
+from beltcomm.machine.machine import Envelope, Machine
 from beltcomm.machine.prediction_watch import PredictionWatch, units_of
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -35,14 +35,14 @@ def run_on_words(machine: Machine, predicted: Prediction, ends_m: float) -> str:
 
 
 def guarded(
-    machine: Machine, excitation: Excitation, at: float, room: Room, context: ExcitationContext
-) -> tuple[Room, Callable[[Row], None]]:
+    machine: Machine, excitation: Excitation, at: float, envelope: Envelope, context: ExcitationContext
+) -> tuple[Envelope, Callable[[Row], None]]:
     """Limits of an excitation around a place, m, with the guard time of its run-on, and the watch of its rows."""
-    predicted, full = context.predicted, machine.full_room()
-    (low, high), ends = room.window_m, full.window_m
+    predicted, full = context.predicted, machine.envelope()
+    (low, high), ends = envelope.window_m, full.window_m
     number = host_loss.chosen(machine, predicted, min(at - ends[0], ends[1] - at))
     guard_s = guard_times_s(machine.drive.capabilities)[number]
-    room = replace(room, window_m=(low + predicted.stop_m, high - predicted.stop_m), guard_s=guard_s)
+    envelope = replace(envelope, window_m=(low + predicted.stop_m, high - predicted.stop_m), guard_s=guard_s)
     expected = PredictionWatch(predicted, machine.ratio, machine.axis.motor_side_inertia_kg_m2, units_of(machine.drive.capabilities))
     dying = host_loss.RunOnWatch(
         ends,
@@ -61,14 +61,14 @@ def guarded(
         except SafetyStop as stop:
             raise SafetyStop(f"{stop}; or {expected.cause()}", stop.reason) from None
 
-    return room, watch
+    return envelope, watch
 
 
 def excite(
-    machine: Machine, name: str, excitation: Excitation, at: float, room: Room, context: ExcitationContext, held_out: bool = False
+    machine: Machine, name: str, excitation: Excitation, at: float, envelope: Envelope, context: ExcitationContext, held_out: bool = False
 ) -> Recording:
-    """Record an excitation around a place, m: a stop at any limit still ends in the room, and a run-on before the end of the travel."""
-    room, watch = guarded(machine, excitation, at, room, context)
+    """Record an excitation around a place, m: a stop at any limit still ends in the envelope, and a run-on before the end of the travel."""
+    envelope, watch = guarded(machine, excitation, at, envelope, context)
     note = ExcitationNote(
         kind=excitation.kind,
         amplitude_nm=excitation.amplitude_nm,
@@ -76,7 +76,7 @@ def excite(
         first_sample=excitation.first_sample,
     )
     sidecar = Sidecar("frf", machine.place_m(at), machine.session_time_s, held_out=held_out, excitation=note)
-    recording = machine.record(name, machine.torque_motion(excitation.torque), room, sidecar, watch)
+    recording = machine.record(name, machine.torque_motion(excitation.torque), envelope, sidecar, watch)
     try:
         said = delivered.check(recording)
     except (DriveError, Refused):

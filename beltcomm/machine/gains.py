@@ -46,7 +46,15 @@ READ_AS = {
 
 @dataclass(frozen=True)
 class ParameterChange:
-    """One object that is to hold another value.   before : its raw value now.   before_si : its parameter's value now, None for none."""
+    """One object that is to hold another value.
+
+    Attributes
+    ----------
+    before : float
+        Its raw value now.
+    before_si : float or None
+        Its parameter's value now, None for none.
+    """
 
     wanted: ObjectValue
     before: float
@@ -121,9 +129,17 @@ def named_differences(drive: Drive, folder: RunFolder, wanted: Mapping[str, floa
 
 
 def differences(drive: Drive, folder: RunFolder | None, wanted: Sequence[ObjectValue], left_out: Sequence[str] = ()) -> Differences:
-    """Differences to these raw values.   folder : of the run, None for what this computer itself noted of the drive.
+    """Differences to these raw values.
 
-    Raises Refused for what is never written, see :mod:`beltcomm.machine.writable`; what the drive has not, or holds already, is not.
+    Parameters
+    ----------
+    folder : RunFolder or None
+        Of the run, None for what this computer itself noted of the drive.
+
+    Raises
+    ------
+    Refused
+        For what is never written, see :mod:`beltcomm.machine.writable`; what the drive has not, or holds already, is not.
     """
     known = {(one.index, one.subindex): name for name, one in drive.capabilities.parameters.items()}
     meant = drive.backup() if any(item.place in known for item in wanted) else {}

@@ -33,7 +33,13 @@ LOOK_S, STANDS_M = 0.3, 2e-5
 
 @dataclass(frozen=True)
 class Expected:
-    """Holding torque by axis.yaml: the value and its bounds for wrong entries, N m, with sign.   mass_kg : moved."""
+    """Holding torque by axis.yaml: the value and its bounds for wrong entries, N m, with sign.
+
+    Attributes
+    ----------
+    mass_kg : float
+        Moved.
+    """
 
     torque_nm: float
     bounds_nm: tuple[float, float]
@@ -60,7 +66,12 @@ def expected(axis: Axis) -> Expected:
 def refuse_too_steep(axis: Axis, holding_nm: float, friction_nm: float, mass_kg: float, known: str) -> None:
     """Raise Refused when gravity and friction leave no room within the torque limit: with the torque, the limit, and what would work.
 
-    |τ_g| + 2 τ_C ≤ 0.9 τ_max.   known : where the numbers are from, in words.
+    |τ_g| + 2 τ_C ≤ 0.9 τ_max.
+
+    Parameters
+    ----------
+    known : str
+        Where the numbers are from, in words.
     """
     limit = axis.torque_limit()
     needed, most = abs(holding_nm) + FRICTIONS * friction_nm, TORQUE_SHARE * limit.torque_nm
@@ -143,7 +154,15 @@ def held_by(machine: Machine, holding_nm: float, friction_nm: float) -> str:
 
 
 def less_steep(machine: Machine, limit_n: float, needed_n: float) -> str:
-    """Advice where the carriage's weight leaves the belt too little, in words.   limit_n : it may carry.   needed_n : to excite."""
+    """Advice where the carriage's weight leaves the belt too little, in words.
+
+    Parameters
+    ----------
+    limit_n : float
+        It may carry.
+    needed_n : float
+        To excite.
+    """
     weight, tilt = machine.weight_n, machine.axis.mounting.tilt_deg
     share = (limit_n - needed_n) / weight * math.sin(math.radians(abs(tilt)))
     works = f"up to {math.degrees(math.asin(share)):.0f} deg would work" if 0.0 < share < 1.0 else "no tilt would work"

@@ -28,7 +28,15 @@ def state_folder() -> Path:
 
 @dataclass(frozen=True)
 class Hardware:
-    """A connected drive as one that is met again.   name : as in ``--drive``.   identity : of its capabilities."""
+    """A connected drive as one that is met again.
+
+    Attributes
+    ----------
+    name : str
+        As in ``--drive``.
+    identity : Mapping[str, str]
+        Of its capabilities.
+    """
 
     name: str
     identity: Mapping[str, str]

@@ -56,9 +56,18 @@ class Thermal:
 
 @dataclass(frozen=True)
 class HeatPlan:
-    """Heat of a sequence of loads.   continuous : mean over the whole sequence, pauses included.   fullest : largest share of the store.
+    """Heat of a sequence of loads.
 
-    pauses_s : rests before each load, so that the store is empty when one begins that fills it.   hottest : largest share of one load.
+    Attributes
+    ----------
+    continuous : float
+        Mean over the whole sequence, pauses included.
+    fullest : float
+        Largest share of the store.
+    pauses_s : tuple of float
+        Rests before each load, so that the store is empty when one begins that fills it.
+    hottest : float
+        Largest share of one load.
     """
 
     continuous: float
@@ -90,7 +99,13 @@ def path_rms_nm(path: Trajectory, inertia_kg_m2: float, ratio: float, mass_kg: f
 
 
 class HeatStore:
-    """The excess of a running session, from the torque that the drive reports.   clock_s : of the drive, at the beginning."""
+    """The excess of a running session, from the torque that the drive reports.
+
+    Parameters
+    ----------
+    clock_s : float
+        Of the drive, at the beginning.
+    """
 
     def __init__(self, rated_nm: float, clock_s: float) -> None:
         self.rated_nm = rated_nm

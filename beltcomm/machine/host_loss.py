@@ -32,7 +32,15 @@ GUARD_TIMES_S = (GUARD_S, 0.035, 0.025, 0.02)
 def prove(machine: Machine, holding_nm: float | None = None) -> Guarding:
     """Reaction of this drive to the silence of its host; seen at standstill when nobody has looked yet.
 
-    holding_nm : what holds the axis meanwhile, N m.   Raises DriveError for a drive that does not react.
+    Parameters
+    ----------
+    holding_nm : float or None
+        What holds the axis meanwhile, N m.
+
+    Raises
+    ------
+    DriveError
+        For a drive that does not react.
     """
     if machine.guarding is None:
         held = machine.holding_nm if holding_nm is None else holding_nm
@@ -51,7 +59,7 @@ def prove(machine: Machine, holding_nm: float | None = None) -> Guarding:
 def _withhold(machine: Machine, guard_s: float, holding_nm: float) -> Guarding:
     """Prove the guarding (:meth:`beltcomm.drive.Drive.prove_guarding`); the axis must stay within ``REACH_M`` of where it stands."""
     machine.let_settle()
-    full, at, begun = machine.full_room(), machine.position_m, machine.drive.clock.now()
+    full, at, begun = machine.envelope(), machine.position_m, machine.drive.clock.now()
     window = (max(full.window_m[0], at - REACH_M), min(full.window_m[1], at + REACH_M))
     try:
         return machine.drive.prove_guarding(machine.drive_limits(replace(full, window_m=window, guard_s=guard_s)), holding_nm)
@@ -63,9 +71,15 @@ def _withhold(machine: Machine, guard_s: float, holding_nm: float) -> Guarding:
 class Losses:
     """Consequences of the host's death for a model, by guard time.
 
-    held_s : s, how long the last torque is held with each guard time.   counted : what a stop of the drive is counted with.
-    brakes : the drive brakes then; else it takes its stage off, and friction stops the axis, or its brake (torque, N m, and time to
-    close, s); holding_nm, which a tilted axis needs, pulls until then.
+    Attributes
+    ----------
+    held_s : tuple of float, s
+        How long the last torque is held with each guard time.
+    counted : PassiveBraking or Designed
+        What a stop of the drive is counted with.
+    brakes : bool
+        The drive brakes then; else it takes its stage off, and friction stops the axis, or its brake (torque, N m, and time to close,
+        s); holding_nm, which a tilted axis needs, pulls until then.
     """
 
     held_s: tuple[float, ...]
@@ -92,7 +106,13 @@ class Losses:
 
 
 def losses_of(machine: Machine, sliding_nm: Callable[[float, float], float] | None = None) -> Losses:
-    """Consequences of the host's death on this machine now.   sliding_nm : as in :func:`braking_of`."""
+    """Consequences of the host's death on this machine now.
+
+    Parameters
+    ----------
+    sliding_nm : callable
+        As in :func:`braking_of`.
+    """
     guarding, own, motor = prove(machine), machine.drive.capabilities, machine.axis.motor
     held = tuple(guarding.held_s(time) + own.sample_period_s for time in guard_times_s(own))
     counted = braking_of(machine, sliding_nm)
@@ -113,10 +133,24 @@ def words(guard_s: float, run_on_m: float) -> str:
 class RunOnWatch:
     """Call it with every row: were the host to die now, under the worst torque, the carriage must stop inside the window.
 
-    window_m : of the carriage.   ratio, origin_rad : carriage = ratio (angle - origin), m.   family : models it may be, of which the
-    worst counts.   torque_nm : largest of the record, N m.   losses : of a model, for the guard time in force.
-    top_m_s : up to which speed the run-on is tabled; a faster carriage is beyond it.
-    Raises SafetyStop.
+    Parameters
+    ----------
+    window_m : tuple[float, float]
+        Of the carriage.
+    ratio, origin_rad : float
+        Carriage = ratio (angle - origin), m.
+    family : sequence of Model
+        Models it may be, of which the worst counts.
+    torque_nm : float
+        Largest of the record, N m.
+    losses : callable
+        Of a model, for the guard time in force.
+    top_m_s : float
+        Up to which speed the run-on is tabled; a faster carriage is beyond it.
+
+    Raises
+    ------
+    SafetyStop
     """
 
     def __init__(

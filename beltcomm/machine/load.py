@@ -13,7 +13,15 @@ OVER = 10
 
 
 class Load:
-    """Sees the rows of a record; :meth:`gauges` tells the largest since it was last asked.   most_nm, fastest_m_s : limits, N m and m/s."""
+    """Sees the rows of a record; :meth:`gauges` tells the largest since it was last asked.
+
+    Parameters
+    ----------
+    most_nm : float, N m
+        Limit of the torque.
+    fastest_m_s : float, m/s
+        Limit of the speed.
+    """
 
     def __init__(self, axis: Axis, most_nm: float, fastest_m_s: float) -> None:
         self._ratio, self._inertia = axis.transmission_m_rad, (axis.motor.inertia_kg_m2 and axis.motor_side_inertia_kg_m2) or 0.0

@@ -23,7 +23,7 @@ from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, Sa
 from beltcomm.excitation import AS_CHOSEN, ExcitationKind
 from beltcomm.machine.closed_loop_watch import foreseen as foreseen_of
 from beltcomm.machine.closed_loop_watch import unwatched, within
-from beltcomm.machine.envelope import Room as Room
+from beltcomm.machine.envelope import Envelope as Envelope
 from beltcomm.machine.envelope import stroking as stroking
 from beltcomm.machine.load import Load
 from beltcomm.machine.ratings import check_ratings
@@ -54,18 +54,37 @@ LONG_AGO_S = 300.0
 class Machine:
     """The connected axis.  Use as a context manager.
 
-    position_m : carriage position; the zero of the axis is known after :meth:`reference_at` or when the drive is referenced, else
-    (``place_known`` False) positions count from where the carriage stood in :meth:`stand_anywhere`.
-    friction : Coulomb, N m, and viscous, N m s/rad, of the whole axis at the motor, as far as it is known.
-    holding_nm : what keeps the axis where it is beside friction, N m; every open-loop record holds it, or the carriage would drift.
-    remarks : sentences for the result.
-    titles : of the phases to come, so that :meth:`begin` can number them.
-    keep_gains : set by the sequence when the user wants to keep the new gains in the drive (not saved).
-    over_belt : the user lets the belt carry more than its feed force; virtual drives only.
-    deceleration_m_s2 : of a quick stop, lent to the drive with every motion.   braking : what brakes the axis with the loop that is in
-    the drive; None as long as only friction can be counted with.   guarding : how the drive took the silence of its host, once seen.
-    cascade : what was written last.   closed : model and delay, s, that loops are counted with.   planned_s : the agreed plan's, s.
-    wanderings : stops of a carriage that went too far, after which the session went on, see :mod:`beltcomm.experiments.recentre`.
+    Attributes
+    ----------
+    position_m : float
+        Carriage position; the zero of the axis is known after :meth:`reference_at` or when the drive is referenced, else
+        (``place_known`` False) positions count from where the carriage stood in :meth:`stand_anywhere`.
+    friction
+        Coulomb, N m, and viscous, N m s/rad, of the whole axis at the motor, as far as it is known.
+    holding_nm
+        What keeps the axis where it is beside friction, N m; every open-loop record holds it, or the carriage would drift.
+    remarks
+        Sentences for the result.
+    titles
+        Of the phases to come, so that :meth:`begin` can number them.
+    keep_gains
+        Set by the sequence when the user wants to keep the new gains in the drive (not saved).
+    over_belt
+        The user lets the belt carry more than its feed force; virtual drives only.
+    deceleration_m_s2
+        Of a quick stop, lent to the drive with every motion.
+    braking
+        What brakes the axis with the loop that is in the drive; None as long as only friction can be counted with.
+    guarding
+        How the drive took the silence of its host, once seen.
+    cascade
+        What was written last.
+    closed
+        Model and delay, s, that loops are counted with.
+    planned_s
+        The agreed plan's, s.
+    wanderings
+        Stops of a carriage that went too far, after which the session went on, see :mod:`beltcomm.experiments.recentre`.
     """
 
     def __init__(self, drive: Drive, axis: Axis, folder: RunFolder, talk: Talk) -> None:
@@ -190,7 +209,7 @@ class Machine:
 
     def reference_at(self, position_m: float) -> None:
         """The carriage stands at ``position_m`` now, as the operator says.  Raises UsageError outside the travel."""
-        low, high = self.full_room().window_m
+        low, high = self.envelope().window_m
         if not low <= position_m <= high:
             raise UsageError(f"position {position_m:.4g} m is outside the travel {low:g}..{high:g} m of axis.yaml")
         self.origin_rad = self.drive.read(["position_rad"])["position_rad"] - position_m / self.ratio
@@ -229,7 +248,7 @@ class Machine:
         """A position on the axis, None when that is not known."""
         return position_m if self.place_known else None
 
-    def full_room(self) -> Room:
+    def envelope(self) -> Envelope:
         """The travel and the window that must be kept, the speed that axis and drive allow, the torque that motor and drive allow."""
         travel, limits = self.axis.travel, self.axis.limits
         torque = min(self.axis.motor.peak_torque_nm or math.inf, self.drive.capabilities.peak_torque_nm)
@@ -238,16 +257,16 @@ class Machine:
         low, high = self._window_m
         if self.place_known:
             low, high = max(low, float(travel.min_m or 0.0)), min(high, float(travel.max_m or 0.0))
-        return Room((low, high), speed, torque)
+        return Envelope((low, high), speed, torque)
 
-    def drive_limits(self, room: Room) -> Limits:
+    def drive_limits(self, envelope: Envelope) -> Limits:
         """Limits of the envelope at the motor shaft, in the drive's zero."""
-        low, high = sorted(self.origin_rad + x / self.ratio for x in room.window_m)
-        speed = min(room.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
-        lag = None if room.lag_m is None else room.lag_m / self.ratio
+        low, high = sorted(self.origin_rad + x / self.ratio for x in envelope.window_m)
+        speed = min(envelope.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
+        lag = None if envelope.lag_m is None else envelope.lag_m / self.ratio
         deceleration = self.deceleration_m_s2 / self.ratio
         place = self.ratio, self.origin_rad
-        return Limits(low, high, speed, room.torque_nm, deceleration, lag, *place, brake_s=self.brake_s, guard_s=room.guard_s)
+        return Limits(low, high, speed, envelope.torque_nm, deceleration, lag, *place, brake_s=self.brake_s, guard_s=envelope.guard_s)
 
     @property
     def brake_s(self) -> float:
@@ -268,7 +287,12 @@ class Machine:
     def follow(self, trajectory: Trajectory, kind: LoopKind, torque_nm: Array | None = None, lead_m: Array | None = None) -> Motion:
         """A motion of the carriage for the drive's own position or velocity loop.
 
-        torque_nm : (n,), sent along with it.   lead_m : (n,), by which the drive's reference is ahead.
+        Parameters
+        ----------
+        torque_nm : ndarray (n,)
+            Sent along with it.
+        lead_m : ndarray (n,)
+            By which the drive's reference is ahead.
         """
         speed = trajectory.velocity_m_s / self.ratio
         return Motion(
@@ -284,7 +308,7 @@ class Machine:
         """In words, where a stop at some moment of a motion would end outside the travel, or within ``spare_m`` of its ends; else empty."""
         if self.braking is None or self.over_belt:
             return ""
-        low, high = self.full_room().window_m
+        low, high = self.envelope().window_m
         reached = self.braking.span_m(position_m, speed_m_s, self.drive.capabilities.sample_period_s)
         if low + spare_m <= reached[0] and reached[1] <= high - spare_m:
             return ""
@@ -307,7 +331,7 @@ class Machine:
         self,
         name: str,
         motion: Motion,
-        room: Room,
+        envelope: Envelope,
         sidecar: Sidecar,
         watch: Watch = unwatched,
         foreseen: tuple[Array, Array] | None = None,
@@ -315,9 +339,17 @@ class Machine:
         """Run a motion and keep it as ``recordings/NAME``; a record already finished in a resumed run is read instead.
 
         Rows stream to disk while the axis moves; an interrupted record stays, marked as unfinished.
-        watch : is called with every row as the drive gives it, and may raise; that stops the axis.
-        foreseen : carriage position and speed, m and m/s, (n,), where they are not what is asked for: from them a stop must be possible.
-        Raises Refused, SafetyStop, DriveError, DataError.
+
+        Parameters
+        ----------
+        watch : Watch
+            Is called with every row as the drive gives it, and may raise; that stops the axis.
+        foreseen : tuple[ndarray, ndarray] or None
+            Carriage position and speed, m and m/s, (n,), where they are not what is asked for: from them a stop must be possible.
+
+        Raises
+        ------
+        Refused, SafetyStop, DriveError, DataError
         """
         if self.folder.finished(name) is not None:
             self.detail(f"{name}: kept from the earlier run")
@@ -327,7 +359,7 @@ class Machine:
         writer = self.folder.new_recording(name, sidecar, COLUMNS)
         closed = foreseen_of(self, motion)
         zero, begun, total = self.origin_rad, self.drive.clock.now(), len(motion.torque_nm)
-        rows, load = 0, Load(self.axis, room.torque_nm, room.speed_m_s)
+        rows, load = 0, Load(self.axis, envelope.torque_nm, envelope.speed_m_s)
 
         def sink(row: Row) -> None:
             nonlocal rows
@@ -342,7 +374,7 @@ class Machine:
                 self.talk.progress(rows / total, (total - rows) * motion.period_s)
 
         try:
-            report = self.drive.record(motion, self.drive_limits(within(room, closed)), sink)
+            report = self.drive.record(motion, self.drive_limits(within(envelope, closed)), sink)
         except BaseException:
             writer.close(finished=False)
             self.folder.journal(f"{name}: interrupted after {rows} of {total} samples; what was recorded is kept")
@@ -368,7 +400,7 @@ class Machine:
         gone = self.machine_seconds + self.drive.clock.now() - begun_s
         left = None if self.planned_s is None else max(0.0, self.planned_s - gone)
         return CarriagePosition(
-            record, self.ratio * (position_rad - self.origin_rad), self.full_room().window_m, self.place_known, left, gauges
+            record, self.ratio * (position_rad - self.origin_rad), self.envelope().window_m, self.place_known, left, gauges
         )
 
     @contextmanager
@@ -381,7 +413,7 @@ class Machine:
             self.folder.journal(f"{damage.record}: kept as unfinished, because {damage}")
             raise
 
-    def run(self, motion: Motion, room: Room, watch: Watch = unwatched) -> None:
+    def run(self, motion: Motion, envelope: Envelope, watch: Watch = unwatched) -> None:
         """Run a motion that is only a means (positioning, creeping), watched row by row; nothing is kept."""
         self._check_stops(motion)
         self.let_settle()
@@ -392,7 +424,7 @@ class Machine:
             watch(row)
 
         try:
-            self.drive.record(motion, self.drive_limits(within(room, closed)), sink)
+            self.drive.record(motion, self.drive_limits(within(envelope, closed)), sink)
         finally:
             self.machine_seconds += self.drive.clock.now() - begun
 

@@ -29,9 +29,21 @@ BELT_ROWS = 4
 class BeltWatch:
     """Call it with every row of any motion: the force in the belt as the motor shows it,  F = (τ - Θ_e φ̈)/i_t, friction in it.
 
-    ratio : m/rad.   inertia_kg_m2 : motor side, as axis.yaml says.   limit_n : of the axis.   friction : Coulomb, N m, and viscous,
-    N m s/rad, of motor and carriage at the motor: what limits of belts leave out.
-    Raises SafetyStop when the mean of ``BELT_ROWS`` rows is beyond  1.25 F_max + (τ_c + d |φ̇|)/i_t.
+    Parameters
+    ----------
+    ratio : float
+        m/rad.
+    inertia_kg_m2 : float
+        Motor side, as axis.yaml says.
+    limit_n : float
+        Of the axis.
+    friction : tuple[float, float]
+        Coulomb, N m, and viscous, N m s/rad, of motor and carriage at the motor: what limits of belts leave out.
+
+    Raises
+    ------
+    SafetyStop
+        When the mean of ``BELT_ROWS`` rows is beyond 1.25 F_max + (τ_c + d |φ̇|)/i_t.
     """
 
     def __init__(self, ratio: float, inertia_kg_m2: float, limit_n: float, friction: tuple[float, float]) -> None:
@@ -71,8 +83,21 @@ class BeltWatch:
 class PredictionWatch:
     """Call it with every row of a record.
 
-    predicted : of the record.   ratio : m/rad at the motor.   inertia_kg_m2 : of the motor side, as axis.yaml says.   units : of the drive.
-    Raises SafetyStop when speed or travel leave the prediction, naming what is probably wrong in axis.yaml or in the units.
+    Parameters
+    ----------
+    predicted : Prediction
+        Of the record.
+    ratio : float
+        m/rad at the motor.
+    inertia_kg_m2 : float
+        Of the motor side, as axis.yaml says.
+    units : DriveUnits or None
+        Of the drive.
+
+    Raises
+    ------
+    SafetyStop
+        When speed or travel leave the prediction, naming what is probably wrong in axis.yaml or in the units.
     """
 
     def __init__(self, predicted: Prediction, ratio: float, inertia_kg_m2: float, units: DriveUnits | None = None) -> None:
@@ -136,7 +161,15 @@ def measured_inertia(rows: np.ndarray) -> tuple[float, float] | None:
 
 
 class DriveUnits(NamedTuple):
-    """Meaning of a drive's raw numbers.   thousand_nm : a thousand units of torque, N m.   per_turn : position units of a turn."""
+    """Meaning of a drive's raw numbers.
+
+    Attributes
+    ----------
+    thousand_nm : float
+        A thousand units of torque, N m.
+    per_turn : int
+        Position units of a turn.
+    """
 
     thousand_nm: float
     per_turn: int
@@ -157,7 +190,13 @@ def other_units(share: float, units: DriveUnits) -> str:
 
 
 def suspects(stated_kg_m2: float, measured: tuple[float, float] | None, units: DriveUnits | None = None) -> str:
-    """In words, which entries of axis.yaml to look at, with the measured inertia where there is one.   units : of the drive."""
+    """In words, which entries of axis.yaml to look at, with the measured inertia where there is one.
+
+    Parameters
+    ----------
+    units : DriveUnits or None
+        Of the drive.
+    """
     others = "the feed constant (pulley.effective_radius_m, gearbox.ratio), the payload, whether the encoder jumped or something moves it"
     if measured is None:
         return f"look at motor.inertia_kg_m2 in axis.yaml, {others}"

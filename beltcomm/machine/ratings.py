@@ -28,7 +28,17 @@ def nameplate_of(axis: Axis) -> KnownMotor:
 
 @dataclass(frozen=True)
 class Rating:
-    """One value that drive and axis.yaml both tell.   what : in words.   remedy : what to do.   most : only more is wrong in the drive."""
+    """One value that drive and axis.yaml both tell.
+
+    Attributes
+    ----------
+    what : str
+        In words.
+    remedy : str
+        What to do.
+    most : bool
+        Only more is wrong in the drive.
+    """
 
     what: str
     drive: float

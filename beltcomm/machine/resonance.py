@@ -37,7 +37,13 @@ NOISE_OF_RATED, NOISE_PEAK = 0.006, 2.0
 
 @dataclass(frozen=True)
 class Swing:
-    """The band that is watched, Hz, and the amplitude of torque in it that is allowed, N m at the motor.   predicted_nm : of the motion."""
+    """The band that is watched, Hz, and the amplitude of torque in it that is allowed, N m at the motor.
+
+    Attributes
+    ----------
+    predicted_nm : float
+        Of the motion.
+    """
 
     band_hz: tuple[float, float]
     allowed_nm: float
@@ -64,7 +70,13 @@ def amplitude_nm(torque_nm: Array, period_s: float, band_hz: tuple[float, float]
 
 
 def predicted_torque(model: Model, cascade: Cascade, motion: Motion, drive: Loop, ratio: float, origin_rad: float) -> Array:
-    """Torque setpoint of the drive's loop along a motion, N m, one entry per row of it.   drive : what the drive adds."""
+    """Torque setpoint of the drive's loop along a motion, N m, one entry per row of it.
+
+    Parameters
+    ----------
+    drive : Loop
+        What the drive adds.
+    """
     if motion.kind == "velocity":  # the same cascade without its position loop
         cascade = replace(cascade, kpp_1_s=0.0, feedforward=replace(cascade.feedforward, velocity=1.0))
         drive = replace(drive, structure=replace(drive.structure, output_limit_rad_s=math.inf, dead_zone_rad=0.0))
@@ -77,7 +89,13 @@ def predicted_torque(model: Model, cascade: Cascade, motion: Motion, drive: Loop
 
 
 def allowed(torque_nm: Array, period_s: float, band_hz: tuple[float, float], rated_nm: float) -> Swing:
-    """Part of a predicted torque that lies in a band, and what is allowed there.   rated_nm : of the drive."""
+    """Part of a predicted torque that lies in a band, and what is allowed there.
+
+    Parameters
+    ----------
+    rated_nm : float
+        Of the drive.
+    """
     within = float(np.max(amplitude_nm(torque_nm, period_s, band_hz)))
     share = 2.0 * period_s * (band_hz[1] - band_hz[0])
     noise = NOISE_PEAK * math.sqrt(2.0 * share) * NOISE_OF_RATED * rated_nm

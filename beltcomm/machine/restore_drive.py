@@ -19,7 +19,12 @@ def leave(
 ) -> KeyboardInterrupt | None:
     """Stop the axis and write the ``wanted`` parameters; returns the last Ctrl-C heard meanwhile.
 
-    keep : new gains stay.   error : what ends the session.   After :class:`LeaveNow` nothing is written, and the journal names the backup.
+    Parameters
+    ----------
+    keep : bool
+        New gains stay.
+    error : BaseException or None
+        What ends the session. After :class:`LeaveNow` nothing is written, and the journal names the backup.
     """
     interrupted: KeyboardInterrupt | None = None
     at_once = isinstance(error, LeaveNow)

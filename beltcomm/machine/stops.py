@@ -34,7 +34,10 @@ VELOCITY_GAINS = ("kp_nm_s_rad", "ki_nm_rad")
 class PassiveBraking:
     """Braking of an axis whose drive is as it was found: friction, or the velocity loop in it, whichever needs less way.
 
-    sliding_nm : friction at least, N m, by inertia and transmission; None takes the model's own.
+    Attributes
+    ----------
+    sliding_nm : callable
+        Friction at least, N m, by inertia and transmission; None takes the model's own.
     """
 
     kp_nm_s_rad: float
@@ -64,7 +67,13 @@ class Designed:
 
 
 def braking_of(machine: Machine, sliding_nm: Callable[[float, float], float] | None = None) -> PassiveBraking | Designed:
-    """Braking that a stop is counted with now.   sliding_nm : as in :class:`PassiveBraking`."""
+    """Braking that a stop is counted with now.
+
+    Parameters
+    ----------
+    sliding_nm : callable
+        As in :class:`PassiveBraking`.
+    """
     if machine.braking is not None:
         return Designed(machine.braking)
     gains = machine.drive.backup()
@@ -74,17 +83,17 @@ def braking_of(machine: Machine, sliding_nm: Callable[[float, float], float] | N
 
 def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, delay_s: float) -> Braking:
     """Set the quick stop to the hardest one that a loop makes without loading the belt too much; returns what is counted with."""
-    capabilities, room = machine.drive.capabilities, machine.full_room()
+    capabilities, envelope = machine.drive.capabilities, machine.envelope()
     if machine.sends_feedforward and machine.cascade is not None:
         cascade = machine.cascade  # a quick stop has what stands in the drive
-    low, high = room.window_m
+    low, high = envelope.window_m
     if machine.axis.mounting.tilted:
         machine.holding_nm = analyse.holding_nm(family[0])
     limits = replace(
         machine.axis.limits, feed_force_n=max((machine.axis.limits.feed_force_n or machine.axis.belt_force_limit_n) - machine.weight_n, 1.0)
     )
-    rigid = rigid_deceleration(machine.axis, family[0]["cart.mass"], room.torque_nm).value_m_s2
-    speed = min(room.speed_m_s, math.sqrt(2.0 * rigid * SIMULATED_SHARE * (high - low)))
+    rigid = rigid_deceleration(machine.axis, family[0]["cart.mass"], envelope.torque_nm).value_m_s2
+    speed = min(envelope.speed_m_s, math.sqrt(2.0 * rigid * SIMULATED_SHARE * (high - low)))
     braking, stop = braked_by_loop(
         family,
         cascade,
@@ -94,7 +103,7 @@ def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, d
         period_s=capabilities.structure.period_s,
         reaction_s=REACTION_PERIODS * capabilities.sample_period_s,
         delay_s=delay_s,
-        torque_limit_nm=room.torque_nm,
+        torque_limit_nm=envelope.torque_nm,
         counts_per_rev=capabilities.counts_per_rev,
     )
     machine.brake_with(braking)

@@ -33,7 +33,13 @@ MAPPING = "which objects its PDOs carry comes back when the drive is switched of
 
 
 class Note:
-    """The note of one drive.   path : its file, whether it is there or not."""
+    """The note of one drive.
+
+    Attributes
+    ----------
+    path
+        Its file, whether it is there or not.
+    """
 
     def __init__(self, hardware: Hardware) -> None:
         self.hardware = hardware

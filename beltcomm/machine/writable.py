@@ -30,8 +30,14 @@ LISTED = 5
 
 @dataclass(frozen=True)
 class Writable:
-    """The closed list of one drive.   kinds : data types of what its adapter backs up, by index and subindex.   limits : those that hold a
-    limit or a gain, by place: name, SI value of one raw unit, the most that it may be, and by whose word.
+    """The closed list of one drive.
+
+    Attributes
+    ----------
+    kinds : Mapping[tuple[int, int], str]
+        Data types of what its adapter backs up, by index and subindex.
+    limits : Mapping[tuple[int, int], tuple[str, float, float, str]]
+        Those that hold a limit or a gain, by place: name, SI value of one raw unit, the most that it may be, and by whose word.
     """
 
     kinds: Mapping[tuple[int, int], str]
@@ -39,7 +45,15 @@ class Writable:
 
     @classmethod
     def of(cls, drive: Drive, folder: RunFolder | None = None, found: Sequence[ObjectValue] = ()) -> Writable:
-        """Of a connected drive.   folder : of the run whose ratings count, None for none.   found : :meth:`Drive.objects`, if read."""
+        """Of a connected drive.
+
+        Parameters
+        ----------
+        folder : RunFolder or None
+            Of the run whose ratings count, None for none.
+        found : sequence of ObjectValue
+            :meth:`Drive.objects`, if read.
+        """
         own = drive.capabilities
         kinds = {item.place: item.kind for item in found or drive.objects()}
         kinds |= {(entry.index, entry.subindex): entry.type for entry in own.parameters.values()}
@@ -49,7 +63,13 @@ class Writable:
         return cls({place: kind for place, kind in kinds.items() if place == MODE or not commands(*place)}, limits)
 
     def check(self, values: Sequence[ObjectValue], *, mode: bool = False) -> None:
-        """Raise Refused, before anything is written, for what must not be.   mode : the mode of operation may go back, too."""
+        """Raise Refused, before anything is written, for what must not be.
+
+        Parameters
+        ----------
+        mode : bool
+            The mode of operation may go back, too.
+        """
         wrong = [item for item in values if item.place not in self.kinds or (item.place == MODE and not mode)]
         if wrong:
             first = wrong[0]

@@ -23,9 +23,16 @@ from beltcomm.sentences.response_table import ResponseRow, table_of
 
 @dataclass(frozen=True)
 class QuantityChange:
-    """One quantity before and now.   share : now over before, less 1.   interval : of the share, 95 %; None where it is not known.
+    """One quantity before and now.
 
-    state : "changed", "usual" (beyond the interval, but no more than it changes by itself), "none" (within the interval), "unsure".
+    Attributes
+    ----------
+    share : float
+        Now over before, less 1.
+    interval : float or None
+        Of the share, 95 %; None where it is not known.
+    state : str
+        "changed", "usual" (beyond the interval, but no more than it changes by itself), "none" (within the interval), "unsure".
     """
 
     before: Quantity

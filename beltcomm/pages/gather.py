@@ -23,9 +23,16 @@ from beltcomm.talk import Talk
 
 @dataclass(frozen=True)
 class Gathered:
-    """A run.   laboratory, comparison : model against records, None where they cannot be compared, with the reason in ``remarks``.
+    """A run.
 
-    verifications : results of moves by name, in the order driven.   command : of the report.
+    verifications : results of moves by name, in the order driven.
+
+    Attributes
+    ----------
+    laboratory, comparison
+        Model against records, None where they cannot be compared, with the reason in ``remarks``.
+    command : str
+        Of the report.
     """
 
     folder: RunFolder
@@ -66,9 +73,19 @@ class Gathered:
 
 
 def gathered(run: Path, talk: Talk, against: Path | None = None, *, compared: bool = True) -> Gathered:
-    """Everything of a run.   against : another run that the command names.   compared : the model with the records.
+    """Everything of a run.
 
-    Raises DataError for a folder that is none.
+    Parameters
+    ----------
+    against : Path or None
+        Another run that the command names.
+    compared : bool
+        The model with the records.
+
+    Raises
+    ------
+    DataError
+        For a folder that is none.
     """
     folder = RunFolder.open(run)
     remarks = []

@@ -40,9 +40,19 @@ PARTS = (
 def report(run: Path, *, against: Path | None = None, out: Path | None = None, talk: Talk | None = None) -> Result:
     """Write the report of a run and its numbers beside it; returns where they are.
 
-    against : an earlier run of the same axis; the page begins with what changed since.
-    out : of the page, ``RUN/report.html`` unless told.   Raises DataError for a folder that is none, UsageError for a place that cannot be
-    written or holds something else.
+    Parameters
+    ----------
+    against : Path or None
+        An earlier run of the same axis; the page begins with what changed since.
+    out : Path or None
+        Of the page, ``RUN/report.html`` unless told.
+
+    Raises
+    ------
+    DataError
+        For a folder that is none.
+    UsageError
+        For a place that cannot be written or holds something else.
     """
     if against is not None and against.resolve() == run.resolve():
         raise UsageError(f"{run} cannot be compared with itself; give an earlier run of the same axis behind --against")
@@ -71,7 +81,13 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
 
 
 def page_of(found: Gathered, before: Gathered | None = None) -> Page:
-    """The whole page.   before : the earlier run that it is compared with."""
+    """The whole page.
+
+    Parameters
+    ----------
+    before : Gathered or None
+        The earlier run that it is compared with.
+    """
     changed = changes.compared(before, found) if before is not None else []
     first_part = [changes.section(before, found, changed)] if before is not None else []
     sentence, state = first.verdict(found)

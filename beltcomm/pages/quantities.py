@@ -14,9 +14,18 @@ from beltcomm.watching.limits import UNKNOWN, USUAL
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number of an axis.   value, interval : SI; interval None where it is not known.   unit, scale : as shown.
+    """One number of an axis.
 
-    more, less : words for a change.   usual : share by which it changes without anything being wrong, and ``why``.
+    Attributes
+    ----------
+    value, interval
+        SI; interval None where it is not known.
+    unit, scale
+        As shown.
+    more, less : str
+        Words for a change.
+    usual : float
+        Share by which it changes without anything being wrong, and ``why``.
     """
 
     key: str
@@ -59,7 +68,13 @@ _PARTS = ("viscous.damping", "viscous_cart.damping", "coulomb.level", "cart_fric
 
 
 def quantities_of(model: Model | None, results: Mapping[str, Mapping[str, Any]]) -> dict[str, Quantity]:
-    """By key, in the order shown: model, what follows from it, delay, errors of the last move.   results : of the run folder."""
+    """By key, in the order shown: model, what follows from it, delay, errors of the last move.
+
+    Parameters
+    ----------
+    results : Mapping[str, Mapping[str, Any]]
+        Of the run folder.
+    """
     found: dict[str, Quantity] = {}
 
     def add(key: str, words: str, unit: str, scale: float, value: float, interval: float | None) -> None:

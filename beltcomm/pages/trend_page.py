@@ -53,7 +53,17 @@ def _targets(axis: Axis) -> dict[str, Limit]:
 
 @dataclass(frozen=True)
 class Dated:
-    """A run.   t_s : of its beginning, s since 1970.   source : where that comes from.   found : its quantities."""
+    """A run.
+
+    Attributes
+    ----------
+    t_s : float
+        Of its beginning, s since 1970.
+    source : str
+        Where that comes from.
+    found : Mapping[str, Quantity]
+        Its quantities.
+    """
 
     name: str
     t_s: float
@@ -63,9 +73,16 @@ class Dated:
 
 @dataclass(frozen=True)
 class TrendLine:
-    """One quantity over the runs.   state : "reached", "drifts", "steady", "unsure".   text : in words.
+    """One quantity over the runs.
 
-    reach_s : when its limit is reached, earliest, by the line, latest; None where that is not known.
+    Attributes
+    ----------
+    state : str
+        "reached", "drifts", "steady", "unsure".
+    text : str
+        In words.
+    reach_s : tuple[float, float, float] or None
+        When its limit is reached, earliest, by the line, latest; None where that is not known.
     """
 
     last: Quantity
@@ -86,9 +103,19 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
 
     The days on which a run was watched in production count as runs: what a quantity was by the first moves is what it was in the run.
 
-    limits : ``KEY=-20%``, ``KEY=+50%``, or an SI value for an upper limit.   dates : ISO 8601, one for each run.
-    out : of the page, ``trend.html`` in the folder of the newest run unless told.
-    Raises UsageError for fewer than two runs, unknown limits, dates that cannot be read, and runs of different axes.
+    Parameters
+    ----------
+    limits : sequence of str
+        ``KEY=-20%``, ``KEY=+50%``, or an SI value for an upper limit.
+    dates : sequence of str
+        ISO 8601, one for each run.
+    out : Path or None
+        Of the page, ``trend.html`` in the folder of the newest run unless told.
+
+    Raises
+    ------
+    UsageError
+        For fewer than two runs, unknown limits, dates that cannot be read, and runs of different axes.
     """
     if out is not None:
         admit_page(out)

@@ -233,12 +233,15 @@ class RigidInertia:
 def rigid_inertia(t_s: Array, torque: Array, position: Array, *, weight: bool = False) -> RigidInertia | None:
     """Inertia of the axis as one rigid body, from its slow motion; None for a record that is too short.
 
-    weight : the load turns with the motor and may not be balanced: sine and cosine of the angle count as well.
-
-        torque = inertia acceleration + damping speed + level sign(speed) + constant,   each under a triangle of 0.16 s
+        torque = inertia acceleration + damping speed + level sign(speed) + constant,   each under a triangle of 0.16 s.
 
     below the antiresonance of any drive train this is motor and carriage together.  Neighbouring rows of the regression overlap by
     three quarters: the error counts each eighth row.
+
+    Parameters
+    ----------
+    weight : bool
+        The load turns with the motor and may not be balanced: sine and cosine of the angle count as well.
     """
     t_s, torque, position = livelier(t_s, torque, position)
     even = np.arange(t_s[0], t_s[-1], usual_step(t_s))

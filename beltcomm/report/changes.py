@@ -15,7 +15,15 @@ ENDS = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
 
 @dataclass(frozen=True)
 class Bar:
-    """One quantity.   change, interval, usual : per cent.   state : as :class:`beltcomm.pages.changes.QuantityChange` has it."""
+    """One quantity.
+
+    Attributes
+    ----------
+    change, interval, usual
+        Per cent.
+    state : str
+        As :class:`beltcomm.pages.changes.QuantityChange` has it.
+    """
 
     words: str
     change: float

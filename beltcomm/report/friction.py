@@ -163,7 +163,13 @@ def figures(
 
 
 def compared_figure(runs: Sequence[tuple[str, FrictionFit]], caption: Caption) -> Figure:
-    """Friction over speed of several runs on one scale, points with their scatter and laws.   runs : name, friction."""
+    """Friction over speed of several runs on one scale, points with their scatter and laws.
+
+    Parameters
+    ----------
+    runs : Sequence[tuple[str, FrictionFit]]
+        Name, friction.
+    """
     with styled():
         shown = figure("Friction over speed, run by run", 4.4, caption)
         axes = shown.subplots()

@@ -10,7 +10,13 @@ from beltcomm.residuals.law import LawCurve
 
 
 def law_figure(name: str, curve: LawCurve, units: Units, caption: style.Caption) -> Figure:
-    """Dots: what is missing, by direction; lines: the law.   name : of the effect, in words."""
+    """Dots: what is missing, by direction; lines: the law.
+
+    Parameters
+    ----------
+    name : str
+        Of the effect, in words.
+    """
     unit = {"position": units.length, "speed": f"{units.length}/s", "time": "s", "angle": "rad", "torque": units.force}[curve.along]
     with style.styled():
         made = style.figure(f"{name}: its law over what the records show", 3.6, caption)

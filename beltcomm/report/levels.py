@@ -20,7 +20,13 @@ SMOOTHED = 9
 
 @dataclass(frozen=True)
 class Levels:
-    """One record.   freq_hz (k,).   linear, noise (95 %), repeated : (k,), rad/(N m).   odd, even : of a multisine, else None."""
+    """One record.   freq_hz (k,).   linear, noise (95 %), repeated : (k,), rad/(N m).
+
+    Attributes
+    ----------
+    odd, even : Silent or None
+        Of a multisine, else None.
+    """
 
     label: str
     freq_hz: Array

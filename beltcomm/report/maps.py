@@ -38,7 +38,13 @@ def maps_figure(
     sentences: Sequence[str],
     caption: style.Caption,
 ) -> Figure:
-    """Frequency and record; speed and direction; position and direction; amplitude; time.   sentences : below the title."""
+    """Frequency and record; speed and direction; position and direction; amplitude; time.
+
+    Parameters
+    ----------
+    sentences : sequence of str
+        Below the title.
+    """
     judged = [j for j in judged if len(j.white)]
     samples = gather_samples(judged)
     squares = samples.white**2

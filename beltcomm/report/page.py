@@ -49,7 +49,15 @@ State = Literal["good", "bad", "note", ""]
 
 @dataclass(frozen=True)
 class Fact:
-    """One of the large numbers on the first screen.   value : with its unit.   state : what it means for the axis."""
+    """One of the large numbers on the first screen.
+
+    Attributes
+    ----------
+    value : str
+        With its unit.
+    state : State
+        What it means for the axis.
+    """
 
     name: str
     value: str
@@ -77,7 +85,15 @@ class PageTable:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure.   svg : without prologue.   caption : command and data."""
+    """A figure.
+
+    Attributes
+    ----------
+    svg : str
+        Without prologue.
+    caption : str
+        Command and data.
+    """
 
     title: str
     sentences: Sequence[str]
@@ -87,7 +103,13 @@ class Picture:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with its parts.   key : stable, for links and programs."""
+    """A heading with its parts.
+
+    Attributes
+    ----------
+    key : str
+        Stable, for links and programs.
+    """
 
     key: str
     title: str
@@ -97,9 +119,16 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """Contents of a page.   verdict : the first sentence.   next_steps : commands, in the order in which they help.
+    """Contents of a page.
 
-    changes : since another run, in words.
+    Attributes
+    ----------
+    verdict : str
+        The first sentence.
+    next_steps : sequence of str
+        Commands, in the order in which they help.
+    changes : sequence of str
+        Since another run, in words.
     """
 
     title: str

@@ -31,9 +31,14 @@ LEFT, RIGHT, BOTTOM, TOP = range(4)
 
 
 def place(figure: Figure, renderer: RendererBase) -> bool:
-    """Give all axes their places; False where they do not stand in one grid, or nothing is left for them.   renderer : that will draw it.
+    """Give all axes their places; False where they do not stand in one grid, or nothing is left for them.
 
     From left to right an axes has the width  w_k = r_k (W - Σ margins)/Σ r,  r the grid's ratios; from top to bottom likewise.
+
+    Parameters
+    ----------
+    renderer : RendererBase
+        That will draw it.
     """
     specs = [axes.get_subplotspec() for axes in figure.get_axes()]
     grids = {id(spec.get_gridspec()): spec.get_gridspec() for spec in specs if spec is not None}

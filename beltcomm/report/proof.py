@@ -28,7 +28,13 @@ FLOOR_DB = -60.0
 
 @dataclass(frozen=True)
 class ProvenResponse:
-    """One measured response.   label : record and condition."""
+    """One measured response.
+
+    Attributes
+    ----------
+    label : str
+        Record and condition.
+    """
 
     label: str
     loop: MeasuredLoop

@@ -27,9 +27,14 @@ def responses_figure(
     caption: style.Caption,
     models: Sequence[SmoothResponse | None] = (),
 ) -> Figure:
-    """Magnitude and phase over frequency, and below them the landmarks by record.   shown : label, response, landmarks.
+    """Magnitude and phase over frequency, and below them the landmarks by record.
 
-    models : for each the model's curve with its band, drawn over the measured magnitude; none where there is none.
+    Parameters
+    ----------
+    shown : Sequence[tuple[str, FrequencyResponse, Landmarks or None]]
+        Label, response, landmarks.
+    models : Sequence[SmoothResponse or None]
+        For each the model's curve with its band, drawn over the measured magnitude; none where there is none.
     """
     with style.styled():
         made = style.figure("Frequency responses: places, amplitudes, directions", 8.2 + 0.28 * len(shown), caption, sentences)

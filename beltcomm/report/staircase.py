@@ -16,7 +16,17 @@ WITHIN_CHANCE = 1.05
 
 @dataclass(frozen=True)
 class Stair:
-    """One revision.   change : "base", "+effect".   ratio, held_out : error over noise.   confirmed : as in the ladder."""
+    """One revision.
+
+    Attributes
+    ----------
+    change : str
+        "base", "+effect".
+    ratio, held_out
+        Error over noise.
+    confirmed : bool or None
+        As in the ladder.
+    """
 
     name: str
     change: str
@@ -28,7 +38,13 @@ class Stair:
 
 @dataclass(frozen=True)
 class RecordChange:
-    """One record before and after a change.   before, after : error over noise."""
+    """One record before and after a change.
+
+    Attributes
+    ----------
+    before, after : float
+        Error over noise.
+    """
 
     record: str
     held_out: bool

@@ -19,7 +19,13 @@ SHOWN = 0.99
 
 @dataclass(frozen=True)
 class Distributed:
-    """One result over all members that have it.   values (n,) : as shown.   bound : its target, None for none."""
+    """One result over all members that have it.   values (n,) : as shown.
+
+    Attributes
+    ----------
+    bound : float or None
+        Its target, None for none.
+    """
 
     words: str
     values: Array
@@ -28,7 +34,15 @@ class Distributed:
 
 @dataclass(frozen=True)
 class Against:
-    """A result (n,) over a drawn parameter (n,).   kept : whether the member keeps its targets, (n,) bool.   correlation : in words."""
+    """A result (n,) over a drawn parameter (n,).
+
+    Attributes
+    ----------
+    kept : ndarray
+        Whether the member keeps its targets, (n,) bool.
+    correlation : str
+        In words.
+    """
 
     parameter: str
     words: str

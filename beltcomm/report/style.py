@@ -58,7 +58,15 @@ _STYLE: Any = {
 
 @dataclass(frozen=True)
 class Caption:
-    """Origin of a picture.   command : that made it.   data : run folder and records it shows."""
+    """Origin of a picture.
+
+    Attributes
+    ----------
+    command : str
+        That made it.
+    data : str
+        Run folder and records it shows.
+    """
 
     command: str
     data: str
@@ -104,7 +112,13 @@ def ratio_ticks(axes: Axes, lowest: float, highest: float, *, vertical: bool = T
 
 
 def numbers_at(axis: Axis, at: Sequence[float], words: Sequence[str] | None = None, size: float | None = None) -> None:
-    """Ticks at these values only, with plain numbers or these words; the limits stay.   size : of the letters, points."""
+    """Ticks at these values only, with plain numbers or these words; the limits stay.
+
+    Parameters
+    ----------
+    size : float or None
+        Of the letters, points.
+    """
     axis.set_major_locator(FixedLocator(list(at)))
     axis.set_major_formatter(plain_numbers() if words is None else FixedFormatter(list(words)))
     axis.set_minor_locator(NullLocator())

@@ -18,8 +18,18 @@ ENDS_UM = (50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
 
 @dataclass(frozen=True)
 class TrackedMove:
-    """One move.   t_s, reference_m, error_m : (n,), error is reference minus motor angle times i_t.   predicted_m : the same by the model
-    on its own grid, None where it cannot be predicted.   target_m : that the error must stay below.   end_s : of the reference motion."""
+    """One move.
+
+    Attributes
+    ----------
+    t_s, reference_m, error_m : ndarray (n,)
+        Error is reference minus motor angle times i_t. predicted_m : the same by the model on its own grid, None where it cannot be
+        predicted.
+    target_m : float
+        That the error must stay below.
+    end_s : float
+        Of the reference motion.
+    """
 
     name: str
     t_s: Array

@@ -22,9 +22,18 @@ AHEAD = 0.5
 
 @dataclass(frozen=True)
 class Followed:
-    """One quantity.   t_s : since 1970, s, (n,).   values, intervals : as shown, (n,); nan where no interval is known.
+    """One quantity.
 
-    limits : low and high, None for none.   course : in the same unit, None where there is none.
+    Attributes
+    ----------
+    t_s : ndarray
+        Since 1970, s, (n,).
+    values, intervals : ndarray
+        As shown, (n,); nan where no interval is known.
+    limits : tuple[float or None, float or None]
+        Low and high, None for none.
+    course : LinearTrend or None
+        In the same unit, None where there is none.
     """
 
     words: str

@@ -19,7 +19,17 @@ OPEN = "#888888"
 
 @dataclass(frozen=True, eq=False)
 class ResponseLine:
-    """One response.   label : in the legend.   highest_hz : up to which it stands above its noise.   opened : of a standing axis."""
+    """One response.
+
+    Attributes
+    ----------
+    label : str
+        In the legend.
+    highest_hz : float
+        Up to which it stands above its noise.
+    opened : bool
+        Of a standing axis.
+    """
 
     label: str
     response: FrequencyResponse

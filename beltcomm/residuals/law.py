@@ -47,7 +47,15 @@ class LawCurve:
 
 
 def curve_of(cells: Cells, there: NDArray[np.bool_], torque: Array, missing: Array) -> LawCurve:
-    """The curve of a torque.   there : cells that have one.   torque, missing : by cell, N m."""
+    """The curve of a torque.
+
+    Parameters
+    ----------
+    there : ndarray
+        Cells that have one.
+    torque, missing : ndarray
+        By cell, N m.
+    """
     shown = {along: _shown_along(getattr(cells, along)[there], cells.speed[there], torque[there]) for along in COORDINATES}
     along = max(shown, key=lambda name: shown[name])
     if shown[along] < ALONG:
@@ -59,7 +67,13 @@ def curve_of(cells: Cells, there: NDArray[np.bool_], torque: Array, missing: Arr
 
 
 def law_between(fitted: Fitted, judged: Sequence[Judged], without: Model, grown: Model) -> LawCurve:
-    """Law that one model has and another has not, over the rest of the fitted records.   judged : by the fitted model, these first."""
+    """Law that one model has and another has not, over the rest of the fitted records.
+
+    Parameters
+    ----------
+    judged : sequence of Judged
+        By the fitted model, these first.
+    """
     own = [one for one in judged[: len(fitted.problem.pieces)] if len(one.white)]
     cells = cells_of(own)
     left = []

@@ -26,11 +26,24 @@ NEAR = 4
 
 @dataclass(frozen=True)
 class ResponsePair:
-    """One excited record.   measured : torque to angle, rad/(N m), (k,) at freq_hz.   model : the same angle over the torque that the model
-    says it needed, so friction is in both as the record has it.   radius : 95 % of the measured one's noise.   coherence : of its periods;
-    both None for a single period.
+    """One excited record.
 
-    cart_m : carriage at the start, m.   amplitude_nm : largest torque of the excitation, as noted.   units : of the axis.
+    Attributes
+    ----------
+    measured : ComplexArray
+        Torque to angle, rad/(N m), (k,) at freq_hz.
+    model : ComplexArray
+        The same angle over the torque that the model says it needed, so friction is in both as the record has it.
+    radius : ndarray or None
+        95 % of the measured one's noise.
+    coherence : ndarray or None
+        Of its periods; both None for a single period.
+    cart_m : float
+        Carriage at the start, m.
+    amplitude_nm : float
+        Largest torque of the excitation, as noted.
+    units : Units
+        Of the axis.
     """
 
     record: str
@@ -106,8 +119,18 @@ def below(response: ComplexArray) -> Array:
 
 @dataclass(frozen=True)
 class Trace:
-    """One record as a line of samples, gaps closed by nan.   t_s : from its start.   measured, model : torque in units of the axis.
-    white : residual over noise, nan where it does not count.   excited : by a multisine or the like, so that every sample matters.
+    """One record as a line of samples, gaps closed by nan.
+
+    Attributes
+    ----------
+    t_s : ndarray
+        From its start.
+    measured, model : ndarray
+        Torque in units of the axis.
+    white : ndarray
+        Residual over noise, nan where it does not count.
+    excited : bool
+        By a multisine or the like, so that every sample matters.
     """
 
     record: str

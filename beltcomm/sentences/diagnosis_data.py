@@ -20,7 +20,13 @@ Plain = tuple[PlainError | None, PlainError | None]
 
 
 def diagnosis_data(found: Diagnosis, before: Plain, after: Plain) -> dict[str, Any]:
-    """Everything of a diagnosis for ``--json``.   before, after : errors in plain units, fitted and held out."""
+    """Everything of a diagnosis for ``--json``.
+
+    Parameters
+    ----------
+    before, after : Plain
+        Errors in plain units, fitted and held out.
+    """
     first = found.steps[0].candidates if found.steps else ()
     return {
         "verdict": found.verdict,

@@ -43,7 +43,13 @@ def remark_lines(remarks: Sequence[str]) -> list[str]:
 
 
 def comparison_lines(comparison: Comparison, places: Sequence[str], model: Model, run: Path, doubt: str = "") -> list[str]:
-    """``beltcomm compare``.   doubt : why the error says nothing."""
+    """``beltcomm compare``.
+
+    Parameters
+    ----------
+    doubt : str
+        Why the error says nothing.
+    """
     error = error_words((comparison.ratio, comparison.held_out), (comparison.plain, comparison.plain_held_out))
     lines = [
         f"Model: {', '.join(model.effects)}.",
@@ -66,7 +72,13 @@ def trial_line(candidate: Candidate) -> str:
 
 
 def diagnosis_lines(found: Diagnosis, before: Plain = (None, None), after: Plain = (None, None)) -> list[str]:
-    """``beltcomm diagnose``.   before, after : errors of the first and of the last model in plain units."""
+    """``beltcomm diagnose``.
+
+    Parameters
+    ----------
+    before, after : Plain
+        Errors of the first and of the last model in plain units.
+    """
     lines = [f"Error before: {error_words((found.published_base[1].ratio, found.published_base[1].held_ratio), before)}."]
     known = [name for name in found.base.model.effects if name not in (*BELT_BASE, *RIGID_BASE)]
     if known:
@@ -121,7 +133,13 @@ def diagnosis_lines(found: Diagnosis, before: Plain = (None, None), after: Plain
 
 
 def after_diagnosis(found: Diagnosis, run: Path, planned: str = "") -> list[str]:
-    """Next steps.   planned : the command that makes the records that were planned."""
+    """Next steps.
+
+    Parameters
+    ----------
+    planned : str
+        The command that makes the records that were planned.
+    """
     if planned:
         return [f"Next: {planned}"]
     open_ = undetermined_effects(with_intervals(found.final_fit), found.base.model) if found.added_effects else []
@@ -144,8 +162,14 @@ def lacking_lines(missing: Sequence[str]) -> list[str]:
 
 
 def sight_lines(sights: Sequence[DetectionLimit], run: Path, unnamed: Collection[str] = (), planned: bool = False) -> list[str]:
-    """Detection limits of these data.   unnamed : effects that are not named from them, whatever they show.   planned : what to
-    record next is said beside it.
+    """Detection limits of these data.
+
+    Parameters
+    ----------
+    unnamed : Collection[str]
+        Effects that are not named from them, whatever they show.
+    planned : bool
+        What to record next is said beside it.
     """
     blind = [sight for sight in sights if not sight.is_detectable and sight.effect.name not in unnamed]
     if not blind:
@@ -218,7 +242,13 @@ def family_lines(effect: Effect, model: Model) -> list[str]:
 
 
 def added_notes(asked: str, effect: str, strays: bool) -> list[str]:
-    """Notes beside an effect that was asked for.   strays : it is a gap that a carriage which strays can do without."""
+    """Notes beside an effect that was asked for.
+
+    Parameters
+    ----------
+    strays : bool
+        It is a gap that a carriage which strays can do without.
+    """
     notes = []
     if asked != effect:
         notes.append(f"{asked}, friction by direction and an offset of the current look alike on this axis: added as {effect}")
@@ -233,9 +263,16 @@ def added_notes(asked: str, effect: str, strays: bool) -> list[str]:
 def change_lines(
     was: tuple[Fitted, Plain], model: Model, after: Fitted, rung: Revision, notes: Sequence[str], run: Path, beside: Sequence[str] = ()
 ) -> list[str]:
-    """``beltcomm add`` and ``beltcomm remove``.   was : the model before, and what it left in plain units.
+    """``beltcomm add`` and ``beltcomm remove``.
 
-    notes : sentences before all else.   beside : effects that the last diagnosis names and the model does not have yet.
+    Parameters
+    ----------
+    was : tuple[Fitted, Plain]
+        The model before, and what it left in plain units.
+    notes : sequence of str
+        Sentences before all else.
+    beside : sequence of str
+        Effects that the last diagnosis names and the model does not have yet.
     """
     lines, (before, (plain, plain_held)) = list(notes), was
     lines.append(f"{rung.change}: error {before.ratio:.2f} → {after.ratio:.2f} times the noise{fall(plain, rung.plain, 'of the torque')}")
@@ -298,7 +335,13 @@ def provenance_lines(rung: Revision) -> list[str]:
 
 
 def climb_lines(made: Sequence[Revision], named: Sequence[str], held_out: bool, run: Path) -> list[str]:
-    """Steps that ``diagnose --auto`` saved, and why it ended before the last that was named.   held_out : whether any record is."""
+    """Steps that ``diagnose --auto`` saved, and why it ended before the last that was named.
+
+    Parameters
+    ----------
+    held_out : bool
+        Whether any record is.
+    """
     added = [rung for rung in made if rung.change.startswith("+")]
     lines = ["", *ladder_lines(made, ())] if added else ["Nothing was added."]
     left = [name for name in named if not any(name in rung.effects for rung in added)]

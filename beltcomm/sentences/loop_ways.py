@@ -43,9 +43,16 @@ BAND_LINES = 12
 class LoopReading:
     """A record read by one way.
 
-    speed_m_s : base speed, 0 at rest.   resonance, antiresonance, mass, stiffness : of the log-magnitude fit (2.42), which has no belt
-    damping; None where it could not be made.   damping : rigid axis, below the antiresonance; None where too few lines lie there.
-    noise_share : median of noise over |h| up to ``highest_hz``, as far as the response stands above its noise.
+    Attributes
+    ----------
+    speed_m_s : float
+        Base speed, 0 at rest.
+    resonance, antiresonance, mass, stiffness : Characteristic or None
+        Of the log-magnitude fit (2.42), which has no belt damping; None where it could not be made.
+    damping : Characteristic or None
+        Rigid axis, below the antiresonance; None where too few lines lie there.
+    noise_share : float
+        Median of noise over |h| up to ``highest_hz``, as far as the response stands above its noise.
     """
 
     record: str
@@ -167,7 +174,13 @@ def bias_by(recording: Recording, ways: Sequence[LoopReading]) -> Biased | None:
 
 
 def lines(recording: Recording, ways: Sequence[LoopReading], slowest: float) -> list[str]:
-    """Table of all ways and what it says.   slowest : least motor speed over base speed in the record."""
+    """Table of all ways and what it says.
+
+    Parameters
+    ----------
+    slowest : float
+        Least motor speed over base speed in the record.
+    """
     rows = [
         [
             s.name,

@@ -97,7 +97,12 @@ def data(folder: RunFolder, findings: Findings) -> dict[str, Any]:
 def model_text(findings: Findings, *, error: float | None = None, compared: bool = True) -> list[str]:
     """The model with intervals, why it was chosen, the delay, and the log-magnitude fits beside it.
 
-    error : over the noise, as the laboratory has it; the fit's own where nothing is given.   compared : with those fits.
+    Parameters
+    ----------
+    error : float or None
+        Over the noise, as the laboratory has it; the fit's own where nothing is given.
+    compared : bool
+        With those fits.
     """
     if findings.final is None:
         return []
@@ -190,7 +195,15 @@ UNHURRIED = "not recorded, for "
 
 @dataclass(frozen=True)
 class Ending:
-    """Last words of a commissioning.   screen : the answer.   details : for whoever checks.   warnings : of the report."""
+    """Last words of a commissioning.
+
+    Attributes
+    ----------
+    screen : list of Line
+        The answer.
+    details : list of str
+        For whoever checks. warnings : of the report.
+    """
 
     screen: list[Line]
     details: list[str]
@@ -201,7 +214,13 @@ class Ending:
 
 
 def commission_text(folder: RunFolder, findings: Findings, ended: ReportWords | None = None) -> Ending:
-    """The answer on a screen, and everything behind it.   ended : what the report says of the run; None where there is none yet."""
+    """The answer on a screen, and everything behind it.
+
+    Parameters
+    ----------
+    ended : ReportWords or None
+        What the report says of the run; None where there is none yet.
+    """
     error = ended.error if ended is not None else None
     final = findings.final
     typed = typed_gains.of_run(folder, findings.cascade) if findings.own_loop and findings.cascade else []

@@ -32,8 +32,13 @@ RIGID_SHARE = 0.7
 
 @dataclass(frozen=True)
 class ResponseRow:
-    """One response.   gain_db : mean of |h| ω² up to ``RIGID_SHARE`` of the antiresonance over that of the reference, with the half width
-    of its 95 % interval; 0 and 0 for the reference itself, nan without a common band.
+    """One response.
+
+    Attributes
+    ----------
+    gain_db : float
+        Mean of |h| ω² up to ``RIGID_SHARE`` of the antiresonance over that of the reference, with the half width of its 95 % interval;
+        0 and 0 for the reference itself, nan without a common band.
     """
 
     condition: Condition
@@ -64,7 +69,15 @@ class ResponseRow:
 
 @dataclass(frozen=True)
 class Difference:
-    """Two records that differ beyond the noise.   cause : "place", "amplitude" or "direction".   text : what differs, what it hints at."""
+    """Two records that differ beyond the noise.
+
+    Attributes
+    ----------
+    cause : str
+        "place", "amplitude" or "direction".
+    text : str
+        What differs, what it hints at.
+    """
 
     cause: str
     first: str
@@ -74,7 +87,13 @@ class Difference:
 
 @dataclass(frozen=True)
 class ResponseTable:
-    """All responses, and what differs.   remarks : records that could not be read, and comparisons without a difference."""
+    """All responses, and what differs.
+
+    Attributes
+    ----------
+    remarks : tuple of str
+        Records that could not be read, and comparisons without a difference.
+    """
 
     rows: tuple[ResponseRow, ...]
     differences: tuple[Difference, ...]
@@ -90,7 +109,13 @@ class ResponseTable:
 
 
 def table_of(recordings: Sequence[Recording], model: Model) -> ResponseTable:
-    """Every response of a belt axis; empty for an axis without a belt.   model : says where about antiresonance and resonance are."""
+    """Every response of a belt axis; empty for an axis without a belt.
+
+    Parameters
+    ----------
+    model : Model
+        Says where about antiresonance and resonance are.
+    """
     used = [r for r in recordings if not r.is_static_map and r.side == "motor"]
     if "cart" not in model.base_bodies or "motor" not in model.base_bodies:
         return ResponseTable((), (), ())

@@ -115,7 +115,13 @@ def axis_lines(model: Model, at_m: float, delay_s: float | None = None) -> list[
 
 
 def model_line(level: float, suspect: bool | None = None) -> Line:
-    """Verdict on the model against what was measured.   level : error over the noise."""
+    """Verdict on the model against what was measured.
+
+    Parameters
+    ----------
+    level : float
+        Error over the noise.
+    """
     label = ("   ", ""), (f"{tr('model'):<9}", "title")
     if error_floor_words(level):
         return Line(*label, (tr("leaves {level:.2f} x the noise, less than noise can leave: not judged", level=level), "note"))
@@ -208,7 +214,13 @@ def sheet_words(doubts: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 def warning_lines(texts: Sequence[str], where: str = "--details") -> list[Line]:
-    """Warnings, a line each; how many more there are.   where : the rest is told."""
+    """Warnings, a line each; how many more there are.
+
+    Parameters
+    ----------
+    where : str
+        The rest is told.
+    """
     lines = [Line("   ", (shorten(f"! {text}", WIDE - 4, placeholder=" ..."), "note")) for text in texts[:MOST_WARNINGS]]
     left = len(texts) - MOST_WARNINGS
     return lines + ([Line("   ", (f"! {tr('{count} more notes', count=left)}: {where}", "note"))] if left > 0 else [])

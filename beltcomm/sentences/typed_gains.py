@@ -18,7 +18,13 @@ DIGITS = 4
 
 
 def typed_lines(cascade: Cascade, drive: Mapping[str, Any]) -> list[str]:
-    """Each gain in units that tools have, then what the drive calls it, as far as that is known.   drive : ``results/drive.yaml``."""
+    """Each gain in units that tools have, then what the drive calls it, as far as that is known.
+
+    Parameters
+    ----------
+    drive : Mapping[str, Any]
+        ``results/drive.yaml``.
+    """
     terms, per_amp = _terms(drive), _torque_per_amp(drive)
     rows = [[what, " = ".join(ways)] for what, ways in _gains(cascade, per_amp)]
     lines = [

@@ -56,7 +56,13 @@ def number(value: float, interval: float | None, unit: str) -> str:
 
 
 def model_lines(fit: ModelFit, characteristics: Mapping[str, Characteristic], error: float | None = None) -> list[str]:
-    """The fitted model with 95 % intervals, its misfit and what to know of it.   error : over the noise, in place of the misfit."""
+    """The fitted model with 95 % intervals, its misfit and what to know of it.
+
+    Parameters
+    ----------
+    error : float or None
+        Over the noise, in place of the misfit.
+    """
     lines = ["Model (95 % intervals):"]
     for name, (words, unit, factor) in SHOWN.items():
         item = fit.model.parameters.get(name)
@@ -156,7 +162,13 @@ def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
 
 
 def knowledge_lines(model: Model, along: Sequence[str], which: str) -> list[str]:
-    """Effects of a model that the controller uses, and how.   which : sentence on the model, "" for none."""
+    """Effects of a model that the controller uses, and how.
+
+    Parameters
+    ----------
+    which : str
+        Sentence on the model, "" for none.
+    """
     lines = [f"  {which}"] if which else []
     if model.get("constant_offset.torque") or model.get("tilt.angle"):
         lines.append("  the feedforward holds the constant torque of the axis")
@@ -175,7 +187,13 @@ _ERRORS = "following error: the largest while it moves; settled error: the large
 
 
 def verdict_lines(verdict: Verdict, demand: Demand | None, feedforward: str | None = None) -> list[str]:
-    """Predicted and measured tracking error, in mm and µm.   feedforward : what took the place of the design's, if anything."""
+    """Predicted and measured tracking error, in mm and µm.
+
+    Parameters
+    ----------
+    feedforward : str or None
+        What took the place of the design's, if anything.
+    """
     lines = [f"Verification move{f', with feedforward {feedforward} for this move only' if feedforward else ''} ({_ERRORS}):"]
     if demand is not None:
         lines.append(

@@ -89,7 +89,13 @@ class ExcitationRow:
 
 @dataclass(frozen=True)
 class ExcitationStudy:
-    """All rows; spectra : by plant and kind, frequencies Hz and torque of the lines N m, for the figures."""
+    """All rows.
+
+    Attributes
+    ----------
+    spectra : Mapping[str, tuple[ndarray, ndarray]]
+        By plant and kind, frequencies Hz and torque of the lines N m, for the figures.
+    """
 
     rows: tuple[ExcitationRow, ...]
     spectra: Mapping[str, tuple[Array, Array]]

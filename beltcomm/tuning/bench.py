@@ -62,7 +62,13 @@ class CascadeView:
 
 @dataclass(frozen=True)
 class TrackingPrediction:
-    """Predicted errors of the move, and how they run, mm over s, at motor and carriage.   saturated : bounds of the drive reached."""
+    """Predicted errors of the move, and how they run, mm over s, at motor and carriage.
+
+    Attributes
+    ----------
+    saturated : tuple of str
+        Bounds of the drive reached.
+    """
 
     error: TrackingError
     cart_error: TrackingError

@@ -16,7 +16,15 @@ SAME_SHARE, SAME_PRODUCT = 0.03, 0.1
 
 @dataclass(frozen=True)
 class TuningChange:
-    """One number, present and new, in ``unit``.   better : None for a matter of taste.   same_share : relative change that is none."""
+    """One number, present and new, in ``unit``.
+
+    Attributes
+    ----------
+    better : bool or None
+        None for a matter of taste.
+    same_share : float
+        Relative change that is none.
+    """
 
     name: str
     unit: str

@@ -37,8 +37,14 @@ class OpenLoops:
 class Responses:
     """Over t_s, ndarray (n,).
 
-    position : motor angle on a step of its reference, without feedforward, as a share of it.   velocity : the same of the velocity loop
-    alone, the step not filtered.   disturbance_m : motor, at the carriage, on ``DISTURBANCE_NM`` at the motor, m.
+    Attributes
+    ----------
+    position : ndarray
+        Motor angle on a step of its reference, without feedforward, as a share of it.
+    velocity : ndarray
+        The same of the velocity loop alone, the step not filtered.
+    disturbance_m : ndarray
+        Motor, at the carriage, on ``DISTURBANCE_NM`` at the motor, m.
     """
 
     t_s: Array

@@ -31,9 +31,24 @@ MOST_PAYLOAD_KG = 1000.0
 class DesignInput:
     """Of one run.
 
-    plants : of places, m, and payloads beyond what is mounted, kg: every variant a design must hold for.   with_feedforward : completes a
-    cascade.   ends_m : of the travel.   move : that the tracking error is predicted for, with its rest.   loop : what the drive adds.
-    present : the design in the run.   velocity_filters_s : T_R to choose from.   targets : of the axis, by which a move counts as settled.
+    Attributes
+    ----------
+    plants : callable
+        Of places, m, and payloads beyond what is mounted, kg: every variant a design must hold for.
+    with_feedforward : callable
+        Completes a cascade.
+    ends_m : tuple[float, float]
+        Of the travel.
+    move : Trajectory
+        That the tracking error is predicted for, with its rest.
+    loop : Loop
+        What the drive adds.
+    present : Cascade
+        The design in the run.
+    velocity_filters_s : tuple of float
+        T_R to choose from.
+    targets : AxisTargets
+        Of the axis, by which a move counts as settled.
     """
 
     model: Model
@@ -52,8 +67,18 @@ class DesignInput:
 class SliderSetting:
     """Setting of the controls.
 
-    prefilter : its key, see :func:`key_of`.   velocity_filter_s : T_R.   payload_kg : heaviest load beyond what is mounted; the design
-    holds for it and for none.   loaded : the curves are drawn with it.   position_m : where they are drawn.
+    Attributes
+    ----------
+    prefilter : str
+        Its key, see :func:`key_of`.
+    velocity_filter_s : float
+        T_R.
+    payload_kg : float
+        Heaviest load beyond what is mounted; the design holds for it and for none.
+    loaded : bool
+        The curves are drawn with it.
+    position_m : float
+        Where they are drawn.
     """
 
     phase_margin_deg: float

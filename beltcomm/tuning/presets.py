@@ -16,7 +16,13 @@ _VELOCITY_FILTERS_S = (0.002, 0.004, 0.008)
 
 @dataclass(frozen=True)
 class Kind:
-    """A way to build an axis.   words : what its prefilter does."""
+    """A way to build an axis.
+
+    Attributes
+    ----------
+    words : str
+        What its prefilter does.
+    """
 
     key: str
     title: str

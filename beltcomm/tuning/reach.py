@@ -29,7 +29,13 @@ class FeasibilityTable:
 
 @dataclass(frozen=True)
 class Reach:
-    """Pieces (low, high) of each knob's range that have a design.   advice : where the nearest ones are, "" where all is well."""
+    """Pieces (low, high) of each knob's range that have a design.
+
+    Attributes
+    ----------
+    advice : str
+        Where the nearest ones are, "" where all is well.
+    """
 
     pieces: dict[str, list[tuple[float, float]]]
     advice: str
@@ -46,7 +52,13 @@ def table_of(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: float)
 
 
 def reach_of(table: FeasibilityTable, setting: SliderSetting, plants: KnobPlants, prefilter: Prefilter) -> Reach:
-    """Reach of the knobs of a setting.   table : of its prefilter and T_R."""
+    """Reach of the knobs of a setting.
+
+    Parameters
+    ----------
+    table : FeasibilityTable
+        Of its prefilter and T_R.
+    """
     column = table.possible[:, int(np.argmin(np.abs(table.suppressions_db - setting.suppression_db)))]
     row = table.possible[int(np.argmin(np.abs(table.margins_deg - setting.phase_margin_deg)))]
     pieces = {

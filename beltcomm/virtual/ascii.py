@@ -25,7 +25,15 @@ _SAVE = b"save"
 
 
 class AsciiInterpreter:
-    """Answers lines.   set_bitrate : of the port, from the next line on.   reset : the drive starts anew."""
+    """Answers lines.
+
+    Parameters
+    ----------
+    set_bitrate : callable
+        Of the port, from the next line on.
+    reset : callable
+        The drive starts anew.
+    """
 
     def __init__(self, objects: ObjectDictionary, set_bitrate: Callable[[int], None], reset: Callable[[], None]) -> None:
         self._sdo = SdoServer(objects)

@@ -113,14 +113,19 @@ class DataFrame(can.Message):
 class LockstepBus(can.BusABC):
     """The host's end of a virtual CAN bus with any number of nodes.
 
-    ``send`` reaches every node before it returns; what nodes send is queued for ``recv``, stamped with virtual time.
-    Virtual time moves only inside ``clock.sleep_until`` and inside ``recv`` on an empty queue, in whole ticks.
+    ``send`` reaches every node before it returns; what nodes send is queued for ``recv``, stamped with virtual time. Virtual time moves
+    only inside ``clock.sleep_until`` and inside ``recv`` on an empty queue, in whole ticks.
 
-    wall_clock : paces the ticks in real time; None runs as fast as it can.  missed_cycles : ticks that the wall clock had
-        already left when they were due; they are dropped from the schedule, not caught up in a burst.
-    on_frame : called with every :data:`Frame` on the bus, e.g. ``list.append``.
-    faults : what is wrong with the wire or the host; None is a good one.   line : the wire that carries them out.
-    ticks_per_second : one over the cycle of the drive's loops.   tick_s : that cycle.
+    Parameters
+    ----------
+    wall_clock : WallClock or None
+        Paces the ticks in real time; None runs as fast as it can. missed_cycles : ticks that the wall clock had already left when they
+        were due; they are dropped from the schedule, not caught up in a burst. on_frame : called with every :data:`Frame` on the bus,
+        e.g. ``list.append``.
+    faults : BusFaults or None
+        What is wrong with the wire or the host; None is a good one. line : the wire that carries them out.
+    ticks_per_second : int
+        One over the cycle of the drive's loops. tick_s : that cycle.
     """
 
     def __init__(

@@ -79,9 +79,12 @@ def decode(controlword: int) -> Command:
 class DriveStateMachine:
     """State of the drive; moved by controlwords, faults and the ends of ramps.
 
-    fault_bits : bits 3-0 in the state Fault, 08h as CiA 402 says or 0Fh as some CMMP-AS settings show.
-    entered(number, state) : called after each transition.
-    status_bits : the statusword's bits of the state.   operates : it is Operation Enabled.   (Asked in every tick: an enum is slow.)
+    Parameters
+    ----------
+    fault_bits : int
+        Bits 3-0 in the state Fault, 08h as CiA 402 says or 0Fh as some CMMP-AS settings show. entered(number, state) : called after
+        each transition. status_bits : the statusword's bits of the state. operates : it is Operation Enabled. (Asked in every tick: an
+        enum is slow.).
     """
 
     def __init__(self, entered: Callable[[int, DriveState], None], fault_bits: int = 0x08) -> None:

@@ -32,20 +32,50 @@ _SAVE, _LOAD = int.from_bytes(b"save", "little"), int.from_bytes(b"load", "littl
 class VirtualDrive:
     """A servo drive on a :class:`LockstepBus`.  It is told nothing but CAN frames and the motion of its machine.
 
-    plant : the machine; stepped by this drive alone.   profile : "reference" or "cmmp-as" (docs/reference-drive.md), or another
-    maker's drive (:mod:`beltcomm.virtual.foreign`).
-    node_id : 1 to 127.   seed : of the torque noise.   counts_per_rev : encoder.
-    setpoint_delay_s : s, >= 0, from the tick in which a torque setpoint is decided to the torque.
-    torque_noise_nm : N m, standard deviation of 6077h.   motor : its nameplate.
-    zero_rad : motor angle where the encoder counts 0.   referenced : an absolute encoder knows that zero from power-on.
-    end_switches_rad : motor angles of the lower and upper end switch; None: none are wired.
-    nonvolatile : what 1010h saves; pass it to the next drive to play a power cycle.
-    fault_bits : bits 3-0 of the statusword in the state Fault: 08h (CiA 402) or 0Fh.
-    faults : what goes wrong.   brake : torque of a holding brake, N m, 0 for none, and s in which it opens or closes.
-    gain_units : as :func:`beltcomm.virtual.profiles.with_gain_units` takes them: what the host must find out.
-    hardware : what 1009h says.   instruments : what else lies between setpoint, torque, 6077h and 6064h.
-    answers_at_once : by SDO, however slow the maker's drive is: where SYNCs make the time, none passes while the host waits.
-    Raises UsageError for an unknown profile, a node ID or a delay out of range.
+    Parameters
+    ----------
+    plant : Plant
+        The machine; stepped by this drive alone.
+    profile : str
+        "reference" or "cmmp-as" (docs/reference-drive.md), or another maker's drive (:mod:`beltcomm.virtual.foreign`).
+    node_id : int
+        1 to 127.
+    seed : int
+        Of the torque noise.
+    counts_per_rev : int
+        Encoder.
+    setpoint_delay_s : float, s
+        >= 0, from the tick in which a torque setpoint is decided to the torque.
+    torque_noise_nm : float, N m
+        Standard deviation of 6077h.
+    motor : Nameplate
+        Its nameplate.
+    zero_rad : float
+        Motor angle where the encoder counts 0.
+    referenced : bool
+        An absolute encoder knows that zero from power-on.
+    end_switches_rad : tuple[float, float] or None
+        Motor angles of the lower and upper end switch; None: none are wired.
+    nonvolatile : NonVolatile or None
+        What 1010h saves; pass it to the next drive to play a power cycle.
+    fault_bits : int
+        Bits 3-0 of the statusword in the state Fault: 08h (CiA 402) or 0Fh.
+    faults : Faults or None
+        What goes wrong.
+    brake : tuple[float, float]
+        Torque of a holding brake, N m, 0 for none, and s in which it opens or closes.
+    gain_units : tuple[float, float, float]
+        As :func:`beltcomm.virtual.profiles.with_gain_units` takes them: what the host must find out.
+    hardware : str
+        What 1009h says.
+    instruments : Instruments
+        What else lies between setpoint, torque, 6077h and 6064h. answers_at_once : by SDO, however slow the maker's drive is: where
+        SYNCs make the time, none passes while the host waits.
+
+    Raises
+    ------
+    UsageError
+        For an unknown profile, a node ID or a delay out of range.
     """
 
     def __init__(

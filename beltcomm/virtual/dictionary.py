@@ -51,11 +51,24 @@ class SdoAbort(Exception):
 class ObjectRow:
     """One object.
 
-    kind : data type.   access : as in CiA 301; "none": a quantity inside the drive that no master sees.
-    default : value after 1011h.   low, high : range; None is the type's own.
-    pdo : "r" mappable into receive PDOs, "t" into transmit PDOs.   when : writable "any" time, with the axis at "still"
-    (stage off or standstill), or only with the stage "off".   stored : saved by 1010h.
-    unit : the factor group scales it.
+    Attributes
+    ----------
+    kind : Literal
+        Data type.
+    access : Literal['const', 'ro', 'wo', 'rw', 'none']
+        As in CiA 301; "none": a quantity inside the drive that no master sees.
+    default : Value
+        Value after 1011h.
+    low, high : float or None
+        Range; None is the type's own.
+    pdo : Literal['', 'r', 't', 'rt']
+        "r" mappable into receive PDOs, "t" into transmit PDOs.
+    when : Literal['any', 'still', 'off']
+        Writable "any" time, with the axis at "still" (stage off or standstill), or only with the stage "off".
+    stored : bool
+        Saved by 1010h.
+    unit : Literal['', 'position', 'velocity', 'acceleration']
+        The factor group scales it.
     """
 
     index: int
@@ -91,8 +104,12 @@ class ObjectRow:
 class ObjectEntry:
     """The value of one object, and who must know when it is written.
 
-    check : called before a write with the new value; returns the value to store or raises SdoAbort.
-    changed : called after a write.
+    Attributes
+    ----------
+    check
+        Called before a write with the new value; returns the value to store or raises SdoAbort.
+    changed
+        Called after a write.
     """
 
     __slots__ = ("changed", "check", "row", "value")
@@ -132,7 +149,10 @@ class _Alias(ObjectEntry):
 class ObjectDictionary:
     """All objects of one drive.
 
-    stage_on, moving : kept up to date by the servo; they decide on writes that need the axis still or the stage off.
+    Attributes
+    ----------
+    stage_on, moving
+        Kept up to date by the servo; they decide on writes that need the axis still or the stage off.
     """
 
     def __init__(self, rows: Iterable[ObjectRow]) -> None:
@@ -201,7 +221,10 @@ class ObjectDictionary:
     def rescale(self, unit: str, factor: float) -> None:
         """The factor group has changed: written values keep their physical meaning, since the drive stores internal units.
 
-        factor : new user units per old one.   An end of the type's range is "off" and stays.
+        Parameters
+        ----------
+        factor : float
+            New user units per old one. An end of the type's range is "off" and stays.
         """
         for entry in self._entries.values():
             row = entry.row
@@ -214,7 +237,10 @@ class ObjectDictionary:
     def load(self, stored: NonVolatile, communication_only: bool = False) -> None:
         """Values after power-on or reset: what was saved, defaults for the rest.  No ``changed`` is called.
 
-        communication_only : only the parameters of CiA 301, as after a reset of the communication.
+        Parameters
+        ----------
+        communication_only : bool
+            Only the parameters of CiA 301, as after a reset of the communication.
         """
         for key, entry in self._entries.items():
             if not communication_only or (key[0] < 0x2000 and entry.row.stored):

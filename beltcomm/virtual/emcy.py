@@ -38,7 +38,10 @@ def register_bits(code: int) -> int:
 class ErrorRegister:
     """Raises and clears errors; each new one goes out once, and 0000h when the last one is cleared.
 
-    send : puts 8 data bytes under the COB-ID of 1014h, or drops them when the node may not send.
+    Parameters
+    ----------
+    send : callable
+        Puts 8 data bytes under the COB-ID of 1014h, or drops them when the node may not send.
     """
 
     def __init__(self, dictionary: ObjectDictionary, send: Callable[[bytes], None]) -> None:

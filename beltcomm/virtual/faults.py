@@ -31,32 +31,59 @@ def kind_of(identifier: int) -> FrameKind:
 class Faults:
     """Faults of this drive.
 
-    drop_tpdo : numbers (from 1) of the transmit PDOs, counted over all four, that get lost on the bus.
-    ignore_sync, late_sync : numbers (from 1) of the SYNCs that are not seen, or acted upon one tick later.
-    emergency_at_s, emergency_code : the drive raises this EMCY error code by itself.   emergency_effect : "off" takes the stage off at
-    once, "brake" brakes first, "report" goes on as if nothing had been.
-    rated_torque_nm : 6076h reads this value; the currents stay those of the real motor.
-    misread : (index, subindex) -> whole number that a read by SDO gives in place of the truth; the drive goes on with the truth.
-    stuck_from_s : the axis is blocked from then on, whatever the torque.
-    weak_from_s, weak_share : from then on only this share of the torque acts, while 6077h reports all of it.
-    encoder_sign : -1 counts the wrong way round.
-    encoder_step_at_s, encoder_step_counts : the encoder jumps once.
-    end_switch_from_s, end_switch : the lower (0) or upper (1) end switch reads as pressed.
-    warm_from_s, warm_for_s : over-temperature: the warning bit, and so long after it fault 4310h.
-    reset_at_s : the node restarts by itself: boot-up message, stage off, what was not saved is gone.
-    silent_from_s : cable pulled: nothing is received or sent; the drive itself runs on.
-    refused_modes : modes of operation that 6060h takes but 6061h never shows.
-    sdo_abort : number (from 1) of an SDO transfer -> abort code it is answered with; nothing is read or written.
-    sdo_silent : numbers of the SDO transfers that are neither carried out nor answered.
-    dc_link_v : V, what 6079h reads; below :data:`LOWEST_DC_LINK_V` there is no power at the stage.
-    sto_open, enable_input_low : the safe torque off circuit, the controller enable input; the stage stays, or goes, off.
-    local_control : a panel or the maker's tool has the control: controlwords are not obeyed.
-    remote_frames_blocked : remote frames do not arrive, as behind an adapter that has none.
-    readings : what objects hold from power-on in place of their own value, by (index, subindex); the drive itself does not use it where
-        the object is read-only.
-    guarding_ignored, guarding_coasts : a host that falls silent is not noticed, or its loss cuts the stage off instead of braking.
-    torque_stop_coasts : a quick stop out of torque mode only takes the torque away, no loop brakes.
-    gain_factor : the velocity gain is this many times what its object says, read anew with every write of a gain.
+    Attributes
+    ----------
+    drop_tpdo : frozenset[int]
+        Numbers (from 1) of the transmit PDOs, counted over all four, that get lost on the bus.
+    ignore_sync, late_sync : frozenset[int]
+        Numbers (from 1) of the SYNCs that are not seen, or acted upon one tick later.
+    emergency_at_s, emergency_code
+        The drive raises this EMCY error code by itself.
+    emergency_effect : Literal['off', 'brake', 'report']
+        "off" takes the stage off at once, "brake" brakes first, "report" goes on as if nothing had been.
+    rated_torque_nm : float or None
+        6076h reads this value; the currents stay those of the real motor.
+    misread : Mapping[tuple[int, int], int]
+        (index, subindex) -> whole number that a read by SDO gives in place of the truth; the drive goes on with the truth.
+    stuck_from_s : float or None
+        The axis is blocked from then on, whatever the torque.
+    weak_from_s, weak_share
+        From then on only this share of the torque acts, while 6077h reports all of it.
+    encoder_sign : int
+        -1 counts the wrong way round.
+    encoder_step_at_s, encoder_step_counts
+        The encoder jumps once.
+    end_switch_from_s, end_switch
+        The lower (0) or upper (1) end switch reads as pressed.
+    warm_from_s, warm_for_s
+        over-temperature: the warning bit, and so long after it fault 4310h.
+    reset_at_s : float or None
+        The node restarts by itself: boot-up message, stage off, what was not saved is gone.
+    silent_from_s : float or None
+        Cable pulled: nothing is received or sent; the drive itself runs on.
+    refused_modes : frozenset[int]
+        Modes of operation that 6060h takes but 6061h never shows.
+    sdo_abort : Mapping[int, int]
+        Number (from 1) of an SDO transfer -> abort code it is answered with; nothing is read or written.
+    sdo_silent : frozenset[int]
+        Numbers of the SDO transfers that are neither carried out nor answered.
+    dc_link_v : float or None, V
+        What 6079h reads; below :data:`LOWEST_DC_LINK_V` there is no power at the stage.
+    sto_open, enable_input_low : bool
+        The safe torque off circuit, the controller enable input; the stage stays, or goes, off.
+    local_control : bool
+        A panel or the maker's tool has the control: controlwords are not obeyed.
+    remote_frames_blocked : bool
+        Remote frames do not arrive, as behind an adapter that has none.
+    readings : Mapping[tuple[int, int], int]
+        What objects hold from power-on in place of their own value, by (index, subindex); the drive itself does not use it where the
+        object is read-only.
+    guarding_ignored, guarding_coasts : bool
+        A host that falls silent is not noticed, or its loss cuts the stage off instead of braking.
+    torque_stop_coasts : bool
+        A quick stop out of torque mode only takes the torque away, no loop brakes.
+    gain_factor : float
+        The velocity gain is this many times what its object says, read anew with every write of a gain.
     """
 
     drop_tpdo: frozenset[int] = frozenset()
@@ -108,9 +135,15 @@ class Faults:
 class FrameFault:
     """Fault of some frames on their way.
 
-    what : lost, late by ``delay_s``, doubled, or swapped with the next frame of its direction.
-    direction, kinds : the frames it looks at.   Of them it takes those with ``numbers`` (from 1), and of the rest a share ``rate``, drawn
-    from the seed of :class:`BusFaults`.   from_s, until_s : when.
+    Attributes
+    ----------
+    what : Literal['lost', 'late', 'doubled', 'swapped']
+        Lost, late by ``delay_s``, doubled, or swapped with the next frame of its direction.
+    direction, kinds
+        The frames it looks at. Of them it takes those with ``numbers`` (from 1), and of the rest a share ``rate``, drawn from the seed
+        of :class:`BusFaults`.
+    from_s, until_s : float
+        When.
     """
 
     what: Literal["lost", "late", "doubled", "swapped"]
@@ -127,11 +160,18 @@ class FrameFault:
 class BusFaults:
     """Faults between the host and the nodes.
 
-    frames, seed : faults of single frames; the first that takes a frame has it.
-    off_from_s, off_until_s : bus-off: the interface raises python-can's errors, for good or for a time, and carries nothing.
-    silent_from_s, silent_until_s : cable pulled at the host: nothing arrives anywhere, the interface notices nothing.
-    clock_jump_at_s, clock_jump_s : the host's clock jumps; ``stamps_only``: only the one that stamps received frames.
-    host_dies_at_s : the host is killed: from then on each of its calls raises :class:`HostDied` and does nothing.
+    Attributes
+    ----------
+    frames, seed
+        Faults of single frames; the first that takes a frame has it.
+    off_from_s, off_until_s
+        bus-off: the interface raises python-can's errors, for good or for a time, and carries nothing.
+    silent_from_s, silent_until_s
+        Cable pulled at the host: nothing arrives anywhere, the interface notices nothing.
+    clock_jump_at_s, clock_jump_s
+        The host's clock jumps; ``stamps_only``: only the one that stamps received frames.
+    host_dies_at_s : float or None
+        The host is killed: from then on each of its calls raises :class:`HostDied` and does nothing.
     """
 
     frames: tuple[FrameFault, ...] = ()

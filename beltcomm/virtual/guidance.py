@@ -13,9 +13,16 @@ _RAMP_FIRST = 1
 
 
 class Guidance:
-    """Leads ``machine``.   enable_s : until the stage is on.   resume : called when an ordered end is taken back.
+    """Leads ``machine``.
 
     ramping : the axis is braked before the state that was asked for is entered.
+
+    Parameters
+    ----------
+    enable_s : float
+        Until the stage is on.
+    resume : callable
+        Called when an ordered end is taken back.
     """
 
     def __init__(

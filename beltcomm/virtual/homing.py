@@ -33,13 +33,17 @@ class _Phase(Enum):
 class Homing(OperationMode):
     """Mode 6, started by bit 4 of the controlword; taking the bit back stops the axis.
 
-    Methods 35 and 37: the present position is the home position.  17 (18): towards the lower (upper) end switch at 6099h:1
-    until it closes, away from it at 6099h:2 until it opens; there is the home position.  1 (2): on from there to the next index
-    pulse of the encoder, once a turn.  33 (34): the next index pulse below (above).  At the home position 6064h reads
-    -607Ch: "the zero position is offset from the home position by adding the home offset to the home position".
+    Methods 35 and 37: the present position is the home position.  17 (18): towards the lower (upper) end switch at 6099h:1 until it
+    closes, away from it at 6099h:2 until it opens; there is the home position.  1 (2): on from there to the next index pulse of the
+    encoder, once a turn.  33 (34): the next index pulse below (above).  At the home position 6064h reads -607Ch: "the zero position is
+    offset from the home position by adding the home offset to the home position".
 
-    switches : present state of (lower, upper), None when none are wired.   found(angle_rad) : home lies there.
-    failed : called when the search fails.   under_way : the switches are what is looked for.
+    Parameters
+    ----------
+    switches : callable
+        Present state of (lower, upper), None when none are wired. found(angle_rad) : home lies there.
+    failed : callable
+        Called when the search fails. under_way : the switches are what is looked for.
     """
 
     def __init__(

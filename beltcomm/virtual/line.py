@@ -16,7 +16,10 @@ Cargo = TypeVar("Cargo")
 class TimedLine(Generic[Cargo]):
     """Takes frames in and gives them out, when it does.   Cargo : what the bus calls a frame; the line does not look inside.
 
-    ticks_per_second : of virtual time.
+    Parameters
+    ----------
+    ticks_per_second : int
+        Of virtual time.
     """
 
     def __init__(self, faults: BusFaults, ticks_per_second: int) -> None:

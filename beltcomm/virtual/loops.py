@@ -25,10 +25,20 @@ _NO_TORQUE_NM = 1e-9
 class Loops:
     """Loops with which the modes of operation drive the axis.
 
-    angle_rad, speed_rad_s : the present sample.   limit_nm : bound of the torque setpoint.
-    demand_rad, following_error_rad, output_rad_s, demand_nm : position reference, error and output of the position
-    controller, and torque setpoint of the last loop.   limited : a setpoint was cut to a limit.
-    tick_s, ticks_per_ms : the cycle.   asked_rad_s : speed that the velocity controller was asked for last; None while it does not run.
+    Attributes
+    ----------
+    angle_rad, speed_rad_s
+        The present sample.
+    limit_nm
+        Bound of the torque setpoint.
+    demand_rad, following_error_rad, output_rad_s, demand_nm
+        Position reference, error and output of the position controller, and torque setpoint of the last loop.
+    limited
+        A setpoint was cut to a limit.
+    tick_s, ticks_per_ms
+        The cycle.
+    asked_rad_s
+        Speed that the velocity controller was asked for last; None while it does not run.
     """
 
     def __init__(

@@ -24,7 +24,10 @@ _AT_ONCE_RAD_S2 = 1e9
 class OperationMode:
     """One mode of operation.
 
-    controlword : the present one, for the bits that belong to the mode.
+    Attributes
+    ----------
+    controlword
+        The present one, for the bits that belong to the mode.
     """
 
     def __init__(self, loops: Loops) -> None:
@@ -352,14 +355,18 @@ class StopKind(IntEnum):
 class StopMode(OperationMode):
     """Quick stop, fault reaction and ordered end: the drive's own velocity loop along 6085h, or as :class:`StopKind` says, to rest.
 
-    The ramp brings no acceleration feedforward: it begins and ends with a step of the acceleration, which a feedforward would hand
-    on to the belt as a step of torque; the speed controller alone rounds it off.
+    The ramp brings no acceleration feedforward: it begins and ends with a step of the acceleration, which a feedforward would hand on
+    to the belt as a step of torque; the speed controller alone rounds it off.
 
-    It begins at the measured speed, but where a loop was closed never beyond the speed that it was asked for: no stop asks for more than
-    was asked before, whatever the encoder says (Synapticon's published firmware, sc_sncn_ethercat_drive: "we update the velocity command
-    only if decreasing"; Beckhoff AX2000, DECSTOP: the internal setpoint goes to 0 along the ramp).   With all loops open the measured speed
-    is all that a drive has.
-    done : at standstill for 10 ms after the ramp, or 1 s after it whatever the axis does; at once where no loop brakes.
+    It begins at the measured speed, but where a loop was closed never beyond the speed that it was asked for: no stop asks for more
+    than was asked before, whatever the encoder says (Synapticon's published firmware, sc_sncn_ethercat_drive: "we update the velocity
+    command only if decreasing"; Beckhoff AX2000, DECSTOP: the internal setpoint goes to 0 along the ramp).   With all loops open the
+    measured speed is all that a drive has.
+
+    Attributes
+    ----------
+    done
+        At standstill for 10 ms after the ramp, or 1 s after it whatever the axis does; at once where no loop brakes.
     """
 
     _STILL_MS, _PATIENCE_MS = 10, 1000

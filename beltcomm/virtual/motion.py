@@ -16,8 +16,15 @@ def stop_segments(speed: float, deceleration: float) -> list[Segment]:
 def trapezoid(distance: float, speed: float, top_speed: float, acceleration: float, deceleration: float) -> list[Segment]:
     """Fastest way over ``distance`` that ends at rest, from ``speed``, with bounded speed and acceleration.
 
-    Peak speed v from  (v² - v0²)/2a + v²/2d = distance,  cut at ``top_speed``.  Moving the wrong way or too fast to stop
-    in front of the target, the profile brakes first.  distance : rad, signed.   speed : rad/s, signed.   others > 0.
+    Peak speed v from  (v² - v0²)/2a + v²/2d = distance,  cut at ``top_speed``.  Moving the wrong way or too fast to stop in front of
+    the target, the profile brakes first.
+
+    Parameters
+    ----------
+    distance : float, rad
+        Signed.
+    speed : float, rad/s
+        Signed. others > 0.
     """
     braking = speed * abs(speed) / (2.0 * deceleration)
     if distance == braking:
@@ -46,7 +53,12 @@ def trapezoid(distance: float, speed: float, top_speed: float, acceleration: flo
 class ReferenceProfile:
     """A position reference that runs through segments of constant acceleration, sampled once per tick.
 
-    position, speed, acceleration : the present reference.   done : it is at rest.
+    Attributes
+    ----------
+    position, speed, acceleration
+        The present reference.
+    done
+        It is at rest.
     """
 
     def __init__(self, position: float, speed: float, tick_s: float) -> None:
@@ -85,7 +97,13 @@ class ReferenceProfile:
 
 
 class Ramp:
-    """A value that follows its target with bounded slope.  slope : the step of the last tick per second."""
+    """A value that follows its target with bounded slope.
+
+    Attributes
+    ----------
+    slope
+        The step of the last tick per second.
+    """
 
     def __init__(self, value: float, tick_s: float) -> None:
         self.value = value

@@ -9,7 +9,13 @@ from dataclasses import dataclass
 class Nameplate:
     """Nameplate of a servo motor.
 
-    rated_torque_nm, peak_torque_nm : N m.   rated_current_a : A rms.   max_speed_rpm : 1/min.
+    Attributes
+    ----------
+    rated_torque_nm, peak_torque_nm : float, N m
+    rated_current_a : float
+        A rms.
+    max_speed_rpm : float
+        1/min.
     """
 
     rated_torque_nm: float

@@ -19,9 +19,15 @@ _AFTER_LOSS = {0: PRE_OPERATIONAL, 2: STOPPED}
 class Nmt:
     """NMT slave of one node; it boots in its first tick.  Times in ticks, ``ticks_per_ms`` each millisecond.
 
-    send : puts data under 700h + node ID on the bus.   state_changed(old, new) : called on every change of state.
-    reset(node) : the master resets the node (True) or its communication.   master_lost : guarding or heartbeat ran out.
-    after_loss : in place of 1029h:1 where the drive has none.
+    Parameters
+    ----------
+    send : callable
+        Puts data under 700h + node ID on the bus. state_changed(old, new) : called on every change of state. reset(node) : the master
+        resets the node (True) or its communication.
+    master_lost : callable
+        Guarding or heartbeat ran out.
+    after_loss : int
+        In place of 1029h:1 where the drive has none.
     """
 
     def __init__(

@@ -84,7 +84,12 @@ def standard_rows() -> list[ObjectRow]:
 def pdo_rows(node_id: int, longest_map: int, event_timer: bool) -> list[ObjectRow]:
     """Communication and mapping of four receive and four transmit PDOs.
 
-    longest_map : objects in one PDO.   event_timer : transmit PDOs have subindex 5.
+    Parameters
+    ----------
+    longest_map : int
+        Objects in one PDO.
+    event_timer : bool
+        Transmit PDOs have subindex 5.
     """
     rows = []
     for number in range(PDO_COUNT):

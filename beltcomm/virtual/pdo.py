@@ -35,8 +35,16 @@ _DUMMIES = {index << 16 | bits: ObjectRow(index, 0, kind, "wo", 0, "dummy", pdo=
 class PdoRules:
     """Abilities of a drive with its PDOs.
 
-    types : transmission types it takes.   type_254_is_cyclic : a transmit PDO of type 254 is sent every inhibit time.
-    dummies : receive PDOs map data types as gaps.   remote : remote frames are answered where bit 30 of the COB-ID allows it.
+    Attributes
+    ----------
+    types : frozenset[int]
+        Transmission types it takes.
+    type_254_is_cyclic : bool
+        A transmit PDO of type 254 is sent every inhibit time.
+    dummies : bool
+        Receive PDOs map data types as gaps.
+    remote : bool
+        Remote frames are answered where bit 30 of the COB-ID allows it.
     """
 
     types: frozenset[int] = frozenset({*range(1, _LAST_SYNC_TYPE + 1), _CYCLIC, _ON_CHANGE})
@@ -266,8 +274,13 @@ class PdoSet:
     """The receive and the transmit PDOs that the drive has.
 
     send(identifier, data) : puts a frame on the bus.   report(code) : sends an emergency that is no fault.
-    receivers : identifier -> handler of the valid receive PDOs while the node is operational.   asked : identifier -> what answers a
-    remote frame.
+
+    Attributes
+    ----------
+    receivers
+        Identifier -> handler of the valid receive PDOs while the node is operational.
+    asked
+        Identifier -> what answers a remote frame.
     """
 
     def __init__(

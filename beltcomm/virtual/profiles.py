@@ -23,8 +23,16 @@ _PREFILTERS: tuple[PrefilterKind, ...] = ("none", "notch", "butterworth")
 class UserUnits:
     """User units per SI unit at the motor shaft; negative where 607Eh turns the sign.
 
-    position : per rad.   velocity : per rad/s.   acceleration : per rad/s², always positive.
-    ramp_to_rad_s : where it is not 0, accelerations are told as the time to this speed, ms.
+    Attributes
+    ----------
+    position : float
+        Per rad.
+    velocity : float
+        Per rad/s.
+    acceleration : float
+        Per rad/s², always positive.
+    ramp_to_rad_s : float
+        Where it is not 0, accelerations are told as the time to this speed, ms.
     """
 
     position: float
@@ -43,17 +51,42 @@ class UserUnits:
 class VirtualProfile:
     """Differences between kinds of drives.
 
-    rows : objects by (node ID, motor, encoder counts per revolution).   scaling, cascade, output_limit : from the
-    dictionary; output_limit gives bound and dead zone of the position controller, rad/s and rad.
-    pdos : what can be done with its PDOs.   homing : methods of 6098h.   quick_stops : values of 605Ah.
-    following_error_faults : 6065h leads to a fault; else only to bit 13, and 6510h:22h switches the stage off.
-    i2t_faults : the motor's I²t leads to a fault; else the current falls to the rated one.
-    period_at_reset : 60C2h becomes active at the next reset; else at once.   enable_inputs : their bits in 60FDh, stage and controller.
-    peak_torque_units : torques are told so that the motor's peak torque is this many; 0: in 0.1 % of the rated one.
-    cycle_s : of its loops; the bus ticks with it.
-    after_loss : as 1029h:1, of a drive without it.   sdo_delay_ms : before an answer.   enable_ms : until the stage is on.
-    instruments : of its torque path, where the plant file has none.   aliases : a quantity's second number.
-    tells_zero : in bit 15 of the statusword, which CiA 402 leaves to the maker.
+    Attributes
+    ----------
+    rows : callable
+        Objects by (node ID, motor, encoder counts per revolution).
+    scaling, cascade, output_limit : callable
+        From the dictionary; output_limit gives bound and dead zone of the position controller, rad/s and rad.
+    pdos : PdoRules
+        What can be done with its PDOs.
+    homing : frozenset[int]
+        Methods of 6098h.
+    quick_stops : frozenset[int]
+        Values of 605Ah.
+    following_error_faults : bool
+        6065h leads to a fault; else only to bit 13, and 6510h:22h switches the stage off.
+    i2t_faults : bool
+        The motor's I²t leads to a fault; else the current falls to the rated one.
+    period_at_reset : bool
+        60C2h becomes active at the next reset; else at once.
+    enable_inputs : int
+        Their bits in 60FDh, stage and controller.
+    peak_torque_units : float
+        Torques are told so that the motor's peak torque is this many; 0: in 0.1 % of the rated one.
+    cycle_s : float
+        Of its loops; the bus ticks with it.
+    after_loss : int
+        As 1029h:1, of a drive without it.
+    sdo_delay_ms : float
+        Before an answer.
+    enable_ms : float
+        Until the stage is on.
+    instruments : Instruments
+        Of its torque path, where the plant file has none.
+    aliases : tuple[tuple[tuple[int, int], tuple[int, int]], ...]
+        A quantity's second number.
+    tells_zero : bool
+        In bit 15 of the statusword, which CiA 402 leaves to the maker.
     """
 
     name: str
@@ -107,7 +140,13 @@ def generic_rows(
     rev_per_s2: float,
     longest_map: int = 8,
 ) -> list[ObjectRow]:
-    """All that CiA 301 and CiA 402 say of a servo drive.   rev_per_s, rev_per_s2 : its units in one."""
+    """All that CiA 301 and CiA 402 say of a servo drive.
+
+    Parameters
+    ----------
+    rev_per_s, rev_per_s2 : float
+        Its units in one.
+    """
     return [
         *communication_rows(node_id, name, vendor, product),
         *standard_rows(),

@@ -17,7 +17,16 @@ class PseudoTerminal:
     """A pair of terminals; ``path`` is what the other program opens.  Use as a context manager.
 
     The other program's bit rate is that of the terminal, so that a wrong one garbles here as on a wire.
-    bus : with a wall clock, which paces it.     Raises UsageError on a system without pseudo-terminals.
+
+    Parameters
+    ----------
+    bus : LockstepBus
+        With a wall clock, which paces it.
+
+    Raises
+    ------
+    UsageError
+        On a system without pseudo-terminals.
     """
 
     def __init__(self, bus: LockstepBus, port: ServicePort) -> None:

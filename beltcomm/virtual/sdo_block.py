@@ -14,7 +14,13 @@ _LAST = 0x80
 
 
 class BlockDownload:
-    """From the client to the server.   store : takes the bytes when the client has said the end, may raise SdoAbort."""
+    """From the client to the server.
+
+    Parameters
+    ----------
+    store : callable
+        Takes the bytes when the client has said the end, may raise SdoAbort.
+    """
 
     def __init__(self, request: bytes, longest: int, store: Callable[[bytes], None]) -> None:
         self._store, self._longest = store, longest

@@ -22,12 +22,30 @@ LONGEST_LINE = 80
 class LineFaults:
     """Faults of this line; shares are probabilities per character or per answer, times are virtual time in s, None is never.
 
-    seed : of everything random here.     latency_s : the firmware's time for an answer.
-    noise : share of characters, either way, that arrive as others.     lost, cut, doubled : share of answers that never come, lose
-    their last characters, come twice.     slow, slow_s : share of answers that come so much later.     wrong_width : share of values
-    with a byte too many or too few.     echo : False: a write is not echoed.     boots : the drive is just starting when the port opens.
-    restart_at_s : the drive starts anew by itself.     silent_from_s : the cable is pulled; the drive itself runs on.
-    bitrate_locked : BAUD is not understood.
+    Attributes
+    ----------
+    seed : int
+        Of everything random here.
+    latency_s : float
+        The firmware's time for an answer.
+    noise : float
+        Share of characters, either way, that arrive as others.
+    lost, cut, doubled : float
+        Share of answers that never come, lose their last characters, come twice.
+    slow, slow_s : float
+        Share of answers that come so much later.
+    wrong_width : float
+        Share of values with a byte too many or too few.
+    echo : bool
+        False: a write is not echoed.
+    boots : bool
+        The drive is just starting when the port opens.
+    restart_at_s : float or None
+        The drive starts anew by itself.
+    silent_from_s : float or None
+        The cable is pulled; the drive itself runs on.
+    bitrate_locked : bool
+        BAUD is not understood.
     """
 
     seed: int = 0
@@ -163,7 +181,12 @@ class ServicePort:
 class LockstepPort:
     """The host's end in virtual time: waiting for characters lets the drive run.
 
-    name : for messages.     bitrate : of this end.
+    Attributes
+    ----------
+    name
+        For messages.
+    bitrate
+        Of this end.
     """
 
     def __init__(self, bus: LockstepBus, port: ServicePort) -> None:

@@ -37,9 +37,14 @@ class CanInterface(Protocol):
 
 
 class Pump:
-    """Serves what is attached to ``bus`` on ``wire``.   clock : the wall's.   Runs until it is interrupted.
+    """Serves what is attached to ``bus`` on ``wire``.
 
     frames, syncs : received from other processes.   missed_ticks : of the wall clock, which came too late and were left out.
+
+    Parameters
+    ----------
+    clock : WallClock
+        The wall's. Runs until it is interrupted.
     """
 
     def __init__(self, wire: CanInterface, bus: LockstepBus, drive: VirtualDrive, clock: WallClock) -> None:

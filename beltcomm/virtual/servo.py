@@ -75,8 +75,12 @@ def _int32(value: float) -> int:
 class Servo:
     """Everything of the drive that is not communication.
 
-    end_switches_rad : motor angles (lower, upper) at and beyond which the switches close; None: not wired.
-    referenced : the drive knows its zero when it is switched on.
+    Parameters
+    ----------
+    end_switches_rad : tuple[float, float] or None
+        Motor angles (lower, upper) at and beyond which the switches close; None: not wired.
+    referenced : bool
+        The drive knows its zero when it is switched on.
     """
 
     def __init__(

@@ -99,7 +99,15 @@ class SlcanTerminal:
 class LocalSocket:
     """A :class:`ByteLine` over TCP on 127.0.0.1; the next host is taken when the one before has gone.
 
-    port : 0 chooses a free one.   Raises BusError when it is taken.
+    Parameters
+    ----------
+    port : int
+        0 chooses a free one.
+
+    Raises
+    ------
+    BusError
+        When it is taken.
     """
 
     def __init__(self, port: int) -> None:
@@ -162,7 +170,13 @@ class LocalSocket:
 
 
 class SlcanAdapter:
-    """The adapter between a :class:`ByteLine` and classic CAN frames.   lost : frames that a host did not read in time."""
+    """The adapter between a :class:`ByteLine` and classic CAN frames.
+
+    Attributes
+    ----------
+    lost
+        Frames that a host did not read in time.
+    """
 
     def __init__(self, line: ByteLine) -> None:
         self._line = line

@@ -42,7 +42,13 @@ class Brake:
         self._left, self._next_nm = 1 + self._ticks, 0.0
 
     def close(self, held: bool) -> None:
-        """The stage goes off.   held : the torque stays until the brake has closed."""
+        """The stage goes off.
+
+        Parameters
+        ----------
+        held : bool
+            The torque stays until the brake has closed.
+        """
         self._left, self._next_nm = 1 if held else 1 + self._ticks, self._torque_nm
 
     def pass_tick(self) -> None:
@@ -60,11 +66,15 @@ class Brake:
 class PowerStage:
     """Turns torque setpoints into acting torque and lets the machine move on, one tick at a time.
 
-    A setpoint decided at t_k acts from t_k + ``setpoint_delay_s`` on, until the next one does; within a tick the machine is
-    stepped in two pieces when the switch falls inside, and in more where ``instruments`` filter the torque.
+    A setpoint decided at t_k acts from t_k + ``setpoint_delay_s`` on, until the next one does; within a tick the machine is stepped in
+    two pieces when the switch falls inside, and in more where ``instruments`` filter the torque.
 
-    torque_sample_nm : reading at the end of the tick, N m: mean acting torque with sensor noise, or what the instruments make of it.
-    i2t_exceeded : the I²t reserve (peak current for 2 s) is used up; False again at half of it.
+    Attributes
+    ----------
+    torque_sample_nm
+        Reading at the end of the tick, N m: mean acting torque with sensor noise, or what the instruments make of it.
+    i2t_exceeded
+        The I²t reserve (peak current for 2 s) is used up; False again at half of it.
     """
 
     def __init__(
@@ -108,7 +118,13 @@ class PowerStage:
         self._brake.open()
 
     def switch_off(self, held: bool = False) -> None:
-        """No current from now on; setpoints on their way are lost.   held : but not before the brake has closed."""
+        """No current from now on; setpoints on their way are lost.
+
+        Parameters
+        ----------
+        held : bool
+            But not before the brake has closed.
+        """
         self._on = False
         self._brake.close(held)
         self._on_the_way = deque([0.0] * self._delay_ticks)
@@ -151,8 +167,11 @@ class Encoder:
     counts = round(φ · counts_per_rev / 2π): a count stands for the angles half a count to either side, so that readings have no
     systematic error.  The tracks of a sin/cos encoder may err:  φ + a sin(Lφ) + b sin(2Lφ),  L lines per turn.
 
-    zero_rad : motor angle of count 0, rad.   rad_per_count : size of one count, rad.
-    counts, angle_rad : the sample latched last; the angle in whole counts.
+    Parameters
+    ----------
+    zero_rad : float
+        Motor angle of count 0, rad. rad_per_count : size of one count, rad. counts, angle_rad : the sample latched last; the angle in
+        whole counts.
     """
 
     def __init__(self, plant: Plant, counts_per_rev: int, zero_rad: float, faults: Faults, instruments: Instruments = IDEAL) -> None:

@@ -15,8 +15,13 @@ _WINDOW_OFF = 0xFFFFFFFF
 class Supervision:
     """Overspeed, end switches, software limits, following error and I²t.
 
-    fault(code, coast) : the drive goes into fault, with the stage off at once when ``coast``, else it brakes first.
-    follows_position : whether the running mode has a position reference.   following_error : bit 13 of the statusword.
+    fault(code, coast) : the drive goes into fault, with the stage off at once when ``coast``, else it brakes first. follows_position :
+    whether the running mode has a position reference.
+
+    Attributes
+    ----------
+    following_error
+        Bit 13 of the statusword.
     """
 
     def __init__(self, loops: Loops, fault: Callable[[int, bool], None]) -> None:
@@ -38,7 +43,17 @@ class Supervision:
         self.following_error = False
 
     def check(self, position: int, switches: tuple[bool, bool], homing: bool, follows_position: bool) -> None:
-        """One look per tick.  position : user units.   switches : lower, upper.   homing : a switch is looked for."""
+        """One look per tick.
+
+        Parameters
+        ----------
+        position : int
+            User units.
+        switches : tuple[bool, bool]
+            Lower, upper.
+        homing : bool
+            A switch is looked for.
+        """
         loops = self._loops
         speed = loops.speed_rad_s
         if abs(speed) > self._top_rpm.value * _RAD_S_PER_RPM:

@@ -25,7 +25,13 @@ _KEPT_S = 2.0 * LEAD_S
 
 
 class BusStream:
-    """The frames of one drive.   name : of the bus, for messages.   notes : why there are no rows, "" when there are."""
+    """The frames of one drive.
+
+    Parameters
+    ----------
+    name : str
+        Of the bus, for messages. notes : why there are no rows, "" when there are.
+    """
 
     def __init__(self, name: str, reading: Reading, axis: Axis) -> None:
         self._name, self._reading, self._axis = name, reading, axis

@@ -199,7 +199,7 @@ class Judge:
         return sorted(found, key=lambda one: -one[2])[:most]
 
     def start_of(self, position: float) -> float | None:
-        """Where the carriage is at a position of the drive, as in the run; None where the run does not tell or that is off the travel."""
+        """Carriage position at a position of the drive, as in the run; None where the run does not tell or that is off the travel."""
         ratio = self.model.get("transmission.ratio")
         if self.zero_m is None or not ratio:
             return None

@@ -12,7 +12,15 @@ from beltcomm.errors import UsageError
 
 @dataclass(frozen=True)
 class Limit:
-    """Limit of a quantity.   low, high : shares of the first value, or SI values where ``absolute``.   why : in words."""
+    """Limit of a quantity.
+
+    Attributes
+    ----------
+    low, high : float or None
+        Shares of the first value, or SI values where ``absolute``.
+    why : str
+        In words.
+    """
 
     low: float | None
     high: float | None
@@ -20,7 +28,13 @@ class Limit:
     absolute: bool = False
 
     def values(self, first: float) -> tuple[float | None, float | None]:
-        """Both in SI.   first : value of the first run."""
+        """Both in SI.
+
+        Parameters
+        ----------
+        first : float
+            Value of the first run.
+        """
         if self.absolute:
             return self.low, self.high
         return tuple(None if share is None else first * (1.0 + share) for share in (self.low, self.high))  # type: ignore[return-value]

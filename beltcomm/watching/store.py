@@ -43,7 +43,13 @@ ANEW = "anew"
 
 
 def entries(run: Path, *, marks: bool = False) -> Iterable[Mapping[str, Any]]:
-    """All moves that were watched; lines that are torn are left out.   marks : lines with ``ANEW``, too."""
+    """All moves that were watched; lines that are torn are left out.
+
+    Parameters
+    ----------
+    marks : bool
+        Lines with ``ANEW``, too.
+    """
     path = run / FOLDER / FILE
     if not path.is_file() or path.is_symlink():
         return

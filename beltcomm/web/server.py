@@ -43,8 +43,15 @@ Answers = Mapping[str, Callable[[Any], Mapping[str, Any]]]
 
 @dataclass(frozen=True)
 class PageFiles:
-    """What a page is made of, by the names under which a browser asks, and no other file.   html : of the page itself.   beside : of
-    others, each with its place in this package."""
+    """Files of a page, by the names under which a browser asks, and no other file.
+
+    Attributes
+    ----------
+    html : str
+        Of the page itself.
+    beside : Mapping[str, str]
+        Of others, each with its place in this package.
+    """
 
     html: str
     beside: Mapping[str, str]
@@ -66,7 +73,17 @@ PAGE = PageFiles(
 
 @dataclass(frozen=True)
 class ServedPage:
-    """A page that is served.   address : for a browser here.   run : until KeyboardInterrupt.   end : the same from another thread."""
+    """A page that is served.
+
+    Attributes
+    ----------
+    address : str
+        For a browser here.
+    run : callable
+        Until KeyboardInterrupt.
+    end : callable
+        The same from another thread.
+    """
 
     address: str
     run: Callable[[], None]
@@ -109,7 +126,20 @@ def application(page: PageFiles, answers: Answers, token: str) -> WSGIApplicatio
 
 @contextmanager
 def serve(page: PageFiles, answers: Answers, token: str, port: int = 0) -> Iterator[ServedPage]:
-    """A page on 127.0.0.1.   token : secret part of its address.   port : 0 takes a free one.   Raises UsageError for one that is taken."""
+    """A page on 127.0.0.1.
+
+    Parameters
+    ----------
+    token : str
+        Secret part of its address.
+    port : int
+        0 takes a free one.
+
+    Raises
+    ------
+    UsageError
+        For one that is taken.
+    """
     from waitress import wasyncore
     from waitress.server import create_server
 

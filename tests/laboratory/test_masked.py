@@ -50,7 +50,7 @@ def test_a_gap_is_found_behind_a_late_torque(tmp_path: Path, delay: str, seed: i
     assert "together" not in trial_line(replace(found, beside=""))
 
 
-@pytest.mark.parametrize(("effects", "seed"), [(("payload_mode",), 44), (("dead_time",), 45), (("end_pulley",), 46)])
+@pytest.mark.parametrize(("effects", "seed"), [(("payload_mode",), 44), (("dead_time",), 45)])
 def test_a_machine_without_both_has_no_gap_behind_a_delay(tmp_path: Path, effects: tuple[str, ...], seed: int) -> None:
     assert found_in(tmp_path, effects, seed)[0] is None
 

@@ -147,7 +147,7 @@ def asked_of(monkeypatch: pytest.MonkeyPatch, moves_from_nm: float, share: float
     monkeypatch.setattr(execute_step.phases, "frequency_response", respond)
     here = SimpleNamespace(window_m=(0.0, 1.0))
     folder, talk = SimpleNamespace(finished=lambda _name: None), Silence()
-    machine: Any = SimpleNamespace(full_room=lambda: here, folder=folder, wanderings=0, talk=talk)
+    machine: Any = SimpleNamespace(envelope=lambda: here, folder=folder, wanderings=0, talk=talk)
     model: Any = None  # nobody asks it anything
     try:
         execute_step.respond(machine, model, Step("response", share=1.0), "frf_2", 0.2, share)

@@ -99,7 +99,7 @@ class Standing:
     def position_m(self) -> float:
         return self.places.pop(0) if len(self.places) > 1 else self.places[0]
 
-    def full_room(self) -> Any:
+    def envelope(self) -> Any:
         return SimpleNamespace(window_m=(0.0, 0.5))
 
 
@@ -220,7 +220,7 @@ def test_after_a_stop_there_is_no_other_sequence_that_is_louder(monkeypatch: pyt
     monkeypatch.setattr(execute_step.phases, "move_to", lambda *_: None)
     monkeypatch.setattr(execute_step.phases, "frequency_response", lambda *at, **by: asked.update(by, amplitude_nm=at[3]))
     folder = SimpleNamespace(finished=lambda _name: None)
-    machine: Any = SimpleNamespace(full_room=lambda: SimpleNamespace(window_m=(0.0, 1.0)), folder=folder, wanderings=wanderings)
+    machine: Any = SimpleNamespace(envelope=lambda: SimpleNamespace(window_m=(0.0, 1.0)), folder=folder, wanderings=wanderings)
     model: Any = None  # nobody asks it anything
     execute_step.respond(machine, model, Step("response", place=0.5, share=1.0), "frf_2", 0.4, 0.7)
     assert asked == {"amplitude_nm": 0.4, "share": 0.7, "held_out": False, "loud": loud, "up_to_hz": 0.0, "above_nm": 0.0}

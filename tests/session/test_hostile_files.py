@@ -176,7 +176,7 @@ def test_plans(eyes: Eyes, copy_of_complete: Copy) -> None:
         {"kind": "reversals", "place": 0.5, "amplitudes_m": [2e-3, 1e-3], "held_out": False},
         {"kind": "moves", "share": 1.0, "seconds": 60.0, "seed": 2, "held_out": False},
     ]
-    for number in range(50):
+    for number in range(30):
         chosen = [{**steps[int(draw.integers(4))]} for _ in range(int(draw.integers(1, 5)))]
         plan: dict[str, Any] = {"reasons": {"belt": "because"}, "by_hand": [], "steps": chosen, "left_out": []}
         how = draw.random()

@@ -106,7 +106,7 @@ def test_a_geared_axis_is_not_asked_for_more_speed_than_its_motor_has(connect: C
         assert top < 0.2 * float(axis.limits.speed_m_s or 0.0)
         strokes = sweeping.sweep(machine, model).trajectory
         standard = verification.standard_move(machine, model)
-        limits = machine.drive_limits(phases.loose_room(machine))
+        limits = machine.drive_limits(phases.untuned_envelope(machine))
     assert 0.5 * top < np.abs(strokes.velocity_m_s).max() < top
     assert 0.9 * top < np.abs(standard.at(1.0, 1e-3).velocity_m_s).max() < top  # T_A would take 1.36 m/s
     assert "the speed would be 1.356 m/s" in standard.remark

@@ -120,7 +120,7 @@ def travelled(make_bench: MakeBench, tmp_path: Path) -> Callable[..., Tried]:
             stopping = machine.deceleration_m_s2 * (model["motor.inertia"] / machine.ratio + machine.ratio * model["cart.mass"])
             begun = len(bench.plant.torque_nm)
             try:
-                machine.run(motion, phases.loose_room(machine))
+                machine.run(motion, phases.untuned_envelope(machine))
             except SafetyStop as caught:
                 stop = caught
                 machine.keep_gains = True
@@ -156,9 +156,9 @@ def test_the_drive_gets_the_planned_torque_as_its_limit(travelled: Callable[...,
     given: list[float] = []
     true = closed_loop_watch.within
 
-    def seen(room: closed_loop_watch.Room, found: closed_loop_watch.Foreseen) -> closed_loop_watch.Room:
-        given.append(true(room, found).torque_nm)
-        return true(room, found)
+    def seen(envelope: closed_loop_watch.Envelope, found: closed_loop_watch.Foreseen) -> closed_loop_watch.Envelope:
+        given.append(true(envelope, found).torque_nm)
+        return true(envelope, found)
 
     monkeypatch.setattr("beltcomm.machine.machine.within", seen)
     tried = travelled("g_b", "g_b", 1.0)

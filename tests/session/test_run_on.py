@@ -135,7 +135,7 @@ def test_a_computer_that_dies_in_an_excitation(make_bench: MakeBench, tmp_path: 
                 drive.clock.sleep_until(drive.clock.now() + 1.5)
 
         with pytest.raises(DriveFault, match="8130h"):
-            machine.record("dying", machine.torque_motion(shape), machine.full_room(), Sidecar("frf", 0.25, 0.0), die)
+            machine.record("dying", machine.torque_motion(shape), machine.envelope(), Sidecar("frf", 0.25, 0.0), die)
     (t0, x0), (t1, x1) = seen[-13], seen[-1]
     places = bench.start_m + bench.plant.cart_m(0, len(bench.plant.torque_nm))
     way = max(abs(places[-200:].mean() - x1), 1e-6)

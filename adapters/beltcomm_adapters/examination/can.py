@@ -43,10 +43,21 @@ def examine_can(
     opener: wire.Opener | None = None,
     clock: Clock | None = None,
 ) -> Iterator[Finding]:
-    """Examine the drive at a CAN address.   bitrate : as asked for, None when it was not.
+    """Examine the drive at a CAN address.
 
-    options : ``try_bitrates``, ``sync_test``.     host, opener, clock : stand in for this machine in tests.
-    Raises UsageError for an address or a profile that cannot be.
+    Parameters
+    ----------
+    bitrate : int or None
+        As asked for, None when it was not.
+    options : Mapping[str, object]
+        ``try_bitrates``, ``sync_test``.
+    host, opener, clock
+        Stand in for this machine in tests.
+
+    Raises
+    ------
+    UsageError
+        For an address or a profile that cannot be.
     """
     address = Address.parse(text)
     host, clock = host or Host(), clock or MonotonicClock()
@@ -97,7 +108,13 @@ def examine_bus(
     options: Mapping[str, Any],
     rtr: bool = True,
 ) -> Iterator[Finding]:
-    """Examine the drive on an open bus; never raises a BusError.   bitrate : None when the bus carries any load."""
+    """Examine the drive on an open bus; never raises a BusError.
+
+    Parameters
+    ----------
+    bitrate : int or None
+        None when the bus carries any load.
+    """
     rate = f" at {bitrate // 1000} kbit/s" if bitrate else ""
     try:
         heard = wire.listen(bus, clock, wire.LISTEN_S)

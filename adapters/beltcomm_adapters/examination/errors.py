@@ -41,7 +41,7 @@ WORDS: Final[dict[Trouble, tuple[str, str]]] = {
 
 
 def trouble_of(frame: can.Message) -> Trouble:
-    """What an error frame tells."""
+    """Trouble that an error frame tells."""
     bits = frame.arbitration_id
     if bits & _BUS_OFF:
         return "bus_off"

@@ -23,7 +23,12 @@ _IP_TIME_S: Final = 3.0
 class Interface:
     """One SocketCAN interface.
 
-    bitrate : bit/s, None where it has none (vcan) or nobody tells.     state : of its CAN controller, "" where nobody tells.
+    Attributes
+    ----------
+    bitrate : int or None
+        bit/s, None where it has none (vcan) or nobody tells.
+    state : str
+        Of its CAN controller, "" where nobody tells.
     """
 
     name: str
@@ -35,7 +40,15 @@ class Interface:
 
 @dataclass(frozen=True)
 class SerialPortInfo:
-    """One serial port.   usb : vendor and product number, None when it is no USB device.   group : that may use it, "" unknown."""
+    """One serial port.
+
+    Attributes
+    ----------
+    usb : tuple[int, int] or None
+        Vendor and product number, None when it is no USB device.
+    group : str
+        That may use it, "" unknown.
+    """
 
     device: str
     description: str
@@ -68,7 +81,14 @@ def _can_socket() -> bool:
 class Host:
     """This machine; every field can be another one's in a test.
 
-    sys : root of sysfs.     ip_link : JSON of ``ip -details -json link show``.     has_can : whether the kernel opens CAN sockets.
+    Attributes
+    ----------
+    sys : Path
+        Root of sysfs.
+    ip_link : callable
+        JSON of ``ip -details -json link show``.
+    has_can : callable
+        Whether the kernel opens CAN sockets.
     """
 
     sys: Path = Path("/sys")

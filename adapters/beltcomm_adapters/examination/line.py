@@ -64,7 +64,13 @@ def open_port(device: str, baud: int, handshake: bool) -> Any:
 
 @dataclass(frozen=True)
 class LineAnswer:
-    """What came back.   noise : bytes that are no ASCII came in."""
+    """Answer of a serial line.
+
+    Attributes
+    ----------
+    noise : bool
+        Bytes that are no ASCII came in.
+    """
 
     answers: tuple[bytes, ...]
     noise: bool
@@ -79,9 +85,19 @@ def examine_line(
     clock: Clock | None = None,
     group: Callable[[str], str] = group_of,
 ) -> Iterator[Finding]:
-    """Examine the drive behind a serial port.   options : ``bitrate``, the one baud rate to try.   group : owner of a device file.
+    """Examine the drive behind a serial port.
 
-    Raises UsageError without a device.
+    Parameters
+    ----------
+    options : Mapping[str, object]
+        ``bitrate``, the one baud rate to try.
+    group : callable
+        Owner of a device file.
+
+    Raises
+    ------
+    UsageError
+        Without a device.
     """
     if not device:
         raise UsageError("say which serial port: serial:/dev/ttyUSB0 (`beltcomm doctor` lists them)")
@@ -169,7 +185,13 @@ def _talking(port: PortLike, clock: Clock, device: str, baud: int, handshake: bo
 
 
 def not_opened(area: str, device: str, error: Exception, group: str) -> Finding:
-    """Why a serial port does not open.   group : that owns it."""
+    """Why a serial port does not open.
+
+    Parameters
+    ----------
+    group : str
+        That owns it.
+    """
     number = getattr(error, "errno", None)
     if number == errno.EACCES or "Permission denied" in str(error):
         text, remedy = f"you may not open {device}", permission(group)

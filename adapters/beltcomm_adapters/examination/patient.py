@@ -20,10 +20,26 @@ from beltcomm_adapters.sdo import Objects
 class Patient:
     """One drive that answers.
 
-    identity : as read.     others : further nodes that answer.     bitrate : of the bus, None when it carries any load.
-    rtr : whether the interface can send remote frames.     sync_test : the person allows that PDOs are mapped for a second.
-    nmt : state byte, None when nobody tells.     guarded : whether node guarding was answered, None when it was not tried.
-    scaling : None until read, or when it cannot be.     nameplate : what axis.yaml knows of the motor.
+    Attributes
+    ----------
+    identity : Mapping[str, str]
+        As read.
+    others : tuple of int
+        Further nodes that answer.
+    bitrate : int or None
+        Of the bus, None when it carries any load.
+    rtr : bool
+        Whether the interface can send remote frames.
+    sync_test : bool
+        The person allows that PDOs are mapped for a second.
+    nmt : int or None
+        State byte, None when nobody tells.
+    guarded : bool or None
+        Whether node guarding was answered, None when it was not tried.
+    scaling : Scaling or None
+        None until read, or when it cannot be.
+    nameplate : KnownMotor or None
+        What axis.yaml knows of the motor.
     """
 
     link: Link

@@ -109,7 +109,7 @@ def bring_up(one: Interface) -> str:
 
 
 def restart(name: str) -> str:
-    """What to do about a controller that has gone bus-off."""
+    """Remedy for a controller that has gone bus-off."""
     return (
         "check bit rate, cable (CAN high and low swapped, short circuit) and both terminators, then "
         f"`sudo ip link set {name} down` and up again; `restart-ms 100` makes it come back by itself"
@@ -138,7 +138,7 @@ def _ports(found: list[SerialPortInfo]) -> Iterator[Finding]:
 
 
 def permission(group: str) -> str:
-    """What lets this user open a port."""
+    """Remedy for a port that this user may not open."""
     if group in ("", "root"):
         return "ask who administers this machine for the right to open it (a udev rule)"
     return f"`sudo usermod -aG {group} $USER`, then log out and in again"

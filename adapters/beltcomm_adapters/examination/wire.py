@@ -32,9 +32,16 @@ Opener = Callable[[int, bool], can.BusABC]
 
 @dataclass
 class Heard:
-    """What passed on the bus while nobody was asked.
+    """Traffic on the bus while nobody was asked.
 
-    frames : data frames by identifier.     nmt : state byte by node, from heartbeats.     errors : error frames.
+    Attributes
+    ----------
+    frames : dict[int, int]
+        Data frames by identifier.
+    nmt : dict[int, int]
+        State byte by node, from heartbeats.
+    errors : list[can.Message]
+        Error frames.
     """
 
     frames: dict[int, int] = field(default_factory=dict)
@@ -138,7 +145,7 @@ def _up(one: Interface, asked_bitrate: int | None) -> Finding:
 
 
 def heard_finding(heard: Heard) -> Iterator[Finding]:
-    """What listening told: error frames, and another master at work."""
+    """Finding from listening: error frames, and another master at work."""
     if heard.trouble:
         text, remedy = WORDS[heard.trouble]
         yield Finding(AREA, "errors", "wrong", f"{text} ({len(heard.errors)} error frames in {LISTEN_S:g} s)", remedy)
