@@ -15,6 +15,7 @@ from scipy.optimize import minimize_scalar
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.decimation import smallest_step
+from beltcomm.fit.loads import mounted_by
 from beltcomm.fit.moving import creeping_samples
 from beltcomm.fit.noise_level import noise_colour, torque_noise
 from beltcomm.fit.observer import needs_observer
@@ -141,15 +142,14 @@ def prepare_records(
         Of the torque.
     """
     pieces = []
-    rattles = any(effect.rattles for effect in model.effect_list())
+    rattles, mounted = any(effect.rattles for effect in model.effect_list()), mounted_by(recordings, model)
     for recording in recordings:
         shown = shares.get(recording.name, (1.0, 0.0))
         group = 1 if usual == PUBLISHED_SUBSTEPS or single else group_of(recording)
         stroke = recording.sidecar.experiment == "friction_sweep"
         substeps = (RATTLING_STROKE_SUBSTEPS if rattles else STROKE_SUBSTEPS) if stroke else (RATTLING_SUBSTEPS if rattles else usual)
-        for piece in segments(
-            recording, model, step_rad, noise_nm, fitted=True, substeps=substeps, path=path, reversals=reversals, colour=colour
-        ):
+        given = {"substeps": substeps, "path": path, "reversals": reversals, "colour": colour, "mounted": mounted.get(recording.name)}
+        for piece in segments(recording, model, step_rad, noise_nm, fitted=True, **given):
             known = with_whitener(replace(piece, rounding=shown, group=group), model)
             pieces.append(band_limited(known, EXCITED_BAND_HZ if recording.sidecar.experiment == "frf" else CALM_BAND_HZ))
     return Data(
