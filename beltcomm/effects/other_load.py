@@ -9,16 +9,26 @@ COUNT = 3
 _ORDINAL = ("second", "third", "fourth")
 
 
+def mass_in_record(own: float, stated: float) -> float:
+    """What moves with the motor in a record, in place of the model's own:  m + stated, kg (kg m² without a carriage).
+
+    own : of the load that the record names.   stated : beyond that, in the record's sidecar.   Source: (2.25) with another m_c.
+    """
+    return own + stated
+
+
 def other_load(number: int, *, at_motor: bool = False) -> Effect:
     """The load of a number, from 1, as the mass of the carriage; of an axis that knows no carriage, as the inertia of all that turns."""
     name = ("other_inertia" if at_motor else "other_load") + (f"_{number}" if number > 1 else "")
     which = f"in records with the {_ORDINAL[number - 1]} load"
-    mass = Parameter("mass", "kg", "cart", 1.0, 1e-3, 1e4, f"carriage with payload {which}")
-    inertia = Parameter("inertia", "kg m2", "motor", 5e-5, 1e-8, 10.0, f"all that turns with the motor, {which}")
+    title = "all that turns" if at_motor else "carriage with payload"
+    mass = Parameter("mass", "kg", "cart", 1.0, 1e-3, 1e4, f"{title}, {which}")
+    inertia = Parameter("inertia", "kg m2", "motor", 5e-5, 1e-8, 10.0, f"{title}, {which}")
     return Effect(
         name=name,
         slot="load_of_record",
-        title=f"{'inertia' if at_motor else 'mass'} {which}",
+        title=f"{title}, in records with another load",
+        law=mass_in_record,
         parameters=(inertia if at_motor else mass,),
         uses=() if at_motor else ("cart.mass",),
         seen="some records need more torque to accelerate than others, at the same speeds and places",
@@ -29,7 +39,7 @@ def other_load(number: int, *, at_motor: bool = False) -> Effect:
             "warmup": "record both loads again in the other order: what goes with the load stays with it, what goes with time does not",
         },
         linear=True,
-        source="(2.25) with another m_c",
+        source="(2.25)",
     )
 
 

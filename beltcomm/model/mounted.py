@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.effects.other_load import other_load
+from beltcomm.effects.other_load import mass_in_record, other_load
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]
@@ -45,7 +45,7 @@ def loaded(model: Model, vector: Array, mounted: Mounted | None) -> Array:
     if mounted is None:
         return vector
     found = vector.copy()
-    found[model.index(carrying(model))] = vector[model.index(of_load(model, mounted.number))] + mounted.more
+    found[model.index(carrying(model))] = mass_in_record(vector[model.index(of_load(model, mounted.number))], mounted.more)
     return found
 
 
