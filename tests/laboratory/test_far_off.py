@@ -9,6 +9,8 @@ import numpy as np
 from click.testing import CliRunner
 
 from beltcomm.cli.main import cli
+from beltcomm.fit.estimate import evaluate_at
+from beltcomm.fit.far_off import least_plain_error
 from beltcomm.fit.in_band import band_limited_errors, band_of
 from beltcomm.recording.signalfile import write_columns
 from beltcomm.rundata.fitted_run import open_fitted
@@ -51,22 +53,24 @@ def pushed(
 def test_a_command_in_steps_is_fitted_no_worse_than_by_least_squares(tmp_path: Path) -> None:
     """Friction that differs much by direction, by no term of the model: nothing but the motion tells how noisy a command is."""
     files = {}
-    for name, seed in (("a", 1), ("held", 2)):
+    for name, seed in (("a", 1), ("b", 2)):
         rng = np.random.default_rng(seed)
-        command = np.repeat(rng.permutation(np.tile([0.055, 0.06, -0.05, -0.055, 0.045, -0.045], 3)), 450)
-        _, angle = pushed(seed, command, 1.2e-4, (0.035, 0.018, 1e-4), 0.0, 500)
+        command = np.repeat(rng.permutation(np.tile([0.06, 0.05, -0.045, -0.03], 2)), 1000)
+        _, angle = pushed(seed, command, 1.2e-4, (0.045, 0.02, 1e-4), 0.0, 154)
         files[name] = tmp_path / f"{name}.csv"
         write_columns(files[name], {"t_s": PERIOD_S * np.arange(len(angle)), "torque_nm": command, "position_rad": angle})
     opened = open_fitted(as_run(files, tmp_path / "run", 1.2e-4), Silence())
     data, fitted = opened.data, opened.fitted
+    # whatever led a likelihood astray whose noise is what the model leaves
+    astray = evaluate_at(data, fitted.problem, fitted.x * np.where(np.array(fitted.problem.free) == "coulomb.level", 0.7, 1.0))
+    assert astray.ratio < 2.0
     band = band_of(data, fitted.model)
-    pairs = list(zip((*data.fitted, *data.held_out), band_limited_errors(data, fitted, band), strict=True))
-    for out in (False, True):
-        errors = np.concatenate([part.error[part.keep] for _, part in pairs if part.held_out is out])
-        torques = np.concatenate([part.torque[part.keep] for _, part in pairs if part.held_out is out])
+    for found in (fitted, least_plain_error(data, astray, 10)):
+        pairs = list(zip((*data.fitted, *data.held_out), band_limited_errors(data, found, band), strict=True))
         own = [pair for pair in pairs if not pair[0].held_out]
-        (squares,) = least_squares([own], [[pair for pair in pairs if pair[0].held_out is out]], band)
-        assert np.linalg.norm(errors) / np.linalg.norm(torques) < (1.15 if out else 1.03) * squares
+        (squares,) = least_squares([own], [own], band)
+        error, torque = (np.concatenate([getattr(part, name)[part.keep] for _, part in own]) for name in ("error", "torque"))
+        assert np.linalg.norm(error) / np.linalg.norm(torque) < 1.03 * squares
 
 
 def test_a_rough_command_is_not_taken_for_noise_that_hides_a_weight(tmp_path: Path) -> None:
