@@ -110,7 +110,7 @@ def load_remarks(recordings: Sequence[Recording], model: Model) -> list[str]:
     unit, words = model.parameters[carrying(model)].unit.replace("2", "²"), []
     for number, load in enumerate(loads_of(recordings, model)):
         own = [(name, one or Mounted()) for name, one in mounted.items() if (one or Mounted()).number == number]
-        named = ", ".join(f"{name} (and {one.more:+.4g} {unit}, stated)" if one.more else name for name, one in own)
+        named = ", ".join(f"{name} (and {one.more:+.6g} {unit}, stated)" if one.more else name for name, one in own)
         said = f" with {load}" if load.name or any(load.unused) else ""
         words.append(f"{str(model.parameters[of_load(model, number)]).replace('m2', 'm²')} in {named}{said}")
     return [f"The records carry different loads; what moves with them is {'; '.join(words)}."]
