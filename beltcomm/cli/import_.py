@@ -42,7 +42,7 @@ class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic 
         return (int(first) if first.strip() else None, int(last) if last.strip() else None)
 
 
-class Payload(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic since click 8.2
+class MassOrInertia(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic since click 8.2
     """A mass, or the inertia of a load that turns: the sidecar's key and value."""
 
     name = "payload"
@@ -81,7 +81,7 @@ class Payload(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # gener
 @click.option(
     "--start-position", "start_position_m", type=shared.QuantityType("start_position_m"), help="Carriage position at the first row."
 )
-@click.option("--payload", type=Payload(), help="What was mounted weighs so much: 2kg; of a load that turns its inertia: 0.02kgm2.")
+@click.option("--payload", type=MassOrInertia(), help="What was mounted weighs so much: 2kg; of a load that turns its inertia: 0.02kgm2.")
 @click.option(
     "--load", default="", metavar="NAME", help="What was mounted, where nobody knows its weight: records of one name have one load."
 )
