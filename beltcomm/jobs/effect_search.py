@@ -39,7 +39,7 @@ def search_of(folder: RunFolder, talk: Talk, most: int = MOST_EFFECTS) -> tuple[
     )
     explainable(found.base.ratio, folder.path)
     restricted, doubts = restrict_to_scope(found, records.recordings)
-    return with_remarks_on_loads(records, restricted.final_fit), restricted, doubts
+    return with_remarks_on_loads(folder, records, restricted.final_fit), restricted, doubts
 
 
 def staged(talk: Talk) -> Callable[[int, float], None]:

@@ -13,6 +13,7 @@ from beltcomm.axis.kinds import ARC_M
 from beltcomm.cli.main import cli
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import with_intervals
+from beltcomm.fit.loads_found import own_loads
 from beltcomm.model import Value
 from beltcomm.recording.signalfile import write_columns
 from beltcomm.rundata.fitted_run import open_fitted
@@ -172,3 +173,13 @@ def test_a_load_that_no_fitted_record_carries_is_refused(tmp_path: Path) -> None
     outcome = call("compare", str(run_of(tmp_path, records, set_words(*MOTOR_ALONE))))
     assert outcome.exit_code == 3
     assert "b is held out and carries 'cup'" in outcome.output
+
+
+def test_a_load_that_nobody_mentions_and_that_is_not_refused_is_told(tmp_path: Path) -> None:
+    records = {"a": (turning(1, INERTIA), ()), "b": (turning(2, 1.12 * INERTIA), ()), "c": (turning(3, INERTIA), ())}
+    (tmp_path / "alike").mkdir()
+    found = own_loads(fitted(run_of(tmp_path, records, set_words(*MOTOR_ALONE))))
+    assert [load.record for load in found][:1] == ["b"]
+    assert abs(found[0].mass / (1.12 * INERTIA) - 1.0) < 0.02
+    alike = {"a": records["a"], "c": records["c"]}
+    assert own_loads(fitted(run_of(tmp_path / "alike", alike, set_words(*MOTOR_ALONE)))) == []
