@@ -31,6 +31,7 @@ from beltcomm.fit.records import (
     likeliest_step,
     prepare_records,
     remade,
+    with_noise,
     with_process_noise,
 )
 from beltcomm.fit.reversals import turns_at_once
@@ -178,13 +179,14 @@ def _best_rival(data: Data, fitted: Fitted, fixed: Sequence[str]) -> tuple[Data,
 
 
 def with_quieter_torque(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
-    """The records with no more noise of the torque than what the model leaves tells; the fit as it was.
+    """The records with no more noise of the torque than what the model leaves tells; the fit as it was, unless that is much less.
 
     What a model leaves above the noise says nothing of the noise, and what it leaves slowly neither: that is the model's.  How rough the
     rest is from value to value no model changes, and where it is less so than the noise would be, the rest of that was excitation.
     """
     if not is_mostly_rounding(data, fitted.model) and (rough := _roughness(fitted)) < CALMER:
-        return replace(data, noise_nm=max(rough, QUIETEST) * data.noise_nm), fitted
+        quieter = with_noise(data, max(rough, QUIETEST) * data.noise_nm, fitted.model)
+        return quieter, fit(quieter, fitted.model, NEXT_ITERATIONS, offsets=fitted.offsets)
     if fitted.ratio >= 1.0:
         return data, fitted
     noise = likeliest_noise(data, fitted.model, _residuals(fitted), data.noise_nm)

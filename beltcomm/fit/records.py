@@ -217,6 +217,15 @@ def band_limited(piece: Segment, band_hz: float) -> Segment:
     return replace(piece, group=max(piece.group, round(0.5 / (band_hz * piece.motion.sample_s))))
 
 
+def with_noise(data: Data, noise_nm: float, model: Model) -> Data:
+    """The same stretches of the records with another noise of the torque, as a model passes it on."""
+    fitted, held_out = (
+        tuple(with_whitener(replace(piece, noise_nm=piece.noise_factor * noise_nm), model) for piece in pieces)
+        for pieces in (data.fitted, data.held_out)
+    )
+    return replace(data, noise_nm=noise_nm, fitted=fitted, held_out=held_out)
+
+
 def with_whitener(piece: Segment, model: Model) -> Segment:
     """A segment with the noise as a model passes it on."""
     worked_out = whitener_of(piece, model)
