@@ -113,6 +113,9 @@ def commands(effect: Effect) -> tuple[list[str], str]:
         return [f"beltcomm effects {name}", "beltcomm diagnose RUN"], "`diagnose` shows it as a bound and never adds it."
     if name in USUAL or effect.slot == "rigid":
         return [f"beltcomm effects {name}", "beltcomm fit RUN"], "It belongs to the base model: every fit gives its value with an interval."
+    if effect.slot == "load_of_record":
+        typed = ["beltcomm import FILE --run RUN --load NAME", "beltcomm compare RUN"]
+        return [f"beltcomm effects {name}", *typed], "It comes with the records that name a load, and goes with them."
     if effect.group == BELT_SPRING and effect.bodies:
         return [
             f"beltcomm effects {name}",

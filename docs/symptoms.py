@@ -95,6 +95,8 @@ def rubbing(name: str, amount: float) -> Model:
 #: By effect; effects that share law and parameters with another share its picture.
 SYMPTOMS: Mapping[str, Callable[[], Symptom]] = {
     "rigid_load": lambda: response(shaft_rig(), with_rigid_load()),
+    "other_load": lambda: response(rig(), rig().with_values({"cart.mass": 1.6 * rig()["cart.mass"]})),
+    "other_inertia": lambda: response(shaft_rig(), shaft_rig().with_values({"motor.inertia": 1.6 * shaft_rig()["motor.inertia"]})),
     "belt_stiffness": lambda: response(rig().with_values({"belt_stiffness.stiffness": 1e8, "belt_damping.damping": 2000.0}), rig()),
     "belt_spans": lambda: response_by_place(rig(), with_spans(rig())),
     "stiffness_position": lambda: response_by_place(

@@ -12,6 +12,7 @@ import pytest
 from beltcomm.effects import EFFECTS, Effect, Parameter, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.model import build_model
+from beltcomm.model.mounted import Mounted, carrying, loaded_model
 
 UNITS = {
     "1",
@@ -172,6 +173,15 @@ def test_law_agrees_with_its_slope(effect: Effect) -> None:
     if effect.slot == "rigid":
         model = build_model("m", (effect.name,), {"cart.mass": 3.0, "motor.inertia": 2e-4}, base_bodies=("motor",))
         assert model.driven_inertia() == pytest.approx(2e-4 + 3.0 * model["transmission.ratio"] ** 2)
+        checked += 1
+    if effect.slot == "load_of_record":
+        model = build_model(
+            "m", (effect.name,), {"cart.mass": 3.0} if effect.uses else {}, base_bodies=("motor", "cart")[: 1 + len(effect.uses)]
+        )
+        number = int(effect.name.rpartition("_")[2]) if effect.name[-1].isdigit() else 1
+        record = loaded_model(model, Mounted(number, 0.25))
+        assert record[carrying(model)] == pytest.approx(effect.parameters[0].start + 0.25)
+        assert record.driven_inertia() == pytest.approx(model.driven_inertia() if effect.uses else effect.parameters[0].start + 0.25)
         checked += 1
     if effect.slot == "friction_onset":
         checked += dissipates_in_every_cycle(effect)

@@ -51,6 +51,9 @@ DOCTORS_NEXT = re.compile(r"next: ([^`]*)`(beltcomm [^`]+)`(.*)")
 LEFT_NEXT = re.compile(r"(beltcomm (?:(?!   \(|; |, then ).)+)(?:   \(([^)]*)\))?(?:[;,] (.*))?")
 #: The shipped axis that a virtual drive is commissioned with when no other is given.
 VIRTUAL_AXIS = "egc-70-600"
+#: What a command without memory says, and what a loader of libraries says then in place of ``MemoryError``.
+_NO_MEMORY = "this computer has no memory left for it; end other programs, or give shorter or fewer records"
+_SAID_WITHOUT_MEMORY = ("annot allocate memory", "failed to map segment", "cannot apply additional memory protection")
 
 
 class CommandResult(Protocol):
@@ -68,6 +71,15 @@ class CommandResult(Protocol):
     def lines(self) -> Iterable[str]:
         """Result as lines for people."""
         ...
+
+
+def _lacks_memory(error: BaseException | None) -> bool:
+    """Whether a library could not be loaded, or a program started, for want of memory: that has other errors than Python's own."""
+    while error is not None:
+        if isinstance(error, MemoryError) or any(words in str(error) for words in _SAID_WITHOUT_MEMORY):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 class Invocation:
@@ -159,7 +171,7 @@ class Invocation:
             remedy = "check the path" if error.errno in NO_PATH else "choose a folder that can be written, or make room"
             return self._failed(f"{error.filename} cannot be used: {error.strerror}; {remedy}", UsageError.exit_code)
         except MemoryError:
-            return self._failed("this computer has no memory left for it; end other programs, or give shorter or fewer records", 1)
+            return self._failed(_NO_MEMORY, 1)
         except Exception as error:  # what nobody thought of: a sentence and a log with the traceback, never a bare traceback
             if self.ended:  # with the terminal gone, whatever writes to it fails
                 return self._interrupted()
@@ -178,6 +190,8 @@ class Invocation:
 
     def _unexpected(self, error: Exception) -> int:
         """The sentence and the log for what nobody thought of; exit code 1."""
+        if _lacks_memory(error):
+            return self._failed(_NO_MEMORY, 1)
         log = self._write_log()
         if self.verbose:
             click.echo(for_terminal(traceback.format_exc()), err=True)

@@ -42,6 +42,23 @@ class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic 
         return (int(first) if first.strip() else None, int(last) if last.strip() else None)
 
 
+class MassOrInertia(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic since click 8.2
+    """A mass, or the inertia of a load that turns: the sidecar's key and value."""
+
+    name = "payload"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """Both units."""
+        return "[kg|kgm2]"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> dict[str, float]:
+        """Key and value.  Raises click.BadParameter."""
+        if isinstance(value, dict):
+            return value
+        key = "payload_inertia_kg_m2" if str(value).strip().endswith(("m2", "m²")) else "payload_kg"
+        return {key: shared.QuantityType(key).convert(value, param, ctx)}
+
+
 @click.command("import")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path), metavar="FILE...")
 @reading.MAP
@@ -64,7 +81,10 @@ class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic 
 @click.option(
     "--start-position", "start_position_m", type=shared.QuantityType("start_position_m"), help="Carriage position at the first row."
 )
-@click.option("--payload", "payload_kg", type=shared.QuantityType("payload_kg"), help="Mass that was mounted.")
+@click.option("--payload", type=MassOrInertia(), help="What was mounted weighs so much: 2kg; of a load that turns its inertia: 0.02kgm2.")
+@click.option(
+    "--load", default="", metavar="NAME", help="What was mounted, where nobody knows its weight: records of one name have one load."
+)
 @click.option(
     "--session-time", "session_time_s", type=shared.QuantityType("session_time_s"), help="Start of the record on the session's clock."
 )
@@ -223,5 +243,5 @@ def _sidecar(given: dict[str, Any]) -> Any:
         excitation = ExcitationNote(given["excitation"], given["amplitude_nm"], given["period_samples"], given["first_sample"])
     elif given["amplitude_nm"] is not None or given["period_samples"] is not None or given["first_sample"]:
         raise UsageError("--amplitude, --period-samples and --first-sample describe an excitation; give its kind with --excitation")
-    same = ("experiment", "held_out", "closed_loop", "start_position_m", "payload_kg", "session_time_s", "source", "accepted")
-    return Sidecar(**{key: given[key] for key in same}, excitation=excitation)
+    same = ("experiment", "held_out", "closed_loop", "start_position_m", "session_time_s", "source", "accepted", "load")
+    return Sidecar(**{key: given[key] for key in same}, **(given["payload"] or {}), excitation=excitation)

@@ -35,7 +35,7 @@ UNWRAP = click.option(
 )
 DROP = click.option("--drop-incomplete", is_flag=True, help="Leave out rows in which a value is missing.")
 SEPARATOR = click.option(
-    "--separator", type=shared.WordChoice(["comma", "semicolon", "tab", "space"]), help="Of a text file; recognised when left out."
+    "--separator", type=shared.WordChoice(["comma", "semicolon", "tab", "bar", "space"]), help="Of a text file; recognised when left out."
 )
 DECIMAL = click.option("--decimal", type=shared.WordChoice(["point", "comma"]), help="Of a text file; recognised when left out.")
 CHANNEL = click.option("--channel", metavar="NAME", help="Of a log of several interfaces: can0.")

@@ -16,7 +16,9 @@ Array = NDArray[np.float64]
 
 #: Slots that move no pole of a loop on an axis in motion: forces by place or angle swing the torque, friction only damps, the torque
 #: path and the sensor change gains by per cent.
-OUTSIDE_THE_LOOP = frozenset({"friction_level", "friction_onset", "torque_path", "torque_delay", "sensor", "kinematics", "belt_law"})
+OUTSIDE_THE_LOOP = frozenset(
+    {"friction_level", "friction_onset", "torque_path", "torque_delay", "sensor", "kinematics", "belt_law", "load_of_record"}
+)
 #: What of these slots and of the forces stays, because the design counts with it by name.
 BASE = frozenset({"viscous", "viscous_cart", "coulomb", "cart_friction"})
 #: Delays that are counted as dead time: a lag of the first order has the phase of a dead time of its time constant, and less gain.

@@ -30,6 +30,7 @@ from beltcomm.effects import (
     holding_brake,
     load_friction,
     measurement_lag,
+    other_load,
     payload_mode,
     presliding,
     pulley_eccentricity,
@@ -130,6 +131,7 @@ EFFECTS: tuple[Effect, ...] = (
     feed_constant.EFFECT,
     *encoder_eccentricity.EFFECTS,
     encoder_interpolation.EFFECT,
+    *other_load.EFFECTS,
 )
 
 _BY_NAME = {effect.name: effect for effect in EFFECTS}

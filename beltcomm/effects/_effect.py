@@ -20,6 +20,7 @@ Slot = Literal[
     "sensor",
     "body",
     "rigid",
+    "load_of_record",
 ]
 Side = Literal["motor", "cart", "belt", "drive"]
 Law = Callable[..., float]

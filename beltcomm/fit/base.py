@@ -15,6 +15,7 @@ from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, resume_fit
 from beltcomm.fit.far_off import least_plain_error
 from beltcomm.fit.intervals import UNEXPLAINED, with_intervals
 from beltcomm.fit.likelihood import OFFSET_M
+from beltcomm.fit.noise_level import FEWEST, ORDER, roughness
 from beltcomm.fit.nuisance import hold, next_to_hold, with_nuisance
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.path_choice import EXPLAINED, GOOD, choose_path, commands
@@ -30,6 +31,7 @@ from beltcomm.fit.records import (
     likeliest_step,
     prepare_records,
     remade,
+    with_noise,
     with_process_noise,
 )
 from beltcomm.fit.reversals import turns_at_once
@@ -52,6 +54,8 @@ REVERSAL_MISFIT, MOST_MOVED, RUBBING = 1.15, 2.0, ("coulomb.", "cart_friction.",
 LOUD, QUIET = 0.3, 0.95
 #: Share of its noise so far up to which a torque's noise, once told, is worth asking the motion of the path again.
 CALMER = 0.7
+#: Least share of the noise so far that the noise may be.
+QUIETEST = 1e-3
 #: Factor by which the noise of the angle is more than was thought, from which on the fit made before is no place to go on from.
 UNDERRATED = 1.1
 #: How often a short fit and what an observer does not know are found anew, each by the other, before the fit.
@@ -175,14 +179,30 @@ def _best_rival(data: Data, fitted: Fitted, fixed: Sequence[str]) -> tuple[Data,
 
 
 def with_quieter_torque(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
-    """The records with no more noise of the torque than what the model leaves tells; the fit as it was.
+    """The records with no more noise of the torque than what the model leaves tells; the fit as it was, unless that is much less.
 
-    What a model leaves above the noise says nothing of the noise.
+    What a model leaves above the noise says nothing of the noise, and what it leaves slowly neither: that is the model's.  How rough the
+    rest is from value to value no model changes, and where it is less so than the noise would be, the rest of that was excitation.
     """
+    if not is_mostly_rounding(data, fitted.model) and (rough := _roughness(fitted)) < CALMER:
+        quieter = with_noise(data, max(rough, QUIETEST) * data.noise_nm, fitted.model)
+        return quieter, fit(quieter, fitted.model, NEXT_ITERATIONS, offsets=fitted.offsets)
     if fitted.ratio >= 1.0:
         return data, fitted
     noise = likeliest_noise(data, fitted.model, _residuals(fitted), data.noise_nm)
     return (replace(data, noise_nm=noise) if noise < QUIET * data.noise_nm else data), fitted
+
+
+def _roughness(fitted: Fitted) -> float:
+    """Deviation of the white noise that the whitened residual's differences are of, 1 where the noise is right; 1 where few values tell."""
+    parts = np.split(fitted.residual, fitted.problem.ends[1:-1])
+    differences = []
+    for piece, white in zip(fitted.problem.pieces, parts, strict=True):
+        at = piece.value_samples
+        if len(at) > ORDER:
+            differences.append(np.diff(white, ORDER)[at[ORDER:] - at[:-ORDER] == ORDER * piece.group])
+    found = np.concatenate(differences) if differences else np.zeros(0)
+    return roughness(found) if len(found) >= FEWEST else 1.0
 
 
 def _residuals(fitted: Fitted) -> list[Array]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from beltcomm.fit.estimate import ENOUGH, STRETCH_S, Fitted, evaluate_at, problem_of
-from beltcomm.fit.in_band import band_limited_errors, band_of, in_band
+from beltcomm.fit.in_band import QUIET_SHARE, band_limited_errors, band_of, in_band
 from beltcomm.fit.likelihood import Problem
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
@@ -31,11 +31,14 @@ def least_plain_error(data: Data, fitted: Fitted, iterations: int, fixed: Sequen
     """The fit of the same model that leaves least of the torque in plain units where it is far above the noise; else as it was.
 
     Tried are one weight for each segment and, without a belt, least squares in the band.  A belt's stiffness may lie above the band.
-    No other is taken that leaves more on records held out.
+    No other is taken that leaves more on records held out.  What a model leaves may have been taken for noise itself: without a belt it is
+    far off, too, where it leaves more of the torque than noise may have in the band.
     """
-    if needs_observer(fitted.model) or not fitted.ratio > FAR_ABOVE:
+    if needs_observer(fitted.model):
         return fitted
     band = band_of(data, fitted.model)
+    if not fitted.ratio > FAR_ABOVE and (fitted.problem.movable or _share_left(data, fitted, band) <= QUIET_SHARE):
+        return fitted
     wide = problem_of(data, fitted.model, fixed, STRETCH_S)
     at = wide.minimise(wide.start(fitted.offsets), iterations, enough=ENOUGH)
     evenly = fitted.problem.start(wide.offsets(at.x), wide.model_at(at.x, "laboratory"))
@@ -47,6 +50,15 @@ def least_plain_error(data: Data, fitted: Fitted, iterations: int, fixed: Sequen
         left.append(_plain(data, tried[-1], band))
     sound = [(own, one) for one, (own, held) in zip(tried, left, strict=True) if held <= left[0][1] and own < (1.0 - LESS) * left[0][0]]
     return replace(min(sound, key=lambda pair: pair[0])[1], likeliest=fitted) if sound else fitted
+
+
+def _share_left(data: Data, fitted: Fitted, band_hz: float) -> float:
+    """rms error in the band on the fitted records over the rms torque there."""
+    parts = [part for part in band_limited_errors(data, fitted, band_hz) if not part.held_out]
+    error, torque = (
+        sum(float(np.sum(signal[part.keep] ** 2)) for part in parts for signal in [getattr(part, name)]) for name in ("error", "torque")
+    )
+    return float(np.sqrt(error / torque)) if torque > 0.0 else 0.0
 
 
 def _plain(data: Data, fitted: Fitted, band_hz: float) -> tuple[float, float]:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from beltcomm.effects import other_load
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.likelihood import Nuisance, Problem, time_blocks
 from beltcomm.fit.noise_information import noise_information
@@ -47,7 +48,10 @@ NOT_WHITE = 2.5
 #: Least degrees of freedom of a comparison among records.
 LEAST_FREEDOM = 2.0
 #: Effects whose law is the machine's own, not a likeness of it; error over the noise from which on something else is at work.
-EXACT = ("belt_stiffness", "belt_damping", "belt_spans", "viscous", "viscous_cart", "coulomb", "cart_friction", "tilt", "constant_offset")
+EXACT = (
+    *("belt_stiffness", "belt_damping", "belt_spans", "viscous", "viscous_cart", "coulomb", "cart_friction", "tilt", "constant_offset"),
+    *(effect.name for effect in other_load.EFFECTS),
+)
 UNEXPLAINED = 1.1
 #: What has the scale of the torque.
 SCALED = ("motor.inertia", "cart.mass", *(f"{effect}." for effect in EXACT))

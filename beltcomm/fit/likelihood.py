@@ -24,6 +24,7 @@ from beltcomm.fit.rounding_bias import RoundingBias
 from beltcomm.fit.segment import Segment, in_noise, observed_residuals, with_observers
 from beltcomm.fit.touches import Touch, part_touched, touches_noise
 from beltcomm.model import Model, expected_parameters
+from beltcomm.model.mounted import loaded
 from beltcomm.simulate.inverse import (
     FineMotion,
     Lags,
@@ -231,7 +232,11 @@ class Problem:
     def inertia_of(self, motion: FineMotion, vector: Array) -> Array:
         """Torque that the motor's inertia takes, N m, (n,)."""
         inertia = np.zeros(motion.samples)
-        inertia[1:-1] = self.model.driven_inertia(vector) * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
+        inertia[1:-1] = (
+            self.model.driven_inertia(loaded(self.model, vector, motion.mounted))
+            * np.diff(motion.theta[:: motion.substeps], 2)
+            / motion.sample_s**2
+        )
         return inertia
 
     def neighbour(self, i: int, x: Array, offset_m: float, old: Parts, touch: Touch) -> Parts:

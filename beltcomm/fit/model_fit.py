@@ -15,6 +15,7 @@ from beltcomm.errors import DataError
 from beltcomm.fit.base import fit_base
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import ParameterSpread, parameter_spread, unbounded_estimates, with_intervals
+from beltcomm.fit.loads import with_loads
 from beltcomm.fit.noise_level import noise_colour, torque_noise
 from beltcomm.fit.nuisance import held_remarks
 from beltcomm.fit.records import Data, apparent_step, prepare_records
@@ -190,7 +191,7 @@ def fit_model(
     DataError
         When too few samples are left or the fit does not stay finite.
     """
-    to_fit = [r for r in recordings if not r.sidecar.held_out]
+    to_fit, start = [r for r in recordings if not r.sidecar.held_out], with_loads(start, recordings)
     noise = torque_noise(to_fit) if noise_nm is None else noise_nm
     step = apparent_step(to_fit, 2.0 * np.pi / counts_per_rev, noise)
     data = prepare_records(recordings, start, noise, step, {}, path=path or FAITHFUL, colour=noise_colour(to_fit))

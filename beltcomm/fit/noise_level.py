@@ -190,11 +190,11 @@ def _without_setpoint(recording: Recording) -> Level:
     rough = [nm for nm in (_between_jumps(recording.torque), _floor(recording)) if nm is not None]
     repeated = _period_difference(recording)
     if repeated is not None:
-        nm = _rough(np.diff(repeated, ORDER), ORDER)
+        nm = roughness(np.diff(repeated, ORDER), ORDER)
         if not rough or nm <= REPEATING * min(rough):
             return Level(nm, True)
     if not rough:
-        return Level(_rough(np.diff(recording.torque, ORDER), ORDER), False)
+        return Level(roughness(np.diff(recording.torque, ORDER), ORDER), False)
     restless = recording.sidecar.experiment in RESTLESS
     return Level(min(rough), not restless or min(rough) < MOSTLY * float(np.std(recording.torque)))
 
@@ -249,7 +249,7 @@ def _between_jumps(torque: Array) -> float | None:
             rough = rough[sound]
             if len(rough) < FEWEST:
                 break
-        found.append(_rough(rough, order))
+        found.append(roughness(rough, order))
     if not found:
         return None
     return min(found) if found[0] > CLEARLY * min(found) else found[0]
@@ -272,6 +272,6 @@ def _floor(recording: Recording) -> float | None:
     return float(np.mean(agree)) if len(agree) >= AGREEING else None
 
 
-def _rough(differences: Array, order: int) -> float:
+def roughness(differences: Array, order: int = ORDER) -> float:
     """Deviation of the white noise that differences of an order are of: binomial(2 order, order) times its variance is theirs."""
     return 1.4826 * float(np.median(np.abs(differences - np.median(differences)))) / math.sqrt(math.comb(2 * order, order))

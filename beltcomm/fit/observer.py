@@ -14,6 +14,7 @@ from beltcomm.fit.noise_path import path_of, stiffness_levels
 from beltcomm.fit.whitening import noises
 from beltcomm.model import Model
 from beltcomm.model.linear import matrices, operating_point
+from beltcomm.model.mounted import loaded_model
 from beltcomm.simulate.inverse import FineMotion, acting_torque, follow_bodies, linear_innovations, motor_load, true_motion
 from beltcomm.simulate.kernels.observer import ObserverState, filter_columns, reset
 from beltcomm.simulate.kernels.writer import catalogue_bodies
@@ -173,11 +174,11 @@ def untuned_observer(
     freedom_m : float
         Width of the gap, m, whose freedom the carriage is given, whatever the model's; 0 for the model's own.
     """
-    ratio = model["transmission.ratio"]
+    ratio, own = model["transmission.ratio"], loaded_model(model, motion.mounted)
     low, high = (float(end) * ratio for end in (motion.theta.min(), motion.theta.max()))
     place, held = stiffest(model, low, high, motion.theta[:: motion.substeps][: motion.samples] * ratio)
-    apart, there = (matrices(model, operating_point(model, place, 1.0), closed=closed) for closed in (0.0, 1.0))
-    sides = [noises(path_of(model, linear, motion.sample_s), step_rad, noise_nm, rounding, alike=True) for linear in (apart, there)]
+    apart, there = (matrices(own, operating_point(own, place, 1.0), closed=closed) for closed in (0.0, 1.0))
+    sides = [noises(path_of(own, linear, motion.sample_s), step_rad, noise_nm, rounding, alike=True) for linear in (apart, there)]
     (opened, variances, start), (shut, _, _) = sides
     names = [body.name for _, body in model.bodies()]
     first = len(shut.H) - 2 * (len(names) - 1) - 5

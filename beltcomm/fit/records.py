@@ -15,6 +15,7 @@ from scipy.optimize import minimize_scalar
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.decimation import smallest_step
+from beltcomm.fit.loads import mounted_by
 from beltcomm.fit.moving import creeping_samples
 from beltcomm.fit.noise_level import noise_colour, torque_noise
 from beltcomm.fit.observer import needs_observer
@@ -147,6 +148,7 @@ def prepare_records(
     """
     pieces = []
     rattles, coupled = any(effect.rattles for effect in model.effect_list()), coupled or is_coupled(model)
+    mounted = mounted_by(recordings, model)
     for recording in recordings:
         shown = shares.get(recording.name, (1.0, 0.0))
         # What swings behind a coupling is faster than samples show: they tell nothing of it near half their rate.
@@ -155,8 +157,9 @@ def prepare_records(
         substeps = (RATTLING_STROKE_SUBSTEPS if rattles else STROKE_SUBSTEPS) if stroke else (RATTLING_SUBSTEPS if rattles else usual)
         if coupled:
             substeps = max(substeps, 2 * math.ceil(0.5 * recording.sample_period_s / COUPLED_STEP_S - 1e-9))
+        own = mounted.get(recording.name)
         for piece in segments(
-            recording, model, step_rad, noise_nm, fitted=True, substeps=substeps, path=path, reversals=reversals, colour=colour
+            recording, model, step_rad, noise_nm, fitted=True, substeps=substeps, path=path, reversals=reversals, colour=colour, mounted=own
         ):
             known = with_whitener(replace(piece, rounding=shown, group=group), model)
             pieces.append(band_limited(known, EXCITED_BAND_HZ if recording.sidecar.experiment == "frf" else CALM_BAND_HZ))
@@ -215,6 +218,15 @@ def band_limited(piece: Segment, band_hz: float) -> Segment:
     if not piece.own_noise:
         return piece
     return replace(piece, group=max(piece.group, round(0.5 / (band_hz * piece.motion.sample_s))))
+
+
+def with_noise(data: Data, noise_nm: float, model: Model) -> Data:
+    """The same stretches of the records with another noise of the torque, as a model passes it on."""
+    fitted, held_out = (
+        tuple(with_whitener(replace(piece, noise_nm=piece.noise_factor * noise_nm), model) for piece in pieces)
+        for pieces in (data.fitted, data.held_out)
+    )
+    return replace(data, noise_nm=noise_nm, fitted=fitted, held_out=held_out)
 
 
 def with_whitener(piece: Segment, model: Model) -> Segment:

@@ -26,8 +26,11 @@ from beltcomm.fit.noise_path import NoisePath, noise_path, stiffness_levels
 from beltcomm.fit.segment import Segment
 from beltcomm.fit.whitening import gains_of, noises
 from beltcomm.model import Model
+from beltcomm.model.mounted import Mounted, loaded_model
 
 Array = NDArray[np.float64]
+#: Place, m, sampling period, s, and load of a record.
+Where = tuple[float, float, Mounted | None]
 
 #: Samples in which the gains settle; longest response that is followed; share of the response's squares that ends it over a block.
 SETTLING, LONGEST, BLOCK, NEGLIGIBLE = 600, 6000, 100, 1e-7
@@ -59,6 +62,7 @@ class RoundingBias:
             key = (
                 round(place, 3),
                 segment.motion.sample_s,
+                segment.motion.mounted,
                 segment.rounding,
                 segment.step_rad,
                 segment.noise_nm,
@@ -83,9 +87,9 @@ class RoundingBias:
             self._last = (key, excess[self.of_segment])
         return self._last[1]
 
-    def _paths(self, model: Model) -> dict[tuple[float, float], NoisePath]:
-        """Noise paths by place and sampling period."""
-        return {where: noise_path(model, *where) for where in {kind.where for kind in self.kinds}}
+    def _paths(self, model: Model) -> dict[Where, NoisePath]:
+        """Noise paths by place, sampling period and load."""
+        return {where: path_at(model, where) for where in {kind.where for kind in self.kinds}}
 
     def _values(self, model: Model) -> Array:
         paths = self._paths(model)
@@ -119,9 +123,9 @@ class _Kind:
     """Segments whose noises reach the residual alike."""
 
     def __init__(self, segment: Segment, model: Model, place_m: float) -> None:
-        self.segment, self.where = segment, (place_m, segment.motion.sample_s)
+        self.segment, self.where = segment, (place_m, segment.motion.sample_s, segment.motion.mounted)
         self._known: dict[int, tuple[NoisePath, Array]] = {}
-        here = noise_path(model, *self.where)
+        here = path_at(model, self.where)
         self.filter = self._filter(here)
         self.start = self.power(here)
 
@@ -158,6 +162,12 @@ class _Kind:
             response = self.response(path)
             found = float(np.sum(response * response))
         return found if found < ABSURD else math.inf
+
+
+def path_at(model: Model, where: Where) -> NoisePath:
+    """Noise path at a place, m, with a sampling period, s, and the load of a record."""
+    place_m, sample_s, mounted = where
+    return noise_path(loaded_model(model, mounted), place_m, sample_s)
 
 
 def _pad(rows: Array, length: int) -> Array:

@@ -31,6 +31,7 @@ from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.fit.whitening import Whitener, whitener
 from beltcomm.model import Model
 from beltcomm.model.linear import matrices, operating_point
+from beltcomm.model.mounted import Mounted, loaded_model
 from beltcomm.recording import Recording
 from beltcomm.simulate.inverse import (
     FineMotion,
@@ -214,6 +215,7 @@ def segments(
     reversals: bool = False,
     path: TorquePath = FAITHFUL,
     colour: float = 0.0,
+    mounted: Mounted | None = None,
 ) -> list[Segment]:
     """The gapless pieces of a recording that hold at least 50 samples.
 
@@ -237,6 +239,8 @@ def segments(
         From the reading to the torque that acts.
     colour : float
         Pole of the noise of the torque reading.
+    mounted : Mounted or None
+        Load of the record, where that is another one than the model's.
 
     Returns
     -------
@@ -248,7 +252,7 @@ def segments(
     ValueError
         For a path that cannot be undone.
     """
-    own = recording.sample_period_s
+    own, model = recording.sample_period_s, loaded_model(model, mounted)
     counted = min(step_rad, smallest_step(recording.position)) if fitted else step_rad  # without the angle's own noise, which is white
     every = decimation(own, counted, "cart" in model.base_bodies) if fitted else 1
     sample, noise_factor = every * own, decimated_noise(every)
@@ -313,7 +317,7 @@ def segments(
                 recording.sidecar.held_out,
                 position,
                 torque,
-                motion,
+                replace(motion, mounted=mounted),
                 keep,
                 noise_factor * noise_nm,
                 step_rad,
@@ -495,6 +499,6 @@ def _sum_groups(single: Array, firsts: NDArray[np.intp], size: int, out: Array) 
 
 def noise_paths_of(segment: Segment, model: Model) -> NoiseSchedule:
     """Paths of torque noise and rounding to the residual of a segment."""
-    motion = segment.motion
+    motion, model = segment.motion, loaded_model(model, segment.motion.mounted)
     places = motion.theta[:: motion.substeps] * model["transmission.ratio"]
     return way(model, places, motion.sample_s, stiffness_left(model, motion))

@@ -11,6 +11,7 @@ from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.first_estimate import INERTIA_SHARES, RIGID_EFFECTS, build_for, first_estimate
 from beltcomm.fit.first_path import first_path
+from beltcomm.fit.loads import with_loads
 from beltcomm.fit.rigid import least_squares, rigid_estimate
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
@@ -33,13 +34,17 @@ ANCHOR_OFF, ANCHOR_ERROR, ANCHOR_DYNAMIC, ANCHOR_LOST = 1.2, 0.1, 0.5, 2.0
 
 
 def start_model(axis: Axis, recordings: Sequence[Recording]) -> Model:
-    """The base model with start values found from the records to be fitted.
+    """The base model with start values found from the records to be fitted, and with the loads that they name.
 
     Raises
     ------
     DataError
         When none can be used.
     """
+    return with_loads(_base_start(axis, recordings), recordings)
+
+
+def _base_start(axis: Axis, recordings: Sequence[Recording]) -> Model:
     usable = [r for r in recordings if not (r.is_static_map or r.sidecar.held_out)]
     if not usable:
         raise DataError("no recording is left to fit: all are held out or static maps")

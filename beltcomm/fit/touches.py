@@ -7,6 +7,7 @@ from typing import Literal
 
 from beltcomm.effects import effect_named
 from beltcomm.model import Model
+from beltcomm.model.mounted import carrying
 from beltcomm.simulate.kernels.writer import acts_on_motor
 
 #: What a parameter touches: the inertia's torque and the noise, the motor's own load, everything beyond the motor, the torque path,
@@ -16,11 +17,13 @@ Touch = Literal["inertia", "motor", "belt", "path", "all"]
 
 def part_touched(model: Model, name: str) -> Touch:
     """Part of the equation of motion in which a parameter stands."""
+    of_load = any(name in e.full_names() for e in model.effect_list() if e.slot == "load_of_record")
+    name = carrying(model) if of_load else name
     if name == "motor.inertia" or (name == "cart.mass" and model.rigid):
-        return "inertia" if not any(name in effect.uses for effect in model.effect_list()) else "all"
+        return "all" if any(name in effect.uses for effect in model.effect_list() if effect.slot != "load_of_record") else "inertia"
     kinds: set[Touch] = set()
     for effect in model.effect_list():
-        if name not in (*effect.full_names(), *effect.uses):
+        if name not in (*effect.full_names(), *effect.uses) or effect.slot == "load_of_record":
             continue
         if effect.slot in ("sensor", "kinematics"):
             kinds.add("all" if effect.slot == "sensor" else "belt")

@@ -16,7 +16,7 @@ from beltcomm.foreign.rasters import on_one_raster, resampled
 from beltcomm.foreign.table import Decimal, Separator, Table
 from beltcomm.foreign.timestamps import checked_time, rough_stamps, seconds_of
 from beltcomm.quantities import in_other_unit, parse_quantity, unit_of
-from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS
+from beltcomm.recording.columns import CHANNELS, COMMON, KNOWN_COLUMNS
 
 Column = NDArray[Any]
 #: Columns that act over a step; all others are sampled at its beginning.
@@ -281,6 +281,9 @@ def _complete(
 ) -> tuple[dict[str, Column], NDArray[np.intp]]:
     """The rows in which no mapped value is missing; without ``drop`` only rows at both ends may be incomplete."""
     missing = {name: ~(np.abs(columns[name]) < _NO_MEASUREMENT) for name in needed if name in columns}
+    for name in [name for name in COMMON if name in missing and missing[name].any()]:
+        notes.append(f"{name} has no value in {int(missing.pop(name).sum())} of {len(rows)} rows and is left out")
+        columns = {other: column for other, column in columns.items() if other != name}
     absent = [name for name, mask in missing.items() if mask.all()]
     if absent:
         raise DataError(f"{file}: the column for {absent[0]} holds no value; map another one")

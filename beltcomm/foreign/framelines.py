@@ -16,6 +16,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from beltcomm.foreign.table import words_of
+from beltcomm.foreign.textformat import wide_encoding
 from beltcomm.outside import MEASURED_BYTES, MOST_VALUES, in_words, opened
 
 LogKind = Literal["blf", "trc", "asc", "candump", "csv", "sqlite"]
@@ -27,13 +28,14 @@ _COMPACT = re.compile(_IN_BRACKETS + r"(\S+)\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(
 #: ``candump``:  (1436509052.249713)  can0  181   [8]  00 11 22 33 44 55 66 77; the stamp only with -t
 _SPACED = re.compile(
     rf"(?:{_IN_BRACKETS})?"
-    r"(\S+)\s+(?:(?:RX|TX)\s+\S+\s+)?([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+\[(\d{1,2})\]\s*"
+    r"(\S+)\s+(?:(?:RX|TX)\s+\S\s+\S\s+)?([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+\[(\d{1,2})\]\s*"
     r"((?:[0-9A-Fa-f]{2}\s?)*|remote request)\s*(?:'.*')?$"
 )
 #: Lines from which a text file is recognised as a log.
 _LOOKED_AT = 40
 #: CAN FD:   (1436509052.249713) can0 181##1001122...,   can0  181  [12]  00 11 ...
 _CANDUMP_FD = re.compile(rf"(?:{_IN_BRACKETS})?\S+\s+[0-9A-Fa-f]{{3,8}}(##[0-9A-Fa-f]+|\s+\[(12|16|20|24|32|48|64|\d\d)\]\s+[0-9A-Fa-f])")
+_COLOURS = re.compile("\x1b\\[[0-9;]*m")
 #: Letters of a line that are read at once: no frame takes more.
 _LONGEST_LINE = 4096
 LONGEST = 8
@@ -85,18 +87,20 @@ class Others:
 
 @contextmanager
 def opened_text(path: Path) -> Iterator[io.TextIOWrapper]:
-    """A text file to read from, a gzip file's unpacked.   Raises OSError, DataError."""
+    """A text file to read from, a gzip file's unpacked, in UTF-8 or UTF-16.   Raises OSError, EOFError, zlib.error, DataError."""
     with opened(path) as file:
         packed = file.read(2) == b"\x1f\x8b"
         file.seek(0)
         source: Any = gzip.GzipFile(fileobj=file) if packed else file
-        with io.TextIOWrapper(source, encoding="utf-8", errors="replace") as text:
+        encoding = wide_encoding(source.read(_LONGEST_LINE)) or "utf-8-sig"
+        source.seek(0)
+        with io.TextIOWrapper(source, encoding=encoding, errors="replace") as text:
             yield text
 
 
 #: What stands at the beginning of files that hold frames; PEAK's and Vector's text formats have a header of their own.
 _BLF, _SQLITE = b"LOGG", b"SQLite format 3\0"
-_TRC_HEAD = re.compile(r";\s*\$(FILEVERSION|STARTTIME)|;.*PCAN-(View|Explorer|Trace)", re.I)
+_TRC_HEAD = re.compile(r";\s*\$(FILEVERSION|STARTTIME)|;.*PCAN-(View|Explorer|Trace|Net)", re.I)
 _ASC_HEAD = re.compile(r"\s*base\s+(hex|dec)\b|\s*Begin Trigger\s?block|//\s*version\s+\d", re.I)
 #: Headers of frames in CSV: python-can's, SavvyCAN's, and others with a time, an identifier and data.
 _CSV_TIME = re.compile(r"time ?stamps?( ?\(?u?s\)?)?|time( ?\[?\(?u?s\]?\)?)?|zeit", re.I)
@@ -133,7 +137,9 @@ def kind_of_log(path: Path) -> LogKind | None:
 def first_lines(path: Path) -> list[str]:
     """The first lines with content of a text file.   Raises OSError, EOFError, ValueError, zlib.error."""
     with opened_text(path) as file:
-        lines = (line.strip() for _, line in zip(range(_LOOKED_AT), iter(lambda: file.readline(_LONGEST_LINE), ""), strict=False))
+        lines = (
+            plain_line(line).strip() for _, line in zip(range(_LOOKED_AT), iter(lambda: file.readline(_LONGEST_LINE), ""), strict=False)
+        )
         return [line for line in lines if line]
 
 
@@ -215,6 +221,11 @@ def _identifier(text: str) -> int:
     return int(text, 16) | (1 << 31 if len(text) == 8 else 0)
 
 
+def plain_line(line: str) -> str:
+    """A line without the colours that a terminal was to show it in."""
+    return _COLOURS.sub("", line) if "\x1b" in line else line
+
+
 def lines_of(path: Path, others: Others) -> Iterator[tuple[int, str]]:
     """Lines with their numbers, as long as they can be read and are no more than a log has."""
     try:
@@ -224,7 +235,7 @@ def lines_of(path: Path, others: Others) -> Iterator[tuple[int, str]]:
                 total += len(line)
                 if total > MEASURED_BYTES or number > MOST_VALUES:
                     raise ValueError(f"more than {in_words(MEASURED_BYTES)} of text, or {MOST_VALUES} lines")
-                yield number, line
+                yield number, plain_line(line)
     except (OSError, EOFError, ValueError, zlib.error) as error:
         others.notes.append(f"the file breaks off ({words_of(error)}): what came before is taken")
 

@@ -243,13 +243,19 @@ def _risen(stamps: NDArray[np.int64], notes: list[str]) -> NDArray[np.float64]:
     if without.any():
         return np.where(without, np.nan, stamps * 1e-9)
     exact = stamps
-    if len(exact) > 2 and np.mean(np.diff(exact) < 0) > 0.1:
+    if len(exact) > 2 and (np.mean(np.diff(exact) < 0) > 0.1 or _are_steps(exact)):
         notes.append("the stamps are the times between frames (candump -t d); they were added up")
         exact = np.cumsum(exact)
     exact, turned = _without_turns(exact)
     notes += [turned] * bool(turned)
     since: NDArray[np.float64] = np.round((exact - exact[0]) * 1e-9, 9)
     return since
+
+
+def _are_steps(stamps_ns: NDArray[np.int64]) -> bool:
+    """Whether even times between frames follow a first stamp of 0: a clock would have come to them step by step."""
+    usual = float(np.median(stamps_ns[1:]))
+    return bool(stamps_ns[0] == 0 and np.mean(np.diff(stamps_ns[1:]) <= 0) > 0.5 and usual / 3.0 < stamps_ns[1] < 3.0 * usual)
 
 
 def _without_turns(stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from beltcomm.errors import DataError, UsageError
+from beltcomm.foreign.textformat import wide_encoding
 from beltcomm.outside import blocks, opened, unreadable
 
 TableKind = Literal["text", "matlab", "hdf5", "mdf", "numpy", "tdms", "mcap", "json"]
@@ -107,7 +108,7 @@ def kind_of_table(path: Path) -> TableKind:
         return "json"
     if ending in _READ_BY_ENDING and (b"\0" in begin or ending != ".mat" or begin.startswith(b"MATLAB")):
         return _READ_BY_ENDING[ending]
-    if b"\0" in begin and begin[:2] not in {b"\xff\xfe", b"\xfe\xff"}:
+    if b"\0" in begin and not wide_encoding(begin):
         raise DataError(
             f"{path} is not a text file (it holds zero bytes, and begins with {begin[:4].hex(' ')}), and no kind that is known; export the "
             "signals as CSV, a row of names and one row for each sample, or as .mat or .npz"
@@ -121,7 +122,7 @@ def _of_packed(path: Path) -> TableKind:
         begin = next(blocks(path), b"")[:_HEAD]
     except (OSError, EOFError, zlib.error) as error:
         raise DataError(f"{path} cannot be read: {unreadable(error)}") from error
-    if b"\0" in begin and begin[:2] not in {b"\xff\xfe", b"\xfe\xff"}:
+    if b"\0" in begin and not wide_encoding(begin):
         raise UsageError(f"{path} is packed (gzip) and holds no text; unpack it first")
     return "text"
 

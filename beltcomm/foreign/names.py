@@ -164,7 +164,7 @@ def _suffix(unit: str) -> tuple[str, Quantity | None]:
 
 def _words(name: str) -> tuple[list[str], str]:
     """The words of a name in small letters, and a unit that ends it ("time_ms"), which is no word then."""
-    plain = name.replace("ä", "ae").replace("ö", "oe").replace("ü", "ue").replace("ß", "ss")
+    plain = name.replace("ä", "ae").replace("ö", "oe").replace("ü", "ue").replace("ß", "ss").replace("·", "")
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|[^A-Za-z°%‰/]+|(?<=[A-Za-z])(?=\d)", " ", plain)
     parts = [word.lower() for word in spaced.split() if word]
     ending = ""

@@ -20,12 +20,36 @@ Mask = NDArray[np.bool_]
 #: Share of missing values from which a column may be a slower signal, and how evenly its values must lie, in their usual distance.
 _SPARSE, _UNEVEN = 0.1, 2.5
 _FEWEST = 10
+#: Share of the steps of a time that go on.
+_RISING = 0.98
 #: Units in which a logger counts its time, s.
 _TICKS = (1.0, 1e-3, 1e-6, 1e-7, 1e-9)
 
 
 def with_own_clocks(table: Table, heading: Heading) -> Table:
     """The table, each column with the time that belongs to it, where that is not one for all."""
+    return _without_doubles(_with_clocks(table, heading))
+
+
+def _without_doubles(table: Table) -> Table:
+    """Without values that repeat the ones before, time included: the logger wrote them twice."""
+    columns, notes = dict(table.columns), []
+    for clock in dict.fromkeys(table.clocks.values()):
+        stamps = table.columns[clock]
+        own = [name for name, other in table.clocks.items() if other == clock and len(table.columns[name]) == len(stamps)]
+        same = np.diff(stamps) == 0.0
+        for name in own if same.any() else ():
+            column = table.columns[name]
+            same &= (column[1:] == column[:-1]) | (np.isnan(column[1:]) & np.isnan(column[:-1]))
+        if same.any():
+            keep = np.append(True, ~same)
+            columns |= {name: table.columns[name][keep] for name in (clock, *own)}
+            first = int(np.argmax(same)) + 2
+            notes.append(f"{int(same.sum())} values of {clock!r} that repeat the ones before left out, the first is number {first}")
+    return replace(table, columns=columns, notes=(*table.notes, *notes)) if notes else table
+
+
+def _with_clocks(table: Table, heading: Heading) -> Table:
     places = _clock_places(table, heading)
     if len(places) > 1 or (places and heading.clocks):
         return _pairs(table, heading, places)
@@ -190,7 +214,8 @@ def _is_named_time(table: Table, name: str) -> bool:
 
 
 def _rises(column: Column) -> bool:
+    """Whether a column rises but for few rows: whether those changed places or another record begins there, says who takes it for time."""
     if column.dtype.kind != "f":
         return False
     finite = column[np.isfinite(column)]
-    return len(finite) > 2 and bool(np.all(finite[1:] >= finite[:-1])) and bool(finite[-1] > finite[0])
+    return len(finite) > 2 and bool(np.mean(finite[1:] >= finite[:-1]) > _RISING) and bool(finite[-1] > finite[0])

@@ -88,8 +88,16 @@ def _master(table: Table, clocks: Mapping[str, str]) -> str | None:
 
 def _stamps(table: Table, clock: str) -> Array:
     stamps = table.columns[clock] * _seconds(table, clock)
-    if len(stamps) < 2 or not np.all(np.diff(stamps) > 0.0):
-        raise DataError(f"{table.file}: the time stamps {clock!r} do not rise throughout; map another t_s, or leave that signal out")
+    steps = np.diff(stamps)
+    if len(stamps) < 2 or not np.all(steps > 0.0):
+        at = int(np.argmax(~(steps > 0.0))) if len(steps) else 0
+        unit = " s" if table.unit(clock) else ""
+        said = "has one value" if not len(steps) else f"goes back by {-steps[at]:.3g}{unit}" if steps[at] < 0.0 else "stands still"
+        more = f" and {count} times more" if (count := int(np.sum(~(steps > 0.0))) - 1) > 0 else ""
+        raise DataError(
+            f"{table.file}: the time {clock!r} of its signals {said} in value {at + 2}{more}; rows changed places there, or another record "
+            "begins: take one part with --rows, or do without the stamps with --rate"
+        )
     return np.asarray(stamps, dtype=np.float64)
 
 

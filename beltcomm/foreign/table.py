@@ -10,13 +10,17 @@ from typing import Any, Literal
 from numpy.typing import NDArray
 
 from beltcomm.configfiles import did_you_mean
+from beltcomm.quantities import UNITS
 
 Column = NDArray[Any]
-Separator = Literal["comma", "semicolon", "tab", "space"]
+Separator = Literal["comma", "semicolon", "tab", "bar", "space"]
 Decimal = Literal["point", "comma"]
 
 #: A number behind the brackets tells apart columns of one name.
 _UNIT_IN_NAME = re.compile(r"^(.*\S)\s*[\[(]\s*([^\[\]()]*?)\s*[\])](_\d+)?$")
+#: DIN 1313 divides by the unit; what is none there is a part of the name.
+_DIVIDED = re.compile(r"^(.*\S)\s+/\s+([^\s/]+(?:/\S+)?)(_\d+)?$")
+_UNITS = {other for unit in UNITS.values() for other in unit.others}
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +62,13 @@ class Table:
         """The unit that the file states for a column: below its name or in brackets behind it; "" for none."""
         if name in self.units:
             return self.units[name]
-        match = _UNIT_IN_NAME.match(name)
+        match = _unit_in(name)
         return match[2] if match else ""
 
     @staticmethod
     def bare(name: str) -> str:
         """The name without a unit in brackets."""
-        match = _UNIT_IN_NAME.match(name)
+        match = _unit_in(name)
         return match[1] + (match[3] or "") if match else name
 
     def no_such_column(self, name: str) -> str:
@@ -72,6 +76,14 @@ class Table:
         shown = [known if " " not in known else f'"{known}"' for known in self.columns]
         more = f" and {len(shown) - 30} more" if len(shown) > 30 else ""
         return f"{self.file} has no column {name!r}{did_you_mean(name, self.columns, 0.5)}; it has {', '.join(shown[:30])}{more}"
+
+
+def _unit_in(name: str) -> re.Match[str] | None:
+    """Bare name, unit and number of a column whose name holds a unit."""
+    if match := _UNIT_IN_NAME.match(name):
+        return match
+    match = _DIVIDED.match(name)
+    return match if match and match[2].replace("·", "").replace("²", "2").lower() in _UNITS else None
 
 
 def words_of(error: BaseException) -> str:

@@ -21,7 +21,7 @@ from beltcomm.foreign.heading import Heading, OtherLength, RowShape, TextLine, h
 from beltcomm.foreign.longtable import unstacked
 from beltcomm.foreign.ownclocks import with_own_clocks
 from beltcomm.foreign.table import Column, Decimal, Separator, Table
-from beltcomm.foreign.textformat import MISSING, Format, recognised
+from beltcomm.foreign.textformat import MISSING, Format, plain_numbers, recognised, wide_encoding
 from beltcomm.outside import blocks, check_count, text_blocks, unreadable
 
 _OTHER_ENDS = re.compile("[\x0b\x0c\x1c-\x1e\x85\u2028\u2029]")
@@ -104,8 +104,8 @@ def _looked_at(path: Path, skip_lines: int) -> _Look:
     """The whole file once, for what it is and what its lines look like.   Raises DataError."""
     try:
         begin = next(blocks(path), b"")
-        if begin[:2] in {b"\xff\xfe", b"\xfe\xff"}:
-            return _sampled(path, "utf-16", skip_lines)
+        if wide := wide_encoding(begin):
+            return _sampled(path, wide, skip_lines)
         if b"\0" in begin[:4096]:
             raise DataError(f"{path} is not a text file (it holds zero bytes); give CSV, .mat or .npz")
         try:
@@ -147,7 +147,7 @@ def lines_in(text: str, *, keepends: bool = False) -> list[str]:
 
 
 def _pieces(path: Path, encoding: str) -> Iterator[str]:
-    return text_blocks(path, encoding, "strict" if encoding == "utf-8-sig" else "replace")
+    return map(plain_numbers, text_blocks(path, encoding, "strict" if encoding == "utf-8-sig" else "replace"))
 
 
 def _unique(names: Sequence[str]) -> list[str]:

@@ -16,7 +16,7 @@ from beltcomm.foreign.heading import TextLine
 from beltcomm.foreign.table import Decimal, Separator
 from beltcomm.outside import check_columns
 
-_SEPARATORS: dict[Separator, str] = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " "}
+_SEPARATORS: dict[Separator, str] = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "space": " "}
 #: What stands for a missing value.
 MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "inf", "-inf", "+inf"}
 #: Lines looked at to recognise the format, and the share of them that must be rows of one length.
@@ -27,8 +27,29 @@ _GROUPED = {
     True: re.compile(r"[-+]?\d{1,3}(\.\d{3})+(,\d*)?([eE][-+]?\d+)?"),
     False: re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d*([eE][-+]?\d+)?"),
 }
+#: Marks that part thousands and nothing else, between digits: apostrophes, narrow and unbroken blanks; and a minus as books print it.
+_PARTS = re.compile("(?<=\\d)['\u2019\u00a0\u2007\u2009\u202f](?=\\d{3}(?!\\d))")
+_MINUS = "\u2212"
+#: Bytes at the beginning that tell two bytes a letter, and share of them that are zero there.
+_WIDE, _ZEROS = 400, 0.9
 #: Quotes in a line of more than 100 000 characters beyond which they are no marks: a million would take minutes.
 _MOST_QUOTES = 1000
+
+
+def wide_encoding(begin: bytes) -> str:
+    """The encoding of a text with two bytes a letter, by its mark or by the zeros of Latin letters; "" for another one."""
+    if begin[:2] in {b"\xff\xfe", b"\xfe\xff"}:
+        return "utf-16"
+    for name, first in (("utf-16-le", 0), ("utf-16-be", 1)):
+        letters, zeros = begin[first:_WIDE:2], begin[1 - first : _WIDE : 2]
+        if len(zeros) > 3 and zeros.count(0) > _ZEROS * len(zeros) and not letters.count(0):
+            return name
+    return ""
+
+
+def plain_numbers(text: str) -> str:
+    """A text with its numbers as programs write them: thousands not parted by marks that nothing else has, a minus that is one."""
+    return _PARTS.sub("", text.replace(_MINUS, "-"))
 
 
 class Format(NamedTuple):
@@ -93,11 +114,11 @@ def recognised(path: Path, content: Sequence[TextLine], separator: Separator | N
     """The format under which the most of the file's cells are numbers, in rows of one length."""
     body = content[len(content) // 4 :]  # a preamble stands at the beginning
     sample = [body[i].text for i in np.unique(np.linspace(0, len(body) - 1, _SAMPLED_LINES).astype(int))]
-    marks = [_SEPARATORS[separator]] if separator else [",", ";", "\t", " "]
+    marks = [_SEPARATORS[separator]] if separator else [",", ";", "\t", "|", " "]
     best: tuple[float, Format] | None = None
     for mark in marks:
         for comma in [False, True] if decimal is None else [decimal == "comma"]:
-            if mark == "," and comma:
+            if (mark == "," and comma) or (mark == " " and best is not None and best[1].separator == "\t"):
                 continue
             found = _tried(str(path), sample, mark, comma, _parts_thousands(body, mark, comma))
             if found is not None and (best is None or found[0] > best[0] + 1e-9):
@@ -110,7 +131,7 @@ def recognised(path: Path, content: Sequence[TextLine], separator: Separator | N
         raise DataError(f"{path} has no rows of one length under {given}; leave it out, and the format is recognised")
     if best is None:
         raise DataError(
-            f"{path} is no table of numbers: no separator (comma, semicolon, tab, space) gives rows of one length. It begins with "
+            f"{path} is no table of numbers: no separator (comma, semicolon, tab, bar, space) gives rows of one length. It begins with "
             f"{content[0].text.strip()[:60]!r}. Export the signals as CSV: a row of names, then one row for each sample"
         )
     return _looked_through(best[1], content)

@@ -8,7 +8,7 @@ from beltcomm.laboratory.diagnosis import MOST_EFFECTS, Diagnosis, diagnose
 from beltcomm.laboratory.precompile import last_compiled
 from beltcomm.laboratory.run_checks import Checked
 from beltcomm.laboratory.scope import restrict_to_scope
-from beltcomm.rundata.fitted_run import explainable, records_of
+from beltcomm.rundata.fitted_run import explainable, records_of, with_remarks_on_loads
 from beltcomm.rundata.kept_fit import fit_base
 from beltcomm.rundata.reading_time import foretell
 from beltcomm.rundata.revisions import current_model
@@ -38,7 +38,8 @@ def search_of(folder: RunFolder, talk: Talk, most: int = MOST_EFFECTS) -> tuple[
         trying=lambda candidate: detail(talk, words.trial_line(candidate)),
     )
     explainable(found.base.ratio, folder.path)
-    return records, *restrict_to_scope(found, records.recordings)
+    restricted, doubts = restrict_to_scope(found, records.recordings)
+    return with_remarks_on_loads(folder, records, restricted.final_fit), restricted, doubts
 
 
 def staged(talk: Talk) -> Callable[[int, float], None]:

@@ -29,7 +29,7 @@ from beltcomm.laboratory.forward_selection import MISSING, with_effect
 from beltcomm.laboratory.gap_evidence import is_replaceable_gap
 from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes, fixed_forms
 from beltcomm.laboratory.place_words import in_words
-from beltcomm.laboratory.plain_error import of_run
+from beltcomm.laboratory.plain_error import of_run, unexplained_words
 from beltcomm.laboratory.scope import missing_records, not_named
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.visible import detection_limits
@@ -96,6 +96,8 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     comparison = compare(here.data, here.fitted)
     explainable(comparison.ratio, run)
     chosen, doubt = worst(comparison), noise_doubt(comparison.ratio, here.records.recordings)
+    if doubt and (left := unexplained_words({one.name: one.plain for one in comparison.records})):
+        doubt += f" {left}"
     named = landmarks(here.fitted.model, drawn.middle_of(here.folder))
     table = table_of(acting_recordings(here.records.recordings, here.data.path), here.fitted.model)
     sensor = sensed(here.fitted.model, here.records.recordings)
@@ -331,7 +333,7 @@ def add_to_run(
         Values before and after, and whether the effect is worth its parameters.
     """
     run, asked = place(run), word(effect, "effect")
-    effect_named(stands_for(asked))
+    refuse_load(stands_for(asked), run)
     here = open_fitted(run, talk or Silence())
     effect = stands_for(asked, behind_gap=needs_observer(here.fitted.model))
     if effect in here.fitted.model.effects:
@@ -367,6 +369,15 @@ def add_to_run(
     return Result({**result.data, "cost": price}, [*result.text[:-1], *lines, result.text[-1]])
 
 
+def refuse_load(effect: str, run: Path) -> None:
+    """Raise UsageError for an effect that comes with the records, and for none of the catalogue."""
+    if effect_named(effect).slot == "load_of_record":
+        raise UsageError(
+            f"{effect} comes with the records that name another load, and goes with them: write `load: NAME` into their sidecars in "
+            f"{run / 'recordings'}, or import them with --load NAME"
+        )
+
+
 @about_run()
 def remove_from_run(
     effect: str, run: Place, *, pictures: bool = True, command: str = "", when: str = "", talk: Talk | None = None
@@ -394,6 +405,7 @@ def remove_from_run(
         Values before and after.
     """
     run, asked = place(run), word(effect, "effect")
+    refuse_load(asked, run)
     here = open_fitted(run, talk or Silence())
     effect = stands_for(asked, behind_gap=asked in here.fitted.model.effects)
     if effect not in here.fitted.model.effects:

@@ -21,6 +21,7 @@ from beltcomm.laboratory.samples import (
     Samples,
     Units,
     bands,
+    bin_numbers,
     bins_of,
     dimensions,
     gather_samples,
@@ -118,7 +119,8 @@ def worst_places(judged: Sequence[Judged]) -> list[ErrorRegion]:
         spans = bad_spans(bins.ratio, bins.count)
         if not spans:
             continue
-        inside = [(values >= edges[first]) & (values < edges[last]) for first, last in spans]
+        number = bin_numbers(values, edges)
+        inside = [(number >= first) & (number < last) for first, last in spans]
         bad = np.any(inside, axis=0)
         if bad.mean() > MOST:
             continue

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.in_band import Banded, band_limited_errors, band_of
+from beltcomm.fit.in_band import QUIET_SHARE, Banded, band_limited_errors, band_of
 from beltcomm.fit.records import Data
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.samples import units_of
 from beltcomm.model import Model
+
+#: Error in the band over its noise from which on it is none.
+ABOVE = 2.0
 
 
 def plain_error(parts: Sequence[Banded], model: Model, band_hz: float) -> PlainError | None:
@@ -24,6 +27,20 @@ def plain_error(parts: Sequence[Banded], model: Model, band_hz: float) -> PlainE
     torque = math.sqrt(sum(float(np.sum(part.torque[part.keep] ** 2)) for part in parts) / count)
     noise = math.sqrt(sum(part.noise**2 * np.count_nonzero(part.keep) for part in parts) / count)
     return PlainError(error, noise, torque, 100.0 * error / torque if torque > 0.0 else math.inf, units_of(model).force, band_hz)
+
+
+def unexplained_words(errors: Mapping[str, PlainError | None]) -> str:
+    """What of a record, by its name, noise cannot be whatever it was taken for, in words: its slow part; "" where there is none."""
+    seen = {
+        name: one for name, one in errors.items() if one is not None and one.error > ABOVE * one.noise and one.percent > 100.0 * QUIET_SHARE
+    }
+    if not seen:
+        return ""
+    name, worst = max(seen.items(), key=lambda item: item[1].percent)
+    return (
+        f"Below {worst.band_hz:g} Hz {worst.percent:.0f} % of the torque of {name} is not explained, {worst.error / worst.noise:.1f} times "
+        "what such noise leaves there: that is no noise, something is missing in the model."
+    )
 
 
 def of_run(data: Data, fitted: Fitted, band_hz: float | None = None) -> tuple[PlainError | None, PlainError | None]:

@@ -24,6 +24,7 @@ from beltcomm.recording import Recording
 from beltcomm.recording.checks import clipped_share, long_steps, rigid_inertia, unit_words
 from beltcomm.recording.columns import CHANNELS
 from beltcomm.recording.sampling import EVEN, SIGMAS, Jitter, Uneven, encoder_grid, finest, stamp_jitter, uneven_rows
+from beltcomm.recording.sidecar import Sidecar
 
 Array = NDArray[np.float64]
 
@@ -311,28 +312,39 @@ def _refuse_two_axes(timed: Sequence[Recording], axis: Axis) -> None:
     # A reading that is filtered or late shows the friction of a short stroke late, which poses as a negative inertia; but it brakes on.
     _refuse_negative([r for r, found in told if found.inertia < -NEGATIVE * found.error and found.dissipated <= 0.0 and own])
     _refuse_light(own, axis)
-    payloads = {r.sidecar.payload_kg for r, _, _ in own}
-    if len(own) > 1 and len(payloads) == 1:
-        values, errors = np.array([[i, e] for _, i, e in own]).T
-        apart = np.abs(values[:, None] - values[None, :]) - 4.0 * np.hypot(errors[:, None], errors[None, :])
-        far = apart > INERTIA * np.minimum(values[:, None], values[None, :])
-        if far.any():
-            # of those that contradict somebody the one that contradicts the fewest
-            kept = int(np.argmin(np.where(far.any(axis=1), far.sum(axis=1), len(own))))
-            _, first, error = own[kept]
-            like = [r for (r, _, _), other in zip(own, far[kept], strict=True) if not other]
-            unlike = [one for one, other in zip(own, far[kept], strict=True) if other]
-            unit = timed[0].inertia_unit
-            raise DataError(
-                f"the records are not of one axis, or not with one payload: {names_of(like)} show an inertia of {first:.3g} ± "
-                f"{2.0 * error:.1g} {unit} in all, {names_of(r for r, _, _ in unlike)} {unlike[0][1]:.3g} ± "
-                f"{2.0 * unlike[0][2]:.1g} {unit} "
-                f"(allowed: {100.0 * INERTIA:.0f} % apart). Keep those of each axis and payload in a run of its own, or state "
-                "payload_kg in "
-                "the sidecars and fit one payload at a time; if it is one axis, a column of one of them is in another unit"
-            )
+    for load in dict.fromkeys(load_key(r.sidecar) for r, _, _ in own):
+        _refuse_apart([one for one in own if load_key(one[0].sidecar) == load])
     if timed[0].side == "motor":
         _refuse_two_encoders(timed)
+
+
+def _refuse_apart(own: Sequence[tuple[Recording, float, float]]) -> None:
+    """Raise DataError where records of one load, as far as they say, show different inertias."""
+    if len(own) < 2:
+        return
+    values, errors = np.array([[i, e] for _, i, e in own]).T
+    apart = np.abs(values[:, None] - values[None, :]) - 4.0 * np.hypot(errors[:, None], errors[None, :])
+    far = apart > INERTIA * np.minimum(values[:, None], values[None, :])
+    if far.any():
+        # of those that contradict somebody the one that contradicts the fewest
+        kept = int(np.argmin(np.where(far.any(axis=1), far.sum(axis=1), len(own))))
+        _, first, error = own[kept]
+        like = [r for (r, _, _), other in zip(own, far[kept], strict=True) if not other]
+        unlike = [one for one, other in zip(own, far[kept], strict=True) if other]
+        unit = own[0][0].inertia_unit
+        raise DataError(
+            f"the records are not of one axis, or not with one payload: {names_of(like)} show an inertia of {first:.3g} ± "
+            f"{2.0 * error:.1g} {unit} in all, {names_of(r for r, _, _ in unlike)} {unlike[0][1]:.3g} ± "
+            f"{2.0 * unlike[0][2]:.1g} {unit} "
+            f"(allowed: {100.0 * INERTIA:.0f} % apart). If another load was mounted, say so in their sidecars: payload_kg (or "
+            "payload_inertia_kg_m2) where it is known, else `load: NAME`, and the fit finds it (import: --payload, --load). Keep those of "
+            "another axis in a run of their own; if nothing was changed, a column of one of them is in another unit"
+        )
+
+
+def load_key(sidecar: Sidecar) -> tuple[object, ...]:
+    """The same for records that carry the same load, as far as they say."""
+    return sidecar.load, sidecar.payload_kg, sidecar.payload_inertia_kg_m2
 
 
 def _refuse_negative(negative: Sequence[Recording]) -> None:

@@ -173,9 +173,14 @@ def position_edges(samples: Samples) -> Array:
     return grid(samples.position, max(PLACE_M, float(np.ptp(samples.position)) / MOST_PLACES))
 
 
+def bin_numbers(values: Array, edges: Array) -> NDArray[np.intp]:
+    """Number of the bin of every value; those beyond the edges are in the bins at the ends."""
+    return np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+
+
 def bins_of(dimension: str, values: Array, edges: Array, unit: str, squares: Array) -> Bins:
     """Ratios along one dimension."""
-    number = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+    number = bin_numbers(values, edges)
     count = np.bincount(number, minlength=len(edges) - 1)
     total = np.bincount(number, squares, minlength=len(edges) - 1)
     ratio = np.where(count >= FEWEST, np.sqrt(total / np.maximum(count, 1)), np.nan)

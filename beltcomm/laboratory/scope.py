@@ -15,7 +15,9 @@ import numpy as np
 from beltcomm.effects import EFFECTS
 from beltcomm.fit.noise_level import noise_doubt
 from beltcomm.identify.landmarks import shape_of
+from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Stage
+from beltcomm.laboratory.plain_error import unexplained_words
 from beltcomm.laboratory.samples import units_of
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -38,7 +40,8 @@ def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tupl
     """The diagnosis without names or a verdict that these records cannot bear, and sentences on it."""
     doubt = noise_doubt(found.final_fit.ratio, recordings)
     if doubt and found.verdict != "partly explained":
-        return replace(found, verdict="cannot tell"), [doubt]
+        left = unexplained_words({one.name: one.plain for one in compare(found.data, found.final_fit).records})
+        return replace(found, verdict="cannot tell"), [doubt, *([left] if left else [])]
     if found.data.path.commanded and all(SLOTS.get(name) in DRIVE_SLOTS for name in found.added_effects):
         return without_names(found), [commanded_only_words(found)]
     sentence = "" if found.verdict == "explained" or acts_slowly(found) else undersampling_remark(found.base.model, recordings)

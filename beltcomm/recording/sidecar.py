@@ -70,6 +70,10 @@ class Sidecar:
         Never used to fit, only to judge.
     payload_kg : float or None, kg
         What was mounted.
+    payload_inertia_kg_m2 : float or None, kg m²
+        The same of a load that turns, about its own axis.
+    load : str
+        Name of what was mounted: where nobody knows what it weighs, the fit finds out.
     controller : dict of str to Any
         The known controller.
     source : str
@@ -91,6 +95,8 @@ class Sidecar:
     closed_loop: bool = False
     held_out: bool = False
     payload_kg: float | None = None
+    payload_inertia_kg_m2: float | None = None
+    load: str = ""
     excitation: ExcitationNote | None = None
     controller: Mapping[str, Any] = field(default_factory=dict)
     source: str = ""
@@ -100,8 +106,9 @@ class Sidecar:
 
     def __post_init__(self) -> None:
         _check_choice("experiment", self.experiment, EXPERIMENTS)
-        if self.payload_kg is not None and self.payload_kg < 0.0:
-            raise DataError(f"payload_kg is {self.payload_kg:g} kg; it must not be negative")
+        for key, unit in (("payload_kg", "kg"), ("payload_inertia_kg_m2", "kg m²")):
+            if (value := getattr(self, key)) is not None and value < 0.0:
+                raise DataError(f"{key} is {value:g} {unit}; it must not be negative")
         if self.excitation is None:
             return
         _check_choice("excitation.kind", self.excitation.kind, EXCITATION_KINDS)
@@ -183,7 +190,7 @@ def _typed(key: str, value: Any) -> Any:
     name = key.rpartition(".")[2]
     if name == "period_starts" and isinstance(value, (list, tuple)):
         return tuple(_typed(key, item) for item in value)
-    if name in {"experiment", "source", "accepted", "kind"}:
+    if name in {"experiment", "source", "accepted", "kind", "load"}:
         return str(value)
     if name in {"closed_loop", "held_out", "finished"}:
         if not isinstance(value, bool):

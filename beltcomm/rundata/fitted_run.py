@@ -8,6 +8,9 @@ from pathlib import Path
 
 from beltcomm.errors import DataError
 from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.intervals import with_intervals
+from beltcomm.fit.loads import load_remarks
+from beltcomm.fit.loads_found import clearest
 from beltcomm.fit.records import Data
 from beltcomm.given import pasted
 from beltcomm.laboratory.cross_checks import SheetDoubt, doubts_of
@@ -60,7 +63,17 @@ def open_fitted(run: Path, talk: Talk) -> Opened:
     records = records_of(folder)
     talk.phase(1, 1, "fit of the present model")
     _, data, fitted = fit_base(folder, records.recordings, current_model(folder))
-    return Opened(folder, data, fitted, records)
+    return Opened(folder, data, fitted, with_remarks_on_loads(folder, records, fitted))
+
+
+def with_remarks_on_loads(folder: RunFolder, records: Checked, fitted: Fitted) -> Checked:
+    """The records with what different loads weigh among the remarks, or which of them shows one that nobody mentioned.
+
+    In a session at a drive nothing is mounted between two records.
+    """
+    if not any(piece.motion.mounted for piece in fitted.problem.pieces):
+        return records if folder.drive else replace(records, remarks=(*records.remarks, *clearest(fitted)))
+    return replace(records, remarks=(*records.remarks, *load_remarks(records.recordings, with_intervals(fitted))))
 
 
 def explainable(ratio: float, run: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from beltcomm import caches
 from beltcomm.errors import BeltcommError
 from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.loads import with_loads
 from beltcomm.fit.records import Data
 from beltcomm.fit.start import start_model
 from beltcomm.fit.stored import key_of, restore_fit, store_fit
@@ -37,7 +38,7 @@ def fit_base(folder: RunFolder, recordings: Sequence[Recording], model: Model | 
             caches.damaged(path)
     from beltcomm.laboratory.diagnosis import fit_base_of  # the report mostly finds its fit, and imports no search
 
-    start = start_model(folder.axis, recordings) if model is None else model
+    start = start_model(folder.axis, recordings) if model is None else with_loads(model, recordings)
     data, fitted = fit_base_of(recordings, folder.axis, start)
     _write(folder, recordings, model, start, data, fitted)
     return start, data, fitted

@@ -26,6 +26,7 @@ from scipy.interpolate import CubicSpline
 
 from beltcomm.effects import EFFECTS
 from beltcomm.model import Model
+from beltcomm.model.mounted import Mounted, loaded
 from beltcomm.simulate.intersample import Intersample
 from beltcomm.simulate.kernels.compose import inverse_kernel
 from beltcomm.simulate.kernels.learning import with_memory
@@ -77,6 +78,8 @@ class FineMotion:
     creep : tuple of ndarray or None
         Angle and speed as the motor's friction sees them, where the encoder's steps hide that a slow motion goes on in one direction; None:
         as they are.
+    mounted : Mounted or None
+        Load of its record, where that is another one than the model's.
     """
 
     theta: Array
@@ -88,6 +91,7 @@ class FineMotion:
     bristle_m: float = BRISTLE_M
     within: Intersample | None = None
     creep: tuple[Array, Array] | None = None
+    mounted: Mounted | None = None
     #: What :func:`true_motion` last made of it, by the values of the sensor's errors: most of a fit does not change them.
     made_true: dict[tuple[object, ...], FineMotion] = field(init=False, repr=False, compare=False, default_factory=dict)
     #: What :func:`motor_load` last said of it, by effects and values: most of what is tried leaves the motor's own friction alone.
@@ -227,7 +231,7 @@ def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, off
         A resting carriage is held by its friction up to level/stiffness away from where the belt is unstretched.
     """
     board = switchboard(model.base_bodies, model.effects)
-    p = board.masked_vector(model.vector() if vector is None else vector)
+    p = board.masked_vector(loaded(model, model.vector() if vector is None else vector, motion.mounted))
     load, cart = np.empty_like(motion.theta), np.empty_like(motion.theta)
     h, kernel = motion.sample_s / motion.substeps, inverse_kernel()
     given = (motion.theta, motion.omega, p, board.on, motion.time_s, h)
@@ -246,7 +250,7 @@ def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, off
 def motor_load(model: Model, motion: FineMotion, vector: Array, effect: str | None = None) -> Array:
     """Load by the effects that act on the motor alone, or one of them; triangular mean, (n,), N m, ends 0; read only."""
     board = switchboard(model.base_bodies, model.effects)
-    on = board.motor
+    on, vector = board.motor, loaded(model, vector, motion.mounted)
     if effect is not None:
         on = np.zeros_like(board.on)
         on[[e.name for e in EFFECTS].index(effect)] = True
@@ -276,6 +280,7 @@ def belt_loads(model: Model, motion: FineMotion, vectors: Sequence[Array], offse
     board = switchboard(model.base_bodies, model.effects)
     if not board.belt.any():
         return np.zeros((motion.samples, len(vectors)))
+    vectors = [loaded(model, vector, motion.mounted) for vector in vectors]
     h = motion.sample_s / motion.substeps
     if board.plain:
         by_name = dict(zip(model.parameters, np.array(vectors).T, strict=True))
@@ -302,6 +307,7 @@ def follow_bodies(model: Model, motions: Sequence[FineMotion], vectors: Sequence
         With one transmission.
     """
     board = switchboard(model.base_bodies, model.effects)
+    vectors = [loaded(model, vector, motion.mounted) for motion, vector in zip(motions, vectors, strict=True)]
     alike: dict[tuple[float, ...], list[int]] = {}
     for i, (motion, watch) in enumerate(zip(motions, watches, strict=True)):
         alike.setdefault((motion.substeps, motion.sample_s, len(watch.s), watch.cart), []).append(i)
@@ -438,7 +444,7 @@ def torque_residuals(model: Model, motion: FineMotion, torque: Array, vectors: S
             needed = motor_load(model, true, p) + belt_load(model, true, p, offset)
         else:
             needed, _ = load_torque(model, true, p, offset)
-        needed[1:-1] += model.driven_inertia(p) * np.diff(true.theta[:: true.substeps], 2) / true.sample_s**2
+        needed[1:-1] += model.driven_inertia(loaded(model, p, motion.mounted)) * np.diff(true.theta[:: true.substeps], 2) / true.sample_s**2
         acting = acting_torque(model, true, torque, p)
         left.append(as_read(needed, float(acting[1]), true.sample_s, reading_lags(model, p)) - acting)
     return left

@@ -69,6 +69,31 @@ KINDS: list[Kind] = [
         shown="thousands parted",
     ),
     Kind(
+        "UTF-16 without its mark, bars, Swiss thousands, a printed minus",
+        put(
+            "a.txt",
+            "Zeit [s]|Drehmoment [mNm]|Lage [rad]\n"
+            + "".join(
+                f"{t:.3f}|{grouped(1e3 * a, chr(39), '.')}|{b:.6f}\n".replace("-", chr(0x2212))
+                for t, a, b in zip(T, TORQUE, ANGLE, strict=True)
+            ),
+            "utf-16-le",
+        ),
+        shown="separated by bar",
+    ),
+    Kind(
+        "DIN names, a temperature with holes",
+        put(
+            "a.csv",
+            table(
+                "t / s;Drehmoment / N·m;Lage / rad;Temperatur / °C",
+                (T, TORQUE, ANGLE, [f"{20 + 0.001 * k:.3f}" if k % 7 else "" for k in range(ROWS)]),
+                ";",
+            ).replace(".", ","),
+        ),
+        shown="temperature_c has no value in 172 of 1200 rows and is left out",
+    ),
+    Kind(
         "US CSV, thousands in quotes",
         put(
             "a.csv",

@@ -131,6 +131,38 @@ def test_frames_are_the_same_whatever_wrote_them(name: str, tmp_path: Path) -> N
     np.testing.assert_allclose(log.t_s, [m.timestamp - messages[0].timestamp for m in messages], atol=2e-6 if "trc" not in name else 1e-4)
 
 
+def shown(messages: list[can.Message], flags: str = "", colour: str = "") -> str:
+    """As ``candump -t d`` shows frames: the time since the one before."""
+    lines, last = [], messages[0].timestamp
+    for m in messages:
+        since, last = m.timestamp - last, m.timestamp
+        lines.append(f"{colour} ({since:010.6f})  can0  {flags}{hexed(m)}   [{len(m.data)}]  " + " ".join(f"{b:02X}" for b in m.data))
+    return "\n".join(lines) + "\n"
+
+
+ODD = {
+    "even times between frames": (shown, "utf-8"),
+    "candump -x": (lambda m: shown(m, flags="RX - -  "), "utf-8"),
+    "in colours": (lambda m: shown(m, colour="\x1b[34m"), "utf-8"),
+    "candump -L with a mark of UTF-8": (candump, "utf-8-sig"),
+    "candump -L redirected by PowerShell": (candump, "utf-16"),
+    "Vector .asc with a mark of UTF-8": (asc, "utf-8-sig"),
+    "SavvyCAN with a mark of UTF-8": (lambda m: savvycan(m, direction=True), "utf-8-sig"),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_an_odd_way_of_writing_costs_no_frame(name: str, tmp_path: Path) -> None:
+    content, encoding = ODD[name]
+    messages = frames(remote=False)
+    (tmp_path / "a.log").write_bytes(content(messages).encode(encoding))
+    assert kind_of_log(tmp_path / "a.log") is not None
+    log = read_frames(tmp_path / "a.log")
+    assert [int(i) & 0x7FFFFFFF for i in log.identifier] == [m.arbitration_id for m in messages]
+    assert [bytes(d[:n]) for d, n in zip(log.data, log.length, strict=True)] == [bytes(m.data) for m in messages]
+    np.testing.assert_allclose(log.t_s, [m.timestamp - messages[0].timestamp for m in messages], atol=2e-6 * len(messages))
+
+
 FD = {
     "candump": "\n".join(f"({START_S}.{k:06d}) can0 181##1{'00' * 12}" for k in range(50)),
     "asc": "date Fri May  3 12:00:00 2024\nbase hex  timestamps absolute\n"

@@ -63,3 +63,22 @@ def test_a_column_called_as_programs_begin_is_a_column(tmp_path: Path, content: 
             read_table(path)
     else:
         assert "MZ" in read_table(path).columns
+
+
+OWN_CLOCKS = [kind for kind in KINDS if kind.name.startswith(("TwinCAT", "LabVIEW .lvm, ", "Rigol", "Tektronix"))]
+
+
+@pytest.mark.parametrize("kind", OWN_CLOCKS, ids=lambda kind: kind.name)
+def test_rows_that_changed_places_or_stand_twice_are_never_taken_in_silence(kind: Kind, tmp_path: Path) -> None:
+    """The sample time that such a file states must not stand for stamps that contradict it."""
+    file = kind.make(tmp_path)
+    lines = file.read_text(encoding="utf-8").splitlines()
+    at = len(lines) // 2
+    changed = [*lines[:at], lines[at + 40], *lines[at + 1 : at + 40], lines[at], *lines[at + 41 :]]
+    for rows, refused in ((changed, True), ([*lines[:at], lines[at], *lines[at:]], False)):
+        file.write_text("\n".join(rows) + "\n", encoding="utf-8")
+        outcome = CliRunner().invoke(cli, ["import", str(file), "--run", str(tmp_path / "run"), *kind.words])
+        assert outcome.exit_code == (3 if refused else 0), outcome.output
+        assert ("of its signals goes back by" if refused else "that repeat the ones before left out") in outcome.output or (
+            refused and "miss a value" in outcome.output  # the stamp of a slower signal stands where it has none
+        ), outcome.output

@@ -29,8 +29,8 @@ HIDDEN = ("belt_stiffness", "stiffness_position", "end_pulley", "payload_mode", 
 SPANS = ("belt_spans", "belt_damping", "viscous_cart")
 REAL = ("belt_stiffness", "belt_damping", "elastic_shaft", "viscous", "viscous_asymmetry", "viscous_load", "coulomb", "coulomb_load",
         "friction_dip", "friction_freeform", "holding_brake", "load_friction", "unbalance", "travel_ripple", "measurement_lag",
-        "feed_constant")  # fmt: skip
-RIGID = ("rigid_load", "viscous", "coulomb", "tilt")
+        "feed_constant", "other_load", "other_load_2", "other_load_3")  # fmt: skip
+RIGID = ("rigid_load", "viscous", "coulomb", "tilt", "other_inertia", "other_inertia_2", "other_inertia_3")
 CHOSEN = (FULL, HIDDEN, REAL, SPANS, ("belt_stiffness", "cart_friction"), RIGID)
 #: An effect that nobody has put among others stands on the plain belt.
 COMBINATIONS = (*CHOSEN, *(("belt_stiffness", e.name) for e in EFFECTS if not any(e.name in some for some in CHOSEN)))

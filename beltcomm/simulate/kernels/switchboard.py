@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 #: Slots of what changes angle or torque and no load.
 BEFORE_THE_LOAD = ("sensor", "torque_path", "torque_delay", "torque_reading")
+#: Slots of what only changes the mass of a body that is there anyway.
+MASSES = ("rigid", "load_of_record")
 _CATALOGUE_SIZE = len(catalogue_parameters())
 
 
@@ -79,7 +81,7 @@ def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switc
         np.array([catalogue[name] for name in own], dtype=np.intp),
         np.array([effect.name in effects for effect in EFFECTS]),
         np.array([effect.name in effects and acts_on_motor(effect) for effect in EFFECTS]),
-        np.array([effect.name in effects and not acts_on_motor(effect) and effect.slot != "rigid" for effect in EFFECTS]),
+        np.array([effect.name in effects and not acts_on_motor(effect) and effect.slot not in MASSES for effect in EFFECTS]),
         tuple(laws.get("torque_delay", ())),
         tuple(laws.get("torque_reading", ())),
         any(e.slot == "torque_path" for e in chosen),
@@ -92,4 +94,4 @@ def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switc
 
 def _effects_beyond_motor(chosen: Sequence[Effect]) -> set[str]:
     """Names of the effects beyond the motor."""
-    return {e.name for e in chosen if not acts_on_motor(e) and e.slot not in BEFORE_THE_LOAD}
+    return {e.name for e in chosen if not acts_on_motor(e) and e.slot not in (*BEFORE_THE_LOAD, *MASSES)}
