@@ -52,6 +52,8 @@ _OPTIONS: Final = ("node", "bitrate", "profile", "sample_period", "log", "namepl
 EXAMINATION_OPTIONS: Final = ("try_bitrates", "sync_test")
 #: s beyond the guard time within which a drive must have reacted to the silence of its host.
 GUARD_TOLERANCE_S: Final = 0.05
+#: rad: of a motor whose units nobody tells, a third of a millimetre of an ordinary carriage; were they 16 times as long, 5 mm.
+FEEL_RAD: Final = 0.025
 _COMMUNICATION_ERRORS: Final = 0x81  # first byte of the EMCY codes for life guarding, heartbeat and the bus
 
 
@@ -102,6 +104,8 @@ class CanopenDrive(ObjectDrive):
                 sample_period_s,
                 nameplate,
             )
+            if self._speed_unit is not None and not self._scaling.position_told:
+                self.capabilities = dataclasses.replace(self.capabilities, feel_rad=FEEL_RAD)
         except BaseException:
             self._session.give_back()
             raise
@@ -126,6 +130,7 @@ class CanopenDrive(ObjectDrive):
         if unit_rad_s is None:
             return
         before, self._speed_unit, self._speed_rad_s = self._scaling, None, unit_rad_s
+        self.capabilities = dataclasses.replace(self.capabilities, feel_rad=0.0)
         self._scaling = before.with_speed(unit_rad_s)
         if abs(unit_rad_s / before.speed_rad_s - 1.0) > 1e-6:
             self._learnt = (

@@ -34,7 +34,8 @@ class Scaling:
 
     position_rad, speed_rad_s, acceleration_rad_s2, torque_nm : per raw unit.     counts_per_rev : encoder counts.
     rated_torque_nm : N m (6076h).     rated_current_a : A rms (6075h).   ramp : an acceleration is the time of a ramp, in s⁻¹ of its unit.
-    said : sentences on what does not come from the drive.   speed_told, acceleration_told : whether somebody tells these units.
+    said : sentences on what does not come from the drive.   position_told, speed_told, acceleration_told : whether drive or profile tell
+    these units.
     """
 
     position_rad: float
@@ -48,6 +49,7 @@ class Scaling:
     said: tuple[str, ...] = ()
     speed_told: bool = True
     acceleration_told: bool = True
+    position_told: bool = True
 
     def with_speed(self, speed_rad_s: float) -> Scaling:
         """Scaling with another unit of speed, and of acceleration where nobody tells that: the one of speed per second."""
@@ -90,7 +92,7 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
         position, speed, acceleration, internal = _factor_group(objects, lending)
         return Scaling(position, speed, acceleration, unit_nm, internal, torque_nm, current_a, said=tuple(said))
     counts = _counts(objects, profile, plate, said)
-    position, metres = _position(objects, profile, counts, said)
+    position, metres, position_told = _position(objects, profile, counts)
     ground = Ground(position, _TURN / counts if counts else None, metres)
     speed_unit, speed_told = _told(objects, 0x60A9, profile.velocity_unit, 1, RawUnit(1.0, "unit", 1), said)
     speed = ground.si(speed_unit, "speed (60A9h)")
@@ -104,7 +106,7 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
     whole = counts or round(_TURN / abs(position))
     return Scaling(
         position, speed, acceleration, unit_nm, whole, torque_nm, current_a, acceleration_unit.ramp, tuple(said), speed_told,
-        acceleration_told,
+        acceleration_told, position_told,
     )  # fmt: skip
 
 
@@ -171,8 +173,8 @@ def _counts(objects: Objects, profile: Profile, plate: KnownMotor, said: list[st
     return plate.counts_per_rev
 
 
-def _position(objects: Objects, profile: Profile, counts: int | None, said: list[str]) -> tuple[float, float | None]:
-    """One position unit in rad of the motor; one rad of the motor in m of the load, where the units are of length."""
+def _position(objects: Objects, profile: Profile, counts: int | None) -> tuple[float, float | None, bool]:
+    """One position unit in rad of the motor; one rad of the motor in m of the load, where the units are of length; whether it is told."""
     gear = _ratio_or_one(objects, 0x6091)
     code = objects.read_if_there(0x60A8, 0, "uint32")
     unit = coded(code) if code else None
@@ -181,18 +183,19 @@ def _position(objects: Objects, profile: Profile, counts: int | None, said: list
         feed = None
     if feed is not None:
         position = _TURN * gear / feed
-        return position, unit.value / position if unit and unit.of == "m" and unit.per == 0 else None
+        return position, unit.value / position if unit and unit.of == "m" and unit.per == 0 else None, True
     if unit is not None and unit.of == "rad" and unit.per == 0:
-        return unit.value * gear, None
+        return unit.value * gear, None, True
     if profile.position_unit is not None:
-        return Ground(None, _TURN / counts if counts else None).si(named(profile.position_unit, 0), "position"), None
+        return Ground(None, _TURN / counts if counts else None).si(named(profile.position_unit, 0), "position"), None, True
     if counts is None:
         raise DriveError(
             "the drive tells neither its encoder (608Fh) nor its feed (6092h), or its factor group stands at 1/1 as from the factory, so "
             "that nobody knows what a position unit is; state motor.encoder_counts_per_rev in axis.yaml and give --axis, or set the factor "
             "group (608Fh, 6091h, 6092h) with the maker's tool"
         )
-    return _TURN * gear / counts, None
+    encoder = objects.read_if_there(0x608F, 1, "uint32")
+    return _TURN * gear / counts, None, encoder is not None and encoder > 1
 
 
 def _told(objects: Objects, index: int, by_profile: str | None, per: int, otherwise: RawUnit, said: list[str]) -> tuple[RawUnit, bool]:

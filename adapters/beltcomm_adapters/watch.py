@@ -67,6 +67,12 @@ class Watch:
         if before is not None and self._differences:
             self._odometer(travel, velocity, elapsed_s)
 
+    def learn(self, sample: Sample) -> None:
+        """A sample of the stop, which breaks no limit any more, for a unit of speed that is being learnt."""
+        before, self._before = self._before, sample
+        if before is not None and isinstance(self._odometer, SpeedUnit):
+            self._odometer(sample.position - before.position, sample.velocity, max(sample.stamp_s - before.stamp_s, self._period_s))
+
     @property
     def longest_stop_s(self) -> float:
         """Longest time of a quick stop, s: its ramp from the highest speed, and what a drive needs beside it."""

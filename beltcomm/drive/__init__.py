@@ -259,6 +259,8 @@ class Capabilities:
         In words, the period of the exchange and what it costs the bus; why the unit of torque is in doubt, "" when it is not.
     shortest_guard_s : float or None, s
         Shortest time in which it can be made to notice that its host is gone; None when nothing in it watches the host.
+    feel_rad : float, rad, motor shaft
+        No further goes the first motion, which shows whether the units that nobody tells are those that are taken; 0 where they are told.
     overload_time_s : float or None, s
         For which the drive lets the motor have its peak torque from cold; None when it does not tell.
     encoder_counts_per_rev : int or None
@@ -291,6 +293,7 @@ class Capabilities:
     shortest_guard_s: float | None = None
     encoder_counts_per_rev: int | None = None
     overload_time_s: float | None = None
+    feel_rad: float = 0.0
 
 
 @dataclass(frozen=True)

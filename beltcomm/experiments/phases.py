@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.axis.entries import TrajectoryLimits
-from beltcomm.drive import Capabilities
+from beltcomm.drive import Capabilities, Limits
 from beltcomm.errors import NoMotion, Refused, SafetyStop, UsageError
 from beltcomm.excitation import AskedExcitation, Choice, Excitation, ExcitationKind, PrbsChoice, choose, choose_prbs, visible_band
 from beltcomm.excitation.record import SELDOM_S
@@ -110,6 +110,7 @@ def sign_and_scale(machine: Machine) -> Breakaway:
     limits = replace(limits, release=bool(machine.axis.motor.brake_torque_nm))  # should gravity pull after all, the brake stops it
     host_loss.prove(machine)
     begun = machine.drive.clock.now()
+    feel_units(machine, limits, 1.0, min(SIGN_REACH_M, high - at))
     found = {}
     for sign in (1.0, -1.0):
         here = machine.position_m
@@ -119,6 +120,13 @@ def sign_and_scale(machine: Machine) -> Breakaway:
     machine.machine_seconds += machine.drive.clock.now() - begun
     machine.folder.journal(f"breakaway {found[1.0]:.3f} N m forward, {found[-1.0]:.3f} N m backward")
     return Breakaway(found[1.0], found[-1.0], crept.slope_nm_s)
+
+
+def feel_units(machine: Machine, limits: Limits, sign: float, left_m: float) -> None:
+    """Of a drive whose units nobody tells, creep so little that no wrong unit makes a long way of it; the next record knows them."""
+    feel_m = machine.drive.capabilities.feel_rad * machine.ratio
+    if feel_m:
+        creep(machine.drive, machine.axis, limits, sign * min(feel_m, SIGN_TRAVEL_M), left_m, left_m=left_m)
 
 
 def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
