@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
-from beltcomm.drive import Capabilities, KnownMotor
+from beltcomm.drive import Capabilities, KnownMotor, StatedReading
 from beltcomm.drive.objects import ParameterObject
 from beltcomm.drive.parameters import gain_access
 from beltcomm.errors import BusError, ObjectRefused
@@ -149,6 +149,7 @@ def read_capabilities(
         if profile.torque_scale.confidence in ("read", "simulated")
         and (profile.torque_scale.of == "rated_torque" or profile.torque_scale.nm)
         else _doubt(profile),
+        torque_reading=_stated(profile),
         shortest_guard_s=max(SHORTEST_GUARD_S, GUARD_PERIODS * period_s),
     )
 
@@ -161,6 +162,14 @@ def read_top_speed_rad_s(objects: Objects) -> float | None:
         if error.abort_code in ABSENT:
             return None
         raise
+
+
+def _stated(profile: Profile) -> StatedReading | None:
+    """What a profile states of the torque that is reported; None where it states nothing."""
+    late, lag, command = profile.actual_torque.late_ms, profile.actual_torque.filter_ms, profile.actual_torque.command
+    if late is None and lag is None and command is None:
+        return None
+    return StatedReading(None if late is None else 1e-3 * late, None if lag is None else 1e-3 * lag, command)
 
 
 def _doubt(profile: Profile) -> str:

@@ -326,12 +326,12 @@ def guard(objects: Objects, lending: Lending, profile: Profile, guard_s: float) 
         try:
             if kind == "heartbeat":
                 lending.set(0x1016, 1, "uint32", HOST_NODE << 16 | time_ms)
-                heed(objects, lending)
+                heed(objects, lending, profile.error_behaviour)
                 return "heartbeat"
             lending.set(0x1017, 0, "uint16", 0)  # a heartbeat of the drive would switch node guarding off
             lending.set(0x100D, 0, "uint8", 1)
             lending.set(0x100C, 0, "uint16", time_ms)
-            heed(objects, lending)
+            heed(objects, lending, profile.error_behaviour)
             return "node_guarding"
         except ObjectRefused as refused:
             refusals.append(str(refused))

@@ -132,6 +132,23 @@ PROFILE: Final = FieldGroup(
             },
             ("of", "check"),
         ),
+        "actual_torque": FieldGroup(
+            {
+                **_PLACE, "type": _choice("int16", "int32"), "nm": _number("N m in one of its units", 1e-9, 1e3),
+                "late_ms": _number("ms by which it is older than the position beside it", 0.0, 100.0),
+                "filter_ms": _number("ms, time constant of its filter", 0.0, 1000.0), "command": _YES,
+            }
+        ),
+        "error_behaviour": FieldGroup(
+            {"node": _whole("1029h:1: it leaves Operational, or stays", 0, 1), "axis": _whole("6007h: fault, no voltage, quick stop", 1, 3)}
+        ),
+        "save": FieldGroup(
+            {
+                **_PLACE, "type": _TYPE, "value": _whole("a value", 0, 0xFFFFFFFF),
+                "seconds": _number("s that it may take", 0.1, 120.0),
+            }
+        ),
+        "homing": FieldGroup({"method": _whole("6098h", -128, 127)}, ("method",)),
         "sync": FieldGroup(
             {
                 "shortest_ms": _number("ms", 0.05, 100.0), "step_ms": _number("ms", 0.05, 100.0),

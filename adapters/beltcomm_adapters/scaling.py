@@ -33,6 +33,7 @@ class Scaling:
     """SI value of one raw unit, motor shaft, and the drive's ratings.
 
     position_rad, speed_rad_s, acceleration_rad_s2, torque_nm : per raw unit.     counts_per_rev : encoder counts.
+    reading_nm : per raw unit of the actual torque, where that is another one.
     rated_torque_nm : N m (6076h).     rated_current_a : A rms (6075h).   ramp : an acceleration is the time of a ramp, in s⁻¹ of its unit.
     said : sentences on what does not come from the drive.   position_told, speed_told, acceleration_told : whether drive or profile tell
     these units.
@@ -50,6 +51,11 @@ class Scaling:
     speed_told: bool = True
     acceleration_told: bool = True
     position_told: bool = True
+    reading_nm: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.reading_nm:
+            object.__setattr__(self, "reading_nm", self.torque_nm)
 
     def with_speed(self, speed_rad_s: float) -> Scaling:
         """Scaling with another unit of speed, and of acceleration where nobody tells that: the one of speed per second."""
@@ -87,10 +93,11 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
     plate, said = nameplate or KnownMotor(), list[str]()
     torque_nm = _rated_torque_nm(objects, profile, plate, said)
     unit_nm = 1e-3 * (profile.torque_scale.nm or torque_nm)
+    reading_nm = profile.actual_torque.nm or unit_nm
     current_a = _rated_current_a(objects, plate, torque_nm, said)
     if profile.units == "factor_group":
         position, speed, acceleration, internal = _factor_group(objects, lending)
-        return Scaling(position, speed, acceleration, unit_nm, internal, torque_nm, current_a, said=tuple(said))
+        return Scaling(position, speed, acceleration, unit_nm, internal, torque_nm, current_a, said=tuple(said), reading_nm=reading_nm)
     counts = _counts(objects, profile, plate, said)
     position, metres, position_told = _position(objects, profile, counts)
     ground = Ground(position, _TURN / counts if counts else None, metres)
@@ -106,7 +113,7 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
     whole = counts or round(_TURN / abs(position))
     return Scaling(
         position, speed, acceleration, unit_nm, whole, torque_nm, current_a, acceleration_unit.ramp, tuple(said), speed_told,
-        acceleration_told, position_told,
+        acceleration_told, position_told, reading_nm,
     )  # fmt: skip
 
 

@@ -43,7 +43,10 @@ _DOWNLOAD, _UPLOAD, _NAMING, _ABORT = 1, 2, (2, 3), 0x80
 #: has many segments, so it is begun anew more often.
 _OUT_OF_STEP: Final = (0x05030000, 0x05040001)
 _STEPS: Final = 10
-_SAVE: Final = 0x65766173  # "save", CiA 301, 7.5.2.13
+Place = tuple[int, int, str]  # index, subindex, data type
+#: Object that keeps parameters, and "save", CiA 301, 7.5.2.13.
+SAVE_PLACE: Final[Place] = (0x1010, 1, "uint32")
+SAVE: Final = 0x65766173
 #: Abort codes of a drive that has no such object, or no such part of it.
 ABSENT: Final = (0x06020000, 0x06090011)
 
@@ -136,8 +139,8 @@ class Objects(ABC):
         """Raw content into an object, once ``locks`` allow it.   verb : for messages.   Raises ObjectLocked, ObjectRefused, BusError."""
 
     @abstractmethod
-    def save(self) -> None:
-        """Make all parameters permanent; the drive may take seconds.  Raises ObjectRefused, BusError."""
+    def save(self, place: Place = SAVE_PLACE, value: int = SAVE, time_s: float | None = None) -> None:
+        """Make all parameters permanent by this object, in ``time_s`` at most.  Raises ObjectRefused, BusError."""
 
     def read(self, index: int, subindex: int, kind: str) -> float:
         """Value of an object of type ``kind`` (a key of :data:`beltcomm.drive.objects.TYPES`).
@@ -202,11 +205,11 @@ class SdoObjects(Objects):
         """See :meth:`Objects.write_bytes`."""
         self._transfer(index, subindex, verb, lambda: self._client.download(index, subindex, data))
 
-    def save(self) -> None:
-        """See :meth:`Objects.save`; 1010h:1."""
-        usual_s, self._client.answer_time_s = self._client.answer_time_s, SAVE_TIME_S
+    def save(self, place: Place = SAVE_PLACE, value: int = SAVE, time_s: float | None = None) -> None:
+        """See :meth:`Objects.save`."""
+        usual_s, self._client.answer_time_s = self._client.answer_time_s, time_s or SAVE_TIME_S
         try:
-            self.write(0x1010, 1, "uint32", _SAVE)
+            self.write(*place, value)
         finally:
             self._client.answer_time_s = usual_s
 
