@@ -38,7 +38,7 @@ from beltcomm_adapters.logged import LoggedBus
 from beltcomm_adapters.motion import Run
 from beltcomm_adapters.new_profile import facts_of_bus, facts_of_file, text_of
 from beltcomm_adapters.object_drive import ObjectDrive
-from beltcomm_adapters.preparation import check_motion, guard, homing_speeds_rad_s, prepare
+from beltcomm_adapters.preparation import check_motion, guard, homing_speeds_rad_s, prepare, quick_stop_rad_s2
 from beltcomm_adapters.profiles import choose_profile, load_profile
 from beltcomm_adapters.sdo import SdoObjects, abort_text
 from beltcomm_adapters.setpoints import Layout, Setpoints, layout_of
@@ -84,6 +84,7 @@ class CanopenDrive(ObjectDrive):
         self._guarding: Guarding | None = None
         self._arrangement = 0  # of the drive's answers: what it has refused once is not asked for again
         self._learnt: tuple[str, ...] = ()
+        self._told: set[str] = set()
         self._speed_rad_s: float | None = None
         self._link = Link(bus, clock, node)
         super().__init__(clock, SdoObjects(self._link), release)
@@ -134,7 +135,7 @@ class CanopenDrive(ObjectDrive):
         self.capabilities = dataclasses.replace(self.capabilities, feel_rad=0.0)
         self._scaling = before.with_speed(unit_rad_s)
         if abs(unit_rad_s / before.speed_rad_s - 1.0) > 1e-6:
-            self._learnt = (
+            self._learnt += (
                 f"one unit of the drive's speeds (606Ch) is {unit_rad_s:.4g} rad/s by what its position does, not "
                 f"{before.speed_rad_s:.4g} rad/s as where no 60A9h is; accelerations are taken in "
                 + ("their own unit" if before.acceleration_told else "it per second"),
@@ -149,7 +150,20 @@ class CanopenDrive(ObjectDrive):
         """See :func:`beltcomm.drive.access.able`: a record's PDOs and limits, tried with the stage off and put back."""
         modes = supported_modes(self._objects, self._profile)
         said = [Finding(AREA, "units", "warning", text) for text in self._scaling.said]
-        return said + list(tried(self._objects, self._profile, self._scaling, modes, self.capabilities.sample_period_s))
+        own = self.capabilities
+        found = said + list(tried(self._objects, self._profile, self._scaling, modes, own.sample_period_s, own.max_speed_rad_s))
+        self._told |= {one.text for one in found}
+        return found
+
+    def quick_stop_rad_s2(self, limits: Limits) -> float | None:
+        """Deceleration that a quick stop really has under these limits, motor shaft; None where nobody can tell.   Nothing moves."""
+        return quick_stop_rad_s2(self._objects, self._scaling, limits)
+
+    def _tell(self, sentences: Sequence[str]) -> None:
+        """What a drive makes of a setting, with the next record, once."""
+        new = [text for text in sentences if text not in self._told]
+        self._told |= set(new)
+        self._learnt += tuple(new)
 
     def prove_guarding(self, limits: Limits, rest_nm: float = 0.0) -> Guarding:
         """See :meth:`beltcomm.drive.Drive.prove_guarding`.
@@ -263,9 +277,8 @@ class CanopenDrive(ObjectDrive):
         exchange: Exchange | None = None
         try:
             with objects.lend() as lending:
-                speeds = motion.velocity_rad_s if motion is not None else None
-                ahead = motion.ahead_rad if motion is not None else 0.0
-                prepare(objects, lending, self._machine, self._profile, scaling, layout, period_s, limits, speeds, ahead)
+                prepare(objects, lending, self._machine, self._profile, scaling, layout, period_s, limits, motion)
+                self._tell(lending.altered)
                 unit_s = scaling.speed_rad_s / scaling.position_rad
                 exchange = Exchange(
                     link, objects, lending, period_s, layout.received, self._arrangement, unit_s, self._profile.mapped_torque,

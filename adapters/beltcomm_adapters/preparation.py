@@ -129,16 +129,13 @@ def prepare(
     layout: Layout,
     period_s: float,
     limits: Limits,
-    speeds_rad_s: Array | None,
-    ahead_rad: float = 0.0,
+    motion: Motion | None,
 ) -> None:
     """Mode of operation, setpoints at rest, limits inside the drive, SYNC period; everything but setpoints is lent.
 
-    ahead_rad : by which a reference leads the axis at most.
-
     The drive's own limits are only ever tightened; its following error window is set as asked, and the quick stop's deceleration, for the
     way it takes is counted with.
-    speeds_rad_s : the speeds of a motion in mode 3, whose ramps are opened just so far that they do not shape it.
+    motion : None for homing; the ramps of one in mode 3 are opened just so far that they do not shape it.
     """
     mode = layout.mode
     if objects.read_int(0x6060, 0, "int8"):
@@ -150,7 +147,7 @@ def prepare(
         objects.write(0x6071, 0, "int16", 0)
         if profile.torque_exit == "velocity":
             objects.write(0x60FF, 0, "int32", 0)
-    lend_settings(objects, lending, profile, scaling, mode, period_s, limits, speeds_rad_s, ahead_rad)
+    lend_settings(objects, lending, profile, scaling, mode, period_s, limits, motion)
 
 
 def lend_settings(
@@ -161,8 +158,7 @@ def lend_settings(
     mode: int,
     period_s: float,
     limits: Limits,
-    speeds_rad_s: Array | None = None,
-    ahead_rad: float = 0.0,
+    motion: Motion | None = None,
 ) -> None:
     """Of :func:`prepare` what is a setting, no mode and no setpoint; limits that the drive does not take are in ``lending.refused``."""
     believed = lend_quick_stop(objects, lending, scaling, limits)
@@ -180,15 +176,16 @@ def lend_settings(
     if mode == 7:
         lending.set_if_there(0x60C0, 0, "int16", _LINEAR_INTERPOLATION)
         lending.set_if_there(0x60C1, 2, "uint8", 0)  # absolute positions; before sub 1 (F1 p195)
-    if believed and mode == 3 and speeds_rad_s is not None:
-        steepest = float(np.abs(np.diff(speeds_rad_s, prepend=0.0, append=0.0)).max()) / period_s
+    if believed and mode == 3 and motion is not None:
+        steepest = float(np.abs(np.diff(motion.velocity_rad_s, prepend=0.0, append=0.0)).max()) / period_s
         ramp = scaling.raw_acceleration(steepest, at_most=False)
         for index in (0x6083, 0x6084):
             limit(objects, lending, index, 0, "uint32", ramp, scaling.acceleration, "rad/s²")
     tighten_torque_and_speed(objects, lending, profile, scaling, limits)
     if mode in POSITION_MODES:  # 607Dh bounds the target of a position controller
-        tighten_window(objects, lending, scaling, limits, period_s, ahead_rad)
+        tighten_window(objects, lending, scaling, limits, period_s, motion.reach_rad if motion is not None else None)
         if limits.lag_rad is not None:
+            ahead_rad = motion.ahead_rad if motion is not None else 0.0
             lag = min(math.ceil((limits.lag_rad + ahead_rad) / abs(scaling.position_rad)), _INT32)
             limit(objects, lending, 0x6065, 0, "uint32", lag, lambda raw: raw * abs(scaling.position_rad), "rad")
 
@@ -204,6 +201,18 @@ def lend_quick_stop(objects: Objects, lending: Lending, scaling: Scaling, limits
         braking = scaling.raw_acceleration(limits.deceleration_rad_s2)
         limit(objects, lending, 0x6085, 0, "uint32", braking, scaling.acceleration, "rad/s²", harder=True)
     return believed
+
+
+def quick_stop_rad_s2(objects: Objects, scaling: Scaling, limits: Limits) -> float | None:
+    """Deceleration of the quick stop that a record with these limits would have, tried and put back; None where nobody can tell.
+
+    That of the limits where the drive takes it; what it makes of it, or is set to where it refuses.   Raises as :func:`limit`.
+    """
+    with objects.lend() as lending:
+        if not lend_quick_stop(objects, lending, scaling, limits):
+            return None
+        raw = objects.read_if_there(0x6085, 0, "uint32")
+        return scaling.acceleration(raw) if raw else None
 
 
 def believes_ramp(objects: Objects, lending: Lending, scaling: Scaling, speed_rad_s: float) -> bool:
@@ -279,29 +288,31 @@ def tighten_torque_and_speed(objects: Objects, lending: Lending, profile: Profil
         limit(objects, lending, 0x6080, 0, "uint32" if len(stored) == 4 else "uint16", speed, lambda raw: raw * _RPM, "rad/s")
 
 
-def tighten_window(objects: Objects, lending: Lending, scaling: Scaling, limits: Limits, period_s: float, ahead_rad: float = 0.0) -> None:
+def tighten_window(
+    objects: Objects, lending: Lending, scaling: Scaling, limits: Limits, period_s: float, reach_rad: tuple[float, float] | None = None
+) -> None:
     """607Dh around the window, as far outside as a quick stop from the speed limit goes: the drive answers a breach with a
     fault, which brakes worse than the host's quick stop or not at all.
 
-    ahead_rad : as of :func:`prepare`; so much further may its target be.   Raises DriveError where the drive's own 607Dh would cut it.
+    reach_rad : of a reference that leads the axis, which the drive must let be.   Raises DriveError where its own 607Dh would cut it.
     """
     stored_low = objects.read_if_there(0x607D, 1, "int32")
     deceleration = objects.read_if_there(0x6085, 0, "uint32")
-    if stored_low is None or not (deceleration or ahead_rad):
+    if stored_low is None or not (deceleration or reach_rad):
         return
     stored_high = objects.read_int(0x607D, 2, "int32")
     braking_rad = limits.speed_rad_s**2 / (2.0 * scaling.acceleration(deceleration)) if deceleration else math.inf
-    margin_rad = max(limits.speed_rad_s * _REACTION_CYCLES * period_s + braking_rad, ahead_rad)
-    low = math.floor(max((limits.position_min_rad - margin_rad) / scaling.position_rad, -_INT32))
-    high = math.ceil(min((limits.position_max_rad + margin_rad) / scaling.position_rad, _INT32))
+    margin_rad = limits.speed_rad_s * _REACTION_CYCLES * period_s + braking_rad
+    lowest, highest = reach_rad or (math.inf, -math.inf)
+    low = math.floor(max(min(limits.position_min_rad - margin_rad, lowest) / scaling.position_rad, -_INT32))
+    high = math.ceil(min(max(limits.position_max_rad + margin_rad, highest) / scaling.position_rad, _INT32))
     if stored_low < stored_high:  # otherwise these limits are switched off
         low, high = max(low, stored_low), min(high, stored_high)
-        spare = min(limits.position_min_rad - low * scaling.position_rad, high * scaling.position_rad - limits.position_max_rad)
-        if ahead_rad > max(spare, 0.0):
+        beyond = max(low * scaling.position_rad - lowest, highest - high * scaling.position_rad)
+        if beyond > abs(scaling.position_rad):
             raise DriveError(
-                f"the reference is to lead the axis by up to {_way(limits, ahead_rad)}, and the drive's own software limits (607Dh) would "
-                "cut it at the ends of the travel: switch them off or widen them with the maker's tool, or drive the move without a led "
-                "reference (--feedforward none)"
+                f"the reference leads the axis to {_way(limits, beyond)} beyond the drive's own software limits (607Dh), which would cut "
+                "it: switch them off or widen them with the maker's tool, or drive the move without a led reference (--feedforward none)"
             )
     if not deceleration:  # of a drive without a quick stop's way nothing is tightened
         return

@@ -14,7 +14,7 @@ from beltcomm.drive.objects import name_of
 from beltcomm.errors import BusError, DriveError, ObjectRefused
 from beltcomm_adapters.exchange import FREE_MAPPING, arrangements, map_answers, map_pdo
 from beltcomm_adapters.host_reaction import heed
-from beltcomm_adapters.preparation import lend_settings
+from beltcomm_adapters.preparation import believes_ramp, lend_settings
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import Objects, abort_text
@@ -49,10 +49,15 @@ def refused_words(error: ObjectRefused) -> str:
     return f"the drive refuses {name_of(error.index, error.subindex)}, {abort_text(error.abort_code)}: {instead}"
 
 
-def tried(objects: Objects, profile: Profile, scaling: Scaling, modes: frozenset[int], period_s: float) -> Iterator[Finding]:
-    """The findings; everything is put back.   modes : that the drive has.   Raises BusError, DriveError (a ramp steeper than written)."""
+def tried(
+    objects: Objects, profile: Profile, scaling: Scaling, modes: frozenset[int], period_s: float, fastest_rad_s: float
+) -> Iterator[Finding]:
+    """The findings; everything is put back.   modes : that the drive has.   fastest_rad_s : of any record, from which it stops.
+
+    Raises BusError, DriveError (a ramp steeper than written).
+    """
     yield from _mapping(objects, profile, modes)
-    yield from _settings(objects, profile, scaling, modes, period_s)
+    yield from _settings(objects, profile, scaling, modes, period_s, fastest_rad_s)
 
 
 def _mapping(objects: Objects, profile: Profile, modes: frozenset[int]) -> Iterator[Finding]:
@@ -94,7 +99,9 @@ def _mapping(objects: Objects, profile: Profile, modes: frozenset[int]) -> Itera
         yield Finding(AREA, "mapping", "ok", f"a record's objects can be mapped: {', '.join(dict.fromkeys(mapped))} (tried, put back)")
 
 
-def _settings(objects: Objects, profile: Profile, scaling: Scaling, modes: frozenset[int], period_s: float) -> Iterator[Finding]:
+def _settings(
+    objects: Objects, profile: Profile, scaling: Scaling, modes: frozenset[int], period_s: float, fastest_rad_s: float
+) -> Iterator[Finding]:
     """Limits and ramps, a little tighter than they are."""
     here = objects.read(0x6064, 0, "int32") * scaling.position_rad
     torque = SHARE * (objects.read_if_there(0x6072, 0, "uint16") or 1000) * scaling.torque_nm
@@ -114,6 +121,10 @@ def _settings(objects: Objects, profile: Profile, scaling: Scaling, modes: froze
             remedy = "set it with the maker's tool, or choose the --profile of this drive"
             yield Finding(AREA, f"settings, {kind}", "wrong" if kind in NEEDED else "warning", text, remedy)
         refused |= {(error.index, error.subindex): refused_words(error) for error in lending.refused}
+        altered |= dict.fromkeys(lending.altered)
+    with objects.lend() as lending:
+        if not any("6085h" in text for text in altered):
+            believes_ramp(objects, lending, scaling, fastest_rad_s)
         altered |= dict.fromkeys(lending.altered)
     for place, text in refused.items():
         yield Finding(AREA, f"limit {name_of(*place)}", "warning", text)

@@ -158,6 +158,14 @@ class Motion:
         """Largest lead of the reference, rad."""
         return 0.0 if self.lead_rad is None else float(np.max(np.abs(self.lead_rad)))
 
+    @property
+    def reach_rad(self) -> tuple[float, float] | None:
+        """Lowest and highest reference of one that leads, rad; None of one that does not."""
+        if self.lead_rad is None:
+            return None
+        sent = self.position_rad + self.lead_rad
+        return float(sent.min()), float(sent.max())
+
 
 @dataclass(frozen=True)
 class Guarding:
