@@ -19,7 +19,7 @@ from beltcomm_adapters import host_reaction
 from beltcomm_adapters.borrowed import HOMING
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_can_bus, open_bus
 from beltcomm_adapters.cia402 import State
-from beltcomm_adapters.consistency import SpeedUnit
+from beltcomm_adapters.consistency import Odometer, SpeedUnit
 from beltcomm_adapters.examination.can import examine_can
 from beltcomm_adapters.examination.surroundings import surroundings
 from beltcomm_adapters.exchange import Exchange
@@ -93,6 +93,7 @@ class CanopenDrive(ObjectDrive):
         self._link.restarted = False  # it may just have been switched on; from here on it must stay so
         self._take_over(self._link, as_the_drive_is(self._objects, choose_profile(identity, profile)), nameplate)
         self._speed_unit = None if self._scaling.speed_told else SpeedUnit(self._scaling.position_rad)
+        self._odometer = self._new_odometer()
         try:
             self.capabilities = read_capabilities(
                 self._objects,
@@ -126,6 +127,9 @@ class CanopenDrive(ObjectDrive):
         learnt, self._learnt = self._learnt, ()
         return dataclasses.replace(report, remarks=(*report.remarks, *learnt)) if learnt else report
 
+    def _new_odometer(self) -> Odometer:
+        return Odometer(self._scaling.position_rad, self._scaling.speed_rad_s)
+
     def _learn(self) -> None:
         """Where nobody tells what speeds count in and the motions so far have shown it, that is taken from here on."""
         unit_rad_s = self._speed_unit.found_rad_s() if self._speed_unit is not None else None
@@ -134,6 +138,7 @@ class CanopenDrive(ObjectDrive):
         before, self._speed_unit, self._speed_rad_s = self._scaling, None, unit_rad_s
         self.capabilities = dataclasses.replace(self.capabilities, feel_rad=0.0)
         self._scaling = before.with_speed(unit_rad_s)
+        self._odometer = self._new_odometer()
         if abs(unit_rad_s / before.speed_rad_s - 1.0) > 1e-6:
             self._learnt += (
                 f"one unit of the drive's speeds (606Ch) is {unit_rad_s:.4g} rad/s by what its position does, not "
@@ -289,7 +294,7 @@ class CanopenDrive(ObjectDrive):
                     exchange,
                     layout,
                     kind,
-                    Watch(limits, scaling, period_s, motion is not None, self._speed_unit if motion is not None else None),
+                    Watch(limits, scaling, period_s, motion is not None, self._speed_unit if motion is not None else None, self._odometer),
                     scaling,
                     period_s,
                     self._machine.fault,
@@ -305,6 +310,7 @@ class CanopenDrive(ObjectDrive):
                     self._machine.confirm_mode(layout.mode)
                     yield run
                 except BaseException as error:
+                    self._odometer = self._new_odometer()  # a jump of the encoder must not be counted later
                     self._halt(run, exchange, error, limits.release and not getattr(error, "answered", False))
                     link.forget_emergency()  # the error has told of it, or it came of the stop
                     if self._link.restarted and isinstance(error, BusError):  # its boot-up message came after its silence was noticed

@@ -35,6 +35,7 @@ _APART_S: Final = 0.1
 class Odometer:
     """The scale between the smoothed rates of position and the reported speeds,  k = Σ φ' v Δt / Σ v² Δt,  over every 4 rad of way.
 
+    It goes on from record to record, for an excitation alone is often shorter: :meth:`begin` before each, after which it stood.
     A speed that the drive has filtered with a first-order lag F leaves k as it is: Re F = |F|² at every frequency.
     position_rad, speed_rad_s : per raw unit.   Call it with the raw change of position, raw speed and s since the sample before.
     """
@@ -43,6 +44,10 @@ class Odometer:
         self._position_rad, self._speed_rad_s = abs(position_rad), abs(speed_rad_s)
         self._rate = self._speed = 0.0
         self._way = self._time_s = self._both = self._square = 0.0
+
+    def begin(self) -> None:
+        """The axis stands."""
+        self._rate = self._speed = 0.0
 
     def __call__(self, travel: int, speed: int, elapsed_s: float) -> None:
         """One sample.   Raises DriveError when position and speed cannot be of one motion."""

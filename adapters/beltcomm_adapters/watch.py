@@ -24,11 +24,17 @@ class Watch:
     Speed is watched twice: as the drive reports it, and as the difference of positions.  A difference is divided by the
     elapsed time, but never by less than a period: stamps jitter, the drive's sampling does not.  ``differences`` False: only
     as reported, for homing, which moves the zero.   speed_unit : learns what the reported one counts in, where nobody tells; then
-    it counts only where the difference is half of it.
+    it counts only where the difference is half of it.   odometer : of earlier records, None for a new one.
     """
 
     def __init__(
-        self, limits: Limits, scaling: Scaling, period_s: float, differences: bool = True, speed_unit: SpeedUnit | None = None
+        self,
+        limits: Limits,
+        scaling: Scaling,
+        period_s: float,
+        differences: bool = True,
+        speed_unit: SpeedUnit | None = None,
+        odometer: Odometer | None = None,
     ) -> None:
         self._limits = limits
         self._scaling = scaling
@@ -40,7 +46,9 @@ class Watch:
         self._travel_per_s = limits.speed_rad_s / scaling.position_rad
         self._strongest = (_TORQUE_SHARE * limits.torque_nm + _TORQUE_NOISE_OF_RATED * scaling.rated_torque_nm) / scaling.torque_nm
         self._before: Sample | None = None
-        self._odometer = speed_unit or Odometer(scaling.position_rad, scaling.speed_rad_s)
+        known = odometer or Odometer(scaling.position_rad, scaling.speed_rad_s)
+        known.begin()
+        self._odometer = speed_unit or known
         self._fastest = limits.speed_rad_s / scaling.speed_rad_s
         #: Of the speed by difference beyond which the reported one counts: where nobody tells its unit, it alone stops nothing.
         self._believed = _BELIEVED if speed_unit else 0.0

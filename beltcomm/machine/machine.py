@@ -67,6 +67,7 @@ class Machine:
     deceleration_m_s2 : of a quick stop, lent to the drive with every motion.   braking : what brakes the axis with the loop that is in
     the drive; None as long as only friction can be counted with.   guarding : how the drive took the silence of its host, once seen.
     cascade : what was written last.   closed : model and delay, s, that loops are counted with.   planned_s : the agreed plan's, s.
+    loop_tried : a loop whose gains nobody knows has followed a slow stroke.
     wanderings : stops of a carriage that went too far, after which the session went on, see :mod:`beltcomm.experiments.recentre`.
     """
 
@@ -88,6 +89,7 @@ class Machine:
         self.closed: tuple[Model, float] | None = None
         self.cascade: Cascade | None = None
         self._sent: Feedforward | None = None  # with every reference, where the drive holds none itself
+        self.loop_tried = False
         self.machine_seconds = 0.0
         self.wanderings = 0
         self.planned_s: float | None = None

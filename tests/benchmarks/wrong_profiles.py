@@ -4,8 +4,8 @@
     python tests/benchmarks/wrong_profiles.py --only position_unit,save
     python tests/benchmarks/wrong_profiles.py --keep FILE          (cases that are there already are not run again)
 
-The drive is a played one that tells none of its units, with a profile that states all of them; each case states one field wrongly and lets the
-axis be identified, or commissioned where the field is about loops.  "before": refused before any motion.  "creep": refused in the first
+The drive is a played one that tells none of its units, with a profile that states all of them; each case states one field wrongly and lets
+the axis be identified, or commissioned where the field is about loops.  "before": refused before any motion.  "creep": refused in the first
 motions.  "stopped": ended later, by a check.  "told": done, right or not, and something that is said names it.  "harmless": done, and the
 model is right.  SILENT: done, the model is wrong, and nobody says a word.  The machine's numbers are those of the plant file.
 """
