@@ -128,8 +128,8 @@ def commands(effect: Effect) -> tuple[list[str], str]:
     if effect.behind_gap:
         where = "behind a gap or a slack strand only"
         said = f"`diagnose` puts it on trial, and `add` fits it, {where}; elsewhere it is one with `{stands_for(effect.name)}`."
-    if effect.untried:
-        said = f"`diagnose` does not put it on trial: {effect.untried}. `add` tries to fit it."
+    if effect.sought:
+        said = f"`diagnose` puts it on trial {effect.sought}; `add` fits it the same way."
     return words, f"{said} It acts on a body that `{brought[0]}` brings." if brought else said
 
 

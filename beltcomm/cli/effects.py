@@ -61,7 +61,7 @@ def command(frame: Invocation, /, name: str | None) -> int:
             f"Usual causes: {effect.causes}",
             f"What to check: {effect.check}",
             f"Remedy: {effect.remedy}",
-            *([f"A diagnosis does not look for it: {effect.untried}"] if effect.untried else []),
+            *([f"A diagnosis looks for it {effect.sought}."] if effect.sought else []),
             *([f"Looks alike in the records: {', '.join(effect.twins)}; to tell apart: {effect.separate}"] if effect.twins else []),
             *(f"By hand, {twin}: {hand.words()}" for twin, apart in effect.apart.items() for hand in apart.hands),
             *(f"Looks like {other}: {how}" for other, how in effect.alike.items()),

@@ -356,8 +356,8 @@ class Effect:
         Sets of records that show it (:data:`beltcomm.schedule.next_plan.SETS`), where they are others than its slot's.
     behind_gap : bool
         Put on trial only where the carriage may move free of the motor; without that it is the same as one of its twins.
-    untried : str
-        Why a diagnosis cannot put it on trial although a motor may see it, with figures; "" where that has no need of words.
+    sought : str
+        Where and how a diagnosis looks for it, where that is not by the score test of ``trials``; "" elsewhere.
     unlikely : callable or None
         Of its own values and its bodies' by their names here, in words why no machine has them; empty where one may.
     owner : str
@@ -395,7 +395,7 @@ class Effect:
     completed_by: tuple[str, ...] = ()
     record_sets: tuple[str, ...] = ()
     behind_gap: bool = False
-    untried: str = ""
+    sought: str = ""
     unlikely: Callable[[Mapping[str, float]], str] | None = None
     owner: str = ""
     of_belt: bool = False

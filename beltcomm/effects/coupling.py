@@ -49,10 +49,9 @@ EFFECT = Effect(
         "belt_stiffness": "excite near both ends of the travel: what a coupling adds to the compliance is the same everywhere",
         "end_pulley": "excite near both ends of the travel: the mode of a coupling stays where it is, that of the end pulley moves",
     },
-    untried=(
-        "not identifiable from these data as a diagnosis reads them, from the motor's angle to the torque: between the samples the motor "
-        "swings against the pulley (200 to 1000 N m/rad: at 400 Hz and more, beside half a sampling rate of 500 Hz), of stiffness and "
-        "inertia hardly more than J²/K shows, and an end pulley or a dead time imitates it"
+    sought=(
+        "where nothing else explains what is left far above the noise, alone or together with an end pulley: from a raster of what "
+        "motor, pulley and belt may be, for no single effect leads there"
     ),
     linear=True,
     source="thesis table A.3; data sheet",

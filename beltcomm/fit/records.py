@@ -33,6 +33,8 @@ SUBSTEPS = 4
 PUBLISHED_SUBSTEPS = 16
 #: The same for strokes at constant speed, in which the carriage hardly swings, and where contacts open and close.
 STROKE_SUBSTEPS, RATTLING_STROKE_SUBSTEPS, RATTLING_SUBSTEPS = 2, 4, 16
+#: s, the longest step behind a coupling: its pulley swings at some hundred hertz, and longer ones fly off.
+COUPLED_STEP_S = 2.5e-4
 #: Noise below this share of the torque itself is not believed.
 QUIETEST_SHARE = 1e-4
 #: ln of the factor by which noise may be less than it was taken for.
@@ -141,12 +143,15 @@ def prepare_records(
         Of the torque.
     """
     pieces = []
-    rattles = any(effect.rattles for effect in model.effect_list())
+    rattles, coupled = any(effect.rattles for effect in model.effect_list()), is_coupled(model)
     for recording in recordings:
         shown = shares.get(recording.name, (1.0, 0.0))
-        group = 1 if usual == PUBLISHED_SUBSTEPS or single else group_of(recording)
+        # What swings behind a coupling is faster than samples show: they tell nothing of it near half their rate.
+        group = 1 if (usual == PUBLISHED_SUBSTEPS and not coupled) or single else group_of(recording)
         stroke = recording.sidecar.experiment == "friction_sweep"
         substeps = (RATTLING_STROKE_SUBSTEPS if rattles else STROKE_SUBSTEPS) if stroke else (RATTLING_SUBSTEPS if rattles else usual)
+        if coupled:
+            substeps = max(substeps, 2 * math.ceil(0.5 * recording.sample_period_s / COUPLED_STEP_S - 1e-9))
         for piece in segments(
             recording, model, step_rad, noise_nm, fitted=True, substeps=substeps, path=path, reversals=reversals, colour=colour
         ):
@@ -163,6 +168,22 @@ def prepare_records(
         reversals,
         colour,
         single,
+    )
+
+
+def is_coupled(model: Model) -> bool:
+    """True if a body beside the motor turns with it: a pulley behind a coupling."""
+    return any(body.rotary for _, body in model.bodies() if body.name not in model.base_bodies)
+
+
+def for_coupling(data: Data, model: Model) -> Data:
+    """Records with steps of time that a pulley behind a coupling takes; as they are where no model has one, or they have them."""
+    pieces = (*data.fitted, *data.held_out)
+    if not is_coupled(model) or all(piece.motion.sample_s / piece.motion.substeps <= 1.001 * COUPLED_STEP_S for piece in pieces):
+        return data
+    shares = {piece.record: piece.rounding for piece in pieces}
+    return prepare_records(
+        data.recordings, model, data.noise_nm, data.step_rad, shares, data.substeps, data.path, data.reversals, data.colour, data.single
     )
 
 
@@ -213,6 +234,7 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS,
     substeps : int
         Fine steps a sample, where nothing rattles and nothing creeps.
     """
+    data = for_coupling(data, model)
     pieces = (*data.fitted, *data.held_out)
     if needs_observer(model):  # what an observer leaves says nothing of the rounding; the shares found before stay
         shares = {piece.record: piece.rounding for piece in pieces}

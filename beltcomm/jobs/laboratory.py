@@ -7,8 +7,8 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from beltcomm.effects import EFFECTS, effect_named, stands_for
-from beltcomm.errors import BeltcommError, UsageError
+from beltcomm.effects import effect_named, stands_for
+from beltcomm.errors import BeltcommError, Refused, UsageError
 from beltcomm.experiments.redundant_steps import Before, record_showing
 from beltcomm.fit.acting import acting_recordings
 from beltcomm.fit.base import NEXT_ITERATIONS, refit_with_rebuilt_motion
@@ -24,8 +24,9 @@ from beltcomm.jobs.effect_search import search_of
 from beltcomm.jobs.rungs import base_revision, plain_of, revision_of
 from beltcomm.laboratory.acceptance import drop_by, is_confirmed
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
+from beltcomm.laboratory.coupled_bodies import COUPLING, with_coupling
 from beltcomm.laboratory.diagnosis import Diagnosis, Stage, final_refit
-from beltcomm.laboratory.forward_selection import MISSING, may_add, with_effect
+from beltcomm.laboratory.forward_selection import MISSING, with_effect
 from beltcomm.laboratory.gap_evidence import is_replaceable_gap
 from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes, fixed_forms
 from beltcomm.laboratory.place_words import in_words
@@ -61,6 +62,9 @@ from beltcomm.sentences.response_table import table_lines, table_of
 from beltcomm.sentences.torque_path import path_data, path_sentences, period_of, whole_sentences
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.talk import Silence, Talk
+
+#: Factor by which the error over the noise may be larger with an effect that was asked for: more is a fit that went astray.
+WORSE = 1.05
 
 
 @about_run()
@@ -247,9 +251,7 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
     model = found.base.model
     missing = missing_records(recordings, model["transmission.ratio"]) if "cart" in model.base_bodies else []
     data["lacking"] = missing
-    untried = [e for e in EFFECTS if e.untried and may_add(found.base, e)]
-    data["untried"] = [{"effect": e.name, "why": e.untried} for e in untried]
-    lines = words.lacking_lines(missing) + words.untried_lines(untried)
+    lines = words.lacking_lines(missing)
     lines += words.sight_lines(sights, folder.path, not_named(model, recordings), planned=following)
     if following:
         window = (float(folder.axis.travel.min_m or 0.0), float(folder.axis.travel.max_m or 1.0))
@@ -337,12 +339,24 @@ def add_to_run(
     effect = stands_for(asked, behind_gap=needs_observer(here.fitted.model))
     if effect in here.fitted.model.effects:
         raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {pasted(run)}`")
-    grown = with_effect(here.data, here.fitted, ground_of(here.fitted, here.data.fitted, here.folder.axis), effect_named(effect), start)
-    grown = better(here.folder, here.data, here.fitted, grown, effect)
-    data, named = refit_with_rebuilt_motion(here.data, grown, NEXT_ITERATIONS)
+    coupled = None
+    if asked == COUPLING.name and not start:
+        coupled = with_coupling(here.data, here.fitted, here.folder.axis)
+    if coupled is not None:
+        data, named = coupled
+    else:
+        ground = ground_of(here.fitted, here.data.fitted, here.folder.axis)
+        grown = with_effect(here.data, here.fitted, ground, effect_named(effect), start)
+        grown = better(here.folder, here.data, here.fitted, grown, effect)
+        data, named = refit_with_rebuilt_motion(here.data, grown, NEXT_ITERATIONS)
     on_body = assign_body(data, named, effect_named(effect))
     shaped = fit_law_shapes(data, on_body.fitted, here.fitted.model)
     data, after = final_refit(data, shaped.fitted)
+    if not after.ratio <= WORSE * here.fitted.ratio:
+        raise Refused(
+            f"no values of {effect} were found with which the error falls: {here.fitted.ratio:.2f} times the noise without it, "
+            f"{after.ratio:.2f} with the best that were found; nothing was saved. With values that you know: --start NAME=VALUE"
+        )
     if current_revision(here.folder) is None:
         base_revision(here.folder, here.data, here.fitted, command, when)
     change = change_of((effect, *on_body.new, *shaped.new))

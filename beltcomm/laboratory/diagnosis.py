@@ -20,6 +20,7 @@ from beltcomm.fit.start import data_sheet
 from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, impossible, is_refuted, lowers, share_left
 from beltcomm.laboratory.backward_elimination import drop_superfluous
 from beltcomm.laboratory.compare import compare
+from beltcomm.laboratory.coupled_bodies import COUPLING, coupling_candidate, settled
 from beltcomm.laboratory.forward_selection import (
     MISSING,
     MOSTLY,
@@ -234,7 +235,8 @@ def diagnose(
         on_body = assign_body(data, kept, taken.best.effect)
         if on_body.new:
             data, kept = refit_with_rebuilt_motion(data, on_body.fitted, NEXT_ITERATIONS)
-        steps.append(Stage(current, tuple(taken.candidates), name, removed, kept, on_body.new))
+        beside = (taken.best.beside,) if taken.best.beside in kept.model.effects else ()
+        steps.append(Stage(current, tuple(taken.candidates), name, removed, kept, (*on_body.new, *beside)))
         current = kept
         at = len(steps) - 1 if doubted is None else doubted
         strays = steps[at].added in kept.model.effects and is_replaceable_gap(data, kept, effect_named(steps[at].added))
@@ -282,14 +284,22 @@ def find_candidates(
     ground = ground_of(current, data.fitted, axis)
     candidates = search(data, scorer, ground, progress=progress, swallowed_above=above)
     if not left_start_values(current, start, above):
-        return candidates
+        return candidates_or_coupling(data, current, axis, candidates)
     held = fit_with_sheet_values(data, current, start)
     beside = ground_of(held, data.fitted, axis)
     both = merge_candidates(candidates, search(data, Scorer(held), beside, swallowed_above=math.inf, against=current))
     if any(c.accepted and c.explained > MOSTLY for c in both):
         return both
     masked = gap_with_delay(data, current, held)
-    return both if masked is None else merge_candidates([c for c in both if c.effect is not masked.effect], [masked])
+    if masked is None:
+        return candidates_or_coupling(data, current, axis, both)
+    return merge_candidates([c for c in both if c.effect is not masked.effect], [masked])
+
+
+def candidates_or_coupling(data: Data, current: Fitted, axis: Axis, candidates: list[Candidate]) -> list[Candidate]:
+    """The candidates, and a coupling where none of them is accepted (``coupled_bodies``)."""
+    found = None if any(c.accepted for c in candidates) else coupling_candidate(data, current, axis)
+    return candidates if found is None else merge_candidates(candidates, [found])
 
 
 def revert_step(
@@ -352,6 +362,8 @@ def accept_best(
             return Acceptance(candidates, None, data)
         trying(best)
         ahead, grown = refit_with_rebuilt_motion(data, best.fitted, NEXT_ITERATIONS)
+        if best.effect is COUPLING:
+            ahead, grown = settled(ahead, grown)
         less = grown.ratio <= GROWN * current.ratio or share_left(current, grown) < 1.0
         if less and lowers(data, current, grown, ahead):
             return Acceptance(candidates, best, ahead, grown)

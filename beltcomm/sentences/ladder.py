@@ -143,11 +143,6 @@ def lacking_lines(missing: Sequence[str]) -> list[str]:
     return ["Little can be seen here of some things:", *(f"  {line}" for line in missing)] if missing else []
 
 
-def untried_lines(effects: Sequence[Effect]) -> list[str]:
-    """Effects that no diagnosis looks for."""
-    return [f"Not looked for: {e.name} ({e.title}), `beltcomm effects {e.name}` says why. Check: {e.check}." for e in effects]
-
-
 def sight_lines(sights: Sequence[DetectionLimit], run: Path, unnamed: Collection[str] = (), planned: bool = False) -> list[str]:
     """Detection limits of these data.   unnamed : effects that are not named from them, whatever they show.   planned : what to
     record next is said beside it.
