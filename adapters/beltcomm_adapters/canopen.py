@@ -38,6 +38,7 @@ from beltcomm_adapters.logged import LoggedBus
 from beltcomm_adapters.motion import Run
 from beltcomm_adapters.new_profile import facts_of_bus, facts_of_file, text_of
 from beltcomm_adapters.object_drive import ObjectDrive
+from beltcomm_adapters.options import number, profile_name, whole_number
 from beltcomm_adapters.preparation import check_motion, guard, homing_speeds_rad_s, prepare, quick_stop_rad_s2
 from beltcomm_adapters.profiles import choose_profile, load_profile
 from beltcomm_adapters.sdo import SdoObjects, abort_text
@@ -417,40 +418,6 @@ def _examine(address: str, options: Mapping[str, object]) -> Iterator[Finding]:
     node = whole_number(options, "node", None, 1, 126)
     bitrate = whole_number(options, "bitrate", None, 10_000, 1_000_000)
     return examine_can(address, node, bitrate, profile_name(options), options)
-
-
-def whole_number(options: Mapping[str, object], name: str, default: int | None, least: int, most: int) -> int | None:
-    """An option as a whole number.  Raises UsageError."""
-    value = options.get(name)
-    if value is None:
-        return default
-    try:
-        number = int(str(value), 0)
-    except ValueError:
-        number = least - 1
-    if not least <= number <= most:
-        raise UsageError(f"the option {name} must be a whole number from {least} to {most}, not {value}")
-    return number
-
-
-def number(options: Mapping[str, object], name: str, default: float | None) -> float | None:
-    """An option as a number.  Raises UsageError."""
-    value = options.get(name)
-    if value is None:
-        return default
-    try:
-        return float(str(value))
-    except ValueError:
-        raise UsageError(f"the option {name} must be a number, not {value}") from None
-
-
-def profile_name(options: Mapping[str, object]) -> str | None:
-    """The option ``profile``, a name or the path of a file, None to choose by identity.  Raises UsageError when there is none such."""
-    value = options.get("profile")
-    if value is None:
-        return None
-    load_profile(str(value))
-    return str(value)
 
 
 def _new_profile(address: str | None, options: Mapping[str, object], device: Mapping[str, str], entries: Sequence[DictionaryEntry]) -> str:
