@@ -14,9 +14,8 @@ import numpy as np
 from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Guarding, KnownMotor, Limits, Listening, Motion, Sink
 from beltcomm.drive.finding import Finding
 from beltcomm.drive.objects import DictionaryEntry
-from beltcomm.errors import BusError, DriveError, ObjectRefused, Refused, UsageError
+from beltcomm.errors import BusError, DriveError, Refused, UsageError
 from beltcomm_adapters import host_reaction
-from beltcomm_adapters.borrowed import HOMING
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_can_bus, open_bus
 from beltcomm_adapters.cia402 import State
 from beltcomm_adapters.consistency import Odometer, SpeedUnit
@@ -39,9 +38,9 @@ from beltcomm_adapters.motion import Run
 from beltcomm_adapters.new_profile import facts_of_bus, facts_of_file, text_of
 from beltcomm_adapters.object_drive import ObjectDrive
 from beltcomm_adapters.options import number, profile_name, whole_number
-from beltcomm_adapters.preparation import check_motion, guard, homing_speeds_rad_s, prepare, quick_stop_rad_s2
+from beltcomm_adapters.preparation import check_motion, guard, homing_method, homing_speeds_rad_s, prepare, quick_stop_rad_s2
 from beltcomm_adapters.profiles import choose_profile, load_profile
-from beltcomm_adapters.sdo import SdoObjects, abort_text
+from beltcomm_adapters.sdo import SdoObjects
 from beltcomm_adapters.setpoints import Layout, Setpoints, layout_of
 from beltcomm_adapters.synctime import SyncTimeBus, keeps_time_by_sync
 from beltcomm_adapters.trial import AREA, tried
@@ -242,33 +241,14 @@ class CanopenDrive(ObjectDrive):
         period_s = _HOMING_PERIOD_S
         if self._profile.sync_change == "after_reset":
             period_s = sync_period_s(self._objects) or period_s
-        with self._homing(), self._enabled(layout_of(HOMING_MODE, False), "homing", period_s, free, None) as run:
+        with (
+            homing_method(self._objects, self._profile),
+            self._enabled(layout_of(HOMING_MODE, False), "homing", period_s, free, None) as run,
+        ):
             slowest = max(min(speeds), self._scaling.speed_rad_s)
             run.home(width_rad / self._scaling.position_rad, 10.0 + 2.0 * width_rad / slowest)
         self._homed = True
         self.capabilities = dataclasses.replace(self.capabilities, referenced=True)
-
-    @contextlib.contextmanager
-    def _homing(self) -> Iterator[None]:
-        """The method of the profile in 6098h, put back after it.   Raises Refused where there is none or the drive does not take it."""
-        method = self._profile.homing_method
-        if method is None:
-            if self._objects.read_if_there(*HOMING) == 0:
-                raise Refused(
-                    "the drive is set to no method of homing (6098h is 0); set one with the maker's tool, state it in a profile "
-                    "(homing: {method: 37}), or state where the carriage is with --position"
-                )
-            yield
-            return
-        with self._objects.lend() as lending:
-            try:
-                lending.set(*HOMING, method)
-            except ObjectRefused as error:
-                raise Refused(
-                    f"the drive refuses the homing method {method} of its profile: {abort_text(error.abort_code)}; look in its "
-                    "manual which it has, and correct homing.method, or state where the carriage is with --position"
-                ) from error
-            yield
 
     @contextlib.contextmanager
     def _enabled(self, layout: Layout, kind: str, period_s: float, limits: Limits, motion: Motion | None) -> Iterator[Run]:

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Final, Literal
 
 import numpy as np
 
 from beltcomm.drive import Array, Capabilities, Limits, Motion
 from beltcomm.drive.objects import name_of
-from beltcomm.errors import DriveError, ObjectRefused, UsageError
+from beltcomm.errors import DriveError, ObjectRefused, Refused, UsageError
+from beltcomm_adapters.borrowed import HOMING
 from beltcomm_adapters.cia402 import StateMachine
 from beltcomm_adapters.host_reaction import heed
 from beltcomm_adapters.identification import sync_period_s
 from beltcomm_adapters.link import HOST_NODE
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
-from beltcomm_adapters.sdo import ABSENT, Lending, Objects
+from beltcomm_adapters.sdo import ABSENT, Lending, Objects, abort_text
 from beltcomm_adapters.setpoints import OFFSET_MODES, POSITION_MODES, TORQUE_MODES, Layout
 
 #: The drive's own speed limit stands this far above the host's: the host brakes, the drive switches off and lets the axis
@@ -361,3 +363,25 @@ def homing_speeds_rad_s(objects: Objects, scaling: Scaling, limits: Limits) -> t
             "homing speeds with the maker's tool or raise the limit"
         )
     return fast, slow
+
+
+@contextmanager
+def homing_method(objects: Objects, profile: Profile) -> Iterator[None]:
+    """The method of the profile in 6098h, put back after it.   Raises Refused where there is none or the drive does not take it."""
+    if profile.homing_method is None:
+        if objects.read_if_there(*HOMING) == 0:
+            raise Refused(
+                "the drive is set to no method of homing (6098h is 0); set one with the maker's tool, state it in a profile "
+                "(homing: {method: 37}), or state where the carriage is with --position"
+            )
+        yield
+        return
+    with objects.lend() as lending:
+        try:
+            lending.set(*HOMING, profile.homing_method)
+        except ObjectRefused as error:
+            raise Refused(
+                f"the drive refuses the homing method {profile.homing_method} of its profile: {abort_text(error.abort_code)}; look in its "
+                "manual which it has, and correct homing.method, or state where the carriage is with --position"
+            ) from error
+        yield

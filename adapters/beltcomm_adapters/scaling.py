@@ -110,11 +110,25 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
             "the drive does not tell its unit of acceleration (60AAh): its unit of speed per second is taken, so look at how it stops"
         )
     acceleration = ground.si(acceleration_unit, "acceleration (60AAh)")
+    if profile.acceleration_unit is not None and not objects.read_if_there(0x60AA, 0, "uint32"):
+        said += _quick_stop(objects, profile.acceleration_unit, acceleration, acceleration_unit.ramp)
     whole = counts or round(_TURN / abs(position))
     return Scaling(
         position, speed, acceleration, unit_nm, whole, torque_nm, current_a, acceleration_unit.ramp, tuple(said), speed_told,
         acceleration_told, position_told, reading_nm,
     )  # fmt: skip
+
+
+def _quick_stop(objects: Objects, unit: str, rad_s2: float, ramp: bool) -> list[str]:
+    """What a unit of acceleration that only a profile states makes of the drive's own quick stop: nothing else shows it before a stop."""
+    own = objects.read_if_there(0x6085, 0, "uint32")
+    if not own:
+        return []
+    stands = rad_s2 / own if ramp else own * rad_s2
+    return [
+        f"accelerations count in {unit} by the profile alone: the quick stop that stands in the drive, 6085h = {own}, is then "
+        f"{stands:.4g} rad/s² ({stands / _RPM:.0f} rpm/s); compare that with the maker's tool, for every stop is planned with it"
+    ]
 
 
 def _rated_torque_nm(objects: Objects, profile: Profile, plate: KnownMotor, said: list[str]) -> float:
