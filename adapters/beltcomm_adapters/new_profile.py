@@ -233,7 +233,7 @@ def _gains(facts: Facts) -> list[str]:
         "# Gains.  As long as none stands under `parameters`, nothing of them is written: the job then ends with what to type into the "
         "maker's",
         "# tool.  To have them written, give object, type and SI value of one raw unit at the motor shaft (N m s/rad, N m/rad, 1/s, s):",
-        "# gain_meaning: documented  # or unconfirmed: scale is a guess, and `beltcomm calibrate` measures it first",
+        "# gain_meaning: unconfirmed # small steps measure it before a gain is written; documented: your word is taken for it",
         "# parameters:",
         "#   kp_nm_s_rad: {index: 0x2000, subindex: 1, type: uint16, scale: 1.0e-4}",
         "#   ki_nm_rad: {index: 0x2000, subindex: 2, type: uint16, scale: 1.0e-3, law: integral_time}   # a time in units of scale seconds",

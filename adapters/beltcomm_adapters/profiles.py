@@ -188,7 +188,7 @@ def completed(raw: Mapping[str, Any]) -> dict[str, Any]:
     own = {**base, **raw, **parts, "sources": told}
     own.pop("like", None)
     if "gain_meaning" not in raw and "parameters" in raw:
-        own["gain_meaning"] = "documented" if raw["parameters"] else "none"
+        own["gain_meaning"] = "unconfirmed" if raw["parameters"] else "none"  # a slip of a factor shows when they are measured
     return own
 
 

@@ -81,6 +81,12 @@ def test_saving_writes_nothing_else(tmp_path, place):
         load_profile(profile(tmp_path, save={"index": place[0], "subindex": place[1]}))
 
 
+def test_gains_of_a_profile_of_ones_own_are_measured_unless_it_vouches_for_them(tmp_path):
+    gains = {"kp_nm_s_rad": {"index": 0x2000, "subindex": 1, "type": "uint16", "scale": 1e-4}}
+    assert load_profile(profile(tmp_path, parameters=gains)).gain_meaning == "unconfirmed"
+    assert load_profile(profile(tmp_path, parameters=gains, gain_meaning="documented")).gain_meaning == "documented"
+
+
 def homing() -> StubNode:
     node = StubNode()
     node.objects |= {(0x6098, 0): ("<b", 0), (0x6099, 1): ("<I", 100), (0x6099, 2): ("<I", 100), (0x6502, 0): ("<I", 0x3A0)}
