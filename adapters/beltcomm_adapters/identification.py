@@ -10,7 +10,7 @@ from typing import Final
 from beltcomm.drive import Capabilities, KnownMotor, StatedReading
 from beltcomm.drive.objects import ParameterObject
 from beltcomm.drive.parameters import gain_access
-from beltcomm.errors import BusError, ObjectRefused
+from beltcomm.errors import BusError, DriveError, ObjectRefused
 from beltcomm_adapters.busload import fullest, plan_exchange
 from beltcomm_adapters.gains import structure_of
 from beltcomm_adapters.profiles import Profile
@@ -54,6 +54,11 @@ def read_identity(objects: Objects, where: str) -> dict[str, str]:
     for index, key in ((0x1008, "device_name"), (0x1009, "hardware"), (0x100A, "firmware")):
         if text := objects.read_text(index):
             identity[key] = text
+    if objects.twice:
+        raise DriveError(
+            f"every question on {where} is answered twice: two drives have this node number, and both would move; switch one of them off, "
+            "or give it another number with the maker's tool"
+        )
     return identity
 
 

@@ -43,6 +43,8 @@ _DOWNLOAD, _UPLOAD, _NAMING, _ABORT = 1, 2, (2, 3), 0x80
 #: has many segments, so it is begun anew more often.
 _OUT_OF_STEP: Final = (0x05030000, 0x05040001)
 _STEPS: Final = 10
+#: Requests, and share of them answered twice, from which on two nodes have one number: an adapter doubles a frame now and then.
+_ASKED, _TWINS = 6, 0.8
 Place = tuple[int, int, str]  # index, subindex, data type
 #: Object that keeps parameters, and "save", CiA 301, 7.5.2.13.
 SAVE_PLACE: Final[Place] = (0x1010, 1, "uint32")
@@ -58,7 +60,7 @@ _ANY: Final = bytes(3)
 
 
 class _Client(SdoClient):
-    """Stock client that waits by pumping the link."""
+    """Stock client that waits by pumping the link.   asked, doubled : requests, and answers beyond one to each."""
 
     RETRY_DELAY = 0.0
 
@@ -69,7 +71,8 @@ class _Client(SdoClient):
         self.patience = 1.0
         self.answered = self._again = False
         self._asked_s = 0.0
-        self._object = b""
+        self._object = self._previous = b""
+        self.asked = self.doubled = 0
         self._link = link
         self._locks = locks
         link.subscribe(self.tx_cobid, self._on_frame)
@@ -84,14 +87,17 @@ class _Client(SdoClient):
             self._link.dispatch(message)
         while not self.responses.empty():
             self.responses.get_nowait()
+            self.doubled += 1
         if data[0] >> 5 in (_DOWNLOAD, _UPLOAD):
-            self._object = bytes(data[1:4])
+            self._previous, self._object = self._object, bytes(data[1:4])
+        self.asked += 1
         self._asked_s = self._link.clock.now()
         self._link.send_data(cob_id, bytes(data))
 
     def _on_frame(self, message: can.Message) -> None:
         data = bytes(message.data)
         if len(data) != 8 or ((data[0] == _ABORT or data[0] >> 5 in _NAMING) and data[1:4] not in (self._object, _ANY)):
+            self.doubled += len(data) == 8 and data[1:4] == self._previous
             return  # of another transfer: it comes late
         self.responses.put(data)
 
@@ -129,6 +135,11 @@ class Objects(ABC):
     def __init__(self) -> None:
         self.locks = Locks()
         self.taken_as_written: set[tuple[int, int, int]] = set()  # limits that were read back
+
+    @property
+    def twice(self) -> bool:
+        """True if two nodes answer."""
+        return False
 
     @abstractmethod
     def read_bytes(self, index: int, subindex: int = 0) -> bytes:
@@ -212,6 +223,11 @@ class SdoObjects(Objects):
             self.write(*place, value)
         finally:
             self._client.answer_time_s = usual_s
+
+    @property
+    def twice(self) -> bool:
+        """See :attr:`Objects.twice`: nearly every request so far was answered more than once."""
+        return self._client.asked >= _ASKED and self._client.doubled > _TWINS * self._client.asked
 
     def _transfer(self, index: int, subindex: int, verb: str, transfer: Callable[[], _Result]) -> _Result:
         unanswered = out_of_step = 0
