@@ -12,6 +12,8 @@ _LEAST, _MOST = 0.6, 1.6
 #: rad of the motor and s: enough to judge by; a speed filter of some ms has forgotten how the motion began.   rad/s: slower, the noise of
 #: a count is part of the speed.
 _WAY_RAD: Final = 4.0
+#: Factor that is seen within a quarter of that way: an excitation of a stiff axis goes no further.
+_GROSS: Final = 3.0
 _TIME_S: Final = 0.1
 _SLOW_RAD_S: Final = 2.0
 #: s: both are smoothed with this lag first.  What a drive filters its speed with is not known; it matters near the sampling rate, where a
@@ -62,14 +64,16 @@ class Odometer:
         self._time_s += elapsed_s
         self._both += rate * v * elapsed_s
         self._square += v * v * elapsed_s
-        if self._way < _WAY_RAD or self._time_s < _TIME_S:
+        if self._way < 0.25 * _WAY_RAD or self._time_s < _TIME_S:
             return
         scale = self._both / self._square if self._square > 0.0 else math.inf
+        if self._way < _WAY_RAD and 1.0 / _GROSS < scale < _GROSS:
+            return
         if not _LEAST < scale < _MOST:
             raise DriveError(
                 f"the drive's position changes {scale:.2f} times as fast as its speed says: one of its factors is wrong, or its encoder "
-                "jumped; the axis was stopped; check 6093h and 6094h, or 608Fh, 6091h, 6092h and 60A9h with the maker's tool, and the "
-                "encoder's cable"
+                "jumped; the axis was stopped; check 6093h and 6094h, or 608Fh, 6091h, 6092h and 60A9h with the maker's tool, "
+                "position_unit and velocity_unit in the profile, and the encoder's cable"
             )
         self._way = self._time_s = self._both = self._square = 0.0
 

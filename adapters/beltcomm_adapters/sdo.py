@@ -43,8 +43,8 @@ _DOWNLOAD, _UPLOAD, _NAMING, _ABORT = 1, 2, (2, 3), 0x80
 #: has many segments, so it is begun anew more often.
 _OUT_OF_STEP: Final = (0x05030000, 0x05040001)
 _STEPS: Final = 10
-#: Requests, and share of them answered twice, from which on two nodes have one number: an adapter doubles a frame now and then.
-_ASKED, _TWINS = 6, 0.8
+#: Share of requests answered twice from which on two nodes may have one number, and how often their places are asked for then.
+_TWINS, _ASKED = 0.8, 4
 Place = tuple[int, int, str]  # index, subindex, data type
 #: Object that keeps parameters, and "save", CiA 301, 7.5.2.13.
 SAVE_PLACE: Final[Place] = (0x1010, 1, "uint32")
@@ -60,7 +60,10 @@ _ANY: Final = bytes(3)
 
 
 class _Client(SdoClient):
-    """Stock client that waits by pumping the link.   asked, doubled : requests, and answers beyond one to each."""
+    """Stock client that waits by pumping the link.   asked, doubled : requests, and answers beyond one to each.
+
+    differ : a second answer was not the first one.
+    """
 
     RETRY_DELAY = 0.0
 
@@ -73,6 +76,8 @@ class _Client(SdoClient):
         self._asked_s = 0.0
         self._object = self._previous = b""
         self.asked = self.doubled = 0
+        self.differ = False
+        self._answers: dict[bytes, bytes] = {}
         self._link = link
         self._locks = locks
         link.subscribe(self.tx_cobid, self._on_frame)
@@ -86,8 +91,7 @@ class _Client(SdoClient):
         while (message := self._link.receive(0.0)) is not None:  # a doubled or late answer must not pass for the one to this request
             self._link.dispatch(message)
         while not self.responses.empty():
-            self.responses.get_nowait()
-            self.doubled += 1
+            self._second(self.responses.get_nowait())
         if data[0] >> 5 in (_DOWNLOAD, _UPLOAD):
             self._previous, self._object = self._object, bytes(data[1:4])
         self.asked += 1
@@ -97,9 +101,14 @@ class _Client(SdoClient):
     def _on_frame(self, message: can.Message) -> None:
         data = bytes(message.data)
         if len(data) != 8 or ((data[0] == _ABORT or data[0] >> 5 in _NAMING) and data[1:4] not in (self._object, _ANY)):
-            self.doubled += len(data) == 8 and data[1:4] == self._previous
+            if len(data) == 8 and data[1:4] == self._previous:
+                self._second(data)
             return  # of another transfer: it comes late
         self.responses.put(data)
+
+    def _second(self, data: bytes) -> None:
+        self.doubled += 1
+        self.differ |= self._answers.get(data[1:4], data) != data
 
     def follow(self, again: bool) -> None:
         """A transfer is over; ``again``: it was begun anew.  When two in a row were, answers come late: no adapter loses so many."""
@@ -116,6 +125,7 @@ class _Client(SdoClient):
             self._link.pump(left_s)
         response: bytes = self.responses.get_nowait()
         self.answered = True
+        self._answers[response[1:4]] = response
         took_s = self._link.clock.now() - self._asked_s
         self.answer_time_s = max(self.answer_time_s, min(_OVER_SLOWEST * took_s, _LONGEST_ANSWER_S))
         if response[0] == _ABORT:
@@ -227,7 +237,14 @@ class SdoObjects(Objects):
     @property
     def twice(self) -> bool:
         """See :attr:`Objects.twice`: nearly every request so far was answered more than once."""
-        return self._client.asked >= _ASKED and self._client.doubled > _TWINS * self._client.asked
+        return self._client.doubled > _TWINS * self._client.asked and self._differ()
+
+    def _differ(self) -> bool:
+        """True if answers that come twice are not the same: two axes stand at different places, an adapter that doubles frames is one."""
+        if not self._client.differ:
+            for _ in range(_ASKED):
+                self.read_if_there(0x6064, 0, "int32")
+        return self._client.differ
 
     def _transfer(self, index: int, subindex: int, verb: str, transfer: Callable[[], _Result]) -> _Result:
         unanswered = out_of_step = 0

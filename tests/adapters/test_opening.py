@@ -189,7 +189,9 @@ def test_what_is_lent_unchanged_is_given_back_where_it_changed_later_or_is_owed_
 
 def test_two_drives_with_one_number_are_not_opened():
     """Both would move; each answers every question.  An adapter that doubles a frame now and then is none."""
-    bus = StubBus(StubNode(), StubNode())
+    nodes = StubNode(), StubNode()
+    nodes[1].put(0x6064, 0, 4711)
+    bus = StubBus(*nodes)
     with pytest.raises(DriveError, match=r"two drives have this node number.*give it another number"):
         connect(bus, bus.clock, 1, None, None, bus.shutdown)
 
