@@ -88,12 +88,17 @@ def _nothing(run: Any, data: Mapping[str, Any], found: Result) -> Result:
 
 
 def _errors(before: Mapping[str, Any] | None, after: Mapping[str, Any] | None, cost: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Following error at motor and carriage, µm, before and after: as verified where both moves were driven, else as predicted."""
+    """Following error at motor and carriage, µm, before and after: measured where both moves were driven, else predicted by the model that
+    knows what was missing: what the one before predicts, which lacks it, is no error that the axis had.
+    """
     found = {}
     for place_, key in (("motor", "unaware"), ("carriage", "unaware_cart")):
-        if before is not None and after is not None:
-            one = {"before_um": 1e6 * before[place_]["following_m"], "after_um": 1e6 * after[place_]["following_m"]}
-            found[place_] = {**one, "how": "measured" if after[place_]["measured"] else "predicted"}
+        if before is not None and after is not None and before[place_]["measured"] and after[place_]["measured"]:
+            found[place_] = {
+                "before_um": 1e6 * before[place_]["following_m"],
+                "after_um": 1e6 * after[place_]["following_m"],
+                "how": "measured",
+            }
         elif cost and cost.get(key):
             aware = key.replace("unaware", "aware")
             found[place_] = {"before_um": 1e6 * cost[key]["dynamic_m"], "after_um": 1e6 * cost[aware]["dynamic_m"], "how": "predicted"}

@@ -40,6 +40,18 @@ def piped(command: Sequence[str], **variables: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, stdin=quiet, stdout=subprocess.PIPE, stderr=quiet, env={**environment(), **variables})
 
 
+def session(command: Sequence[str]) -> subprocess.Popen[bytes]:
+    """A process whose words come through one pipe as they are said; a Ctrl-C here does not reach it.   Raises OSError."""
+    return subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env={**environment(), "PYTHONUNBUFFERED": "1"},
+        start_new_session=True,
+    )
+
+
 def run(command: Sequence[str], limit_s: float) -> subprocess.CompletedProcess[bytes]:
     """A process and what it says.   Raises OSError, subprocess.TimeoutExpired when it does not end in time."""
     quiet = subprocess.DEVNULL

@@ -15,7 +15,7 @@ from beltcomm.outside import KEPT_BYTES, read_text
 
 TEXT, EVENTS = "journal.txt", "events.jsonl"
 #: What a line means to a program; a note is for people only.
-Event = Literal["note", "connected", "rehearsed", "restored", "gains kept", "not restored", "left at once"]
+Event = Literal["note", "phase", "connected", "rehearsed", "restored", "gains kept", "not restored", "left at once"]
 
 
 def append(folder: Path, line: str, event: Event, at: str) -> None:

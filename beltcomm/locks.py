@@ -107,6 +107,24 @@ def occupied(
                 hold.lock.release()
 
 
+def is_occupied(folder: Path) -> bool:
+    """True if another command is in a folder now; what a killed one left is no command."""
+    import filelock
+
+    path = folder / NAME
+    if path.is_symlink() or not path.is_file():
+        return False
+    lock = filelock.FileLock(path, timeout=0.0, thread_local=False, fallback_to_soft=False)
+    try:
+        lock.acquire()
+    except filelock.Timeout:
+        return True
+    except OSError:
+        return False
+    lock.release()
+    return False
+
+
 def changes_run(*, waits: bool = True) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
     """Of a command whose argument ``run`` is a folder that it changes: others are kept out of it meanwhile.
 

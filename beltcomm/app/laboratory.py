@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm import isolation
-from beltcomm.app.view import ResidualView, stamp_of
+from beltcomm.app.view import ResidualView, shown, stamp_of
 from beltcomm.app.worker import work
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.errors import UsageError
@@ -104,6 +104,7 @@ class LaboratoryTab:
             "parameters": view.parameters,
             "ratio": view.ratio,
             "explained": EXPLAINED,
+            "evidence": EVIDENCE,
             "held_out": view.held_out,
             "plain": view.plain,
             "records": view.records,
@@ -113,8 +114,8 @@ class LaboratoryTab:
             "names": list(cells.names),
             "responses": [one.record for one in view.responses],
             "cells": columns,
-            "edges": _shown(view.edges),
-            "spectrum": _shown(np.sqrt(view.spectrum)),
+            "edges": shown(view.edges),
+            "spectrum": shown(np.sqrt(view.spectrum)),
             "change": self._change,
             "before": None if self._before is None else {"ratio": self._before.ratio, "records": self._before.records},
         }
@@ -168,7 +169,7 @@ class LaboratoryTab:
             else [_mean(cells.more[side], cells.count[side]) for side in (chosen & (cells.speed > 0.0), chosen & (cells.speed < 0.0))],
             "records": {name: float(by_record[i]) for i, name in enumerate(cells.names) if by_record[i] > 0.0},
             "chosen": base64.b64encode(np.packbits(chosen).tobytes()).decode(),
-            "spectrum": _shown(np.sqrt(power(view.rows, view.white, view.edges, samples))),
+            "spectrum": shown(np.sqrt(power(view.rows, view.white, view.edges, samples))),
             "candidates": [one for one in told if one["share"] > LEAST_SHARE][:TOLD],
             "searched": self._searched,
         }
@@ -189,11 +190,11 @@ class LaboratoryTab:
             "response": None
             if pair is None
             else {
-                "freq_hz": _shown(pair.freq_hz),
+                "freq_hz": shown(pair.freq_hz),
                 "of": "position, dB re 1 m/N" if view.units.force == "N" else f"angle, dB re 1 rad/({view.units.force})",
-                "db": [_shown(20.0 * np.log10(np.abs(one))) for one in (pair.measured, pair.model)],
-                "deg": [_shown(below(one)) for one in (pair.measured, pair.model)],
-                "noise_db": None if pair.radius is None else _shown(20.0 * np.log10(np.maximum(pair.radius, 1e-12))),
+                "db": [shown(20.0 * np.log10(np.abs(one))) for one in (pair.measured, pair.model)],
+                "deg": [shown(below(one)) for one in (pair.measured, pair.model)],
+                "noise_db": None if pair.radius is None else shown(20.0 * np.log10(np.maximum(pair.radius, 1e-12))),
             },
         }
 
@@ -343,7 +344,7 @@ def _static(one: CandidateEffect, view: ResidualView) -> dict[str, Any]:
         after = {name: math.sqrt(float(s / n)) for name, s, n in zip(cells.names, *by_record, strict=True) if n > 0.0}
     law = None
     if one.law is not None and one.law.along != "frequency":
-        law = {name: _shown(value) if isinstance(value, np.ndarray) else value for name, value in vars(one.law).items()}
+        law = {name: shown(value) if isinstance(value, np.ndarray) else value for name, value in vars(one.law).items()}
     return {
         "effect": one.effect,
         "title": one.title,
@@ -372,11 +373,6 @@ def _mean(values: NDArray[np.float64], count: NDArray[np.float64]) -> float | No
 def _packed(values: NDArray[Any]) -> str:
     """Numbers of 32 bits in base64, which a page reads without parsing."""
     return base64.b64encode(np.asarray(values, dtype="<f4").tobytes()).decode()
-
-
-def _shown(values: NDArray[np.float64]) -> list[float | None]:
-    """To the four digits that a picture shows; None where there is nothing."""
-    return [None if not math.isfinite(x) else float(f"{x:.4g}") for x in np.asarray(values).tolist()]
 
 
 def _checked(asked: Any, view: ResidualView) -> tuple[str, float, float, str]:

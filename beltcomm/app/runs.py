@@ -1,4 +1,4 @@
-"""The runs tab: the runs of one axis side by side, and how each quantity went from run to run."""
+"""The runs tab: the runs of one axis side by side, their curves laid over each other, and how each quantity went from run to run."""
 
 from __future__ import annotations
 
@@ -7,15 +7,19 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from beltcomm.app.view import base_effects, shown
 from beltcomm.axis import load_axis
-from beltcomm.errors import BeltcommError
+from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.pages.gather import results_of
 from beltcomm.pages.quantities import quantities_of
+from beltcomm.rundata import analyse
 from beltcomm.rundata.revisions import current_model, current_revision
 from beltcomm.runfolder import RunFolder
 
-#: Runs that are shown at most, the newest.
-MOST = 24
+#: Runs that are shown at most, the newest; runs whose curves are laid over each other, and points of a curve over time.
+MOST, OVERLAID, DRAWN = 24, 6, 600
 
 
 class RunsTab:
@@ -26,7 +30,7 @@ class RunsTab:
 
     def answers(self) -> Mapping[str, Callable[[Any], Mapping[str, Any]]]:
         """By the name under which the page asks."""
-        return {"list": lambda _: self.list()}
+        return {"list": lambda _: self.list(), "curves": self.curves}
 
     def list(self) -> dict[str, Any]:
         """Every run with its quantities, oldest first; what cannot be read is said."""
@@ -45,6 +49,38 @@ class RunsTab:
         found.sort(key=lambda row: (row["began_s"], row["name"]))
         return {"axis": name, "runs": found[-MOST:], "left_out": left_out}
 
+    def curves(self, asked: Any) -> dict[str, Any]:
+        """Measured response and error of the last move of some runs, by name.   Raises UsageError for none that is beside this one."""
+        names = asked.get("names") if isinstance(asked, dict) else None
+        if not isinstance(names, list) or len(names) > OVERLAID:
+            raise UsageError(f"curves are asked for by the names of at most {OVERLAID} runs")
+        return {"runs": [{"name": name, **_curves(RunFolder.open(beside(self._run, name)))} for name in names]}
+
+
+def beside(run: Path, name: object) -> Path:
+    """The folder of a name beside a run, the run itself among them.   Raises UsageError for what names no folder there."""
+    own = run.resolve()
+    if not isinstance(name, str) or name in (".", "..") or Path(name).name != name or not (own.parent / name).is_dir():
+        raise UsageError(f"there is no run {name!r} beside {own.name}; the page lists those that there are under Runs")
+    return own.parent / name
+
+
+def _curves(folder: RunFolder) -> dict[str, Any]:
+    """The strongest response of a run that stands still, and the error of its last move; None where there is none."""
+    files = {path.stem for path in folder.recordings_folder.glob("*.csv")}
+    standing = [one for one in map(folder.recording, sorted(name for name in files if name.startswith("frf"))) if not one.sidecar.moving]
+    found = analyse.responses(sorted(standing, key=lambda one: -float(np.ptp(one.torque)))[:1])
+    moved = [name.removeprefix("verify_") for name in results_of(folder) if name.startswith("verify_")]
+    move = next((folder.recording(name) for name in reversed(moved) if name in files), None)
+    curves: dict[str, Any] = {"response": None, "move": None}
+    for name, response in found.items():
+        curves["response"] = {"record": name, "freq_hz": shown(response.freq_hz), "db": shown(20.0 * np.log10(np.abs(response.h)))}
+    if move is not None and move.reference_position is not None and folder.has_axis:
+        step = max(len(move.t_s) // DRAWN, 1)
+        error_um = 1e6 * folder.axis.transmission_m_rad * (move.reference_position - move.position)
+        curves["move"] = {"record": move.name, "t_s": shown(move.t_s[::step]), "error_um": shown(error_um[::step])}
+    return curves
+
 
 def _row(path: Path, own: bool) -> dict[str, Any]:
     folder = RunFolder.open(path)
@@ -59,8 +95,8 @@ def _row(path: Path, own: bool) -> dict[str, Any]:
         "own": own,
         "began_s": began if began is not None else about.stat().st_mtime if about.is_file() else 0.0,
         "dated": began is not None,
-        "drive": folder.drive.get("serial_number") or folder.drive.get("device_name") or "",
-        "effects": list(model.effects) if model is not None else [],
+        "drive": _drive(folder.drive),
+        "added": [name for name in model.effects if name not in base_effects(folder)] if model is not None else [],
         "ratio": rung.ratio if rung is not None else _ratio(fit.get("misfit")),
         "passed": bool(moves[-1]["passed"]) if moves else None,
         "quantities": {
@@ -73,6 +109,14 @@ def _row(path: Path, own: bool) -> dict[str, Any]:
             for key, one in quantities_of(model, results).items()
         },
     }
+
+
+def _drive(known: Mapping[str, Any]) -> str:
+    """A drive in a few words."""
+    if str(known.get("hardware", "")).startswith("virtual"):
+        return "virtual"
+    serial = known.get("serial_number")
+    return f"no. {serial}" if serial else str(known.get("device_name") or "")
 
 
 def _ratio(misfit: object) -> float | None:

@@ -1,7 +1,8 @@
-"""``beltcomm open``: one page on a run, for the browser of this computer."""
+"""``beltcomm open``: one page on a run and those beside it, for the browser of this computer."""
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -9,12 +10,18 @@ from typing import Any
 from beltcomm.app.design import DesignTab
 from beltcomm.app.laboratory import LaboratoryTab
 from beltcomm.app.live import LiveTab
-from beltcomm.app.runs import RunsTab
+from beltcomm.app.runs import RunsTab, beside
+from beltcomm.app.session import VirtualSession
+from beltcomm.errors import UsageError
 from beltcomm.experiments.options import Options
 from beltcomm.given import Place, place
+from beltcomm.locks import is_occupied
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Silence, Talk
+
+#: Runs beside the first one that are held ready.
+MOST_OPEN = 3
 
 
 class RunPage:
@@ -24,12 +31,13 @@ class RunPage:
         self, run: Path, *, payload_kg: float = 0.0, move: Path | None = None, seed: int = 0, when: Callable[[], str] = str
     ) -> None:
         RunFolder.open(run)  # says what is wrong before a page opens
-        self._run = run
+        self.run = run
         self.runs, self.live = RunsTab(run), LiveTab(run)
         self.laboratory = LaboratoryTab(run, when, self.live.running)
         self.design = DesignTab(run, payload_kg=payload_kg, move=move, seed=seed)
+        self.answers = self._answers()
 
-    def answers(self) -> Mapping[str, Callable[[Any], Mapping[str, Any]]]:
+    def _answers(self) -> dict[str, Callable[[Any], Mapping[str, Any]]]:
         """By the name under which the page asks, ``TAB-NAME``."""
         tabs = {
             "laboratory": self.laboratory.answers(),
@@ -44,12 +52,66 @@ class RunPage:
 
     def begin(self) -> dict[str, Any]:
         """Head of the page."""
-        folder = RunFolder.open(self._run)
-        return {"run": str(self._run), "axis": folder.axis.name if folder.has_axis else "", "live": self.live.running()}
+        folder = RunFolder.open(self.run)
+        return {"run": str(self.run), "axis": folder.axis.name if folder.has_axis else "", "live": self.live.running()}
 
     def close(self) -> None:
         """End what runs beside it."""
         self.laboratory.close()
+
+
+class RunPages:
+    """The run that is opened, those beside it that the page goes on to, and the virtual session that it may start.
+
+    A question is ``{"run": NAME, "asked": ...}``: the name of a run beside the first one, "" for that one.
+    """
+
+    def __init__(self, run: Path, *, when: Callable[[], str] = str, **settings: Any) -> None:
+        self._settings = {**settings, "when": when}
+        self.first, self.session = RunPage(run, **self._settings), VirtualSession(when)
+        self._others: dict[str, RunPage] = {}
+        self._lock = threading.Lock()
+        #: Designs that were saved, of whatever run.
+        self.saved: list[Result] = self.first.design.saved
+
+    def answers(self) -> Mapping[str, Callable[[Any], Mapping[str, Any]]]:
+        """By the name under which the page asks."""
+        of_run = {name: lambda asked, name=name: self._of(asked).answers[name](asked["asked"]) for name in self.first.answers}
+        return of_run | {
+            "session-state": lambda _: self.session.state(),
+            "session-offers": lambda asked: self.session.offers(self._of(asked).run),
+            "session-start": self._start,
+            "session-stop": lambda _: self.session.stop(),
+        }
+
+    def close(self) -> None:
+        """End what runs beside it."""
+        self.session.close()
+        for page in (self.first, *self._others.values()):
+            page.close()
+
+    def _start(self, asked: Any) -> dict[str, Any]:
+        page = self._of(asked)
+        busy = [folder.name for folder in sorted(self.first.run.resolve().parent.iterdir()) if is_occupied(folder)]
+        if busy and not self.session.running:
+            raise UsageError(f"a command is at work in {busy[0]}; wait for its end: a machine that moves may need this computer in time")
+        return self.session.start(page.run, asked["asked"])
+
+    def _of(self, asked: Any) -> RunPage:
+        """The page of the run that is asked about.   Raises UsageError for none beside the first."""
+        if not isinstance(asked, dict) or set(asked) != {"run", "asked"} or not isinstance(asked["run"], str):
+            raise UsageError("a question is the name of a run, and what is asked of it")
+        name = asked["run"]
+        if name in ("", self.first.run.resolve().name):
+            return self.first
+        with self._lock:
+            if (page := self._others.pop(name, None)) is None:
+                page = RunPage(beside(self.first.run, name), **self._settings)
+                page.design.saved = self.saved
+            self._others[name] = page  # the one asked last stands last
+            while len(self._others) > MOST_OPEN:
+                self._others.pop(next(iter(self._others))).close()
+            return page
 
 
 def open_page(
@@ -100,7 +162,7 @@ def open_page(
 
     run, options, talk = place(run), options or Options(), talk or Silence()
     move = None if move is None else place(move, "move")
-    page = RunPage(run, payload_kg=options.payload_kg or 0.0, move=move, seed=options.seed or 0, when=when)
+    page = RunPages(run, payload_kg=options.payload_kg or 0.0, move=move, seed=options.seed or 0, when=when)
     try:
         with serve(PAGE, page.answers(), token, port) as served:
             talk.say(f"the page is at {served.address} ; Ctrl-C ends it")
@@ -109,7 +171,7 @@ def open_page(
             served.run()
     finally:
         page.close()
-    saved = page.design.saved
+    saved = page.saved
     if not saved:
         return Result({"run": str(run), "saved": 0}, [f"No design was saved; that of {run} is as it was."])
     last = saved[-1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -77,7 +78,7 @@ def view_of(here: Opened, stamp: str) -> ResidualView:
     return ResidualView(
         stamp,
         model.effects,
-        tuple(name for name in model.effects if name not in _of_base(here.folder)),
+        tuple(name for name in model.effects if name not in base_effects(here.folder)),
         values_of(with_intervals(here.fitted)),
         found.ratio,
         found.held_out,
@@ -101,7 +102,7 @@ def view_of(here: Opened, stamp: str) -> ResidualView:
     )
 
 
-def _of_base(folder: RunFolder) -> tuple[str, ...]:
+def base_effects(folder: RunFolder) -> tuple[str, ...]:
     """Effects of the first model of the run: what a person added since may be taken out by a click, those only by a command."""
     rungs = (folder.load_result("ladder") or {}).get("revisions") or ()
     if rungs:
@@ -120,3 +121,8 @@ def stamp_of(folder: Path) -> str:
             continue
         said.append(f"{file.name} {about.st_size} {about.st_mtime_ns}")
     return "; ".join(said)
+
+
+def shown(values: Array) -> list[float | None]:
+    """To the five digits that a picture shows; None where there is nothing."""
+    return [None if not math.isfinite(x) else float(f"{x:.5g}") for x in np.asarray(values).tolist()]

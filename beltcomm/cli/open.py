@@ -24,7 +24,7 @@ from beltcomm.language import tr
 @click.pass_obj
 def command(frame: Invocation, /, run: Path, move: Path | None, port: int, browser: bool, **given: Any) -> int:
     """A run on a page that only this computer can reach, until Ctrl-C: where the model fails and which effect heals it, the design with
-    sliders, what a session does now, runs side by side. Nothing on it moves a machine or writes to a drive.
+    sliders, what a session does now, runs side by side, a virtual session at a click. Nothing on it moves a machine or writes to a drive.
 
     Example: beltcomm open runs/first
     """

@@ -103,7 +103,14 @@ def agree(
         drive.allow_motion()
     if machine is not None:
         machine.folder.save_result(
-            PLAN, {"text": plan.text, "points": plain(plan.points), "experiments": plain(plan.experiments), **plan.heat_dict()}
+            PLAN,
+            {
+                "text": plan.text,
+                "points": plain(plan.points),
+                "experiments": plain(plan.experiments),
+                "seconds": plan.seconds,
+                **plan.heat_dict(),
+            },
         )
         machine.folder.journal(f"agreed{' by --yes' if options.yes else ''}: {plan.summary()}")
         if options.home:

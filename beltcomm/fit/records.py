@@ -130,6 +130,7 @@ def prepare_records(
     reversals: bool = False,
     colour: float = 0.0,
     single: bool = False,
+    coupled: bool = False,
 ) -> Data:
     """Segments of the records, with known noise and encoder step.
 
@@ -141,9 +142,11 @@ def prepare_records(
         Fine steps a sample.
     path : TorquePath
         Of the torque.
+    coupled : bool
+        With steps of time for a coupling, whatever the model.
     """
     pieces = []
-    rattles, coupled = any(effect.rattles for effect in model.effect_list()), is_coupled(model)
+    rattles, coupled = any(effect.rattles for effect in model.effect_list()), coupled or is_coupled(model)
     for recording in recordings:
         shown = shares.get(recording.name, (1.0, 0.0))
         # What swings behind a coupling is faster than samples show: they tell nothing of it near half their rate.
@@ -177,14 +180,13 @@ def is_coupled(model: Model) -> bool:
 
 
 def for_coupling(data: Data, model: Model) -> Data:
-    """Records with steps of time that a pulley behind a coupling takes; as they are where no model has one, or they have them."""
+    """Records with steps of time that a pulley behind a coupling takes, the motion between the samples by a model; as they are if so."""
     pieces = (*data.fitted, *data.held_out)
-    if not is_coupled(model) or all(piece.motion.sample_s / piece.motion.substeps <= 1.001 * COUPLED_STEP_S for piece in pieces):
+    if all(piece.motion.sample_s / piece.motion.substeps <= 1.001 * COUPLED_STEP_S for piece in pieces):
         return data
     shares = {piece.record: piece.rounding for piece in pieces}
-    return prepare_records(
-        data.recordings, model, data.noise_nm, data.step_rad, shares, data.substeps, data.path, data.reversals, data.colour, data.single
-    )
+    known = (data.noise_nm, data.step_rad, shares, data.substeps, data.path, data.reversals, data.colour, data.single)
+    return prepare_records(data.recordings, model, *known, coupled=True)
 
 
 def is_mostly_rounding(data: Data, model: Model) -> bool:
@@ -234,7 +236,7 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS,
     substeps : int
         Fine steps a sample, where nothing rattles and nothing creeps.
     """
-    data = for_coupling(data, model)
+    data = for_coupling(data, model) if is_coupled(model) else data
     pieces = (*data.fitted, *data.held_out)
     if needs_observer(model):  # what an observer leaves says nothing of the rounding; the shares found before stay
         shares = {piece.record: piece.rounding for piece in pieces}

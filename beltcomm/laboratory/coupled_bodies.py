@@ -15,8 +15,11 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from beltcomm.axis import Axis
 from beltcomm.effects import effect_named
+from beltcomm.effects.belt_spans import stiffness as stiffness_of_spans
 from beltcomm.fit.base import NEXT_ITERATIONS, refit_with_rebuilt_motion
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.observer import needs_observer
@@ -27,19 +30,20 @@ from beltcomm.laboratory.forward_selection import Candidate, bic_penalty, candid
 from beltcomm.model import Model
 
 COUPLING, END_PULLEY = effect_named("coupling"), effect_named("end_pulley")
+SPANS_BY_PLACE, SECTIONS = "belt_spans", "belt_sections"
 #: N m/rad, and shares of the driven inertia behind the coupling, that are tried.
 STIFFNESSES, SHARES_BEHIND = (100.0, 150.0, 225.0, 340.0, 500.0, 750.0), (0.2, 0.35, 0.5)
 #: Masses of the end pulley over the carriage's, and the belt's shares over it with how they are split, that are tried beside it.
 PULLEYS, SPANS = (0.005, 0.013, 0.03), ((0.15, 0.5), (0.2, 0.35), (0.27, 0.5), (0.4, 0.5))
-#: Fits that are begun from the best places of the raster, those that go on, and the iterations of both.
-BEGUN, GO_ON, FIRST, ITERATIONS = 12, 3, 6, 40
+#: Iterations of the fits that are begun, how many of them go on, and the iterations of those.
+FIRST, GO_ON, ITERATIONS = 8, 4, 40
 #: Factors of the stiffness from which a coupling is asked for again once the motion is rebuilt, iterations from there, rounds of rebuilding
 #: it, and iterations in each.
 ASIDE, APART, ROUNDS, IN_A_ROUND = (1.0, 1.6, 2.5), 15, 6, 3
 #: Iterations of the model without it where the steps of time are others.
 AGAIN = 4
 #: Share of what lies above the noise that it must explain, and O per sample of a base up to which it is not asked.
-MOST, FAR_OFF = 0.5, 1.5
+MOST, FAR_OFF = 0.5, 1.15
 
 
 def coupling_candidate(data: Data, current: Fitted, axis: Axis) -> Candidate | None:
@@ -61,13 +65,19 @@ def coupling_candidate(data: Data, current: Fitted, axis: Axis) -> Candidate | N
     named = candidate(seen, against, COUPLING, 0.0, grown, ways)
     if not named.accepted or named.explained <= MOST:
         return None
-    new = END_PULLEY.name not in current.model.effects and END_PULLEY.name in grown.model.effects
-    return replace(named, beside=END_PULLEY.name) if new else named
+    new = next((name for name in grown.model.effects if name not in (*current.model.effects, COUPLING.name)), "")
+    return replace(named, beside=new)
+
+
+def has_end_pulley(model: Model) -> bool:
+    """True if an end pulley is among its bodies."""
+    return any(body.name == "end_pulley" for _, body in model.bodies())
 
 
 def may_be_coupled(current: Fitted) -> bool:
     """True for a belt that nothing rattles on, and no coupling yet."""
-    return STIFFNESS in current.model.parameters and not needs_observer(current.model) and may_add(current, COUPLING)
+    has_spring = STIFFNESS in current.model.parameters or {SPANS_BY_PLACE, SECTIONS} & set(current.model.effects)
+    return bool(has_spring) and not needs_observer(current.model) and may_add(current, COUPLING)
 
 
 def with_coupling(data: Data, current: Fitted, axis: Axis) -> tuple[Data, Fitted] | None:
@@ -86,14 +96,15 @@ def grown_by_coupling(data: Data, current: Fitted, axis: Axis, *, alone: bool = 
     alone : bool
         No end pulley comes with it.
     """
-    here, own = current.model, END_PULLEY.name in current.model.effects
-    grounds = (here, start_model(axis, data.recordings))
-    single = [] if own else [model for ground in grounds for model in raster(here, ground, False)]
+    here = current.model
+    own = has_end_pulley(here)
+    grounds, place_m = (here, start_model(axis, data.recordings)), middle_m(data, here)
+    single = [] if own else [model for ground in grounds for model in raster(here, ground, place_m, False)]
     both = own or (not alone and may_add(current, END_PULLEY))
-    double = [model for ground in grounds for model in raster(here, ground, True)] if both else []
+    double = [model for ground in grounds for model in raster(here, ground, place_m, True)] if both else []
     if not single + double:
         return None
-    finer = for_coupling(data, (single + double)[0])
+    finer = for_coupling(data, here)
     against = current if finer is data else fit(finer, here, AGAIN, offsets=current.offsets)
     simple, more = (next(iter(best_from(finer, places)), None) for places in (single, double))
     if simple is not None and (more is None or drop_by(simple, more) <= bic_penalty(END_PULLEY, simple, len(double)) + EVIDENCE):
@@ -101,38 +112,94 @@ def grown_by_coupling(data: Data, current: Fitted, axis: Axis, *, alone: bool = 
     return None if more is None else (finer, against, more, len(double))
 
 
-def raster(here: Model, start: Model, with_pulley: bool) -> Iterator[Model]:
-    """Models with a coupling, and with an end pulley or without, whose low frequencies are those of the start values."""
+def raster(here: Model, start: Model, place_m: float, with_pulley: bool) -> Iterator[Model]:
+    """Models with a coupling, and with an end pulley or without, whose low frequencies are those of the start values.
+
+    Parameters
+    ----------
+    here : Model
+        Its effects stay, but for a delay of the torque, which stands for the coupling's inertia.
+    place_m : float, m
+        Of the carriage, where the belt's stiffness counts.
+    """
     known = {name: start[name] for name in start.parameters if name in here.parameters}
     ground = here.with_values(known, "start")
-    ground = ground.without_effect(END_PULLEY.name) if END_PULLEY.name in ground.effects else ground
-    inertia, belt, mass = ground["motor.inertia"], ground[STIFFNESS], ground["cart.mass"]
+    for effect in here.effect_list():
+        if effect is END_PULLEY or effect.slot == "torque_delay":
+            ground = ground.without_effect(effect.name)
+    inertia, belt, mass = ground["motor.inertia"], stiffness_at(ground, place_m), ground["cart.mass"]
     lever = ground["transmission.ratio"]
-    pulleys = [(m, *span) for m in PULLEYS for span in SPANS] if with_pulley else [(0.0, 0.0, 0.0)]
-    for stiffness, behind, (pulley, share, split) in itertools.product(STIFFNESSES, SHARES_BEHIND, pulleys):
+    for stiffness, behind in itertools.product(STIFFNESSES, SHARES_BEHIND):
         rest = 1.0 / belt - lever**2 / stiffness
         if rest <= 0.0:
             continue
-        model = ground.with_effect(COUPLING.name).with_values(
-            {
-                "coupling.stiffness": stiffness,
-                "driving_pulley.inertia": behind * inertia,
-                "motor.inertia": (1.0 - behind) * inertia,
-                STIFFNESS: 1.0 / rest,
-            },
-            "start",
-        )
-        if with_pulley:
-            own = {"end_pulley.mass": pulley * mass, "end_pulley.share": share, "end_pulley.split": split}
-            model = model.with_effect(END_PULLEY.name).with_values(own, "start")
-        yield model
+        values = {
+            "coupling.stiffness": stiffness,
+            "driving_pulley.inertia": behind * inertia,
+            "motor.inertia": (1.0 - behind) * inertia,
+        }
+        model = with_stiffness(ground, 1.0 / (rest * belt)).with_effect(COUPLING.name).with_values(values, "start")
+        yield from with_pulleys(model, mass, belt) if with_pulley else (model,)
+
+
+def with_pulleys(model: Model, mass: float, belt: float) -> Iterator[Model]:
+    """The model with end pulleys: in a span of unknown geometry, or between the sections of one that is known.
+
+    Parameters
+    ----------
+    mass : float, kg
+        Of the carriage.
+    belt : float, N/m
+        Stiffness to which the damping of the belt belongs.
+    """
+    if SPANS_BY_PLACE in model.effects:
+        own = {name: model[f"{SPANS_BY_PLACE}.{name}"] for name in ("specific_stiffness", "pulley_distance", "offset")}
+        own["specific_damping"] = model.get("belt_damping.damping") / belt * own["specific_stiffness"]
+        bare = model.without_effect(SPANS_BY_PLACE)
+        bare = bare.without_effect("belt_damping") if "belt_damping" in bare.effects else bare
+        sections = bare.with_effect(SECTIONS).with_values({f"{SECTIONS}.{name}": value for name, value in own.items()}, "start")
+        yield from (sections.with_values({"end_pulley.mass": share * mass}, "start") for share in PULLEYS)
+        return
+    for pulley, (share, split) in itertools.product(PULLEYS, SPANS):
+        values = {"end_pulley.mass": pulley * mass, "end_pulley.share": share, "end_pulley.split": split}
+        yield model.with_effect(END_PULLEY.name).with_values(values, "start")
+
+
+def stiffness_at(model: Model, place_m: float) -> float:
+    """Stiffness of the belt at a place, N/m, of one without mass in it."""
+    if STIFFNESS in model.parameters:
+        return model[STIFFNESS]
+    law = SPANS_BY_PLACE if SPANS_BY_PLACE in model.effects else SECTIONS
+    return float(stiffness_of_spans(place_m, *(model[f"{law}.{name}"] for name in ("specific_stiffness", "pulley_distance", "offset"))))
+
+
+def with_stiffness(model: Model, factor: float) -> Model:
+    """The model with a belt so many times as stiff."""
+    names = (STIFFNESS, *(f"{law}.specific_stiffness" for law in (SPANS_BY_PLACE, SECTIONS)))
+    return model.with_values({name: factor * model[name] for name in names if name in model.parameters}, "start")
+
+
+def middle_m(data: Data, model: Model) -> float:
+    """Place of the carriage in the middle of the records, m."""
+    return float(np.mean([np.mean(piece.motion.theta) for piece in data.fitted])) * model["transmission.ratio"]
 
 
 def best_from(data: Data, places: Sequence[Model]) -> list[Fitted]:
-    """Fits begun from the places that suit the records best as they are; those that come far soon go on."""
-    seen = by_objective(fit(data, model, 0) for model in places)
-    begun = by_objective(fit(data, fitted.model, FIRST) for fitted in seen[:BEGUN])
-    return by_objective(fit(data, fitted.model, ITERATIONS, offsets=fitted.offsets) for fitted in begun[:GO_ON])
+    """Fits begun from the places that suit the excited records best as they are; those that come far soon go on, on all records."""
+    excited = excited_only(data)
+    best: dict[tuple[float, float], Fitted] = {}  # of each coupling: else all that go on have the same
+    for seen in by_objective(fit(excited, model, 0) for model in places):
+        own = seen.model["driving_pulley.inertia"]
+        best.setdefault((seen.model["coupling.stiffness"], round(own / (own + seen.model["motor.inertia"]), 6)), seen)
+    begun = by_objective(fit(excited, fitted.model, FIRST) for fitted in best.values())
+    return by_objective(fit(data, fitted.model, ITERATIONS) for fitted in begun[:GO_ON])
+
+
+def excited_only(data: Data) -> Data:
+    """Records whose excitation reaches the modes; all where none of them is such."""
+    names = {recording.name for recording in data.recordings if recording.sidecar.experiment == "frf"}
+    pieces = tuple(piece for piece in data.fitted if piece.record in names)
+    return replace(data, fitted=pieces, held_out=()) if pieces else data
 
 
 def by_objective(fits: Iterable[Fitted]) -> list[Fitted]:
@@ -147,7 +214,7 @@ def settled(data: Data, grown: Fitted) -> tuple[Data, Fitted]:
     """
     tried = [(data, grown)]
     for factor in ASIDE:
-        begun = as_flexible(grown.model, factor * grown.model["coupling.stiffness"])
+        begun = as_flexible(grown.model, factor * grown.model["coupling.stiffness"], middle_m(data, grown.model))
         if begun is None:
             continue
         ahead, found = data, fit(data, begun, APART, offsets=grown.offsets)
@@ -157,8 +224,8 @@ def settled(data: Data, grown: Fitted) -> tuple[Data, Fitted]:
     return min(tried, key=lambda one: one[1].ratio if math.isfinite(one[1].objective) else math.inf)
 
 
-def as_flexible(model: Model, stiffness: float) -> Model | None:
+def as_flexible(model: Model, stiffness: float, place_m: float) -> Model | None:
     """The model with another stiffness of its coupling, N m/rad, and the belt's with which both give way as before; None for none."""
-    lever = model["transmission.ratio"] ** 2
-    rest = 1.0 / model[STIFFNESS] + lever / model["coupling.stiffness"] - lever / stiffness
-    return model.with_values({"coupling.stiffness": stiffness, STIFFNESS: 1.0 / rest}, "start") if rest > 0.0 else None
+    lever, belt = model["transmission.ratio"] ** 2, stiffness_at(model, place_m)
+    rest = 1.0 / belt + lever / model["coupling.stiffness"] - lever / stiffness
+    return with_stiffness(model.with_values({"coupling.stiffness": stiffness}, "start"), 1.0 / (rest * belt)) if rest > 0.0 else None

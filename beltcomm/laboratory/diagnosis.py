@@ -232,6 +232,7 @@ def diagnose(
         seen.append(data)
         data, name = taken.data, taken.best.effect.name
         kept, removed = drop_superfluous(data, taken.grown, base.model, name)
+        removed += tuple(each for each in current.model.effects if each not in (*taken.grown.model.effects, *removed))
         on_body = assign_body(data, kept, taken.best.effect)
         if on_body.new:
             data, kept = refit_with_rebuilt_motion(data, on_body.fitted, NEXT_ITERATIONS)

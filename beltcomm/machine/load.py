@@ -6,7 +6,6 @@ import math
 
 from beltcomm.axis import Axis
 from beltcomm.drive import Row
-from beltcomm.machine.envelope import Room
 from beltcomm.talk import Gauge
 
 #: Rows over which an acceleration is a mean: steps of the encoder must not pass for belt force.
@@ -14,11 +13,11 @@ OVER = 10
 
 
 class Load:
-    """Sees the rows of a record; :meth:`gauges` tells the largest since it was last asked."""
+    """Sees the rows of a record; :meth:`gauges` tells the largest since it was last asked.   most_nm, fastest_m_s : limits, N m and m/s."""
 
-    def __init__(self, axis: Axis, room: Room) -> None:
+    def __init__(self, axis: Axis, most_nm: float, fastest_m_s: float) -> None:
         self._ratio, self._inertia = axis.transmission_m_rad, (axis.motor.inertia_kg_m2 and axis.motor_side_inertia_kg_m2) or 0.0
-        self._limits = (room.torque_nm, axis.belt_force_limit_n, room.speed_m_s)
+        self._limits = (most_nm, axis.belt_force_limit_n, fastest_m_s)
         self._speeds: list[tuple[float, float]] = []
         self._torque = self._force = self._speed = 0.0
 

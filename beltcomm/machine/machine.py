@@ -149,6 +149,7 @@ class Machine:
         """Tell that a phase begins, numbered among those to come."""
         number = self.titles.index(title) + 1 if title in self.titles else 1
         self.talk.phase(number, max(len(self.titles), 1), title)
+        self.folder.journal(f"phase {number} of {max(len(self.titles), 1)}: {title}", "phase")
 
     @property
     def weight_n(self) -> float:
@@ -348,7 +349,7 @@ class Machine:
         writer = self.folder.new_recording(name, sidecar, COLUMNS)
         closed = foreseen_of(self, motion)
         zero, begun, total = self.origin_rad, self.drive.clock.now(), len(motion.torque_nm)
-        rows, load = 0, Load(self.axis, room)
+        rows, load = 0, Load(self.axis, room.torque_nm, room.speed_m_s)
 
         def sink(row: Row) -> None:
             nonlocal rows

@@ -5,7 +5,7 @@ import { recordView } from "./record.js";
 
 const $ = (id) => document.getElementById(id);
 const TITLES = { time: "time", position: "position", speed: "speed", angle: "motor angle", torque: "motor torque", frequency: "frequency" };
-const WEIGHING = "still weighing what could explain it …", ROUNDED_S = 0.001, MEAN_BINS = 60, FEWEST = 3, CARDS = 3;
+const WEIGHING = "still weighing what could explain it …", ROUNDED_S = 0.001, MEAN_BINS = 60, FEWEST = 3, CARDS = 3, LEAST_FALL = 0.005;
 
 const bits = (text, count) => { const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0)); return Array.from({ length: count }, (_, i) => (bytes[i >> 3] >> (7 - (i & 7))) & 1); };
 
@@ -52,7 +52,7 @@ export function laboratory(ask) {
     drawResiduals();
     await oneRecord.draw(found);
     $("clear").disabled = true;
-    $("explain-words").textContent = "";
+    $("low").value = $("high").value = $("explain-words").textContent = "";
     if (began) {
       window.timings.add.push(performance.now() - began);
       began = 0;
@@ -63,8 +63,9 @@ export function laboratory(ask) {
   async function whole() {
     const told = await ask("laboratory-candidates");
     candidates = told.candidates;
-    $("explain-title").textContent = "What could explain what is left?";
-    drawCandidates(told.candidates.filter((one) => one.share > 0.01).slice(0, 6), told.searched ? "" : WEIGHING);
+    const some = told.candidates.filter((one) => one.share > 0.01 && helps(one)).slice(0, 6);
+    $("explain-title").textContent = told.searched && !some.length && found.ratio <= found.explained ? "Nothing is missing above the noise" : "What could explain what is left?";
+    drawCandidates(some, told.searched ? "" : WEIGHING);
   }
 
   // again : more has been weighed meanwhile; what somebody types is left alone, and so is another choice made while this was asked.
@@ -140,6 +141,7 @@ export function laboratory(ask) {
 
   async function drawStairs() {
     const { revisions } = await ask("laboratory-ladder");
+    $("stairs-words").hidden = revisions.length < 2;
     const top = Math.max(1.2, ...revisions.map((one) => one.ratio));
     $("stairs").replaceChildren(...revisions.slice(-8).map((one) => {
       const bar = element("i");
@@ -184,7 +186,7 @@ export function laboratory(ask) {
       const x = order.map((i) => xs[i]), forward = order.map((i) => (cells.speed[i] > 0 ? cells.more[i] : null)), backward = order.map((i) => (cells.speed[i] > 0 ? null : cells.more[i]));
       const drawn = chart($("residuals"), {
         title: `Over ${TITLES[along]}`, name: `residual-${along}`, x: { label: `${TITLES[along]}, ${unitOf(along)}` }, y: { label: `measured − model, ${found.units.force}`, range: [-reach, reach] }, height: 200, quiet: true,
-        series: [{ name: "forward", look: "first", dots: true, size: many }, { name: "backward", look: "second", dots: true, size: many }, { name: "marked", look: "chosen", dots: true, size: many + 1 }],
+        series: [{ name: "forward", look: "first", dots: true, size: many }, { name: "backward", look: "second", dots: true, size: many }, { name: "marked", look: "chosen", dots: true, size: Math.min(many + 1, 3) }],
         onSelect: (low, high) => mark(along, low, high).catch(problem),
         overlay: (u, ctx) => { horizontal(u, ctx, 0, colour("soft")); if (along !== "time") for (const [, values] of both) line(u, ctx, centres, values, colour("paper"), 5); if (along !== "time") for (const [look, values] of both) line(u, ctx, centres, values, colour(look), 2.5); },
       });
@@ -218,14 +220,14 @@ export function laboratory(ask) {
   function drawCandidates(some, more) {
     const before = cards;
     cards = new Map();
-    const made = some.slice(0, CARDS).map((one, k) => {
+    const helping = some.filter(helps), made = helping.slice(0, CARDS).map((one, k) => {
       const key = `${version} ${one.effect} ${Math.round(100 * one.share)} ${k === 0 && one.likely} ${JSON.stringify(chosen && [chosen.along, chosen.low, chosen.high])}`;
       cards.set(key, before.get(key) || card(one, k === 0 && one.likely));
       return cards.get(key);
     });
-    const others = some.slice(CARDS).map((one) => row(one));
+    const others = [...helping.slice(CARDS), ...(chosen ? some.filter((one) => !helps(one)) : [])].map((one) => row(one));
     const now = [...made.map((one) => one.box), ...(others.length ? [element("div", { id: "others", className: "scroll" }, element("table", {}, element("tbody", {}, ...others)))] : []), ...(more ? [element("p", { className: "small" }, more)] : []),
-      ...(!some.length && !more ? [element("p", { className: "small" }, "No known effect explains more than chance would.")] : [])];
+      ...(!helping.length && !more ? [element("p", { className: "small" }, found.ratio <= found.explained ? "What is left is noise: no known effect would lower it. Mark a part of a picture to ask about that part." : "No known effect lowers the error of all records.")] : [])];
     const place = $("candidates");
     for (const old of [...place.children]) if (!now.includes(old)) old.remove();
     now.forEach((one, k) => { if (place.children[k] !== one) place.insertBefore(one, place.children[k] || null); });
@@ -233,7 +235,10 @@ export function laboratory(ask) {
     for (const one of made) if (one.law && !one.law.data) one.law.set(one.law.given);
   }
 
-  const ratios = (one) => (one.ratio === null ? "" : one.ratio < found.ratio ? `; all records ${found.ratio.toFixed(2)} → ${one.ratio.toFixed(2)} × the noise, foretold` : "; it would make the rest worse");
+  // What explains a part but makes all records together worse is no cure: it is told of, behind those that are.
+  const helps = (one) => one.ratio === null || one.ratio < found.ratio - LEAST_FALL;
+
+  const ratios = (one) => (one.ratio === null ? "" : helps(one) ? `; all records ${found.ratio.toFixed(2)} → ${one.ratio.toFixed(2)} × the noise, foretold` : "; it would make the rest worse");
 
   function row(one) {
     const add = element("button", { type: "button", className: "changes" }, "Add");
@@ -251,7 +256,7 @@ export function laboratory(ask) {
       element("div", { className: "small" }, Object.entries(one.values).filter(([, [v]]) => v !== 0).map(([name, [v, unit]]) => `${name} ${number(v)}${unit && unit !== "1" ? ` ${unit}` : ""}`).join(", ")));
     made.dataset.effect = one.effect;
     const box = { box: made, law: null };
-    const buttons = element("div", { className: "buttons" }), add = element("button", { type: "button", className: "main-action changes" }, `Add ${one.effect.replaceAll("_", " ")}`), doubt = element("button", { type: "button", className: "changes" }, "Is it that?");
+    const buttons = element("div", { className: "buttons" }), add = element("button", { type: "button", className: first ? "main-action changes" : "changes" }, `Add ${one.effect.replaceAll("_", " ")}`), doubt = element("button", { type: "button", className: "changes" }, "Is it that?");
     add.addEventListener("click", () => change("add", one.effect));
     doubt.title = "evidence, records held out, runner-up, and what would tell them apart; the best effects are refitted with everything free";
     doubt.addEventListener("click", () => { evidence = null; ask("laboratory-evidence").catch(problem); });
@@ -298,19 +303,21 @@ export function laboratory(ask) {
     if (!evidence) return;
     const [best, second] = evidence.ranking, refitted = evidence.ranking.filter((one) => one.refitted);
     const ahead = best && second && second.refitted ? `${number(best.evidence - second.evidence)} nats more evidence than ${second.effect.replaceAll("_", " ")}` : "nothing else came near";
+    const [command, why] = String(evidence.lines.at(-1)).replace("Next: ", "").split(/ {3}\((.*)\)\.?$/);
     $("evidence").replaceChildren(element("h3", {}, `Verdict: ${evidence.verdict}`),
-      element("div", { className: "scroll" }, element("table", {}, element("thead", {}, element("tr", {}, ...["effect", "evidence, nats", "explains", "records held out", "against it"].map((t) => element("th", {}, t)))),
+      ...(!refitted.length ? [] : [element("div", { className: "scroll" }, element("table", {}, element("thead", {}, element("tr", {}, ...["effect", "evidence, nats", "explains", "records held out", "against it"].map((t) => element("th", {}, t)))),
         element("tbody", {}, ...refitted.map((one) => element("tr", {}, element("td", {}, one.effect), element("td", { className: "number" }, number(one.evidence)), element("td", { className: "number" }, `${Math.round(100 * one.explained)} %`),
-          element("td", { className: "number" }, one.held_out_gain === null ? "none" : `${one.held_out_gain > 0 ? "better by" : "worse by"} ${number(Math.abs(one.held_out_gain))}`), element("td", {}, one.accepted ? "nothing" : one.against)))))),
-      element("p", {}, best ? `${best.effect.replaceAll("_", " ")}: ${ahead}.` : "Nothing known explains it.", evidence.twins.length ? ` No record here tells ${evidence.twins.join(" and ")} apart.` : ""),
+          element("td", { className: "number" }, one.held_out_gain === null ? "none here" : `${one.held_out_gain > 0 ? "better by" : "worse by"} ${number(Math.abs(one.held_out_gain))}`), element("td", {}, one.accepted ? "nothing" : one.against))))))]),
+      ...(refitted.length ? [element("p", { className: "small" }, `Evidence: log-likelihood that it gains, less what as many free parameters would gain by chance; above ${found.evidence} nats it counts.`)] : []),
+      element("p", {}, best && refitted.length ? `${best.effect.replaceAll("_", " ")}: ${ahead}.` : found.ratio <= found.explained ? "Nothing stands above the noise that a known effect would explain." : "Nothing known explains it.", evidence.twins.length ? ` No record here tells ${evidence.twins.join(" and ")} apart.` : ""),
       ...evidence.by_hand.map((one) => element("p", { className: "small" }, `By hand, ${one.cause || ""}: ${one.change}; then ${one.record}: ${one.tells}`)),
-      element("p", { className: "small" }, "What would tell more, as a command:"), element("pre", {}, String(evidence.lines.at(-1)).replace("Next: ", "")),
+      element("p", { className: "small" }, why ? `Next (${why}), in a terminal:` : "Next, in a terminal:"), element("pre", {}, command),
       element("details", {}, element("summary", {}, "All that `beltcomm diagnose --next` says"), element("pre", {}, evidence.lines.join("\n"))));
   }
 
   $("choose").addEventListener("submit", (event) => {
     event.preventDefault();
-    if (found) mark($("along").value, Number($("low").value), Number($("high").value)).catch(problem);
+    if (found) mark($("along").value, ...["low", "high"].map((id) => ($(id).value === "" ? null : Number($(id).value)))).catch(problem);
   });
   $("clear").addEventListener("click", async () => {
     chosen = null;

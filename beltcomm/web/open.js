@@ -8,10 +8,13 @@ import { runs } from "./runs.js";
 
 const $ = (id) => document.getElementById(id);
 
-export async function ask(name, data = {}) {
+// The run that this window shows: that of `beltcomm open`, or another one beside it.
+const chosen = new URLSearchParams(location.search).get("run") || "";
+
+export async function ask(name, asked = {}, run = chosen) {
   let answer;
   try {
-    answer = await fetch(name, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(data) });
+    answer = await fetch(name, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ run, asked }) });
   } catch {
     throw new Error("The program that serves this page has ended: nothing is computed or saved any more. Type beltcomm open again.");
   }
@@ -49,6 +52,8 @@ for (const [k, name] of names.entries()) {
 }
 addEventListener("hashchange", () => show(location.hash.slice(1)));
 
+document.querySelector("nav").hidden = false; // without scripts there is nothing to choose from
+
 let ended = false;
 export function failed(words) {
   $("failed").replaceChildren(...(words ? [element("span", {}, words)] : []));
@@ -58,7 +63,7 @@ export function failed(words) {
 async function look() {
   try {
     const state = await ask("laboratory-state");
-    $("busy").hidden = !state.busy;
+    $("busy").hidden = !state.busy || current !== "laboratory";
     if (state.share === null) $("share").removeAttribute("value");
     else $("share").value = state.share;
     $("doing").textContent = state.busy ? `${state.busy} …` : "";

@@ -14,8 +14,8 @@ export function recordView(ask) {
     plots?.forEach((one) => one.remove());
     plots = [
       chart($("record-charts"), { title: `Over time: ${word}`, name: "record-time", x: { label: "time in the record, s" }, y: { label: found.units.force }, height: 200, quiet: true, series: [{ name: "measured", look: "second", width: 3, gaps: true }, { name: "model", look: "first", width: 1, gaps: true }] }),
-      chart($("record-charts"), { title: "Frequency response, gain", name: "record-gain", x: hz, y: { label: "dB" }, height: 200, quiet: true, sync: "record", series: [...both, { name: "noise, 95 %", look: "soft", width: 1, dash: [2, 3] }] }),
-      chart($("record-charts"), { title: "Frequency response, phase", name: "record-phase", x: hz, y: { label: "degrees", range: [-370, 10] }, height: 200, quiet: true, sync: "record", series: both }),
+      chart($("record-charts"), { title: "Response: gain", name: "record-gain", x: hz, y: { label: "dB" }, height: 200, quiet: true, sync: "record", series: [...both, { name: "noise, 95 %", look: "soft", width: 1, dash: [2, 3] }] }),
+      chart($("record-charts"), { title: "Response: phase", name: "record-phase", x: hz, y: { label: "degrees", range: [-370, 10] }, height: 200, quiet: true, sync: "record", series: both }),
     ];
   }
 

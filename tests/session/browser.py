@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from beltcomm.app.serve import RunPage
+from beltcomm.app.serve import RunPage, RunPages
 from beltcomm.runfolder import RunFolder
 from beltcomm.web.server import PAGE, serve
 
@@ -97,16 +97,16 @@ def browser_on(run: Path, profile: Path) -> Iterator[Browser]:
     for argument in (*ARGUMENTS, f"--user-data-dir={profile}"):
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    page = RunPage(run)
-    with serve(PAGE, page.answers(), "secret") as served:
+    pages = RunPages(run)
+    with serve(PAGE, pages.answers(), "secret") as served:
         answering = threading.Thread(target=served.run, daemon=True)
         answering.start()
         driver = webdriver.Chrome(options=options, service=Service(DRIVER))
         try:
             driver.get(served.address)
-            yield Browser(driver, page, RunFolder.open(run), served.address)
+            yield Browser(driver, pages.first, RunFolder.open(run), served.address)
         finally:
             driver.quit()
             served.end()
             answering.join(10.0)
-            page.close()
+            pages.close()

@@ -146,3 +146,31 @@ def test_a_run_that_changes_under_the_page_is_read_anew(browser: Browser) -> Non
     os.utime(browser.folder.file("models", "final"), (time.time() + 5.0,) * 2)
     version = browser.says("document.body.dataset.version")
     browser.until("a touched file is looked at", lambda: browser.says("document.body.dataset.version") != version)
+
+
+def test_a_virtual_session_is_watched_and_its_run_opened(browser: Browser) -> None:
+    """On the machine that is the model of this run: phase, carriage and load while it lasts, its answer, and a link that opens it."""
+    browser.tab("live")
+    browser.until("something is offered", lambda: browser.text("session-drive"))
+    for name, value in (("session-kind", "identify"), ("session-drive", "model")):
+        browser.says(f"document.querySelector('#{name} option[value={value}]').selected = true")
+    browser.at("session-realtime").click()
+    browser.at("session-start").click()
+    browser.until("a phase is shown", lambda: "excitation in place" in browser.text("phase-words"))
+    browser.until("the load is shown", lambda: " of 3.1 N m" in browser.text("value-torque"))
+    assert not browser.at("session-start").is_enabled()
+    browser.until("a response builds up", lambda: "periods so far" in browser.text("live-charts"))
+    browser.picture("live")
+    browser.at("session-stop").click()
+    browser.until("it has ended", lambda: browser.at("session-end").is_displayed())
+    assert "The session was stopped" in browser.text("session-end")
+    browser.at("session-realtime").click()
+    browser.at("session-start").click()
+    browser.until("the next one has its answer", lambda: "MEASURED" in browser.text("session-lines"))
+    name = browser.says("document.querySelector('#session-open a').textContent.split(' ')[1]")
+    browser.says("document.querySelector('#session-open a').click()")  # it is drawn anew every half second
+    browser.until("it is the run of the page", lambda: browser.text("run").endswith(name))
+    browser.tab("runs")
+    browser.until("it stands among the runs", lambda: browser.driver.find_elements("css selector", f"#beside tr.own[data-run='{name}']"))
+    browser.until("its response is drawn", lambda: browser.says("document.querySelectorAll('#overlay canvas').length"))
+    assert browser.complaints() == []

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
+from beltcomm import api
 from beltcomm.cli.main import cli
 from beltcomm.effects import effect_named
+from beltcomm.errors import Refused
+from beltcomm.fit.estimate import Fitted, fit
+from beltcomm.fit.records import Data
 from beltcomm.jobs import confounded_effects as told
+from beltcomm.jobs import laboratory
 from beltcomm.model import load_plant
 from beltcomm.schedule.next_plan import by_hand_of
-from beltcomm.sentences.ladder import effect_lines, untried_lines
+from beltcomm.sentences.ladder import effect_lines
 
 BASE = load_plant("g_a").model
 
@@ -69,9 +76,25 @@ def test_on_which_body_a_tight_spot_acts_is_said(left: float, interval: float | 
     assert not any("acts on" in line for line in effect_lines(effect_named("stribeck"), fitted({"stribeck.amount": 0.1}).model))
 
 
-def test_what_is_not_looked_for_is_said_and_where_the_reason_stands() -> None:
-    (line,) = untried_lines([effect_named("coupling")])
-    assert "`beltcomm effects coupling` says why" in line
+def test_where_a_diagnosis_looks_for_a_coupling_is_said() -> None:
     said = CliRunner().invoke(cli, ["effects", "coupling"]).stdout
-    assert "not identifiable from these data" in said
-    assert "imitates it" in said
+    assert "A diagnosis looks for it where nothing else explains what is left" in said
+
+
+def test_an_effect_with_which_the_error_only_grows_is_not_saved(
+    copy_of_complete: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A fit that ends far from the data, as one with the values of another machine does."""
+    run = copy_of_complete()
+
+    def astray(data: Data, base: Fitted, *_: object) -> Fitted:
+        worse = base.model.with_effect("cogging").with_values({"cart.mass": 3.0 * base.model["cart.mass"]}, "test")
+        return fit(data, worse, 0, fixed=tuple(worse.parameters))
+
+    monkeypatch.setattr(laboratory, "with_effect", astray)
+    monkeypatch.setattr(laboratory, "refit_with_rebuilt_motion", lambda data, fitted, _: (data, fitted))
+    monkeypatch.setattr(laboratory, "final_refit", lambda data, fitted: (data, fitted))
+    before = sorted(path.name for path in (run / "models").iterdir())
+    with pytest.raises(Refused, match="nothing was saved"):
+        api.add("cogging", run, pictures=False, cost=False)
+    assert sorted(path.name for path in (run / "models").iterdir()) == before

@@ -1,0 +1,95 @@
+"""A coupling that no single effect leads to, on records of the independent simulator."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from beltcomm.axis import Axis, load_axis
+from beltcomm.fit.base import fit_base
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.records import Data, prepare
+from beltcomm.fit.start import start_model
+from beltcomm.laboratory import coupled_bodies
+from identify.records import Recorder
+from truth import Axis as TrueAxis
+from truth import Coupling, ThreeSectionBelt, TruthPlant
+
+PLACE_M = 0.25
+
+
+def based(seed: int, coupled: bool) -> tuple[Axis, Data, Fitted, dict[str, float]]:
+    """A drawn rig with a heavy end pulley, with its coupling or a rigid one, and the base model of its two responses."""
+    rng = np.random.default_rng(seed)
+
+    def between(low: float, high: float) -> float:
+        return float(math.exp(rng.uniform(math.log(low), math.log(high))))
+
+    motor, pulley, stiffness = between(4e-5, 9e-5), between(1.5e-5, 3e-5), between(130.0, 250.0)
+    mass, end_pulley = between(4.0, 12.0), between(0.15, 0.4)
+    belt = ThreeSectionBelt(between(9e4, 1.8e5), 0.79, 0.05, end_pulley, between(5.0, 9.0))
+    friction = dict(viscous_motor_nm_s_rad=between(1e-3, 3e-3), coulomb_motor_nm=between(0.04, 0.1), coulomb_cart_n=between(1.0, 4.0))
+    coupling = Coupling(stiffness, pulley, between(5e-4, 3e-3)) if coupled else None
+    axis = TrueAxis(motor if coupled else motor + pulley, mass, 0.01242, belt, coupling=coupling, **friction)
+    loud = 2.0 * (friction["coulomb_motor_nm"] + 0.01242 * friction["coulomb_cart_n"])
+    records = [
+        Recorder(seed=10 * seed + i).shaken(TruthPlant(axis, start_position_m=PLACE_M), factor * loud, 2, f"frf_{i}", at_m=PLACE_M)
+        for i, factor in enumerate((1.0, 0.7))
+    ]
+    known = load_axis("egc-70-600")
+    start = start_model(known, records).with_effect("cart_friction")
+    data, fitted = fit_base(prepare(records, known, start), start, publish=False)
+    return known, data, fitted, {"stiffness": stiffness, "pulley": pulley, "mass": mass, "end_pulley": end_pulley}
+
+
+@pytest.fixture(scope="module")
+def coupled() -> tuple[Axis, Data, Fitted, dict[str, float]]:
+    return based(1, coupled=True)
+
+
+def test_a_coupling_and_an_end_pulley_that_hide_each_other_are_found(
+    coupled: tuple[Axis, Data, Fitted, dict[str, float]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From a part of the raster, which is soon looked through."""
+    monkeypatch.setattr(coupled_bodies, "STIFFNESSES", (100.0, 150.0, 340.0))
+    monkeypatch.setattr(coupled_bodies, "SHARES_BEHIND", (0.35,))
+    axis, data, base, truth = coupled
+    assert base.ratio > 2.0
+    found = coupled_bodies.coupling_candidate(data, base, axis)
+    assert found is not None
+    assert found.fitted is not None
+    assert found.accepted
+    assert found.beside == "end_pulley"
+    _, best = coupled_bodies.settled(data, found.fitted)
+    assert best.ratio < 1.1
+    assert best.model["cart.mass"] == pytest.approx(truth["mass"], rel=0.02)
+    assert best.model["coupling.stiffness"] == pytest.approx(truth["stiffness"], rel=0.2)
+    assert best.model["driving_pulley.inertia"] == pytest.approx(truth["pulley"], rel=0.2)
+
+
+def test_a_raster_gives_way_at_low_frequencies_as_what_it_begins_from(coupled: tuple[Axis, Data, Fitted, dict[str, float]]) -> None:
+    """Motor and pulley weigh as much together, coupling and belt give way as much; no delay of the torque stands for either."""
+    base = coupled[2].model.with_effect("dead_time")
+    flexible = 1.0 / base["belt_stiffness.stiffness"]
+    for with_pulley in (False, True):
+        models = list(coupled_bodies.raster(base, base, PLACE_M, with_pulley))
+        assert len(models) > 3
+        for model in models:
+            lever = model["transmission.ratio"] ** 2
+            assert model["motor.inertia"] + model["driving_pulley.inertia"] == pytest.approx(base["motor.inertia"])
+            assert 1.0 / model["belt_stiffness.stiffness"] + lever / model["coupling.stiffness"] == pytest.approx(flexible)
+            assert "dead_time" not in model.effects
+            assert ("end_pulley" in model.effects) == with_pulley
+
+
+def test_beside_spans_of_known_geometry_the_end_pulley_stands_between_sections(
+    coupled: tuple[Axis, Data, Fitted, dict[str, float]],
+) -> None:
+    base = coupled[2].model.without_effect("belt_stiffness")
+    base = base.with_effect("belt_spans", {"specific_stiffness": 1.2e5, "pulley_distance": 0.79, "offset": 0.05})
+    for model in coupled_bodies.raster(base, base, PLACE_M, True):
+        assert "belt_sections" in model.effects
+        assert not {"belt_spans", "belt_damping"} & set(model.effects)
+        assert model["belt_sections.pulley_distance"] == 0.79

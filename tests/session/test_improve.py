@@ -1,0 +1,34 @@
+"""``beltcomm improve``: what stands before and after, and by what it is known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from beltcomm.improve import _errors
+
+COST = {name: {"dynamic_m": value} for name, value in (("unaware", 6e-4), ("aware", 4e-5), ("unaware_cart", 7e-4), ("aware_cart", 5e-5))}
+
+
+def verified(motor_m: float, carriage_m: float, *, carriage_measured: bool = False) -> dict[str, Any]:
+    return {
+        "motor": {"following_m": motor_m, "measured": True},
+        "carriage": {"following_m": carriage_m, "measured": carriage_measured},
+    }
+
+
+def test_a_carriage_that_nobody_measured_is_predicted_by_the_model_that_knows() -> None:
+    """The model before, which lacks the effect, predicted 48 µm; that is no error that the axis had."""
+    found = _errors(verified(4.25e-4, 4.8e-5), verified(4.8e-5, 4.7e-5), COST)
+    assert {place: (round(one["before_um"]), round(one["after_um"]), one["how"]) for place, one in found.items()} == {
+        "motor": (425, 48, "measured"),
+        "carriage": (700, 50, "predicted"),
+    }
+    measured = _errors(verified(4e-4, 3e-4, carriage_measured=True), verified(5e-5, 6e-5, carriage_measured=True), COST)
+    assert [round(one["before_um"]) for one in measured.values()] == [400, 300]
+
+
+def test_without_a_move_afterwards_both_are_predicted() -> None:
+    found = _errors(verified(4e-4, 3e-4, carriage_measured=True), None, COST)
+    assert [one["how"] for one in found.values()] == ["predicted"] * 2
+    assert _errors(None, None, None) == {}
+    assert list(_errors(verified(4e-4, 3e-4), verified(5e-5, 6e-5), None)) == ["motor"]
