@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.control import Cascade, Prefilter
+from beltcomm.machine.machine import Machine
 from beltcomm.simulate.stopping import (
     SWING,
     Braking,
@@ -106,3 +109,18 @@ def test_the_hardest_stop_that_the_belt_bears(rig: str) -> None:
         slow = predict_stop(model, LOOPS[rig], lower, braking.deceleration_m_s2, **DRIVE)
         assert slow.way_m <= braking.way_m(lower)
     assert -predict_stop(model, LOOPS[rig], -speed, braking.deceleration_m_s2, **DRIVE).way_m == pytest.approx(-stop.way_m, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("own_rad_s2", "counted", "said"), [(500.0, 5.0, ""), (300.0, 3.0, "its own way"), (900.0, 5.0, "load the belt more")]
+)
+def test_stops_are_counted_with_the_quick_stop_that_the_drive_really_has(own_rad_s2: float, counted: float, said: str) -> None:
+    machine: Any = object.__new__(Machine)
+    machine.ratio, remarks = 0.01, []
+    machine.drive = SimpleNamespace(quick_stop_rad_s2=lambda _limits: own_rad_s2)
+    machine.envelope, machine.drive_limits, machine.remark = lambda: None, lambda _envelope: None, remarks.append
+    machine.brake_with(Braking(5.0, 0.02))
+    assert machine.braking.deceleration_m_s2 == pytest.approx(counted)
+    assert machine.deceleration_m_s2 == 5.0
+    assert all(said in one for one in remarks)
+    assert bool(remarks) is bool(said)

@@ -6,6 +6,8 @@ from typing import Final
 
 #: Mode of operation; 0, "no mode", is where a drive starts and cannot be gone back to.
 MODE: Final = (0x6060, 0, "int8")
+#: Method of homing, borrowed where a profile states one.
+HOMING: Final = (0x6098, 0, "int8")
 #: Borrowed by a record, a stroke or their guarding: index, subindex, type, in the order in which they go back.
 LENT_TO_RECORDS: Final = (
     MODE,

@@ -9,7 +9,7 @@ from typing import Final
 
 from beltcomm.drive import GUARD_S
 from beltcomm.errors import UsageError
-from beltcomm_adapters.exchange import TRANSMITTED
+from beltcomm_adapters.exchange import arrangements
 from beltcomm_adapters.link import SIGNS_PER_GUARD_TIME
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.setpoints import layout_of
@@ -39,7 +39,7 @@ def cycle_s(bitrate: int, frames: Iterable[int]) -> float:
 
 def fullest(profile: Profile, modes: Iterable[int]) -> tuple[int, ...]:
     """Data bytes of each frame beside SYNC in the fullest exchange that a drive of this kind can be asked for."""
-    sent = [sum(bits for *_, bits in entries) // 8 for entries in TRANSMITTED]
+    sent = [sum(bits for *_, bits in entries) // 8 for entries in arrangements(profile.mapped_torque)[0]]
     layouts = [layout_of(mode, profile.offsets) for mode in profile.modes.values() if mode in set(modes)]
     received = [[sum(bits for *_, bits in entries) // 8 for entries in layout.received] for layout in layouts] or [[]]
     return (*max(received, key=lambda frames: sum(map(frame_bits, frames))), *sent)

@@ -12,6 +12,8 @@ _LEAST, _MOST = 0.6, 1.6
 #: rad of the motor and s: enough to judge by; a speed filter of some ms has forgotten how the motion began.   rad/s: slower, the noise of
 #: a count is part of the speed.
 _WAY_RAD: Final = 4.0
+#: Factor that is seen within a quarter of that way: an excitation of a stiff axis goes no further.
+_GROSS: Final = 3.0
 _TIME_S: Final = 0.1
 _SLOW_RAD_S: Final = 2.0
 #: s: both are smoothed with this lag first.  What a drive filters its speed with is not known; it matters near the sampling rate, where a
@@ -22,9 +24,11 @@ _RPM: Final = 2.0 * math.pi / 60.0
 _FEWEST_UNITS: Final = 100.0
 #: Position units of a turn that makers use, within this factor of what was measured.
 _ROUND: Final = 1.06
-#: rad of the motor after which a unit of speed that nobody tells is known; position units of a change that is a motion.
-_LEARNT_RAD: Final = 0.25
-_CLEAR_STEPS: Final = 2
+#: rad of the motor and samples after which a unit of speed that nobody tells is known; position units of a change that is a motion, once
+#: smoothed.
+_LEARNT_RAD: Final = 0.01
+_LEARNT_SAMPLES: Final = 12
+_CLEAR_STEPS: Final = 0.5
 #: Factor by which a unit may be off what was measured; s between two samples of one record at most.
 _NEAR: Final = 1.25
 _APART_S: Final = 0.1
@@ -33,6 +37,7 @@ _APART_S: Final = 0.1
 class Odometer:
     """The scale between the smoothed rates of position and the reported speeds,  k = Σ φ' v Δt / Σ v² Δt,  over every 4 rad of way.
 
+    It goes on from record to record, for an excitation alone is often shorter: :meth:`begin` before each, after which it stood.
     A speed that the drive has filtered with a first-order lag F leaves k as it is: Re F = |F|² at every frequency.
 
     Parameters
@@ -45,6 +50,10 @@ class Odometer:
         self._position_rad, self._speed_rad_s = abs(position_rad), abs(speed_rad_s)
         self._rate = self._speed = 0.0
         self._way = self._time_s = self._both = self._square = 0.0
+
+    def begin(self) -> None:
+        """The axis stands."""
+        self._rate = self._speed = 0.0
 
     def __call__(self, travel: int, speed: int, elapsed_s: float) -> None:
         """One sample.   Raises DriveError when position and speed cannot be of one motion."""
@@ -59,14 +68,16 @@ class Odometer:
         self._time_s += elapsed_s
         self._both += rate * v * elapsed_s
         self._square += v * v * elapsed_s
-        if self._way < _WAY_RAD or self._time_s < _TIME_S:
+        if self._way < 0.25 * _WAY_RAD or self._time_s < _TIME_S:
             return
         scale = self._both / self._square if self._square > 0.0 else math.inf
+        if self._way < _WAY_RAD and 1.0 / _GROSS < scale < _GROSS:
+            return
         if not _LEAST < scale < _MOST:
             raise DriveError(
                 f"the drive's position changes {scale:.2f} times as fast as its speed says: one of its factors is wrong, or its encoder "
-                "jumped; the axis was stopped; check 6093h and 6094h, or 608Fh, 6091h, 6092h and 60A9h with the maker's tool, and the "
-                "encoder's cable"
+                "jumped; the axis was stopped; check 6093h and 6094h, or 608Fh, 6091h, 6092h and 60A9h with the maker's tool, "
+                "position_unit and velocity_unit in the profile, and the encoder's cable"
             )
         self._way = self._time_s = self._both = self._square = 0.0
 
@@ -88,7 +99,8 @@ def _round_near(per_turn: float) -> float:
 class SpeedUnit:
     """SI value of one raw number of a reported speed, by the rate of the position meanwhile, over whole records:  u = Σ φ' v Δt / Σ v² Δt.
 
-    Both are smoothed alike, as in :class:`Odometer`, and a speed that the drive has filtered leaves u as it is.
+    Both are smoothed alike, as in :class:`Odometer`, and a speed that the drive has filtered leaves u as it is, from rest to rest: the stop
+    at a motion's end is part of it.
     position_rad : per raw unit.
     """
 
@@ -96,6 +108,7 @@ class SpeedUnit:
         self._position_rad = abs(position_rad)
         self._rate = self._speed = 0.0
         self._way_rad = self._both = self._square = 0.0
+        self._moving = 0
 
     def __call__(self, travel: int, speed: int, elapsed_s: float) -> None:
         """One sample, as :class:`Odometer`."""
@@ -105,7 +118,8 @@ class SpeedUnit:
         share = elapsed_s / (_SMOOTH_S + elapsed_s)
         self._rate = rate = self._rate + share * (travel * self._position_rad / elapsed_s - self._rate)
         self._speed = v = self._speed + share * (speed - self._speed)
-        if abs(travel) > _CLEAR_STEPS:
+        if abs(rate) * elapsed_s > _CLEAR_STEPS * self._position_rad:
+            self._moving += 1
             self._way_rad += abs(rate) * elapsed_s
             self._both += rate * v * elapsed_s
             self._square += v * v * elapsed_s
@@ -115,7 +129,7 @@ class SpeedUnit:
 
         Raises DriveError where none does.
         """
-        if self._way_rad < _LEARNT_RAD or self._square <= 0.0:
+        if self._way_rad < _LEARNT_RAD or self._moving < _LEARNT_SAMPLES or self._square <= 0.0:
             return None
         unit = abs(self._both) / self._square
         if unit > 0.0 and _LEAST < unit / self._position_rad < _MOST:
@@ -134,7 +148,8 @@ class SpeedUnit:
             raise DriveError(
                 "the drive tells neither its position unit nor that of its speeds (606Ch), and by what its position does one is "
                 f"{unit:.4g} rad/s, which no maker uses: one of both is wrong. If it shows speeds in rpm, one turn is about {per_turn:.0f} "
-                f"position units (a round number near it: {turn:.10g}). Turn the motor once by hand, see how far 6064h goes, and state it "
+                f"position units (a round number near it: {turn:.10g}), ten times as many if in 0.1 rpm. Turn the motor once by hand, see "
+                "how far 6064h goes, and state it "
                 f'in a profile, position_unit: "{1.0 / turn:.10g} rev" and velocity_unit: "1 rpm"; then start again with --profile'
             )
         # 0.001 min⁻¹ and a count of 65536 per turn differ by 9 %, less than a filter makes of a shaken axis: then as CiA 402 says

@@ -24,6 +24,7 @@ _PDOS: Final = 4
 #: CiA 301 object of communication and of mapping, and base identifier, of the first PDO of each direction.
 _PDO: Final = {"receive": (0x1400, 0x1600, 0x200), "transmit": (0x1800, 0x1A00, 0x180)}
 _PDO_STEP: Final = 0x100
+_FRAME_BITS: Final = 64
 #: Share of a period after which an answer is given up; the rest is for sending the next SYNC in time.
 _WAIT_SHARE: Final = 0.8
 #: s: stamps of frames that run away from the clock by more, from one sample to the next, are of a clock that was set.
@@ -31,35 +32,43 @@ _CLOCK_SET_S: Final = 0.5
 
 MappedObject = tuple[int, int, int]  # index, subindex, length in bits
 
-_POSITION, _TORQUE, _WORD = (0x6064, 0, 32), (0x6077, 0, 16), (0x6041, 0, 16)
+_POSITION, TORQUE, _WORD = (0x6064, 0, 32), (0x6077, 0, 16), (0x6041, 0, 16)
 _SPEED, _DEMAND = (0x606C, 0, 32), (0x6074, 0, 16)
 #: What the drive sends, the fullest first: a drive that cannot map all of it, or only few bytes, is asked for less.  Without 606Ch the
 #: speed is the difference of positions.
 ARRANGEMENTS: Final[tuple[tuple[tuple[MappedObject, ...], ...], ...]] = (
-    ((_POSITION, _TORQUE, _WORD), (_SPEED, _DEMAND)),
-    ((_POSITION, _TORQUE, _WORD), (_SPEED,)),
-    ((_POSITION, _TORQUE, _WORD), (_DEMAND,)),
-    ((_POSITION, _TORQUE, _WORD),),
-    ((_POSITION, _WORD), (_TORQUE, _DEMAND), (_SPEED,)),
-    ((_POSITION, _WORD), (_TORQUE,), (_SPEED,)),
-    ((_POSITION, _WORD), (_TORQUE,)),
-    ((_POSITION,), (_TORQUE, _WORD)),
-    ((_POSITION,), (_TORQUE,), (_WORD,)),
+    ((_POSITION, TORQUE, _WORD), (_SPEED, _DEMAND)),
+    ((_POSITION, TORQUE, _WORD), (_SPEED,)),
+    ((_POSITION, TORQUE, _WORD), (_DEMAND,)),
+    ((_POSITION, TORQUE, _WORD),),
+    ((_POSITION, _WORD), (TORQUE, _DEMAND), (_SPEED,)),
+    ((_POSITION, _WORD), (TORQUE,), (_SPEED,)),
+    ((_POSITION, _WORD), (TORQUE,)),
+    ((_POSITION,), (TORQUE, _WORD)),
+    ((_POSITION,), (TORQUE,), (_WORD,)),
 )
-TRANSMITTED: Final = ARRANGEMENTS[0]
+
+
+def arrangements(torque: MappedObject) -> tuple[tuple[tuple[MappedObject, ...], ...], ...]:
+    """Those of :data:`ARRANGEMENTS` that frames hold, with the torque from this object."""
+    found = [tuple(tuple(torque if entry == TORQUE else entry for entry in one) for one in pdos) for pdos in ARRANGEMENTS]
+    return tuple(pdos for pdos in found if all(sum(bits for *_, bits in one) <= _FRAME_BITS for one in pdos))
+
+
 #: What to do about a mapping that a drive refuses.
 FREE_MAPPING: Final = (
     "let the mapping be changed with the maker's tool (it may be fixed, or need the node to be pre-operational), or choose --profile"
 )
-_CODES: Final = {_POSITION: "i", _TORQUE: "h", _WORD: "H", _SPEED: "i", _DEMAND: "h"}
+_BY_BITS: Final = {16: "h", 32: "i"}
+_CODES: Final = {_POSITION: "i", TORQUE: "h", _WORD: "H", _SPEED: "i", _DEMAND: "h"}
 
 
 class Sample(NamedTuple):
-    """Answer of a drive to one SYNC, in its own units; ``demand`` is None when the drive has no 6074h."""
+    """Answer of a drive to one SYNC, in its own units, the torque in those of setpoints; ``demand`` is None when the drive has no 6074h."""
 
     stamp_s: float
     position: int
-    torque: int
+    torque: float
     statusword: int
     velocity: int
     demand: int | None
@@ -109,15 +118,16 @@ def not_mapped(error: ObjectRefused, direction: str, mapping: int, entries: Sequ
     )
 
 
-def map_answers(objects: Objects, lending: Lending, first: int = 0) -> tuple[int, list[int]]:
-    """The fullest of ``ARRANGEMENTS`` that the drive takes, from number ``first`` on, and the identifiers of its PDOs.
+def map_answers(objects: Objects, lending: Lending, first: int = 0, torque: MappedObject = TORQUE) -> tuple[int, list[int]]:
+    """The fullest of :func:`arrangements` that the drive takes, from number ``first`` on, and the identifiers of its PDOs.
 
     Raises ObjectRefused, of what cannot be done without, when it takes none.
     """
     refusal: ObjectRefused | None = None
-    for number in range(first, len(ARRANGEMENTS)):
+    offered = arrangements(torque)
+    for number in range(first, len(offered)):
         try:
-            return number, [map_pdo(objects, lending, "transmit", pdo, entries) for pdo, entries in enumerate(ARRANGEMENTS[number])]
+            return number, [map_pdo(objects, lending, "transmit", pdo, entries) for pdo, entries in enumerate(offered[number])]
         except ObjectRefused as error:
             refusal = error
     assert refusal is not None
@@ -144,6 +154,8 @@ class Exchange:
         Of the answers, its number.
     speed_unit_s : float
         Units of position per second in one unit of speed, for a drive that sends no speed.
+    torque, torque_unit : Place, float
+        Object of the torque that acts, and one of its units in units of the setpoint.
     """
 
     def __init__(
@@ -155,17 +167,21 @@ class Exchange:
         received: Sequence[Sequence[MappedObject]],
         arrangement: int = 0,
         speed_unit_s: float = 1.0,
+        torque: MappedObject = TORQUE,
+        torque_unit: float = 1.0,
     ):
         self._link = link
         self._period_s = period_s
         self.lost = 0
         self.lost_in_a_row = 0
         rpdos = [map_pdo(objects, lending, "receive", number, entries) for number, entries in enumerate(received)]
-        self.arrangement, ids = map_answers(objects, lending, arrangement)
-        sent = [entry for entries in ARRANGEMENTS[self.arrangement] for entry in entries]
+        self.arrangement, ids = map_answers(objects, lending, arrangement, torque)
+        sent = [entry for entries in arrangements(torque)[self.arrangement] for entry in entries]
+        codes = {**_CODES, torque: _BY_BITS[torque[2]]}
+        self._torque_unit = torque_unit
         self._ids = {cob_id: slot for slot, cob_id in enumerate(ids)}
-        self._answers = struct.Struct("<" + "".join(_CODES[entry] for entry in sent))
-        self._order = [sent.index(entry) for entry in (_POSITION, _TORQUE, _WORD)]
+        self._answers = struct.Struct("<" + "".join(codes[entry] for entry in sent))
+        self._order = [sent.index(entry) for entry in (_POSITION, torque, _WORD)]
         self._speed, self._demand = (sent.index(entry) if entry in sent else None for entry in (_SPEED, _DEMAND))
         self._speed_unit_s = speed_unit_s
         silence(objects, lending, "receive", len(rpdos))
@@ -257,6 +273,8 @@ class Exchange:
         position, torque, statusword = (values[place] for place in self._order)
         demand = None if self._demand is None else values[self._demand]
         velocity = self._difference(stamp_s, position) if self._speed is None else values[self._speed]
+        if self._torque_unit != 1.0:
+            torque *= self._torque_unit
         return _sample(Sample, (stamp_s, position, torque, statusword, velocity, demand))
 
     def _difference(self, stamp_s: float, position: int) -> int:

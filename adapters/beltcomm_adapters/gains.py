@@ -11,7 +11,7 @@ from beltcomm.control import CascadeStructure
 from beltcomm.drive.objects import GAIN, ObjectValue, ParameterObject, name_of, ordered, packed
 from beltcomm.drive.parameters import LIMIT_NAMES
 from beltcomm.errors import BeltcommError, DriveError, ObjectRefused, Refused, UsageError
-from beltcomm_adapters.borrowed import LENT_TO_RECORDS, MODE
+from beltcomm_adapters.borrowed import HOMING, LENT_TO_RECORDS, MODE
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import ABSENT, Lending, Objects
@@ -52,6 +52,7 @@ class Parameters:
         unknown = MEASURED if profile.gain_meaning == "unconfirmed" else ()
         self.uncalibrated = frozenset(name for name in unknown if name in profile.parameters)
         self._found: dict[str, float] = {}
+        self._homes = profile.homing_method is not None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -102,7 +103,8 @@ class Parameters:
         found = [replace(self._value_of(name, self._read_raw(name)), value=values[name]) for name in self.names]
         found += [ObjectValue(*entry) for entry in self._session.lent()]
         taken = {item.place for item in found}
-        places = [place for place in LENT_TO_RECORDS if place[:2] not in taken]
+        borrowed: list[Place] = [*LENT_TO_RECORDS, *([HOMING] if self._homes else [])]
+        places = [place for place in borrowed if place[:2] not in taken]
         for place, raw in zip(places, self.read_objects(places), strict=True):
             if raw is not None and (place != MODE or raw):
                 found.append(ObjectValue(*place, raw))

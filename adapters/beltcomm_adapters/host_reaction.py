@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 from beltcomm.errors import ObjectRefused
@@ -32,11 +33,16 @@ def behaviour(objects: Objects) -> tuple[int | None, int | None]:
     return found[0], found[1]
 
 
-def heed(objects: Objects, lending: Lending) -> None:
-    """Have the axis stopped, and the node asked afterwards, where its settings say otherwise.   What is refused shows in the proof."""
+def heed(objects: Objects, lending: Lending, stated: Mapping[str, int]) -> None:
+    """Have the axis stopped, and the node asked afterwards, where its settings say otherwise.   What is refused shows in the proof.
+
+    stated : error behaviour by a profile.
+    """
     node, axis = behaviour(objects)
-    if node == STOPPED:
-        lending.set_if_there(0x1029, 1, "uint8", NO_CHANGE)
+    if node == STOPPED or "node" in stated:
+        lending.set_if_there(0x1029, 1, "uint8", stated.get("node", NO_CHANGE))
+    if "axis" in stated and lending.set_if_there(0x6007, 0, "int16", stated["axis"]):
+        return
     if axis == NOTHING:
         for option in STOPS:
             if lending.set_if_there(0x6007, 0, "int16", option):

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
-from beltcomm.drive import Capabilities, KnownMotor
+from beltcomm.drive import Capabilities, KnownMotor, StatedReading
 from beltcomm.drive.objects import ParameterObject
 from beltcomm.drive.parameters import gain_access
-from beltcomm.errors import BusError, ObjectRefused
+from beltcomm.errors import BusError, DriveError, ObjectRefused
 from beltcomm_adapters.busload import fullest, plan_exchange
 from beltcomm_adapters.gains import structure_of
 from beltcomm_adapters.profiles import Profile
@@ -54,6 +54,11 @@ def read_identity(objects: Objects, where: str) -> dict[str, str]:
     for index, key in ((0x1008, "device_name"), (0x1009, "hardware"), (0x100A, "firmware")):
         if text := objects.read_text(index):
             identity[key] = text
+    if objects.twice:
+        raise DriveError(
+            f"every question on {where} is answered twice: two drives have this node number, and both would move; switch one of them off, "
+            "or give it another number with the maker's tool"
+        )
     return identity
 
 
@@ -160,6 +165,7 @@ def read_capabilities(
         if profile.torque_scale.confidence in ("read", "simulated")
         and (profile.torque_scale.of == "rated_torque" or profile.torque_scale.nm)
         else _doubt(profile),
+        torque_reading=_stated(profile),
         shortest_guard_s=max(SHORTEST_GUARD_S, GUARD_PERIODS * period_s),
     )
 
@@ -172,6 +178,14 @@ def read_top_speed_rad_s(objects: Objects) -> float | None:
         if error.abort_code in ABSENT:
             return None
         raise
+
+
+def _stated(profile: Profile) -> StatedReading | None:
+    """What a profile states of the torque that is reported; None where it states nothing."""
+    late, lag, command = profile.actual_torque.late_ms, profile.actual_torque.filter_ms, profile.actual_torque.command
+    if late is None and lag is None and command is None:
+        return None
+    return StatedReading(None if late is None else 1e-3 * late, None if lag is None else 1e-3 * lag, command)
 
 
 def _doubt(profile: Profile) -> str:

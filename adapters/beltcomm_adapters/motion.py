@@ -446,6 +446,7 @@ class Run:
         sample = self._exchange.cycle(self._frames.at_rest(controlword, self._position))
         if sample is not None:
             self._position = sample.position
+            self._watch.learn(sample)
         elif self._exchange.lost_in_a_row * self._period_s > SILENCE_S:
             raise BusError(
                 f"the drive has not answered for {SILENCE_S:g} s while being stopped; its guarding stops the axis now that the "

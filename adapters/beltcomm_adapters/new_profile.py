@@ -21,7 +21,7 @@ from beltcomm_adapters.sdo import SdoObjects
 
 #: Asked of a drive, with their type.
 ASKED: Final[tuple[tuple[int, int, str], ...]] = (
-    (0x100C, 0, "uint16"), (0x1016, 1, "uint32"), (0x1029, 1, "uint8"), (0x6007, 0, "int16"), (0x6065, 0, "uint32"),
+    (0x100C, 0, "uint16"), (0x1010, 1, "uint32"), (0x1016, 1, "uint32"), (0x1029, 1, "uint8"), (0x6007, 0, "int16"), (0x6065, 0, "uint32"),
     (0x6071, 0, "int16"), (0x6072, 0, "uint16"), (0x6073, 0, "uint16"), (0x6074, 0, "int16"), (0x6075, 0, "uint32"),
     (0x6076, 0, "uint32"), (0x6077, 0, "int16"), (0x6080, 0, "uint32"), (0x6085, 0, "uint32"), (0x6087, 0, "uint32"),
     (0x608F, 1, "uint32"), (0x6091, 1, "uint32"), (0x6092, 1, "uint32"), (0x6093, 1, "uint32"), (0x6098, 0, "int8"),
@@ -186,6 +186,8 @@ def _abilities(facts: Facts) -> list[str]:
         "# structure: {prefilters: [none, notch]}",
         "# When the reported torque acted: after (the period before its frame) or over (the one that follows).",
         "# torque_sampling: after",
+        "# Where the acting torque stands, if not in 6077h or in other units; what is known of it is held against what the motion shows.",
+        "# actual_torque: {index: 0x6077, subindex: 0, type: int16, nm: 1.0e-3, late_ms: 0, filter_ms: 1, command: false}",
     ]
     if facts.there(0x60C2, 1) is False:
         lines.append("# 60C2h is missing: the shortest SYNC period stands in the manual.")
@@ -236,7 +238,19 @@ def _host(facts: Facts) -> list[str]:
         lines.append(
             f"#   {name_of(index, sub)} = {value} ({words})" if value is not None else f"#   {name_of(index, sub)} is not told ({words})"
         )
-    return [*lines, ""]
+    lines.append("# error_behaviour: {node: 1, axis: 3}      # what is set there while beltcomm works, and put back")
+    return [*lines, "", *_upkeep(facts), ""]
+
+
+def _upkeep(facts: Facts) -> list[str]:
+    """How it is homed, and how its parameters are kept."""
+    method = facts.value(0x6098)
+    lines = ["# How --home finds the zero: the method that stands in 6098h, unless one is stated."]
+    stands = "is not told" if method is None else f"is {method}" + (", which is none" if method == 0 else "")
+    lines.append(f"# homing: {{method: 37}}                    # 6098h {stands}; 37: the place where it stands is the zero")
+    keeps = {True: "is there", False: "is missing: state the maker's object", None: "is not known to be there"}[facts.there(0x1010, 1)]
+    lines.append(f"# save: {{index: 0x1010, subindex: 1, type: uint32, value: 0x65766173, seconds: 15}}    # 1010h:1 {keeps}")
+    return lines
 
 
 def _gains(facts: Facts) -> list[str]:
@@ -244,7 +258,7 @@ def _gains(facts: Facts) -> list[str]:
         "# Gains.  As long as none stands under `parameters`, nothing of them is written: the job then ends with what to type into the "
         "maker's",
         "# tool.  To have them written, give object, type and SI value of one raw unit at the motor shaft (N m s/rad, N m/rad, 1/s, s):",
-        "# gain_meaning: documented  # or unconfirmed: scale is a guess, and `beltcomm calibrate` measures it first",
+        "# gain_meaning: unconfirmed # small steps measure it before a gain is written; documented: your word is taken for it",
         "# parameters:",
         "#   kp_nm_s_rad: {index: 0x2000, subindex: 1, type: uint16, scale: 1.0e-4}",
         "#   ki_nm_rad: {index: 0x2000, subindex: 2, type: uint16, scale: 1.0e-3, law: integral_time}   # a time in units of scale seconds",

@@ -61,11 +61,11 @@ class ObjectDrive:
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
         """See :meth:`beltcomm.drive.Drive.read`; ``state`` is a :class:`beltcomm_adapters.cia402.State`."""
-        objects, scaling = self._objects, self._scaling
+        objects, scaling, actual = self._objects, self._scaling, self._profile.actual_torque
         measured: dict[str, Callable[[], float]] = {
             "position_rad": self._here_rad,
             "velocity_rad_s": lambda: objects.read(0x606C, 0, "int32") * scaling.speed_rad_s,
-            "torque_nm": lambda: objects.read(0x6077, 0, "int16") * scaling.torque_nm,
+            "torque_nm": lambda: objects.read(actual.index, actual.subindex, actual.type) * scaling.reading_nm,
             "state": lambda: float(self._machine.state()),
             "referenced": lambda: float(self._referenced()),
         }
@@ -116,7 +116,8 @@ class ObjectDrive:
         if failures := self._session.give_back():
             raise DriveError(f"nothing was saved: {'; '.join(failures)}")
         try:
-            self._objects.save()
+            by = self._profile.save
+            self._objects.save((by.index, by.subindex, by.type), by.value, by.seconds)
         finally:
             self._borrow()
 

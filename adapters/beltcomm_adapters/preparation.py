@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Final, Literal
 
 import numpy as np
 
 from beltcomm.drive import Array, Capabilities, Limits, Motion
 from beltcomm.drive.objects import name_of
-from beltcomm.errors import DriveError, ObjectRefused, UsageError
+from beltcomm.errors import DriveError, ObjectRefused, Refused, UsageError
+from beltcomm_adapters.borrowed import HOMING
 from beltcomm_adapters.cia402 import StateMachine
 from beltcomm_adapters.host_reaction import heed
 from beltcomm_adapters.identification import sync_period_s
 from beltcomm_adapters.link import HOST_NODE
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
-from beltcomm_adapters.sdo import ABSENT, Lending, Objects
+from beltcomm_adapters.sdo import ABSENT, Lending, Objects, abort_text
 from beltcomm_adapters.setpoints import OFFSET_MODES, POSITION_MODES, TORQUE_MODES, Layout
 
 #: The drive's own speed limit stands this far above the host's: the host brakes, the drive switches off and lets the axis
@@ -129,8 +131,7 @@ def prepare(
     layout: Layout,
     period_s: float,
     limits: Limits,
-    speeds_rad_s: Array | None,
-    ahead_rad: float = 0.0,
+    motion: Motion | None,
 ) -> None:
     """Mode of operation, setpoints at rest, limits inside the drive, SYNC period; everything but setpoints is lent.
 
@@ -141,8 +142,8 @@ def prepare(
     ----------
     ahead_rad : float
         By which a reference leads the axis at most.
-    speeds_rad_s : ndarray or None
-        The speeds of a motion in mode 3, whose ramps are opened just so far that they do not shape it.
+    motion : Motion or None
+        None for homing; the ramps of one in mode 3 are opened just so far that they do not shape it.
     """
     mode = layout.mode
     if objects.read_int(0x6060, 0, "int8"):
@@ -154,7 +155,7 @@ def prepare(
         objects.write(0x6071, 0, "int16", 0)
         if profile.torque_exit == "velocity":
             objects.write(0x60FF, 0, "int32", 0)
-    lend_settings(objects, lending, profile, scaling, mode, period_s, limits, speeds_rad_s, ahead_rad)
+    lend_settings(objects, lending, profile, scaling, mode, period_s, limits, motion)
 
 
 def lend_settings(
@@ -165,8 +166,7 @@ def lend_settings(
     mode: int,
     period_s: float,
     limits: Limits,
-    speeds_rad_s: Array | None = None,
-    ahead_rad: float = 0.0,
+    motion: Motion | None = None,
 ) -> None:
     """Of :func:`prepare` what is a setting, no mode and no setpoint; limits that the drive does not take are in ``lending.refused``."""
     believed = lend_quick_stop(objects, lending, scaling, limits)
@@ -184,15 +184,16 @@ def lend_settings(
     if mode == 7:
         lending.set_if_there(0x60C0, 0, "int16", _LINEAR_INTERPOLATION)
         lending.set_if_there(0x60C1, 2, "uint8", 0)  # absolute positions; before sub 1 (F1 p195)
-    if believed and mode == 3 and speeds_rad_s is not None:
-        steepest = float(np.abs(np.diff(speeds_rad_s, prepend=0.0, append=0.0)).max()) / period_s
+    if believed and mode == 3 and motion is not None:
+        steepest = float(np.abs(np.diff(motion.velocity_rad_s, prepend=0.0, append=0.0)).max()) / period_s
         ramp = scaling.raw_acceleration(steepest, at_most=False)
         for index in (0x6083, 0x6084):
             limit(objects, lending, index, 0, "uint32", ramp, scaling.acceleration, "rad/s²")
     tighten_torque_and_speed(objects, lending, profile, scaling, limits)
     if mode in POSITION_MODES:  # 607Dh bounds the target of a position controller
-        tighten_window(objects, lending, scaling, limits, period_s, ahead_rad)
+        tighten_window(objects, lending, scaling, limits, period_s, motion.reach_rad if motion is not None else None)
         if limits.lag_rad is not None:
+            ahead_rad = motion.ahead_rad if motion is not None else 0.0
             lag = min(math.ceil((limits.lag_rad + ahead_rad) / abs(scaling.position_rad)), _INT32)
             limit(objects, lending, 0x6065, 0, "uint32", lag, lambda raw: raw * abs(scaling.position_rad), "rad")
 
@@ -208,6 +209,18 @@ def lend_quick_stop(objects: Objects, lending: Lending, scaling: Scaling, limits
         braking = scaling.raw_acceleration(limits.deceleration_rad_s2)
         limit(objects, lending, 0x6085, 0, "uint32", braking, scaling.acceleration, "rad/s²", harder=True)
     return believed
+
+
+def quick_stop_rad_s2(objects: Objects, scaling: Scaling, limits: Limits) -> float | None:
+    """Deceleration of the quick stop that a record with these limits would have, tried and put back; None where nobody can tell.
+
+    That of the limits where the drive takes it; what it makes of it, or is set to where it refuses.   Raises as :func:`limit`.
+    """
+    with objects.lend() as lending:
+        if not lend_quick_stop(objects, lending, scaling, limits):
+            return None
+        raw = objects.read_if_there(0x6085, 0, "uint32")
+        return scaling.acceleration(raw) if raw else None
 
 
 def believes_ramp(objects: Objects, lending: Lending, scaling: Scaling, speed_rad_s: float) -> bool:
@@ -288,29 +301,31 @@ def tighten_torque_and_speed(objects: Objects, lending: Lending, profile: Profil
         limit(objects, lending, 0x6080, 0, "uint32" if len(stored) == 4 else "uint16", speed, lambda raw: raw * _RPM, "rad/s")
 
 
-def tighten_window(objects: Objects, lending: Lending, scaling: Scaling, limits: Limits, period_s: float, ahead_rad: float = 0.0) -> None:
+def tighten_window(
+    objects: Objects, lending: Lending, scaling: Scaling, limits: Limits, period_s: float, reach_rad: tuple[float, float] | None = None
+) -> None:
     """607Dh around the window, as far outside as a quick stop from the speed limit goes: the drive answers a breach with a
     fault, which brakes worse than the host's quick stop or not at all.
 
-    ahead_rad : as of :func:`prepare`; so much further may its target be.   Raises DriveError where the drive's own 607Dh would cut it.
+    reach_rad : of a reference that leads the axis, which the drive must let be.   Raises DriveError where its own 607Dh would cut it.
     """
     stored_low = objects.read_if_there(0x607D, 1, "int32")
     deceleration = objects.read_if_there(0x6085, 0, "uint32")
-    if stored_low is None or not (deceleration or ahead_rad):
+    if stored_low is None or not (deceleration or reach_rad):
         return
     stored_high = objects.read_int(0x607D, 2, "int32")
     braking_rad = limits.speed_rad_s**2 / (2.0 * scaling.acceleration(deceleration)) if deceleration else math.inf
-    margin_rad = max(limits.speed_rad_s * _REACTION_CYCLES * period_s + braking_rad, ahead_rad)
-    low = math.floor(max((limits.position_min_rad - margin_rad) / scaling.position_rad, -_INT32))
-    high = math.ceil(min((limits.position_max_rad + margin_rad) / scaling.position_rad, _INT32))
+    margin_rad = limits.speed_rad_s * _REACTION_CYCLES * period_s + braking_rad
+    lowest, highest = reach_rad or (math.inf, -math.inf)
+    low = math.floor(max(min(limits.position_min_rad - margin_rad, lowest) / scaling.position_rad, -_INT32))
+    high = math.ceil(min(max(limits.position_max_rad + margin_rad, highest) / scaling.position_rad, _INT32))
     if stored_low < stored_high:  # otherwise these limits are switched off
         low, high = max(low, stored_low), min(high, stored_high)
-        spare = min(limits.position_min_rad - low * scaling.position_rad, high * scaling.position_rad - limits.position_max_rad)
-        if ahead_rad > max(spare, 0.0):
+        beyond = max(low * scaling.position_rad - lowest, highest - high * scaling.position_rad)
+        if beyond > abs(scaling.position_rad):
             raise DriveError(
-                f"the reference is to lead the axis by up to {_way(limits, ahead_rad)}, and the drive's own software limits (607Dh) would "
-                "cut it at the ends of the travel: switch them off or widen them with the maker's tool, or drive the move without a led "
-                "reference (--feedforward none)"
+                f"the reference leads the axis to {_way(limits, beyond)} beyond the drive's own software limits (607Dh), which would cut "
+                "it: switch them off or widen them with the maker's tool, or drive the move without a led reference (--feedforward none)"
             )
     if not deceleration:  # of a drive without a quick stop's way nothing is tightened
         return
@@ -343,12 +358,12 @@ def guard(objects: Objects, lending: Lending, profile: Profile, guard_s: float) 
         try:
             if kind == "heartbeat":
                 lending.set(0x1016, 1, "uint32", HOST_NODE << 16 | time_ms)
-                heed(objects, lending)
+                heed(objects, lending, profile.error_behaviour)
                 return "heartbeat"
             lending.set(0x1017, 0, "uint16", 0)  # a heartbeat of the drive would switch node guarding off
             lending.set(0x100D, 0, "uint8", 1)
             lending.set(0x100C, 0, "uint16", time_ms)
-            heed(objects, lending)
+            heed(objects, lending, profile.error_behaviour)
             return "node_guarding"
         except ObjectRefused as refused:
             refusals.append(str(refused))
@@ -367,3 +382,25 @@ def homing_speeds_rad_s(objects: Objects, scaling: Scaling, limits: Limits) -> t
             "homing speeds with the maker's tool or raise the limit"
         )
     return fast, slow
+
+
+@contextmanager
+def homing_method(objects: Objects, profile: Profile) -> Iterator[None]:
+    """The method of the profile in 6098h, put back after it.   Raises Refused where there is none or the drive does not take it."""
+    if profile.homing_method is None:
+        if objects.read_if_there(*HOMING) == 0:
+            raise Refused(
+                "the drive is set to no method of homing (6098h is 0); set one with the maker's tool, state it in a profile "
+                "(homing: {method: 37}), or state where the carriage is with --position"
+            )
+        yield
+        return
+    with objects.lend() as lending:
+        try:
+            lending.set(*HOMING, profile.homing_method)
+        except ObjectRefused as error:
+            raise Refused(
+                f"the drive refuses the homing method {profile.homing_method} of its profile: {abort_text(error.abort_code)}; look in its "
+                "manual which it has, and correct homing.method, or state where the carriage is with --position"
+            ) from error
+        yield

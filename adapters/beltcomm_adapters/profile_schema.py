@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from beltcomm.configfiles import did_you_mean
@@ -29,10 +29,13 @@ class FieldValue:
         What is to be given, in words.
     fits : callable
         Whether a value is that.
+    shape : Mapping[str, Any]
+        In JSON Schema.
     """
 
     give: str
     fits: Callable[[Any], bool]
+    shape: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -65,16 +68,18 @@ class FieldRows:
 
 
 def _word(give: str) -> FieldValue:
-    return FieldValue(give, lambda value: isinstance(value, str) and bool(value.strip()))
+    return FieldValue(give, lambda value: isinstance(value, str) and bool(value.strip()), {"type": "string"})
 
 
 def _number(give: str, least: float, most: float) -> FieldValue:
-    return FieldValue(f"{give}, {least:g} to {most:g}", lambda v: _is_number(v) and least <= float(v) <= most)
+    shape = {"type": "number", "minimum": least, "maximum": most}
+    return FieldValue(f"{give}, {least:g} to {most:g}", lambda v: _is_number(v) and least <= float(v) <= most, shape)
 
 
 def _whole(give: str, least: int, most: int) -> FieldValue:
     span = f"{least:X}h to {most:X}h" if most > 9999 else f"{least} to {most}"
-    return FieldValue(f"{give}, {span}", lambda v: isinstance(v, int) and not isinstance(v, bool) and least <= v <= most)
+    shape = {"type": "integer", "minimum": least, "maximum": most}
+    return FieldValue(f"{give}, {span}", lambda v: isinstance(v, int) and not isinstance(v, bool) and least <= v <= most, shape)
 
 
 def _is_number(value: object) -> bool:
@@ -88,11 +93,11 @@ def _unit(per: int, example: str) -> FieldValue:
         except ValueError:
             return False
 
-    return FieldValue(f"a number and a unit, such as {example}", fits)
+    return FieldValue(f"a number and a unit, such as {example}", fits, {"type": "string"})
 
 
 def _choice(*words: str) -> FieldValue:
-    return FieldValue(f"one of {', '.join(words)}", lambda value: value in words)
+    return FieldValue(f"one of {', '.join(words)}", lambda value: value in words, {"enum": list(words)})
 
 
 def _modes(kind: str) -> FieldValue:
@@ -101,7 +106,7 @@ def _modes(kind: str) -> FieldValue:
     return FieldValue(words, lambda v: bool(v) and all(isinstance(m, int) and m in known for m in (v if isinstance(v, list) else [v])))
 
 
-_YES: Final = FieldValue("true or false", lambda value: isinstance(value, bool))
+_YES: Final = FieldValue("true or false", lambda value: isinstance(value, bool), {"type": "boolean"})
 _INDEX, _SUBINDEX = _whole("an index of the object dictionary", 0x1000, 0xFFFF), _whole("a subindex", 0, 0xFF)
 _PLACE: Final = {"index": _INDEX, "subindex": _SUBINDEX}
 _BIT: Final = _whole("a bit", 0, 31)
@@ -154,6 +159,23 @@ PROFILE: Final = FieldGroup(
             },
             ("of", "check"),
         ),
+        "actual_torque": FieldGroup(
+            {
+                **_PLACE, "type": _choice("int16", "int32"), "nm": _number("N m in one of its units", 1e-9, 1e3),
+                "late_ms": _number("ms by which it is older than the position beside it", 0.0, 100.0),
+                "filter_ms": _number("ms, time constant of its filter", 0.0, 1000.0), "command": _YES,
+            }
+        ),
+        "error_behaviour": FieldGroup(
+            {"node": _whole("1029h:1: it leaves Operational, or stays", 0, 1), "axis": _whole("6007h: fault, no voltage, quick stop", 1, 3)}
+        ),
+        "save": FieldGroup(
+            {
+                **_PLACE, "type": _TYPE, "value": _whole("a value", 0, 0xFFFFFFFF),
+                "seconds": _number("s that it may take", 0.1, 120.0),
+            }
+        ),
+        "homing": FieldGroup({"method": _whole("6098h", -128, 127)}, ("method",)),
         "sync": FieldGroup(
             {
                 "shortest_ms": _number("ms", 0.05, 100.0), "step_ms": _number("ms", 0.05, 100.0),
@@ -226,6 +248,20 @@ def faults(raw: object, group: FieldGroup = PROFILE, path: Path = ()) -> Iterato
                     yield here, sentence
         elif not node.fits(value):
             yield here, f"{name} is {_shown(value)}; give {node.give}"
+
+
+def json_schema(node: Any = PROFILE) -> dict[str, Any]:
+    """The file for editors that know JSON Schema; what it cannot say stands in its descriptions."""
+    if isinstance(node, FieldValue):
+        return {**node.shape, "description": node.give}
+    if isinstance(node, FieldRows):
+        return {"type": "array", "items": json_schema(node.row)}
+    named = {key: json_schema(one) for key, one in node.fields.items() if key != "*"}
+    found: dict[str, Any] = {"type": "object", "properties": named, "required": list(node.needed)}
+    found["additionalProperties"] = json_schema(node.fields["*"]) if "*" in node.fields else False
+    if node is PROFILE:
+        found = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "beltcomm drive profile", **found}
+    return found
 
 
 def _give(node: Any) -> str:

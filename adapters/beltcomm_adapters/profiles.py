@@ -16,6 +16,7 @@ from beltcomm.drive.parameters import GAIN_NAMES, GainTerm
 from beltcomm.errors import UsageError
 from beltcomm_adapters.locks import ALWAYS, Lock
 from beltcomm_adapters.profile_schema import CONFIDENCES, faults
+from beltcomm_adapters.sdo import SAVE, SAVE_PLACE
 
 #: Keys of a file that state no fact about the drive; every other one has its source.
 SOURCE_KEYS: Final = ("source", "confidence")
@@ -29,7 +30,6 @@ TOLD: Final = 5
 
 #: Where drives keep settings of their controllers: the maker's own objects, and those of CiA 402 (60F6h, current control, is locked).
 CONTROLLERS: Final = (range(0x2000, 0x6000), range(0x60F6, 0x60FC))
-RATED_PERMILLE: Final = 1000
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,34 @@ class TorqueScale:
     confidence: str
     check: str
     nm: float | None = None
+
+
+@dataclass(frozen=True)
+class ActualTorque:
+    """Object of the torque that acts.   type : "int16" or "int32".   nm : N m in one of its units; None is the unit of setpoints.
+
+    late_ms, filter_ms, command : what is stated of it, None where nothing is: how much older it is than the position beside it, the time
+    constant of its filter, and whether it is only the command.
+    """
+
+    index: int = 0x6077
+    subindex: int = 0
+    type: str = "int16"
+    nm: float | None = None
+    late_ms: float | None = None
+    filter_ms: float | None = None
+    command: bool | None = None
+
+
+@dataclass(frozen=True)
+class Save:
+    """Object that makes parameters permanent: what is written there, and s that it may take."""
+
+    index: int = SAVE_PLACE[0]
+    subindex: int = SAVE_PLACE[1]
+    type: str = SAVE_PLACE[2]
+    value: int = SAVE
+    seconds: float | None = None
 
 
 @dataclass(frozen=True)
@@ -86,6 +114,14 @@ class Profile:
         Smallest period of SYNC and its step, and whether a new one (60C2h) acts at once or after save and reset.
     torque_scale : TorqueScale
         See :class:`TorqueScale`.
+    actual_torque : ActualTorque
+        See :class:`ActualTorque`.
+    error_behaviour : Mapping[str, int]
+        Values of 1029h:1 (``node``) and 6007h (``axis``) while beltcomm works; {} leaves a reaction that stops it.
+    save : Save
+        See :class:`Save`.
+    homing_method : int or None
+        6098h that this drive is homed with; None is the one that stands there.
     gain_meaning : Literal['documented', 'unconfirmed', 'none']
         "documented", "unconfirmed" (a step test finds it before a gain is written), or "none": no gain is writable.
     known_gains : tuple of GainTerm
@@ -148,9 +184,18 @@ class Profile:
     velocity_unit: str | None = None
     acceleration_unit: str | None = None
     rated_torque_unit_nm: float | None = None
+    actual_torque: ActualTorque = ActualTorque()
+    error_behaviour: Mapping[str, int] = field(default_factory=dict)
+    save: Save = Save()
+    homing_method: int | None = None
     emergency: Mapping[int, str] = field(default_factory=dict)
     signals: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     choices: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+
+    @property
+    def mapped_torque(self) -> tuple[int, int, int]:
+        """Object of the torque that acts as a PDO maps it: index, subindex, bits."""
+        return self.actual_torque.index, self.actual_torque.subindex, 32 if self.actual_torque.type == "int32" else 16
 
     def with_modes(self, available: Collection[int]) -> Profile:
         """The profile with the first mode of each kind that a drive has; the first of all where it has none."""
@@ -189,7 +234,7 @@ def completed(raw: Mapping[str, Any]) -> dict[str, Any]:
     own = {**base, **raw, **parts, "sources": told}
     own.pop("like", None)
     if "gain_meaning" not in raw and "parameters" in raw:
-        own["gain_meaning"] = "documented" if raw["parameters"] else "none"
+        own["gain_meaning"] = "unconfirmed" if raw["parameters"] else "none"  # a slip of a factor shows when they are measured
     return own
 
 
@@ -254,6 +299,9 @@ def _profile(raw: dict[str, Any]) -> Profile:
         overload_time=_place(raw.pop("overload_time", None)),
         output_limit=_place(raw.pop("output_limit", None)),
         dead_zone=_place(raw.pop("dead_zone", None)),
+        actual_torque=ActualTorque(**raw.pop("actual_torque", {})),
+        save=Save(**raw.pop("save", {})),
+        homing_method=raw.pop("homing", {}).get("method"),
         **raw,
     )
 
@@ -272,6 +320,11 @@ def _check_writes(profile: Profile, *, shipped: bool) -> None:
             raise ValueError(f"{name} in {name_of(*place)}, which holds {lock.what}")
         if places.count(place) > 1:
             raise ValueError(f"{name} in {name_of(*place)} as another parameter")
+    save = profile.save
+    if save.index != SAVE_PLACE[0] and not any(save.index in known for known in CONTROLLERS[:1]):
+        raise ValueError(f"save writes {name_of(save.index, save.subindex)}; give 1010h, or an object of the maker's own (2000h to 5FFFh)")
+    if (save.index, save.subindex) in places:
+        raise ValueError(f"save writes {name_of(save.index, save.subindex)}, which is a parameter too")
     logic = profile.enable_logic
     if logic is not None and not shipped and logic not in {load_profile(name).enable_logic for name in config_names("drives")}:
         raise ValueError(f"enable_logic writes {name_of(*logic[:2])} before anybody is asked; a shipped profile may do so")

@@ -36,6 +36,8 @@ class Scaling:
     ----------
     position_rad, speed_rad_s, acceleration_rad_s2, torque_nm : float
         Per raw unit.
+    reading_nm : float
+        Per raw unit of the actual torque, where that is another one.
     counts_per_rev : int
         Encoder counts.
     rated_torque_nm : float
@@ -46,8 +48,8 @@ class Scaling:
         An acceleration is the time of a ramp, in s⁻¹ of its unit.
     said : tuple of str
         Sentences on what does not come from the drive.
-    speed_told, acceleration_told : bool
-        Whether somebody tells these units.
+    position_told, speed_told, acceleration_told : bool
+        Whether drive or profile tell these units.
     """
 
     position_rad: float
@@ -61,6 +63,12 @@ class Scaling:
     said: tuple[str, ...] = ()
     speed_told: bool = True
     acceleration_told: bool = True
+    position_told: bool = True
+    reading_nm: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.reading_nm:
+            object.__setattr__(self, "reading_nm", self.torque_nm)
 
     def with_speed(self, speed_rad_s: float) -> Scaling:
         """Scaling with another unit of speed, and of acceleration where nobody tells that: the one of speed per second."""
@@ -108,12 +116,13 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
     plate, said = nameplate or KnownMotor(), list[str]()
     torque_nm = _rated_torque_nm(objects, profile, plate, said)
     unit_nm = 1e-3 * (profile.torque_scale.nm or torque_nm)
+    reading_nm = profile.actual_torque.nm or unit_nm
     current_a = _rated_current_a(objects, plate, torque_nm, said)
     if profile.units == "factor_group":
         position, speed, acceleration, internal = _factor_group(objects, lending)
-        return Scaling(position, speed, acceleration, unit_nm, internal, torque_nm, current_a, said=tuple(said))
+        return Scaling(position, speed, acceleration, unit_nm, internal, torque_nm, current_a, said=tuple(said), reading_nm=reading_nm)
     counts = _counts(objects, profile, plate, said)
-    position, metres = _position(objects, profile, counts, said)
+    position, metres, position_told = _position(objects, profile, counts)
     ground = Ground(position, _TURN / counts if counts else None, metres)
     speed_unit, speed_told = _told(objects, 0x60A9, profile.velocity_unit, 1, RawUnit(1.0, "unit", 1), said)
     speed = ground.si(speed_unit, "speed (60A9h)")
@@ -124,11 +133,25 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
             "the drive does not tell its unit of acceleration (60AAh): its unit of speed per second is taken, so look at how it stops"
         )
     acceleration = ground.si(acceleration_unit, "acceleration (60AAh)")
+    if profile.acceleration_unit is not None and not objects.read_if_there(0x60AA, 0, "uint32"):
+        said += _quick_stop(objects, profile.acceleration_unit, acceleration, acceleration_unit.ramp)
     whole = counts or round(_TURN / abs(position))
     return Scaling(
         position, speed, acceleration, unit_nm, whole, torque_nm, current_a, acceleration_unit.ramp, tuple(said), speed_told,
-        acceleration_told,
+        acceleration_told, position_told, reading_nm,
     )  # fmt: skip
+
+
+def _quick_stop(objects: Objects, unit: str, rad_s2: float, ramp: bool) -> list[str]:
+    """What a unit of acceleration that only a profile states makes of the drive's own quick stop: nothing else shows it before a stop."""
+    own = objects.read_if_there(0x6085, 0, "uint32")
+    if not own:
+        return []
+    stands = rad_s2 / own if ramp else own * rad_s2
+    return [
+        f"accelerations count in {unit} by the profile alone: the quick stop that stands in the drive, 6085h = {own}, is then "
+        f"{stands:.4g} rad/s² ({stands / _RPM:.0f} rpm/s); compare that with the maker's tool, for every stop is planned with it"
+    ]
 
 
 def _rated_torque_nm(objects: Objects, profile: Profile, plate: KnownMotor, said: list[str]) -> float:
@@ -194,8 +217,8 @@ def _counts(objects: Objects, profile: Profile, plate: KnownMotor, said: list[st
     return plate.counts_per_rev
 
 
-def _position(objects: Objects, profile: Profile, counts: int | None, said: list[str]) -> tuple[float, float | None]:
-    """One position unit in rad of the motor; one rad of the motor in m of the load, where the units are of length."""
+def _position(objects: Objects, profile: Profile, counts: int | None) -> tuple[float, float | None, bool]:
+    """One position unit in rad of the motor; one rad of the motor in m of the load, where the units are of length; whether it is told."""
     gear = _ratio_or_one(objects, 0x6091)
     code = objects.read_if_there(0x60A8, 0, "uint32")
     unit = coded(code) if code else None
@@ -204,18 +227,19 @@ def _position(objects: Objects, profile: Profile, counts: int | None, said: list
         feed = None
     if feed is not None:
         position = _TURN * gear / feed
-        return position, unit.value / position if unit and unit.of == "m" and unit.per == 0 else None
+        return position, unit.value / position if unit and unit.of == "m" and unit.per == 0 else None, True
     if unit is not None and unit.of == "rad" and unit.per == 0:
-        return unit.value * gear, None
+        return unit.value * gear, None, True
     if profile.position_unit is not None:
-        return Ground(None, _TURN / counts if counts else None).si(named(profile.position_unit, 0), "position"), None
+        return Ground(None, _TURN / counts if counts else None).si(named(profile.position_unit, 0), "position"), None, True
     if counts is None:
         raise DriveError(
             "the drive tells neither its encoder (608Fh) nor its feed (6092h), or its factor group stands at 1/1 as from the factory, so "
             "that nobody knows what a position unit is; state motor.encoder_counts_per_rev in axis.yaml and give --axis, or set the factor "
             "group (608Fh, 6091h, 6092h) with the maker's tool"
         )
-    return _TURN * gear / counts, None
+    encoder = objects.read_if_there(0x608F, 1, "uint32")
+    return _TURN * gear / counts, None, encoder is not None and encoder > 1
 
 
 def _told(objects: Objects, index: int, by_profile: str | None, per: int, otherwise: RawUnit, said: list[str]) -> tuple[RawUnit, bool]:

@@ -43,7 +43,12 @@ _DOWNLOAD, _UPLOAD, _NAMING, _ABORT = 1, 2, (2, 3), 0x80
 #: has many segments, so it is begun anew more often.
 _OUT_OF_STEP: Final = (0x05030000, 0x05040001)
 _STEPS: Final = 10
-_SAVE: Final = 0x65766173  # "save", CiA 301, 7.5.2.13
+#: Share of requests answered twice from which on two nodes may have one number, and how often their places are asked for then.
+_TWINS, _ASKED = 0.8, 4
+Place = tuple[int, int, str]  # index, subindex, data type
+#: Object that keeps parameters, and "save", CiA 301, 7.5.2.13.
+SAVE_PLACE: Final[Place] = (0x1010, 1, "uint32")
+SAVE: Final = 0x65766173
 #: Abort codes of a drive that has no such object, or no such part of it.
 ABSENT: Final = (0x06020000, 0x06090011)
 
@@ -55,7 +60,10 @@ _ANY: Final = bytes(3)
 
 
 class _Client(SdoClient):
-    """Stock client that waits by pumping the link."""
+    """Stock client that waits by pumping the link.   asked, doubled : requests, and answers beyond one to each.
+
+    differ : a second answer was not the first one.
+    """
 
     RETRY_DELAY = 0.0
 
@@ -66,7 +74,10 @@ class _Client(SdoClient):
         self.patience = 1.0
         self.answered = self._again = False
         self._asked_s = 0.0
-        self._object = b""
+        self._object = self._previous = b""
+        self.asked = self.doubled = 0
+        self.differ = False
+        self._answers: dict[bytes, bytes] = {}
         self._link = link
         self._locks = locks
         link.subscribe(self.tx_cobid, self._on_frame)
@@ -80,17 +91,24 @@ class _Client(SdoClient):
         while (message := self._link.receive(0.0)) is not None:  # a doubled or late answer must not pass for the one to this request
             self._link.dispatch(message)
         while not self.responses.empty():
-            self.responses.get_nowait()
+            self._second(self.responses.get_nowait())
         if data[0] >> 5 in (_DOWNLOAD, _UPLOAD):
-            self._object = bytes(data[1:4])
+            self._previous, self._object = self._object, bytes(data[1:4])
+        self.asked += 1
         self._asked_s = self._link.clock.now()
         self._link.send_data(cob_id, bytes(data))
 
     def _on_frame(self, message: can.Message) -> None:
         data = bytes(message.data)
         if len(data) != 8 or ((data[0] == _ABORT or data[0] >> 5 in _NAMING) and data[1:4] not in (self._object, _ANY)):
+            if len(data) == 8 and data[1:4] == self._previous:
+                self._second(data)
             return  # of another transfer: it comes late
         self.responses.put(data)
+
+    def _second(self, data: bytes) -> None:
+        self.doubled += 1
+        self.differ |= self._answers.get(data[1:4], data) != data
 
     def follow(self, again: bool) -> None:
         """A transfer is over; ``again``: it was begun anew.  When two in a row were, answers come late: no adapter loses so many."""
@@ -107,6 +125,7 @@ class _Client(SdoClient):
             self._link.pump(left_s)
         response: bytes = self.responses.get_nowait()
         self.answered = True
+        self._answers[response[1:4]] = response
         took_s = self._link.clock.now() - self._asked_s
         self.answer_time_s = max(self.answer_time_s, min(_OVER_SLOWEST * took_s, _LONGEST_ANSWER_S))
         if response[0] == _ABORT:
@@ -130,6 +149,11 @@ class Objects(ABC):
         self.locks = Locks()
         self.taken_as_written: set[tuple[int, int, int]] = set()  # limits that were read back
 
+    @property
+    def twice(self) -> bool:
+        """True if two nodes answer."""
+        return False
+
     @abstractmethod
     def read_bytes(self, index: int, subindex: int = 0) -> bytes:
         """Raw content of an object, little endian.  Raises ObjectRefused, BusError."""
@@ -149,8 +173,8 @@ class Objects(ABC):
         """
 
     @abstractmethod
-    def save(self) -> None:
-        """Make all parameters permanent; the drive may take seconds.  Raises ObjectRefused, BusError."""
+    def save(self, place: Place = SAVE_PLACE, value: int = SAVE, time_s: float | None = None) -> None:
+        """Make all parameters permanent by this object, in ``time_s`` at most.  Raises ObjectRefused, BusError."""
 
     def read(self, index: int, subindex: int, kind: str) -> float:
         """Value of an object of type ``kind`` (a key of :data:`beltcomm.drive.objects.TYPES`).
@@ -215,13 +239,25 @@ class SdoObjects(Objects):
         """See :meth:`Objects.write_bytes`."""
         self._transfer(index, subindex, verb, lambda: self._client.download(index, subindex, data))
 
-    def save(self) -> None:
-        """See :meth:`Objects.save`; 1010h:1."""
-        usual_s, self._client.answer_time_s = self._client.answer_time_s, SAVE_TIME_S
+    def save(self, place: Place = SAVE_PLACE, value: int = SAVE, time_s: float | None = None) -> None:
+        """See :meth:`Objects.save`."""
+        usual_s, self._client.answer_time_s = self._client.answer_time_s, time_s or SAVE_TIME_S
         try:
-            self.write(0x1010, 1, "uint32", _SAVE)
+            self.write(*place, value)
         finally:
             self._client.answer_time_s = usual_s
+
+    @property
+    def twice(self) -> bool:
+        """See :attr:`Objects.twice`: nearly every request so far was answered more than once."""
+        return self._client.doubled > _TWINS * self._client.asked and self._differ()
+
+    def _differ(self) -> bool:
+        """True if answers that come twice are not the same: two axes stand at different places, an adapter that doubles frames is one."""
+        if not self._client.differ:
+            for _ in range(_ASKED):
+                self.read_if_there(0x6064, 0, "int32")
+        return self._client.differ
 
     def _transfer(self, index: int, subindex: int, verb: str, transfer: Callable[[], _Result]) -> _Result:
         unanswered = out_of_step = 0

@@ -10,8 +10,8 @@ import serial
 from beltcomm.drive import Adapter, Drive
 from beltcomm.errors import BusError, UsageError
 from beltcomm_adapters.buses import MonotonicClock
-from beltcomm_adapters.canopen import profile_name
 from beltcomm_adapters.examination.line import examine_line
+from beltcomm_adapters.options import profile_name
 from beltcomm_adapters.serial_drive import SerialDrive
 from beltcomm_adapters.serial_line import BITRATES, DEFAULT_BITRATE
 

@@ -13,7 +13,7 @@ from typing import Final
 
 from beltcomm.drive.objects import TYPES, name_of
 from beltcomm.errors import BusError, DriveError
-from beltcomm_adapters.sdo import Objects, refusal
+from beltcomm_adapters.sdo import SAVE, SAVE_PLACE, Objects, Place, refusal
 from beltcomm_adapters.serial_line import ANSWER_TIME_S, BITRATES, QUIET_TIME_S, Abort, Line, ObjectAnswer, SerialLine, Text
 
 #: Characters of ``?XXXXSU`` with its end, of the head of an answer ``=XXXXSU:`` with the answer's end, and of the longest answer.
@@ -96,7 +96,7 @@ class SerialObjects(Objects):
             raise refusal(index, subindex, verb, answer.code)
         raise self._nonsense(index, subindex, verb, "it was not taken")
 
-    def save(self) -> None:
+    def save(self, place: Place = SAVE_PLACE, value: int = SAVE, time_s: float | None = None) -> None:
         """See :meth:`Objects.save`; ``SAVE!``, sent once, because nobody can ask whether it was done."""
         answer = self._line.ask("SAVE!", lambda line: line in (_DONE, _ERROR), longest=7, time_s=SAVE_TIME_S)
         if answer is None:

@@ -12,8 +12,9 @@ from beltcomm.drive import Limits
 from beltcomm.drive.finding import Finding, State
 from beltcomm.drive.objects import name_of
 from beltcomm.errors import BusError, DriveError, ObjectRefused
-from beltcomm_adapters.exchange import ARRANGEMENTS, FREE_MAPPING, TRANSMITTED, map_answers, map_pdo
-from beltcomm_adapters.preparation import lend_settings
+from beltcomm_adapters.exchange import FREE_MAPPING, arrangements, map_answers, map_pdo
+from beltcomm_adapters.host_reaction import heed
+from beltcomm_adapters.preparation import believes_ramp, lend_settings
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import Objects, abort_text
@@ -36,6 +37,8 @@ INSTEAD: Final = {
     0x607D: "the host alone stops the axis at the end of its window",
     0x6065: "the host alone stops the axis when it lags behind its reference",
     0x6087: "a step of torque rises no faster than it is set to, which the identification sees as a lag",
+    0x6007: "what the axis does when its host is gone is tried before any torque",
+    0x1029: "what the node does when its host is gone is tried before any torque",
     0x60C2: "its interpolation runs at the period that it is set to",
 }
 
@@ -46,13 +49,17 @@ def refused_words(error: ObjectRefused) -> str:
     return f"the drive refuses {name_of(error.index, error.subindex)}, {abort_text(error.abort_code)}: {instead}"
 
 
-def tried(objects: Objects, profile: Profile, scaling: Scaling, modes: frozenset[int], period_s: float) -> Iterator[Finding]:
+def tried(
+    objects: Objects, profile: Profile, scaling: Scaling, modes: frozenset[int], period_s: float, fastest_rad_s: float
+) -> Iterator[Finding]:
     """The findings; everything is put back.
 
     Parameters
     ----------
     modes : frozenset[int]
         That the drive has.
+    fastest_rad_s : float
+        Of any record, from which it stops.
 
     Raises
     ------
@@ -60,7 +67,7 @@ def tried(objects: Objects, profile: Profile, scaling: Scaling, modes: frozenset
         (a ramp steeper than written).
     """
     yield from _mapping(objects, profile, modes)
-    yield from _settings(objects, profile, scaling, modes, period_s)
+    yield from _settings(objects, profile, scaling, modes, period_s, fastest_rad_s)
 
 
 def _mapping(objects: Objects, profile: Profile, modes: frozenset[int]) -> Iterator[Finding]:
@@ -84,15 +91,16 @@ def _mapping(objects: Objects, profile: Profile, modes: frozenset[int]) -> Itera
         mapped += [name_of(*entry[:2]) for entries in layout.received for entry in entries]
     try:
         with objects.lend() as lending:
-            number, _ = map_answers(objects, lending)
+            number, _ = map_answers(objects, lending, torque=profile.mapped_torque)
     except BusError:
         raise
     except DriveError as error:
         wrong.append(Finding(AREA, "answers", "wrong", _plain(error), FREE_MAPPING))
     else:
-        sent = [entry for entries in ARRANGEMENTS[number] for entry in entries]
+        offered = arrangements(profile.mapped_torque)
+        sent = [entry for entries in offered[number] for entry in entries]
         mapped += [name_of(*entry[:2]) for entry in sent]
-        if lacking := [name_of(*e[:2]) for entries in TRANSMITTED for e in entries if e not in sent]:
+        if lacking := [name_of(*e[:2]) for entries in offered[0] for e in entries if e not in sent]:
             how = " (its speed is then the change of its position)" if "606Ch" in lacking else ""
             text = f"the drive does not let {' and '.join(lacking)} be mapped; records do without{how}"
             wrong.append(Finding(AREA, "answers", "warning", text))
@@ -101,7 +109,9 @@ def _mapping(objects: Objects, profile: Profile, modes: frozenset[int]) -> Itera
         yield Finding(AREA, "mapping", "ok", f"a record's objects can be mapped: {', '.join(dict.fromkeys(mapped))} (tried, put back)")
 
 
-def _settings(objects: Objects, profile: Profile, scaling: Scaling, modes: frozenset[int], period_s: float) -> Iterator[Finding]:
+def _settings(
+    objects: Objects, profile: Profile, scaling: Scaling, modes: frozenset[int], period_s: float, fastest_rad_s: float
+) -> Iterator[Finding]:
     """Limits and ramps, a little tighter than they are."""
     here = objects.read(0x6064, 0, "int32") * scaling.position_rad
     torque = SHARE * (objects.read_if_there(0x6072, 0, "uint16") or 1000) * scaling.torque_nm
@@ -114,11 +124,17 @@ def _settings(objects: Objects, profile: Profile, scaling: Scaling, modes: froze
         try:
             with objects.lend() as lending:
                 lend_settings(objects, lending, profile, scaling, mode, period_s, limits)
+                if profile.error_behaviour:
+                    heed(objects, lending, profile.error_behaviour)
         except ObjectRefused as error:
             text = f"for motions of kind {kind}: {refused_words(error)}"
             remedy = "set it with the maker's tool, or choose the --profile of this drive"
             yield Finding(AREA, f"settings, {kind}", "wrong" if kind in NEEDED else "warning", text, remedy)
         refused |= {(error.index, error.subindex): refused_words(error) for error in lending.refused}
+        altered |= dict.fromkeys(lending.altered)
+    with objects.lend() as lending:
+        if not any("6085h" in text for text in altered):
+            believes_ramp(objects, lending, scaling, fastest_rad_s)
         altered |= dict.fromkeys(lending.altered)
     for place, text in refused.items():
         yield Finding(AREA, f"limit {name_of(*place)}", "warning", text)

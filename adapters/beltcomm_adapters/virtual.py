@@ -11,10 +11,11 @@ from beltcomm.drive.finding import Finding
 from beltcomm.drive.objects import DictionaryEntry
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm_adapters.buses import MonotonicClock
-from beltcomm_adapters.canopen import EXAMINATION_OPTIONS, connect, number, whole_number
+from beltcomm_adapters.canopen import EXAMINATION_OPTIONS, connect
 from beltcomm_adapters.examination.can import examine_bus
 from beltcomm_adapters.listening import PlayedListening
 from beltcomm_adapters.new_profile import facts_of_bus, text_of
+from beltcomm_adapters.options import number, whole_number
 from beltcomm_adapters.virtual_node import NODE, attached, played, ticks_per_second
 
 

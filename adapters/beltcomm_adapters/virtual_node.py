@@ -15,7 +15,7 @@ from beltcomm.virtual.device import VirtualDrive
 from beltcomm.virtual.foreign import profile_named
 from beltcomm.virtual.motor import EMMS_AS_70
 from beltcomm.virtual.profiles import PROFILES
-from beltcomm_adapters.canopen import number, profile_name, whole_number
+from beltcomm_adapters.options import number, profile_name, whole_number
 
 DEFAULT_PLANT: Final = "g_a"
 #: m; the middle of the rig's 0 to 0.5 m.

@@ -12,7 +12,7 @@ from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.pseudo_terminal import PseudoTerminal
 from beltcomm.virtual.service_port import LockstepPort, ServicePort
 from beltcomm_adapters.buses import MonotonicClock
-from beltcomm_adapters.canopen import profile_name
+from beltcomm_adapters.options import profile_name
 from beltcomm_adapters.serial_drive import SerialDrive
 from beltcomm_adapters.virtual_node import attached
 

@@ -11,8 +11,8 @@ from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.serving import Pump
 from beltcomm.virtual.slcan import LocalSocket, SlcanAdapter, SlcanTerminal
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_can_bus, open_bus
-from beltcomm_adapters.canopen import whole_number
 from beltcomm_adapters.link import INTERFACE_ERRORS
+from beltcomm_adapters.options import whole_number
 from beltcomm_adapters.synctime import TIME_BY_SYNC
 from beltcomm_adapters.virtual_node import NODE, OPTIONS, attached, played, ticks_per_second
 

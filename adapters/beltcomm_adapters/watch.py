@@ -29,10 +29,18 @@ class Watch:
     ----------
     speed_unit : SpeedUnit or None
         Learns what the reported one counts in, where nobody tells; then it counts only where the difference is half of it.
+    odometer : Odometer or None
+        Of earlier records, None for a new one.
     """
 
     def __init__(
-        self, limits: Limits, scaling: Scaling, period_s: float, differences: bool = True, speed_unit: SpeedUnit | None = None
+        self,
+        limits: Limits,
+        scaling: Scaling,
+        period_s: float,
+        differences: bool = True,
+        speed_unit: SpeedUnit | None = None,
+        odometer: Odometer | None = None,
     ) -> None:
         self._limits = limits
         self._scaling = scaling
@@ -44,7 +52,9 @@ class Watch:
         self._travel_per_s = limits.speed_rad_s / scaling.position_rad
         self._strongest = (_TORQUE_SHARE * limits.torque_nm + _TORQUE_NOISE_OF_RATED * scaling.rated_torque_nm) / scaling.torque_nm
         self._before: Sample | None = None
-        self._odometer = speed_unit or Odometer(scaling.position_rad, scaling.speed_rad_s)
+        known = odometer or Odometer(scaling.position_rad, scaling.speed_rad_s)
+        known.begin()
+        self._odometer = speed_unit or known
         self._fastest = limits.speed_rad_s / scaling.speed_rad_s
         #: Of the speed by difference beyond which the reported one counts: where nobody tells its unit, it alone stops nothing.
         self._believed = _BELIEVED if speed_unit else 0.0
@@ -70,6 +80,12 @@ class Watch:
             self._stop("torque", torque * self._scaling.torque_nm, "reduce the amplitude or soften the gains")
         if before is not None and self._differences:
             self._odometer(travel, velocity, elapsed_s)
+
+    def learn(self, sample: Sample) -> None:
+        """A sample of the stop, which breaks no limit any more, for a unit of speed that is being learnt."""
+        before, self._before = self._before, sample
+        if before is not None and isinstance(self._odometer, SpeedUnit):
+            self._odometer(sample.position - before.position, sample.velocity, max(sample.stamp_s - before.stamp_s, self._period_s))
 
     @property
     def longest_stop_s(self) -> float:

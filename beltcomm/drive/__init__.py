@@ -158,6 +158,14 @@ class Motion:
         """Largest lead of the reference, rad."""
         return 0.0 if self.lead_rad is None else float(np.max(np.abs(self.lead_rad)))
 
+    @property
+    def reach_rad(self) -> tuple[float, float] | None:
+        """Lowest and highest reference of one that leads, rad; None of one that does not."""
+        if self.lead_rad is None:
+            return None
+        sent = self.position_rad + self.lead_rad
+        return float(sent.min()), float(sent.max())
+
 
 @dataclass(frozen=True)
 class Guarding:
@@ -214,6 +222,25 @@ class KnownMotor:
 
 
 @dataclass(frozen=True)
+class StatedReading:
+    """What is stated of the torque that a drive reports, None where nothing is: a hypothesis that its records are held against.
+
+    Attributes
+    ----------
+    late_s : float or None, s
+        By which it is older than the position beside it, beside ``torque_sampling``.
+    filter_s : float or None, s
+        Time constant of its filter.
+    command : bool or None
+        It is only the command.
+    """
+
+    late_s: float | None = None
+    filter_s: float | None = None
+    command: bool | None = None
+
+
+@dataclass(frozen=True)
 class Capabilities:
     """Capabilities of a connected drive, as read from it or from its profile (never assumed).
 
@@ -259,6 +286,10 @@ class Capabilities:
         In words, the period of the exchange and what it costs the bus; why the unit of torque is in doubt, "" when it is not.
     shortest_guard_s : float or None, s
         Shortest time in which it can be made to notice that its host is gone; None when nothing in it watches the host.
+    feel_rad : float, rad, motor shaft
+        No further goes the first motion, which shows whether the units that nobody tells are those that are taken; 0 where they are told.
+    torque_reading : StatedReading or None
+        What its profile states of the reported torque.
     overload_time_s : float or None, s
         For which the drive lets the motor have its peak torque from cold; None when it does not tell.
     encoder_counts_per_rev : int or None
@@ -291,6 +322,8 @@ class Capabilities:
     shortest_guard_s: float | None = None
     encoder_counts_per_rev: int | None = None
     overload_time_s: float | None = None
+    feel_rad: float = 0.0
+    torque_reading: StatedReading | None = None
 
 
 @dataclass(frozen=True)

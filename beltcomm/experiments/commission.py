@@ -34,6 +34,7 @@ from beltcomm.experiments import (
 from beltcomm.experiments.proving import Sending, learn_gains, verify_move
 from beltcomm.experiments.recentre import MOST_STOPS, bring_back, may_not_excite, stands, stands_after
 from beltcomm.fit.acting import acting_recording
+from beltcomm.fit.stated_reading import stated_remarks
 from beltcomm.identify.amplitude import AmplitudeStep, family_around, unknown_masses_kg
 from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.identify.standstill import largest
@@ -400,6 +401,8 @@ def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> 
     with machine.withdrawing():
         findings.final = final_model(recordings, machine.axis, counts, start=first, progress=lambda f: machine.talk.progress(f, None))
     model = findings.final.fit.model
+    stated = machine.drive.capabilities.torque_reading
+    findings.remarks += stated_remarks(findings.final.fit.path, stated, machine.drive.capabilities.sample_period_s)
     measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
     middle = sum(machine.envelope().window_m) / 2
     findings.characteristics = analyse.characteristics(findings.final.fit, middle)

@@ -64,6 +64,7 @@ def try_out(machine: Machine, findings: Findings, model: Model) -> bool:
         )
         findings.reservations.append("the drive's own loop could not follow slow strokes")
         return False
+    machine.loop_tried = True
     reaction_s = REACTION_PERIODS * machine.drive.capabilities.sample_period_s
     heaviest = max(one["cart.mass"] for one in family)
     deceleration = rigid_deceleration(machine.axis, heaviest, machine.envelope().torque_nm, SWING).value_m_s2

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.axis.entries import TrajectoryLimits
-from beltcomm.drive import Capabilities
+from beltcomm.drive import Capabilities, Limits
 from beltcomm.errors import NoMotion, Refused, SafetyStop, UsageError
 from beltcomm.excitation import AskedExcitation, Choice, Excitation, ExcitationKind, PrbsChoice, choose, choose_prbs, visible_band
 from beltcomm.excitation.record import SELDOM_S
@@ -56,6 +56,8 @@ DRIFT_SHARE = 0.15
 ARRIVED_M = 1e-3
 ASTRAY_M = 2e-2
 POSITIONING_TRIES = 4
+#: m: first way of a loop whose gains nobody knows.
+FELT_M = 5e-3
 #: Shares of speed that a motion is slowed down by until every stop ends inside the travel.
 STOPPABLE_SHARES = tuple(float(share) for share in np.geomspace(1.0, 0.1, 16))
 #: An excitation after one that did not move the axis is louder by this factor at least.
@@ -110,6 +112,7 @@ def sign_and_scale(machine: Machine) -> Breakaway:
     limits = replace(limits, release=bool(machine.axis.motor.brake_torque_nm))  # should gravity pull after all, the brake stops it
     host_loss.prove(machine)
     begun = machine.drive.clock.now()
+    feel_units(machine, limits, 1.0, min(SIGN_REACH_M, high - at))
     found = {}
     for sign in (1.0, -1.0):
         here = machine.position_m
@@ -119,6 +122,13 @@ def sign_and_scale(machine: Machine) -> Breakaway:
     machine.machine_seconds += machine.drive.clock.now() - begun
     machine.folder.journal(f"breakaway {found[1.0]:.3f} N m forward, {found[-1.0]:.3f} N m backward")
     return Breakaway(found[1.0], found[-1.0], crept.slope_nm_s)
+
+
+def feel_units(machine: Machine, limits: Limits, sign: float, left_m: float) -> None:
+    """Of a drive whose units nobody tells, creep so little that no wrong unit makes a long way of it; the next record knows them."""
+    feel_m = machine.drive.capabilities.feel_rad * machine.ratio
+    if feel_m:
+        creep(machine.drive, machine.axis, limits, sign * min(feel_m, SIGN_TRAVEL_M), left_m, left_m=left_m)
 
 
 def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
@@ -281,6 +291,8 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = P
     SafetyStop
         When it does not arrive within ``ASTRAY_M``.
     """
+    if machine.drive.capabilities.gains == "unknown" and not machine.loop_tried:
+        _feel_loop(machine, target_m, model, slow_m_s)
     for _ in range(POSITIONING_TRIES):  # the velocity loop ends a little beside its goal
         if abs(machine.position_m - target_m) < ARRIVED_M:
             return
@@ -292,6 +304,23 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = P
             f"the carriage stands at {machine.position_m:.4f} m instead of {target_m:.4f} m after a move; the loop does not hold it",
             "position",
         )
+
+
+def _feel_loop(machine: Machine, target_m: float, model: Model, slow_m_s: float) -> None:
+    """A first short way with a loop whose gains nobody knows: one that does not move the axis is not let wind up for a long one."""
+    at = machine.position_m
+    if abs(target_m - at) < 2.0 * FELT_M:
+        return
+    goal_m = at + math.copysign(FELT_M, target_m - at)
+    path = plan_trajectory(at, goal_m, gentle_limits(machine, model, slow_m_s), sample_period_s=machine.drive.capabilities.sample_period_s)
+    machine.run(machine.follow(with_dwell(path, 0.3), machine.stroking()), untuned_envelope(machine))
+    if abs(machine.position_m - goal_m) > 0.5 * FELT_M:
+        raise SafetyStop(
+            f"the loop that stands in the drive ends a slow stroke of {1e3 * FELT_M:.0f} mm "
+            f"{1e3 * abs(machine.position_m - goal_m):.1f} mm beside its goal; the axis was stopped",
+            "position",
+        )
+    machine.loop_tried = True
 
 
 def untuned_envelope(machine: Machine) -> Envelope:

@@ -21,7 +21,7 @@ from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import BELT_BEYOND
 from beltcomm.model import Model
 from beltcomm.recording.sidecar import Sidecar
-from beltcomm.rundata import led_gains
+from beltcomm.rundata import calibration, led_gains
 from beltcomm.rundata.led_gains import as_in_drive
 from beltcomm.rundata.proof import LEARNT, move_name, proof
 from beltcomm.simulate.setpoints import SetpointGrid
@@ -48,7 +48,7 @@ LONGEST_RANGED_S = 15.0
 SURPRISE = 3.0
 LAG_SLACK_M = 2e-3
 #: The first move with a led reference shows what the gains in the drive are: at this share of its speed, and by so much of the lead may the
-#: axis be off, which gains that are known to some percent allow.
+#: axis be off, which gains that are known to some percent allow, or by what their calibration is not sure of.
 LEARNING_SHARE, LEARNING_SLACK = 0.25, 0.1
 
 #: What the host sends along: nothing; the torque of effects that the drive's numbers cannot say; a motor that leads by the stretch of the
@@ -161,7 +161,7 @@ def verify_move(
     _check_belt(machine, model, path, trajectory)
     lag = SURPRISE * float(np.max(np.abs(path.reference_m - path.motor_m))) + LAG_SLACK_M
     if sent.reference is not None and led_gains.known(machine.folder) is None:
-        lag += LEARNING_SLACK * float(np.max(np.abs(sent.reference.lead_m)))
+        lag += max(LEARNING_SLACK, calibration.unsure(machine.folder)) * float(np.max(np.abs(sent.reference.lead_m)))
     start = float(trajectory.position_m[0])
     if machine.folder.finished(name) is None and abs(machine.position_m - start) > 1e-4:
         top = float(np.max(np.abs(trajectory.velocity_m_s)))  # these gains are about to be driven at that speed, with more force
@@ -183,7 +183,7 @@ def verify_move(
 
     if sent.reference is not None:
         ahead = grid.in_loop(sent.reference.lead_m) / machine.ratio
-        if (shown := gain_factors(recording, ahead, taken, drive.structure, delay_s)) is not None:
+        if (shown := gain_factors(recording, ahead, taken, drive.structure, delay_s, calibration.unsure(machine.folder))) is not None:
             led_gains.keep(machine.folder, shown)
 
     def error(other: Model, stretch_m: float) -> TrackingError:

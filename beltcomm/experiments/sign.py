@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 
 from beltcomm.axis import Axis
-from beltcomm.experiments.phases import SIGN_REACH_M, SIGN_TRAVEL_M, envelope_around, room_to_creep
+from beltcomm.experiments.phases import SIGN_REACH_M, SIGN_TRAVEL_M, envelope_around, feel_units, room_to_creep
 from beltcomm.machine import host_loss
 from beltcomm.machine.creep import RAMP_S, creep
 from beltcomm.machine.machine import Machine
@@ -54,6 +55,7 @@ def check_sign(machine: Machine) -> None:
     host_loss.prove(machine)
     begun = machine.drive.clock.now()
     limits = machine.drive_limits(envelope_around(machine, at, SIGN_REACH_M))
+    feel_units(machine, limits, math.copysign(1.0, way), min(SIGN_REACH_M, left))
     crept = creep(machine.drive, machine.axis, limits, way, min(SIGN_REACH_M, left), left_m=left)
     machine.machine_seconds += machine.drive.clock.now() - begun
     machine.folder.journal(f"sign checked: {1e3 * crept.moved_m:+.1f} mm under {crept.onset_nm:.3f} N m")

@@ -21,8 +21,12 @@ Array = NDArray[np.float64]
 CONSTANT_WITHIN = 1e-6
 #: Parts into which a plateau is cut for the error of its mean: successive samples of a loop are not independent.
 N_BATCHES = 8
-#: A mean speed further from the reference than this part of it is no constant speed: the axis sticks or is limited.
+#: Rows from which an acceleration can be told.
+CURVED_ROWS = 8
+#: A mean speed further from the reference than this part of it is no constant speed: the axis sticks or is limited, or its loop swings.
 LARGEST_SPEED_ERROR = 0.1
+#: A loop that swings turns the motor one way all the time where no batch is slower than this part of the reference.
+ONE_WAY_SHARE = 0.25
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,9 @@ class Plateau:
         Standard deviation of that mean, from its batches.
     start_s, duration_s : float, s
         Of what was used.
+    one_way : bool
+        It missed its speed, and turned one way all the time: what accelerates it is taken off the torque batch by batch, so that its mean
+        is the friction at its mean speed.
     """
 
     reference_rad_s: float
@@ -48,11 +55,17 @@ class Plateau:
     error_nm: float
     start_s: float
     duration_s: float
+    one_way: bool = False
 
     @property
     def reached_speed(self) -> bool:
         """True if the motor turned about as fast as it was asked to."""
-        return abs(self.speed_rad_s - self.reference_rad_s) <= LARGEST_SPEED_ERROR * abs(self.reference_rad_s)
+        return _reached(self.speed_rad_s, self.reference_rad_s)
+
+    @property
+    def shows_friction(self) -> bool:
+        """True if its torque is the friction at its speed."""
+        return self.reached_speed or self.one_way
 
 
 @dataclass(frozen=True)
@@ -183,7 +196,7 @@ def fit_friction(plateaus: Sequence[Plateau], *, slowest_rad_s: float = 0.0) -> 
     without it the long slow passes would outvote all others.  τ_0 is half the sum of both directions: gravity, an offset of
     the current, or friction that differs by direction, which this sweep cannot tell apart.  Intervals: scatter about the law.
 
-    Passes whose speed misses the reference by over 10 % are left out and named.
+    Passes whose speed misses the reference by over 10 % are left out and named, unless they turn one way with a known inertia.
 
     Parameters
     ----------
@@ -201,7 +214,7 @@ def fit_friction(plateaus: Sequence[Plateau], *, slowest_rad_s: float = 0.0) -> 
     ----------
     Thesis (3.36), 3.6.
     """
-    followed = [p for p in plateaus if p.reached_speed]
+    followed = [p for p in plateaus if p.shows_friction]
     used = [p for p in followed if abs(p.speed_rad_s) >= slowest_rad_s]
     speeds = {round(abs(p.reference_rad_s), 6) for p in used}
     directions = {p.reference_rad_s > 0 for p in used}
@@ -210,7 +223,7 @@ def fit_friction(plateaus: Sequence[Plateau], *, slowest_rad_s: float = 0.0) -> 
             f"{len(used)} passes at {len(speeds)} speed(s) in {len(directions)} direction(s) are left of {len(plateaus)}; at "
             "least 4 passes at two speeds, both directions, are needed: repeat the sweep, with a longer travel or a shorter run-in"
         )
-    repeat_scatter_nm = _repeat_scatter(used)
+    repeat_scatter_nm = _repeat_scatter([p for p in used if p.reached_speed])
     speed = np.array([p.speed_rad_s for p in used])
     torque = np.array([p.torque_nm for p in used])
     variance = np.array([p.error_nm for p in used]) ** 2 + (repeat_scatter_nm or 0.0) ** 2
@@ -230,10 +243,15 @@ def fit_friction(plateaus: Sequence[Plateau], *, slowest_rad_s: float = 0.0) -> 
         remarks=(),
     )
     left_out = sorted({p.reference_rad_s for p in plateaus if p not in followed})
-    return replace(fit, remarks=_remarks(fit, left_out, speed, torque, variance))
+    swung = sum(p.one_way for p in used)
+    return replace(fit, remarks=_remarks(fit, left_out, swung / len(used), speed, torque, variance))
 
 
 def _plateau(t: Array, torque: Array, angle: Array, reference_rad_s: float, inertia_kg_m2: float) -> Plateau:
+    if inertia_kg_m2 > 0.0 and not _reached(_speed(t, angle)[1], reference_rad_s):
+        swinging = _swinging(t, torque, angle, reference_rad_s, inertia_kg_m2)
+        if swinging is not None:
+            return swinging
     (begin_s, begin), (end_s, end) = (_speed(part, angle[rows]) for part, rows in _ends(t))
     torque = torque - inertia_kg_m2 * (end - begin) / (end_s - begin_s)
     batches = np.array([part.mean() for part in np.array_split(torque, N_BATCHES)])
@@ -245,6 +263,24 @@ def _plateau(t: Array, torque: Array, angle: Array, reference_rad_s: float, iner
         start_s=float(t[0]),
         duration_s=float(t[-1] - t[0]),
     )
+
+
+def _swinging(t: Array, torque: Array, angle: Array, reference_rad_s: float, inertia_kg_m2: float) -> Plateau | None:
+    """A pass that swings about its speed and turns one way all the time; None for another."""
+    count = min(N_BATCHES, len(t) // CURVED_ROWS)
+    parts = [slice(rows[0], rows[-1] + 1) for rows in np.array_split(np.arange(len(t)), count)]
+    curves = np.array([np.polyfit(t[rows] - t[rows].mean(), angle[rows], 2) for rows in parts])
+    speeds, accelerations = curves[:, 1], 2.0 * curves[:, 0]
+    if np.any(speeds * np.sign(reference_rad_s) < ONE_WAY_SHARE * abs(reference_rad_s)):
+        return None
+    batches = np.array([torque[rows].mean() for rows in parts]) - inertia_kg_m2 * accelerations
+    error_nm = float(batches.std(ddof=1) / np.sqrt(count))
+    mean, duration_s = float(batches.mean()), float(t[-1] - t[0])
+    return Plateau(reference_rad_s, float(speeds.mean()), mean, error_nm, float(t[0]), duration_s, one_way=True)
+
+
+def _reached(speed_rad_s: float, reference_rad_s: float) -> bool:
+    return abs(speed_rad_s - reference_rad_s) <= LARGEST_SPEED_ERROR * abs(reference_rad_s)
 
 
 def _ends(t: Array) -> list[tuple[Array, slice]]:
@@ -317,14 +353,24 @@ def _coulomb(value: float, half: float) -> Value:
     return Value(float(value), "N m", "motor", 0.0, np.inf, float(half), "friction sweep")
 
 
-def _remarks(fit: FrictionFit, left_out_rad_s: Sequence[float], speed: Array, torque: Array, variance: Array) -> tuple[str, ...]:
-    """Remarks: plateaus left out, parameters that the sweep does not determine, and where the law does not hold."""
+def _remarks(
+    fit: FrictionFit, left_out_rad_s: Sequence[float], swung: float, speed: Array, torque: Array, variance: Array
+) -> tuple[str, ...]:
+    """Remarks: plateaus left out or swung, parameters that the sweep does not determine, and where the law does not hold.
+
+    swung : share of the passes.
+    """
     remarks = []
     if left_out_rad_s:
         named = ", ".join(f"{v:.3g}" for v in left_out_rad_s)
         remarks.append(
             f"passes at {named} rad/s left out: their mean speed misses the reference by more than {LARGEST_SPEED_ERROR:.0%} "
             "(the axis sticks, or a limit acts)"
+        )
+    if swung:
+        remarks.append(
+            f"{swung:.0%} of the passes swung about their speed (a loop that settles slowly): what accelerated the axis was taken off by "
+            "the model's inertia, and each counts at its mean speed"
         )
     if fit.repeat_scatter_nm is None:
         remarks.append("no speed was repeated: how well friction repeats is not known; repeat the sweep for that")

@@ -2,8 +2,9 @@
 
     τ = K_P [K_PP (ε + ∫ε dt/T_N) - (ω + ∫ω dt/T_N)] + c,      ε = r - φ,   T_N = K_P/K_I as documented
 
-is linear in K_P K_PP, K_P and c.  A led reference makes ε and ω large and the law tell them apart to a thousandth; an error of a percent in
-either is a millimetre of such a move.
+is linear in K_P K_PP, K_P and c.  It is evaluated at every run of the loop, between the rows along a smooth path, and held against the
+torque that the loop asked for last before each row was taken: rows that are far apart know nothing of what the loop did meanwhile.  A led
+reference makes ε and ω large and the law tell them apart to a thousandth; an error of a percent in either is a millimetre of such a move.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.recording import Recording
@@ -22,6 +24,7 @@ Array = NDArray[np.float64]
 
 #: Half interval, relative, above which a move tells nothing of the gains; and how far they may be off what was measured before.
 KNOWN_TO, BELIEVED = 0.02, 0.2
+FEWEST_ROWS = 8
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class GainFactors:
 
 
 def gain_factors(
-    recording: Recording, lead_rad: Array, cascade: Cascade, structure: CascadeStructure, delay_s: float
+    recording: Recording, lead_rad: Array, cascade: Cascade, structure: CascadeStructure, delay_s: float, unsure: float = 0.0
 ) -> GainFactors | None:
     """The factors by a record; None where it does not tell them.
 
@@ -72,6 +75,8 @@ def gain_factors(
         Of the drive's loops.
     delay_s : float, s
         Torque setpoint to acting torque.
+    unsure : float
+        Relative half interval of what the gains are taken for.
 
     Returns
     -------
@@ -79,25 +84,31 @@ def gain_factors(
     """
     if recording.reference_position is None or cascade.ki_nm_rad <= 0.0:
         return None
-    period, filter_s = recording.sample_period_s, cascade.velocity_filter_s
+    period, loop_s, filter_s = recording.sample_period_s, min(structure.period_s, recording.sample_period_s), cascade.velocity_filter_s
     at = np.rint((recording.t_s - recording.t_s[0]) / period)  # rows may have been lost
-    if len(lead_rad) <= at[-1]:
+    if len(lead_rad) <= at[-1] or len(at) < FEWEST_ROWS:
         return None
     every = np.arange(at[-1] + 1.0)
-    reference, position, acted = (np.interp(every, at, one) for one in (recording.reference_position, recording.position, recording.torque))
-    off = reference + lead_rad[: len(every)] - position
+    asked_rad = np.interp(every, at, recording.reference_position) + lead_rad[: len(every)]
+    loops = np.arange(0.0, every[-1] + 0.5 * loop_s / period, loop_s / period)
+    position = CubicSpline(at, recording.position)(loops) if loop_s < period else np.interp(loops, at, recording.position)
+    off = np.interp(loops, every, asked_rad) - position
     off = np.sign(off) * np.maximum(np.abs(off) - structure.dead_zone_rad, 0.0)
     speed, before = np.empty(len(off)), 0.0
     for k, step in enumerate(np.diff(position, prepend=position[0])):
-        speed[k] = before = (filter_s * before + step) / (filter_s + period)
+        speed[k] = before = (filter_s * before + step) / (filter_s + loop_s)
     reset_s = cascade.kp_nm_s_rad / cascade.ki_nm_rad
-    asked, answered = (one + period * (np.cumsum(one) - one) / reset_s for one in (off, speed))
-    torque = np.interp(every + delay_s / period - 0.5, every, acted)
-    law = np.stack([asked, -answered, np.ones(len(off))], axis=1)
+    terms = [one + loop_s * (np.cumsum(one) - one) / reset_s for one in (off, speed)]
+    # a row tells the torque in the last run of the loop before the next
+    seen = every + 1.0 - (delay_s + 0.5 * loop_s) / period
+    inside = (seen >= 0.0) & (seen <= loops[-1])
+    asked, answered = (np.interp(seen[inside], loops, one) for one in terms)
+    torque = np.interp(every, at, recording.torque)[inside]
+    law = np.stack([asked, -answered, np.ones(len(asked))], axis=1)
     solved = np.linalg.lstsq(law, torque, rcond=None)[0]
     both, kp = float(solved[0]), float(solved[1])
     rest = torque - law @ solved
-    spread = np.linalg.pinv(law.T @ law) * float(rest @ rest) / max(len(off) - 3, 1)
+    spread = np.linalg.pinv(law.T @ law) * float(rest @ rest) / max(len(law) - 3, 1)
     if not (kp > 0.0 and both > 0.0):
         return None
     kpp = both / kp
@@ -109,4 +120,4 @@ def gain_factors(
         float(1.96 * math.sqrt(gradient @ spread @ gradient) / cascade.kpp_1_s),
     )
     known = max(found.kp_interval, found.kpp_interval) < KNOWN_TO
-    return found if known and max(abs(found.kp - 1.0), abs(found.kpp - 1.0)) < BELIEVED else None
+    return found if known and max(abs(found.kp - 1.0), abs(found.kpp - 1.0)) < BELIEVED + unsure else None

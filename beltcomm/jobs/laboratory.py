@@ -17,6 +17,7 @@ from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.noise_level import noise_doubt
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
+from beltcomm.fit.stated_reading import stated_remarks
 from beltcomm.given import Place, pasted, place, word
 from beltcomm.jobs.confounded_effects import together
 from beltcomm.jobs.effect_search import search_of
@@ -50,6 +51,7 @@ from beltcomm.rundata.revisions import (
     keep_cost,
     revisions,
 )
+from beltcomm.rundata.store import stated_reading
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.next_plan import NAME, plan_for
 from beltcomm.sentences import ladder as words
@@ -57,7 +59,7 @@ from beltcomm.sentences.cross_checks import as_data, check_lines, cross_checked,
 from beltcomm.sentences.diagnosis_data import diagnosis_data, error_data, seen_as, values_of
 from beltcomm.sentences.own_words import about_run
 from beltcomm.sentences.response_table import table_lines, table_of
-from beltcomm.sentences.torque_path import path_data, path_sentences, period_of
+from beltcomm.sentences.torque_path import path_data, path_sentences, period_of, whole_sentences
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.talk import Silence, Talk
 
@@ -101,6 +103,7 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     named = landmarks(here.fitted.model, drawn.middle_of(here.folder))
     table = table_of(acting_recordings(here.records.recordings, here.data.path), here.fitted.model)
     sensor = sensed(here.fitted.model, here.records.recordings)
+    stated = stated_remarks(here.data.path, stated_reading(here.folder), period_of(here.data.recordings))
     made, remarks = drawn.comparison_pictures(here.folder, here.data, here.fitted, comparison, command) if pictures else ([], [])
     made += drawn.responses_picture(here.folder, table, command)[0] if pictures and not remarks else []
     data = {
@@ -133,6 +136,7 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     text += words.comparison_lines(comparison, [in_words(p, named) for p in chosen], here.fitted.model, run, doubt)
     text[-1:-1] = [
         *path_sentences(here.data.path, here.data.recordings),
+        *whole_sentences(stated),
         *table_lines(table),
         *sheet_lines(here.sheets),
         *sensor_lines(sensor),
@@ -201,7 +205,8 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
     belonging = together(found.final_fit, found.added_effects)
     data["together"] = [plain(one) for one in belonging]
     text = words.remark_lines(records.remarks) + words.diagnosis_lines(found, before, after) + [one.text for one in belonging] + doubts
-    text += [*path_sentences(found.data.path, recordings), *check_lines(crossed)]
+    stated = stated_remarks(found.data.path, stated_reading(folder), period_of(recordings))
+    text += [*path_sentences(found.data.path, recordings), *whole_sentences(stated), *check_lines(crossed)]
     if cost and found.added_effects:
         talk.phase(1, 1, "what it costs in tracking")
         data["cost"], lines = cost_and_words(folder, found.base.model, with_intervals(found.final_fit), " and ".join(found.added_effects))

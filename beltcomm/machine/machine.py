@@ -47,6 +47,8 @@ OFFSET = "ff_offset_nm"
 SETTLE_S = 1.0
 #: s, in which a brake opens whose time axis.yaml does not state: slow ones of this size.
 UNKNOWN_BRAKE_S = 0.1
+#: Share by which a deceleration that the drive rounds may be off.
+SAME_STOP = 0.02
 #: s: a run that goes on later than this may have cooled down.
 LONG_AGO_S = 300.0
 
@@ -83,6 +85,8 @@ class Machine:
         Model and delay, s, that loops are counted with.
     planned_s
         The agreed plan's, s.
+    loop_tried
+        A loop whose gains nobody knows has followed a slow stroke.
     wanderings
         Stops of a carriage that went too far, after which the session went on, see :mod:`beltcomm.experiments.recentre`.
     """
@@ -105,6 +109,7 @@ class Machine:
         self.closed: tuple[Model, float] | None = None
         self.cascade: Cascade | None = None
         self._sent: Feedforward | None = None  # with every reference, where the drive holds none itself
+        self.loop_tried = False
         self.machine_seconds = 0.0
         self.wanderings = 0
         self.planned_s: float | None = None
@@ -277,6 +282,24 @@ class Machine:
     def brake_with(self, braking: Braking) -> None:
         """From now on a stop is counted with, and set in the drive to, what a loop can do."""
         self.braking, self.deceleration_m_s2 = braking, braking.deceleration_m_s2
+        own_m_s2 = self._own_deceleration_m_s2()
+        if own_m_s2 is None or abs(own_m_s2 / braking.deceleration_m_s2 - 1.0) < SAME_STOP:
+            return
+        softer = own_m_s2 < braking.deceleration_m_s2
+        self.braking = replace(braking, deceleration_m_s2=own_m_s2) if softer else braking
+        self.remark(
+            f"a quick stop of this drive brakes with {own_m_s2:.3g} m/s² (6085h), not with the {braking.deceleration_m_s2:.3g} m/s² "
+            f"that it is asked for: {'stops are counted with its own way' if softer else 'it may load the belt more than planned'}"
+        )
+
+    def _own_deceleration_m_s2(self) -> float | None:
+        """Deceleration that the drive makes of the one asked for; None where it does not tell, or makes no quick stop that could be told.
+
+        An adapter may offer ``quick_stop_rad_s2(limits) -> float | None``, which tries it with the stage off and puts it back.
+        """
+        tell: Callable[[Limits], float | None] | None = getattr(self.drive, "quick_stop_rad_s2", None)
+        found = tell(self.drive_limits(self.envelope())) if tell is not None else None
+        return None if found is None else self.ratio * found
 
     def torque_motion(self, torque_nm: Array) -> Motion:
         """An open-loop record at the drive's sampling period, with what holds the axis added."""

@@ -121,6 +121,15 @@ def recall(drive: Drive, folder: RunFolder) -> None:
     drive.calibrate({name: one.value for name, one in known.units.items() if name in drive.capabilities.uncalibrated})
 
 
+def unsure(folder: RunFolder) -> float:
+    """Largest relative half interval of the units that a run has measured; 0 where it has measured none.   Raises DataError."""
+    data = folder.load_result(RESULT)
+    if data is None:
+        return 0.0
+    known = calibration_from_dict(data, str(folder.path / "results" / f"{RESULT}.yaml"))
+    return max((one.interval / one.value for one in known.units.values()), default=0.0)
+
+
 def store_of(kind: str) -> Path:
     """File in which the constants of a kind of drive are kept for this user."""
     return user_data_path("beltcomm") / "calibration" / f"{kind}.yaml"

@@ -8,7 +8,7 @@ from typing import Any
 
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
-from beltcomm.drive import Capabilities
+from beltcomm.drive import Capabilities, StatedReading
 from beltcomm.drive.objects import ParameterObject
 from beltcomm.drive.parameters import PREFILTER_KINDS, cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import DataError, UsageError
@@ -42,6 +42,24 @@ PLAN = "plan"
 def drive_to_dict(capabilities: Capabilities) -> dict[str, Any]:
     """Data of a drive for the later steps: ``results/drive.yaml``."""
     return {**plain(capabilities), "kinds": sorted(capabilities.kinds), "torque_along": sorted(capabilities.torque_along)}
+
+
+def stated_reading(folder: RunFolder) -> StatedReading | None:
+    """What the profile of a run's drive states of the torque that it reports; None where it states nothing.
+
+    Raises
+    ------
+    DataError
+        When it is damaged.
+    """
+    found = (folder.load_result("drive") or {}).get("torque_reading")
+    if found is None:
+        return None
+    try:
+        late_s, filter_s = (None if found[name] is None else _number(found[name]) for name in ("late_s", "filter_s"))
+        return StatedReading(late_s, filter_s, None if found["command"] is None else bool(found["command"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise DataError(f"results/drive.yaml is damaged ({error}); connect to the drive again with a new run") from error
 
 
 def structure_from_dict(data: Mapping[str, Any]) -> CascadeStructure:

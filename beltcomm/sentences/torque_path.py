@@ -65,7 +65,12 @@ def path_lines(path: TorquePath | None, sample_s: float) -> list[str]:
 
 def path_sentences(path: TorquePath, recordings: Sequence[Recording]) -> list[str]:
     """Torque path of the drive that made some records, as whole sentences."""
-    return [f"{line[0].upper()}{line[1:]}." for line in path_lines(path, period_of(recordings))]
+    return whole_sentences(path_lines(path, period_of(recordings)))
+
+
+def whole_sentences(lines: Sequence[str]) -> list[str]:
+    """Lines with a capital and a full stop."""
+    return [f"{line[0].upper()}{line[1:]}." for line in lines]
 
 
 def words_of(path: TorquePath, sample_s: float) -> str:

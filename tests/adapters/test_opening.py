@@ -185,3 +185,25 @@ def test_what_is_lent_unchanged_is_given_back_where_it_changed_later_or_is_owed_
         assert lending.promise(0x6080, 0, 6.0)
     assert held == {(0x6510, 0x10): 2.0, (0x6094, 1): 1.0, (0x6072, 0): 7.0, (0x6080, 0): 6.0}
     assert not [index for index, *_ in written if index == 0x6510]
+
+
+def test_two_drives_with_one_number_are_not_opened():
+    """Both would move; each answers every question.  An adapter that doubles a frame now and then is none."""
+    nodes = StubNode(), StubNode()
+    nodes[1].put(0x6064, 0, 4711)
+    bus = StubBus(*nodes)
+    with pytest.raises(DriveError, match=r"two drives have this node number.*give it another number"):
+        connect(bus, bus.clock, 1, None, None, bus.shutdown)
+
+
+def test_frames_that_come_twice_now_and_then_are_no_second_drive():
+    class Doubling(StubNode):
+        def receive(self, frame, now_s):
+            before = len(self.out)
+            super().receive(frame, now_s)
+            self.heard = getattr(self, "heard", 0) + 1
+            if self.heard % 4 == 0:
+                self.out.extend(list(self.out)[before:])
+
+    bus = StubBus(Doubling())
+    connect(bus, bus.clock, 1, None, None, bus.shutdown).close()

@@ -30,7 +30,7 @@ class FixedMapping(StubNode):
 
     def _sync(self, now_s: float) -> None:
         """The stub's two fixed answers, sent as they are mapped here."""
-        count = len(self.out)
+        count, mean_nm = len(self.out), self.acting_nm
         super()._sync(now_s)
         frames = [self.out.pop() for _ in range(len(self.out) - count)][::-1]
         answers = dict(frames)
@@ -38,11 +38,15 @@ class FixedMapping(StubNode):
         if 0x181 not in answers:
             return
         first, second = answers[0x181], answers[0x281]
-        parts = {0x6064: first[:4], 0x6077: first[4:6], 0x6041: first[6:], 0x606C: second[:4], 0x6074: second[4:]}
+        parts = {0x6064: first[:4], 0x6077: first[4:6], 0x6041: first[6:], 0x606C: second[:4], 0x6074: second[4:]} | self.further(mean_nm)
         for number in range(3):
             if (0x1800 + number, 1) in self.objects and not int(self.get(0x1800 + number, 1)) & 1 << 31:
                 mapped = [int(self.get(0x1A00 + number, part)) >> 16 for part in range(1, 1 + int(self.get(0x1A00 + number)))]
                 self.out.append((0x181 + 0x100 * number, b"".join(parts[index] for index in mapped)))
+
+    def further(self, _mean_nm: float) -> dict[int, bytes]:
+        """Other objects that may be mapped."""
+        return {}
 
 
 def objects_with_four() -> dict[tuple[int, int], tuple[str, float]]:

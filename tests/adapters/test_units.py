@@ -10,11 +10,11 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-from beltcomm.drive import KnownMotor, Limits
+from beltcomm.drive import KnownMotor, Limits, Motion
 from beltcomm.errors import DriveError
 from beltcomm_adapters.consistency import SpeedUnit
 from beltcomm_adapters.link import Link
-from beltcomm_adapters.preparation import lend_settings, tighten_window
+from beltcomm_adapters.preparation import lend_settings, quick_stop_rad_s2, tighten_window
 from beltcomm_adapters.profiles import load_profile
 from beltcomm_adapters.scaling import Scaling, read_scaling
 from beltcomm_adapters.sdo import SdoObjects
@@ -101,8 +101,8 @@ def test_no_ramp_is_written_in_a_unit_that_makes_no_sense(mode: int, leaving: Li
     with StubBus(node) as bus:
         objects = SdoObjects(Link(bus, bus.clock, 1))
         with objects.lend() as lending:
-            speeds = np.array([0.0, 1.0, 0.0])
-            lend_settings(objects, lending, profile, found, mode, 1e-3, Limits(-1e3, 1e3, 100.0, 0.5, 500.0, 1.0), speeds)
+            motion = Motion("velocity", 1e-3, np.zeros(3), np.array([0.0, 1.0, 0.0]), np.zeros(3))
+            lend_settings(objects, lending, profile, found, mode, 1e-3, Limits(-1e3, 1e3, 100.0, 0.5, 500.0, 1.0), motion)
             assert node.get(ramp) == 300
 
 
@@ -117,10 +117,40 @@ def test_a_lead_that_the_drive_would_cut_is_refused(own: int) -> None:
     with StubBus(node) as bus:
         objects = SdoObjects(Link(bus, bus.clock, 1))
         with objects.lend() as lending:
-            tighten_window(objects, lending, found, limits, 1e-3, 0.9)
+            tighten_window(objects, lending, found, limits, 1e-3, (-10.9, 2.0))
             assert (node.get(0x607D, 1), node.get(0x607D, 2)) == tuple(ends)
             with pytest.raises(DriveError, match="would cut it"):
-                tighten_window(objects, lending, found, limits, 1e-3, 1.1)
+                tighten_window(objects, lending, found, limits, 1e-3, (-2.0, 11.1))
+
+
+def test_a_large_lead_inside_the_window_is_no_reason_to_refuse() -> None:
+    """Only where the reference goes counts: one that leads by 5 rad in the middle of the travel is never cut."""
+    node = StubNode()
+    found = scaling_of(node)
+    ends = [round(at / found.position_rad) for at in (-11.0, 11.0)]
+    node.objects |= {(0x6085, 0): ("<I", 5_000_000), (0x607D, 1): ("<i", ends[0]), (0x607D, 2): ("<i", ends[1])}
+    path = np.linspace(-3.0, 3.0, 100)
+    motion = Motion("position", 1e-3, path, np.zeros(100), np.zeros(100), lead_rad=5.0 * np.sin(np.pi * np.linspace(0.0, 1.0, 100)))
+    with StubBus(node) as bus:
+        objects = SdoObjects(Link(bus, bus.clock, 1))
+        with objects.lend() as lending:
+            tighten_window(objects, lending, found, Limits(-10.0, 10.0, 100.0, 0.5, math.inf, 1.0), 1e-3, motion.reach_rad)
+
+
+@pytest.mark.parametrize(("takes", "rad_s2"), [(True, 500.0), (False, 120.0)])
+def test_the_quick_stop_that_a_drive_really_has_is_told(takes: bool, rad_s2: float) -> None:
+    """Refused, it stays as it is set there; nothing stays lent."""
+    node = StubNode()
+    found = scaling_of(node)
+    own = round(120.0 / found.acceleration_rad_s2)
+    node.objects[0x6085, 0] = ("<I", own)
+    if not takes:
+        node.refuse[0x6085, 0] = 0x06090030
+    with StubBus(node) as bus:
+        objects = SdoObjects(Link(bus, bus.clock, 1))
+        told = quick_stop_rad_s2(objects, found, Limits(-1e3, 1e3, 100.0, 0.5, 500.0, 1.0))
+    assert told == pytest.approx(rad_s2, rel=0.01)
+    assert node.get(0x6085) == own
 
 
 def test_no_stroke_is_told_in_a_unit_that_makes_no_sense() -> None:

@@ -3,9 +3,11 @@
     python tests/benchmarks/stops.py                     (200 stops; half an hour on a quiet core)
     python tests/benchmarks/stops.py --stops 20 --seed 3 (others)
     python tests/benchmarks/stops.py --keep FILE         (goes on with what is there)
+    python tests/benchmarks/stops.py --paths lag,filter,both --each 4    (of the torque path; stops on a variant)
 
 A variant is a drive (the product's own or another maker's, with rpm units among them), a SYNC period of 1, 2 or 4 ms, and a torque path:
-ideal, or with a setpoint filter, a current loop and a filter of the reading.  On each a short commissioning is run once.  A stop is one
+ideal; "lag": a setpoint filter and a current loop; "filter": a reading that is filtered, late and in steps; their numbers are drawn.
+On each a short commissioning is run once.  A stop is one
 command on it (verify mostly; identify; the commissioning itself) that is ended while the carriage moves, at an instant that is drawn: by
 Ctrl-C, by the death of the host, or by a fault of the drive that brakes.  Counted from that instant to standstill: the largest force in the
 belt, the way, whether the axis came to rest inside its travel, and whether every setting of the drive was put back (not of a dead host).
@@ -36,11 +38,9 @@ from campaign.judge import TRAVEL_M
 from campaign.rig import STANDING_M_S
 from slaves.bench import AXIS, BELT_N, SlaveRig, sentence
 
-PATHS: dict[str, dict[str, float]] = {
-    "ideal": {},
-    "lag": {"current_loop_hz": 500.0, "setpoint_filter_s": 2e-4},
-    "filter": {"current_loop_s": 2e-4, "reading_filter_s": 1e-3},
-}
+PATHS = ("ideal", "lag", "filter", "both")
+#: N m, of which the steps of a reading are shares.
+RATED_NM = 1.43
 DRIVES = ("reference", "reference", "cmmp-as", "epos4", "accelnet", "pd4-e")
 PERIODS_S = (0.001, 0.002, 0.004)
 ENDS = ("Ctrl-C", "host lost", "EMCY, braked")
@@ -55,6 +55,23 @@ class Variant:
     drive: str
     period_s: float
     path: str
+    instruments: tuple[tuple[str, float], ...] = ()
+
+
+def drawn_path(path: str, draw: np.random.Generator) -> tuple[tuple[str, float], ...]:
+    """Instruments of a torque path, by key of a plant file's drive section."""
+    found: dict[str, float] = {}
+    if path in ("lag", "both"):
+        found["setpoint_filter_s"] = float(draw.uniform(1e-4, 1e-3))
+        if draw.random() < 0.5:
+            found["current_loop_s"] = float(np.exp(draw.uniform(np.log(8e-5), np.log(5e-4))))
+        else:
+            found["current_loop_hz"] = float(np.exp(draw.uniform(np.log(300.0), np.log(2000.0))))
+    if path in ("filter", "both"):
+        found["reading_filter_s"] = float(np.exp(draw.uniform(np.log(5e-4), np.log(5e-3))))
+        found["reading_late_ticks"] = float(draw.choice([0.0, 0.5, 1.0]))
+        found["reading_step_nm"] = RATED_NM * float(draw.uniform(1e-3, 1e-2))
+    return tuple(found.items())
 
 
 #: Ticks in which the carriage moves when nothing disturbs.
@@ -81,7 +98,7 @@ class Stopped:
 
 
 def rig_of(variant: Variant, seed: int) -> SlaveRig:
-    return SlaveRig(variant.drive, seed, variant.period_s, **PATHS[variant.path])
+    return SlaveRig(variant.drive, seed, variant.period_s, **dict(variant.instruments))
 
 
 def words(command: str, run: Path, variant: Variant) -> list[str]:
@@ -168,6 +185,8 @@ def main() -> None:
     parser.add_argument("--stops", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--keep", type=Path)
+    parser.add_argument("--paths", default=",".join(PATHS))
+    parser.add_argument("--each", type=int, default=10)
     given = parser.parse_args()
     rows: dict[str, dict[str, object] | None] = {}
     if given.keep and given.keep.is_file():
@@ -178,8 +197,9 @@ def main() -> None:
             if str(seed) in rows:
                 continue
             draw = np.random.default_rng(seed)
-            chosen = np.random.default_rng(seed // 10)  # ten stops on a variant
-            variant = Variant(str(chosen.choice(DRIVES)), float(chosen.choice(PERIODS_S)), str(chosen.choice(list(PATHS))))
+            chosen = np.random.default_rng(seed // given.each)
+            drive, period_s, path = (chosen.choice(some) for some in (DRIVES, PERIODS_S, given.paths.split(",")))
+            variant = Variant(str(drive), float(period_s), str(path), drawn_path(str(path), chosen))
             whole = prepared(variant, Path(place), kept)
             found = None
             if whole is not None:

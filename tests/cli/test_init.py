@@ -19,6 +19,7 @@ from beltcomm.configfiles import config_names, find_config, read_yaml, shipped_f
 from beltcomm.errors import UsageError
 from beltcomm.quantities import parse_quantity
 from beltcomm.schedule.steps import KEYS
+from beltcomm_adapters.profile_schema import json_schema
 
 
 def call(*words: str, answer: str = "") -> Result:
@@ -127,6 +128,7 @@ def test_the_schema_of_an_axis_is_of_todays_entries() -> None:
 
 def test_the_schemas_know_what_is_shipped() -> None:
     profile = json.loads(shipped_file("schemas", "profile.json").read_text(encoding="utf-8"))
+    assert profile == json_schema()
     for name in config_names("drives"):
         assert set(read_yaml(find_config("drives", name))) <= set(profile["properties"]), name
     plan = json.loads(shipped_file("schemas", "plan.json").read_text(encoding="utf-8"))

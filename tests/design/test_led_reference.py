@@ -76,7 +76,8 @@ def test_a_led_move_tells_the_gains(seed: int) -> None:
     led = led_reference(model, with_dwell(path, REST_S), cascade, drive.structure, drive.delay_s)
     run, ratio, count = predict_move(model, real, led.sent, drive), model["transmission.ratio"], math.tau / 65536
     lag = drive.delay_s + 0.5e-3  # acting torque, mean over the period that begins at the sample
-    torque = np.interp(run.t_s - lag + 0.5e-3, run.t_s, run.torque_nm) + draw.normal(0.0, 6e-3, len(run.t_s))
+    acted = np.interp(run.t_s - lag + 0.5e-3, run.t_s, run.torque_nm)
+    torque = acted + draw.normal(0.0, 6e-3, len(run.t_s))
     record: Any = SimpleNamespace(
         t_s=run.t_s,
         sample_period_s=1e-3,
@@ -97,3 +98,16 @@ def test_a_led_move_tells_the_gains(seed: int) -> None:
     assert (again.kp, again.kpp) == (pytest.approx(found.kp, abs=2e-3), pytest.approx(found.kpp, abs=5e-4))
     still: Any = SimpleNamespace(**{**vars(record), "torque": draw.normal(0.0, 6e-3, len(run.t_s))})
     assert gain_factors(still, led.lead_m / ratio, cascade, drive.structure, drive.delay_s) is None
+    # read every seventh time only: a row has the torque that the loop asked for last before the next one
+    rare = np.arange(0, len(run.t_s) - 7, 7)
+    seldom: Any = SimpleNamespace(
+        **{name: getattr(record, name)[rare] for name in ("t_s", "reference_position", "position")},
+        torque=acted[rare + 6] + draw.normal(0.0, 2e-3, len(rare)),
+        sample_period_s=7e-3,
+    )
+    told = gain_factors(seldom, led.lead_m[rare] / ratio, cascade, drive.structure, drive.delay_s)
+    assert told is not None
+    assert (told.kp, told.kpp) == (
+        pytest.approx(factor, abs=1e-2 + told.kp_interval),
+        pytest.approx(position, abs=3e-3 + told.kpp_interval),
+    )

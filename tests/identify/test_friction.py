@@ -225,3 +225,30 @@ def test_unusable_sweeps_are_refused() -> None:
         find_plateaus(t_s, np.zeros(999), np.zeros(1000), np.zeros(1000))
     with pytest.raises(UsageError, match="run-in"):
         find_plateaus(t_s, np.zeros(1000), np.zeros(1000), np.zeros(1000), run_in_s=-1.0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_passes_of_a_loop_that_swings_count_at_their_mean_speed(seed: int) -> None:
+    """Speeds that swing about a plateau and miss it: the inertia tells what swings them; what stands still shows nothing."""
+    random, inertia, rows = np.random.default_rng(seed), 0.002145, []
+    for wanted in (6.0, 20.0, 60.0, 6.0, 20.0, 60.0):
+        for sign in (1.0, -1.0):
+            t = np.arange(800) * T_S
+            swing, hertz, phase = random.uniform(0.2, 0.5), random.uniform(0.6, 1.4), random.uniform(0.0, 2 * np.pi)
+            off = random.uniform(1.2, 1.4)
+            speed = sign * wanted * (off + swing * np.sin(2 * np.pi * hertz * t + phase))
+            pushing = inertia * sign * wanted * swing * 2 * np.pi * hertz * np.cos(2 * np.pi * hertz * t + phase)
+            rows.append((speed, VISCOUS * speed + COULOMB * np.sign(speed) + pushing, np.full(800, sign * wanted)))
+            rows.append((np.zeros(100), np.zeros(100), np.zeros(100)))
+    stuck = (np.where(np.arange(800) < 500, 0.0, 9.0), np.full(800, 0.05), np.full(800, 3.0))
+    speed, torque, reference = (np.concatenate(parts) for parts in zip(*rows, stuck, strict=True))
+    count = 2 * np.pi / 65536
+    angle = count * np.round(np.cumsum(speed) * T_S / count)
+    t_s, torque = np.arange(len(speed)) * T_S, torque + random.normal(0.0, 6e-3, len(torque))
+    passes = find_plateaus(t_s, torque, angle, reference, inertia_kg_m2=inertia)
+    assert [p.shows_friction for p in passes] == [True] * 12 + [False]
+    fit = fit_friction(passes)
+    assert fit.viscous.value == pytest.approx(VISCOUS, rel=0.03)
+    assert fit.coulomb.value == pytest.approx(COULOMB, rel=0.02)
+    assert any("swung" in remark for remark in fit.remarks)
+    assert not any(p.shows_friction for p in find_plateaus(t_s, torque, angle, reference) if not p.reached_speed)

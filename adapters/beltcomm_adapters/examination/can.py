@@ -146,8 +146,8 @@ def examine_bus(
         yield wire.unreachable("interface", problem, remedy)
         return
     except DriveError as error:  # it answers, but not as CANopen demands
-        problem, _, _ = str(error).partition("; ")
-        yield Finding(node.AREA, "identity", "wrong", problem, "is node --node a CANopen drive, and nobody else on its number?")
+        problem, _, remedy = str(error).partition("; ")
+        yield Finding(node.AREA, "identity", "wrong", problem, remedy or "is node --node a CANopen drive, and nobody else on its number?")
         return
     patient = Patient(link, objects, identity, chosen, others, bitrate, rtr, bool(options.get("sync_test")), heard.nmt.get(number))
     patient.nameplate = options.get("nameplate")

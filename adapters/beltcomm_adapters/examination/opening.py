@@ -13,7 +13,7 @@ from beltcomm.errors import BusError, DriveError
 from beltcomm_adapters.cia402 import State
 from beltcomm_adapters.examination.patient import Check, Patient
 from beltcomm_adapters.gains import Parameters
-from beltcomm_adapters.identification import read_capabilities, supported_modes, sync_steps
+from beltcomm_adapters.identification import FASTEST_RAD_S, read_capabilities, read_top_speed_rad_s, supported_modes, sync_steps
 from beltcomm_adapters.trial import AREA, tried
 
 GAINS: Final = "gains"
@@ -71,7 +71,8 @@ def records(patient: Patient) -> Iterator[Finding]:
         return
     modes = supported_modes(patient.objects, patient.profile)
     period_s, _ = sync_steps(patient.objects, patient.profile)
-    yield from tried(patient.objects, patient.profile, patient.scaling, modes, period_s)
+    fastest_rad_s = read_top_speed_rad_s(patient.objects) or (patient.nameplate.max_speed_rad_s if patient.nameplate else None)
+    yield from tried(patient.objects, patient.profile, patient.scaling, modes, period_s, fastest_rad_s or FASTEST_RAD_S)
 
 
 def _why_not(patient: Patient) -> str:

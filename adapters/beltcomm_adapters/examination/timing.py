@@ -41,7 +41,7 @@ def sync(patient: Patient) -> Iterator[Finding]:
     )
     stamps: list[float | None] = []
     with objects.lend() as lending:
-        exchange = Exchange(link, objects, lending, period_s, ())
+        exchange = Exchange(link, objects, lending, period_s, (), torque=patient.profile.mapped_torque)
         exchange.start()
         try:
             for _ in range(round(_TEST_S / period_s)):
