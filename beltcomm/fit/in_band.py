@@ -140,21 +140,24 @@ def changes(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None
 
 
 def change(pairs: Sequence[tuple[Banded, Banded]]) -> tuple[float, float]:
-    """Sum of the squared errors after less before, and how far it may rise by chance, N² m²; of samples that count in both.
+    """Sum of the squared errors after less before, without what their noise is more, and how far it may rise by chance, N² m².
+
+    Of samples that count in both.  Noise is passed on otherwise by another model, most where the carriage is at its antiresonance.
 
     Chance is :data:`CHANCE` standard errors of a sum over blocks of 0.2 s, which takes neighbouring samples for what they are: one.
     Where both errors are smaller than the noise that is predicted of them, their difference is none of the models': 0.
     """
     blocks: list[Array] = [np.zeros(0)]
-    above = np.zeros(2)
+    above, louder = np.zeros(2), 0.0
     for old, new in pairs:
         both = np.flatnonzero(old.keep & new.keep)
         above += [float(np.sum(one.error[both] ** 2)) - len(both) * one.noise**2 for one in (old, new)]
+        louder += len(both) * (new.noise**2 - old.noise**2)
         differences = new.error[both] ** 2 - old.error[both] ** 2
         blocks.append(np.asarray(np.bincount(both // max(int(BLOCK_S / new.sample_s), 1), differences)))
     sums = np.concatenate(blocks)
     sums = sums[sums != 0.0]
-    rise = float(np.sum(sums)) if above.max() > 0.0 else 0.0
+    rise = float(np.sum(sums)) - louder if above.max() > 0.0 else 0.0
     return rise, CHANCE * math.sqrt(len(sums)) * float(np.std(sums)) if len(sums) else 0.0
 
 

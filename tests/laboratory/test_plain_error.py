@@ -124,6 +124,31 @@ def test_errors_below_their_own_noise_do_not_differ(noise: float, differs: bool)
     assert (change([(one, other)])[0] != 0.0) is differs
 
 
+def test_what_a_model_passes_on_of_the_noise_is_no_error_of_it() -> None:
+    """Both leave the same beside their noise, which the second one has twice of."""
+    random = np.random.default_rng(3)
+    keep = np.ones(200_000, dtype=np.bool_)
+    left = np.sin(0.01 * np.arange(200_000))
+    one, other = (
+        Banded("a", False, left + size * random.normal(size=200_000), keep.astype(float), keep, size, 1e-3) for size in (0.2, 0.4)
+    )
+    assert float(np.sum(other.error**2 - one.error**2)) > 20_000.0
+    rise, chance = change([(one, other)])
+    assert abs(rise) < 2.0 * chance
+
+
+@pytest.mark.parametrize(("held", "said"), [((0.0, 0.0), True), ((0.05, 0.1), False), ((-1.0, 0.1), True), ((0.2, 0.1), False)])
+def test_records_held_out_below_their_own_noise_do_not_refuse_an_effect(
+    monkeypatch: pytest.MonkeyPatch, held: tuple[float, float], said: bool
+) -> None:
+    """Over the noise they rose by next to nothing; their likelihood is asked elsewhere."""
+    monkeypatch.setattr(acceptance, "changes", lambda *_: ((-1.0, 0.1), held))
+    before: Any = SimpleNamespace(ratio=1.2, held_ratio=1.01)
+    after: Any = SimpleNamespace(ratio=1.0, held_ratio=1.02)
+    data: Any = SimpleNamespace()
+    assert acceptance.lowers(data, before, after) is said
+
+
 @pytest.mark.parametrize(
     ("rise", "chance", "before", "after", "fell"),
     [
