@@ -74,6 +74,7 @@ class Odometer:
         if self._way < _WAY_RAD and 1.0 / _GROSS < scale < _GROSS:
             return
         if not _LEAST < scale < _MOST:
+            self._way = self._time_s = self._both = self._square = 0.0  # one damaged sample does not refuse all that follows
             raise DriveError(
                 f"the drive's position changes {scale:.2f} times as fast as its speed says: one of its factors is wrong, or its encoder "
                 "jumped; the axis was stopped; check 6093h and 6094h, or 608Fh, 6091h, 6092h and 60A9h with the maker's tool, "
@@ -139,6 +140,8 @@ class SpeedUnit:
         if unit <= 0.0 or abs(math.log(nearest / unit)) > math.log(_NEAR):
             per_turn = 60.0 * unit / self._position_rad
             turn = _round_near(per_turn)
+            self._way_rad, self._moving = 0.0, 0  # asked anew after another way: a damaged sample does not refuse all that follows
+            self._both = self._square = 0.0
             if per_turn < _FEWEST_UNITS:
                 raise DriveError(
                     f"the drive does not tell what its speeds (606Ch) count in, and by what its position does one is {unit:.4g} rad/s, "

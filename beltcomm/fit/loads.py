@@ -67,6 +67,8 @@ def mounted_by(recordings: Sequence[Recording], model: Model) -> dict[str, Mount
         When a record that is held out carries a load that no fitted one has.
     """
     loads, first = loads_of(recordings, model), dict[LoadName, float]()
+    if not loads:  # nothing is fitted, which is refused where that is asked
+        return {}
     timed = [r for r in recordings if not r.is_static_map]
     for r in sorted(timed, key=lambda r: r.sidecar.held_out):
         first.setdefault(*stated(r.sidecar, model))

@@ -21,14 +21,13 @@ from beltcomm.fit.stated_reading import stated_remarks
 from beltcomm.given import Place, pasted, place, word
 from beltcomm.jobs.confounded_effects import together
 from beltcomm.jobs.effect_search import search_of
+from beltcomm.jobs.growing import grown_by
 from beltcomm.jobs.rungs import base_revision, plain_of, revision_of
-from beltcomm.laboratory.acceptance import drop_by, is_confirmed
+from beltcomm.laboratory.acceptance import is_confirmed
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
-from beltcomm.laboratory.coupled_bodies import COUPLING, with_coupling
 from beltcomm.laboratory.diagnosis import Diagnosis, Stage, final_refit
-from beltcomm.laboratory.forward_selection import MISSING, with_effect
 from beltcomm.laboratory.gap_evidence import is_replaceable_gap
-from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes, fixed_forms
+from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.plain_error import of_run, unexplained_words
 from beltcomm.laboratory.scope import missing_records, not_named
@@ -343,16 +342,7 @@ def add_to_run(
     effect = stands_for(asked, behind_gap=needs_observer(here.fitted.model))
     if effect in here.fitted.model.effects:
         raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {pasted(run)}`")
-    coupled = None
-    if asked == COUPLING.name and not start:
-        coupled = with_coupling(here.data, here.fitted, here.folder.axis)
-    if coupled is not None:
-        data, named = coupled
-    else:
-        ground = ground_of(here.fitted, here.data.fitted, here.folder.axis)
-        grown = with_effect(here.data, here.fitted, ground, effect_named(effect), start)
-        grown = better(here.folder, here.data, here.fitted, grown, effect)
-        data, named = refit_with_rebuilt_motion(here.data, grown, NEXT_ITERATIONS)
+    data, named = grown_by(here, effect, start)
     on_body = assign_body(data, named, effect_named(effect))
     shaped = fit_law_shapes(data, on_body.fitted, here.fitted.model)
     data, after = final_refit(data, shaped.fitted)
@@ -376,7 +366,7 @@ def add_to_run(
 
 def refuse_load(effect: str, run: Path) -> None:
     """Raise UsageError for an effect that comes with the records, and for none of the catalogue."""
-    if effect_named(effect).slot == "load_of_record":
+    if effect_named(stands_for(effect)).slot == "load_of_record":
         raise UsageError(
             f"{effect} comes with the records that name another load, and goes with them: write `load: NAME` into their sidecars in "
             f"{run / 'recordings'}, or import them with --load NAME"
@@ -495,21 +485,6 @@ def ratios(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def diagnosis_start(folder: RunFolder, model: Model, effect: str) -> Model | None:
-    """The model with the effect and the values that ``results/diagnosis.yaml`` ended with; None where it says nothing of it."""
-    try:
-        after = (folder.load_result("diagnosis") or {})["after"]
-        if effect not in after["effects"]:
-            return None
-        grown = model.with_effect(effect)
-        told = {name: float(said["value"]) for name, said in after["parameters"].items() if name in grown.parameters}
-        for form in fixed_forms(grown, effect_named(effect)):  # stays the usual one: it is found after the effect
-            told.pop(form, None)
-        return grown.with_values(told, "diagnosis")
-    except (BeltcommError, KeyError, TypeError, ValueError, AttributeError):
-        return None  # a start value that cannot be read is none
-
-
 def named_beside(folder: RunFolder, model: Model) -> list[str]:
     """Effects that the last diagnosis names and a model does not have, without those that `add` tries by itself."""
     try:
@@ -518,14 +493,3 @@ def named_beside(folder: RunFolder, model: Model) -> list[str]:
         return []
     along = {part for effect in named for part in effect.completed_by}
     return [e.name for e in named if e.name not in model.effects and e.name not in along]
-
-
-def better(folder: RunFolder, data: Data, base: Fitted, grown: Fitted, effect: str) -> Fitted:
-    """The model grown from a base, or the same begun at what the diagnosis found where that leaves less: it may have come another way."""
-    if grown.objective < MISSING * grown.problem.samples:
-        return grown
-    told = diagnosis_start(folder, base.model, effect)
-    if told is None:
-        return grown
-    again = fit(data, told, NEXT_ITERATIONS, offsets=grown.offsets)
-    return again if drop_by(grown, again) > 0.0 else grown

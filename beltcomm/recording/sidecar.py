@@ -70,10 +70,6 @@ class Sidecar:
         Never used to fit, only to judge.
     payload_kg : float or None, kg
         What was mounted.
-    payload_inertia_kg_m2 : float or None, kg m²
-        The same of a load that turns, about its own axis.
-    load : str
-        Name of what was mounted: where nobody knows what it weighs, the fit finds out.
     controller : dict of str to Any
         The known controller.
     source : str
@@ -82,6 +78,10 @@ class Sidecar:
         False while the record is being made, and for ever when that was broken off.
     extra : dict of str to Any
         Keys that mean nothing here, kept as they are.
+    payload_inertia_kg_m2 : float or None, kg m²
+        The same of a load that turns, about its own axis.
+    load : str
+        Name of what was mounted: where nobody knows what it weighs, the fit finds out.
 
     Raises
     ------
@@ -95,14 +95,14 @@ class Sidecar:
     closed_loop: bool = False
     held_out: bool = False
     payload_kg: float | None = None
-    payload_inertia_kg_m2: float | None = None
-    load: str = ""
     excitation: ExcitationNote | None = None
     controller: Mapping[str, Any] = field(default_factory=dict)
     source: str = ""
     accepted: str = ""
     finished: bool = True
     extra: Mapping[str, Any] = field(default_factory=dict)
+    payload_inertia_kg_m2: float | None = None
+    load: str = ""
 
     def __post_init__(self) -> None:
         _check_choice("experiment", self.experiment, EXPERIMENTS)

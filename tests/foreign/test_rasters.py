@@ -69,5 +69,5 @@ def test_signals_of_two_measurements_do_not_go_together() -> None:
         merged(np.arange(0.0, 1.0, 1e-3), np.arange(5.0, 6.0, 1e-3))
     backwards = np.arange(0.0, 1.0, 1e-3)
     backwards[500] = 0.0
-    with pytest.raises(DataError, match="the time stamps 'time of phi' do not rise"):
+    with pytest.raises(DataError, match=r"the time 'time of phi' of its signals goes back by 0\.499 s in value 501"):
         merged(np.arange(0.0, 1.0, 1e-3), backwards)

@@ -100,6 +100,8 @@ def sidecars(draw: st.DrawFn) -> Sidecar:
         draw(st.dictionaries(names, plain_values, max_size=2)),
         draw(st.text(st.characters(exclude_categories=("Cs",)), max_size=20)),
         extra=extra,
+        payload_inertia_kg_m2=draw(st.none() | st.floats(0.0, 1e6)),
+        load=draw(st.text(st.characters(exclude_categories=("Cs",)), max_size=20)),
     )
 
 

@@ -86,7 +86,7 @@ def test_the_search_goes_on_from_the_better_valley(monkeypatch: pytest.MonkeyPat
         return SimpleNamespace(name=name, model=SimpleNamespace(effects=()), **size)
 
     named = SimpleNamespace(
-        effect=SimpleNamespace(name="end_pulley", twins=(), rattles=False), accepted=True, stands=True, fitted=model("valley")
+        effect=SimpleNamespace(name="end_pulley", twins=(), rattles=False), accepted=True, stands=True, beside="", fitted=model("valley")
     )
     found = [[named], [], []]
     monkeypatch.setattr(diagnosis, "search", lambda *_, **_options: found.pop(0))

@@ -78,7 +78,7 @@ def test_the_page_speaks_the_words_of_its_axis(tmp_path: Path) -> None:
         ("egc-70-600", texts),
     ):
         page = RunPage(RunFolder.create(tmp_path / name, load_axis(name)).path)
-        assert page.answers()["words"]({"texts": texts}) == {"texts": said}
+        assert page.answers["words"]({"texts": texts}) == {"texts": said}
         assert page.begin()["own_words"] is (said is not texts)
         for wrong in (None, {}, {"texts": "mm"}, {"texts": [1]}):
             with pytest.raises(UsageError, match="a list"):

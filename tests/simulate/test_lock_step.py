@@ -177,7 +177,8 @@ BEFORE = {
 INSTEAD = {"belt_spans": ("belt_stiffness",), "belt_sections": ("belt_stiffness", "belt_damping")}
 BESIDE_A_GAP = [
     effect.name for effect in CATALOGUE
-    if effect.name not in (*EFFECTS, "backlash") and not acts_on_motor(effect) and effect.slot not in (*BEFORE_THE_LOAD, "rigid")
+    if effect.name not in (*EFFECTS, "backlash") and not acts_on_motor(effect)
+    and effect.slot not in (*BEFORE_THE_LOAD, "rigid", "load_of_record")
 ]  # fmt: skip
 
 
