@@ -259,6 +259,26 @@ def refit_with_rebuilt_motion(
     return (ahead, found) if sound else (data, fitted)
 
 
+def in_groups_of(data: Data, fitted: Fitted, like: Data) -> tuple[Data, Fitted]:
+    """Records and fit with as many neighbours in each value as other records have: else the two see other frequencies.
+
+    Parameters
+    ----------
+    like : Data
+        The same stretches, as a model sees them that is held against this one.
+    """
+    if (len(data.fitted), len(data.held_out)) != (len(like.fitted), len(like.held_out)):
+        return data, fitted
+    grouped = [
+        tuple(replace(piece, group=other.group) for piece, other in zip(pieces, others, strict=True))
+        for pieces, others in ((data.fitted, like.fitted), (data.held_out, like.held_out))
+    ]
+    if [piece.group for piece in (*grouped[0], *grouped[1])] == [piece.group for piece in (*data.fitted, *data.held_out)]:
+        return data, fitted
+    ahead = replace(data, fitted=grouped[0], held_out=grouped[1])
+    return ahead, fit(ahead, fitted.model, 0, offsets=fitted.offsets)
+
+
 def ratio_in_groups_of(one: Fitted, other: Fitted) -> float:
     """Error over the noise of one fit where as many neighbours make a value as in another: else they see other frequencies."""
     parts = np.split(one.residual, one.problem.ends[1:-1])

@@ -11,7 +11,7 @@ from beltcomm.effects import effect_named, stands_for
 from beltcomm.errors import BeltcommError, Refused, UsageError
 from beltcomm.experiments.redundant_steps import Before, record_showing
 from beltcomm.fit.acting import acting_recordings
-from beltcomm.fit.base import NEXT_ITERATIONS, refit_with_rebuilt_motion
+from beltcomm.fit.base import NEXT_ITERATIONS, ratio_in_groups_of, refit_with_rebuilt_motion
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.noise_level import noise_doubt
@@ -346,16 +346,19 @@ def add_to_run(
     on_body = assign_body(data, named, effect_named(effect))
     shaped = fit_law_shapes(data, on_body.fitted, here.fitted.model)
     data, after = final_refit(data, shaped.fitted)
-    if not after.ratio <= WORSE * here.fitted.ratio:
+    before = ratio_in_groups_of(here.fitted, after)
+    if not after.ratio <= WORSE * before:
         raise Refused(
-            f"no values of {effect} were found with which the error falls: {here.fitted.ratio:.2f} times the noise without it, "
+            f"no values of {effect} were found with which the error falls: {before:.2f} times the noise without it, "
             f"{after.ratio:.2f} with the best that were found; nothing was saved. With values that you know: --start NAME=VALUE"
         )
     if current_revision(here.folder) is None:
         base_revision(here.folder, here.data, here.fitted, command, when)
-    change = change_of((effect, *on_body.new, *shaped.new))
+    new = (effect, *on_body.new, *shaped.new)
+    change = change_of(new, [name for name in here.fitted.model.effects if name not in (*after.model.effects, *new)])
     rung = revision_of(here.folder, (data, after), (here.data, here.fitted), change, command, when)
     notes = words.added_notes(asked, effect, is_replaceable_gap(data, after, effect_named(effect)))
+    notes += words.narrower_lines(here.fitted, after)
     result = change_result(here, data, after, rung, notes, command, pictures)
     if not cost:
         return result

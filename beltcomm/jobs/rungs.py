@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from beltcomm.fit.base import in_groups_of
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.in_band import shared_band
 from beltcomm.fit.intervals import with_intervals
@@ -35,7 +36,7 @@ def revision_of(folder: RunFolder, new: tuple[Data, Fitted], old: tuple[Data, Fi
     new, old : tuple[Data, Fitted]
         Models, each with the records as it sees them.
     """
-    (data, after), (seen, before) = new, old
+    (data, after), (seen, before) = new, in_groups_of(*old, new[0])
     fell = None if change.startswith("-") else is_confirmed(seen, before, after, data)  # who takes one out has decided
     plain = of_run(data, after, shared_band((seen, before.model), (data, after.model)))
     parent = current_revision(folder)

@@ -3,7 +3,7 @@
 The pulley of a coupling swings against the motor at some hundred hertz.  From a base that has it in its inertia, its stiffness and its
 damping no single effect leads there, so both are fitted from a raster of what motor, pulley and belt may be:
 
-    motor and driving pulley share the inertia,   1/k = 1/k_apparent - r²/K
+    motor and driving pulley share the inertia,   r²/K = s/k_apparent,   1/k = (1 - s)/k_apparent
 
 If that explains most of what lies above the noise, the coupling goes on trial for it, with the end pulley beside it where that is needed.
 """
@@ -31,10 +31,10 @@ from beltcomm.model import Model
 
 COUPLING, END_PULLEY = effect_named("coupling"), effect_named("end_pulley")
 SPANS_BY_PLACE, SECTIONS = "belt_spans", "belt_sections"
-#: N m/rad, and shares of the driven inertia behind the coupling, that are tried.
-STIFFNESSES, SHARES_BEHIND = (100.0, 150.0, 225.0, 340.0, 500.0, 750.0), (0.2, 0.35, 0.5)
+#: Shares s of what gives way and of the driven inertia, that are the coupling's and behind it, that are tried.
+FLEXIBLE, BEHIND = (0.7, 0.5, 0.35, 0.22, 0.13, 0.07), (0.2, 0.35, 0.5)
 #: Masses of the end pulley over the carriage's, and the belt's shares over it with how they are split, that are tried beside it.
-PULLEYS, SPANS = (0.005, 0.013, 0.03), ((0.15, 0.5), (0.2, 0.35), (0.27, 0.5), (0.4, 0.5))
+PULLEYS, SPANS = (0.005, 0.016, 0.05), ((0.15, 0.35), (0.15, 0.6), (0.3, 0.35), (0.3, 0.6))
 #: Iterations of the fits that are begun, how many of them go on, and the iterations of those.
 FIRST, GO_ON, ITERATIONS = 8, 4, 40
 #: Factors of the stiffness from which a coupling is asked for again once the motion is rebuilt, iterations from there, rounds of rebuilding
@@ -129,16 +129,13 @@ def raster(here: Model, start: Model, place_m: float, with_pulley: bool) -> Iter
             ground = ground.without_effect(effect.name)
     inertia, belt, mass = ground["motor.inertia"], stiffness_at(ground, place_m), ground["cart.mass"]
     lever = ground["transmission.ratio"]
-    for stiffness, behind in itertools.product(STIFFNESSES, SHARES_BEHIND):
-        rest = 1.0 / belt - lever**2 / stiffness
-        if rest <= 0.0:
-            continue
+    for flexible, behind in itertools.product(FLEXIBLE, BEHIND):
         values = {
-            "coupling.stiffness": stiffness,
+            "coupling.stiffness": belt * lever**2 / flexible,
             "driving_pulley.inertia": behind * inertia,
             "motor.inertia": (1.0 - behind) * inertia,
         }
-        model = with_stiffness(ground, 1.0 / (rest * belt)).with_effect(COUPLING.name).with_values(values, "start")
+        model = with_stiffness(ground, 1.0 / (1.0 - flexible)).with_effect(COUPLING.name).with_values(values, "start")
         yield from with_pulleys(model, mass, belt) if with_pulley else (model,)
 
 

@@ -10,7 +10,7 @@ from typing import Final, Literal
 from beltcomm.axis import Axis
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, effect_named
-from beltcomm.fit.base import FIRST_ITERATIONS, NEXT_ITERATIONS, fit_base, refit_with_rebuilt_motion
+from beltcomm.fit.base import FIRST_ITERATIONS, NEXT_ITERATIONS, fit_base, in_groups_of, refit_with_rebuilt_motion
 from beltcomm.fit.estimate import Fitted, escape_local_minimum, fit
 from beltcomm.fit.far_off import least_plain_error
 from beltcomm.fit.intervals import with_intervals
@@ -201,6 +201,7 @@ def diagnose(
     doubted: int | None = None  # step in which a gap was taken that a straying carriage can do without; looked behind once
     patient = True
     ranked: list[Candidate] | None = None
+    coupled: Fitted | None = None  # what was asked last whether a coupling is behind it
     for number in range(limit):
         above = BESIDE_ADDED if any(step.added for step in steps) else MISSING
         if ranked is None:
@@ -216,6 +217,11 @@ def diagnose(
             if doubted is not None:
                 data, current, ranked = revert_step(seen, steps, doubted, trying)
                 doubted, patient = None, False
+                continue
+            coupling = None if coupled is current or causes >= most else coupling_candidate(data, current, axis)
+            coupled = current
+            if coupling is not None:
+                ranked = merge_candidates(taken.candidates, [coupling])
                 continue
             better = escape_if_far_off(data, current) if causes else None
             if better is not None:
@@ -259,7 +265,7 @@ def diagnose(
         steps = [replace(step, after=last) if step.after is current else step for step in steps]
         current = last
         alike = data.substeps != at_first.substeps  # the last model with finer steps, and so the first one, too
-        before, against = (begun or final_refit(at_first, base)) if alike else (at_first, base)
+        before, against = in_groups_of(*((begun or final_refit(at_first, base)) if alike else (at_first, base)), data)
         if not lowers(before, against, current, data):
             data, current, twins, steps, against = at_first, base, (), [withdrawn(steps, base)], base
     verdict = verdict_of(against, steps, twins, remaining_structure(data, current))
@@ -285,22 +291,14 @@ def find_candidates(
     ground = ground_of(current, data.fitted, axis)
     candidates = search(data, scorer, ground, progress=progress, swallowed_above=above)
     if not left_start_values(current, start, above):
-        return candidates_or_coupling(data, current, axis, candidates)
+        return candidates
     held = fit_with_sheet_values(data, current, start)
     beside = ground_of(held, data.fitted, axis)
     both = merge_candidates(candidates, search(data, Scorer(held), beside, swallowed_above=math.inf, against=current))
     if any(c.accepted and c.explained > MOSTLY for c in both):
         return both
     masked = gap_with_delay(data, current, held)
-    if masked is None:
-        return candidates_or_coupling(data, current, axis, both)
-    return merge_candidates([c for c in both if c.effect is not masked.effect], [masked])
-
-
-def candidates_or_coupling(data: Data, current: Fitted, axis: Axis, candidates: list[Candidate]) -> list[Candidate]:
-    """The candidates, and a coupling where none of them is accepted (``coupled_bodies``)."""
-    found = None if any(c.accepted for c in candidates) else coupling_candidate(data, current, axis)
-    return candidates if found is None else merge_candidates(candidates, [found])
+    return both if masked is None else merge_candidates([c for c in both if c.effect is not masked.effect], [masked])
 
 
 def revert_step(

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from beltcomm.effects import Effect, effect_named
 from beltcomm.effects.tilt import GRAVITY_M_S2
+from beltcomm.fit.base import ratio_in_groups_of
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.start import BELT_BASE, RIGID_BASE
@@ -111,6 +112,7 @@ def diagnosis_lines(found: Diagnosis, before: Plain = (None, None), after: Plain
         lines.append(
             f"With {', '.join(found.added_effects)} the error is {error_words((found.final_fit.ratio, found.final_fit.held_ratio), after)}."
         )
+        lines += narrower_lines(found.published_base[1], found.final_fit)
         held, then = found.published_base[1].held_ratio, found.final_fit.held_ratio
         if held is not None and then is not None and then >= held:
             lines.append(f"Not confirmed: on records that were not fitted the error was {held:.2f} without it.")
@@ -130,6 +132,18 @@ def diagnosis_lines(found: Diagnosis, before: Plain = (None, None), after: Plain
         effect = effect_named(found.twins[0])
         lines.append(f"These data cannot tell {' from '.join(found.twins)}: {effect.separate}.")
     return lines
+
+
+def narrower_lines(before: Fitted, after: Fitted) -> list[str]:
+    """That only a part of the frequencies counts for a model, and the error of the one before it there; nothing where all count."""
+    pairs = [(piece, other) for piece, other in zip(before.problem.pieces, after.problem.pieces, strict=False) if other.group > piece.group]
+    if not pairs:
+        return []
+    highest_hz = max(0.5 / (other.group * other.motion.sample_s) for _, other in pairs)
+    return [
+        f"With it only motion up to {highest_hz:.0f} Hz counts, for between the samples the motor swings unseen: counted so, the error was "
+        f"{ratio_in_groups_of(before, after):.2f} before."
+    ]
 
 
 def after_diagnosis(found: Diagnosis, run: Path, planned: str = "") -> list[str]:

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from beltcomm.axis import Axis, load_axis
-from beltcomm.fit.base import fit_base
+from beltcomm.fit.base import fit_base, in_groups_of, ratio_in_groups_of
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.records import Data, prepare
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory import coupled_bodies
+from beltcomm.laboratory.diagnosis import final_refit
+from beltcomm.sentences.ladder import narrower_lines
 from identify.records import Recorder
 from truth import Axis as TrueAxis
 from truth import Coupling, ThreeSectionBelt, TruthPlant
@@ -53,8 +55,8 @@ def test_a_coupling_and_an_end_pulley_that_hide_each_other_are_found(
     coupled: tuple[Axis, Data, Fitted, dict[str, float]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From a part of the raster, which is soon looked through."""
-    monkeypatch.setattr(coupled_bodies, "STIFFNESSES", (100.0, 150.0, 340.0))
-    monkeypatch.setattr(coupled_bodies, "SHARES_BEHIND", (0.35,))
+    monkeypatch.setattr(coupled_bodies, "FLEXIBLE", coupled_bodies.FLEXIBLE[1::2])
+    monkeypatch.setattr(coupled_bodies, "BEHIND", coupled_bodies.BEHIND[1:2])
     axis, data, base, truth = coupled
     assert base.ratio > 2.0
     found = coupled_bodies.coupling_candidate(data, base, axis)
@@ -93,3 +95,21 @@ def test_beside_spans_of_known_geometry_the_end_pulley_stands_between_sections(
         assert "belt_sections" in model.effects
         assert not {"belt_spans", "belt_damping"} & set(model.effects)
         assert model["belt_sections.pulley_distance"] == 0.79
+
+
+def test_a_model_that_is_held_against_one_of_fewer_frequencies_is_judged_by_those(
+    coupled: tuple[Axis, Data, Fitted, dict[str, float]],
+) -> None:
+    """Behind a coupling two samples make a value: an error that only the frequencies left out had is not what it explains."""
+    _, data, base, _ = coupled
+    published, told = final_refit(data, base)
+    assert {piece.group for piece in published.fitted} == {1}
+    assert {piece.group for piece in data.fitted} == {2}
+    _, alike = in_groups_of(published, told, data)
+    assert alike.ratio == pytest.approx(ratio_in_groups_of(told, base), rel=1e-9)
+    assert alike.ratio != pytest.approx(told.ratio, rel=0.01)
+    assert in_groups_of(data, base, data) == (data, base)
+    (line,) = narrower_lines(told, base)
+    assert "up to 250 Hz" in line
+    assert f"{alike.ratio:.2f} before" in line
+    assert narrower_lines(base, base) == []
