@@ -141,6 +141,7 @@ def searched(monkeypatch: pytest.MonkeyPatch, found: list[list[str]], own: Calla
     for name in ("Scorer", "escape_if_far_off", "find_shortcut", "remaining_structure", "verdict_of"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)
+    monkeypatch.setattr(diagnosis, "coupling_candidate", lambda *_: None)
     monkeypatch.setattr(diagnosis, "as_searched", lambda data, base: (data, base))
     monkeypatch.setattr(diagnosis, "least_plain_error", lambda _data, last, *_: last)
     begun: Any = SimpleNamespace(fitted=(), held_out=(), substeps=4), fitted(BASE)
