@@ -30,7 +30,7 @@ EFFECT = Effect(
     slot="body",
     title="compliance of the coupling",
     parameters=(
-        Parameter("stiffness", "N m/rad", "motor", 200.0, 1.0, 1e6, "torsional stiffness of the coupling"),
+        Parameter("stiffness", "N m/rad", "motor", 200.0, 1e-3, 1e6, "torsional stiffness of the coupling"),
         Parameter("damping", "N m s/rad", "motor", 1e-3, 0.0, 1.0, "torsional damping of the coupling"),
     ),
     bodies=(

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -57,6 +57,8 @@ def coupling_candidate(data: Data, current: Fitted, axis: Axis) -> Candidate | N
         Whose start values of inertias, belt and friction the raster begins from, beside the model's own.
     """
     if current.objective <= FAR_OFF * current.problem.samples or not may_be_coupled(current):
+        return None
+    if data.path.unseen:  # fast torque is a guess without the setpoint, and a coupling shows itself nowhere else
         return None
     found = grown_by_coupling(data, current, axis)
     if found is None:
@@ -135,8 +137,16 @@ def raster(here: Model, start: Model, place_m: float, with_pulley: bool) -> Iter
             "driving_pulley.inertia": behind * inertia,
             "motor.inertia": (1.0 - behind) * inertia,
         }
-        model = with_stiffness(ground, 1.0 / (1.0 - flexible)).with_effect(COUPLING.name).with_values(values, "start")
-        yield from with_pulleys(model, mass, belt) if with_pulley else (model,)
+        model = begun_at(with_stiffness(ground.with_effect(COUPLING.name), 1.0 / (1.0 - flexible)), values)
+        if model is not None:
+            yield from with_pulleys(model, mass, belt) if with_pulley else (model,)
+
+
+def begun_at(model: Model | None, values: Mapping[str, float]) -> Model | None:
+    """The model with these start values; None where one of them is outside its bounds, and for no model."""
+    if model is None or any(not model.parameters[name].low <= value <= model.parameters[name].high for name, value in values.items()):
+        return None
+    return model.with_values(values, "start")
 
 
 def with_pulleys(model: Model, mass: float, belt: float) -> Iterator[Model]:
@@ -154,12 +164,17 @@ def with_pulleys(model: Model, mass: float, belt: float) -> Iterator[Model]:
         own["specific_damping"] = model.get("belt_damping.damping") / belt * own["specific_stiffness"]
         bare = model.without_effect(SPANS_BY_PLACE)
         bare = bare.without_effect("belt_damping") if "belt_damping" in bare.effects else bare
-        sections = bare.with_effect(SECTIONS).with_values({f"{SECTIONS}.{name}": value for name, value in own.items()}, "start")
-        yield from (sections.with_values({"end_pulley.mass": share * mass}, "start") for share in PULLEYS)
-        return
-    for pulley, (share, split) in itertools.product(PULLEYS, SPANS):
-        values = {"end_pulley.mass": pulley * mass, "end_pulley.share": share, "end_pulley.split": split}
-        yield model.with_effect(END_PULLEY.name).with_values(values, "start")
+        sections = {f"{SECTIONS}.{name}": value for name, value in own.items()}
+        tried = (begun_at(bare.with_effect(SECTIONS), {**sections, "end_pulley.mass": share * mass}) for share in PULLEYS)
+    else:
+        tried = (
+            begun_at(
+                model.with_effect(END_PULLEY.name),
+                {"end_pulley.mass": pulley * mass, "end_pulley.share": share, "end_pulley.split": split},
+            )
+            for pulley, (share, split) in itertools.product(PULLEYS, SPANS)
+        )
+    yield from (grown for grown in tried if grown is not None)
 
 
 def stiffness_at(model: Model, place_m: float) -> float:
@@ -170,10 +185,10 @@ def stiffness_at(model: Model, place_m: float) -> float:
     return float(stiffness_of_spans(place_m, *(model[f"{law}.{name}"] for name in ("specific_stiffness", "pulley_distance", "offset"))))
 
 
-def with_stiffness(model: Model, factor: float) -> Model:
-    """The model with a belt so many times as stiff."""
+def with_stiffness(model: Model, factor: float) -> Model | None:
+    """The model with a belt so many times as stiff; None where that is stiffer than a belt can be."""
     names = (STIFFNESS, *(f"{law}.specific_stiffness" for law in (SPANS_BY_PLACE, SECTIONS)))
-    return model.with_values({name: factor * model[name] for name in names if name in model.parameters}, "start")
+    return begun_at(model, {name: factor * model[name] for name in names if name in model.parameters})
 
 
 def middle_m(data: Data, model: Model) -> float:
@@ -225,4 +240,5 @@ def as_flexible(model: Model, stiffness: float, place_m: float) -> Model | None:
     """The model with another stiffness of its coupling, N m/rad, and the belt's with which both give way as before; None for none."""
     lever, belt = model["transmission.ratio"] ** 2, stiffness_at(model, place_m)
     rest = 1.0 / belt + lever / model["coupling.stiffness"] - lever / stiffness
-    return with_stiffness(model.with_values({"coupling.stiffness": stiffness}, "start"), 1.0 / (rest * belt)) if rest > 0.0 else None
+    other = begun_at(model, {"coupling.stiffness": stiffness}) if rest > 0.0 else None
+    return None if other is None else with_stiffness(other, 1.0 / (rest * belt))

@@ -86,6 +86,22 @@ def test_a_raster_gives_way_at_low_frequencies_as_what_it_begins_from(coupled: t
             assert ("end_pulley" in model.effects) == with_pulley
 
 
+@pytest.mark.parametrize(
+    ("mass", "belt", "radius", "couplings"), [(0.45, 2.1e4, 0.0025, 6), (0.02, 1100.0, 1e-3, 0), (400.0, 9e6, 0.15, 6)]
+)
+def test_a_raster_of_any_axis_leaves_out_what_no_machine_can_be(
+    coupled: tuple[Axis, Data, Fitted, dict[str, float]], mass: float, belt: float, radius: float, couplings: int
+) -> None:
+    """A carriage behind a gearbox has couplings of a fifth of a N m/rad at the motor; beyond bounds there is no place to begin from."""
+    inertia = 0.5 * mass * radius**2
+    values = {"cart.mass": mass, "belt_stiffness.stiffness": belt, "transmission.ratio": radius, "motor.inertia": inertia}
+    base = coupled[2].model.with_values(values)
+    found = list(coupled_bodies.raster(base, base, 0.0, True))
+    assert len({round(model["coupling.stiffness"] / (belt * radius**2), 6) for model in found}) == couplings
+    for model in found[:1]:
+        assert all(coupled_bodies.as_flexible(model, stiffness, 0.0) is None for stiffness in (1e-9, 1e9))
+
+
 def test_beside_spans_of_known_geometry_the_end_pulley_stands_between_sections(
     coupled: tuple[Axis, Data, Fitted, dict[str, float]],
 ) -> None:
