@@ -143,12 +143,7 @@ def rigid_start(axis: Axis, recordings: Sequence[Recording]) -> Model:
     """Inertia, viscous and Coulomb friction by least squares over all records; N m and rad, or N and m, or A and rad."""
     if len({record.side for record in recordings}) > 1:
         raise DataError("the recordings of this run are taken on different sides (motor, load, ampere); put them into runs of their own")
-    inertia, viscous, coulomb = least_squares(recordings)
     sheet = axis.get("motor.inertia_kg_m2") if recordings[0].side == "motor" else None
-    values = {
-        "motor.inertia": float(inertia) if inertia > 0.0 else float(sheet or USUAL["motor.inertia"]),
-        "viscous.damping": max(float(viscous), 0.0),
-        "coulomb.level": max(float(coulomb), 0.0),
-        "transmission.ratio": 1.0,
-    }
+    inertia, viscous, coulomb = map(float, least_squares(recordings, sheet))
+    values = {"motor.inertia": inertia, "viscous.damping": viscous, "coulomb.level": coulomb, "transmission.ratio": 1.0}
     return build_model(axis.name, RIGID_BASE, values, base_bodies=("motor",), origin="data sheet", side=recordings[0].side)
