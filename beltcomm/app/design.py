@@ -41,6 +41,8 @@ from beltcomm.verify import REST_S, Loop
 
 #: T_R to choose from beside the present one, s.
 VELOCITY_FILTERS_S = (0.001, 0.002, 0.004, 0.008, 0.016)
+#: Units of a belt axis in which the page asks; another kind is asked in its own.
+INPUT_UNITS = ("kg", "mm", "m/s", "m/s²", "m/s³")
 #: Samples of a move that is predicted at most.
 LONGEST_MOVE = 60_000
 
@@ -153,6 +155,7 @@ class TunedDesign:
             "targets": {"dynamic_mm": 1e3 * targets.following_m, "static_um": 1e6 * targets.settled_m, "places": list(targets.places)},
             "move": self._move_words,
             "editor": _editor(ground.move),
+            "units": {one: plain(self._basis.folder.terms.shown(one)) for one in INPUT_UNITS},
             "compensated": list(self._saved_design.get("compensated") or ()),
         }
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from beltcomm import isolation
 from beltcomm.app.view import ResidualView, shown, stamp_of
 from beltcomm.app.worker import work
+from beltcomm.axis.terms import Terms
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.given import pasted
@@ -108,7 +109,7 @@ class LaboratoryTab:
         return {
             "version": self._version,
             "effects": [{"name": name, "title": effect_named(name).title, "removable": name in view.removable} for name in view.effects],
-            "parameters": view.parameters,
+            "parameters": _in_own_units(view.parameters, RunFolder.open(self._run).terms),
             "ratio": view.ratio,
             "explained": EXPLAINED,
             "evidence": EVIDENCE,
@@ -365,6 +366,16 @@ def _static(one: CandidateEffect, view: ResidualView) -> dict[str, Any]:
         "law": law,
         "along": one.law.along if one.law is not None else "",
     }
+
+
+def _in_own_units(parameters: Mapping[str, Any], terms: Terms) -> dict[str, Any]:
+    """Parameters as ``compare --json`` has them, in the units of the axis: on the page a value stands apart from its unit."""
+    found = {}
+    for name, one in parameters.items():
+        unit, interval = terms.shown(one["unit"]), one["interval"]
+        values = {"value": unit.factor * one["value"], "interval": None if interval is None else unit.factor * interval}
+        found[name] = {**one, **values, "unit": unit.symbol}
+    return found
 
 
 def _unit(effect: str, name: str) -> str:

@@ -106,6 +106,10 @@ class Terms:
             text = pattern.sub(instead, text)
         return text if self._units is None else self._units.sub(self._unit, text)
 
+    def shown(self, unit: str) -> ShownUnit:
+        """Unit that stands for one of a belt axis where its number is multiplied, too; itself where nothing changes."""
+        return self.units.get(unit, ShownUnit(unit))
+
     def _unit(self, found: re.Match[str]) -> str:
         numbers, space, name = found.groups()
         unit = self.units[name]

@@ -211,8 +211,8 @@ def _terms_for(given: Mapping[str, Any]) -> Terms:
             from beltcomm.axis import load_axis
 
             return terms_of(load_axis(os.fspath(axis)))
-        if isinstance(run, (str, os.PathLike)) and (folder := RunFolder.open(Path(run))).has_axis:
-            return terms_of(folder.axis)
+        if isinstance(run, (str, os.PathLike)):
+            return RunFolder.open(Path(run)).terms
     except (BeltcommError, OSError):
         pass
     return PLAIN
