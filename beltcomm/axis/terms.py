@@ -184,7 +184,7 @@ def _words(kind: str) -> list[tuple[str, str]]:
     if kind == "linear":
         other = {
             "motor-side inertia": "mass of the motor", "motor torque": "motor force", "torque": "force", "torques": "forces",
-            "inertia": "mass",
+            "inertia": "mass", "turn of the motor": "pole pair", "steps per turn": "steps per pole pair",
         }  # fmt: skip
         own = [*other.items(), *own]
     return own
