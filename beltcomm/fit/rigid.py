@@ -24,6 +24,8 @@ SHORTEST = 20
 TURNS_RAD, SEEN, WEIGHT_LEAVES = 1.0, 0.1, 0.84
 #: Torque of an inertia that least squares do not see, over what they leave.
 UNSEEN = 0.1
+#: Share of a column that is nothing, once what an offset does as well is taken out of it.
+NOTHING = 1e-6
 
 
 def rigid_estimate(sheet: Model, recordings: Sequence[Recording]) -> Model:
@@ -77,11 +79,13 @@ def least_squares(recordings: Sequence[Recording], sheet: float | None = None) -
             pulled.append(torque - across @ (across.T @ torque))
     if not left:
         raise DataError(f"no recording holds {SHORTEST} samples without a gap; nothing can be fitted")
-    plain, free = _solved(np.concatenate(left), np.concatenate(right)), _solved(np.concatenate(still), np.concatenate(pulled))
-    seen = float(np.sum(np.concatenate(still)[:, 0] ** 2)) > SEEN * float(np.sum(np.concatenate(left)[:, 0] ** 2))
+    sizes, clear = (np.linalg.norm(np.concatenate(rows), axis=0) for rows in (left, still))
+    plain = _solved(np.concatenate(left), np.concatenate(right))
+    free = _solved(np.where(clear > NOTHING * sizes, np.concatenate(still), 0.0), np.concatenate(pulled))
+    seen = clear[0] ** 2 > SEEN * sizes[0] ** 2
     found, rest = free if seen and free[0][0] > 0.0 and free[1] < WEIGHT_LEAVES * plain[1] else plain
     if not found[0] > 0.0:
-        found[0] = sheet or UNSEEN * rest / max(float(np.linalg.norm(np.concatenate(left)[:, 0])), 1e-9)
+        found[0] = sheet or UNSEEN * rest / max(float(sizes[0]), 1e-9)
     return found
 
 
