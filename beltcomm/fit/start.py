@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
-from beltcomm.errors import DataError
+from beltcomm.errors import DataError, UsageError
 from beltcomm.fit.first_estimate import INERTIA_SHARES, RIGID_EFFECTS, build_for, first_estimate
 from beltcomm.fit.first_path import first_path
 from beltcomm.fit.loads import with_loads
@@ -146,4 +146,10 @@ def rigid_start(axis: Axis, recordings: Sequence[Recording]) -> Model:
     sheet = axis.get("motor.inertia_kg_m2") if recordings[0].side == "motor" else None
     inertia, viscous, coulomb = map(float, least_squares(recordings, sheet))
     values = {"motor.inertia": inertia, "viscous.damping": viscous, "coulomb.level": coulomb, "transmission.ratio": 1.0}
-    return build_model(axis.name, RIGID_BASE, values, base_bodies=("motor",), origin="data sheet", side=recordings[0].side)
+    try:
+        return build_model(axis.name, RIGID_BASE, values, base_bodies=("motor",), origin="data sheet", side=recordings[0].side)
+    except UsageError as beyond:
+        raise DataError(
+            f"by least squares {beyond}: no axis is so. Torque (current, voltage), angle or time is in another unit than it says, as "
+            "N mm, mA or ms: correct the mapping and import the file again"
+        ) from beyond
