@@ -227,6 +227,8 @@ def test_a_unit_in_a_title_or_beside_a_quantity_goes_with_its_numbers() -> None:
     axis = load_axis("linear-motor")
     head, row = lines_in(terms_of(axis), table(["record", ">error N m", ">%"], [["frf_1", "0.01", "2"]]))
     assert str(head).split() == ["record", "error", "N", "%"]
+    assert (terms("rotary").shown("kg m2").symbol, terms("rotary").said("kg m2")) == ("kg m²", "kg m2")
+    assert (terms_of(axis).shown("kg m2").symbol, terms_of(axis).shown("N m").symbol) == ("kg", "N")
     assert float(row.cells[1]) == pytest.approx(0.01 / axis.transmission_m_rad, rel=5e-3)
     model = build_model("m", ("belt_stiffness",), {"cart.mass": 0.1, "belt_stiffness.stiffness": 4e4}, base_bodies=("motor", "cart"))
     model = replace(model, parameters={name: replace(one, interval=0.01 * one.value) for name, one in model.parameters.items()})

@@ -103,13 +103,13 @@ class LaboratoryTab:
 
     def residual(self) -> dict[str, Any]:
         """Records, cells and spectrum of the present model."""
-        view = self._shown()
-        cells = view.cells
+        view, terms = self._shown(), RunFolder.open(self._run).terms
+        cells, small = view.cells, terms.shown(view.units.small)
         columns = {name: _packed(getattr(cells, name)) for name in (*COORDINATES, "more", "square", "count", "record")}
         return {
             "version": self._version,
             "effects": [{"name": name, "title": effect_named(name).title, "removable": name in view.removable} for name in view.effects],
-            "parameters": _in_own_units(view.parameters, RunFolder.open(self._run).terms),
+            "parameters": _in_own_units(view.parameters, terms),
             "ratio": view.ratio,
             "explained": EXPLAINED,
             "evidence": EVIDENCE,
@@ -118,7 +118,12 @@ class LaboratoryTab:
             "records": view.records,
             "places": list(view.places),
             "landmarks": dict(view.landmarks),
-            "units": {"force": view.units.force, "length": view.units.length, "small": view.units.small, "factor": view.units.factor},
+            "units": {
+                "force": view.units.force,
+                "length": view.units.length,
+                "small": small.symbol,
+                "factor": view.units.factor * small.factor,
+            },
             "names": list(cells.names),
             "responses": [one.record for one in view.responses],
             "cells": columns,
