@@ -28,7 +28,7 @@ from typing import Any
 from beltcomm import journal
 from beltcomm.atomic import is_draft
 from beltcomm.axis import Axis, load_axis, save_axis
-from beltcomm.axis.terms import terms_of
+from beltcomm.axis.terms import PLAIN, Terms, terms_of
 from beltcomm.configfiles import did_you_mean, read_yaml, sealed, to_yaml, unsealed, write_text
 from beltcomm.errors import DataError, NoMotion, UsageError
 from beltcomm.given import pasted
@@ -198,6 +198,11 @@ class RunFolder:
     def has_axis(self) -> bool:
         """True if it has an ``axis.yaml``."""
         return self._axis is not None
+
+    @property
+    def terms(self) -> Terms:
+        """Words and units of its axis; those of a belt axis where it has none."""
+        return PLAIN if self._axis is None else terms_of(self._axis)
 
     @property
     def recordings_folder(self) -> Path:
@@ -661,7 +666,7 @@ class RunFolder:
         UsageError
             When it cannot be written.
         """
-        journal.append(self.path, terms_of(self.axis).said(line) if self.has_axis else line, event, self.stamp())
+        journal.append(self.path, self.terms.said(line), event, self.stamp())
 
     def _save(self, kind: str, name: str, mapping: Mapping[str, Any]) -> Path:
         _make_folder(self.path / kind)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from beltcomm.configfiles import config_names
 from beltcomm.errors import UsageError
 from beltcomm.fit.start import start_model
 from beltcomm.model import build_model
+from beltcomm.pages.quantities import quantities_of
 from beltcomm.recording import Recording, Sidecar
 from beltcomm.result import Line, Result, table
 from beltcomm.runfolder import RunFolder
@@ -218,3 +220,20 @@ def test_an_axis_is_that_of_the_first_of_several_runs(tmp_path: Path) -> None:
     folder = RunFolder.create(tmp_path / "run", axis_from_dict(ROTARY))
     told = own_words(lambda runs: Result({}, [f"the carriage stands in {len(runs)}"]))([folder.path, tmp_path / "none"])
     assert told.text == ["the load stands in 2"]
+
+
+def test_a_unit_in_a_title_or_beside_a_quantity_goes_with_its_numbers() -> None:
+    """A column of N m at a linear motor is one of N, and a load that turns has an inertia: no page shows `kg at r 57.3 mm`."""
+    axis = load_axis("linear-motor")
+    head, row = lines_in(terms_of(axis), table(["record", ">error N m", ">%"], [["frf_1", "0.01", "2"]]))
+    assert str(head).split() == ["record", "error", "N", "%"]
+    assert (terms("rotary").shown("kg m2").symbol, terms("rotary").said("kg m2")) == ("kg m²", "kg m2")
+    assert (terms_of(axis).shown("kg m2").symbol, terms_of(axis).shown("N m").symbol) == ("kg", "N")
+    assert float(row.cells[1]) == pytest.approx(0.01 / axis.transmission_m_rad, rel=5e-3)
+    model = build_model("m", ("belt_stiffness",), {"cart.mass": 0.1, "belt_stiffness.stiffness": 4e4}, base_bodies=("motor", "cart"))
+    model = replace(model, parameters={name: replace(one, interval=0.01 * one.value) for name, one in model.parameters.items()})
+    found = quantities_of(model, {}, terms("rotary"))
+    for name, unit in (("cart.mass", "kg m²"), ("belt_stiffness.stiffness", "N m/rad")):
+        own = found[name]
+        assert own.unit == terms("rotary").said(own.unit) == unit
+        assert own.scale == pytest.approx(ARC_M**2, rel=1e-9)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
@@ -33,7 +33,7 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Silence
 from beltcomm.trajectory import Trajectory, plan_trajectory, with_dwell
 from beltcomm.tuning.bench import Bench, CascadeView, TrackingPrediction
-from beltcomm.tuning.changes import changes, error_changes, sentence
+from beltcomm.tuning.changes import TuningChange, changes, error_changes, sentence
 from beltcomm.tuning.curves import DISTURBANCE_NM, OpenLoops, Responses
 from beltcomm.tuning.ground import MOST_PAYLOAD_KG, RANGES, DesignInput, SliderSetting, setting_from
 from beltcomm.tuning.presets import KINDS, PACES, preset
@@ -41,6 +41,8 @@ from beltcomm.verify import REST_S, Loop
 
 #: T_R to choose from beside the present one, s.
 VELOCITY_FILTERS_S = (0.001, 0.002, 0.004, 0.008, 0.016)
+#: Units of a belt axis in which the page asks; another kind is asked in its own.
+INPUT_UNITS = ("kg", "mm", "m/s", "m/s²", "m/s³")
 #: Samples of a move that is predicted at most.
 LONGEST_MOVE = 60_000
 
@@ -153,6 +155,7 @@ class TunedDesign:
             "targets": {"dynamic_mm": 1e3 * targets.following_m, "static_um": 1e6 * targets.settled_m, "places": list(targets.places)},
             "move": self._move_words,
             "editor": _editor(ground.move),
+            "units": {one: plain(self._basis.folder.terms.shown(one)) for one in INPUT_UNITS},
             "compensated": list(self._saved_design.get("compensated") or ()),
         }
 
@@ -162,7 +165,7 @@ class TunedDesign:
             design, new, present = self.bench.shown(setting)
         except OutOfReach as problem:
             return {"refusal": str(problem), "limit": problem.limit, "present": _curves(self.bench.present(setting))}
-        found = changes((present.cascade, present.worst), (new.cascade, new.worst))
+        found = self._in_own_units(changes((present.cascade, present.worst), (new.cascade, new.worst)))
         return {
             "new": _curves(new),
             "present": _curves(present),
@@ -198,13 +201,21 @@ class TunedDesign:
             new = self.bench.tracked(self.bench.design(setting).cascade, setting.shown_kg)
         except OutOfReach as problem:
             return {"refusal": str(problem), "present": _drawn(present)}
-        found = error_changes(present.error, new.error)
+        found = self._in_own_units(error_changes(present.error, new.error))
         return {
             "new": _drawn(new),
             "present": _drawn(present),
             "changes": [{**plain(one), "same": one.same} for one in found],
             "sentence": "" if all(one.same for one in found) else sentence(found),
         }
+
+    def _in_own_units(self, found: Sequence[TuningChange]) -> list[TuningChange]:
+        """Numbers in the units of the kind of axis."""
+        units = [self._basis.folder.terms.shown(one.unit) for one in found]
+        return [
+            replace(one, unit=unit.symbol, present=unit.factor * one.present, new=unit.factor * one.new)
+            for one, unit in zip(found, units, strict=True)
+        ]
 
     def save(self, setting: SliderSetting) -> dict[str, Any]:
         """The design of a setting, with its whole proof, as the run's design; the one before stays as ``designs/replaced_N.yaml``."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from beltcomm import isolation
 from beltcomm.app.view import ResidualView, shown, stamp_of
 from beltcomm.app.worker import work
+from beltcomm.axis.terms import Terms
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.given import pasted
@@ -102,13 +103,13 @@ class LaboratoryTab:
 
     def residual(self) -> dict[str, Any]:
         """Records, cells and spectrum of the present model."""
-        view = self._shown()
-        cells = view.cells
+        view, terms = self._shown(), RunFolder.open(self._run).terms
+        cells, small = view.cells, terms.shown(view.units.small)
         columns = {name: _packed(getattr(cells, name)) for name in (*COORDINATES, "more", "square", "count", "record")}
         return {
             "version": self._version,
             "effects": [{"name": name, "title": effect_named(name).title, "removable": name in view.removable} for name in view.effects],
-            "parameters": view.parameters,
+            "parameters": _in_own_units(view.parameters, terms),
             "ratio": view.ratio,
             "explained": EXPLAINED,
             "evidence": EVIDENCE,
@@ -117,7 +118,12 @@ class LaboratoryTab:
             "records": view.records,
             "places": list(view.places),
             "landmarks": dict(view.landmarks),
-            "units": {"force": view.units.force, "length": view.units.length, "small": view.units.small, "factor": view.units.factor},
+            "units": {
+                "force": view.units.force,
+                "length": view.units.length,
+                "small": small.symbol,
+                "factor": view.units.factor * small.factor,
+            },
             "names": list(cells.names),
             "responses": [one.record for one in view.responses],
             "cells": columns,
@@ -365,6 +371,16 @@ def _static(one: CandidateEffect, view: ResidualView) -> dict[str, Any]:
         "law": law,
         "along": one.law.along if one.law is not None else "",
     }
+
+
+def _in_own_units(parameters: Mapping[str, Any], terms: Terms) -> dict[str, Any]:
+    """Parameters as ``compare --json`` has them, in the units of the axis: on the page a value stands apart from its unit."""
+    found = {}
+    for name, one in parameters.items():
+        unit, interval = terms.shown(one["unit"]), one["interval"]
+        values = {"value": unit.factor * one["value"], "interval": None if interval is None else unit.factor * interval}
+        found[name] = {**one, **values, "unit": unit.symbol}
+    return found
 
 
 def _unit(effect: str, name: str) -> str:

@@ -106,7 +106,7 @@ def _row(path: Path, own: bool) -> dict[str, Any]:
                 "value": one.scale * one.value,
                 "interval": None if one.interval is None else one.scale * one.interval,
             }
-            for key, one in quantities_of(model, results).items()
+            for key, one in quantities_of(model, results, folder.terms).items()
         },
     }
 

@@ -12,7 +12,6 @@ from beltcomm.app.laboratory import LaboratoryTab
 from beltcomm.app.live import LiveTab
 from beltcomm.app.runs import RunsTab, beside
 from beltcomm.app.session import VirtualSession
-from beltcomm.axis.terms import PLAIN, terms_of
 from beltcomm.errors import UsageError
 from beltcomm.experiments.options import Options
 from beltcomm.given import Place, place
@@ -42,7 +41,7 @@ class RunPage:
         self, run: Path, *, payload_kg: float = 0.0, move: Path | None = None, seed: int = 0, when: Callable[[], str] = str
     ) -> None:
         folder = RunFolder.open(run)  # says what is wrong before a page opens
-        self.run, self._terms = run, terms_of(folder.axis) if folder.has_axis else PLAIN
+        self.run, self._terms = run, folder.terms
         self.runs, self.live = RunsTab(run), LiveTab(run)
         self.laboratory = LaboratoryTab(run, when, self.live.running)
         self.design = DesignTab(run, payload_kg=payload_kg, move=move, seed=seed)

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 _DIGITS_OF = r"\d+(?: \d{3})*(?:\.\d+)?(?:e[-+]?\d+)?"
 _NUMBER = rf"(?<![\w.]){_DIGITS_OF}"
 _BETWEEN = r"(?:\s*\.\.\.?\s*|\s*±\s*|, | to | and | or |/)[-+−±]?"
+#: Squares as files have them.
+_SQUARE = re.compile(r"\b(c?m|s)2\b")
 #: Digits that a converted number has at least.
 _DIGITS, _MOST_DIGITS = 3, 5
 
@@ -86,7 +88,7 @@ class Terms:
             return None
         names = "|".join(re.escape(name) for name in sorted(self.units, key=len, reverse=True))
         # no part of a longer unit: N of N m, m of kg m²
-        end = r"(?![\w²³/°])(?! (?:m|m²|s²?|rad|cm²|mm²|A)(?![\w]))"
+        end = r"(?![\w²³/°])(?! (?:m|m²|m2|s²?|rad|cm²|mm²|A)(?![\w]))"
         return re.compile(rf"(?:({_NUMBER}(?:{_BETWEEN}{_DIGITS_OF})*)(\s?)|(?<![\w/²³°.])(?<!N )(?<!kg )(?<!c))({names}){end}")
 
     def said(self, text: str) -> str:
@@ -105,6 +107,11 @@ class Terms:
         for pattern, instead in self._patterns:
             text = pattern.sub(instead, text)
         return text if self._units is None else self._units.sub(self._unit, text)
+
+    def shown(self, unit: str) -> ShownUnit:
+        """Unit that stands for one of a belt axis where its number is multiplied, too; itself, as it is printed, where nothing changes."""
+        printed = _SQUARE.sub("\\1²", unit)
+        return self.units.get(printed, ShownUnit(printed))
 
     def _unit(self, found: re.Match[str]) -> str:
         numbers, space, name = found.groups()
@@ -180,7 +187,7 @@ def _words(kind: str) -> list[tuple[str, str]]:
     if kind == "linear":
         other = {
             "motor-side inertia": "mass of the motor", "motor torque": "motor force", "torque": "force", "torques": "forces",
-            "inertia": "mass",
+            "inertia": "mass", "turn of the motor": "pole pair", "steps per turn": "steps per pole pair",
         }  # fmt: skip
         own = [*other.items(), *own]
     return own

@@ -17,8 +17,12 @@ def runs_here(folder: Path = RUNS) -> list[Path]:
     """Run folders, the newest last: by what was last written in them."""
     if not folder.is_dir():
         return []
-    found = [path for path in folder.iterdir() if path.is_dir() and any((path / mark).is_file() for mark in MARKS)]
+    found = [path for path in folder.iterdir() if path.is_dir() and _is_run(path)]
     return sorted(found, key=lambda path: (written(path), path.name))
+
+
+def _is_run(path: Path) -> bool:
+    return any((path / mark).is_file() for mark in MARKS)
 
 
 def written(path: Path) -> float:
@@ -28,15 +32,33 @@ def written(path: Path) -> float:
 
 
 def or_newest(ctx: click.Context, _param: click.Parameter, value: Path | None) -> Path | None:
-    """The run given, else the newest under ``runs/``, which is said.   Raises UsageError where there is none."""
+    """The run given, else the newest under ``runs/`` or of this folder, which is said.   Raises UsageError where there is none."""
     if value is not None or ctx.resilient_parsing:
         return value
-    found = runs_here()
-    if not found:
-        raise UsageError("no run is named, and there is none under runs/; name one, or make one with `beltcomm commission`")
-    if not ctx.obj.json:
-        click.echo(f"Run: {found[-1]} (the newest; name another to use that)", err=True)
-    return found[-1]
+    return _newest(ctx, RUNS, Path()) or _refused()
+
+
+def or_begun(ctx: click.Context, _param: click.Parameter, value: Path | None) -> Path | None:
+    """As :func:`or_newest`, of a folder of runs its newest; None where there is no run and somebody is there who may begin one."""
+    if ctx.resilient_parsing or (value is not None and not _holds_runs(value)):
+        return value
+    newest = _newest(ctx, value) if value is not None else _newest(ctx, RUNS, Path())
+    return newest if newest is not None or (ctx.obj.talk().attended() and not ctx.obj.json) else _refused()
+
+
+def _holds_runs(path: Path) -> bool:
+    return not _is_run(path) and bool(runs_here(path))
+
+
+def _newest(ctx: click.Context, *folders: Path) -> Path | None:
+    found = next((runs for folder in folders if (runs := runs_here(folder))), None)
+    if found is not None and not ctx.obj.json:
+        click.echo(f"Run: {found[-1]} (the newest of {len(found)}; name another to use that)", err=True)
+    return found[-1] if found else None
+
+
+def _refused() -> Path:
+    raise UsageError("no run is named, and there is none under runs/; name one, or make one with `beltcomm commission --drive virtual`")
 
 
 def drive_of(run: Path | None) -> str | None:

@@ -14,7 +14,7 @@ import click
 
 from beltcomm.cli import completion
 from beltcomm.cli.hold import option as held_key
-from beltcomm.cli.newest import drive_of, or_newest, runs_here
+from beltcomm.cli.newest import drive_of, or_begun, or_newest, runs_here
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.quantities import parse_quantity, unit_of
 
@@ -346,6 +346,9 @@ pictures_option = click.option("--pictures/--no-pictures", default=True, help="P
 asked_pictures_option = click.option("--pictures/--no-pictures", default=False, help="Pictures into RUN/pictures; only when asked for.")
 cost_option = click.option("--cost/--no-cost", default=True, help="Say what a missing effect costs in tracking error; said when left out.")
 run_argument = click.argument("run", required=False, type=click.Path(path_type=Path), shell_complete=completion.runs, callback=or_newest)
+run_to_open_argument = click.argument(
+    "run", required=False, type=click.Path(path_type=Path), shell_complete=completion.runs, callback=or_begun
+)
 several_runs_argument = click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=completion.runs)
 payload_option = click.option(
     "--payload", "payload_kg", type=QuantityType("payload_kg"), help="Heaviest payload to be moved; the design must hold for it."

@@ -54,6 +54,8 @@ REVERSAL_MISFIT, MOST_MOVED, RUBBING = 1.15, 2.0, ("coulomb.", "cart_friction.",
 LOUD, QUIET = 0.3, 0.95
 #: Share of its noise so far up to which a torque's noise, once told, is worth asking the motion of the path again.
 CALMER = 0.7
+#: Factor by which white noise may look rougher between every second value.
+ALIKE = 1.25
 #: Least share of the noise so far that the noise may be.
 QUIETEST = 1e-3
 #: Factor by which the noise of the angle is more than was thought, from which on the fit made before is no place to go on from.
@@ -194,15 +196,23 @@ def with_quieter_torque(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
 
 
 def _roughness(fitted: Fitted) -> float:
-    """Deviation of the white noise that the whitened residual's differences are of, 1 where the noise is right; 1 where few values tell."""
+    """Deviation of the white noise that the whitened residual's differences are of, 1 where the noise is right; 1 where none tell.
+
+    Between every second value white noise is as rough as between neighbours; what grows with the distance has a colour.
+    """
     parts = np.split(fitted.residual, fitted.problem.ends[1:-1])
-    differences = []
-    for piece, white in zip(fitted.problem.pieces, parts, strict=True):
-        at = piece.value_samples
-        if len(at) > ORDER:
-            differences.append(np.diff(white, ORDER)[at[ORDER:] - at[:-ORDER] == ORDER * piece.group])
-    found = np.concatenate(differences) if differences else np.zeros(0)
-    return roughness(found) if len(found) >= FEWEST else 1.0
+    found = []
+    for apart in (1, 2):
+        differences = [np.zeros(0)]
+        for piece, values in zip(fitted.problem.pieces, parts, strict=True):
+            for first in range(apart):
+                at, white = piece.value_samples[first::apart], values[first::apart]
+                together = at[ORDER:] - at[:-ORDER] == ORDER * piece.group * apart
+                differences.append(np.diff(white, ORDER)[together] if len(at) > ORDER else np.zeros(0))
+        joined = np.concatenate(differences)
+        found.append(roughness(joined) if len(joined) >= FEWEST else math.inf)
+    near, far = found
+    return near if far < ALIKE * near else 1.0
 
 
 def _residuals(fitted: Fitted) -> list[Array]:

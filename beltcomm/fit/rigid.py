@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
+from scipy.optimize import nnls
 
 from beltcomm.errors import DataError
 from beltcomm.fit.decimation import smallest_step
@@ -19,8 +20,12 @@ Array = NDArray[np.float64]
 #: Rows that a record needs for least squares.
 SHORTEST = 20
 #: rad of motion from which a weight that turns is told from an offset; share of the acceleration that it may not take along; and share
-#: of the squares left below which it counts.
-TURNS_RAD, SEEN, WEIGHT_LEAVES = 1.0, 0.1, 0.7
+#: of the deviation left below which it counts.
+TURNS_RAD, SEEN, WEIGHT_LEAVES = 1.0, 0.1, 0.84
+#: Torque of an inertia that least squares do not see, over what they leave.
+UNSEEN = 0.1
+#: Share of a column that is nothing, once what an offset does as well is taken out of it.
+NOTHING = 1e-6
 
 
 def rigid_estimate(sheet: Model, recordings: Sequence[Recording]) -> Model:
@@ -36,12 +41,17 @@ def rigid_estimate(sheet: Model, recordings: Sequence[Recording]) -> Model:
     return sheet.with_values(kept, "first estimate")
 
 
-def least_squares(recordings: Sequence[Recording]) -> Array:
-    """Inertia, viscous and Coulomb friction by least squares in the band in which the encoder shows the acceleration.
+def least_squares(recordings: Sequence[Recording], sheet: float | None = None) -> Array:
+    """Inertia, viscous and Coulomb friction by least squares in the band in which the encoder shows the acceleration; none below zero.
 
     Torque, acceleration, speed and its sign behind one Gaussian low-pass each, so that the filter biases nothing; its cut-off as high as
     the rounding of the acceleration, σ² = q²/12 2 T (2π)⁴ f⁵/5, stays below a tenth of it.  A weight that turns with the motor bends all
     three: where it explains much, it and an offset of each record are taken out, as long as the motion tells them from the acceleration.
+
+    Parameters
+    ----------
+    sheet : float or None
+        Inertia where the records show none; without it the largest that they would not show, for a motor of none would fly off.
 
     Returns
     -------
@@ -69,15 +79,20 @@ def least_squares(recordings: Sequence[Recording]) -> Array:
             pulled.append(torque - across @ (across.T @ torque))
     if not left:
         raise DataError(f"no recording holds {SHORTEST} samples without a gap; nothing can be fitted")
-    plain, free = _solved(np.concatenate(left), np.concatenate(right)), _solved(np.concatenate(still), np.concatenate(pulled))
-    seen = float(np.sum(np.concatenate(still)[:, 0] ** 2)) > SEEN * float(np.sum(np.concatenate(left)[:, 0] ** 2))
-    return free[0] if seen and free[0][0] > 0.0 and free[1] < WEIGHT_LEAVES * plain[1] else plain[0]
+    sizes, clear = (np.linalg.norm(np.concatenate(rows), axis=0) for rows in (left, still))
+    plain = _solved(np.concatenate(left), np.concatenate(right))
+    free = _solved(np.where(clear > NOTHING * sizes, np.concatenate(still), 0.0), np.concatenate(pulled))
+    seen = clear[0] ** 2 > SEEN * sizes[0] ** 2
+    found, rest = free if seen and free[0][0] > 0.0 and free[1] < WEIGHT_LEAVES * plain[1] else plain
+    if not found[0] > 0.0:
+        found[0] = sheet or UNSEEN * rest / max(float(sizes[0]), 1e-9)
+    return found
 
 
 def _solved(rows: Array, torque: Array) -> tuple[Array, float]:
-    """Least squares, and the sum of squares left."""
-    found = np.asarray(np.linalg.lstsq(rows, torque, rcond=None)[0], dtype=np.float64)
-    return found, float(np.sum((torque - rows @ found) ** 2))
+    """Least squares without a value below zero, and the root of the sum of squares left."""
+    found, rest = nnls(rows, torque)
+    return np.asarray(found), float(rest)
 
 
 def band_limited(position: Array, torque: Array, sample_s: float, step_rad: float) -> tuple[Array, Array, Array]:

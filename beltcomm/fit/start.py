@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
-from beltcomm.errors import DataError
+from beltcomm.errors import DataError, UsageError
 from beltcomm.fit.first_estimate import INERTIA_SHARES, RIGID_EFFECTS, build_for, first_estimate
 from beltcomm.fit.first_path import first_path
 from beltcomm.fit.loads import with_loads
@@ -143,12 +143,13 @@ def rigid_start(axis: Axis, recordings: Sequence[Recording]) -> Model:
     """Inertia, viscous and Coulomb friction by least squares over all records; N m and rad, or N and m, or A and rad."""
     if len({record.side for record in recordings}) > 1:
         raise DataError("the recordings of this run are taken on different sides (motor, load, ampere); put them into runs of their own")
-    inertia, viscous, coulomb = least_squares(recordings)
     sheet = axis.get("motor.inertia_kg_m2") if recordings[0].side == "motor" else None
-    values = {
-        "motor.inertia": float(inertia) if inertia > 0.0 else float(sheet or USUAL["motor.inertia"]),
-        "viscous.damping": max(float(viscous), 0.0),
-        "coulomb.level": max(float(coulomb), 0.0),
-        "transmission.ratio": 1.0,
-    }
-    return build_model(axis.name, RIGID_BASE, values, base_bodies=("motor",), origin="data sheet", side=recordings[0].side)
+    inertia, viscous, coulomb = map(float, least_squares(recordings, sheet))
+    values = {"motor.inertia": inertia, "viscous.damping": viscous, "coulomb.level": coulomb, "transmission.ratio": 1.0}
+    try:
+        return build_model(axis.name, RIGID_BASE, values, base_bodies=("motor",), origin="data sheet", side=recordings[0].side)
+    except UsageError as beyond:
+        raise DataError(
+            f"by least squares {beyond}: no axis is so. Torque (current, voltage), angle or time is in another unit than it says, as "
+            "N mm, mA or ms: correct the mapping and import the file again"
+        ) from beyond

@@ -28,19 +28,24 @@ Array = NDArray[np.float64]
 _MOST_SUBSTEPS = 1000
 
 
-def key_of(records: Mapping[str, str], axis: Axis, start: Model | None) -> str:
-    """Equal only where the same programs would fit the same model to the same records.
+def key_of(records: Mapping[str, str], axis: Axis) -> str:
+    """Equal only where the same programs would fit a model to the same records.
 
     Parameters
     ----------
     records : dict of str to str
         Name -> SHA-256, sidecars too.
-    start : Model or None
-        None where it follows from records and axis.
     """
-    began = start.to_dict() if start is not None else None
-    text = json.dumps([dict(sorted(records.items())), axis.fingerprint(), began, source_hash()], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
+    return _hash([dict(sorted(records.items())), axis.fingerprint(), source_hash()])
+
+
+def key_of_model(start: Model | None) -> str:
+    """Equal only for the same model; None where it follows from records and axis."""
+    return _hash(start.to_dict() if start is not None else None)
+
+
+def _hash(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 
 def store_fit(data: Data, fitted: Fitted) -> dict[str, Any] | None:

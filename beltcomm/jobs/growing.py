@@ -1,4 +1,4 @@
-"""A run's model with an effect that somebody asked for, fitted from wherever that leaves least."""
+"""A run's model with an effect that somebody asked for, fitted from wherever that leaves least, or without one."""
 
 from __future__ import annotations
 
@@ -9,13 +9,17 @@ from beltcomm.errors import BeltcommError
 from beltcomm.fit.base import NEXT_ITERATIONS, refit_with_rebuilt_motion
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import Data
+from beltcomm.fit.touches import free_parameters
 from beltcomm.laboratory.acceptance import drop_by
 from beltcomm.laboratory.coupled_bodies import COUPLING, with_coupling
+from beltcomm.laboratory.diagnosis import final_refit
 from beltcomm.laboratory.forward_selection import MISSING, with_effect
 from beltcomm.laboratory.law_shape import fixed_forms
 from beltcomm.laboratory.score import ground_of
 from beltcomm.model import Model
 from beltcomm.rundata.fitted_run import Opened
+from beltcomm.rundata.kept_fit import fit_base
+from beltcomm.rundata.revisions import model_named, recording_hashes, revisions
 from beltcomm.runfolder import RunFolder
 
 
@@ -32,6 +36,21 @@ def grown_by(here: Opened, effect: str, start: Mapping[str, float] | None) -> tu
     ground = ground_of(here.fitted, here.data.fitted, here.folder.axis)
     grown = with_effect(here.data, here.fitted, ground, effect_named(effect), start)
     return refit_with_rebuilt_motion(here.data, better(here.folder, here.data, here.fitted, grown, effect), NEXT_ITERATIONS)
+
+
+def shrunk_by(here: Opened, effect: str) -> tuple[Data, Fitted]:
+    """Records and model without an effect; as they were where the run had this model before, for the same records.
+
+    What was learnt with the effect, noise and rounding above all, would let the same model read another error.
+    """
+    smaller, now = here.fitted.model.without_effect(effect), recording_hashes(here.folder)
+    for rung in reversed(revisions(here.folder)):
+        if set(rung.effects) == set(smaller.effects) and rung.data == now:
+            model = model_named(here.folder, rung.name)
+            if set(free_parameters(model)) == set(free_parameters(smaller)):
+                return fit_base(here.folder, here.records.recordings, model)[1:]
+    first = fit(here.data, smaller, NEXT_ITERATIONS, offsets=here.fitted.offsets)
+    return final_refit(*refit_with_rebuilt_motion(here.data, first, NEXT_ITERATIONS))
 
 
 def diagnosis_start(folder: RunFolder, model: Model, effect: str) -> Model | None:

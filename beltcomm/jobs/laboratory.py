@@ -11,8 +11,8 @@ from beltcomm.effects import effect_named, stands_for
 from beltcomm.errors import BeltcommError, Refused, UsageError
 from beltcomm.experiments.redundant_steps import Before, record_showing
 from beltcomm.fit.acting import acting_recordings
-from beltcomm.fit.base import NEXT_ITERATIONS, ratio_in_groups_of, refit_with_rebuilt_motion
-from beltcomm.fit.estimate import Fitted, fit
+from beltcomm.fit.base import ratio_in_groups_of
+from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.noise_level import noise_doubt
 from beltcomm.fit.observer import needs_observer
@@ -21,7 +21,7 @@ from beltcomm.fit.stated_reading import stated_remarks
 from beltcomm.given import Place, pasted, place, word
 from beltcomm.jobs.confounded_effects import together
 from beltcomm.jobs.effect_search import search_of
-from beltcomm.jobs.growing import grown_by
+from beltcomm.jobs.growing import grown_by, shrunk_by
 from beltcomm.jobs.rungs import base_revision, plain_of, revision_of
 from beltcomm.laboratory.acceptance import is_confirmed
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
@@ -380,7 +380,7 @@ def refuse_load(effect: str, run: Path) -> None:
 def remove_from_run(
     effect: str, run: Place, *, pictures: bool = True, command: str = "", when: str = "", talk: Talk | None = None
 ) -> Result:
-    """Refit everything without an effect, saved as a new revision.
+    """Refit everything without an effect, saved as a new revision; a model that the run had already is the one it was.
 
     Parameters
     ----------
@@ -410,8 +410,7 @@ def remove_from_run(
         raise UsageError(f"the model of {run} has no {effect}; it has {', '.join(here.fitted.model.effects)}")
     if current_revision(here.folder) is None:
         base_revision(here.folder, here.data, here.fitted, command, when)
-    smaller = fit(here.data, here.fitted.model.without_effect(effect), NEXT_ITERATIONS, offsets=here.fitted.offsets)
-    data, after = final_refit(*refit_with_rebuilt_motion(here.data, smaller, NEXT_ITERATIONS))
+    data, after = shrunk_by(here, effect)
     rung = revision_of(here.folder, (data, after), (here.data, here.fitted), f"-{effect}", command, when)
     return change_result(here, data, after, rung, [], command, pictures)
 

@@ -19,11 +19,11 @@ from beltcomm.sentences.diagnosis_data import Plain
 
 def base_revision(folder: RunFolder, data: Data, fitted: Fitted, command: str, when: str) -> Revision:
     """The first rung."""
-    plain = of_run(data, fitted)
+    plain, model = of_run(data, fitted), with_intervals(fitted)
     held = fitted.held_ratio
-    return new_revision(
-        folder, with_intervals(fitted), "base", ratio=fitted.ratio, held_out=held, confirmed=None, command=command, when=when, plain=plain
-    )
+    rung = new_revision(folder, model, "base", ratio=fitted.ratio, held_out=held, confirmed=None, command=command, when=when, plain=plain)
+    keep_fit(folder, data, fitted, model)
+    return rung
 
 
 def revision_of(folder: RunFolder, new: tuple[Data, Fitted], old: tuple[Data, Fitted], change: str, command: str, when: str) -> Revision:

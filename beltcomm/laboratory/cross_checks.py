@@ -88,13 +88,14 @@ def sheet_doubts(model: Model, ratio: float, axis: Axis, recordings: Sequence[Re
     inertia = stiffness = None
     if axis.get("motor.inertia_kg_m2") is not None and "coupling" not in model.effects:
         sheet = axis.motor_side_inertia_kg_m2
-        inertia = _doubt(model, "motor.inertia", "motor.inertia_kg_m2", sheet, sheet, INERTIA_SHEET if excited else UNEXCITED)
+        inertia = _doubt(model, "motor.inertia", "motor.inertia_kg_m2", sheet, INERTIA_SHEET if excited else UNEXCITED)
     places = [r.sidecar.start_position_m for r in recordings if r.sidecar.experiment == "frf" and r.sidecar.start_position_m is not None]
     known = knows_stiffness(axis)
     if excited and known and places and "belt_stiffness" in model.effects:
-        # one stiffness was fitted to all places: it stands for those in the middle
-        sheets = [axis.belt_stiffness_n_m(float(place)) for place in np.percentile(places, [25.0, 75.0])]
-        stiffness = _doubt(model, "belt_stiffness.stiffness", "belt.specific_stiffness_n", min(sheets), max(sheets), STIFFNESS_SHEET)
+        # one stiffness was fitted to all places: it stands for those in the middle, and is doubted where it suits none of them
+        first, usual, last = (axis.belt_stiffness_n_m(float(place)) for place in np.percentile(places, [25.0, 50.0, 75.0]))
+        ends = min(first, last), max(first, last)
+        stiffness = _doubt(model, "belt_stiffness.stiffness", "belt.specific_stiffness_n", usual, STIFFNESS_SHEET, ends)
     if inertia and stiffness and abs(math.log(inertia.factor / stiffness.factor)) < ONE_FACTOR:
         factor = math.sqrt(inertia.factor * stiffness.factor)
         common = _scale_words(factor, axis)
@@ -124,12 +125,15 @@ def doubts_of(fitted: Fitted, axis: Axis, recordings: Sequence[Recording]) -> tu
     return sheet_doubts(with_intervals(fitted), fitted.ratio, axis, recordings)
 
 
-def _doubt(model: Model, name: str, entry: str, low: float, high: float, tolerance: float) -> SheetDoubt | None:
-    item = model.parameters.get(name)
+def _doubt(
+    model: Model, name: str, entry: str, sheet: float, tolerance: float, ends: tuple[float, float] | None = None
+) -> SheetDoubt | None:
+    """A number beside its sheet where that and a tolerance contradict it; of a sheet with two ends, where both do."""
+    item, (low, high) = model.parameters.get(name), ends or (sheet, sheet)
     if item is None or item.interval is None or item.interval > KNOWN_TO * item.value or low <= 0.0:
         return None
-    sheet = min(max(item.value, low), high)
-    if sheet / (1.0 + tolerance) <= item.value + item.interval and item.value - item.interval <= sheet * (1.0 + tolerance):
+    near = min(max(item.value, low), high)
+    if near / (1.0 + tolerance) <= item.value + item.interval and item.value - item.interval <= near * (1.0 + tolerance):
         return None
     return SheetDoubt(entry, item.unit, sheet, item.value, item.interval, item.value / sheet)
 

@@ -181,4 +181,4 @@ def _friction(run: Gathered) -> FrictionFit | None:
 
 def compared(before: Gathered, now: Gathered) -> list[QuantityChange]:
     """The changes of two runs."""
-    return changes_of(quantities_of(before.model, before.results), quantities_of(now.model, now.results))
+    return changes_of(*(quantities_of(run.model, run.results, run.folder.terms) for run in (before, now)))

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from beltcomm.axis.terms import PLAIN, Terms
 from beltcomm.model import Model
 from beltcomm.sentences.words import DERIVED, SHOWN, number
 from beltcomm.watching.limits import UNKNOWN, USUAL
@@ -67,20 +68,23 @@ _MEANING = {
 _PARTS = ("viscous.damping", "viscous_cart.damping", "coulomb.level", "cart_friction.level", "transmission.ratio")
 
 
-def quantities_of(model: Model | None, results: Mapping[str, Mapping[str, Any]]) -> dict[str, Quantity]:
+def quantities_of(model: Model | None, results: Mapping[str, Mapping[str, Any]], terms: Terms = PLAIN) -> dict[str, Quantity]:
     """By key, in the order shown: model, what follows from it, delay, errors of the last move.
 
     Parameters
     ----------
     results : Mapping[str, Mapping[str, Any]]
         Of the run folder.
+    terms : Terms
+        With the units of the kind of axis.
     """
     found: dict[str, Quantity] = {}
 
     def add(key: str, words: str, unit: str, scale: float, value: float, interval: float | None) -> None:
         more, less, why = _MEANING.get(key, (f"{words} up", f"{words} down", "nobody measured how far it changes by itself"))
         known = interval if interval is not None and math.isfinite(interval) else None
-        found[key] = Quantity(key, words, unit, scale, float(value), known, more, less, USUAL.get(key, UNKNOWN), why)
+        own = terms.shown(unit)
+        found[key] = Quantity(key, words, own.symbol, scale * own.factor, float(value), known, more, less, USUAL.get(key, UNKNOWN), why)
 
     for name, value in (model.parameters if model is not None else {}).items():
         if name in _PARTS or value.interval is None:

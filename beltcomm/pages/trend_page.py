@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from beltcomm.axis import Axis
-from beltcomm.axis.terms import PLAIN, terms_of
 from beltcomm.configfiles import did_you_mean, read_yaml
 from beltcomm.errors import DataError, UsageError
 from beltcomm.given import pasted
@@ -145,7 +144,7 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
         raise DataError("no two of these runs know the same quantity; make models with beltcomm fit")
     given = {run.resolve().name: run for run in runs}
     shown = [one for one in dated if one.name in given]
-    terms = terms_of(asked.axis) if asked.has_axis else PLAIN
+    terms = asked.terms
     page = said_in(terms, _page(folders[0].axis.name or "Axis", followed, shown, [given[one.name] for one in shown], remarks), keys=True)
     newest = max(runs, key=lambda run: next(d.t_s for d in dated if d.name == run.resolve().name))
     where = out or newest / NAME
@@ -165,12 +164,12 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
 def _dated(run: Path, date: str | None) -> Dated:
     folder = RunFolder.open(run)
     t_s, source = _time_of(folder, date)
-    return Dated(folder.path.resolve().name, t_s, source, quantities_of(current_model(folder), results_of(folder)))
+    return Dated(folder.path.resolve().name, t_s, source, quantities_of(current_model(folder), results_of(folder), folder.terms))
 
 
 def _days_watched(folder: RunFolder) -> list[Dated]:
     """The days on which production was watched by a run's model."""
-    known = quantities_of(current_model(folder), results_of(folder))
+    known = quantities_of(current_model(folder), results_of(folder), folder.terms)
     found = []
     for t_s, told in store.by_day(folder.path):
         here = {

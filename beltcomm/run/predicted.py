@@ -8,7 +8,7 @@ import numpy as np
 
 from beltcomm.app.design import ground_of, move_between
 from beltcomm.axis.entries import AxisTargets
-from beltcomm.axis.terms import PLAIN, Terms, terms_of
+from beltcomm.axis.terms import PLAIN, Terms
 from beltcomm.jobs.design import basis_of
 from beltcomm.result import html_of, table
 from beltcomm.run.record import Drawing, import_pandas
@@ -118,4 +118,4 @@ def predict(folder: RunFolder, payload_kg: float, asked: dict[str, float]) -> Mo
     start, end = 1e3 * move.position_m[0], 1e3 * move.position_m[-1]
     loaded = f", {payload_kg:g} kg more" if payload_kg else ""
     words = f"{start:.0f} to {end:.0f} mm, up to {np.max(np.abs(move.velocity_m_s)):.3g} m/s{loaded}"
-    return MovePrediction(path, folder.axis.targets, ground.loop.torque_limit_nm, words, terms_of(folder.axis))
+    return MovePrediction(path, folder.axis.targets, ground.loop.torque_limit_nm, words, folder.terms)

@@ -1,9 +1,10 @@
-"""The present model fitted to a run's records: from ``RUN/kept/fit.json`` where that is still valid, else anew and kept there."""
+"""A model fitted to a run's records: from ``RUN/kept/fit.json`` where that is still valid, else anew and kept there."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from pathlib import Path
+from typing import Any
 
 from beltcomm import caches
 from beltcomm.errors import BeltcommError
@@ -11,7 +12,7 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.loads import with_loads
 from beltcomm.fit.records import Data
 from beltcomm.fit.start import start_model
-from beltcomm.fit.stored import key_of, restore_fit, store_fit
+from beltcomm.fit.stored import key_of, key_of_model, restore_fit, store_fit
 from beltcomm.model import Model, model_from_dict
 from beltcomm.outside import sha256_of
 from beltcomm.recording import Recording
@@ -19,6 +20,8 @@ from beltcomm.runfolder import RunFolder
 
 #: Where it stands in a run folder: nothing that anybody must keep.
 FILE = ("kept", "fit.json")
+#: Models whose fit is kept, those fitted last: one that comes back reads the number that it had.
+MOST = 12
 
 
 def fit_base(folder: RunFolder, recordings: Sequence[Recording], model: Model | None) -> tuple[Model, Data, Fitted]:
@@ -27,10 +30,10 @@ def fit_base(folder: RunFolder, recordings: Sequence[Recording], model: Model | 
     Parameters
     ----------
     model : Model or None
-        The run's present one; None begins with what the axis file and the records tell.
+        One of the run's; None begins with what the axis file and the records tell.
     """
-    path, key = folder.path.joinpath(*FILE), key_of(_hashes_of_fitted(folder, recordings), folder.axis, model)
-    if found := caches.found(path, key):
+    path, fits = folder.path.joinpath(*FILE), _kept(folder, recordings)
+    if (found := fits.get(key_of_model(model))) is not None:
         try:
             start = model_from_dict(found["start"]) if model is None else model
             return start, *restore_fit(recordings, found["fit"])
@@ -45,7 +48,7 @@ def fit_base(folder: RunFolder, recordings: Sequence[Recording], model: Model | 
 
 
 def keep_fit(folder: RunFolder, data: Data, fitted: Fitted, model: Model) -> None:
-    """Keep a fit as that of a run's present model, so that every command that follows reads it.
+    """Keep a fit as that of a model of the run, so that every command that follows reads it.
 
     Parameters
     ----------
@@ -59,8 +62,21 @@ def keep_fit(folder: RunFolder, data: Data, fitted: Fitted, model: Model) -> Non
 def _write(folder: RunFolder, recordings: Sequence[Recording], model: Model | None, start: Model, data: Data, fitted: Fitted) -> None:
     if (fit := store_fit(data, fitted)) is None:
         return
-    key = key_of(_hashes_of_fitted(folder, recordings), folder.axis, model)
-    caches.keep(folder.path.joinpath(*FILE), key, {"start": start.to_dict(), "fit": fit})
+    own = key_of_model(model)
+    others = [(key, kept) for key, kept in _kept(folder, recordings).items() if key != own]
+    fits = dict([*others[1 - MOST :], (own, {"start": start.to_dict(), "fit": fit})])
+    caches.keep(folder.path.joinpath(*FILE), _key(folder, recordings), {"fits": fits})
+
+
+def _kept(folder: RunFolder, recordings: Sequence[Recording]) -> dict[str, Any]:
+    """Fits of these records by the model's key, those found last behind."""
+    found = caches.found(folder.path.joinpath(*FILE), _key(folder, recordings))
+    fits = found.get("fits") if found else None
+    return fits if isinstance(fits, dict) else {}
+
+
+def _key(folder: RunFolder, recordings: Sequence[Recording]) -> str:
+    return key_of(_hashes_of_fitted(folder, recordings), folder.axis)
 
 
 def _hashes_of_fitted(folder: RunFolder, recordings: Sequence[Recording]) -> dict[str, str]:

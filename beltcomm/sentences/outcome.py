@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from beltcomm.axis.terms import terms_of
 from beltcomm.configfiles import write_text
 from beltcomm.experiments import holding
 from beltcomm.given import pasted
@@ -167,7 +166,7 @@ def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known
 
 def keep_text(folder: RunFolder, text: list[str]) -> None:
     """Keep the text shown at the end as ``verdict.txt`` in the run folder."""
-    write_text(folder.path / "verdict.txt", "\n".join(lines_in(terms_of(folder.axis), text)) + "\n")
+    write_text(folder.path / "verdict.txt", "\n".join(lines_in(folder.terms, text)) + "\n")
 
 
 class ReportWords(Protocol):

@@ -61,7 +61,9 @@ def _line(terms: Terms, line: Line) -> list[Line]:
 
 def _table(terms: Terms, rows: Sequence[Row]) -> list[Row]:
     """Rows of one table, its columns as wide as they now are; those of another make keep their text."""
-    cells = [[terms.said(cell) for cell in row.cells] for row in rows]
+    found = _table_in(terms, rows[0].cells, [row.cells for row in rows[1:]])
+    own_cells = [found["head"], *found["rows"]] if rows[0].head else [row.cells for row in rows]
+    cells = [[terms.said(cell) for cell in row] for row in own_cells]
     texts = [aligned(terms, str(row)) for row in rows]
     if len(rows) > 1 and all(row and "\n" not in row for row in rows):
         indent = " " * min(len(row) - len(row.lstrip()) for row in rows)
@@ -117,7 +119,7 @@ def _table_in(terms: Terms, head: Sequence[str], rows: Sequence[Sequence[str]]) 
     """Head and rows of a page's table; a unit stands behind the title of its column, or in a cell of its own."""
     titles, cells = list(head), [_in_its_unit(terms, head, row) for row in rows]
     for i, title in enumerate(head):
-        name = next((one for one in sorted(terms.units, key=len, reverse=True) if title.endswith((f" {one}", f", {one}"))), "")
+        name = next((one for one in sorted(terms.units, key=len, reverse=True) if f" {title}".endswith(f" {one}")), "")
         if not name or title.endswith(f"N {name}"):
             continue
         unit = terms.units[name]
@@ -211,8 +213,8 @@ def _terms_for(given: Mapping[str, Any]) -> Terms:
             from beltcomm.axis import load_axis
 
             return terms_of(load_axis(os.fspath(axis)))
-        if isinstance(run, (str, os.PathLike)) and (folder := RunFolder.open(Path(run))).has_axis:
-            return terms_of(folder.axis)
+        if isinstance(run, (str, os.PathLike)):
+            return RunFolder.open(Path(run)).terms
     except (BeltcommError, OSError):
         pass
     return PLAIN

@@ -8,6 +8,8 @@ const NAMES = {
   suppression_db: ["Open loop at the resonance", "dB"],
   position_phase_margin_deg: ["Position phase margin, at least", "deg"],
 };
+// Fields of a move: their unit on a belt axis, and that in SI.
+const MOVE = { start_m: ["mm", 1e-3], end_m: ["mm", 1e-3], speed_m_s: ["m/s", 1], acceleration_m_s2: ["m/s²", 1], jerk_m_s3: ["m/s³", 1] };
 const LOOPS = ["velocity", "position"], LOOKS = { velocity: "first", position: "second" };
 const SOON_MS = 30;
 
@@ -190,7 +192,7 @@ export function design(ask) {
     }
     $("prefilter").value = setting.prefilter;
     $("lag").value = setting.velocity_filter_s;
-    $("payload").value = setting.payload_kg;
+    $("payload").value = Number((begun.units.kg.factor * setting.payload_kg).toPrecision(4));
     $("loaded").checked = setting.loaded;
     $("loaded").disabled = setting.payload_kg === 0;
     $("position").value = 1e3 * setting.position_m;
@@ -277,7 +279,7 @@ export function design(ask) {
   }
 
   async function drive() {
-    const given = { start_m: 1e-3, end_m: 1e-3, speed_m_s: 1, acceleration_m_s2: 1, jerk_m_s3: 1 };
+    const given = Object.fromEntries(Object.entries(MOVE).map(([name, [unit, si]]) => [name, si / begun.units[unit].factor]));
     $("move-refusal").textContent = "";
     try {
       const asked = Object.fromEntries(Object.entries(given).map(([name, unit]) => [name, $(name).value === "" ? null : unit * Number($(name).value)]));
@@ -298,10 +300,11 @@ export function design(ask) {
     $("prefilter").replaceChildren(...Object.entries(begun.prefilters).map(([key, one]) => element("option", { value: key }, prefilterName(one))));
     $("lag").replaceChildren(...begun.velocity_filters_s.map((lag) => element("option", { value: lag }, `${number(1e3 * lag)} ms`)));
     Object.assign($("position"), { min: 1e3 * begun.ends_m[0], max: 1e3 * begun.ends_m[1], step: 1 });
-    $("payload").max = begun.most_payload_kg;
+    $("payload").max = begun.units.kg.factor * begun.most_payload_kg;
+    for (const one of $("controls").querySelectorAll("[data-unit]")) one.textContent = begun.units[one.dataset.unit].symbol;
     $("where").textContent = `The gains hold at both ends of the travel, with and without the payload, for every friction; ${number(begun.mounted_kg)} kg move without it.`;
     $("move").textContent = `The ${begun.move}, with the present feedforward.` + (begun.compensated.length ? ` \`verify\` sends torque for ${begun.compensated.join(", ")} along; that is not in here.` : "");
-    for (const [name, value] of Object.entries(begun.editor)) $(name).value = Number(value.toPrecision(4));
+    for (const [name, value] of Object.entries(begun.editor)) $(name).value = Number((begun.units[MOVE[name][0]].factor * value).toPrecision(4));
     if (!plots.gain) makePlots();
     place();
     changed();
@@ -309,7 +312,7 @@ export function design(ask) {
   }
 
   function payload() {
-    const kg = Math.min(Math.max(Number($("payload").value) || 0, 0), begun.most_payload_kg);
+    const kg = Math.min(Math.max((Number($("payload").value) || 0) / begun.units.kg.factor, 0), begun.most_payload_kg);
     turn({ payload_kg: kg, loaded: kg > 0 });
     presets();
   }

@@ -122,6 +122,14 @@ def test_a_run_folder_made_by_hand_is_refused_before_anything_is_named(name: str
     assert CONTROLS[name][1] in outcome.output
 
 
+def test_a_unit_that_no_rating_contradicts_is_told_by_what_the_axis_would_be(tmp_path: Path) -> None:
+    file, run = tmp_path / "a.csv", str(tmp_path / "run")
+    write_columns(file, changed(torque_nm=1e5 * GOOD["torque_nm"])())
+    assert CliRunner().invoke(cli, ["import", str(file), "--run", run, *AXIS[:2]]).exit_code == 0
+    outcome = CliRunner().invoke(cli, ["compare", run])
+    assert (outcome.exit_code, "in another unit than it says" in outcome.output) == (3, True), outcome.output
+
+
 def test_a_torque_in_held_steps_is_not_clipped(tmp_path: Path) -> None:
     steps = np.round(GOOD["torque_nm"] / 0.1) * 0.1
     held = np.repeat(steps[::10], 10)

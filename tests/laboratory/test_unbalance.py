@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
 import numpy as np
+import pytest
 from click.testing import CliRunner
 
 from beltcomm.cli.main import cli
 from beltcomm.recording.signalfile import write_columns
-from beltcomm.rundata.revisions import current_model
+from beltcomm.rundata.revisions import current_model, revisions
 from beltcomm.runfolder import RunFolder
 
 INERTIA, WEIGHT_NM, HANGS_RAD, COULOMB, VISCOUS = 4.2e-4, 0.13, 0.7, 0.05, 1.5e-3
@@ -64,6 +66,10 @@ def test_a_pendulum_is_named_and_measured(tmp_path: Path) -> None:
     assert f"beltcomm report {run}" in outcome.stdout  # a design is refused on an axis without a belt
     removed = runner.invoke(cli, ["remove", "unbalance", str(run)])
     assert removed.exit_code == 0, removed.output
+    first, *_, last = revisions(RunFolder.open(run))
+    shown = json.loads(runner.invoke(cli, ["compare", str(run), "--no-pictures", "--json"]).stdout)["ratio"]["overall"]
+    assert last.change == "-unbalance"
+    assert (last.ratio, shown) == pytest.approx((first.ratio, first.ratio), rel=1e-9), "the same model reads the same number"
     for wrong, said in (("ordr=1", "has no parameter 'ordr'"), ("order=1e9", "it lies between"), ("order", "is no start value")):
         outcome = runner.invoke(cli, ["add", "unbalance", str(run), "--start", wrong])
         assert outcome.exit_code == 2, outcome.output

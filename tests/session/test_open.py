@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -11,11 +12,14 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from beltcomm import api
 from beltcomm.app.design import DesignTab, TunedDesign
 from beltcomm.app.serve import RunPage
-from beltcomm.axis import load_axis
+from beltcomm.axis import Axis, load_axis
 from beltcomm.cli.main import cli
+from beltcomm.cli.talk import PlainTalk
 from beltcomm.errors import DataError, UsageError
+from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
 from beltcomm.web import server
 from beltcomm.web.server import PageFiles, ServedPage
@@ -68,6 +72,30 @@ def test_without_a_design_the_tab_says_what_makes_one(copy_of_complete: Copy) ->
 def test_what_is_no_run_opens_no_page(tmp_path: Path, served: list[Any]) -> None:
     assert call("open", tmp_path / "nowhere", "--no-browser").exit_code == 3
     assert served == []
+
+
+def test_of_a_folder_of_runs_the_newest_is_opened_and_without_one_a_virtual_one_is_offered(
+    copy_of_complete: Copy, tmp_path: Path, served: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, asked = copy_of_complete("frf_[2-9]", "sweep*", "amplitude*"), list[str]()
+    found = call("open", run.parent, "--no-browser")
+    assert (found.exit_code, f"Run: {run} (the newest of" in found.stderr, len(served)) == (0, True, 1)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    nobody = call("open", "--no-browser")
+    assert (nobody.exit_code, "make one with `beltcomm commission --drive virtual`" in nobody.stderr, len(served)) == (2, True, 1)
+
+    def commission(drive: str, axis: Axis, made: Path, **_: Any) -> Result:
+        asked.append(drive)
+        shutil.copytree(run, made)
+        return Result({}, [])
+
+    monkeypatch.setattr(api, "commission", commission)
+    monkeypatch.setattr(PlainTalk, "attended", lambda _: True)
+    declined = CliRunner().invoke(cli, ["open", "--no-browser"], input="n\n")
+    assert (declined.exit_code, "beltcomm import FILE" in declined.stderr, asked, len(served)) == (1, True, [], 1)
+    taken = CliRunner().invoke(cli, ["open", "--no-browser"], input="y\n")
+    assert (taken.exit_code, asked, len(served)) == (0, ["virtual"], 2), taken.output
 
 
 def test_the_page_speaks_the_words_of_its_axis(tmp_path: Path) -> None:
