@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import parameter_spread
+from beltcomm.laboratory.acceptance import DELAYS
 
-#: Delays in a row: what they do to a phase adds up, at low frequency only as their sum.
-DELAYS = ("dead_time", "current_lag", "measurement_lag")
 #: Share of a lag up to which a dead time beside it may be the lag's own second pole.
 SECOND_POLE = 0.25
 #: Periods per turn by which a line may lie beside a ripple whose amplitude changes once per turn, and room for rounding.

@@ -45,6 +45,9 @@ HELD_FALLS = 0.5
 #: Distance from a bound, relative to it, that is none.
 CLOSE = 1e-6
 STIFFNESS = "belt_stiffness.stiffness"
+#: Delays in a row: what they do to a phase adds up, at low frequency only as their sum; and share of the smaller one of two opposite ones
+#: below which their sum is nothing.
+DELAYS, CANCELLED = ("dead_time", "current_lag", "measurement_lag"), 0.5
 #: Step by which the torque is raised to see how far the path passes it on, as a share of its largest value.
 STEP = 1e-4
 
@@ -138,6 +141,13 @@ def exceeds_bounds(model: Model, effect: Effect) -> bool:
         return False  # held: what there is of it acts elsewhere
     near = CLOSE * (item.high - item.low)
     return item.value >= item.high - near or (item.low < 0.0 and item.value <= item.low + near)
+
+
+def only_cancels(model: Model, effect: Effect) -> bool:
+    """True if an effect is a delay that another one takes back: what both leave of the torque's phase stands for something else."""
+    own = model.get(f"{effect.name}.time") if effect.name in DELAYS else 0.0
+    others = sum(model.get(f"{name}.time") for name in DELAYS if name != effect.name)
+    return own * others < 0.0 and abs(own + others) < CANCELLED * min(abs(own), abs(others))
 
 
 def is_negligible(model: Model, effect: Effect) -> bool:

@@ -33,6 +33,7 @@ from beltcomm.laboratory.acceptance import (
     is_negligible,
     is_refuted,
     lowers,
+    only_cancels,
     share_left,
 )
 from beltcomm.laboratory.refine import refine_best
@@ -308,7 +309,7 @@ def candidate(data: Data, base: Fitted, effect: Effect, promised: float, best: F
     drop = drop_by(base, best)
     evidence, explained = drop - bic_penalty(effect, base, starts), explained_share(drop, base)
     held_gain = base.held_objective - best.held_objective
-    hollow = bool(impossible(best.model)) or exceeds_bounds(best.model, effect) or is_negligible(best.model, effect)
+    hollow = bool(impossible(best.model)) or any(bad(best.model, effect) for bad in (exceeds_bounds, is_negligible, only_cancels))
     grows = share_left(base, best) >= 1.0
     accepted = enough(evidence, explained, drop, held_gain, base) and not (hollow or grows)
     if accepted and (means := drop_in_means(data, base, best)) < drop:

@@ -16,7 +16,7 @@ from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import Fitted
 from beltcomm.jobs import effect_search, laboratory
 from beltcomm.laboratory import acceptance, backward_elimination, diagnosis
-from beltcomm.laboratory.acceptance import is_negligible, share_left
+from beltcomm.laboratory.acceptance import is_negligible, only_cancels, share_left
 from beltcomm.laboratory.diagnosis import Stage, verdict_of
 from beltcomm.laboratory.forward_selection import Candidate
 from beltcomm.laboratory.plausibility import KNOWN, implausible_effects, parameters_at_bounds, undetermined_effects
@@ -107,6 +107,15 @@ def test_what_is_explained_would_pass_as_a_machine_of_which_nothing_is_missing(
 )
 def test_what_is_fitted_to_less_than_is_an_effect_explains_nothing(effect: str, parameter: str, size_m: float, nothing: bool) -> None:
     assert is_negligible(BASE.with_effect(effect, {parameter: size_m}), effect_named(effect)) is nothing
+
+
+@pytest.mark.parametrize(
+    ("dead_time_s", "lag_s", "nothing"),
+    [(-485e-6, 505e-6, True), (-375e-6, 377e-6, True), (300e-6, 505e-6, False), (-100e-6, 505e-6, False), (0.0, 505e-6, False)],
+)
+def test_a_delay_that_another_one_takes_back_is_no_finding(dead_time_s: float, lag_s: float, nothing: bool) -> None:
+    model = BASE.with_effect("dead_time", {"time": dead_time_s}).with_effect("current_lag", {"time": lag_s})
+    assert [only_cancels(model, effect_named(name)) for name in ("dead_time", "current_lag", "cogging")] == [nothing, nothing, False]
 
 
 def kept_beside_slack(monkeypatch: pytest.MonkeyPatch, grown: Any, smaller: Any, drop: float) -> Any:
