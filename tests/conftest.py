@@ -6,6 +6,7 @@ the carriage must be free to travel the whole window, in the drive's own zero.
 
 from __future__ import annotations
 
+import compileall
 import gc
 import os
 import signal
@@ -18,15 +19,16 @@ import pytest
 # As the console command, and before numpy is loaded: two workers whose matrices wait for two threads each take several times as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# Python that may keep no bytecode beside the sources compiles the package anew in each of the hundreds of processes that tests start:
-# they read what this process keeps apart, and write none, for some of them are killed or have no room.
-if sys.dont_write_bytecode:
-    sys.dont_write_bytecode = False
-    sys.pycache_prefix = os.environ["PYTHONPYCACHEPREFIX"] = str(Path(__file__).parents[1] / ".pytest_cache" / "bytecode")
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Ctrl-C counts, also in a run that a shell has put into the background: its processes are born deaf to it.
 
-def pytest_configure() -> None:
-    """Ctrl-C counts, also in a run that a shell has put into the background: its processes are born deaf to it."""
+    Python that may keep no bytecode would compile the package anew in each of the hundreds of processes that tests start: it is made once,
+    where that of installed packages stands, too.
+    """
+    if sys.dont_write_bytecode and not hasattr(config, "workerinput"):
+        for package in ("beltcomm", "adapters"):
+            compileall.compile_dir(Path(__file__).parents[1] / package, quiet=2)
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -166,8 +166,11 @@ def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
 
 
 def backwards(t_s: Array, torque: Array, position: Array) -> bool:
-    """True if time runs backwards: the mass is positive and the friction drives, in what moves slowly, where no lag of a reading counts."""
-    rigid = rigid_inertia(t_s, torque, position)
+    """True if time runs backwards: the mass is positive and the friction drives, in what moves slowly, where no lag of a reading counts.
+
+    Beside a weight that turns, which has the phase of an inertia against the motion, a wrong sign would look so.
+    """
+    rigid = rigid_inertia(t_s, torque, position, weight=True)
     if rigid is None or rigid.inertia < CERTAIN * rigid.error or rigid.dissipated >= 0.0:
         return False
     return slow_work_share(t_s, torque, position) < -BACKWARDS

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from adapters.stub_node import StubBus, StubNode
+from adapters.stub_node import COUNTS_PER_RAD, StubBus, StubNode
 from beltcomm.configfiles import find_config, read_yaml, to_yaml, write_text
 from beltcomm.drive import find_adapters, open_drive
 from beltcomm.errors import BusError, DriveError, UsageError
@@ -205,5 +205,9 @@ def test_frames_that_come_twice_now_and_then_are_no_second_drive():
             if self.heard % 4 == 0:
                 self.out.extend(list(self.out)[before:])
 
-    bus = StubBus(Doubling())
-    connect(bus, bus.clock, 1, None, None, bus.shutdown).close()
+    node = Doubling()
+    node.put(0x6064, 0, 4711)
+    bus = StubBus(node)
+    with connect(bus, bus.clock, 1, None, None, bus.shutdown) as drive:
+        assert drive.read(["position_rad"])["position_rad"] == pytest.approx(4711 / COUNTS_PER_RAD)
+    assert node.heard >= 8, "at least two of them came twice"

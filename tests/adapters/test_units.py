@@ -135,6 +135,9 @@ def test_a_large_lead_inside_the_window_is_no_reason_to_refuse() -> None:
         objects = SdoObjects(Link(bus, bus.clock, 1))
         with objects.lend() as lending:
             tighten_window(objects, lending, found, Limits(-10.0, 10.0, 100.0, 0.5, math.inf, 1.0), 1e-3, motion.reach_rad)
+            low, high = node.get(0x607D, 1) * found.position_rad, node.get(0x607D, 2) * found.position_rad
+            assert -11.0 <= low < -10.0
+            assert 10.0 < high <= 11.0
 
 
 @pytest.mark.parametrize(("takes", "rad_s2"), [(True, 500.0), (False, 120.0)])

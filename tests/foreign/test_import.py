@@ -187,7 +187,9 @@ def test_an_import_can_be_repeated_and_says_when_it_cannot(log: Path, tmp_path: 
 def test_a_run_that_was_recorded_on_a_drive_takes_no_foreign_files(log: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     RunFolder.create(run, load_axis("egc-70-600")).claim_drive({"vendor": "acme", "serial": "7"})
+    before = files_of(run)
     refused(call(log, "--run", run, *MAPPED), 2, "was recorded on a drive (serial 7, vendor acme)", "a run of their own")
+    assert files_of(run) == before
 
 
 @pytest.mark.parametrize(

@@ -44,6 +44,7 @@ def test_a_structure_with_time_and_units(table_of: Callable[[dict[str, Any]], Ta
     log = {"time": T, "torque": CURRENT, "pos": ENCODER[None, :], "pos_unit": "inc", "units": {"torque": "Nm"}}
     table = table_of({"log": log})
     check(table, {"log.torque": (CURRENT, "log.time"), "log.pos": (ENCODER, "log.time")}, {"log.torque": "Nm", "log.pos": "inc"})
+    assert set(table.columns) == {"log.time", "log.torque", "log.pos"}
 
 
 def test_time_series_each_with_its_time(table_of: Callable[[dict[str, Any]], Table]) -> None:
@@ -63,6 +64,7 @@ def test_simulinks_structure_with_time(table_of: Callable[[dict[str, Any]], Tabl
     signals = [{"values": CURRENT, "label": "M_ist"}, {"values": np.vstack((ENCODER, T)), "label": "phi"}]
     table = table_of({"scope": {"time": T, "signals": signals}})
     check(table, {"M_ist": (CURRENT, "scope.time"), "phi1": (ENCODER, "scope.time"), "phi2": (T, "scope.time")})
+    assert set(table.columns) == {"scope.time", "M_ist", "phi1", "phi2"}
 
 
 def test_dspace_recordings(table_of: Callable[[dict[str, Any]], Table]) -> None:
@@ -79,6 +81,7 @@ def test_dspace_recordings(table_of: Callable[[dict[str, Any]], Table]) -> None:
 def test_cells(table_of: Callable[[dict[str, Any]], Table]) -> None:
     table = table_of({"c": [T, CURRENT, "text"]})
     check(table, {"c1": (T, None), "c2": (CURRENT, None)})
+    assert set(table.columns) == {"c1", "c2"}
 
 
 def test_other_hdf5_files_with_units_as_attributes(tmp_path: Path) -> None:
@@ -88,6 +91,7 @@ def test_other_hdf5_files_with_units_as_attributes(tmp_path: Path) -> None:
         group["torque"].attrs["unit"] = "Nm"
     table = read_table(tmp_path / "a.h5")
     check(table, {"run.torque": (CURRENT, "run.time")}, {"run.torque": "Nm"})
+    assert set(table.columns) == {"run.time", "run.torque"}
 
 
 def test_a_structure_that_holds_itself_ends(tmp_path: Path) -> None:

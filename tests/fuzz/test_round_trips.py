@@ -312,7 +312,7 @@ def test_measurement_data_files(values: list[float]) -> None:
     st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8), st.integers(0, 10**9)), min_size=1, max_size=40),
     st.sampled_from(["log", "asc", "blf"]),
 )
-@settings(max_examples=30)
+@settings(max_examples=15)
 def test_frames(drawn: list[tuple[int, bytes, int]], ending: str) -> None:
     import can
 

@@ -11,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from beltcomm.cli.main import cli
+from beltcomm.recording.checks import backwards
 from beltcomm.recording.signalfile import write_columns
 from beltcomm.rundata.revisions import current_model, revisions
 from beltcomm.runfolder import RunFolder
@@ -79,3 +80,12 @@ def test_a_pendulum_is_named_and_measured(tmp_path: Path) -> None:
     again = current_model(RunFolder.open(run))
     assert again is not None
     assert abs(math.hypot(again["unbalance.sine"], again["unbalance.cosine"]) / WEIGHT_NM - 1.0) < 0.02
+
+
+def test_a_pendulum_with_a_wrong_sign_is_told_from_one_in_time_backwards() -> None:
+    found = pendulum(4)
+    t, torque, angle = (found[name] for name in ("t_s", "torque_nm", "position_rad"))
+    heavy = torque + 2.0 * np.sin(angle - HANGS_RAD)  # of a motor that bears a weight of more than its friction and inertia
+    assert not backwards(t, heavy, angle)
+    assert not backwards(t, -heavy, angle)
+    assert backwards(t, heavy[::-1], angle[::-1])
