@@ -28,7 +28,6 @@ from beltcomm.experiments import (
     raising,
     sameness,
     sampling_limits,
-    sweeping,
     verification,
 )
 from beltcomm.experiments.proving import Sending, learn_gains, verify_move
@@ -378,9 +377,9 @@ def measure_friction(
         It judges, nothing is fitted to it.
     """
     machine.begin(TITLES[5])
-    if machine.folder.finished(name) is None and not sweeping.room_to_sweep(machine, model, speeds_m_s):
+    if machine.folder.finished(name) is None and not phases.room_to_sweep(machine, model, speeds_m_s):
         phases.move_to(machine, phases.stroke_ends(machine)[0], model)
-    strokes = sweeping.sweep(machine, model, speeds_m_s, longest_s)
+    strokes = phases.sweep(machine, model, speeds_m_s, longest_s)
     sidecar = Sidecar(
         experiment="friction_sweep",
         start_position_m=machine.position_m,

@@ -20,6 +20,7 @@ from platformdirs import user_cache_path
 
 from beltcomm import caches
 from beltcomm.axis import Axis
+from beltcomm.caches import source_hash
 from beltcomm.drive import Capabilities
 from beltcomm.errors import BeltcommError
 from beltcomm.excitation import choose_prbs, prbs, visible_band
@@ -35,7 +36,6 @@ from beltcomm.laboratory.diagnosis import fit_base_of
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.visible import DetectionLimit, detection_limits
 from beltcomm.model import Model
-from beltcomm.programs import source_hash
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar
 from beltcomm.result import plain, with_unit

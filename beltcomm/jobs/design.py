@@ -21,15 +21,14 @@ from beltcomm.pages import pictures as drawn
 from beltcomm.recording import Recording
 from beltcomm.result import Line, Result, plain
 from beltcomm.rundata import offline
-from beltcomm.rundata.behind import unfitted
 from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.design_proof import grounds_of, prove
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.fitted_run import records_of
 from beltcomm.rundata.headline import OF, following, hashes_of, headline_of
-from beltcomm.rundata.kept_path import kept_path
+from beltcomm.rundata.kept_fit import kept_path
 from beltcomm.rundata.proof import SUSPECT, doubts, error_of, same_gains, suspect, thin_margins
-from beltcomm.rundata.revisions import current_revision
+from beltcomm.rundata.revisions import current_revision, unfitted
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import outcome, screens, typed_gains, words
 from beltcomm.sentences.cross_checks import sheet_lines

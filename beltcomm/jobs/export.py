@@ -24,7 +24,7 @@ from beltcomm.export.texts import FORMATS, text_of
 from beltcomm.given import Place, may_write, pasted, place
 from beltcomm.result import Result
 from beltcomm.rundata import offline
-from beltcomm.rundata.encoder import estimator_settings
+from beltcomm.rundata.offline import estimator_settings
 from beltcomm.rundata.proof import doubts
 from beltcomm.rundata.store import cascade_from_dict, parameters_from_dict, saved_design, structure_from_dict
 from beltcomm.runfolder import RunFolder

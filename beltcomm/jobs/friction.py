@@ -11,7 +11,7 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.errors import DataError, Refused
-from beltcomm.experiments import phases, sweeping
+from beltcomm.experiments import phases
 from beltcomm.experiments.bounds import Experiment, course_before, stroking_nm
 from beltcomm.experiments.commission import measure_friction
 from beltcomm.experiments.plan import MOVE_SECONDS, Plan, friction_plan, gentle_force_n
@@ -139,7 +139,7 @@ def record(machine: Machine, model: Model, asked: Wanted) -> RecordedSweeps:
         machine.detail(f"{'order ' + order if order != DEFAULT else 'sweep'}, {repetition}: {orders.WORDS[order]}")
         if order == DEFAULT:
             phases.move_to(machine, phases.stroke_ends(machine)[0], model)
-            made.append(_recorded(machine, sweeping.sweep(machine, model).trajectory, note, asked))
+            made.append(_recorded(machine, phases.sweep(machine, model).trajectory, note, asked))
             continue
         records, without = _possible(machine, model, order, asked)
         left_out |= without

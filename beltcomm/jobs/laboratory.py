@@ -39,7 +39,7 @@ from beltcomm.recording import Recording
 from beltcomm.result import Result, plain
 from beltcomm.rundata.cost import cost_and_words, with_costs
 from beltcomm.rundata.fitted_run import Opened, explainable, open_fitted
-from beltcomm.rundata.kept_path import KEY
+from beltcomm.rundata.kept_fit import KEY
 from beltcomm.rundata.kept_result import kept_or_new
 from beltcomm.rundata.revisions import (
     Revision,

@@ -32,7 +32,7 @@ from beltcomm.given import Place, place
 from beltcomm.model import Model
 from beltcomm.result import Result
 from beltcomm.rundata import offline
-from beltcomm.rundata.encoder import estimator_settings, structure_of
+from beltcomm.rundata.offline import estimator_settings, structure_of
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.own_words import own_words

@@ -195,7 +195,7 @@ def ways_picture(folder: RunFolder, name: str, ways: Sequence[LoopReading], comm
 
     def draw() -> dict[str, Figure]:
         from beltcomm.report import style
-        from beltcomm.report.ways import ResponseLine, ways_figure
+        from beltcomm.report.responses import ResponseLine, ways_figure
 
         caption = style.Caption(
             f"{command} --run {pasted(folder.path)}", f"{folder.path.resolve().name}/results/{name}_*.csv and recordings"

@@ -1,4 +1,4 @@
-"""The present model fitted to a run's records: from ``RUN/kept/fit.json`` where that is still valid, else anew and kept there."""
+"""What fits of a run left: the present model's in ``RUN/kept/fit.json``, made anew where it is not valid; the torque path of the last."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from beltcomm import caches
-from beltcomm.errors import BeltcommError
+from beltcomm.errors import BeltcommError, DataError
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.loads import with_loads
 from beltcomm.fit.records import Data
 from beltcomm.fit.start import start_model
 from beltcomm.fit.stored import key_of, restore_fit, store_fit
+from beltcomm.fit.torque_path import TorquePath, path_from_dict
 from beltcomm.model import Model, model_from_dict
 from beltcomm.outside import sha256_of
 from beltcomm.recording import Recording
@@ -19,6 +20,9 @@ from beltcomm.runfolder import RunFolder
 
 #: Where it stands in a run folder: nothing that anybody must keep.
 FILE = ("kept", "fit.json")
+
+#: Its key, in files and in ``--json``.
+KEY = "torque_path"
 
 
 def fit_base(folder: RunFolder, recordings: Sequence[Recording], model: Model | None) -> tuple[Model, Data, Fitted]:
@@ -73,3 +77,30 @@ def hashes(folder: RunFolder, names: Collection[str] | None = None) -> dict[str,
     stems = set(folder.finished_names()) if names is None else set(names)
     files = (path for path in folder.recordings_folder.iterdir() if path.stem in stems and path.suffix in (".csv", ".yaml"))
     return {path.name: sha256_of(path) for path in files}
+
+
+def kept_path(folder: RunFolder) -> TorquePath | None:
+    """The path from torque setpoint and reading to the torque that acts.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        Of a run.
+
+    Returns
+    -------
+    TorquePath or None
+        None before a first fit.
+
+    Raises
+    ------
+    DataError
+        The entry is damaged.
+    """
+    found = (folder.load_result("fit") or {}).get(KEY)
+    if found is None:
+        return None
+    try:
+        return path_from_dict(found)
+    except (KeyError, TypeError, ValueError) as error:
+        raise DataError(f"results/fit.yaml has a damaged {KEY} ({error}); run `beltcomm fit` again") from error

@@ -11,6 +11,7 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.feedforward import FeedforwardKind
+from beltcomm.encoder.estimators import EstimatorSettings
 from beltcomm.errors import DataError, UsageError
 from beltcomm.fit.decimation import smallest_step
 from beltcomm.foreign.checks import check
@@ -26,9 +27,9 @@ from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.fitted_run import with_remarks_on_rest
-from beltcomm.rundata.kept_path import kept_path
+from beltcomm.rundata.kept_fit import kept_path
 from beltcomm.rundata.revisions import CURRENT, model_named, trusted_model
-from beltcomm.rundata.store import cascade_from_dict, delay_from_dict, structure_from_dict
+from beltcomm.rundata.store import cascade_from_dict, delay_from_dict, saved_design, structure_from_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.strokes import slowest_fitted_rad_s
 from beltcomm.talk import Talk
@@ -73,12 +74,13 @@ def place_known(recordings: Sequence[Recording]) -> bool:
 COARSER, NEARLY_WHOLE, MOSTLY = 0.8, 0.05, 0.98
 
 
-def structure_of(folder: RunFolder, findings: Findings) -> CascadeStructure:
-    """The cascade of the drive that the run knows; the thesis's own, with a remark, when it knows none."""
+def structure_of(folder: RunFolder, findings: Findings | None = None) -> CascadeStructure:
+    """The cascade of the drive that the run knows; the thesis's own, with a remark to ``findings``, when it knows none."""
     known = folder.load_result("drive")
     if known is not None:
         return structure_from_dict(known)
-    findings.remarks.append("no drive is known to this run: designed for the thesis's cascade at 1 kHz")
+    if findings is not None:
+        findings.remarks.append("no drive is known to this run: designed for the thesis's cascade at 1 kHz")
     return THESIS_STRUCTURE
 
 
@@ -194,3 +196,11 @@ def fit_for_belt_model(folder: RunFolder) -> Checked:
 def middle_m(axis: Axis) -> float:
     """Middle of the travel, m."""
     return 0.5 * (float(axis.travel.min_m or 0.0) + float(axis.travel.max_m or 0.0))
+
+
+def estimator_settings(folder: RunFolder, tick_s: float) -> EstimatorSettings:
+    """At the motor shaft: an increment in rad in the place of metres; T_R of the design, else 2 ms."""
+    lag_s = EstimatorSettings.lag_s
+    if "final" in folder.names("designs"):
+        lag_s = float((saved_design(folder).get("parameters") or {}).get("velocity_filter_s") or 0.0)
+    return EstimatorSettings(math.tau / counts_of(folder), tick_s, structure_of(folder).period_s, lag_s)

@@ -15,12 +15,11 @@ from beltcomm.identify.final import FinalModel
 from beltcomm.language import tr
 from beltcomm.result import Line, plain
 from beltcomm.rundata import analyse, offline
-from beltcomm.rundata.behind import RECORDS
 from beltcomm.rundata.delays import delay
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.headline import OF, OWN, following, hashes_of, headline_of
-from beltcomm.rundata.kept_fit import keep_fit
-from beltcomm.rundata.kept_path import KEY
+from beltcomm.rundata.kept_fit import KEY, keep_fit
+from beltcomm.rundata.revisions import RECORDS
 from beltcomm.rundata.store import design_to_dict, fit_to_dict, verdict_to_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import friction, screens, typed_gains, words

@@ -25,7 +25,6 @@ from beltcomm.quantities import parse_quantity
 from beltcomm.result import jsonable, plain
 from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.cost import offline_move
-from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.study.members import Commissioned, Doing, Fleet, MemberTracking, Work
@@ -234,7 +233,7 @@ def _ground_of_run(run: Path, file: Path | None, base: Mapping[str, Any], target
     model, _, _ = offline.trusted_revision(folder, str(saved.get("revision") or ""))
     if model.side != "motor" or not folder.axis.has_transmission:
         raise UsageError(f"base.run {run} is an axis without a belt, or one in ampere; a move cannot be predicted on it")
-    structure = offline.structure_of(folder, Findings())
+    structure = offline.structure_of(folder)
     cascade, delay_s = offline.cascade_of(saved, model, structure)
     move = move_of(folder, structure.period_s, file)
     along = None

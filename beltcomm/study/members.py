@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from beltcomm.axis import Axis
+from beltcomm.caches import source_hash
 from beltcomm.configfiles import to_yaml, write_text
 from beltcomm.errors import BeltcommError, DataError, Refused
 from beltcomm.model import Model, PlantFile
-from beltcomm.programs import source_hash
 from beltcomm.result import Result, jsonable
 from beltcomm.study.population import HIDDEN, NOTHING, DrawnAxis, Population, Values, drawn_axis
 from beltcomm.study.tracking import SharedInput, track
