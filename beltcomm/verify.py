@@ -8,8 +8,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.axis.entries import NO_TARGETS, TARGET_WAY_M, AxisTargets
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.effects.tilt import GRAVITY_M_S2
@@ -20,8 +20,6 @@ from beltcomm.simulate.loop import LoopDrive, close_loop
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 from beltcomm.simulate.setpoints import SetpointGrid
 from beltcomm.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 #: Machines in the range of a prediction, and share of them that must be machines.
 RANGE_DRAWS, LEAST_DRAWN = 16, 0.5

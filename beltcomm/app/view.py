@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.laboratory.compare import compare, landmarks, worst
 from beltcomm.laboratory.place_words import in_words
@@ -24,9 +24,6 @@ from beltcomm.rundata.fitted_run import Opened, explainable
 from beltcomm.rundata.revisions import CURRENT
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.diagnosis_data import values_of
-
-Array = NDArray[np.float64]
-
 
 #: Dimensions of a place that are coordinates of the page, with their sign.
 CHOSEN = ("frequency", "position", "time")

@@ -122,7 +122,6 @@ def _serial_ports() -> list[str]:
 
 def _effects_of_line() -> list[str]:
     """Effects of the model of the first run on the whole line, also behind the cursor; none where no run is named."""
-    from beltcomm.cli.bash import words_of_line
     from beltcomm.configfiles import read_yaml
     from beltcomm.errors import BeltcommError, DataError
 

@@ -16,15 +16,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.compliant import REST_M_S, lead_motion, with_rest_before
 from beltcomm.errors import Refused
 from beltcomm.model import Model
 from beltcomm.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 #: s: before the motion the torque rises to friction, and after it the reference comes back to the axis.
 RAMP_S = 0.1

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.control import Cascade
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.loops import (
@@ -19,9 +20,6 @@ from beltcomm.design.loops import (
     position_path,
     sample_plants,
 )
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Grid points per plant of a proof: neighbours 0.7 % apart, the interpolation error of a margin is below 0.01 degrees.
 PROOF_POINTS = 1600

@@ -9,14 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.control import Cascade, pi_response, prefilter_response, velocity_filter_response
 from beltcomm.design.design_plant import DesignPlant, sample_plants
 from beltcomm.design.loops import closed_loop_matrix, frequencies
 from beltcomm.design.margins import margins
 from beltcomm.errors import UsageError
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Base points of the frequency grid per plant: neighbours 9 % apart, and finer around ω_r and ω_z; a margin is off by 0.2 deg or dB.
 GRID_POINTS = 100

@@ -10,11 +10,10 @@ Printed and meant: (C.6) and the middle of (6.11) agree only with a factor 100 t
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from beltcomm.arrays import Array
 from beltcomm.errors import UsageError
-
-Array = NDArray[np.float64]
 
 
 def lowest_speed_m_s(increment_m: float, time_s: float) -> float:

@@ -15,10 +15,10 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
 from beltcomm import caches
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.caches import source_hash
 from beltcomm.drive import Capabilities
@@ -48,8 +48,6 @@ from beltcomm.simulate.exact import is_exact
 from beltcomm.simulate.forward import integrate_torque, simulate_torque
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.verify import Loop, predict_move
-
-Array = NDArray[np.float64]
 
 #: Assumed where no sheet says it: friction as a share of the torque that the axis may be driven with, belt damping, viscous friction
 #: as a share of Coulomb friction at 1 m/s, noise of the torque signal as a share of the motor's rated torque.

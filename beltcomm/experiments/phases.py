@@ -12,7 +12,6 @@ from functools import partial
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.axis.entries import TrajectoryLimits
@@ -40,7 +39,6 @@ from beltcomm.schedule.strokes import SWEEP_LONGEST_S, SWEEP_SHORTEST_S, fastest
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.trajectory import Strokes, Trajectory, plan_trajectory, with_dwell
 
-Array = NDArray[np.float64]
 M = TypeVar("M", Trajectory, Strokes)
 
 #: m; how far the carriage goes in the sign check, and with the way of its stop.

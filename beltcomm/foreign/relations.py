@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.foreign.table import Table
 from beltcomm.recording.belonging import belonging
-
-Array = NDArray[np.float64]
 
 #: Rows looked at, columns compared, windows over which a change is held against an integral, and their likeness.
 _ROWS, _MOST_COLUMNS, _WINDOWS, _ALIKE = 20_000, 24, 100, 0.98

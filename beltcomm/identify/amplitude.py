@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.errors import Refused
 from beltcomm.model import Model
@@ -29,8 +29,6 @@ from beltcomm.simulate.stopping import (
     total_inertia,
     unknown_loads_kg,
 )
-
-Array = NDArray[np.float64]
 
 #: A carriage has at least this share of the mass that somebody states.
 LIGHTER_SHARE = 0.5

@@ -8,14 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.errors import DataError
 from beltcomm.response import FrequencyResponse
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Lines without which a slope and its interval mean little.
 FEWEST_LINES = 5

@@ -16,12 +16,12 @@ from scipy.linalg import expm
 from scipy.optimize import least_squares, minimize
 from scipy.special import stdtrit
 
+from beltcomm.arrays import Array
 from beltcomm.errors import DataError, UsageError
 from beltcomm.model import Value
 from beltcomm.model.transfer import TwoMass
 from beltcomm.response import FrequencyResponse, log_spaced_lines
 
-Array = NDArray[np.float64]
 Solver = Literal["lm", "trf", "nelder-mead"]
 
 #: Said with every result.

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from beltcomm.arrays import Array
 from beltcomm.effects import DRIVING_BODY, DRIVING_END, Element, Point
 from beltcomm.errors import Refused
 from beltcomm.model import Model
 from beltcomm.model.linear import acts_on, carriage_of, matrices, operating_point, stretch_of, values_of
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

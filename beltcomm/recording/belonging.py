@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.recording.checks import running_mean, usual_step
-
-Array = NDArray[np.float64]
 
 #: Explained share of the torque from which it belongs beyond doubt, and below which it does not: of the real records at hand 30 to 100 %
 #: are explained, of shuffled ones and those of other records seldom a tenth.

@@ -7,10 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.report import style
 from beltcomm.residuals.responses import MEAN_S, Trace, running_mean
-
-Array = NDArray[np.float64]
 
 #: s: what the zoom shows of an excited record and of any other, and the window of the running rms.
 EXCITED_S, SLOW_S, RMS_S = 0.3, 2.0, 0.1

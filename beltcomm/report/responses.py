@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.identify.landmarks import Landmark, Landmarks
 from beltcomm.identify.magnitude_fit import LARGEST_NOISE
 from beltcomm.identify.smooth_response import SmoothResponse
@@ -29,7 +29,6 @@ CLEAR = 0.5
 #: Colours of the ways in the order in which they are given; the open loop, which friction bends, is faint.
 WAY_COLOURS = (style.RESIDUAL, style.MODEL, style.SEVERE, style.HELD_OUT, style.MEASURED)
 OPEN = "#888888"
-Array = NDArray[np.float64]
 
 #: Lines per point of a curve that scatters: a median over so many is drawn.
 SMOOTHED = 9

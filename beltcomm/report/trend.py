@@ -9,12 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.identify.course import LinearTrend
 from beltcomm.report import style
 
-Array = NDArray[np.float64]
 DAY_S = 86400.0
 
 #: Share of the time observed that the line is drawn beyond the last run.

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltcomm.control import Cascade
 from beltcomm.design.cascade import DesignResult
@@ -35,8 +34,6 @@ from beltcomm.rundata.offline import counts_of
 from beltcomm.rundata.proof import SURE_MARGIN_DEG
 from beltcomm.runfolder import RunFolder
 from beltcomm.verify import LEAST_DRAWN
-
-Array = NDArray[np.float64]
 
 #: Draws of the parameters, and the most closed loops that are judged: half a second.
 DRAWS, MOST_LOOPS = 160, 1600

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model
 from beltcomm.model.linear import describes, fastest_rate, operating_point
 from beltcomm.simulate.forward import LARGEST_STEP, at_rest, check_step, rigid_force_n
 from beltcomm.simulate.imperfect import angle_sensor, is_late, late_torque, memory_s
 from beltcomm.simulate.kernels.compose import kernel_for
-
-Array = NDArray[np.float64]
 
 #: N/m and 1: rubber buffers at both ends; 3 N m on the rig (250 N) press them by 1.3 mm.  They belong to this plant and not to
 #: the model: they only keep a virtual axis from leaving the travel its model describes, and nothing identifies them.

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import betaincinv
 
-Array = NDArray[np.float64]
+from beltcomm.arrays import Array
 
 #: Quantiles told.
 QUANTILES = (0.05, 0.5, 0.95)

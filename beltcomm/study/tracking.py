@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.control import Cascade
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.loops import sample_plants
@@ -20,7 +20,6 @@ from beltcomm.study.population import DrawnAxis
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Loop, predict_move, tracking_error
 
-Array = NDArray[np.float64]
 #: Grid points per plant: a margin is off by less than 0.1 deg or 0.2 dB.
 POINTS = 500
 

@@ -18,8 +18,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.control import Cascade, Prefilter, pi_response, prefilter_response, velocity_filter_response
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.margins import Margins, margins
@@ -27,9 +27,6 @@ from beltcomm.design.prefilters import continuous_prefilter
 from beltcomm.design.thesis import ThesisDesign, ThesisMargins, thesis_design, thesis_margins
 from beltcomm.errors import UsageError
 from beltcomm.thesis.designs import VELOCITY_FILTER_S, thesis_plants
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: T, s: a fast drive, the product's own, and the slowest position loop of a common drive.
 PERIODS_S = (0.4e-3, 1e-3, 6.4e-3)

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, IntArray
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, Prefilter, discrete_coefficients, new_state, velocity_step
 from beltcomm.encoder.edges import INCREMENT_M
@@ -27,9 +27,6 @@ from beltcomm.encoder.kernel import (
 from beltcomm.model import Model, load_plant
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 from beltcomm.trajectory import Trajectory, plan_trajectory
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Gains of G_A with the Butterworth prefilter as published (table A.7), no lag of their own: the estimator has it.
 GAINS = Cascade(0.12, 1.39, 6.29, 0.0, Prefilter("butterworth", 123.24), filter_reference=False)

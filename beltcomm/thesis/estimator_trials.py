@@ -6,16 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, IntArray
 from beltcomm.encoder import formulas
 from beltcomm.encoder.edges import INCREMENT_M, TICK_S, Edges, Flaws, Motion, edges_of
 from beltcomm.encoder.estimators import EstimatorSettings, Extension, Switching, Velocities, velocities
 from beltcomm.encoder.kernel import COUNT, LEVEL_A, LEVEL_B, STATE, new_decoder, take_edge
 from beltcomm.encoder.quadrature import count_increments
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: The estimators by the names of their fields in ``Velocities``, and by the source's order.
 METHODS = ("high_pass", "event_counter", "gate", "combined")
@@ -201,7 +198,7 @@ def reversal(settings: EstimatorSettings, deceleration_m_s2: float = 1.0) -> Rev
         peak, turn_s = (k + 0.5) / 32.0 * step, early + settings.period_s * (k * 0.6180339887 % 1.0)
         duration = 2.0 * early
 
-        def motion(t: NDArray[np.float64], peak: float = peak, turn_s: float = turn_s) -> NDArray[np.float64]:
+        def motion(t: Array, peak: float = peak, turn_s: float = turn_s) -> Array:
             return peak - 0.5 * deceleration_m_s2 * (t - turn_s) ** 2
 
         edges = edges_of(motion, duration)
@@ -295,7 +292,7 @@ def delays(settings: EstimatorSettings, speed_m_s: float, acceleration_m_s2: flo
     late: dict[str, list[Array]] = {"high_pass": [], "event_counter": [], "gate": []}
     for k in range(16):
 
-        def motion(t: NDArray[np.float64], start: float = settings.increment_m * (k + 0.5) / 16.0) -> NDArray[np.float64]:
+        def motion(t: Array, start: float = settings.increment_m * (k + 0.5) / 16.0) -> Array:
             return start + 0.5 * acceleration_m_s2 * t**2
 
         read = velocities(edges_of(motion, end), settings, end)
@@ -336,7 +333,7 @@ def states(speed_m_s: float = 0.02) -> States:
     """Forward, a bounce, a stop that shakes across a line, and back."""
     gap = INCREMENT_M / speed_m_s
 
-    def motion(t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def motion(t: Array) -> Array:
         way = np.interp(t / gap, [0.0, 6.4, 7.0, 11.0, 11.6, 18.0], [0.3, 6.7, 7.05, 7.05, 6.7, 0.3])
         shake = np.where((t > 7.0 * gap) & (t < 11.0 * gap), 0.2 * np.sin(2.0 * np.pi * (t / gap - 7.0)), 0.0)
         return np.asarray(INCREMENT_M * (way + shake))

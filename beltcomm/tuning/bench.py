@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.control import Cascade, Prefilter
 from beltcomm.design.cascade import DesignResult, best_cascade, candidate_prefilters
 from beltcomm.design.design_plant import DesignPlant
@@ -34,7 +35,6 @@ _INSIDE = (0.0, 0.3, 1.0, 3.0)
 #: Points of a tracking error that is drawn.
 _DRAWN = 400
 T = TypeVar("T")
-Array = NDArray[np.float64]
 
 #: deg and dB between points of the table.
 _MARGIN_STEP, _SUPPRESSION_STEP = 2.0, 0.5
