@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beltcomm.arrays import Array
-from beltcomm.axis.entries import NO_TARGETS, TARGET_WAY_M, AxisTargets
+from beltcomm.axis.entries import NO_TARGETS, AxisTargets
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import DataError, Refused, UsageError
@@ -27,8 +27,7 @@ RANGE_DRAWS, LEAST_DRAWN = 16, 0.5
 AS_PREDICTED, SLACK_M = 1.5, 2e-4
 #: s after the end of the reference motion until which the settled error is read.
 STATIC_TO_S = 1.5
-#: m and s of the verification move: the thesis's 0 to 0.5 m, and the rest in which the settled error is read.
-MOVE_M = TARGET_WAY_M
+#: s of rest after the verification move in which the settled error is read.
 REST_S = 1.6
 
 
