@@ -239,6 +239,11 @@ class Axis:
         return float(self.get("pulley.effective_radius_m")) / self.gearbox.ratio
 
     @property
+    def known_transmission_m_rad(self) -> float | None:
+        """Way of the carriage per angle of the motor, m/rad; None where no radius tells it."""
+        return self.transmission_m_rad if self.get("pulley.effective_radius_m") is not None else None
+
+    @property
     def motor_side_inertia_kg_m2(self) -> float:
         """Inertia at the motor shaft:  Θ_e = Θ_m + Θ_coupling + (Θ_r + Θ_g)/i_g²  (2.8), kg m².
 

@@ -429,7 +429,7 @@ def design_for(
     return analyse.design(
         model,
         structure,
-        positions_m=(float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)),
+        positions_m=axis.travel.ends_m,
         masses_kg=masses,
         dead_time_s=delay(findings),
         apparent_damping_nm_s_rad=analyse.apparent_damping(findings.thesis),

@@ -193,7 +193,7 @@ def with_detectability(plan: Plan, axis: Axis, capabilities: Capabilities, optio
 def sheet_model(axis: Axis) -> Model:
     """The base model with what the data sheets say, and with the assumptions of this module."""
     friction = FRICTION_SHARE * axis.torque_limit_nm
-    middle = 0.5 * (float(axis.travel.min_m or 0.0) + float(axis.travel.max_m or 0.0))
+    middle = axis.travel.middle_m
     sheet = data_sheet_model(axis, middle, friction)
     sheet = sheet.without_effect("cart_friction") if "cart_friction" in sheet.effects else sheet
     values = {

@@ -208,6 +208,6 @@ def move_of(folder: RunFolder, period_s: float, file: Path | None) -> Trajectory
         start, end, duration = paths[-1]
         share = plan_trajectory(start, end, limits, period_s).duration_s / duration
         return plan_trajectory(start, end, phases.slower(limits, share), period_s)
-    low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
+    low, high = axis.travel.ends_m
     start = max(low + 0.05 * (high - low), min(0.0, high))
     return plan_trajectory(start, min(start + axis.targets.way_m, high - 0.05 * (high - low)), limits, period_s)

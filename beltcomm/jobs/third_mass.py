@@ -63,7 +63,7 @@ def fit_three_masses(run: Path, *, command: str = "", when: str = "", talk: Talk
         beside = fit_magnitudes(responses, places, found.three.model, folder.axis)
     except DataError as problem:
         talk.say(f"no log-magnitude fit with three masses: {problem}")
-    middle = offline.middle_m(folder.axis)
+    middle = folder.axis.travel.middle_m
     data: dict[str, Any] = {
         "run": str(run),
         "identified": found.identified,

@@ -75,7 +75,7 @@ def _pictures(run: Gathered) -> list[Picture]:
     saved, model, travel = run.design, run.model, run.folder.axis.travel
     delay_s, structure = delay_from_dict(saved), structure_from_dict(saved)
     cascade = cascade_from_dict(saved)
-    ends = (float(travel.min_m or 0.0), float(travel.max_m or 0.0))
+    ends = travel.ends_m
     plants = design_plants(model, ends, [model["cart.mass"]], delay_s, float(saved.get("apparent_damping_nm_s_rad") or 0.0))
     wanted: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in saved["specification"].items()}
     design = DesignResult(cascade, structure, Specification(**wanted), tuple(plants), (), (), ())

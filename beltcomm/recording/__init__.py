@@ -179,7 +179,7 @@ class Recording:
         if self.side == "load":
             ratio: float | None = 1.0
         else:
-            ratio = axis.transmission_m_rad if axis.get("pulley.effective_radius_m") is not None else None
+            ratio = axis.known_transmission_m_rad
         low, high = axis.travel.min_m, axis.travel.max_m
         moved = float(np.ptp(self.position))
         column = CHANNELS[self.side]["position"]

@@ -208,7 +208,7 @@ def grounds_of(folder: RunFolder, model: Model, revision: str, findings: Finding
         counts = None
     return Grounds(
         model,
-        (float(travel.min_m or 0.0), float(travel.max_m or 0.0)),
+        travel.ends_m,
         (0.0, *payloads_kg),
         delay(findings),
         findings.dead_time,

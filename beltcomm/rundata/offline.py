@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.encoder.estimators import EstimatorSettings
@@ -144,7 +143,7 @@ def fit_run(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None =
             counts = shown
         findings.final = final_model(recordings, folder.axis, counts, progress=lambda f: talk.progress(f, None))
         model = findings.final.fit.model
-        findings.characteristics = analyse.characteristics(findings.final.fit, middle_m(folder.axis))
+        findings.characteristics = analyse.characteristics(findings.final.fit, folder.axis.travel.middle_m)
         findings.sheets = sheet_doubts(model, math.sqrt(findings.final.fit.misfit), folder.axis, recordings)
     measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model, solver)
     try:
@@ -191,11 +190,6 @@ def fit_for_belt_model(folder: RunFolder) -> Checked:
         for recording in recordings:
             check(recording)
     return with_remarks_on_rest(folder, check_run(recordings, folder.axis, foreign=False))
-
-
-def middle_m(axis: Axis) -> float:
-    """Middle of the travel, m."""
-    return 0.5 * (float(axis.travel.min_m or 0.0) + float(axis.travel.max_m or 0.0))
 
 
 def estimator_settings(folder: RunFolder, tick_s: float) -> EstimatorSettings:

@@ -14,7 +14,7 @@ from beltcomm.given import pasted
 from beltcomm.identify.final import FinalModel
 from beltcomm.language import tr
 from beltcomm.result import Line, plain
-from beltcomm.rundata import analyse, offline
+from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import delay
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.headline import OF, OWN, following, hashes_of, headline_of
@@ -135,7 +135,7 @@ def model_screen(folder: RunFolder, findings: Findings) -> list[Line]:
         return screens.warning_lines(findings.remarks)
     delay_s = findings.dead_time.value_s if findings.dead_time is not None else None
     return [
-        *screens.axis_lines(final.fit.model, offline.middle_m(folder.axis), delay_s),
+        *screens.axis_lines(final.fit.model, folder.axis.travel.middle_m, delay_s),
         *([screens.friction_line(findings.friction)] if findings.friction is not None else []),
         screens.model_line(math.sqrt(final.fit.misfit), final.fit.suspect),
         *screens.warning_lines([*screens.sheet_words(plain(list(findings.sheets))), *final.fit.remarks, *findings.remarks]),
@@ -235,7 +235,7 @@ def commission_text(folder: RunFolder, findings: Findings, ended: ReportWords | 
         delay_s = findings.dead_time.value_s if findings.dead_time is not None else None
         level = math.sqrt(final.fit.misfit) if error is None else error
         answer += [
-            *screens.axis_lines(final.fit.model, offline.middle_m(folder.axis), delay_s),
+            *screens.axis_lines(final.fit.model, folder.axis.travel.middle_m, delay_s),
             screens.model_line(level, final.fit.suspect),
         ]
     if findings.design is not None and findings.cascade is not None:

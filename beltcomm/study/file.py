@@ -214,7 +214,7 @@ def _ground(path: Path, data: Mapping[str, Any], base: Mapping[str, Any], target
         cascade = _gains(base["gains"])
         words += ", the gains of the file"
     else:
-        ends = (float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0))
+        ends = axis.travel.ends_m
         _, cascade = analyse.design(
             model, structure, positions_m=ends, masses_kg=[model["cart.mass"]], dead_time_s=delay_s, apparent_damping_nm_s_rad=0.0
         )
