@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
+from beltcomm.cli.pace import Pace, clock_words, machine_left, millimetres
 from beltcomm.language import tr
 from beltcomm.talk import CarriagePosition, Gauge
 
@@ -27,9 +28,6 @@ NEAR = 0.9
 
 #: Words before the place of what moves, by what it is called.
 _AT = {"load": "load at", "table": "table at"}
-
-#: s and share of a calculation after which its pace tells how long it will still take.
-PACE_S, PACE_SHARE = 1.0, 0.05
 
 
 class Display:
@@ -168,47 +166,3 @@ def window_line(place: CarriagePosition, width: int, ascii_only: bool = False) -
     dot = "-" if ascii_only else "·"
     mark, remark = (("|", "bold"), "") if low <= place.position_m <= high else (("|", "bold red"), " (outside)")
     return Text.assemble(before, dot * at, mark, dot * (length - 1 - at), after, gap, here, remark)
-
-
-class Pace:
-    """Seconds left in a phase: on the machine they are known, in a calculation its pace so far tells them.
-
-    Parameters
-    ----------
-    clock : callable
-        Wall clock, s.
-    """
-
-    def __init__(self, clock: Callable[[], float]) -> None:
-        self._clock = clock
-        self.begin()
-
-    def begin(self) -> None:
-        """A phase begins now."""
-        self._begun_s = self._clock()
-
-    def left(self, fraction: float, seconds_left: float | None) -> str:
-        """In words; nothing while it cannot be told."""
-        if seconds_left is not None:
-            return f", {seconds_left:.0f} s left" if seconds_left >= 1.0 else ""
-        passed_s = self._clock() - self._begun_s
-        if not PACE_SHARE <= fraction < 1.0 or passed_s < PACE_S:
-            return ""
-        return f", about {passed_s * (1.0 - fraction) / fraction:.0f} s left"
-
-
-def machine_left(place: CarriagePosition) -> str:
-    """Time that the whole job still takes on the machine; nothing where it is not known."""
-    return "" if place.left_s is None else f"{place.left_s:.0f} s left on the machine"
-
-
-def clock_words(seconds: float) -> str:
-    """``00:41``."""
-    return f"{int(seconds) // 60:02d}:{int(seconds) % 60:02d}"
-
-
-def millimetres(position_m: float, place: CarriagePosition) -> str:
-    """A position on the axis, or from where the carriage stood, then with its sign."""
-    value = round(1e3 * position_m)
-    unit = place.unit if place.unit == "°" else f" {place.unit}"
-    return f"{value:d}{unit}" if place.known else f"{value:+d}{unit}"
