@@ -102,8 +102,8 @@ def track(ground: SharedInput, axis: DrawnAxis) -> dict[str, Any]:
         "stable": stable,
         "phase_margin_deg": min(one.phase_margin_deg for one in margins),
         "position_phase_margin_deg": min(one.position_phase_margin_deg for one in margins),
-        "gain_margin_db": min(min(one.gain_margin_db, one.position_gain_margin_db) for one in margins),
-        "sensitivity_db": max(max(one.sensitivity_db, one.position_sensitivity_db) for one in margins),
+        "gain_margin_db": min(one.least_gain_margin_db for one in margins),
+        "sensitivity_db": max(one.most_sensitivity_db for one in margins),
     }
     path = predict_move(axis.model, ground.cascade, moved, replace(ground.loop, delay_s=axis.delay_s), extra_torque_nm=ground.along_nm)
     motor = tracking_error(path.t_s, moved.position_m, path.motor_m)
