@@ -19,6 +19,7 @@ from beltcomm.recording import Recording
 from beltcomm.simulate.loop import LoopDrive, close_loop
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 from beltcomm.simulate.setpoints import SetpointGrid
+from beltcomm.simulate.stopping import total_friction, total_inertia, total_viscous
 from beltcomm.trajectory import Trajectory
 
 #: Machines in the range of a prediction, and share of them that must be machines.
@@ -146,9 +147,7 @@ def demand(trajectory: Trajectory, model: Model) -> Demand:
     ratio, mass = model["transmission.ratio"], model["cart.mass"]
     a, v = trajectory.acceleration_m_s2, trajectory.velocity_m_s
     gravity = mass * GRAVITY_M_S2 * math.sin(model.get("tilt.angle"))
-    viscous = model.get("viscous.damping") + ratio**2 * model.get("viscous_cart.damping")
-    coulomb = model.get("coulomb.level") + ratio * model.get("cart_friction.level")
-    inertia = model["motor.inertia"] + ratio**2 * mass
+    viscous, coulomb, inertia = total_viscous(model), total_friction(model), total_inertia(model)
     torque = inertia * a / ratio + viscous * v / ratio + coulomb * np.sign(v) + ratio * gravity + model.get("constant_offset.torque")
     return Demand(
         float(np.max(np.abs(v))),

@@ -61,6 +61,16 @@ class Margins:
     position_sensitivity_db: float
     damping: float
 
+    @property
+    def least_gain_margin_db(self) -> float:
+        """Smaller gain margin of both loops, dB."""
+        return min(self.gain_margin_db, self.position_gain_margin_db)
+
+    @property
+    def most_sensitivity_db(self) -> float:
+        """Larger sensitivity of both loops, dB."""
+        return max(self.sensitivity_db, self.position_sensitivity_db)
+
 
 def margins(cascade: Cascade, plants: Sequence[DesignPlant], period_s: float) -> tuple[Margins, ...]:
     """Margins of ``cascade`` on every plant.

@@ -101,8 +101,8 @@ def margin_spread(draws: Sequence[Sequence[DesignPlant]], cascade: Cascade, peri
         plant = int(np.argmin(table[at]))
         (one,) = margins(cascade, [draws[at][plant]], period_s)
         both = {
-            "gain_margin_db": min(one.gain_margin_db, one.position_gain_margin_db),
-            "sensitivity_db": max(one.sensitivity_db, one.position_sensitivity_db),
+            "gain_margin_db": one.least_gain_margin_db,
+            "sensitivity_db": one.most_sensitivity_db,
         }
         worst[name] = both[name] if name in both else float(getattr(one, name))
     least = {name: table.min(axis=1) for name, table in by_draw.items()}

@@ -11,7 +11,7 @@ import numpy as np
 
 from beltcomm.arrays import Array
 from beltcomm.foreign.table import Table
-from beltcomm.recording.belonging import belonging
+from beltcomm.recording.belonging import belonging, roughness
 
 #: Rows looked at, columns compared, windows over which a change is held against an integral, and their likeness.
 _ROWS, _MOST_COLUMNS, _WINDOWS, _ALIKE = 20_000, 24, 100, 0.98
@@ -114,11 +114,11 @@ def _drivers(
     table: Table, values: dict[str, Array], names: Sequence[str], position: str, stamps: Array, words: list[tuple[str, str]]
 ) -> tuple[tuple[str, ...], str]:
     """The columns that the motion explains best as its torque, and the position: that with a derivative, else the smoothest that does."""
-    motions = [position] if position else sorted(names, key=lambda name: _rough(values[name]))[:3]
+    motions = [position] if position else sorted(names, key=lambda name: roughness(values[name]))[:3]
     found: list[tuple[float, str, str]] = []
     for motion in motions:
         for name in names:
-            if name != motion and not _same(values[name], values[motion]) and _rough(values[name]) > _rough(values[motion]):
+            if name != motion and not _same(values[name], values[motion]) and roughness(values[name]) > roughness(values[motion]):
                 told = belonging(stamps, values[name], values[motion])
                 if told is not None and told.together and told.explained > _DRIVES:
                     found.append((told.explained, name, motion))
@@ -141,7 +141,3 @@ def _same(one: Array, position: Array) -> bool:
     span = float(np.ptp(position))
     away = np.abs(position - np.median(position)) > _AWAY * span
     return bool(away.any()) and float(np.mean(np.abs(one - position)[away] < _NEAR * span)) > _OFTEN
-
-
-def _rough(signal: Array) -> float:
-    return float(np.sqrt(np.mean(np.diff(signal) ** 2))) / max(float(signal.std()), 1e-300)

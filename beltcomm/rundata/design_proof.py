@@ -353,10 +353,7 @@ def contradicting(
 def sound(reached: Sequence[Margins], sensitivity_db: float) -> bool:
     """True if a loop that was not designed for these plants still has what a sound one needs; the design's own margins may be passed."""
     return all(
-        one.stable
-        and one.velocity_stable
-        and one.phase_margin_deg >= SURE_MARGIN_DEG
-        and max(one.sensitivity_db, one.position_sensitivity_db) <= sensitivity_db
+        one.stable and one.velocity_stable and one.phase_margin_deg >= SURE_MARGIN_DEG and one.most_sensitivity_db <= sensitivity_db
         for one in reached
     )
 
@@ -377,7 +374,7 @@ def _worst(
     """The loop nearest to -1 over variants of the model, draws, measured responses and loads that records want."""
 
     def loads(kind: str, plants: Sequence[DesignPlant], reached: Sequence[Margins]) -> list[WorstLoop]:
-        sizes = [max(one.sensitivity_db, one.position_sensitivity_db) for one in reached]
+        sizes = [one.most_sensitivity_db for one in reached]
         return [_of_plant(grounds, kind, i / len(plants), p, size) for i, (p, size) in enumerate(zip(plants, sizes, strict=True))]
 
     found = loads("model", design.plants, design.margins)
