@@ -24,17 +24,10 @@ NEAR = 0.98
 WHOLE = 0.98
 
 
-def plan_screen(plan: Plan, axis: Axis, capabilities: Capabilities, drive: str = "") -> list[Line]:
-    """Up to 22 lines of 80 columns.
-
-    Parameters
-    ----------
-    drive : str
-        As it was asked for.
-    """
+def plan_screen(plan: Plan, axis: Axis, capabilities: Capabilities) -> list[Line]:
+    """Up to 22 lines of 80 columns."""
     name = axis.name or tr("axis without a name")
-    what = f"{drive} ({capabilities.name})" if drive else capabilities.name
-    title = Line(" ", (f"beltcomm {plan.verb}".rstrip(), "title"), "   ", (name, "title"), f"   {tr('drive')}: {what}"[:WIDE])
+    title = Line(" ", (f"beltcomm {plan.verb}".rstrip(), "title"), "   ", (name, "title"), f"   {tr('drive')}: {capabilities.name}"[:WIDE])
     warning = Line("  ", (tr("THE AXIS WILL MOVE BY ITSELF.  Keep people, tools and cables out."), "bad"))
     said = plan.said()
     text = wrap(said, WIDE - 4, max_lines=TEXT_LINES, placeholder=" ... [d]") if said else []

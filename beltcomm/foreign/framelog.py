@@ -48,6 +48,8 @@ _NO_STAMP = -(1 << 62)
 #: Identifiers between which those of nodes are: emergency, PDOs, SDO, heartbeat.
 _FIRST_OWN, _END_OWN = 0x80, 0x780
 
+#: Identifiers of a summary.
+_MOST_LISTED = 12
 #: Interfaces that are told apart.
 _MOST_CHANNELS = 1000
 _TRUE = {"1", "true", "yes", "x"}
@@ -83,11 +85,11 @@ class FrameLog:
         """Frames with one of the node's own identifiers (CiA 301, predefined connection set)."""
         return int(np.sum((self.identifier > _FIRST_OWN) & (self.identifier < _END_OWN) & (self.identifier % 0x80 == node)))
 
-    def summary(self, most: int = 12) -> str:
+    def summary(self) -> str:
         """Traffic on the bus: identifier, frames, bytes and rate of the most frequent ones, in words."""
         found, counts = np.unique(self.identifier, return_counts=True)
         lasts = float(self.t_s[-1] - self.t_s[0]) if len(self.t_s) > 1 else 0.0
-        order = np.argsort(-counts, kind="stable")[:most]
+        order = np.argsort(-counts, kind="stable")[:_MOST_LISTED]
         lines = []
         for place in order:
             length = int(np.max(self.length[self.identifier == found[place]]))

@@ -40,15 +40,13 @@ class Relations:
         return next((words for column, words in self.words if column == name), "")
 
 
-def relations(table: Table, time: str = "", step: float = 1.0) -> Relations:
+def relations(table: Table, time: str = "") -> Relations:
     """Clock, motion and torque among columns, by their numbers alone.
 
     Parameters
     ----------
     time : str
         The column that is known to be it, "" to look for one.
-    step : float
-        Between rows, where there is none.
     """
     names = [name for name, column in table.columns.items() if column.dtype.kind == "f" and np.isfinite(column[:_ROWS]).all()]
     sizes = [len(table.columns[name]) for name in names]
@@ -61,7 +59,7 @@ def relations(table: Table, time: str = "", step: float = 1.0) -> Relations:
         words.append((clock, f"it rises, by {step:.6g} per row"))
         stamps = values[clock]
     else:
-        stamps = step * np.arange(max((len(column) for column in values.values()), default=0))
+        stamps = np.arange(float(max((len(column) for column in values.values()), default=0)))
     moving = [name for name in names if name != clock and np.ptp(values[name]) > 0.0]
     if len(stamps) < 2 * _WINDOWS or len(moving) < 2:
         return Relations(clock, words=tuple(words))

@@ -28,7 +28,7 @@ from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.fitted_run import with_remarks_on_rest
 from beltcomm.rundata.kept_fit import kept_path
 from beltcomm.rundata.revisions import CURRENT, model_named, trusted_model
-from beltcomm.rundata.store import cascade_from_dict, delay_from_dict, saved_design, structure_from_dict
+from beltcomm.rundata.store import cascade_from_dict, damaged_drive, delay_from_dict, saved_design, structure_from_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.strokes import slowest_fitted_rad_s
 from beltcomm.talk import Talk
@@ -54,6 +54,11 @@ def trusted_revision(folder: RunFolder, revision: str = "") -> tuple[Model, str,
     current = saved_model(folder)
     model, name, sentence = trusted_model(folder)
     return model or current, name, sentence
+
+
+def design_model(folder: RunFolder, saved: Mapping[str, Any]) -> Model:
+    """The model that a saved design was made for, as :func:`trusted_revision` finds it."""
+    return trusted_revision(folder, str(saved.get("revision") or ""))[0]
 
 
 #: What a design says whose recordings do not say where they were made.
@@ -108,7 +113,7 @@ def counts_of(folder: RunFolder) -> int:
     try:
         counts = int(known["counts_per_rev"]) if known else folder.axis.motor.encoder_counts_per_rev
     except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f"results/drive.yaml is damaged ({error}); connect to the drive again with a new run") from error
+        raise damaged_drive(error) from error
     if not counts:
         folder.axis.require("the final fit", "motor.encoder_counts_per_rev")
     return int(counts or 0)

@@ -213,17 +213,11 @@ def sheet_words(doubts: Iterable[Mapping[str, Any]]) -> list[str]:
     return told
 
 
-def warning_lines(texts: Sequence[str], where: str = "--details") -> list[Line]:
-    """Warnings, a line each; how many more there are.
-
-    Parameters
-    ----------
-    where : str
-        The rest is told.
-    """
+def warning_lines(texts: Sequence[str]) -> list[Line]:
+    """Warnings, a line each; how many more there are."""
     lines = [Line("   ", (shorten(f"! {text}", WIDE - 4, placeholder=" ..."), "note")) for text in texts[:MOST_WARNINGS]]
     left = len(texts) - MOST_WARNINGS
-    return lines + ([Line("   ", (f"! {tr('{count} more notes', count=left)}: {where}", "note"))] if left > 0 else [])
+    return lines + ([Line("   ", (f"! {tr('{count} more notes', count=left)}: --details", "note"))] if left > 0 else [])
 
 
 def next_lines(step: Following) -> list[Line]:

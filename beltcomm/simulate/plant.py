@@ -20,13 +20,15 @@ _STOP_STIFFNESS_N_M = 2e5
 _STOP_DAMPING_RATIO = 0.3
 
 
+#: Per millisecond, whatever the model.
+LEAST_SUBSTEPS = 20
 #: m of travel after which the plant looks whether its model still describes the axis (too slow for every step).
 _LOOK_EVERY_M = 5e-3
 
 
-def substeps_needed(model: Model, position_m: float, least: int = 20) -> int:
-    """Sub-steps per millisecond that resolve a model's fastest motion with a fifth to spare, at least ``least``."""
-    return max(least, math.ceil(1.2 * 1e-3 * fastest_rate(model, operating_point(model, position_m)) / LARGEST_STEP))
+def substeps_needed(model: Model, position_m: float) -> int:
+    """Sub-steps per millisecond that resolve a model's fastest motion with a fifth to spare, at least ``LEAST_SUBSTEPS``."""
+    return max(LEAST_SUBSTEPS, math.ceil(1.2 * 1e-3 * fastest_rate(model, operating_point(model, position_m)) / LARGEST_STEP))
 
 
 class SimulatedPlant:

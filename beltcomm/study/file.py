@@ -230,7 +230,7 @@ def _ground_of_run(run: Path, file: Path | None, base: Mapping[str, Any], target
             raise UsageError(f"base.{key} stands beside base.run, which has its own; leave it out")
     folder = RunFolder.open(run)
     saved = saved_design(folder)
-    model, _, _ = offline.trusted_revision(folder, str(saved.get("revision") or ""))
+    model = offline.design_model(folder, saved)
     if model.side != "motor" or not folder.axis.has_transmission:
         raise UsageError(f"base.run {run} is an axis without a belt, or one in ampere; a move cannot be predicted on it")
     structure = offline.structure_of(folder)

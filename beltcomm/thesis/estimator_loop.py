@@ -33,6 +33,8 @@ GAINS = Cascade(0.12, 1.39, 6.29, 0.0, Prefilter("butterworth", 123.24), filter_
 PERIOD_S, DEAD_PERIODS, TORQUE_LIMIT_NM = 1e-3, 1, 3.1
 #: The plant is asked for its position so often in a period; between, the position is taken as linear.
 PARTS = 10
+#: T_R of the source, s.
+LAG_S = 2e-3
 #: The estimators, and the high-pass with the reference behind the same lag.
 VARIANTS = ("high_pass", "high_pass_reference", "event_counter", "gate", "combined")
 MOVES: Mapping[str, tuple[float, TrajectoryLimits]] = {
@@ -74,10 +76,10 @@ def loop_results() -> Mapping[str, Mapping[str, LoopResult]]:
     return made
 
 
-def run_loop(model: Model, trajectory: Trajectory, variant: str, lag_s: float = 2e-3) -> LoopResult:
+def run_loop(model: Model, trajectory: Trajectory, variant: str) -> LoopResult:
     """Simulate one move from rest: position gain, velocity PI on the estimate, nonlinear feedforward (4.16), 1 ms dead time."""
     ratio = model["transmission.ratio"]
-    settings = EstimatorSettings(period_s=PERIOD_S, lag_s=lag_s)
+    settings = EstimatorSettings(period_s=PERIOD_S, lag_s=LAG_S)
     c, state = coefficients(settings), new_estimator()
     start = float(trajectory.position_m[0])
     x_before = 0.3 * INCREMENT_M  # the motor's belt travel since the start; the first line lies a little below
@@ -86,7 +88,7 @@ def run_loop(model: Model, trajectory: Trajectory, variant: str, lag_s: float = 
     controller, controller_state = discrete_coefficients(GAINS, PERIOD_S, TORQUE_LIMIT_NM), new_state()
     feedforward = _feedforward(model, trajectory)
     reference, speed = trajectory.position_m - start, trajectory.velocity_m_s
-    pole = lag_s / (lag_s + PERIOD_S) if variant == "high_pass_reference" else 0.0
+    pole = LAG_S / (LAG_S + PERIOD_S) if variant == "high_pass_reference" else 0.0
     compared, travelled, waiting = 0.0, 0.0, [0.0] * DEAD_PERIODS
     motor, cart, torques, wrong = (np.zeros(len(reference)) for _ in range(4))
     for k in range(len(reference)):

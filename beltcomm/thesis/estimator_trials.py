@@ -88,12 +88,12 @@ class SpeedTable:
     missing: Array
 
 
-def speed_table(settings: EstimatorSettings, speeds: Sequence[float] = SPEEDS) -> SpeedTable:
+def speed_table(settings: EstimatorSettings) -> SpeedTable:
     """Worst and rms error of the methods over speed, and what the formulas say."""
-    rows = [steady_errors(v, settings) for v in speeds]
+    rows = [steady_errors(v, settings) for v in SPEEDS]
     step, tick, period, lag = settings.increment_m, settings.tick_s, settings.period_s, settings.lag_s
     # The speeds tried lie within 1 %; a bound over them is taken where it is loosest.
-    v = np.asarray(speeds, dtype=np.float64)
+    v = np.asarray(SPEEDS, dtype=np.float64)
     spread = [v * f for f in (min(NEARBY), 1.0, max(NEARBY))]
     return SpeedTable(
         settings,
@@ -132,9 +132,9 @@ class Debouncing:
     largest_without: Mapping[str, float]
 
 
-def standstill_shaking(settings: EstimatorSettings, size_m: float = 0.3 * INCREMENT_M, rate_hz: float = 200.0) -> Debouncing:
-    """The axis stands and shakes by ±size_m across a line; 24 places of the line within the shaking, 0.1 s each."""
-    pulse = 2.0 * np.pi * rate_hz
+def standstill_shaking(settings: EstimatorSettings) -> Debouncing:
+    """The axis stands and shakes by ±0.3 increments at 200 Hz across a line; 24 places of the line within the shaking, 0.1 s each."""
+    size_m, pulse = 0.3 * INCREMENT_M, 2.0 * np.pi * 200.0
 
     def motion(place: float) -> Motion:
         return lambda t: 10.0 * settings.increment_m + size_m * (np.sin(pulse * t) - place)
@@ -143,9 +143,9 @@ def standstill_shaking(settings: EstimatorSettings, size_m: float = 0.3 * INCREM
     return _debouncing_trial(made, settings, 0.1, size_m * pulse, 0.0)
 
 
-def debouncing_at_speed(settings: EstimatorSettings, speed_m_s: float = 0.01, seed: int = 1) -> Debouncing:
+def debouncing_at_speed(settings: EstimatorSettings) -> Debouncing:
     """Constant speed, up to three contact bounces of 20 us after each edge: largest deviation from the speed, by method."""
-    flaws = Flaws(bounces=3, bounce_s=2e-5, seed=seed)
+    speed_m_s, flaws = 0.01, Flaws(bounces=3, bounce_s=2e-5, seed=1)
     edges = edges_of(_steady(0.4 * settings.increment_m, speed_m_s), 0.2, flaws=flaws)
     return _debouncing_trial([edges], settings, 0.2, speed_m_s, speed_m_s)
 
