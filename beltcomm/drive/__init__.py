@@ -221,7 +221,7 @@ class KnownMotor:
 
 @dataclass(frozen=True)
 class StatedReading:
-    """What is stated of the torque that a drive reports, None where nothing is: a hypothesis that its records are held against.
+    """Statement about the torque that a drive reports, None where there is none: a hypothesis that its records are held against.
 
     Attributes
     ----------

@@ -50,7 +50,7 @@ def damaged_drive(error: Exception) -> DataError:
 
 
 def stated_reading(folder: RunFolder) -> StatedReading | None:
-    """What the profile of a run's drive states of the torque that it reports; None where it states nothing.
+    """Statement of a run's drive profile about the torque that it reports; None where it states nothing.
 
     Raises
     ------
