@@ -35,6 +35,8 @@ class DeadTime:
         Half width at 95 %, from the scatter about the straight line.
     samples : float
         n_T = t_T/T_s.
+    freq_hz : ndarray (n,), Hz
+        Lines that it was found from.
     remarks : tuple of str
         Sentences on what else the phase shows.
     """
@@ -42,6 +44,7 @@ class DeadTime:
     value_s: float
     interval_s: float
     samples: float
+    freq_hz: Array
     remarks: tuple[str, ...] = ()
 
 
@@ -140,6 +143,7 @@ def dead_time_against(
         value_s=value_s,
         interval_s=interval_s,
         samples=value_s / response.sample_period_s,
+        freq_hz=freq,
         remarks=_remarks(value_s, interval_s, residual, omega, weight, freedom),
     )
 
