@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import cache
+from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
@@ -69,3 +73,22 @@ def keep_newest(folder: Path, pattern: str, most: int) -> None:
     for path in sorted(written, key=lambda file: -written[file])[most:]:
         with suppress(OSError):
             path.unlink()
+
+
+@cache
+def source_hash() -> str:
+    """SHA-256 of all source text of this package, its first 16 digits; a version number says less between two releases."""
+    found = hashlib.sha256()
+    for item in _sources(files("beltcomm")):
+        found.update(item.read_bytes())
+    return found.hexdigest()[:16]
+
+
+def _sources(package: Traversable) -> list[Traversable]:
+    found = []
+    for item in sorted(package.iterdir(), key=lambda item: item.name):
+        if item.is_dir():
+            found += _sources(item)
+        elif item.name.endswith(".py"):
+            found.append(item)
+    return found

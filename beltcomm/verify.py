@@ -8,9 +8,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.axis.entries import NO_TARGETS, TARGET_WAY_M, AxisTargets
+from beltcomm.arrays import Array
+from beltcomm.axis.entries import NO_TARGETS, AxisTargets
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import DataError, Refused, UsageError
@@ -19,9 +19,8 @@ from beltcomm.recording import Recording
 from beltcomm.simulate.loop import LoopDrive, close_loop
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 from beltcomm.simulate.setpoints import SetpointGrid
+from beltcomm.simulate.stopping import total_friction, total_inertia, total_viscous
 from beltcomm.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 #: Machines in the range of a prediction, and share of them that must be machines.
 RANGE_DRAWS, LEAST_DRAWN = 16, 0.5
@@ -29,8 +28,7 @@ RANGE_DRAWS, LEAST_DRAWN = 16, 0.5
 AS_PREDICTED, SLACK_M = 1.5, 2e-4
 #: s after the end of the reference motion until which the settled error is read.
 STATIC_TO_S = 1.5
-#: m and s of the verification move: the thesis's 0 to 0.5 m, and the rest in which the settled error is read.
-MOVE_M = TARGET_WAY_M
+#: s of rest after the verification move in which the settled error is read.
 REST_S = 1.6
 
 
@@ -149,9 +147,7 @@ def demand(trajectory: Trajectory, model: Model) -> Demand:
     ratio, mass = model["transmission.ratio"], model["cart.mass"]
     a, v = trajectory.acceleration_m_s2, trajectory.velocity_m_s
     gravity = mass * GRAVITY_M_S2 * math.sin(model.get("tilt.angle"))
-    viscous = model.get("viscous.damping") + ratio**2 * model.get("viscous_cart.damping")
-    coulomb = model.get("coulomb.level") + ratio * model.get("cart_friction.level")
-    inertia = model["motor.inertia"] + ratio**2 * mass
+    viscous, coulomb, inertia = total_viscous(model), total_friction(model), total_inertia(model)
     torque = inertia * a / ratio + viscous * v / ratio + coulomb * np.sign(v) + ratio * gravity + model.get("constant_offset.torque")
     return Demand(
         float(np.max(np.abs(v))),

@@ -106,7 +106,7 @@ class TunedDesign:
         self._saved_design = saved_design(self._basis.folder)
         self._seed = seed
         self.bench = Bench(ground_of(self._basis, self._saved_design, move))
-        self._start = self.bench.start(payload_kg, offline.middle_m(self._basis.folder.axis))
+        self._start = self.bench.start(payload_kg, self._basis.folder.axis.travel.middle_m)
         self._move_words = _move_words(self.bench.ground.move, move)
         late_s = self.bench.ground.loop.delay_s
         self._responses = {name: (response, delay_s) for name, response, delay_s in plant_responses(self._basis.recordings, late_s)}
@@ -280,7 +280,7 @@ def ground_of(basis: Basis, saved: Mapping[str, Any], move: Path | None = None) 
         structure,
         lambda places, loads: analyse.design_plants(model, places, [mounted + load for load in loads], late_s, apparent),
         lambda cascade: replace(cascade, feedforward=present.feedforward, filter_reference=present.filter_reference),
-        (float(travel.min_m or 0.0), float(travel.max_m or 0.0)),
+        travel.ends_m,
         with_dwell(move_of(folder, structure.period_s, move), REST_S),
         Loop(structure, late_s, peak, offline.counts_of(folder)),
         present,

@@ -62,7 +62,7 @@ class VirtualSession:
         }
 
     def offers(self, run: Path) -> dict[str, Any]:
-        """What can be started with the axis of a run, and on which virtual drives."""
+        """Commands that can be started with the axis of a run, and on which virtual drives."""
         return {
             "kinds": {key: words for key, (words, _) in KINDS.items()},
             "drives": {key: words for key, (words, _) in _drives(run).items()},

@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.laboratory.compare import compare, landmarks, worst
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.samples import Units
-from beltcomm.pages import pictures as drawn
 from beltcomm.residuals.cells import Cells, cells_of
 from beltcomm.residuals.responses import ResponsePair, Trace, response_pairs, trace_of
 from beltcomm.residuals.spectra import GridRow, edges_of, power, rows_of
@@ -24,9 +23,6 @@ from beltcomm.rundata.fitted_run import Opened, explainable
 from beltcomm.rundata.revisions import CURRENT
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.diagnosis_data import values_of
-
-Array = NDArray[np.float64]
-
 
 #: Dimensions of a place that are coordinates of the page, with their sign.
 CHOSEN = ("frequency", "position", "time")
@@ -83,7 +79,7 @@ def view_of(here: Opened, stamp: str) -> ResidualView:
     white = np.concatenate([one.white for one in judged])
     rows = rows_of(judged)
     edges = edges_of(rows)
-    named = landmarks(here.fitted.model, drawn.middle_of(here.folder))
+    named = landmarks(here.fitted.model, here.folder.axis.travel.middle_m)
     model = here.fitted.model
     responses = response_pairs(here.data.recordings, judged)
     excited = {one.record for one in responses}

@@ -239,6 +239,11 @@ class Axis:
         return float(self.get("pulley.effective_radius_m")) / self.gearbox.ratio
 
     @property
+    def known_transmission_m_rad(self) -> float | None:
+        """Way of the carriage per angle of the motor, m/rad; None where no radius tells it."""
+        return self.transmission_m_rad if self.get("pulley.effective_radius_m") is not None else None
+
+    @property
     def motor_side_inertia_kg_m2(self) -> float:
         """Inertia at the motor shaft:  Θ_e = Θ_m + Θ_coupling + (Θ_r + Θ_g)/i_g²  (2.8), kg m².
 
@@ -283,14 +288,11 @@ class Axis:
             When none of them is known.
         """
         known = []
-        if self.motor.peak_torque_nm is not None:
-            peak = self.motor.peak_torque_nm
+        if (peak := self.motor.peak_torque_nm) is not None:
             known.append(TorqueLimit(peak, f"the motor's peak torque of {peak:g} N m"))
-        if self.limits.pulley_torque_nm is not None:
-            torque = self.limits.pulley_torque_nm
+        if (torque := self.limits.pulley_torque_nm) is not None:
             known.append(TorqueLimit(torque / self.gearbox.ratio, f"the axis limit of {torque:g} N m at the driving pulley"))
-        if self.limits.feed_force_n is not None and (not self.has_transmission or self.get("pulley.effective_radius_m") is not None):
-            force = self.limits.feed_force_n
+        if (force := self.limits.feed_force_n) is not None and (not self.has_transmission or self.known_transmission_m_rad is not None):
             known.append(TorqueLimit(force * self.transmission_m_rad, f"the axis limit of {force:g} N feed force"))
         if not known:
             self.require("a torque limit", "motor.peak_torque_nm", "limits.pulley_torque_nm")

@@ -1,11 +1,14 @@
-"""Answers in the units that people think in, and their usual ranges: a slip of the unit is asked for at once."""
+"""What ``beltcomm init`` begins with: parts of public data sheets; answers in the units that people think in, and their usual ranges."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any, Literal
 
 from beltcomm.axis.kinds import KINDS
+from beltcomm.configfiles import did_you_mean, find_config, read_yaml
+from beltcomm.errors import UsageError
 from beltcomm.quantities import suffix_of, unit_of
 
 #: Entry -> range, SI, outside which a number is asked for again: what most belt axes have, not what is possible.
@@ -34,6 +37,7 @@ USUAL: Mapping[str, tuple[float, float]] = {
     "targets.settled_error_m": (1e-6, 5e-3),
     "targets.distance_m": (0.01, 20.0),
 }
+Kind = Literal["axes", "motors"]
 
 
 def usual_range(entry: str, kind: str = "") -> tuple[float, float]:
@@ -81,3 +85,29 @@ def _short(value: float) -> str:
         return f"{value:,.0f}".replace(",", " ")
     text = f"{value:.4g}"
     return f"{value:.10f}".rstrip("0").rstrip(".") if "e" in text else text
+
+
+def parts(kind: Kind) -> dict[str, dict[str, Any]]:
+    """All of a kind by name, each with its title and source."""
+    found: Mapping[str, Any] = read_yaml(find_config("catalogue", "parts"))[kind]
+    return {str(name): dict(entry) for name, entry in found.items()}
+
+
+def with_part(data: Mapping[str, Any], kind: Kind, name: str) -> dict[str, Any]:
+    """``data``, in the shape of axis.yaml, with an axis or a motor of the catalogue.
+
+    Raises
+    ------
+    UsageError
+        For a name that is not there.
+    """
+    known = parts(kind)
+    if name not in known:
+        word = "motor" if kind == "motors" else "axis"
+        raise UsageError(f"no {word} of the catalogue is called {name!r}{did_you_mean(name, known)}; there are {', '.join(known)}")
+    entry = {key: value for key, value in known[name].items() if key not in ("title", "source")}
+    title = str(known[name]["title"])
+    if kind == "motors":
+        return {**data, "motor": {**data.get("motor", {}), "name": title, **entry}}
+    merged = {section: {**data.get(section, {}), **values} for section, values in entry.items()}
+    return {**data, **merged, "name": data.get("name") or title.partition(" (")[0]}

@@ -130,6 +130,23 @@ class Travel:
         metadata={"entry": AxisEntry("belt length l1 from driving pulley to carriage at position 0", at_least=0.0, at_most=100.0)},
     )
 
+    @property
+    def ends_m(self) -> tuple[float, float]:
+        """Lowest and highest position of the carriage, m; 0 for what is not stated."""
+        return float(self.min_m or 0.0), float(self.max_m or 0.0)
+
+    @property
+    def middle_m(self) -> float:
+        """Position between the ends, m."""
+        low, high = self.ends_m
+        return 0.5 * (low + high)
+
+    @property
+    def length_m(self) -> float:
+        """Distance between the ends, m."""
+        low, high = self.ends_m
+        return high - low
+
 
 @dataclass(frozen=True)
 class AxisLimits:

@@ -14,11 +14,11 @@ from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
-from beltcomm.axis.aliases import ALIASES
 from beltcomm.axis.kinds import ARC_M, BELT, KINDS
 
 if TYPE_CHECKING:
     from beltcomm.axis import Axis
+
 
 #: A number, and what stands between the numbers of a list with one unit behind it.
 _DIGITS_OF = r"\d+(?: \d{3})*(?:\.\d+)?(?:e[-+]?\d+)?"
@@ -28,6 +28,17 @@ _BETWEEN = r"(?:\s*\.\.\.?\s*|\s*±\s*|, | to | and | or |/)[-+−±]?"
 _SQUARE = re.compile(r"\b(c?m|s)2\b")
 #: Digits that a converted number has at least.
 _DIGITS, _MOST_DIGITS = 3, 5
+
+#: Other name -> name of the effect.
+ALIASES: Mapping[str, str] = {
+    "link_stiffness": "belt_stiffness",
+    "link_damping": "belt_damping",
+    "friction_at_load": "cart_friction",
+    "viscous_at_load": "viscous_cart",
+    "stribeck_at_load": "stribeck_cart",
+    "presliding_at_load": "presliding_cart",
+    "friction_by_place_at_load": "friction_position_cart",
+}
 
 
 @dataclass(frozen=True)
@@ -194,6 +205,7 @@ def _words(kind: str) -> list[tuple[str, str]]:
 
 
 _ARC = f"at r {1e3 * ARC_M:.1f} mm"
+
 _TURNED: Mapping[str, ShownUnit] = {
     "mm": ShownUnit("°"),
     "µm": ShownUnit("m°"),

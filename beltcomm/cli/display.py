@@ -16,13 +16,15 @@ from beltcomm.talk import CarriagePosition, Gauge
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderableType
 
+
 #: Columns that a bar has at least and at most, and that stand before it.
 SHORTEST, LONGEST, INDENT = 8, 60, "   "
+
 #: s without a word from the job, after which it computes.
 SILENT_S = 1.5
+
 #: Share of a limit from which a bar is marked.
 NEAR = 0.9
-
 
 #: Words before the place of what moves, by what it is called.
 _AT = {"load": "load at", "table": "table at"}

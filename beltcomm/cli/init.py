@@ -21,7 +21,7 @@ from beltcomm.quantities import unit_of
 
 if TYPE_CHECKING:
     from beltcomm.axis import Axis
-    from beltcomm.axis.catalogue import Kind
+    from beltcomm.axis.answers import Kind
     from beltcomm.axis.entries import AxisEntry
 
 _INTRODUCTION = (
@@ -146,7 +146,7 @@ def command(
 def _ask_kind(template: str | None) -> str:
     """The kind of axis, asked first: everything after it depends on that.   template : whose kind Enter takes."""
     from beltcomm.axis import load_axis
-    from beltcomm.axis.catalogue import parts
+    from beltcomm.axis.answers import parts
     from beltcomm.axis.kinds import BELT, KINDS
     from beltcomm.configfiles import did_you_mean, named_file
 
@@ -168,7 +168,7 @@ def _ask_kind(template: str | None) -> str:
 def _start(template: str | None, motor: str | None, kind: str, *, asked: bool) -> Axis:
     """What the questions begin with: an axis by file or name, a motor of the catalogue; asked for where a person answers."""
     from beltcomm.axis import axis_from_dict, load_axis
-    from beltcomm.axis.catalogue import parts, with_part
+    from beltcomm.axis.answers import parts, with_part
     from beltcomm.axis.kinds import KINDS
     from beltcomm.configfiles import named_file
 
@@ -195,7 +195,7 @@ def _introduction(kind: str) -> str:
 
 def _known_part(kind: Kind, word: str) -> str | None:
     """A name of the catalogue, asked for until it is one; None for an empty answer."""
-    from beltcomm.axis.catalogue import parts
+    from beltcomm.axis.answers import parts
 
     known = parts(kind)
     tell(f"{tr('Catalogue')}: {', '.join(known)}")
@@ -210,7 +210,7 @@ def _known_part(kind: Kind, word: str) -> str | None:
 
 def _catalogue(frame: Invocation) -> int:
     """Axes and motors with where their numbers are from."""
-    from beltcomm.axis.catalogue import parts
+    from beltcomm.axis.answers import parts
     from beltcomm.result import table
 
     found: dict[str, Any] = {"axes": parts("axes"), "motors": parts("motors")}

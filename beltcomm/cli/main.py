@@ -1,4 +1,4 @@
-"""The command ``beltcomm``: its verbs, loaded when one is called, and the exit code of whatever happens."""
+"""The command ``beltcomm``: its verbs, loaded when one is called, signals that end it, and the exit code of whatever happens."""
 
 from __future__ import annotations
 
@@ -7,23 +7,33 @@ import gc
 import importlib
 import keyword
 import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from types import FrameType
 from typing import Any
 
 import click
 
 from beltcomm import language
-from beltcomm.cli.endings import like_ctrl_c, twice_leaves
 from beltcomm.cli.frame import Invocation
 from beltcomm.cli.streams import prepare
+from beltcomm.errors import LeaveNow
 from beltcomm.version import __version__
+
+#: s, within which a second Ctrl-C means: leave at once.
+TWICE_S = 2.0
+
 
 # The matrices here are tall and narrow: more threads cost more than they bring, and results must not depend on the number of cores.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 #: What a shell sets that wants words completed, or the lines that make it ask.
 COMPLETING = "_BELTCOMM_COMPLETE"
+
 #: Groups of verbs -> verb -> its line in ``--help``, in the order of the work; and one example of each group.  The verb's own file is
 #: imported only when it is called.
 GROUPS: dict[str, dict[str, str]] = {
@@ -75,6 +85,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "thesis": "What the design source compares, recomputed.",
     },
 }
+
 EXAMPLES = {
     "Begin": "beltcomm demo",
     "Commission, on a machine": "beltcomm commission --drive can0 --axis axis.yaml",
@@ -83,7 +94,9 @@ EXAMPLES = {
     "Runs and reports": "beltcomm open",
     "Simulation and drives": "beltcomm drives",
 }
+
 VERBS = {verb: words for group in GROUPS.values() for verb, words in group.items()}
+
 #: Verbs of some seconds that make many things and drop few: they end before anything is worth collecting.
 SHORT = ("report",)
 
@@ -129,7 +142,7 @@ class Verbs(click.Group):
     ) -> Any:
         """Run the command line and leave with its exit code, or return it when not ``standalone_mode``."""
         if COMPLETING in os.environ:
-            importlib.import_module("beltcomm.cli.bash")
+            importlib.import_module("beltcomm.cli.completion")
         words = list(sys.argv[1:] if args is None else args) or ["--help"]
         language.use(language.of_environment(os.environ))
         frame = Invocation(words)
@@ -175,3 +188,66 @@ def main() -> None:
         cli()
     finally:
         gc.freeze()  # the process ends: looking through all that it leaves took an eighth of a report
+
+
+@contextmanager
+def like_ctrl_c(noted: Callable[[], None]) -> Iterator[None]:
+    """SIGTERM (``kill``, shutdown) and SIGHUP (closed terminal, dropped connection) raise KeyboardInterrupt in the main thread.
+
+    Parameters
+    ----------
+    noted : callable
+        Called first. From then on both are ignored: closing a terminal sends several, and none may disturb the restoring. A SIGHUP that
+        was ignored before (``nohup``) stays so. Outside the main thread nothing changes.
+    """
+    names = ("SIGTERM", "SIGHUP")
+    wanted = [signal.Signals[name] for name in names if name in signal.Signals.__members__]  # Windows has no SIGHUP
+    if threading.current_thread() is not threading.main_thread():
+        wanted = []
+    before = {number: signal.getsignal(number) for number in wanted}
+    mine = [number for number in wanted if before[number] is not signal.SIG_IGN]
+
+    def end(_number: int, _frame: FrameType | None) -> None:
+        for number in mine:
+            signal.signal(number, signal.SIG_IGN)
+        noted()
+        raise KeyboardInterrupt
+
+    for number in mine:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in mine:
+            signal.signal(number, before[number] or signal.SIG_DFL)
+
+
+@contextmanager
+def twice_leaves(clock: Callable[[], float] = time.monotonic) -> Iterator[None]:
+    """Ctrl-C raises KeyboardInterrupt as ever; another one within ``TWICE_S`` raises LeaveNow.
+
+    Also where SIGINT is ignored: a script's job in the background is born deaf to it, and who ends the script must stop the axis too.
+    Where it is handled by somebody else, and outside the main thread, nothing changes.
+
+    Parameters
+    ----------
+    clock : callable
+        Monotonic clock, s.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    ours = threading.current_thread() is threading.main_thread() and before in (signal.default_int_handler, signal.SIG_IGN)
+    heard: list[float] = []
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        now = clock()
+        again = bool(heard) and now - heard[-1] <= TWICE_S
+        heard.append(now)
+        raise LeaveNow if again else KeyboardInterrupt
+
+    if ours:
+        signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, before)

@@ -22,15 +22,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.errors import UsageError
 
 if TYPE_CHECKING:
     from beltcomm.control.cascade_kernel import cascade_step, new_state, reset_state, velocity_step
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 __all__ = [
     "Cascade",

@@ -9,11 +9,9 @@ Sources: figure 4.1, (4.1), (4.3), (4.6), (4.16), (6.1), (6.25), (6.26).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.compiled import compiled
-
-Array = NDArray[np.float64]
 
 # Places in the state.
 _POSITION, _VELOCITY, _REFERENCE, _FILTERED_REFERENCE, _BIQUAD_1, _BIQUAD_2, _INTEGRAL, _ACCELERATION, _LOW_PASS_1, _LOW_PASS_2 = range(10)

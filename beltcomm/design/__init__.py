@@ -4,7 +4,6 @@
 - ``prefilters``: notch and Butterworth, (4.1) to (4.4)
 - ``thesis``: the design as printed, (4.5) to (4.14), for comparison
 - ``knobs``: the thesis's three tuning knobs, there and back
-- ``discretisation``: how far the discrete parts lie from the continuous ones
 - ``conversion``: a cascade as a PID controller and back, appendix B
 - ``specification``: what is asked of a loop, and the refusal
 - ``loops``: open and closed loops as the drive runs them

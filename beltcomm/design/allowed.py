@@ -8,12 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.compiled import compiled
 from beltcomm.design.loops import LoopShape
 from beltcomm.design.specification import Specification
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Change of the phase between two points below which it does not turn, and gain below which there is none.
 _NO_TURN, _NOTHING = 1e-12, 1e-300

@@ -124,8 +124,8 @@ def meets(achieved: Sequence[Margins], specification: Specification) -> bool:
         and one.velocity_stable
         and one.phase_margin_deg >= specification.phase_margin_deg
         and one.suppression_db <= specification.suppression_db
-        and min(one.gain_margin_db, one.position_gain_margin_db) >= specification.gain_margin_db
-        and max(one.sensitivity_db, one.position_sensitivity_db) <= specification.sensitivity_db
+        and one.least_gain_margin_db >= specification.gain_margin_db
+        and one.most_sensitivity_db <= specification.sensitivity_db
         and one.position_phase_margin_deg >= specification.position_phase_margin_deg
         for one in achieved
     )

@@ -10,14 +10,12 @@ the reference (60B2h); a drive without torque feedforward gets none.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.control import Feedforward
 from beltcomm.model import Model
 from beltcomm.model.linear import acts_on, values_of
 from beltcomm.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 #: Slots of what can be compensated by a torque.
 SLOTS = frozenset({"force", "friction_level", "torque_path"})

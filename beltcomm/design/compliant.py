@@ -17,8 +17,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.control import Feedforward, feedforward_torque
 from beltcomm.design.compensation import demand_of_effects, through_path
 from beltcomm.effects.tilt import GRAVITY_M_S2
@@ -26,8 +26,6 @@ from beltcomm.errors import UsageError
 from beltcomm.model import Model
 from beltcomm.model.linear import matrices, modes, operating_point
 from beltcomm.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 #: Share of a period of the resonance over which the stretch is smoothed, and the fewest samples.
 WINDOW_SHARE, FEWEST = 0.5, 3

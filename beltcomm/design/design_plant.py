@@ -11,12 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.compiled import in_one_thread
 from beltcomm.design.structure import Bodies
 from beltcomm.errors import UsageError
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)

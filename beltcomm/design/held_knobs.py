@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.control import Cascade, CascadeStructure, Feedforward, Prefilter
 from beltcomm.design.allowed import AllowedGains, allowed_gains
 from beltcomm.design.cascade import DesignResult, binding_conditions, meets, on_step, quantised_pi, with_reserve
@@ -25,7 +26,6 @@ from beltcomm.design.search import highest_position_gain, integral_time_bounds, 
 from beltcomm.design.specification import Specification
 from beltcomm.errors import Refused
 
-Array = NDArray[np.float64]
 #: T_N tried at first, 2 ms to 5 s in steps of 1.7; how often, and with how many, around the best again: to 1 %.
 _TIMES, _ZOOMS, _ZOOM_TIMES = 16, 3, 5
 Limit = Literal["velocity", "position", "drive"]

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from beltcomm.arrays import Array
 
 #: |Q (1 - L G)| of the worst plant at most; where |1 - L G| of it is beyond this, the model is not trusted.
 CONTRACTS, TRUSTED = 0.9, 0.8

@@ -16,15 +16,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.compliant import REST_M_S, lead_motion, with_rest_before
 from beltcomm.errors import Refused
 from beltcomm.model import Model
+from beltcomm.simulate.stopping import total_friction
 from beltcomm.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 #: s: before the motion the torque rises to friction, and after it the reference comes back to the axis.
 RAMP_S = 0.1
@@ -99,7 +98,7 @@ def led_reference(
     angle = np.interp(loops, motor.t_s, motor.position_m / ratio)
     asked = np.interp(loops + ahead_s, motor.t_s, torque)
     over = int(np.searchsorted(loops + ahead_s, motor.t_s[last]))
-    friction = HELD_SHARE * (model.get("coulomb.level") + ratio * model.get("cart_friction.level"))
+    friction = HELD_SHARE * total_friction(model)
     error = _speed_error(asked, over, cascade, loop_s, friction)
     speed, before = np.empty(len(angle)), 0.0
     lag = cascade.velocity_filter_s

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.control import (
     Cascade,
     Prefilter,
@@ -19,9 +19,6 @@ from beltcomm.control import (
     velocity_filter_response,
 )
 from beltcomm.design.design_plant import DesignPlant
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _LOWEST_RAD_S = 0.3
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.control import Cascade
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.loops import (
@@ -19,9 +20,6 @@ from beltcomm.design.loops import (
     position_path,
     sample_plants,
 )
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Grid points per plant of a proof: neighbours 0.7 % apart, the interpolation error of a margin is below 0.01 degrees.
 PROOF_POINTS = 1600
@@ -62,6 +60,16 @@ class Margins:
     position_gain_margin_db: float
     position_sensitivity_db: float
     damping: float
+
+    @property
+    def least_gain_margin_db(self) -> float:
+        """Smaller gain margin of both loops, dB."""
+        return min(self.gain_margin_db, self.position_gain_margin_db)
+
+    @property
+    def most_sensitivity_db(self) -> float:
+        """Larger sensitivity of both loops, dB."""
+        return max(self.sensitivity_db, self.position_sensitivity_db)
 
 
 def margins(cascade: Cascade, plants: Sequence[DesignPlant], period_s: float) -> tuple[Margins, ...]:

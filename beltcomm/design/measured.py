@@ -16,15 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.control import Cascade, velocity_filter_response
 from beltcomm.design.margins import gain_margin_db, phase_margin
 from beltcomm.errors import DataError
 from beltcomm.response import FrequencyResponse
 from beltcomm.response.closed_loop import speed_controller
 from beltcomm.response.distortion import line_scatter
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Probability of one line's disc: neighbours, between which the loop is read, hold both with 95 %.
 LINE_LEVEL = 0.975

@@ -11,16 +11,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.control import CascadeStructure
 from beltcomm.design.allowed import allowed_gains
 from beltcomm.design.loops import LoopShape, position_path
 from beltcomm.design.margins import resonance_or_peak
 from beltcomm.design.specification import Specification
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _COARSE_TN, _COARSE_KP = 30, 18
 _ZOOM_POINTS = 7

@@ -9,14 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.control import Cascade, pi_response, prefilter_response, velocity_filter_response
 from beltcomm.design.design_plant import DesignPlant, sample_plants
 from beltcomm.design.loops import closed_loop_matrix, frequencies
 from beltcomm.design.margins import margins
 from beltcomm.errors import UsageError
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Base points of the frequency grid per plant: neighbours 9 % apart, and finer around ω_r and ω_z; a margin is off by 0.2 deg or dB.
 GRID_POINTS = 100
@@ -103,8 +101,8 @@ def margin_spread(draws: Sequence[Sequence[DesignPlant]], cascade: Cascade, peri
         plant = int(np.argmin(table[at]))
         (one,) = margins(cascade, [draws[at][plant]], period_s)
         both = {
-            "gain_margin_db": min(one.gain_margin_db, one.position_gain_margin_db),
-            "sensitivity_db": max(one.sensitivity_db, one.position_sensitivity_db),
+            "gain_margin_db": one.least_gain_margin_db,
+            "sensitivity_db": one.most_sensitivity_db,
         }
         worst[name] = both[name] if name in both else float(getattr(one, name))
     least = {name: table.min(axis=1) for name, table in by_draw.items()}

@@ -6,13 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.errors import UsageError
 from beltcomm.model import Model
 from beltcomm.model.linear import matrices, operating_point
-
-Array = NDArray[np.float64]
 
 #: Slots that move no pole of a loop on an axis in motion: forces by place or angle swing the torque, friction only damps, the torque
 #: path and the sensor change gains by per cent.

@@ -14,8 +14,8 @@ from importlib.metadata import entry_points
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array as Array
 from beltcomm.configfiles import did_you_mean
 from beltcomm.control import CascadeStructure
 from beltcomm.drive.finding import Finding
@@ -24,8 +24,6 @@ from beltcomm.drive.parameters import GainAccess, GainTerm
 from beltcomm.errors import UsageError
 from beltcomm.given import word
 from beltcomm.recording.columns import MOTOR_COLUMNS
-
-Array = NDArray[np.float64]
 
 #: Columns of every recorded row, in this order; NaN where the drive does not report a quantity.
 COLUMNS = MOTOR_COLUMNS
@@ -223,7 +221,7 @@ class KnownMotor:
 
 @dataclass(frozen=True)
 class StatedReading:
-    """What is stated of the torque that a drive reports, None where nothing is: a hypothesis that its records are held against.
+    """Statement about the torque that a drive reports, None where there is none: a hypothesis that its records are held against.
 
     Attributes
     ----------

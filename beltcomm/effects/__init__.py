@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 
-from beltcomm.axis.aliases import ALIASES
+from beltcomm.axis.terms import ALIASES
 from beltcomm.effects import (
     backlash,
     belt_damping,

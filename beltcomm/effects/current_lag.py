@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.compiled import compiled
 from beltcomm.effects._effect import TORQUE_LAG, AxisSummary, Effect, Parameter, Trial
-
-Array = NDArray[np.float64]
 
 
 @compiled

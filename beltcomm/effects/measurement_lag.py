@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.compiled import compiled
 from beltcomm.effects._effect import TORQUE_LAG, AxisSummary, DiscriminatingExperiment, Effect, ManualCheck, Parameter, Trial
 from beltcomm.effects._records import MIDDLE, sweep, wide
-
-Array = NDArray[np.float64]
 
 
 @compiled

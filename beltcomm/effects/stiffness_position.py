@@ -6,12 +6,10 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.compiled import compiled
 from beltcomm.effects._effect import BELT_DAMPING, BELT_STIFFNESS, DRIVING_END, AxisSummary, Effect, Element, Parameter, Trial
-
-Array = NDArray[np.float64]
 
 #: Free belt length at carriage position 0 as a share of the pulley distance, where no data sheet tells it.
 _OFFSET_SHARES = (0.06, 0.15, 0.3)

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from beltcomm.arrays import Array, IntArray
 from beltcomm.errors import UsageError
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Motion = Callable[[NDArray[Any]], NDArray[Any]]
 
 #: The source's hardware (6.15): m per increment, s per tick.

@@ -20,15 +20,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, IntArray
 from beltcomm.encoder.edges import INCREMENT_M, TICK_S, Edges
 from beltcomm.encoder.kernel import INVALID, new_decoder, new_estimator, run_record
 from beltcomm.encoder.quadrature import require_order
 from beltcomm.errors import UsageError
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Extension = Literal["bounded", "printed", "none"]
 Switching = Literal["guarded", "printed"]
 

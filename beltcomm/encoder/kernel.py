@@ -9,12 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, IntArray
 from beltcomm.compiled import compiled
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # Places in the decoder's registers.
 STATE, PREVIOUS, LEVEL_A, LEVEL_B, DEBOUNCE, COUNT, INVALID = range(7)

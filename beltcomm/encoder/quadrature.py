@@ -23,13 +23,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import IntArray
 from beltcomm.encoder.edges import Edges
 from beltcomm.encoder.kernel import INVALID, all_increments, new_decoder
 from beltcomm.errors import DataError
-
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

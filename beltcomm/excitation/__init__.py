@@ -1,9 +1,8 @@
 """Torque signals that make an axis show its frequency response.   One file per kind; all torques at the motor shaft."""
 
 from beltcomm.excitation.asked import AS_CHOSEN, AskedExcitation
-from beltcomm.excitation.binary import MAXIMAL_TAPS, SHORT_ORDER, PrbsChoice, choose_prbs, prbs, prbs_band, prbs_bits
+from beltcomm.excitation.binary import MAXIMAL_TAPS, SHORT_ORDER, PrbsChoice, choose_prbs, gprbs, prbs, prbs_band, prbs_bits
 from beltcomm.excitation.choice import KINDS, Choice, ExcitationKind, choose
-from beltcomm.excitation.random_binary import gprbs
 from beltcomm.excitation.record import Excitation, visible_band
 from beltcomm.excitation.sines import detection_lines, multisine
 from beltcomm.excitation.sweep import chirp

@@ -12,8 +12,7 @@ from typing import Final, Literal
 from scipy.fft import next_fast_len
 
 from beltcomm.errors import Refused, UsageError
-from beltcomm.excitation.binary import ZERO_OVER_HIGHEST, PrbsChoice, choose_prbs
-from beltcomm.excitation.random_binary import gprbs
+from beltcomm.excitation.binary import ZERO_OVER_HIGHEST, PrbsChoice, choose_prbs, gprbs
 from beltcomm.excitation.record import (
     FEWEST_REPEATS,
     LOWEST_OVER_LINE,

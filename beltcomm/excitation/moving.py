@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.errors import UsageError
 from beltcomm.excitation.record import Excitation
-
-Array = NDArray[np.float64]
 
 #: s: rest before, between and after strokes, and constant speed behind the last period of a stroke.
 REST_S, TAIL_S = 0.15, 0.02

@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.errors import Refused, UsageError
-
-Array = NDArray[np.float64]
 
 #: Rest before and after the motion: effects-and-diagnosis.md, 3.
 REST_BEFORE_S = 0.25

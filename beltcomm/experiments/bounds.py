@@ -63,6 +63,11 @@ class Experiment:
         return self.torque_nm if self.rms_nm is None else min(self.rms_nm, self.torque_nm)
 
 
+def peak_torque_nm(axis: Axis, capabilities: Capabilities) -> float:
+    """Peak torque that motor and drive both give, N m, motor shaft."""
+    return min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
+
+
 def friction_before_nm(axis: Axis) -> float:
     """Friction thought of before it is measured, N m at the motor."""
     return gravity.FRICTION_SHARE * axis.torque_limit_nm
@@ -83,7 +88,7 @@ def stroking_nm(axis: Axis, share: float = 1.0 / 3.0) -> float:
 
 def course_before(axis: Axis, capabilities: Capabilities, mass_kg: float) -> Course:
     """Limits of motions with a carriage of this mass, from the data sheets alone."""
-    low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
+    low, high = axis.travel.ends_m
     margin = phases.stroke_share(capabilities) * (high - low)
     top = phases.SPEED_SHARE * top_speed_m_s(axis, capabilities)
     most = min(axis.limits.acceleration_m_s2 or math.inf, axis.belt_force_limit_n / mass_kg)
@@ -140,7 +145,7 @@ def bounds_of(axis: Axis, capabilities: Capabilities, step: Step, model: Model |
     """
     light, heavy = (course_before(axis, capabilities, mass) for mass in masses_kg(axis, model))
     whole = heavy.window_m[1] - heavy.window_m[0]
-    torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
+    torque = peak_torque_nm(axis, capabilities)
     force = axis.belt_force_limit_n
     top = top_speed_m_s(axis, capabilities)
     share = {"response": phases.BELT_SHARE, "moves": step.share}.get(step.kind, 1.0 / 3.0)

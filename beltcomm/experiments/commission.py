@@ -28,7 +28,6 @@ from beltcomm.experiments import (
     raising,
     sameness,
     sampling_limits,
-    sweeping,
     verification,
 )
 from beltcomm.experiments.proving import Sending, learn_gains, verify_move
@@ -378,9 +377,9 @@ def measure_friction(
         It judges, nothing is fitted to it.
     """
     machine.begin(TITLES[5])
-    if machine.folder.finished(name) is None and not sweeping.room_to_sweep(machine, model, speeds_m_s):
+    if machine.folder.finished(name) is None and not phases.room_to_sweep(machine, model, speeds_m_s):
         phases.move_to(machine, phases.stroke_ends(machine)[0], model)
-    strokes = sweeping.sweep(machine, model, speeds_m_s, longest_s)
+    strokes = phases.sweep(machine, model, speeds_m_s, longest_s)
     sidecar = Sidecar(
         experiment="friction_sweep",
         start_position_m=machine.position_m,
@@ -430,7 +429,7 @@ def design_for(
     return analyse.design(
         model,
         structure,
-        positions_m=(float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)),
+        positions_m=axis.travel.ends_m,
         masses_kg=masses,
         dead_time_s=delay(findings),
         apparent_damping_nm_s_rad=analyse.apparent_damping(findings.thesis),

@@ -15,11 +15,12 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
 from beltcomm import caches
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
+from beltcomm.caches import source_hash
 from beltcomm.drive import Capabilities
 from beltcomm.errors import BeltcommError
 from beltcomm.excitation import choose_prbs, prbs, visible_band
@@ -35,7 +36,6 @@ from beltcomm.laboratory.diagnosis import fit_base_of
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.visible import DetectionLimit, detection_limits
 from beltcomm.model import Model
-from beltcomm.programs import source_hash
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar
 from beltcomm.result import plain, with_unit
@@ -48,8 +48,6 @@ from beltcomm.simulate.exact import is_exact
 from beltcomm.simulate.forward import integrate_torque, simulate_torque
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.verify import Loop, predict_move
-
-Array = NDArray[np.float64]
 
 #: Assumed where no sheet says it: friction as a share of the torque that the axis may be driven with, belt damping, viscous friction
 #: as a share of Coulomb friction at 1 m/s, noise of the torque signal as a share of the motor's rated torque.
@@ -195,7 +193,7 @@ def with_detectability(plan: Plan, axis: Axis, capabilities: Capabilities, optio
 def sheet_model(axis: Axis) -> Model:
     """The base model with what the data sheets say, and with the assumptions of this module."""
     friction = FRICTION_SHARE * axis.torque_limit_nm
-    middle = 0.5 * (float(axis.travel.min_m or 0.0) + float(axis.travel.max_m or 0.0))
+    middle = axis.travel.middle_m
     sheet = data_sheet_model(axis, middle, friction)
     sheet = sheet.without_effect("cart_friction") if "cart_friction" in sheet.effects else sheet
     values = {

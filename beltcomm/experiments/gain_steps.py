@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities, Motion, Row
 from beltcomm.drive.objects import GAIN, ObjectValue, ParameterObject, name_of
@@ -24,8 +24,6 @@ from beltcomm.machine.machine import Envelope, Machine
 from beltcomm.rundata.backups import renew
 from beltcomm.rundata.calibration import RESULT, Calibration, GainUnit, calibration_of, check
 from beltcomm.rundata.store import drive_to_dict
-
-Array = NDArray[np.float64]
 
 #: s, of a step either way; samples of one at least; rows of rest before, from which the noise is known; repeats of the final record.
 PULSE_S, FEWEST_SAMPLES, REST_ROWS, REPEATS = 0.016, 8, 50, 16

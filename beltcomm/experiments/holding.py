@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from beltcomm.axis import Axis
@@ -28,8 +27,6 @@ from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
 from beltcomm.rundata.first_motions import Breakaway, Holding, HoldingTorque, Settled
 from beltcomm.trajectory import Trajectory, at_rest, join, plan_trajectory
-
-Array = NDArray[np.float64]
 
 #: Feeling: s for which the carriage must stand, m by which it may slip before its stage goes off, and how often another torque is tried.
 STAND_S, SLIP_M, TRIES = 0.3, 5e-4, 7

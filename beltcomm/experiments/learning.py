@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.control import Cascade
 from beltcomm.design.compliant import with_rest_before
 from beltcomm.design.learning import LearningFilter, learning_filter
@@ -21,8 +22,6 @@ from beltcomm.recording import Recording
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.trajectory import Trajectory, at_rest
 from beltcomm.verify import REST_S, Loop, Verdict, predict_move
-
-Array = NDArray[np.float64]
 
 #: s of rest before the move, in which what is learnt may begin, and after its end for which is still learnt.
 BEFORE_S, AFTER_S = 0.05, 0.05

@@ -10,7 +10,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltcomm.control import Cascade
 from beltcomm.drive import Row
@@ -26,8 +25,6 @@ from beltcomm.rundata.findings import Findings
 from beltcomm.simulate.stopping import REACTION_PERIODS, SWING, Braking, rigid_deceleration, total_friction, total_viscous
 from beltcomm.trajectory import Trajectory, plan_trajectory, with_dwell
 from beltcomm.verify import REST_S, Demand, Verdict, demand, judge, predict_move
-
-Array = NDArray[np.float64]
 
 #: m and m/s of the strokes that try the loop out, in this order; s of rest after each.
 TRIAL_M, TRIALS_M_S, TRIAL_REST_S = 0.04, (0.02, 0.08, 0.25), 0.5

@@ -76,7 +76,7 @@ def longest_sweep_s(axis: Axis, capabilities: Capabilities) -> float:
     period_s = capabilities.sample_period_s
     plateau_s = max(0.0, 1.5 * PLATEAU_ROWS * period_s - SWEEP_LONGEST_S)
     each_s = plateau_s + HANDING_OVER * period_s + ARRIVAL_S
-    way = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
+    way = axis.travel.length_m
     if not lags(capabilities):
         return STROKES * each_s + way / SLOW_M_S
     slowest = CONSTANTS / LONGEST_S

@@ -6,13 +6,12 @@ Every phase predicts what its motion will do before it asks the machine to move,
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.axis.entries import TrajectoryLimits
@@ -36,36 +35,45 @@ from beltcomm.recording import Recording
 from beltcomm.rundata import analyse
 from beltcomm.rundata.first_motions import Breakaway
 from beltcomm.schedule.sequences import HARDLY, calmer_choice, excitation_travel_m, held_choice
+from beltcomm.schedule.strokes import SWEEP_LONGEST_S, SWEEP_SHORTEST_S, fastest_stroke_m_s, sweep_strokes
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.trajectory import Strokes, Trajectory, plan_trajectory, with_dwell
 
-Array = NDArray[np.float64]
 M = TypeVar("M", Trajectory, Strokes)
 
 #: m; how far the carriage goes in the sign check, and with the way of its stop.
 SIGN_TRAVEL_M = 2e-3
 SIGN_REACH_M = 1e-2
+
 #: m, room kept to the ends of the travel.
 END_MARGIN_M = 5e-3
+
 #: Share of the belt force limit that a prediction may use: the models are known to FIRST_ESTIMATE_SPREAD.
 BELT_SHARE = 0.9
+
 #: Shares of the travel kept free at both ends: for the overshoot of a first position loop, and for the drift of a velocity loop.
 OVERSHOOT_SHARE = 0.06
 DRIFT_SHARE = 0.15
+
 #: Positioning, m: near enough to try no more, so far off that the loop cannot be trusted, and how often it is tried.
 ARRIVED_M = 1e-3
 ASTRAY_M = 2e-2
 POSITIONING_TRIES = 4
+
 #: m: first way of a loop whose gains nobody knows.
 FELT_M = 5e-3
+
 #: Shares of speed that a motion is slowed down by until every stop ends inside the travel.
 STOPPABLE_SHARES = tuple(float(share) for share in np.geomspace(1.0, 0.1, 16))
+
 #: An excitation after one that did not move the axis is louder by this factor at least.
 LOUDER = 1.05
+
 #: m: a loop that is further off its reference has lost it; until it is tuned, all that is asked.  Share of the speed that axis and
 #: drive allow which a reference may use: what overshoots it must not be stopped.
 LOST_M = 5e-2
 SPEED_SHARE = 0.95
+
 #: m/s: the carriage gets no faster under an excitation, and is brought from place to place no faster.
 EXCITATION_SPEED_M_S = 0.5
 POSITIONING_SPEED_M_S = 0.5
@@ -368,3 +376,31 @@ def stroke_ends(machine: Machine) -> tuple[float, float]:
 def stroke_share(capabilities: Capabilities) -> float:
     """Share of the travel that strokes leave free at either end."""
     return DRIFT_SHARE if stroking(capabilities) == "velocity" else OVERSHOOT_SHARE
+
+
+def farther_end_m(machine: Machine) -> float:
+    """Last turning point of strokes from here, m: of the two ends the farther one."""
+    low, high = stroke_ends(machine)
+    return high if high - machine.position_m > machine.position_m - low else low
+
+
+def room_to_sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float]) -> bool:
+    """True if strokes at these speeds can begin where the carriage stands; those at the usual seven use the whole travel."""
+    limits = gentle_limits(machine, model, np.inf)
+    way_m = abs(farther_end_m(machine) - machine.position_m)
+    plateau_s = SWEEP_SHORTEST_S + own_strokes.settle_s(machine)
+    return bool(speeds_m_s) and fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, way_m, plateau_s) >= max(speeds_m_s)
+
+
+def sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float] = (), longest_s: float = SWEEP_LONGEST_S) -> Strokes:
+    """:func:`sweep_strokes` from where the carriage stands to the farther end.
+
+    Parameters
+    ----------
+    speeds_m_s : sequence of float
+        Instead of the usual seven.
+    """
+    at, period = machine.position_m, machine.drive.capabilities.sample_period_s
+    far = farther_end_m(machine)
+    limits, settle_s = gentle_limits(machine, model, np.inf), own_strokes.settle_s(machine)
+    return stoppable(machine, limits, lambda slower_: sweep_strokes(at, far, slower_, period, "twice", speeds_m_s, settle_s, longest_s))

@@ -24,6 +24,7 @@ from beltcomm.experiments.bounds import (
     held_before_nm,
     lines_of,
     masses_kg,
+    peak_torque_nm,
     stroking_nm,
     top_speed_m_s,
 )
@@ -223,8 +224,8 @@ def identify_plan(
 
 def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "standard") -> Plan:
     """The whole job."""
-    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
-    torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
+    whole = axis.travel.length_m
+    torque = peak_torque_nm(axis, capabilities)
     moved = _move_speed_m_s(axis, capabilities)
     lightest, heaviest = masses_kg(axis)
     course = course_before(axis, capabilities, heaviest)
@@ -249,8 +250,8 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
 
 def with_homing(plan: Plan, axis: Axis, capabilities: Capabilities) -> Plan:
     """The plan with the search of the drive's zero before everything else."""
-    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
-    torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
+    whole = axis.travel.length_m
+    torque = peak_torque_nm(axis, capabilities)
     speed = top_speed_m_s(axis, capabilities)
     rms = stroking_nm(axis)
     first = Experiment("homing, until the zero is found", whole, whole, speed, torque, axis.belt_force_limit_n, HOMING_SECONDS, rms)
@@ -273,8 +274,8 @@ def friction_plan(axis: Axis, capabilities: Capabilities) -> Plan:
 
 def _sweep(axis: Axis, capabilities: Capabilities, seconds: float) -> Experiment:
     """The sweep with three of its speeds twice."""
-    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
-    torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
+    whole = axis.travel.length_m
+    torque = peak_torque_nm(axis, capabilities)
     travel, speed = (1.0 - 2.0 * phases.stroke_share(capabilities)) * whole, _sweep_speed_m_s(axis, capabilities)
     # Where only the motor bounds the force, all of its torque all the time would be far from what a sweep takes.
     heating = stroking_nm(axis) if axis.transmission is None else bounds_of(axis, capabilities, Step("sweep")).heating_nm
@@ -336,7 +337,7 @@ def verification_plan(axis: Axis, model: Model, path: Trajectory, braking: Braki
 
 def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
     """Fastest stroke over the whole travel with the lightest carriage that is thought of."""
-    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
+    whole = axis.travel.length_m
     lightest = axis.belt_force_limit_n / 3.0 / max(unknown_loads_kg(axis)[0], axis.payload.mass_kg or 0.0)
     acceleration = min(axis.limits.acceleration_m_s2 or math.inf, lightest)
     return fastest_stroke_m_s(phases.SPEED_SHARE * top_speed_m_s(axis, capabilities), acceleration, whole)
@@ -345,7 +346,7 @@ def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
 def _move_seconds(axis: Axis, capabilities: Capabilities) -> float:
     """Least duration of the standard move, s: a longer one takes less torque by more than it takes longer."""
     limits = axis.trajectories.get(axis.targets.limits)
-    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
+    whole = axis.travel.length_m
     if limits is None or whole <= 0.0:
         return MOVE_SECONDS
     return min(MOVE_SECONDS, plan_trajectory(0.0, min(whole, axis.targets.way_m), limits, capabilities.sample_period_s).duration_s)
@@ -354,7 +355,7 @@ def _move_seconds(axis: Axis, capabilities: Capabilities) -> float:
 def _move_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
     """Top speed of the standard move, before a heavy carriage slows it down."""
     top, limits = top_speed_m_s(axis, capabilities), axis.trajectories.get(axis.targets.limits)
-    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
+    whole = axis.travel.length_m
     if limits is None or whole <= 0.0:
         return top
     path = plan_trajectory(0.0, min(whole, axis.targets.way_m), limits, capabilities.sample_period_s)

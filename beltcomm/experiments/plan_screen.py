@@ -10,6 +10,7 @@ from textwrap import wrap
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.experiments import phases
+from beltcomm.experiments.bounds import peak_torque_nm
 from beltcomm.experiments.plan import Plan
 from beltcomm.language import tr
 from beltcomm.machine import gravity
@@ -23,17 +24,10 @@ NEAR = 0.98
 WHOLE = 0.98
 
 
-def plan_screen(plan: Plan, axis: Axis, capabilities: Capabilities, drive: str = "") -> list[Line]:
-    """Up to 22 lines of 80 columns.
-
-    Parameters
-    ----------
-    drive : str
-        As it was asked for.
-    """
+def plan_screen(plan: Plan, axis: Axis, capabilities: Capabilities) -> list[Line]:
+    """Up to 22 lines of 80 columns."""
     name = axis.name or tr("axis without a name")
-    what = f"{drive} ({capabilities.name})" if drive else capabilities.name
-    title = Line(" ", (f"beltcomm {plan.verb}".rstrip(), "title"), "   ", (name, "title"), f"   {tr('drive')}: {what}"[:WIDE])
+    title = Line(" ", (f"beltcomm {plan.verb}".rstrip(), "title"), "   ", (name, "title"), f"   {tr('drive')}: {capabilities.name}"[:WIDE])
     warning = Line("  ", (tr("THE AXIS WILL MOVE BY ITSELF.  Keep people, tools and cables out."), "bad"))
     said = plan.said()
     text = wrap(said, WIDE - 4, max_lines=TEXT_LINES, placeholder=" ... [d]") if said else []
@@ -57,7 +51,7 @@ def _bounds(plan: Plan, axis: Axis, capabilities: Capabilities) -> list[Line]:
     """Range, speed, torque, belt force, heat and duration."""
     keys = ("reach_m", "speed_m_s", "torque_nm", "belt_force_n")
     most = {key: max((getattr(e, key) for e in plan.experiments), default=0.0) for key in keys}
-    peak = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
+    peak = peak_torque_nm(axis, capabilities)
     rows = [Line("   ", (f"{tr('range'):<13}", "title"), _range(plan, axis, most["reach_m"]))]
     for label, value, limit, unit, of in (
         (tr("speed"), most["speed_m_s"], axis.limits.speed_m_s or math.nan, "m/s", tr("axis limit")),

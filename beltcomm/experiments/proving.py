@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.control import Cascade, Feedforward
 from beltcomm.design.compensation import compensation
 from beltcomm.design.compliant import Leading, lead_motion, torque_along
@@ -38,8 +38,6 @@ from beltcomm.verify import (
     predict_range,
     tracking_error,
 )
-
-Array = NDArray[np.float64]
 
 #: s: the range of a longer move is not predicted, it would take too long.
 LONGEST_RANGED_S = 15.0

@@ -108,7 +108,7 @@ def _stand_anywhere(machine: Machine, settings: Settings, needed: bool) -> tuple
 
 def require_inside(axis: Axis, position_m: float | None) -> None:
     """Raise UsageError for a stated position outside the travel."""
-    low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
+    low, high = axis.travel.ends_m
     if position_m is not None and not low <= position_m <= high:
         raise UsageError(f"position {position_m:.4g} m is outside the travel {low:g}..{high:g} m of axis.yaml")
 

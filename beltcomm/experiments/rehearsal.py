@@ -171,7 +171,7 @@ def rehearse(machine: Machine, options: Options, talk: Talk, job: Job, goes_on: 
     talk.say("The plan is played on a twin first; nothing moves yet.")
     axis, folder = machine.axis, machine.folder
     model, what = twin_of(axis, folder)
-    place = machine.position_m if machine.place_known else offline.middle_m(axis)
+    place = machine.position_m if machine.place_known else axis.travel.middle_m
     with tempfile.TemporaryDirectory(prefix="beltcomm-twin-") as made:
         file, run = Path(made) / "twin.yaml", Path(made) / "run"
         write_text(file, to_yaml({**model.to_dict(), "drive": _drive_of(axis, machine.drive.capabilities)}))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.drive import Row
 from beltcomm.errors import Refused, SafetyStop
 from beltcomm.excitation import Excitation
@@ -24,8 +24,6 @@ GROSSLY = 1.5
 #: Share of the earlier amplitude that must be allowed: friction has changed a little since then, and the limits with it.  With a tenth
 #: less of it, the amplitude 1.4 times the sliding friction, the motion is a third slower, which is still within ``GROSSLY``.
 AS_LOUD = 0.9
-
-Array = NDArray[np.float64]
 
 
 def check_breakaway(machine: Machine, coulomb_nm: float) -> None:

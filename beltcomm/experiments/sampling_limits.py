@@ -38,7 +38,7 @@ def expected_hz(axis: Axis) -> tuple[float, float] | None:
     masses = (stated,) if stated else (unknown_loads_kg(axis)[0], unknown_loads_kg(axis)[-1])
     found = []
     try:
-        for at in (float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)):
+        for at in axis.travel.ends_m:
             for mass in masses:
                 model = data_sheet_model(axis, at, 0.0).with_values({"cart.mass": max(mass, unknown_loads_kg(axis)[0])})
                 found.append(analyse.characteristic_hz(model, at)[1])

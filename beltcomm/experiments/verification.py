@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.axis.entries import TrajectoryLimits
@@ -23,8 +22,6 @@ from beltcomm.rundata.led_gains import as_in_drive
 from beltcomm.simulate.setpoints import SetpointGrid
 from beltcomm.trajectory import Trajectory, load_move, plan_trajectory, with_dwell
 from beltcomm.verify import REST_S, Loop, PredictedMove, TrackingError, demand, predict_move, predict_range, tracking_error
-
-Array = NDArray[np.float64]
 
 #: Where a drive cannot follow the standard move: share of the target that a prediction aims at, longest move named, s, longest one
 #: driven, s; slowest short one, m/s, and its ramp to full speed, s.

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from beltcomm.fit.estimate import Fitted
@@ -20,8 +19,6 @@ from beltcomm.fit.path_values import path_nuisance
 from beltcomm.fit.records import Data
 from beltcomm.fit.segment import evaluate_each
 from beltcomm.model import Model
-
-Array = NDArray[np.float64]
 
 #: Error over the noise up to which a base model explains records.
 EXPLAINED = 1.5

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.fit.estimate import Fitted, fit
@@ -25,8 +24,6 @@ from beltcomm.fit.records import Data, prepare_records, rounding_torque
 from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: Times its lower bound up to which an inertia is nothing.
 NOTHING = 10.0

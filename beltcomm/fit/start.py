@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError, UsageError
@@ -17,8 +16,6 @@ from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 from beltcomm.recording.checks import rigid_inertia
 from beltcomm.simulate.stopping import usual_load_kg
-
-Array = NDArray[np.float64]
 
 #: J, m, c, d, d_m, d_c and the Coulomb friction of the motor: what every belt axis has.
 BELT_BASE = ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb")

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
+from beltcomm.caches import source_hash
 from beltcomm.fit.estimate import Fitted, evaluate_at, problem_of
 from beltcomm.fit.likelihood import Problem
 from beltcomm.fit.nuisance import with_nuisance
@@ -19,7 +20,6 @@ from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data, prepare_records
 from beltcomm.fit.torque_path import path_from_dict, path_to_dict
 from beltcomm.model import Model, model_from_dict
-from beltcomm.programs import source_hash
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.foreign.canopen import ObjectSamples, Place, Seen, objects_seen, pdos, samples
@@ -23,7 +24,6 @@ from beltcomm.foreign.logclock import PAUSE_PERIODS, PAUSE_S, RowTimes, row_time
 from beltcomm.foreign.table import Table
 from beltcomm.recording.sidecar import ExcitationNote
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 _POSITION, _VELOCITY, _TORQUE, _CURRENT, _DEMAND = 0x6064, 0x606C, 0x6077, 0x6078, 0x6074

@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 
+from beltcomm.arrays import Array
 from beltcomm.errors import DataError
 from beltcomm.recording import Recording
 from beltcomm.recording.belonging import belonging
-from beltcomm.recording.checks import ACTIVE, Array, backwards, opposite_signs, slow_work_share
+from beltcomm.recording.checks import ACTIVE, backwards, opposite_signs, slow_work_share
 from beltcomm.recording.columns import CHANNELS
 from beltcomm.recording.sampling import finest
 

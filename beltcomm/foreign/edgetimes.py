@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from beltcomm.arrays import Array, IntArray
 from beltcomm.encoder.edges import LEVEL_A, LEVEL_B, Edges
 from beltcomm.encoder.quadrature import count_increments
 from beltcomm.errors import DataError, UsageError
@@ -22,9 +22,6 @@ from beltcomm.foreign.names import meaning_of, plain_unit
 from beltcomm.foreign.table import Table
 from beltcomm.outside import MEASURED_BYTES, opened, read_text
 from beltcomm.quantities import UNITS
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: s: times are kept in whole ticks of this.
 TICK_S = 1e-9

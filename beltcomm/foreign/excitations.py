@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.recording.sidecar import ExcitationNote
 
-Array = NDArray[np.float64]
 #: A period is at least so long; fewer samples are a square wave.
 _SHORTEST = 64
 #: More candidates than these are not tried.

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import base64
+import binascii
 import json
+import sqlite3
 from array import array
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -14,30 +17,42 @@ from numpy.typing import NDArray
 
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.apart import Kind, read_apart
-from beltcomm.foreign.framelines import LONGEST, LoggedFrame, Others, asc_frames, candump_frames, kind_of_log, lines_of, opened_text
-from beltcomm.foreign.frametables import csv_frames, sqlite_frames
+from beltcomm.foreign.framelines import (
+    LONGEST,
+    LoggedFrame,
+    Others,
+    asc_frames,
+    candump_frames,
+    csv_columns,
+    kind_of_log,
+    lines_of,
+    opened_text,
+)
 from beltcomm.foreign.table import Table, words_of
 from beltcomm.outside import opened
 
 #: Read apart: on damaged bytes these readers turn in circles and take all memory.
 _READ_APART: Final = ("blf", "trc", "sqlite")
-_READERS: Final[dict[str, Callable[[Path, Others], Iterator[LoggedFrame]]]] = {
-    "candump": candump_frames,
-    "asc": asc_frames,
-    "csv": csv_frames,
-}
+
 #: Spans after which counters of loggers begin anew, ns: 16 and 32 bits of ns to ms, a day of the time of day.
 _TURNS_NS = tuple(sorted({(1 << bits) * unit for bits in (16, 31, 32) for unit in (1, 100, 1000, 10_000, 1_000_000)} | {86_400 * 10**9}))
 _SHORTEST_TURN_NS = 1_000_000_000
+
 #: ns within which both sides of a turn lie to it.
 _AT_TURN_NS = 1_000_000_000
+
 #: Damaged stamps end here, that differences of two fit; and what stands for none.
 _LAST_NS = 1 << 61
 _NO_STAMP = -(1 << 62)
+
 #: Identifiers between which those of nodes are: emergency, PDOs, SDO, heartbeat.
 _FIRST_OWN, _END_OWN = 0x80, 0x780
+
+#: Identifiers of a summary.
+_MOST_LISTED = 12
 #: Interfaces that are told apart.
 _MOST_CHANNELS = 1000
+_TRUE = {"1", "true", "yes", "x"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +85,11 @@ class FrameLog:
         """Frames with one of the node's own identifiers (CiA 301, predefined connection set)."""
         return int(np.sum((self.identifier > _FIRST_OWN) & (self.identifier < _END_OWN) & (self.identifier % 0x80 == node)))
 
-    def summary(self, most: int = 12) -> str:
+    def summary(self) -> str:
         """Traffic on the bus: identifier, frames, bytes and rate of the most frequent ones, in words."""
         found, counts = np.unique(self.identifier, return_counts=True)
         lasts = float(self.t_s[-1] - self.t_s[0]) if len(self.t_s) > 1 else 0.0
-        order = np.argsort(-counts, kind="stable")[:most]
+        order = np.argsort(-counts, kind="stable")[:_MOST_LISTED]
         lines = []
         for place in order:
             length = int(np.max(self.length[self.identifier == found[place]]))
@@ -276,3 +291,85 @@ def _without_turns(stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], str
 def _turns(before: int, after: int, span: int) -> bool:
     near = min(_AT_TURN_NS, span // 10)
     return span - near <= before < span and 0 <= after < near
+
+
+def csv_frames(path: Path, others: Others) -> Iterator[LoggedFrame]:
+    """Frames of a CSV file, whose header says what stands where."""
+    places: dict[str, Any] | None = None
+    for number, line in lines_of(path, others):
+        if not line.strip():
+            continue
+        if places is None:
+            places = csv_columns(line)
+            if places is None:
+                others.line(number)
+            continue
+        try:
+            frame = _csv_frame([cell.strip().strip('"') for cell in line.rstrip("\r\n").split(places["mark"])], places)
+        except (ValueError, IndexError, binascii.Error):
+            frame = None
+        if frame is not None:
+            yield frame
+        else:
+            others.line(number)
+
+
+def _csv_frame(cells: Sequence[str], places: dict[str, Any]) -> LoggedFrame | None:
+    """Raises ValueError, IndexError, binascii.Error for cells that are none."""
+
+    def has(key: str) -> bool:
+        return places[key] is not None and cells[places[key]].lower() in _TRUE
+
+    if has("error"):
+        return None
+    identifier = int(cells[places["id"]].lower().removesuffix("h"), 16)
+    length = min(int(cells[places["length"]]), LONGEST) if places["length"] is not None and cells[places["length"]] else LONGEST
+    remote = has("remote")
+    if len(places["data"]) > 1:
+        data = bytes(int(cells[place], 16) for place in places["data"][:length])
+    elif places["names"][places["id"]] == "arbitration_id":
+        data = base64.b64decode(cells[places["data"][0]], validate=True)
+    else:
+        data = bytes.fromhex(cells[places["data"][0]].replace("0x", ""))
+    data = b"" if remote else data
+    if not 0 <= identifier < 1 << 29 or len(data) > LONGEST:
+        return None
+    extended = has("extended") or identifier > 0x7FF
+    channel = cells[places["channel"]] if places["channel"] is not None else "0"
+    return LoggedFrame(_time_ns(cells[places["time"]], places), channel, identifier | (1 << 31 if extended else 0), remote, data)
+
+
+def _time_ns(text: str, places: dict[str, Any]) -> int:
+    """SavvyCAN counts whole microseconds; the others write seconds."""
+    name = places["names"][places["time"]]
+    if "." not in text and (name == "time stamp" or name.endswith(("us", "us)", "us]"))):
+        return int(text) * 1000
+    seconds, _, fraction = text.replace(",", ".").partition(".")
+    whole = abs(int(seconds)) * 10**9 + int(fraction[:9].ljust(9, "0") or 0)
+    return -whole if seconds.startswith("-") else whole
+
+
+def sqlite_frames(path: Path, others: Others) -> Iterator[LoggedFrame]:
+    """Frames of a database by python-can, its table ``messages``."""
+    others.what = "error, CAN FD and other entries that are no classic CAN frames"
+    opened(path).close()
+    try:
+        with sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True) as database:
+            rows = database.execute("SELECT ts, arbitration_id, extended, remote, error, dlc, data FROM messages ORDER BY rowid")
+            for number, (ts, identifier, extended, remote, error, _, data) in enumerate(rows, start=1):
+                content = bytes(data or b"")
+                if error or len(content) > LONGEST or not 0 <= int(identifier) < 1 << 29:
+                    others.fd += len(content) > LONGEST
+                    others.line(number)
+                    continue
+                marked = int(identifier) | (1 << 31 if extended else 0)
+                yield LoggedFrame(round(float(ts) * 1e9), "0", marked, bool(remote), b"" if remote else content)
+    except (sqlite3.Error, TypeError, ValueError) as error:
+        others.notes.append(f"the file breaks off ({words_of(error)}): what came before is taken")
+
+
+_READERS: Final[dict[str, Callable[[Path, Others], Iterator[LoggedFrame]]]] = {
+    "candump": candump_frames,
+    "asc": asc_frames,
+    "csv": csv_frames,
+}

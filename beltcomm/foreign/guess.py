@@ -155,7 +155,7 @@ def guesses_for(table: Table, sources: Mapping[str, Source], axis: Axis, *, time
     clocks = set(table.clocks.values())
     meanings = [m for name in table.columns if name not in used and name not in clocks if (m := meaning_of(table, name)) is not None]
     meanings = [m for m in meanings if table.columns[m.name].dtype.kind in "fiu" or m.quantity == "time"]
-    ratio = axis.transmission_m_rad if axis.get("pulley.effective_radius_m") is not None else None
+    ratio = axis.known_transmission_m_rad
     found: list[Guess] = []
     side = _side(meanings, sources)
     channels = CHANNELS[side]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,6 @@ from beltcomm.foreign import store
 from beltcomm.foreign.convert import Reading, alignment, line_of_table
 from beltcomm.foreign.files import Part, parts_of
 from beltcomm.foreign.guess import Ask, completed
-from beltcomm.foreign.scalars import offered
 from beltcomm.given import Place, pasted, place, places
 from beltcomm.locks import changes_run
 from beltcomm.outside import in_words
@@ -26,6 +26,15 @@ from beltcomm.talk import Talk
 
 #: Bytes of files above which the time is told that they take, and s for each; packed files take longer.
 _LONG_BYTES, _SECONDS_PER_BYTE = 20_000_000, 1.2e-7
+
+_ENTRIES = (
+    ("motor.inertia_kg_m2", r"j|jm|j_?(m|mot|motor|rotor)|(motor|rotor)?_?inertia|traegheit(smoment)?"),
+    ("motor.torque_constant_nm_a", r"kt|k_t|km|k_m|torque_?const(ant)?|kphi"),
+    ("gearbox.ratio", r"gear(box)?(_?ratio)?|gr|ratio|i_?(gear|getriebe)|n_?gear|uebersetzung"),
+    ("motor.encoder_counts_per_rev", r"cpr|ppr|counts?(_?per_?rev)?|enc(oder)?_?(counts|resolution|res)"),
+    ("pulley.effective_radius_m", r"(pulley_?)?radius|r_?pulley"),
+    ("motor.rated_torque_nm", r"(m|t|tau|torque)_?(n|nom|nenn|rated)|rated_?torque"),
+)
 
 
 @changes_run()
@@ -289,3 +298,18 @@ def _closing(run: Path, folder: RunFolder | None, axis: Axis, given: Axis | str 
             "one rigid mass. A toothed-belt axis needs its axis file: radius and inertia cannot be found from these columns."
         )
     return lines
+
+
+def offered(scalars: Mapping[str, float], axis: Axis) -> list[str]:
+    """A line for the numbers that look like entries of axis.yaml which are not known; [] when there are none."""
+    found = []
+    for entry, pattern in _ENTRIES:
+        names = [name for name in scalars if re.fullmatch(pattern, name.rpartition(".")[2], re.I) and scalars[name] > 0.0]
+        if len(names) == 1 and not _known(axis, entry):
+            found.append(f"{names[0]} = {scalars[names[0]]:.6g} (--set {entry}={scalars[names[0]]:.6g} if that is it, in SI)")
+    return [f"Beside the columns stand {'; '.join(found)}."] if found else []
+
+
+def _known(axis: Axis, entry: str) -> bool:
+    value = axis.get(entry)
+    return value is not None and not (entry == "gearbox.ratio" and value == 1.0)

@@ -13,9 +13,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.foreign.framelog import FrameLog
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 #: s, by which stamps of frames in the right order may go back: queues of a controller, not another file.

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.recording import Recording
-from beltcomm.recording.checks import Array, RigidInertia, rigid_inertia
+from beltcomm.recording.checks import RigidInertia, rigid_inertia
 from beltcomm.recording.columns import CHANNELS
 from beltcomm.recording.sampling import uneven_rows
 

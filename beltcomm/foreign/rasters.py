@@ -12,17 +12,15 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from beltcomm.arrays import Array
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.mapping import Source
 from beltcomm.foreign.names import meaning_of
 from beltcomm.foreign.table import Table
 from beltcomm.quantities import UNITS
 from beltcomm.recording.columns import CHANNELS, COMMON
-
-Array = NDArray[np.float64]
 
 #: Stamps that differ by less than this share of a step are one.
 _SAME = 0.01

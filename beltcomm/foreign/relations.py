@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.foreign.table import Table
-from beltcomm.recording.belonging import belonging
-
-Array = NDArray[np.float64]
+from beltcomm.recording.belonging import belonging, roughness
 
 #: Rows looked at, columns compared, windows over which a change is held against an integral, and their likeness.
 _ROWS, _MOST_COLUMNS, _WINDOWS, _ALIKE = 20_000, 24, 100, 0.98
@@ -42,15 +40,13 @@ class Relations:
         return next((words for column, words in self.words if column == name), "")
 
 
-def relations(table: Table, time: str = "", step: float = 1.0) -> Relations:
+def relations(table: Table, time: str = "") -> Relations:
     """Clock, motion and torque among columns, by their numbers alone.
 
     Parameters
     ----------
     time : str
         The column that is known to be it, "" to look for one.
-    step : float
-        Between rows, where there is none.
     """
     names = [name for name, column in table.columns.items() if column.dtype.kind == "f" and np.isfinite(column[:_ROWS]).all()]
     sizes = [len(table.columns[name]) for name in names]
@@ -63,7 +59,7 @@ def relations(table: Table, time: str = "", step: float = 1.0) -> Relations:
         words.append((clock, f"it rises, by {step:.6g} per row"))
         stamps = values[clock]
     else:
-        stamps = step * np.arange(max((len(column) for column in values.values()), default=0))
+        stamps = np.arange(float(max((len(column) for column in values.values()), default=0)))
     moving = [name for name in names if name != clock and np.ptp(values[name]) > 0.0]
     if len(stamps) < 2 * _WINDOWS or len(moving) < 2:
         return Relations(clock, words=tuple(words))
@@ -116,11 +112,11 @@ def _drivers(
     table: Table, values: dict[str, Array], names: Sequence[str], position: str, stamps: Array, words: list[tuple[str, str]]
 ) -> tuple[tuple[str, ...], str]:
     """The columns that the motion explains best as its torque, and the position: that with a derivative, else the smoothest that does."""
-    motions = [position] if position else sorted(names, key=lambda name: _rough(values[name]))[:3]
+    motions = [position] if position else sorted(names, key=lambda name: roughness(values[name]))[:3]
     found: list[tuple[float, str, str]] = []
     for motion in motions:
         for name in names:
-            if name != motion and not _same(values[name], values[motion]) and _rough(values[name]) > _rough(values[motion]):
+            if name != motion and not _same(values[name], values[motion]) and roughness(values[name]) > roughness(values[motion]):
                 told = belonging(stamps, values[name], values[motion])
                 if told is not None and told.together and told.explained > _DRIVES:
                     found.append((told.explained, name, motion))
@@ -143,7 +139,3 @@ def _same(one: Array, position: Array) -> bool:
     span = float(np.ptp(position))
     away = np.abs(position - np.median(position)) > _AWAY * span
     return bool(away.any()) and float(np.mean(np.abs(one - position)[away] < _NEAR * span)) > _OFTEN
-
-
-def _rough(signal: Array) -> float:
-    return float(np.sqrt(np.mean(np.diff(signal) ** 2))) / max(float(signal.std()), 1e-300)

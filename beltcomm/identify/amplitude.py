@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.errors import Refused
 from beltcomm.model import Model
@@ -29,8 +29,6 @@ from beltcomm.simulate.stopping import (
     total_inertia,
     unknown_loads_kg,
 )
-
-Array = NDArray[np.float64]
 
 #: A carriage has at least this share of the mass that somebody states.
 LIGHTER_SHARE = 0.5
@@ -168,15 +166,20 @@ def unknown_payload(
     return family
 
 
-def family_around(model: Model, spread: float = FIRST_ESTIMATE_SPREAD) -> list[Model]:
-    """Family around an estimate: mass and stiffness apart by ``spread``, friction and belt damping lowered by it."""
+def family_around(model: Model) -> list[Model]:
+    """Family around an estimate: mass and stiffness apart by ``FIRST_ESTIMATE_SPREAD``, friction and belt damping lowered by it."""
     lossy = [n for n in model.parameters if n.endswith((".damping", ".level")) and not n.startswith("coupling")]
-    calmer = model.with_values(_scale_values(model, lossy, 1.0 - spread))
-    stiff = _stiffness_names(model)
+    calmer = model.with_values(_scale_values(model, lossy, 1.0 - FIRST_ESTIMATE_SPREAD))
+    stiff, apart = _stiffness_names(model), FIRST_ESTIMATE_SPREAD
     return [
         model,
         *(
-            calmer.with_values({"cart.mass": model["cart.mass"] * (1 + a * spread), **_scale_values(model, stiff, 1 + b * spread)})
+            calmer.with_values(
+                {
+                    "cart.mass": model["cart.mass"] * (1 + a * apart),
+                    **_scale_values(model, stiff, 1 + b * apart),
+                }
+            )
             for a in (-1, 1)
             for b in (-1, 1)
         ),

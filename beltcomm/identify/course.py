@@ -6,12 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
+from beltcomm.arrays import Array
 from beltcomm.errors import DataError
-
-Array = NDArray[np.float64]
 
 #: Runs from which on their scatter can be told from a course.
 FEWEST = 3

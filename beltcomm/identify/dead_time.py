@@ -8,19 +8,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.errors import DataError
 from beltcomm.response import FrequencyResponse
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Lines without which a slope and its interval mean little.
 FEWEST_LINES = 5
 #: Phase noise below which a line gets no more weight, rad: no setpoint is repeated to better than this part of a turn.
 LEAST_PHASE_NOISE_RAD = 1e-3
+
+#: Dead times from minus to plus this are considered, s.
+LONGEST_S = 20e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +36,7 @@ class DeadTime:
     samples : float
         n_T = t_T/T_s.
     freq_hz : ndarray (n,), Hz
-    residual_rad : ndarray (n,), rad
-        Phase difference minus that of the dead time.
+        Lines that it was found from.
     remarks : tuple of str
         Sentences on what else the phase shows.
     """
@@ -46,7 +45,6 @@ class DeadTime:
     interval_s: float
     samples: float
     freq_hz: Array
-    residual_rad: Array
     remarks: tuple[str, ...] = ()
 
 
@@ -56,7 +54,6 @@ def dead_time_between(
     *,
     lowest_hz: float = 0.0,
     highest_hz: float = np.inf,
-    longest_s: float = 20e-3,
 ) -> DeadTime:
     """Dead time by which the response to the setpoint lags the response to the acting torque, at their common lines.
 
@@ -68,8 +65,6 @@ def dead_time_between(
         Responses to torque setpoint and to acting torque, of one record.
     lowest_hz, highest_hz : float, Hz
         The range of interest, in general up to the resonance.
-    longest_s : float, s
-        Dead times from minus to plus this are considered.
 
     Raises
     ------
@@ -89,7 +84,6 @@ def dead_time_between(
         model_noise=torque.noise[at_torque],
         lowest_hz=lowest_hz,
         highest_hz=highest_hz,
-        longest_s=longest_s,
     )
 
 
@@ -100,7 +94,6 @@ def dead_time_against(
     model_noise: Array | None = None,
     lowest_hz: float = 0.0,
     highest_hz: float = np.inf,
-    longest_s: float = 20e-3,
 ) -> DeadTime:
     """Dead time by which a response lags another one, or a model, given at the same lines.
 
@@ -138,7 +131,7 @@ def dead_time_against(
     omega = 2 * np.pi * freq
     turn = h / other / np.abs(h / other)
 
-    value_s = _coarse(turn, omega, weight, longest_s)
+    value_s = _coarse(turn, omega, weight)
     for _ in range(3):  # once more after each unwrapping about the better line; it does not change any more after that
         residual = np.angle(turn * np.exp(1j * omega * value_s))
         value_s -= float(np.sum(weight * omega * residual) / np.sum(weight * omega**2))
@@ -151,15 +144,14 @@ def dead_time_against(
         interval_s=interval_s,
         samples=value_s / response.sample_period_s,
         freq_hz=freq,
-        residual_rad=residual,
         remarks=_remarks(value_s, interval_s, residual, omega, weight, freedom),
     )
 
 
-def _coarse(turn: ComplexArray, omega: Array, weight: Array, longest_s: float) -> float:
+def _coarse(turn: ComplexArray, omega: Array, weight: Array) -> float:
     """The dead time on a grid that turns all phases best into line; phases need not be unwrapped for it."""
     step_s = 0.1 * 2 * np.pi / omega[-1]
-    grid_s = np.arange(-longest_s, longest_s + step_s, step_s)
+    grid_s = np.arange(-LONGEST_S, LONGEST_S + step_s, step_s)
     in_line = np.real(np.exp(1j * np.outer(grid_s, omega)) @ (weight * turn))
     return float(grid_s[int(np.argmax(in_line))])
 

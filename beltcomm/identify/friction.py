@@ -9,13 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from beltcomm.arrays import Array
 from beltcomm.errors import DataError, UsageError
 from beltcomm.model import Value
-
-Array = NDArray[np.float64]
 
 #: Change of the reference velocity from row to row that is rounding and not acceleration, over the largest reference velocity.
 CONSTANT_WITHIN = 1e-6

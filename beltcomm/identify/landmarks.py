@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import stdtrit
 
+from beltcomm.arrays import Array
 from beltcomm.errors import DataError
 from beltcomm.model import Model
 from beltcomm.model.linear import Matrices, matrices, operating_point
 from beltcomm.response import FrequencyResponse
-
-Array = NDArray[np.float64]
 
 #: Band of the fit over the antiresonance expected and the resonance expected; how far either may be from what is expected.
 BELOW, ABOVE, FARTHEST = 0.5, 1.5, 1.7

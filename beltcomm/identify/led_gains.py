@@ -14,13 +14,11 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from beltcomm.arrays import Array
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: Half interval, relative, above which a move tells nothing of the gains; and how far they may be off what was measured before.
 KNOWN_TO, BELIEVED = 0.02, 0.2

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltcomm.control import Cascade
 from beltcomm.errors import Refused
@@ -22,7 +21,6 @@ from beltcomm.model import Model
 from beltcomm.simulate.loop import LoopDrive, LoopKind, LoopRun, simulate_loop
 from beltcomm.simulate.stopping import Braking
 
-Array = NDArray[np.float64]
 Into = Literal["torque", "velocity"]
 
 #: Share of the base speed below which no model of the family may slow motor and carriage down: for what no model knows.

@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from beltcomm.arrays import Array
 from beltcomm.errors import DataError
-
-Array = NDArray[np.float64]
 
 #: Samples from a setpoint to the torque that answers it, at most.
 LATEST = 8

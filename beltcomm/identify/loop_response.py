@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.control import Cascade
 from beltcomm.drive.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import DataError, UsageError
@@ -18,8 +18,6 @@ from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse, estimate_response
 from beltcomm.response.closed_loop import Loop, feedback, from_setpoint_excitation, from_torque_excitation, setpoint_path
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Way = Literal["open", "direct", "indirect", "setpoint"]
 CLOSED_WAYS: Final[tuple[Way, ...]] = ("direct", "indirect", "setpoint")
 

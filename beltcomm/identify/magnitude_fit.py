@@ -16,12 +16,12 @@ from scipy.linalg import expm
 from scipy.optimize import least_squares, minimize
 from scipy.special import stdtrit
 
+from beltcomm.arrays import Array
 from beltcomm.errors import DataError, UsageError
 from beltcomm.model import Value
 from beltcomm.model.transfer import TwoMass
 from beltcomm.response import FrequencyResponse, log_spaced_lines
 
-Array = NDArray[np.float64]
 Solver = Literal["lm", "trf", "nelder-mead"]
 
 #: Said with every result.
@@ -43,6 +43,8 @@ HIGHEST_CONTINUOUS = 0.2
 HIGHEST_SAMPLED = 0.45
 #: A line whose noise is above this part of |h| says little about log |h|.
 LARGEST_NOISE = 0.5
+#: Lines that are fitted at most.
+MOST_LINES = 100
 #: Grid points that are refined, and lines by which they are chosen: figure 3.9 shows the thesis's own 30.
 N_STARTS = 3
 N_START_LINES = 30
@@ -164,7 +166,6 @@ def fit_magnitude(
     *,
     solver: Solver = "lm",
     sampled: bool = False,
-    n_lines: int = 100,
     lowest_hz: float = 0.0,
     highest_hz: float | None = None,
 ) -> MagnitudeFit:
@@ -185,8 +186,6 @@ def fit_magnitude(
         "lm" Levenberg-Marquardt (bounds by a sine transform), "trf" trust region reflective, "nelder-mead".
     sampled : bool
         Compare with the exactly sampled response; the thesis compares with the continuous one.
-    n_lines : int
-        At most this many lines.
     lowest_hz, highest_hz : Hz
         Lines within; by default up to 0.2/T_s, sampled up to 0.45/T_s.
 
@@ -205,7 +204,7 @@ def fit_magnitude(
         raise UsageError(f"i_t = {transmission_m_rad} m/rad and Θ_e = {inertia_kg_m2} kg m² must be positive")
     if solver not in ("lm", "trf", "nelder-mead"):
         raise UsageError(f"solver {solver!r} is not known; choose lm, trf or nelder-mead")
-    chosen = chosen_lines(response, n_lines, lowest_hz, highest_hz, sampled)
+    chosen = chosen_lines(response, MOST_LINES, lowest_hz, highest_hz, sampled)
     measured_db = _decibel(chosen.h)
     highest_start_hz = HIGHEST_CONTINUOUS / response.sample_period_s
     few = log_spaced_lines(chosen.freq_hz, N_START_LINES, lowest_hz, highest_start_hz)

@@ -11,14 +11,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model
 from beltcomm.model.linear import Oscillation, operating_point, sampled_response
 from beltcomm.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: Amplitude of the speed of the sine over the rms of the random one.
 SINE = 4.0 / math.pi * math.sqrt(math.pi / 2.0)

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.errors import BeltcommError, DataError
 from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.segment import segments
@@ -27,8 +27,6 @@ from beltcomm.recording import Recording
 from beltcomm.response import estimate_response
 from beltcomm.simulate.forward import integrate_torque
 from beltcomm.simulate.inverse import fine_load
-
-Array = NDArray[np.float64]
 
 #: A motion whose mean speed is above this share of its rms is not around standstill.
 MOVING_SHARE = 0.5

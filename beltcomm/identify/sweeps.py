@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from beltcomm.errors import DataError
@@ -20,8 +19,6 @@ from beltcomm.identify.friction import FrictionFit, Plateau, find_plateaus, fit_
 from beltcomm.model import Value
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
-
-Array = NDArray[np.float64]
 
 #: Key of a sidecar that says which sweep a record belongs to.
 KEY = "sweep"

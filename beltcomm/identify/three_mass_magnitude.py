@@ -9,17 +9,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import stdtrit
 
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.identify.magnitude_fit import chosen_lines
 from beltcomm.model import Model, Value, build_model
 from beltcomm.model.linear import operating_point, sampled_response
 from beltcomm.response import FrequencyResponse
-
-Array = NDArray[np.float64]
 
 #: Fitted in logarithms, which keeps them positive.
 FREE = (

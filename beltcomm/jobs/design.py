@@ -21,15 +21,14 @@ from beltcomm.pages import pictures as drawn
 from beltcomm.recording import Recording
 from beltcomm.result import Line, Result, plain
 from beltcomm.rundata import offline
-from beltcomm.rundata.behind import unfitted
 from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.design_proof import grounds_of, prove
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.fitted_run import records_of
 from beltcomm.rundata.headline import OF, following, hashes_of, headline_of
-from beltcomm.rundata.kept_path import kept_path
+from beltcomm.rundata.kept_fit import kept_path
 from beltcomm.rundata.proof import SUSPECT, doubts, error_of, same_gains, suspect, thin_margins
-from beltcomm.rundata.revisions import current_revision
+from beltcomm.rundata.revisions import current_revision, unfitted
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import outcome, screens, typed_gains, words
 from beltcomm.sentences.cross_checks import sheet_lines
@@ -209,6 +208,6 @@ def move_of(folder: RunFolder, period_s: float, file: Path | None) -> Trajectory
         start, end, duration = paths[-1]
         share = plan_trajectory(start, end, limits, period_s).duration_s / duration
         return plan_trajectory(start, end, phases.slower(limits, share), period_s)
-    low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
+    low, high = axis.travel.ends_m
     start = max(low + 0.05 * (high - low), min(0.0, high))
     return plan_trajectory(start, min(start + axis.targets.way_m, high - 0.05 * (high - low)), limits, period_s)

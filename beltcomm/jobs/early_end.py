@@ -10,12 +10,12 @@ from functools import wraps
 from typing import Any, ParamSpec
 
 from beltcomm import caches
+from beltcomm.caches import source_hash
 from beltcomm.effects import effect_named
 from beltcomm.errors import BeltcommError, Declined, DriveError, SafetyStop
 from beltcomm.experiments.options import Options
 from beltcomm.given import pasted
 from beltcomm.machine.machine import Machine
-from beltcomm.programs import source_hash
 from beltcomm.result import Result, with_unit
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.kept_fit import hashes

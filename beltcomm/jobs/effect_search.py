@@ -8,9 +8,8 @@ from beltcomm.laboratory.diagnosis import MOST_EFFECTS, Diagnosis, diagnose
 from beltcomm.laboratory.precompile import last_compiled
 from beltcomm.laboratory.run_checks import Checked
 from beltcomm.laboratory.scope import restrict_to_scope
-from beltcomm.rundata.fitted_run import explainable, records_of, with_remarks_on_loads
+from beltcomm.rundata.fitted_run import explainable, foretell, records_of, with_remarks_on_loads
 from beltcomm.rundata.kept_fit import fit_base
-from beltcomm.rundata.reading_time import foretell
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import ladder as words

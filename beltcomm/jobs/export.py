@@ -24,7 +24,7 @@ from beltcomm.export.texts import FORMATS, text_of
 from beltcomm.given import Place, may_write, pasted, place
 from beltcomm.result import Result
 from beltcomm.rundata import offline
-from beltcomm.rundata.encoder import estimator_settings
+from beltcomm.rundata.offline import estimator_settings
 from beltcomm.rundata.proof import doubts
 from beltcomm.rundata.store import cascade_from_dict, parameters_from_dict, saved_design, structure_from_dict
 from beltcomm.runfolder import RunFolder
@@ -109,7 +109,7 @@ def export(
         return _dcf(folder, saved, out, when, options, talk)
     cascade, structure = cascade_from_dict(saved), structure_from_dict(saved)
     limit = _torque_limit_nm(folder, structure, torque_limit_nm)
-    model = offline.trusted_revision(folder, str(saved.get("revision") or ""))[0]
+    model = offline.design_model(folder, saved)
     command = command or f"beltcomm export {pasted(run)} --format {format_}"
     provenance = _provenance(folder, command, model=model.name, designed=f"for the cascade {structure.name}")
     notes = [*_apart(cascade, structure, saved), *(f"the design is in doubt: {doubt}" for doubt in doubts(folder))]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -11,8 +10,8 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.errors import DataError, Refused
-from beltcomm.experiments import phases, sweeping
-from beltcomm.experiments.bounds import Experiment, course_before, stroking_nm
+from beltcomm.experiments import phases
+from beltcomm.experiments.bounds import Experiment, course_before, peak_torque_nm, stroking_nm
 from beltcomm.experiments.commission import measure_friction
 from beltcomm.experiments.plan import MOVE_SECONDS, Plan, friction_plan, gentle_force_n
 from beltcomm.experiments.sign import sign_words
@@ -95,7 +94,7 @@ def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted)
     course = course_before(axis, capabilities, model["cart.mass"])
     whole = course.window_m[1] - course.window_m[0]
     room = course.ends_m[1] - course.ends_m[0] - phases.ARRIVED_M
-    torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
+    torque = peak_torque_nm(axis, capabilities)
     lines, notes = [], list[str]()
     for order, repetition in asked.sweeps:
         title = f"{f'order {order}' if order != DEFAULT else 'sweep'}, {repetition}: {orders.WORDS[order]}"[:40]
@@ -139,7 +138,7 @@ def record(machine: Machine, model: Model, asked: Wanted) -> RecordedSweeps:
         machine.detail(f"{'order ' + order if order != DEFAULT else 'sweep'}, {repetition}: {orders.WORDS[order]}")
         if order == DEFAULT:
             phases.move_to(machine, phases.stroke_ends(machine)[0], model)
-            made.append(_recorded(machine, sweeping.sweep(machine, model).trajectory, note, asked))
+            made.append(_recorded(machine, phases.sweep(machine, model).trajectory, note, asked))
             continue
         records, without = _possible(machine, model, order, asked)
         left_out |= without

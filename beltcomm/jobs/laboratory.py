@@ -39,7 +39,7 @@ from beltcomm.recording import Recording
 from beltcomm.result import Result, plain
 from beltcomm.rundata.cost import cost_and_words, with_costs
 from beltcomm.rundata.fitted_run import Opened, explainable, open_fitted
-from beltcomm.rundata.kept_path import KEY
+from beltcomm.rundata.kept_fit import KEY
 from beltcomm.rundata.kept_result import kept_or_new
 from beltcomm.rundata.revisions import (
     Revision,
@@ -99,7 +99,7 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     chosen, doubt = worst(comparison), noise_doubt(comparison.ratio, here.records.recordings)
     if doubt and (left := unexplained_words({one.name: one.plain for one in comparison.records})):
         doubt += f" {left}"
-    named = landmarks(here.fitted.model, drawn.middle_of(here.folder))
+    named = landmarks(here.fitted.model, here.folder.axis.travel.middle_m)
     table = table_of(acting_recordings(here.records.recordings, here.data.path), here.fitted.model)
     sensor = sensed(here.fitted.model, here.records.recordings)
     stated = stated_remarks(here.data.path, stated_reading(here.folder), period_of(here.data.recordings))

@@ -32,7 +32,7 @@ from beltcomm.given import Place, place
 from beltcomm.model import Model
 from beltcomm.result import Result
 from beltcomm.rundata import offline
-from beltcomm.rundata.encoder import estimator_settings, structure_of
+from beltcomm.rundata.offline import estimator_settings, structure_of
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.own_words import own_words
@@ -54,8 +54,8 @@ VARIANTS = (
 CUTS, REST_S = (0.95, 0.8), 1.7
 #: s: of the edge timing of the source; speeds over the axis's own at which estimators are compared.
 TICK_S, SHARES = 1e-8, (1e-4, 1e-3, 1e-2, 0.1, 0.5, 1.0)
-#: deg: of a level axis that is tilted in thought; rad/s of friction's rounding; s of the integrator.
-TILT_DEG, ROUND_RAD_S, INTEGRATES_S, STEP_S = 20.0, 0.02, 30.0, 1e-3
+#: deg: of a level axis that is tilted in thought; s of the integrator.
+TILT_DEG, INTEGRATES_S, STEP_S = 20.0, 30.0, 1e-3
 
 #: Counts in a sampling period, between which edges of a file are judged; names of the estimators.
 BANDS = (0.0, 0.1, 1.0, 2.0, 10.0, 100.0, math.inf)

@@ -15,7 +15,7 @@ from beltcomm.identify.three_mass_magnitude import ThreeMassMagnitude, fit_magni
 from beltcomm.model import Model
 from beltcomm.result import Result, plain, table
 from beltcomm.rundata import analyse, offline
-from beltcomm.rundata.kept_path import kept_path
+from beltcomm.rundata.kept_fit import kept_path
 from beltcomm.rundata.revisions import new_revision
 from beltcomm.rundata.store import fit_to_dict
 from beltcomm.runfolder import RunFolder
@@ -63,7 +63,7 @@ def fit_three_masses(run: Path, *, command: str = "", when: str = "", talk: Talk
         beside = fit_magnitudes(responses, places, found.three.model, folder.axis)
     except DataError as problem:
         talk.say(f"no log-magnitude fit with three masses: {problem}")
-    middle = offline.middle_m(folder.axis)
+    middle = folder.axis.travel.middle_m
     data: dict[str, Any] = {
         "run": str(run),
         "identified": found.identified,

@@ -158,7 +158,7 @@ def _led(file: Path, sampled: Trajectory, folder: RunFolder) -> Result:
     saved, drive = saved_design(folder), folder.load_result("drive")
     if drive is None:
         raise UsageError(f"{folder.path} knows no drive whose loops a reference could be led by; commission the axis first")
-    model = offline.trusted_revision(folder, str(saved.get("revision") or ""))[0]
+    model = offline.design_model(folder, saved)
     structure = structure_from_dict(drive)
     cascade, delay_s = offline.cascade_of(saved, model, structure, None)
     found = led_reference(model, with_dwell(sampled, LED_REST_S), as_in_drive(folder, cascade), structure, delay_s)

@@ -127,7 +127,7 @@ def verify_with(
     folder, feedforward = RunFolder.open(run), options.feedforward
     axis = with_targets(folder.axis, options.targets)
     saved = saved_design(folder)
-    model = offline.trusted_revision(folder, str(saved.get("revision") or ""))[0]
+    model = offline.design_model(folder, saved)
     claim(folder, drive.capabilities, options, talk)
     if planned is None:
         admit_edited("final.yaml of the run", folder.edited("designs", "final"), options, talk)

@@ -293,7 +293,7 @@ def _of_drive(
 def played_production(folder: RunFolder, moves: int | None) -> Callable[[Drive], Iterator[object]]:
     """The move of the run's verification there and back, with the run's gains: what a virtual drive has in place of a production."""
     axis, saved = folder.axis, saved_design(folder)
-    model = offline.trusted_revision(folder, str(saved.get("revision") or ""))[0]
+    model = offline.design_model(folder, saved)
 
     def played(drive: Drive) -> Iterator[object]:
         cascade, _ = offline.cascade_of(saved, model, drive.capabilities.structure, None)

@@ -186,7 +186,7 @@ def _show(
 ) -> Verdict:
     """A small move with what now stands in the drive; otherwise than predicted, and all is put back.   Raises what the move raises."""
     saved = saved_design(folder)
-    model = offline.trusted_revision(folder, str(saved.get("revision") or ""))[0]
+    model = offline.design_model(folder, saved)
     cascade, delay_s = offline.cascade_of(saved, model, drive.capabilities.structure)
     try:
         with Machine(drive, folder.axis, folder, talk) as machine:

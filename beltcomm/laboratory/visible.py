@@ -14,16 +14,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, AxisSummary, Effect, Trial
 from beltcomm.laboratory.acceptance import EVIDENCE
 from beltcomm.laboratory.forward_selection import bic_penalty, may_add
 from beltcomm.laboratory.score import Scorer
-
-Array = NDArray[np.float64]
 
 #: Strength from which on an effect counts as invisible: a typical one would not be named.
 TYPICAL = 1.0

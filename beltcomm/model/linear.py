@@ -12,15 +12,13 @@ from dataclasses import dataclass
 from typing import Literal, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import expm
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.effects import BELT_DAMPING, BELT_STIFFNESS, DRIVING_BODY, DRIVING_END, Effect, Element, Point, is_plain_belt
 from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Nodes of the quadrature of :func:`equivalent_damping`; exact for a constant level, and for polynomials up to degree 31.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)

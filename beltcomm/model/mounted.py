@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from beltcomm.arrays import Array
 from beltcomm.effects.other_load import mass_in_record, other_load
 from beltcomm.model import Model
 
-Array = NDArray[np.float64]
 MASS = "cart.mass"
 
 

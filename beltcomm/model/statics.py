@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from beltcomm.arrays import Array
 from beltcomm.effects import DRIVING_BODY, DRIVING_END, Element, Point
 from beltcomm.errors import Refused
 from beltcomm.model import Model
 from beltcomm.model.linear import acts_on, carriage_of, matrices, operating_point, stretch_of, values_of
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,7 @@ class _DrivingEnd:
         return stretch, rate
 
 
-def equilibrium(model: Model, position_m: float, time_s: float = 0.0) -> Equilibrium:
+def equilibrium(model: Model, position_m: float) -> Equilibrium:
     """Positions of all bodies and the holding torque when the carriage rests at ``position_m`` under the smooth forces.
 
     0 = f(q) + input · torque,   carriage at position_m   (friction is left out: it can only make holding easier)
@@ -105,8 +104,8 @@ def equilibrium(model: Model, position_m: float, time_s: float = 0.0) -> Equilib
     Refused
         When some body is not held by anything.
     """
-    point = operating_point(model, position_m, time_s=time_s)
-    linear = matrices(model, Point(position_m, 1.0, point.transmission_m_rad, time_s))
+    point = operating_point(model, position_m)
+    linear = matrices(model, Point(position_m, 1.0, point.transmission_m_rad, 0.0))
     bodies = model.bodies()
     fixed = carriage_of(linear.bodies)
     free = [i for i in range(len(bodies)) if i != fixed]
@@ -115,7 +114,7 @@ def equilibrium(model: Model, position_m: float, time_s: float = 0.0) -> Equilib
     jacobian = np.column_stack([-linear.K[:, free], linear.input])
     torque = 0.0
     for _ in range(3):  # elements are linear in their stretch: the first step solves, the others remove rounding
-        residual = smooth_forces(model, q, rest, time_s) + linear.input * torque
+        residual = smooth_forces(model, q, rest) + linear.input * torque
         try:
             step = np.linalg.solve(jacobian, -residual)
         except np.linalg.LinAlgError as error:

@@ -11,7 +11,7 @@ from beltcomm.errors import BeltcommError, DataError
 from beltcomm.given import pasted
 from beltcomm.identify.smooth_response import SmoothResponse, smooth_response
 from beltcomm.pages.gather import Gathered
-from beltcomm.report import bode, friction, levels, responses
+from beltcomm.report import bode, friction, responses
 from beltcomm.report.page import PageTable, Paragraphs, Picture, Section, picture_of
 from beltcomm.report.style import Caption
 from beltcomm.residuals.responses import response_pairs
@@ -39,7 +39,7 @@ def frequency(run: Gathered) -> Section:
         told, smooth = [f"by {d.cause}: {d.text}" for d in table.differences], [_smooth(run, row) for row in table.rows]
         parts.append(picture_of(responses.responses_figure(shown, told, caption, smooth)))
         parts.append(Paragraphs(table_lines(table), typed=True))
-        parts.append(picture_of(levels.levels_figure([_levels(run, row) for row in _split(table.rows)], caption)))
+        parts.append(picture_of(responses.levels_figure([_levels(run, row) for row in _split(table.rows)], caption)))
         parts.append(Paragraphs(_distortion_words(run), listed=True))
     return Section("responses", title, parts)
 
@@ -60,9 +60,9 @@ def _split(rows: Sequence[ResponseRow]) -> list[ResponseRow]:
     return ends if ends[-1].condition.amplitude_nm < 0.9 * ends[0].condition.amplitude_nm else ends[:1]
 
 
-def _levels(run: Gathered, row: ResponseRow) -> levels.Levels:
+def _levels(run: Gathered, row: ResponseRow) -> responses.Levels:
     response = row.response
-    made = levels.Levels(
+    made = responses.Levels(
         f"{row.condition.record}, {row.condition.words()}",
         response.freq_hz,
         np.abs(response.h),

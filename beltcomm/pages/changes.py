@@ -12,10 +12,10 @@ from beltcomm.pages import tracking
 from beltcomm.pages.gather import Gathered
 from beltcomm.pages.quantities import Quantity, quantities_of
 from beltcomm.report import friction, responses
-from beltcomm.report.changes import Bar, changes_figure
 from beltcomm.report.page import PageTable, Paragraphs, Picture, Section, picture_of
 from beltcomm.report.style import Caption
 from beltcomm.report.tracking import tracking_figure
+from beltcomm.report.trend import Bar, changes_figure
 from beltcomm.rundata.friction_study import study_of
 from beltcomm.rundata.revisions import current_revision
 from beltcomm.sentences.response_table import ResponseRow, table_of

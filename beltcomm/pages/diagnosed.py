@@ -1,4 +1,4 @@
-"""Faults of the axis: cause, check and remedy of each effect that was named, with its law over the records."""
+"""Faults of the axis: cause, check and remedy of each effect that was named, its law over the records, and what missing it costs."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 
 from beltcomm.effects import Effect, effect_named
 from beltcomm.errors import BeltcommError
+from beltcomm.given import pasted
 from beltcomm.model import Model
 from beltcomm.pages.gather import Gathered
 from beltcomm.report.law import law_figure
@@ -14,9 +15,12 @@ from beltcomm.report.page import PageTable, Paragraphs, Picture, Section, pictur
 from beltcomm.report.style import Caption
 from beltcomm.residuals.law import law_between
 from beltcomm.result import with_unit
+from beltcomm.rundata.cost import cost_rows
+from beltcomm.rundata.revisions import Revision
 from beltcomm.sentences.words import number
 
 TITLE = "What was found"
+COST_TITLE = "What missing effects cost"
 
 
 def section(run: Gathered) -> Section:
@@ -85,3 +89,33 @@ def _picture(run: Gathered, effect: Effect, values: Mapping[str, float]) -> Pict
         return None
     units = run.comparison.judged[0].units
     return picture_of(law_figure(effect.title, curve, units, Caption(run.command, f"{run.name}/recordings")))
+
+
+def cost_section(run: Gathered) -> Section:
+    """Predicted errors of the standard move by a controller that does not know an effect, and by one that does; one table a revision."""
+    added = [rung for rung in run.rungs if rung.change.startswith("+")]
+    if not added:
+        return Section(
+            "cost", COST_TITLE, missing=f"No effect was added; beltcomm diagnose {pasted(run.place)} looks for one that is missing."
+        )
+    known = [rung for rung in added if rung.cost is not None]
+    parts: list[Paragraphs | PageTable | Picture] = [part for rung in known for part in _priced(rung)]
+    if unknown := [f"{rung.name} ({rung.change})" for rung in added if rung.cost is None]:
+        parts.append(
+            Paragraphs(
+                [f"Not known of {', '.join(unknown)}: asked for with --no-cost, part of a later one, or no move could be predicted."]
+            )
+        )
+    return Section("cost", COST_TITLE, parts)
+
+
+def _priced(rung: Revision) -> list[Paragraphs | PageTable | Picture]:
+    assert rung.cost is not None
+    name, move = rung.cost["of"], rung.cost["move"]
+    ranged = bool(rung.cost.get("aware_range"))
+    rows = cost_rows(rung.cost) if ranged else [row[:2] + row[3:4] for row in cost_rows(rung.cost)]
+    head = ("error in µm", f"without {name}", "range", "with it", "range") if ranged else ("error in µm", f"without {name}", "with it")
+    words = "By a controller made without it and by one made with it." + (
+        " Range: smallest to largest over the intervals of the model." if ranged else ""
+    )
+    return [Paragraphs([f"{rung.name}: predicted for the move from {move} on a machine with {name}."]), PageTable(head, rows, words)]

@@ -12,7 +12,6 @@ from beltcomm.fit.acting import acting_recordings
 from beltcomm.given import pasted
 from beltcomm.laboratory.compare import Comparison, compare, landmarks
 from beltcomm.model import Model
-from beltcomm.pages.pictures import middle_of
 from beltcomm.recording import Recording
 from beltcomm.rundata.fitted_run import Opened, explainable, open_fitted
 from beltcomm.rundata.revisions import Revision, current_model, revisions
@@ -64,7 +63,7 @@ class Gathered:
     @property
     def landmarks(self) -> Mapping[str, float]:
         """Frequencies to mark, Hz; none without a model."""
-        return landmarks(self.model, middle_of(self.folder)) if self.model is not None else {}
+        return landmarks(self.model, self.folder.axis.travel.middle_m) if self.model is not None else {}
 
     @property
     def verifications(self) -> dict[str, Mapping[str, Any]]:

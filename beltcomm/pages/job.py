@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,29 +10,32 @@ import numpy as np
 
 from beltcomm.axis.terms import terms_of
 from beltcomm.errors import UsageError
-from beltcomm.pages import axis, changes, diagnosed, first, gains, loops, missing, model, model_error, safety, tracking
+from beltcomm.fit.noise_level import error_floor_words
+from beltcomm.pages import axis, changes, diagnosed, loops, model, safety, tracking
 from beltcomm.pages.gather import Gathered, gathered
 from beltcomm.pages.page_file import admit_page, write_page
-from beltcomm.report.page import Page, render
+from beltcomm.report.page import Fact, Page, State, render
 from beltcomm.result import Result, plain
-from beltcomm.rundata.headline import headline_of
+from beltcomm.rundata.headline import EXPLAINED, MEANINGS, following, headline_of
 from beltcomm.sentences.cross_checks import sheet_lines
+from beltcomm.sentences.ladder import error_words
 from beltcomm.sentences.own_words import said_in
 from beltcomm.talk import Silence, Talk
 
 #: The page and its numbers, in the run folder.
 NAME = "report.html"
+
 #: Every part of the page, in the order shown.
 PARTS = (
     diagnosed.section,
     tracking.section,
-    gains.section,
+    loops.section,
     model.section,
-    model_error.section,
-    missing.section,
+    model.error_section,
+    diagnosed.cost_section,
     axis.frequency,
     axis.sliding,
-    loops.section,
+    loops.gains_section,
     safety.section,
     safety.journal,
 )
@@ -73,10 +77,10 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
         written = [f"There is no page: {problem}: give another place by --out."]
     facts = [f"  {fact.name}: {fact.value} ({fact.words})" for fact in page.facts]
     since = [f"Since {before.name}:", *(f"  {line}" for line in page.changes)] if before is not None else []
-    steps = (step.partition(": ") for step in first.next_steps(found, str(run)))
-    following = [f"Next: {command}   ({why})" for command, _, why in steps]
+    steps = (step.partition(": ") for step in next_steps(found, str(run)))
+    advice = [f"Next: {command}   ({why})" for command, _, why in steps]
     there = written[0].startswith("Report")
-    text = [page.verdict, *following, *facts, *since, *written]
+    text = [page.verdict, *advice, *facts, *since, *written]
     return Result({**data, "page": str(where) if there else None}, text, 0 if there else UsageError.exit_code)
 
 
@@ -90,7 +94,7 @@ def page_of(found: Gathered, before: Gathered | None = None) -> Page:
     """
     changed = changes.compared(before, found) if before is not None else []
     first_part = [changes.section(before, found, changed)] if before is not None else []
-    sentence, state = first.verdict(found)
+    sentence, state = verdict(found)
     name, drive = found.folder.axis.name, found.folder.drive
     began, made_by, serial = found.folder.began_s, found.folder.made_by, drive.get("serial_number", "")
     about = [
@@ -107,8 +111,8 @@ def page_of(found: Gathered, before: Gathered | None = None) -> Page:
         subtitle,
         sentence,
         state,
-        first.facts(found),
-        first.next_steps(found),
+        facts(found),
+        next_steps(found),
         [*first_part, *(part(found) for part in PARTS)],
         [f"Made by: {found.command}", *found.remarks],
         changes.named(changed, before, found) if before is not None else (),
@@ -135,3 +139,57 @@ def numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> d
         "results": plain(dict(found.results)),
         "against": None if before is None else {"run": before.name, "changes": plain(changes.compared(before, found))},
     }
+
+
+def verdict(run: Gathered) -> tuple[str, State]:
+    """The headline, and what it means."""
+    found = headline_of(run.folder)
+    return found.text, MEANINGS[found.state]
+
+
+def facts(run: Gathered) -> list[Fact]:
+    """Tracking error, model error, margin; each says what is missing where it is not known."""
+    return [_tracking(run), _model(run), _margin(run)]
+
+
+def _tracking(run: Gathered) -> Fact:
+    moves = run.verifications
+    if not moves:
+        return Fact("Following error", "not measured", "beltcomm verify drives a move and measures it", "note")
+    last: Mapping[str, Any] = list(moves.values())[-1]
+    measured, predicted = last["measured"], last["predicted"]
+    words = f"largest while moving; predicted {1e6 * predicted['dynamic_m']:.0f} µm; at rest {1e6 * measured['static_m']:.0f} µm"
+    return Fact("Following error, motor", f"{1e6 * measured['dynamic_m']:.0f} µm", words, "good" if last["passed"] else "bad")
+
+
+def _model(run: Gathered) -> Fact:
+    found = run.comparison
+    if found is None:
+        return Fact("Model error", "not compared", run.remarks[0] if run.remarks else "beltcomm compare says why", "note")
+    worst = max(found.ratio, found.held_out or 0.0)
+    words = f"{error_words((found.ratio, found.held_out), (found.plain, found.plain_held_out))}; "
+    doubt = error_floor_words(found.ratio)
+    good = worst <= EXPLAINED and not doubt
+    return Fact("Model error", f"{found.ratio:.2f} × noise", words + (doubt or "1.00: nothing is missing"), "good" if good else "bad")
+
+
+def _margin(run: Gathered) -> Fact:
+    margins = run.design.get("margins") or []
+    if not margins:
+        return Fact("Phase margin", "no design", "beltcomm design makes one of the model", "note")
+    least = min(m["phase_margin_deg"] for m in margins)
+    asked = run.design["specification"]["phase_margin_deg"]
+    words = f"velocity loop, smallest of {len(margins)} variants of the model; {asked:.0f}° were asked for"
+    return Fact("Phase margin", f"{least:.0f}°", words, "good" if least >= asked - 0.5 else "note")
+
+
+def next_steps(run: Gathered, called: str = "") -> list[str]:
+    """The command that helps most.
+
+    Parameters
+    ----------
+    called : str
+        The run's folder as a terminal takes it; on a page, :attr:`Gathered.place`.
+    """
+    found = following(run.folder, headline_of(run.folder), called=called or run.place)
+    return [f"{found.command}: {found.why}"]

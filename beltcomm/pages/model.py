@@ -1,4 +1,4 @@
-"""The model: parameters with intervals, beside what the data sheets say of them."""
+"""The model: parameters with intervals, beside what the data sheets say of them; and where it fails: error maps, records, revisions."""
 
 from __future__ import annotations
 
@@ -8,12 +8,17 @@ import numpy as np
 
 from beltcomm.fit.start import knows_stiffness
 from beltcomm.given import pasted
+from beltcomm.laboratory.compare import worst
+from beltcomm.laboratory.place_words import in_words
 from beltcomm.model import Value
+from beltcomm.pages import pictures
 from beltcomm.pages.gather import Gathered
-from beltcomm.report.page import PageTable, Paragraphs, Picture, Section
+from beltcomm.report.page import PageTable, Paragraphs, Picture, Section, picture_of
 from beltcomm.result import with_unit
 from beltcomm.rundata.revisions import current_revision
 from beltcomm.sentences.cross_checks import sheet_lines
+from beltcomm.sentences.ladder import record_table
+from beltcomm.sentences.torque_path import path_sentences
 from beltcomm.sentences.words import SHOWN, number
 
 #: Names as everywhere, and of what is never fitted.
@@ -74,3 +79,23 @@ def _sheet(run: Gathered, name: str) -> tuple[float, float] | None:
         both = [axis.belt_stiffness_n_m(float(place)) for place in np.percentile(places, [25.0, 75.0])]
         return min(both), max(both)
     return None
+
+
+def error_section(run: Gathered) -> Section:
+    """Ratios by record, places in words, maps over frequency, speed, direction, position, amplitude and time."""
+    found = run.comparison
+    if found is None or run.laboratory is None:
+        return Section(
+            "model-error", "Where the model fails", missing=f"Nothing to compare; beltcomm fit {pasted(run.place)} makes a model."
+        )
+    data = run.laboratory.data
+    places = [in_words(place, run.landmarks) for place in worst(found)] or ["No place stands out."]
+    titles, rows = record_table(found)
+    note = "Error over noise 1.00 means that nothing is missing in that record."
+    drawn = pictures.error_figures(run.folder, data, run.laboratory.fitted, found, run.command)
+    parts: list[Paragraphs | PageTable | Picture] = [Paragraphs([*places, *path_sentences(data.path, data.recordings)], listed=True)]
+    parts += [picture_of(figure) for figure in drawn.values()]
+    parts.append(PageTable([title.removeprefix(">") for title in titles], rows, note))
+    if run.rungs:
+        parts += [picture_of(figure) for figure in pictures.ladder_figures(run.folder, run.rungs, run.command).values()]
+    return Section("model-error", "Where the model fails", parts)

@@ -35,12 +35,6 @@ FOLDER = "pictures"
 SENTENCES = 3
 
 
-def middle_of(folder: RunFolder) -> float:
-    """Position at which the frequencies of a model are named: the middle of the travel, m."""
-    travel = folder.axis.travel
-    return 0.5 * (float(travel.min_m or 0.0) + float(travel.max_m or 0.0))
-
-
 def comparison_pictures(folder: RunFolder, data: Data, fitted: Fitted, found: Comparison, command: str) -> tuple[list[str], list[str]]:
     """Overlay of the worst record, error maps, frequency responses.   Returns paths and remarks, as :func:`_written`."""
     return _written(folder, lambda: comparison_figures(folder, data, fitted, found, command))
@@ -53,7 +47,7 @@ def comparison_figures(folder: RunFolder, data: Data, fitted: Fitted, found: Com
     figures = error_figures(folder, data, fitted, found, command)
     pairs = response_pairs(data.recordings, found.judged)
     if pairs:
-        named = landmarks(fitted.model, middle_of(folder))
+        named = landmarks(fitted.model, folder.axis.travel.middle_m)
         figures["compare_response"] = bode.bode_figure(pairs, named, _compared(folder, found, command))
     return figures
 
@@ -63,7 +57,7 @@ def error_figures(folder: RunFolder, data: Data, fitted: Fitted, found: Comparis
     from beltcomm.report import maps, overlay
 
     caption = _compared(folder, found, command)
-    named = landmarks(fitted.model, middle_of(folder))
+    named = landmarks(fitted.model, folder.axis.travel.middle_m)
     sentences = [in_words(place, named) for place in worst(found)[:SENTENCES]]
     excess = {r.name: (r.ratio**2 - 1.0) * r.samples for r in found.records}
     name = max(excess, key=lambda record: excess[record])
@@ -195,7 +189,7 @@ def ways_picture(folder: RunFolder, name: str, ways: Sequence[LoopReading], comm
 
     def draw() -> dict[str, Figure]:
         from beltcomm.report import style
-        from beltcomm.report.ways import ResponseLine, ways_figure
+        from beltcomm.report.responses import ResponseLine, ways_figure
 
         caption = style.Caption(
             f"{command} --run {pasted(folder.path)}", f"{folder.path.resolve().name}/results/{name}_*.csv and recordings"

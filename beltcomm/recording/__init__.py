@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm import atomic
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.configfiles import to_yaml, write_text
 from beltcomm.errors import DataError, NoMotion, UsageError
@@ -28,8 +29,6 @@ from beltcomm.recording.columns import CHANNELS, COMMON, INERTIA_UNIT, KNOWN_COL
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar, load_sidecar
 from beltcomm.recording.signalfile import read_columns, write_columns
 from beltcomm.recording.writer import RecordingWriter
-
-Array = NDArray[np.float64]
 
 __all__ = [
     "ExcitationNote",
@@ -180,7 +179,7 @@ class Recording:
         if self.side == "load":
             ratio: float | None = 1.0
         else:
-            ratio = axis.transmission_m_rad if axis.get("pulley.effective_radius_m") is not None else None
+            ratio = axis.known_transmission_m_rad
         low, high = axis.travel.min_m, axis.travel.max_m
         moved = float(np.ptp(self.position))
         column = CHANNELS[self.side]["position"]

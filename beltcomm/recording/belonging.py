@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.recording.checks import running_mean, usual_step
-
-Array = NDArray[np.float64]
 
 #: Explained share of the torque from which it belongs beyond doubt, and below which it does not: of the real records at hand 30 to 100 %
 #: are explained, of shuffled ones and those of other records seldom a tenth.
@@ -67,7 +66,7 @@ def belonging(t_s: Array, torque: Array, position: Array) -> Belonging | None:
     if not laws:
         return None
     explained = _best(laws, torque)
-    if _rough(position) > _ROUGHER * _rough(torque):
+    if roughness(position) > _ROUGHER * roughness(torque):
         turned = _laws(torque)
         if turned and (other := _best(turned, position)) > max(SURE, explained):
             return Belonging(explained, other, swapped=True)
@@ -144,6 +143,6 @@ def _explained(law: _Law, torque: Array) -> float:
     return 1.0 - float(left.min()) / there if there > 0.0 else 0.0
 
 
-def _rough(signal: Array) -> float:
+def roughness(signal: Array) -> float:
     """rms of the steps over the standard deviation."""
     return float(np.sqrt(np.mean(np.diff(signal) ** 2))) / max(float(signal.std()), 1e-300)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from beltcomm.arrays import Array
 
 #: Steps of the encoder, and times the position's own noise, that a step between two rows must have to be judged.
 FAST_STEPS, FAST_NOISE = 8.0, 20.0

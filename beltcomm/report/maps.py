@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from beltcomm.laboratory.samples import (
     Bins,
@@ -21,8 +20,6 @@ from beltcomm.laboratory.samples import (
     position_edges,
 )
 from beltcomm.report import style
-
-Array = NDArray[np.float64]
 
 #: Hz: bands of the map.
 BAND_HZ = 20.0

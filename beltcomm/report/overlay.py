@@ -7,10 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.report import style
 from beltcomm.residuals.responses import MEAN_S, Trace, running_mean
-
-Array = NDArray[np.float64]
 
 #: s: what the zoom shows of an excited record and of any other, and the window of the running rms.
 EXCITED_S, SLOW_S, RMS_S = 0.3, 2.0, 0.1
@@ -18,14 +17,14 @@ EXCITED_S, SLOW_S, RMS_S = 0.3, 2.0, 0.1
 EDGE = 100.0
 
 
-def running_rms(trace: Trace, window_s: float = RMS_S) -> tuple[Array, Array]:
+def running_rms(trace: Trace) -> tuple[Array, Array]:
     """Middle and rms of the residual in windows that hold enough samples."""
     known = np.isfinite(trace.white)
-    number = np.floor(np.where(known, trace.t_s, 0.0) / window_s).astype(int)
+    number = np.floor(np.where(known, trace.t_s, 0.0) / RMS_S).astype(int)
     count = np.bincount(number[known])
     total = np.bincount(number[known], trace.white[known] ** 2)
     level = np.where(count >= 20, np.sqrt(total / np.maximum(count, 1)), np.nan)
-    return np.asarray((np.arange(len(level)) + 0.5) * window_s, dtype=np.float64), np.asarray(level, dtype=np.float64)
+    return np.asarray((np.arange(len(level)) + 0.5) * RMS_S, dtype=np.float64), np.asarray(level, dtype=np.float64)
 
 
 def overlay_figure(trace: Trace, caption: style.Caption) -> Figure:

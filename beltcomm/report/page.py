@@ -16,7 +16,6 @@ from matplotlib.path import Path
 
 from beltcomm.borders import for_html
 from beltcomm.report import style
-from beltcomm.report.measuring import Vectors
 from beltcomm.report.placing import place
 from beltcomm.report.ticks import POINTS_PER_INCH
 
@@ -24,6 +23,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
+from functools import lru_cache
+
+from matplotlib.backends.backend_svg import RendererSVG
+from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import text_to_path
 
 #: Colours of figures that follow the page, light or dark: ink, faint ink, grid, bars of what is missing.
 FOLLOWING = {
@@ -36,15 +40,22 @@ FOLLOWING = {
     style.NO_DATA: "--nothing",
     style.RESIDUAL: "--blue",
 }
+
 #: Dots per inch of what is too dense for lines, as maps are.
 DENSE_DPI = 110
+
 #: Points that a line may be off, and within which points cover each other; the number of points from which that is looked at.
 LINE_PT, POINT_PT, MANY = 0.3, 1.0, 200
+
 #: Diameter of a "." over its marker size, without its edge.
 DOT_SHARE = 0.5
+
 #: Neither date nor program: the same figure gives the same text.
 UNDATED = {"Date": None, "Creator": None}
 State = Literal["good", "bad", "note", ""]
+
+#: Texts that are remembered; a page has some 200.
+TEXTS = 4096
 
 
 @dataclass(frozen=True)
@@ -239,3 +250,18 @@ def render(page: Page) -> str:
     environment.tests["number"] = lambda cell: re.fullmatch(r"[-+±−]?[\d.,]+(e[-+]\d+)?( (±|to) [\d.,]+)?", cell) is not None
     environment.filters["part"] = lambda part: type(part).__name__
     return for_html(environment.from_string(source).render(page=page))
+
+
+class Vectors(RendererSVG):
+    """Matplotlib's SVG, with one memory for all figures where it has one for each use of each."""
+
+    def get_text_width_height_descent(self, s: str, prop: FontProperties, ismath: Any) -> tuple[float, float, float]:
+        """Of a text without its line breaks, points."""
+        return measured(s, prop, ismath)
+
+
+@lru_cache(maxsize=TEXTS)
+def measured(text: str, font: FontProperties, ismath: Any) -> tuple[float, float, float]:
+    """Width, height and descent, points."""
+    found: tuple[float, float, float] = text_to_path.get_text_width_height_descent(text, font, ismath)
+    return found

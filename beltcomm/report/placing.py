@@ -15,11 +15,9 @@ from matplotlib.backend_bases import RendererBase
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import ScaledTranslation
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.report.ticks import MAJOR_PT, POINTS_PER_INCH, drawn, without
-
-Array = NDArray[np.float64]
 
 #: Inches around the figure, and between what belongs to neighbouring axes.
 EDGE_IN, GAP_IN = 0.05, 0.08

@@ -1,24 +1,37 @@
-"""The frequency responses of a run in one picture: magnitude and phase with 95 % bands, and antiresonance and resonance of each."""
+"""Frequency responses: those of a run with 95 % bands and resonances, one axis by several ways, and the parts of one response."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from beltcomm.arrays import Array
 from beltcomm.identify.landmarks import Landmark, Landmarks
+from beltcomm.identify.magnitude_fit import LARGEST_NOISE
 from beltcomm.identify.smooth_response import SmoothResponse
 from beltcomm.report import style
 from beltcomm.response import FrequencyResponse
+from beltcomm.response.distortion import Silent
 
 #: Colours of the records, told apart with any colour vision; a dashed line where they begin again.
 COLOURS, LINES = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9"), ("-", (0, (4, 2)), (0, (1, 1)))
+
 #: From this share of h on the band of the noise is as wide as the picture.
 WIDEST = 0.95
+
 #: Lines with a narrower band than this share of h set the scale.
 CLEAR = 0.5
+
+#: Colours of the ways in the order in which they are given; the open loop, which friction bends, is faint.
+WAY_COLOURS = (style.RESIDUAL, style.MODEL, style.SEVERE, style.HELD_OUT, style.MEASURED)
+OPEN = "#888888"
+
+#: Lines per point of a curve that scatters: a median over so many is drawn.
+SMOOTHED = 9
 
 
 def responses_figure(
@@ -86,3 +99,111 @@ def _curve(upper: Axes, middle: Axes, response: FrequencyResponse, label: str, c
 def _mark(axes: Axes, row: int, mark: Landmark | None, colour: str, symbol: str) -> None:
     if mark is not None:
         axes.errorbar([mark.freq_hz], [row], xerr=[mark.interval_hz], fmt=symbol, color=colour, markersize=6, capsize=3, linewidth=1.4)
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseLine:
+    """One response.
+
+    Attributes
+    ----------
+    label : str
+        In the legend.
+    highest_hz : float
+        Up to which it stands above its noise.
+    opened : bool
+        Of a standing axis.
+    """
+
+    label: str
+    response: FrequencyResponse
+    highest_hz: float
+    opened: bool
+
+
+def ways_figure(shown: Sequence[ResponseLine], caption: style.Caption) -> Figure:
+    """Magnitude and phase as far as they stand above the noise, and the noise over the magnitude."""
+    with style.styled():
+        made = style.figure("The same axis by several ways", 8.2, caption)
+        upper, middle, lower = made.subplots(3, 1, sharex=True, height_ratios=[1.7, 1.0, 0.9])
+        colours = iter(WAY_COLOURS)
+        for line in shown:
+            found = line.response.lines(line.response.freq_hz <= line.highest_hz)
+            colour = OPEN if line.opened else next(colours, style.FAINT)
+            clear = found.noise < LARGEST_NOISE * np.abs(found.h)  # the phase of noise says nothing
+            phase = np.where(clear, (np.degrees(np.angle(found.h)) - 10.0) % 360.0 - 350.0, np.nan)
+            upper.plot(found.freq_hz, 20.0 * np.log10(np.abs(found.h)), color=colour, linewidth=1.1, label=line.label)
+            middle.plot(found.freq_hz, phase, color=colour, linewidth=1.0)
+            lower.plot(found.freq_hz, 100.0 * found.noise / np.abs(found.h), color=colour, linewidth=0.9)
+        upper.set_xscale("log")
+        upper.set_ylabel("|angle/torque| in dB re 1 rad/(N m)")
+        upper.legend(loc="upper right", fontsize=8)
+        middle.set_ylabel("phase in degrees")
+        style.numbers_at(middle.yaxis, style.DEGREES)
+        middle.set_ylim(-380, 20)
+        lower.set_yscale("log")
+        lower.set_ylim(0.05, 200.0)
+        style.numbers_at(lower.yaxis, [0.1, 1.0, 10.0, 100.0])
+        lower.set_ylabel("noise in %")
+        lower.set_xlabel("frequency in Hz")
+        style.hertz(lower.xaxis)
+    return made
+
+
+@dataclass(frozen=True)
+class Levels:
+    """One record.   freq_hz (k,).   linear, noise (95 %), repeated : (k,), rad/(N m).
+
+    Attributes
+    ----------
+    odd, even : Silent or None
+        Of a multisine, else None.
+    """
+
+    label: str
+    freq_hz: Array
+    linear: Array
+    noise: Array
+    repeated: Array
+    odd: Silent | None = None
+    even: Silent | None = None
+
+
+def levels_figure(shown: Sequence[Levels], caption: style.Caption) -> Figure:
+    """A column for each record; one scale in dB."""
+    with style.styled():
+        made = style.figure("Linear answer, distortion and noise", 4.2, caption)
+        row = made.subplots(1, len(shown), sharey=True, squeeze=False)[0]
+        for axes, one in zip(row, shown, strict=True):
+            axes.set_title(one.label)
+            _level_curve(axes, one.freq_hz, one.linear, style.MEASURED, "-", "measured")
+            if one.odd is None or one.even is None:
+                _level_curve(axes, one.freq_hz, _median(one.repeated), style.SEVERE, "--", "distortion: scatter from line to line")
+            else:
+                for part, colour, name in ((one.odd, style.SEVERE, "odd lines"), (one.even, style.RESIDUAL, "even lines")):
+                    level = np.where(part.level > 0.0, part.level, np.nan) / (2.0 * np.pi * part.freq_hz)
+                    _level_curve(axes, part.freq_hz, _median(level), colour, "--", f"distortion, {name}")
+            _level_curve(axes, one.freq_hz, _median(one.noise), style.MODEL, ":", "noise, 95 %")
+            axes.set_xscale("log")
+            style.hertz(axes.xaxis)
+            axes.set_xlabel("frequency in Hz")
+            axes.legend(loc="upper right", fontsize=8)
+        row[0].set_ylabel("|angle/torque| in dB re 1 rad/(N m)")
+        row[0].set_ylim(-110.0, 20.0)
+    return made
+
+
+def _level_curve(axes: Axes, freq_hz: Array, level: Array, colour: str, line: str, label: str) -> None:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        axes.plot(freq_hz, 20.0 * np.log10(level), color=colour, linestyle=line, linewidth=1.2, label=label)
+
+
+def _median(level: Array) -> Array:
+    """Running median, gaps left aside."""
+    if len(level) < SMOOTHED:
+        return level
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(level, SMOOTHED // 2, mode="edge"), SMOOTHED)
+    known = np.isfinite(windows).any(axis=1)
+    found = np.full(len(level), np.nan)
+    found[known] = np.nanmedian(windows[known], axis=1)
+    return found

@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.report import style
 
-Array = NDArray[np.float64]
 #: Shares of the members that an axis of values shows: one that runs away must not press all others into a line.
 SHOWN = 0.99
 

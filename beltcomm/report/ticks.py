@@ -17,11 +17,9 @@ from matplotlib.markers import TICKDOWN, TICKLEFT, TICKRIGHT, TICKUP
 from matplotlib.text import Text
 from matplotlib.ticker import NullLocator
 from matplotlib.transforms import ScaledTranslation
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.report.style import GRID, GRID_WIDTH
-
-Array = NDArray[np.float64]
 
 #: Points: length and width of major and of minor marks, and from a mark to its number; matplotlib's own.
 MAJOR_PT, MINOR_PT, PAD_PT = (3.5, 0.8), (2.0, 0.6), 3.5

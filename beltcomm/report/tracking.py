@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.report import style
 
-Array = NDArray[np.float64]
 #: Upper ends of an axis of errors, um: the same for most pictures, so that two runs compare.
 ENDS_UM = (50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
 

@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm import atomic
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.errors import DataError
 from beltcomm.outside import KEPT_BYTES, in_words, opened
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: A line counts as excited when its torque is at least this part of the strongest line's ...
 LEAST_EXCITATION = 0.05

@@ -10,14 +10,11 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.control import Cascade, pi_response, prefilter_response, velocity_filter_response
 from beltcomm.errors import DataError
 from beltcomm.response import FrequencyResponse
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 Loop = Literal["velocity", "position"]
 #: |1 - S C| below which the difference between excitation and what the controller takes away says nothing.

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.errors import DataError
 from beltcomm.response import LEAST_EXCITATION, FrequencyResponse, period_spectra
-
-Array = NDArray[np.float64]
 
 #: Lines over which a response is smooth, and unknowns of the parabola through them.
 WINDOW, UNKNOWNS = 7, 3

@@ -11,7 +11,6 @@ from beltcomm.control import Cascade
 from beltcomm.errors import UsageError
 from beltcomm.given import Place, number, place, word
 from beltcomm.result import Result, html_of, table
-from beltcomm.run.copying import copy_run
 from beltcomm.run.model import RunModel
 from beltcomm.run.record import RunRecord, RunRecords
 from beltcomm.rundata.revisions import CURRENT, model_named
@@ -22,6 +21,10 @@ from beltcomm.talk import Talk
 if TYPE_CHECKING:
     from beltcomm.api import Options
     from beltcomm.run.predicted import MovePrediction
+import shutil
+
+from beltcomm.locks import NAME, at_work, occupied
+from beltcomm.talk import Silence
 
 
 class OpenedRun:
@@ -372,3 +375,23 @@ def options_of(given: dict[str, Any]) -> Options:
         known = Options.__dataclass_fields__
         unknown = [f"{name}{did_you_mean(name, known)}" for name in given if name not in known]
         raise UsageError(f"there is no option {', '.join(unknown)}; there are {', '.join(known)}") from None
+
+
+def copy_run(folder: RunFolder, to: Path) -> Path:
+    """Copy a run, whole or not at all.   Raises UsageError where the new folder exists or cannot be, or a session is at work in the run."""
+    run = folder.path
+    if to.exists() or to.is_symlink():
+        raise UsageError(f"{to} exists; give another name for the copy of {run}")
+    if to.resolve().is_relative_to(run.resolve()):
+        raise UsageError(f"{to} is inside {run}; a run cannot hold a copy of itself, give a folder beside it")
+    draft = to.with_name(f".{to.name}.part")
+    with occupied(run, Silence(), refusal=lambda holder: at_work(run, holder)):
+        try:
+            to.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copytree(run, draft, symlinks=True, ignore=shutil.ignore_patterns(NAME))
+            draft.rename(to)
+        except (OSError, shutil.Error) as error:
+            shutil.rmtree(draft, ignore_errors=True)
+            words = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+            raise UsageError(f"{to} cannot be written: {words}; choose another place") from error
+    return to

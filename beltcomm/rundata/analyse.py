@@ -36,6 +36,7 @@ from beltcomm.model.transfer import two_mass
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse
 from beltcomm.response.distortion import distortion
+from beltcomm.simulate.stopping import total_friction, total_viscous
 
 #: Below this a loop is refused, whatever the drive's structure.
 LEAST_PHASE_MARGIN_DEG = 10.0
@@ -165,10 +166,8 @@ def characteristics(fit: ModelFit, position_m: float) -> dict[str, Characteristi
 
     def numbers(model: Model) -> np.ndarray:
         two = None if model.rigid else two_mass(model, operating_point(model, position_m, 1.0))
-        ratio = model["transmission.ratio"]
-        coulomb = model.get("coulomb.level") + ratio * model.get("cart_friction.level")
-        viscous = model.get("viscous.damping") + ratio**2 * model.get("viscous_cart.damping")
-        return np.array([*(() if two is None else (two.resonance_hz, two.antiresonance_hz)), coulomb, viscous])
+        resonances = () if two is None else (two.resonance_hz, two.antiresonance_hz)
+        return np.array([*resonances, total_friction(model), total_viscous(model)])
 
     here = numbers(fit.model)
     slopes = []
@@ -309,13 +308,12 @@ def with_feedforward(
     apparent_nm_s_rad: float | None = None,
 ) -> Cascade:
     """The cascade with the feedforward (4.16) of a model; the reference passes the velocity filter where the drive can."""
-    ratio = model["transmission.ratio"]
     feedforward = feedforward_from(
         structure,
         kind,
         inertia_kg_m2=moved_inertia(model),
-        viscous_nm_s_rad=model.get("viscous.damping") + ratio**2 * model.get("viscous_cart.damping"),
-        coulomb_nm=model.get("coulomb.level") + ratio * model.get("cart_friction.level"),
+        viscous_nm_s_rad=total_viscous(model),
+        coulomb_nm=total_friction(model),
         apparent_viscous_nm_s_rad=apparent_nm_s_rad or None,
         offset_nm=holding_nm(model),
         dead_time_s=dead_time_s + late_s(model),

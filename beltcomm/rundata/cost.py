@@ -22,7 +22,7 @@ from beltcomm.result import plain
 from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import assume_delay, delay, measure_delay_and_damping
 from beltcomm.rundata.findings import Findings
-from beltcomm.rundata.kept_path import kept_path
+from beltcomm.rundata.kept_fit import kept_path
 from beltcomm.rundata.offline import structure_of
 from beltcomm.rundata.revisions import Revision, keep_cost, model_named
 from beltcomm.runfolder import RunFolder
@@ -104,7 +104,7 @@ def cost_of(folder: RunFolder, before: Model, after: Model) -> Cost:
 def _missing_words(axis: Axis, designed: DesignResult, machine: Model, findings: Findings) -> str:
     """Missing parts, in words, of a controller on another machine than it was made for; "" for none."""
     damping = analyse.apparent_damping(findings.thesis)
-    plants = analyse.design_plants(machine, _ends(axis), [machine["cart.mass"]], delay(findings), damping)
+    plants = analyse.design_plants(machine, axis.travel.ends_m, [machine["cart.mass"]], delay(findings), damping)
     found = margins(designed.cascade, plants, designed.structure.period_s)
     if not all(one.stable and one.velocity_stable for one in found):
         return "it is not stable there"
@@ -115,10 +115,6 @@ def _missing_words(axis: Axis, designed: DesignResult, machine: Model, findings:
         if thin.phase_margin_deg < asked - THIN_DEG
         else ""
     )
-
-
-def _ends(axis: Axis) -> tuple[float, float]:
-    return float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
 
 
 def cost_or_reason(folder: RunFolder, before: Model, after: Model) -> tuple[Cost | None, str]:
@@ -199,7 +195,7 @@ def _errors(
     designed, cascade = analyse.design(
         known,
         structure,
-        positions_m=_ends(axis),
+        positions_m=axis.travel.ends_m,
         masses_kg=[known["cart.mass"]],
         dead_time_s=delay(findings),
         apparent_damping_nm_s_rad=analyse.apparent_damping(findings.thesis),

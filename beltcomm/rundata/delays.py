@@ -44,9 +44,7 @@ def measure_delay_and_damping(findings: Findings, recordings: Sequence[Recording
         return
     if findings.final is not None and isinstance(findings.final.fit, SeldomFit):  # a reading of the last millisecond of a row shows none
         found = findings.final.fit.simulated
-        findings.dead_time = DeadTime(
-            found.late_s, found.late_half_s, found.late_s / recordings[0].sample_period_s, np.empty(0), np.empty(0)
-        )
+        findings.dead_time = DeadTime(found.late_s, found.late_half_s, found.late_s / recordings[0].sample_period_s, np.empty(0))
         return
     _, resonance = analyse.characteristic_hz(model, recordings[0].sidecar.start_position_m or 0.0)
     try:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltcomm.control import Cascade
 from beltcomm.design.cascade import DesignResult
@@ -35,8 +34,6 @@ from beltcomm.rundata.offline import counts_of
 from beltcomm.rundata.proof import SURE_MARGIN_DEG
 from beltcomm.runfolder import RunFolder
 from beltcomm.verify import LEAST_DRAWN
-
-Array = NDArray[np.float64]
 
 #: Draws of the parameters, and the most closed loops that are judged: half a second.
 DRAWS, MOST_LOOPS = 160, 1600
@@ -211,7 +208,7 @@ def grounds_of(folder: RunFolder, model: Model, revision: str, findings: Finding
         counts = None
     return Grounds(
         model,
-        (float(travel.min_m or 0.0), float(travel.max_m or 0.0)),
+        travel.ends_m,
         (0.0, *payloads_kg),
         delay(findings),
         findings.dead_time,
@@ -356,10 +353,7 @@ def contradicting(
 def sound(reached: Sequence[Margins], sensitivity_db: float) -> bool:
     """True if a loop that was not designed for these plants still has what a sound one needs; the design's own margins may be passed."""
     return all(
-        one.stable
-        and one.velocity_stable
-        and one.phase_margin_deg >= SURE_MARGIN_DEG
-        and max(one.sensitivity_db, one.position_sensitivity_db) <= sensitivity_db
+        one.stable and one.velocity_stable and one.phase_margin_deg >= SURE_MARGIN_DEG and one.most_sensitivity_db <= sensitivity_db
         for one in reached
     )
 
@@ -380,7 +374,7 @@ def _worst(
     """The loop nearest to -1 over variants of the model, draws, measured responses and loads that records want."""
 
     def loads(kind: str, plants: Sequence[DesignPlant], reached: Sequence[Margins]) -> list[WorstLoop]:
-        sizes = [max(one.sensitivity_db, one.position_sensitivity_db) for one in reached]
+        sizes = [one.most_sensitivity_db for one in reached]
         return [_of_plant(grounds, kind, i / len(plants), p, size) for i, (p, size) in enumerate(zip(plants, sizes, strict=True))]
 
     found = loads("model", design.plants, design.margins)

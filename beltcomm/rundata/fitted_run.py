@@ -14,15 +14,19 @@ from beltcomm.fit.loads_found import clearest
 from beltcomm.fit.records import Data
 from beltcomm.given import pasted
 from beltcomm.laboratory.cross_checks import SheetDoubt, doubts_of
+from beltcomm.laboratory.extracts import EXTRACT_ROWS
 from beltcomm.laboratory.run_checks import Checked, check_run
+from beltcomm.outside import in_words
 from beltcomm.rundata.kept_fit import fit_base
-from beltcomm.rundata.reading_time import foretell
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Talk
 
 #: Error over noise from which on nothing is said of a model: whole torques are some hundred times the noise of a drive.
 FARTHEST = 1e4
+
+#: Bytes of recordings above which it is told, of one row, and s: to read and check a byte, and to fit a row.
+LONG_BYTES, ROW_BYTES, READ_S, FIT_S = 20_000_000, 30, 9e-8, 4e-4
 
 
 @dataclass(frozen=True)
@@ -89,4 +93,14 @@ def explainable(ratio: float, run: Path) -> None:
             f"the records of {run} cannot be explained by any model of an axis (its error would be more than {FARTHEST:.0f} times the "
             "noise): they are of a session that failed, or hold another quantity than they say. Make them again with `beltcomm "
             f"commission`, or take the wrong ones out of {run / 'recordings'}; `beltcomm bundle {pasted(run)}` packs all for whoever helps"
+        )
+
+
+def foretell(folder: RunFolder, talk: Talk) -> None:
+    """Say it where it is long."""
+    size = sum(path.stat().st_size for path in folder.recordings_folder.glob("*.csv"))
+    if size > LONG_BYTES:
+        rows = min(size / ROW_BYTES, EXTRACT_ROWS)
+        talk.say(
+            f"The recordings have {in_words(size)}: about {READ_S * size:.0f} s to read them, then about {FIT_S * rows:.0f} s for a fit."
         )

@@ -15,9 +15,8 @@ from beltcomm.errors import BeltcommError
 from beltcomm.given import Reached, pasted
 from beltcomm.language import tr
 from beltcomm.model import Model
-from beltcomm.rundata.behind import unfitted
 from beltcomm.rundata.proof import same_gains, suspect
-from beltcomm.rundata.revisions import current_revision, trusted_model
+from beltcomm.rundata.revisions import current_revision, trusted_model, unfitted
 from beltcomm.runfolder import RunFolder
 
 State = Literal["pass", "fail", "doubt", "stale", "open"]

@@ -1,4 +1,4 @@
-"""A model fitted to a run's records: from ``RUN/kept/fit.json`` where that is still valid, else anew and kept there."""
+"""Fits of a run: a model's from ``RUN/kept/fit.json`` where that is still valid, else anew and kept there; the torque path of the last."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm import caches
-from beltcomm.errors import BeltcommError
+from beltcomm.errors import BeltcommError, DataError
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.loads import with_loads
 from beltcomm.fit.records import Data
 from beltcomm.fit.start import start_model
 from beltcomm.fit.stored import key_of, key_of_model, restore_fit, store_fit
+from beltcomm.fit.torque_path import TorquePath, path_from_dict
 from beltcomm.model import Model, model_from_dict
 from beltcomm.outside import sha256_of
 from beltcomm.recording import Recording
@@ -22,6 +23,9 @@ from beltcomm.runfolder import RunFolder
 FILE = ("kept", "fit.json")
 #: Models whose fit is kept, those fitted last: one that comes back reads the number that it had.
 MOST = 12
+
+#: Its key, in files and in ``--json``.
+KEY = "torque_path"
 
 
 def fit_base(folder: RunFolder, recordings: Sequence[Recording], model: Model | None) -> tuple[Model, Data, Fitted]:
@@ -89,3 +93,30 @@ def hashes(folder: RunFolder, names: Collection[str] | None = None) -> dict[str,
     stems = set(folder.finished_names()) if names is None else set(names)
     files = (path for path in folder.recordings_folder.iterdir() if path.stem in stems and path.suffix in (".csv", ".yaml"))
     return {path.name: sha256_of(path) for path in files}
+
+
+def kept_path(folder: RunFolder) -> TorquePath | None:
+    """The path from torque setpoint and reading to the torque that acts.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        Of a run.
+
+    Returns
+    -------
+    TorquePath or None
+        None before a first fit.
+
+    Raises
+    ------
+    DataError
+        The entry is damaged.
+    """
+    found = (folder.load_result("fit") or {}).get(KEY)
+    if found is None:
+        return None
+    try:
+        return path_from_dict(found)
+    except (KeyError, TypeError, ValueError) as error:
+        raise DataError(f"results/fit.yaml has a damaged {KEY} ({error}); run `beltcomm fit` again") from error

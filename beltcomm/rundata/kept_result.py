@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from beltcomm import caches
+from beltcomm.caches import source_hash
 from beltcomm.errors import BeltcommError
 from beltcomm.journal import EVENTS, TEXT
 from beltcomm.outside import sha256_of
-from beltcomm.programs import source_hash
 from beltcomm.result import Line, Result, Row, plain
 from beltcomm.runfolder import RunFolder
 

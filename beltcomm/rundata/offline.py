@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.feedforward import FeedforwardKind
+from beltcomm.encoder.estimators import EstimatorSettings
 from beltcomm.errors import DataError, UsageError
 from beltcomm.fit.decimation import smallest_step
 from beltcomm.foreign.checks import check
@@ -26,9 +26,9 @@ from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.fitted_run import with_remarks_on_rest
-from beltcomm.rundata.kept_path import kept_path
+from beltcomm.rundata.kept_fit import kept_path
 from beltcomm.rundata.revisions import CURRENT, model_named, trusted_model
-from beltcomm.rundata.store import cascade_from_dict, delay_from_dict, structure_from_dict
+from beltcomm.rundata.store import cascade_from_dict, damaged_drive, delay_from_dict, saved_design, structure_from_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.strokes import slowest_fitted_rad_s
 from beltcomm.talk import Talk
@@ -56,6 +56,11 @@ def trusted_revision(folder: RunFolder, revision: str = "") -> tuple[Model, str,
     return model or current, name, sentence
 
 
+def design_model(folder: RunFolder, saved: Mapping[str, Any]) -> Model:
+    """The model that a saved design was made for, as :func:`trusted_revision` finds it."""
+    return trusted_revision(folder, str(saved.get("revision") or ""))[0]
+
+
 #: What a design says whose recordings do not say where they were made.
 ONE_PLACE = (
     "nobody knows where along the travel the axis was measured: the gains are proven for the belt stiffness of that place alone, elsewhere "
@@ -73,12 +78,13 @@ def place_known(recordings: Sequence[Recording]) -> bool:
 COARSER, NEARLY_WHOLE, MOSTLY = 0.8, 0.05, 0.98
 
 
-def structure_of(folder: RunFolder, findings: Findings) -> CascadeStructure:
-    """The cascade of the drive that the run knows; the thesis's own, with a remark, when it knows none."""
+def structure_of(folder: RunFolder, findings: Findings | None = None) -> CascadeStructure:
+    """The cascade of the drive that the run knows; the thesis's own, with a remark to ``findings``, when it knows none."""
     known = folder.load_result("drive")
     if known is not None:
         return structure_from_dict(known)
-    findings.remarks.append("no drive is known to this run: designed for the thesis's cascade at 1 kHz")
+    if findings is not None:
+        findings.remarks.append("no drive is known to this run: designed for the thesis's cascade at 1 kHz")
     return THESIS_STRUCTURE
 
 
@@ -107,7 +113,7 @@ def counts_of(folder: RunFolder) -> int:
     try:
         counts = int(known["counts_per_rev"]) if known else folder.axis.motor.encoder_counts_per_rev
     except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f"results/drive.yaml is damaged ({error}); connect to the drive again with a new run") from error
+        raise damaged_drive(error) from error
     if not counts:
         folder.axis.require("the final fit", "motor.encoder_counts_per_rev")
     return int(counts or 0)
@@ -142,7 +148,7 @@ def fit_run(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None =
             counts = shown
         findings.final = final_model(recordings, folder.axis, counts, progress=lambda f: talk.progress(f, None))
         model = findings.final.fit.model
-        findings.characteristics = analyse.characteristics(findings.final.fit, middle_m(folder.axis))
+        findings.characteristics = analyse.characteristics(findings.final.fit, folder.axis.travel.middle_m)
         findings.sheets = sheet_doubts(model, math.sqrt(findings.final.fit.misfit), folder.axis, recordings)
     measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model, solver)
     try:
@@ -191,6 +197,9 @@ def fit_for_belt_model(folder: RunFolder) -> Checked:
     return with_remarks_on_rest(folder, check_run(recordings, folder.axis, foreign=False))
 
 
-def middle_m(axis: Axis) -> float:
-    """Middle of the travel, m."""
-    return 0.5 * (float(axis.travel.min_m or 0.0) + float(axis.travel.max_m or 0.0))
+def estimator_settings(folder: RunFolder, tick_s: float) -> EstimatorSettings:
+    """At the motor shaft: an increment in rad in the place of metres; T_R of the design, else 2 ms."""
+    lag_s = EstimatorSettings.lag_s
+    if "final" in folder.names("designs"):
+        lag_s = float((saved_design(folder).get("parameters") or {}).get("velocity_filter_s") or 0.0)
+    return EstimatorSettings(math.tau / counts_of(folder), tick_s, structure_of(folder).period_s, lag_s)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from beltcomm.errors import DataError, UsageError
@@ -12,12 +13,16 @@ from beltcomm.given import pasted
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.model import Model, load_model
 from beltcomm.outside import sha256_of
+from beltcomm.recording.sidecar import load_sidecar
 from beltcomm.result import plain as as_plain
 from beltcomm.runfolder import RunFolder
 
 #: Name under which every command finds the model that counts.
 CURRENT = "final"
 LADDER = "ladder"
+
+#: Of ``results/fit.yaml``: the records that there were.
+RECORDS = "records"
 
 
 @dataclass(frozen=True)
@@ -194,3 +199,18 @@ def changed_recordings(folder: RunFolder, rung: Revision) -> list[str]:
 def as_mapping(rung: Revision) -> dict[str, Any]:
     """A rung for ``--json``."""
     return {**as_plain(rung), "data_hash": rung.data_hash}
+
+
+def unfitted(folder: RunFolder) -> list[str]:
+    """Records made since the current model was fitted that a fit would take in; none where nobody noted what there was."""
+    rung = current_revision(folder)
+    noted = (folder.load_result("fit") or {}).get(RECORDS) if rung is None else [Path(name).stem for name in rung.data]
+    if not isinstance(noted, list):
+        return []
+    return [name for name in folder.finished_names() if name not in noted and _teaches(folder, name)]
+
+
+def _teaches(folder: RunFolder, name: str) -> bool:
+    path = folder.recordings_folder / f"{name}.yaml"
+    sidecar = load_sidecar(path)[0] if path.is_file() else None
+    return sidecar is not None and not sidecar.held_out and sidecar.experiment != "static_map"

@@ -44,8 +44,13 @@ def drive_to_dict(capabilities: Capabilities) -> dict[str, Any]:
     return {**plain(capabilities), "kinds": sorted(capabilities.kinds), "torque_along": sorted(capabilities.torque_along)}
 
 
+def damaged_drive(error: Exception) -> DataError:
+    """The refusal of a run whose ``results/drive.yaml`` cannot be read."""
+    return DataError(f"results/drive.yaml is damaged ({error}); connect to the drive again with a new run")
+
+
 def stated_reading(folder: RunFolder) -> StatedReading | None:
-    """What the profile of a run's drive states of the torque that it reports; None where it states nothing.
+    """Statement of a run's drive profile about the torque that it reports; None where it states nothing.
 
     Raises
     ------
@@ -59,7 +64,7 @@ def stated_reading(folder: RunFolder) -> StatedReading | None:
         late_s, filter_s = (None if found[name] is None else _number(found[name]) for name in ("late_s", "filter_s"))
         return StatedReading(late_s, filter_s, None if found["command"] is None else bool(found["command"]))
     except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f"results/drive.yaml is damaged ({error}); connect to the drive again with a new run") from error
+        raise damaged_drive(error) from error
 
 
 def structure_from_dict(data: Mapping[str, Any]) -> CascadeStructure:
@@ -76,7 +81,7 @@ def structure_from_dict(data: Mapping[str, Any]) -> CascadeStructure:
         _check_structure(structure)
         return structure
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise DataError(f"results/drive.yaml is damaged ({error}); connect to the drive again with a new run") from error
+        raise damaged_drive(error) from error
 
 
 def _check_structure(structure: CascadeStructure) -> None:

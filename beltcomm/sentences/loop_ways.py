@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltcomm.errors import DataError, Refused
 from beltcomm.identify.loop_response import (
@@ -30,8 +29,6 @@ from beltcomm.result import table
 from beltcomm.rundata import analyse
 from beltcomm.rundata.analyse import Characteristic
 from beltcomm.sentences.words import number
-
-Array = NDArray[np.float64]
 
 #: Share of a band's lines that must stand above the noise for it to be seen.
 SEEN_SHARE = 0.5

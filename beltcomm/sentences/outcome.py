@@ -13,13 +13,12 @@ from beltcomm.given import pasted
 from beltcomm.identify.final import FinalModel
 from beltcomm.language import tr
 from beltcomm.result import Line, plain
-from beltcomm.rundata import analyse, offline
-from beltcomm.rundata.behind import RECORDS
+from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import delay
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.headline import OF, OWN, following, hashes_of, headline_of
-from beltcomm.rundata.kept_fit import keep_fit
-from beltcomm.rundata.kept_path import KEY
+from beltcomm.rundata.kept_fit import KEY, keep_fit
+from beltcomm.rundata.revisions import RECORDS
 from beltcomm.rundata.store import design_to_dict, fit_to_dict, verdict_to_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import friction, screens, typed_gains, words
@@ -135,7 +134,7 @@ def model_screen(folder: RunFolder, findings: Findings) -> list[Line]:
         return screens.warning_lines(findings.remarks)
     delay_s = findings.dead_time.value_s if findings.dead_time is not None else None
     return [
-        *screens.axis_lines(final.fit.model, offline.middle_m(folder.axis), delay_s),
+        *screens.axis_lines(final.fit.model, folder.axis.travel.middle_m, delay_s),
         *([screens.friction_line(findings.friction)] if findings.friction is not None else []),
         screens.model_line(math.sqrt(final.fit.misfit), final.fit.suspect),
         *screens.warning_lines([*screens.sheet_words(plain(list(findings.sheets))), *final.fit.remarks, *findings.remarks]),
@@ -235,7 +234,7 @@ def commission_text(folder: RunFolder, findings: Findings, ended: ReportWords | 
         delay_s = findings.dead_time.value_s if findings.dead_time is not None else None
         level = math.sqrt(final.fit.misfit) if error is None else error
         answer += [
-            *screens.axis_lines(final.fit.model, offline.middle_m(folder.axis), delay_s),
+            *screens.axis_lines(final.fit.model, folder.axis.travel.middle_m, delay_s),
             screens.model_line(level, final.fit.suspect),
         ]
     if findings.design is not None and findings.cascade is not None:

@@ -165,8 +165,8 @@ def loop_lines(margins: Sequence[Margins], binding: Sequence[str]) -> list[Line]
     position = min((m.position_crossover_rad_s for m in margins if math.isfinite(m.position_crossover_rad_s)), default=math.nan) / math.tau
     first = f"{tr('bandwidth')}: {tr('velocity')} {_digits(velocity)} Hz, {tr('position')} {_digits(position)} Hz"
     phase, other = min(m.phase_margin_deg for m in margins), min(m.position_phase_margin_deg for m in margins)
-    gain = min(min(m.gain_margin_db, m.position_gain_margin_db) for m in margins)
-    ms = max(max(m.sensitivity_db, m.position_sensitivity_db) for m in margins)
+    gain = min(m.least_gain_margin_db for m in margins)
+    ms = max(m.most_sensitivity_db for m in margins)
     told = f"{gain:.3g} dB" if math.isfinite(gain) else tr("unlimited")
     second = f"{tr('phase margin')} {phase:.0f}°, {tr('position')} {other:.0f}°   {tr('gain margin')} {told}   Ms {ms:.2g} dB"
     rows = [Line("   ", (f"{tr('loop'):<9}", "title"), first), Line(" " * 12, second)]
@@ -213,17 +213,11 @@ def sheet_words(doubts: Iterable[Mapping[str, Any]]) -> list[str]:
     return told
 
 
-def warning_lines(texts: Sequence[str], where: str = "--details") -> list[Line]:
-    """Warnings, a line each; how many more there are.
-
-    Parameters
-    ----------
-    where : str
-        The rest is told.
-    """
+def warning_lines(texts: Sequence[str]) -> list[Line]:
+    """Warnings, a line each; how many more there are."""
     lines = [Line("   ", (shorten(f"! {text}", WIDE - 4, placeholder=" ..."), "note")) for text in texts[:MOST_WARNINGS]]
     left = len(texts) - MOST_WARNINGS
-    return lines + ([Line("   ", (f"! {tr('{count} more notes', count=left)}: {where}", "note"))] if left > 0 else [])
+    return lines + ([Line("   ", (f"! {tr('{count} more notes', count=left)}: --details", "note"))] if left > 0 else [])
 
 
 def next_lines(step: Following) -> list[Line]:

@@ -8,8 +8,8 @@ from typing import Any
 
 from beltcomm.control import Cascade
 from beltcomm.drive.parameters import GainTerm, cascade_to_parameters
-from beltcomm.errors import DataError
 from beltcomm.result import table
+from beltcomm.rundata.store import damaged_drive
 from beltcomm.runfolder import RunFolder
 
 _PER_RPM = math.pi / 30.0
@@ -123,7 +123,7 @@ def _terms(drive: Mapping[str, Any]) -> Sequence[GainTerm]:
     try:
         return [GainTerm(**entry) for entry in drive.get("gain_terms") or ()]
     except TypeError as error:
-        raise DataError(f"results/drive.yaml is damaged ({error}); connect to the drive again with a new run") from error
+        raise damaged_drive(error) from error
 
 
 def _torque_per_amp(drive: Mapping[str, Any]) -> float:
@@ -131,7 +131,7 @@ def _torque_per_amp(drive: Mapping[str, Any]) -> float:
     try:
         torque, current = float(drive.get("rated_torque_nm") or 0.0), float(drive.get("rated_current_a") or 0.0)
     except (TypeError, ValueError) as error:
-        raise DataError(f"results/drive.yaml is damaged ({error}); connect to the drive again with a new run") from error
+        raise damaged_drive(error) from error
     return torque / current if torque > 0.0 and current > 0.0 and math.isfinite(torque / current) else 0.0
 
 

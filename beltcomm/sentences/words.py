@@ -134,7 +134,7 @@ def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
     """Gains and the worst margins over all plants."""
     worst = min(design.margins, key=lambda m: m.phase_margin_deg)
     slowest = min(design.margins, key=lambda m: m.position_phase_margin_deg)
-    sensitivity = max(max(m.sensitivity_db, m.position_sensitivity_db) for m in design.margins)
+    sensitivity = max(m.most_sensitivity_db for m in design.margins)
     prefilter = cascade.prefilter
     shown = {
         "none": "none",

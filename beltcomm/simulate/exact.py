@@ -9,15 +9,13 @@ from functools import lru_cache
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.effects import DRIVING_END
 from beltcomm.model import Model
 from beltcomm.model.linear import acts_on, carriage_of, matrices, operating_point, stretch_of, values_of
 from beltcomm.simulate.kernels.exact_kernel import REACH, LinearAxis, Tables, runner
 from beltcomm.simulate.kernels.first_root import DEGREE
-
-Array = NDArray[np.float64]
 
 #: Slots that act before the acting torque or after the true motion: no part of the equations of motion.
 _OUTSIDE = ("torque_delay", "torque_reading", "sensor")

@@ -7,8 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from beltcomm.arrays import Array
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model
@@ -18,8 +19,6 @@ from beltcomm.simulate.exact import exact_record, is_exact
 from beltcomm.simulate.imperfect import is_late, late_torque, memory_s
 from beltcomm.simulate.kernels.compose import kernel_for, states_of
 from beltcomm.simulate.kernels.glide import CELLS, LONGEST_STEP, STRIDE, glide_for, torque_at_stages
-
-Array = NDArray[np.float64]
 
 #: Largest (sub-step x fastest eigenvalue) that is let through.  The Verlet step is unstable above 2; at 0.5 its phase error
 #: is ω²h²/24, 1 %, in the fastest mode and far less in those that matter.

@@ -5,13 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import cast
 
-import numpy as np
-from numpy.typing import NDArray
-
+from beltcomm.arrays import Array
 from beltcomm.effects import Effect
 from beltcomm.model import Model
-
-Array = NDArray[np.float64]
 
 #: A lag is forgotten after this many time constants: e⁻¹⁵ = 3e-7.
 _FORGOTTEN = 15.0

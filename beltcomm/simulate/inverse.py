@@ -21,9 +21,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from beltcomm.arrays import Array
 from beltcomm.effects import EFFECTS
 from beltcomm.model import Model
 from beltcomm.model.mounted import Mounted, loaded
@@ -38,7 +38,6 @@ from beltcomm.simulate.kernels.vectors import LANES
 from beltcomm.simulate.kernels.writer import LOOK_AHEAD, MOVING_RAD_S
 from beltcomm.simulate.lock_step import Lane, lock_step
 
-Array = NDArray[np.float64]
 #: Laws with their values.
 Lags = tuple[tuple[Callable[..., Array], tuple[float, ...]], ...]
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.effects import EFFECTS
 from beltcomm.simulate.kernels.addresses import address
 from beltcomm.simulate.kernels.compose import import_stable
@@ -36,8 +37,6 @@ from beltcomm.simulate.kernels.observer_lanes import (
 )
 from beltcomm.simulate.kernels.vectors import LANES, aligned_zeros
 from beltcomm.simulate.kernels.writer import Writer, acts_on_motor
-
-Array = NDArray[np.float64]
 
 #: Fine steps of each motion that are brought beside the others' at a time: enough to read memory in rows.
 AHEAD = 64

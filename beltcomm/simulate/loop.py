@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.control import Cascade, discrete_coefficients, new_state, reset_state
 from beltcomm.model import Model
 from beltcomm.plant import Plant
 from beltcomm.simulate.kernels.loop_kernel import setpoint
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 
-Array = NDArray[np.float64]
 LoopKind = Literal["velocity", "position"]
 #: s: a part of a period shorter than this is none.
 _NO_TIME_S = 1e-9

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model
 from beltcomm.model.linear import describes, fastest_rate, operating_point
@@ -14,21 +14,21 @@ from beltcomm.simulate.forward import LARGEST_STEP, at_rest, check_step, rigid_f
 from beltcomm.simulate.imperfect import angle_sensor, is_late, late_torque, memory_s
 from beltcomm.simulate.kernels.compose import kernel_for
 
-Array = NDArray[np.float64]
-
 #: N/m and 1: rubber buffers at both ends; 3 N m on the rig (250 N) press them by 1.3 mm.  They belong to this plant and not to
 #: the model: they only keep a virtual axis from leaving the travel its model describes, and nothing identifies them.
 _STOP_STIFFNESS_N_M = 2e5
 _STOP_DAMPING_RATIO = 0.3
 
 
+#: Per millisecond, whatever the model.
+LEAST_SUBSTEPS = 20
 #: m of travel after which the plant looks whether its model still describes the axis (too slow for every step).
 _LOOK_EVERY_M = 5e-3
 
 
-def substeps_needed(model: Model, position_m: float, least: int = 20) -> int:
-    """Sub-steps per millisecond that resolve a model's fastest motion with a fifth to spare, at least ``least``."""
-    return max(least, math.ceil(1.2 * 1e-3 * fastest_rate(model, operating_point(model, position_m)) / LARGEST_STEP))
+def substeps_needed(model: Model, position_m: float) -> int:
+    """Sub-steps per millisecond that resolve a model's fastest motion with a fifth to spare, at least ``LEAST_SUBSTEPS``."""
+    return max(LEAST_SUBSTEPS, math.ceil(1.2 * 1e-3 * fastest_rate(model, operating_point(model, position_m)) / LARGEST_STEP))
 
 
 class SimulatedPlant:

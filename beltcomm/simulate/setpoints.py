@@ -13,9 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from beltcomm.arrays import Array
+
 #: Of a loop's period: rounding of a time on its grid.
 _ROUNDING = 1e-6
 

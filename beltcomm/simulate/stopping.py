@@ -13,15 +13,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.model import Model
 from beltcomm.simulate.loop import LoopDrive, close_loop
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
-
-Array = NDArray[np.float64]
 
 #: Force of a suddenly pulled undamped spring over that of a rigid one.
 SWING = 2.0

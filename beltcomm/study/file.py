@@ -25,7 +25,6 @@ from beltcomm.quantities import parse_quantity
 from beltcomm.result import jsonable, plain
 from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.cost import offline_move
-from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.study.members import Commissioned, Doing, Fleet, MemberTracking, Work
@@ -215,7 +214,7 @@ def _ground(path: Path, data: Mapping[str, Any], base: Mapping[str, Any], target
         cascade = _gains(base["gains"])
         words += ", the gains of the file"
     else:
-        ends = (float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0))
+        ends = axis.travel.ends_m
         _, cascade = analyse.design(
             model, structure, positions_m=ends, masses_kg=[model["cart.mass"]], dead_time_s=delay_s, apparent_damping_nm_s_rad=0.0
         )
@@ -231,10 +230,10 @@ def _ground_of_run(run: Path, file: Path | None, base: Mapping[str, Any], target
             raise UsageError(f"base.{key} stands beside base.run, which has its own; leave it out")
     folder = RunFolder.open(run)
     saved = saved_design(folder)
-    model, _, _ = offline.trusted_revision(folder, str(saved.get("revision") or ""))
+    model = offline.design_model(folder, saved)
     if model.side != "motor" or not folder.axis.has_transmission:
         raise UsageError(f"base.run {run} is an axis without a belt, or one in ampere; a move cannot be predicted on it")
-    structure = offline.structure_of(folder, Findings())
+    structure = offline.structure_of(folder)
     cascade, delay_s = offline.cascade_of(saved, model, structure)
     move = move_of(folder, structure.period_s, file)
     along = None

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm import atomic
+from beltcomm.caches import source_hash
 from beltcomm.configfiles import find_config, to_yaml, write_text
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.given import pasted
 from beltcomm.locks import occupied
 from beltcomm.outside import MEASURED_BYTES, from_json, read_bytes, read_text
-from beltcomm.programs import source_hash
 from beltcomm.result import Result, jsonable, plain
 from beltcomm.sentences.own_words import lines_in, text_in
 from beltcomm.study import words as words

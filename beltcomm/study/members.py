@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from beltcomm.axis import Axis
+from beltcomm.caches import source_hash
 from beltcomm.configfiles import to_yaml, write_text
 from beltcomm.errors import BeltcommError, DataError, Refused
 from beltcomm.model import Model, PlantFile
-from beltcomm.programs import source_hash
 from beltcomm.result import Result, jsonable
 from beltcomm.study.population import HIDDEN, NOTHING, DrawnAxis, Population, Values, drawn_axis
 from beltcomm.study.tracking import SharedInput, track
@@ -105,13 +105,12 @@ class Commissioned:
     def _in(self, folder: Path, number: int, values: Values) -> dict[str, Any]:
         from beltcomm.experiments.options import Options
         from beltcomm.jobs.laboratory import compare_run, diagnose_run
-        from beltcomm.rundata.offline import middle_m
 
         truth = drawn_axis(self.population, values, self.plant.model, self.plant.setpoint_delay_s, 0.0).model
         folder.mkdir(parents=True, exist_ok=True)
         write_text(folder / "plant.yaml", to_yaml(self.described(values)))
         run = folder / "run"
-        place = {"start_position": middle_m(self.axis)}
+        place = {"start_position": self.axis.travel.middle_m}
         options = Options(yes=True, seed=self.seed + number, thorough=self.each == "diagnose", drive=place)
         assert self.doing.commission is not None
         try:

@@ -13,7 +13,7 @@ from beltcomm.report.study import Against, Distributed, distribution_figure, dri
 from beltcomm.report.style import Caption
 from beltcomm.study import words as words
 from beltcomm.study.file import Study
-from beltcomm.study.summary import DISTANCE, HEADLINE, Driver, Share, Summary
+from beltcomm.study.summary import DISTANCE, HEADLINE, Driver, Share, Summary, is_number
 
 #: Results that are drawn, in this order.
 DRAWN = (
@@ -152,7 +152,7 @@ def _against(one: Driver, asked: Study, lines: Sequence[Line]) -> Against:
 
 def _value(line: Line, key: str) -> float | None:
     value = line.get("found", {}).get(key)
-    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value) else None
+    return float(value) if is_number(value) else None
 
 
 def _scaled_label(name: str, unit: str, largest: float) -> tuple[float, str]:

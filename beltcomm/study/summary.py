@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import betaincinv
 
-Array = NDArray[np.float64]
+from beltcomm.arrays import Array
 
 #: Quantiles told.
 QUANTILES = (0.05, 0.5, 0.95)
@@ -146,7 +145,7 @@ def summary_of(lines: Sequence[Line], planned: int, targets: Mapping[str, float]
     shares = [_share(key, told, len(failed) if key == HEADLINE else 0) for key in flags]
     if HEADLINE not in flags and failed and not told:
         shares = [share_of(HEADLINE, 0, len(failed))]
-    numbers = [key for key in keys if any(_number(line["found"].get(key)) for line in told)]
+    numbers = [key for key in keys if any(is_number(line["found"].get(key)) for line in told)]
     return Summary(
         planned,
         len(lines),
@@ -181,7 +180,7 @@ def _answers(lines: Sequence[Line]) -> tuple[Answers, ...]:
 
 
 def _spread(key: str, told: Sequence[Line]) -> QuantitySpread:
-    known = [(float(line["found"][key]), int(line["member"])) for line in told if _number(line["found"].get(key))]
+    known = [(float(line["found"][key]), int(line["member"])) for line in told if is_number(line["found"].get(key))]
     values = np.array([value for value, _ in known])
     at = int(np.argmin(values) if key in MORE_IS_BETTER else np.argmax(values))
     return QuantitySpread(key, len(known), tuple(float(q) for q in np.quantile(values, QUANTILES)), *known[at])
@@ -194,7 +193,7 @@ def _drivers(lines: Sequence[Line], keys: Sequence[str], nominal: Mapping[str, f
     values lie on both sides of the nominal one, their distance to it is looked at too.
     """
     found = []
-    for name in dict.fromkeys(name for line in lines for name, value in line["values"].items() if _number(value)):
+    for name in dict.fromkeys(name for line in lines for name, value in line["values"].items() if is_number(value)):
         here = [line for line in lines if name in line["values"]]
         drawn = np.array([float(line["values"][name]) for line in here])
         sides = {f"{name}": drawn}
@@ -227,7 +226,7 @@ def _result(line: Line, key: str) -> float | None:
     value = line.get("found", {}).get(key)
     if isinstance(value, bool):
         return float(value)
-    return float(value) if _number(value) else 0.0 if key == HEADLINE and "error" in line else None
+    return float(value) if is_number(value) else 0.0 if key == HEADLINE and "error" in line else None
 
 
 def _worst(lines: Sequence[Line], targets: Mapping[str, float]) -> tuple[int, ...]:
@@ -237,12 +236,13 @@ def _worst(lines: Sequence[Line], targets: Mapping[str, float]) -> tuple[int, ..
         found = line.get("found")
         if found is None or found.get("stable") is False:
             return math.inf
-        shares = [float(found[key]) / target if _number(found.get(key)) else math.inf for key, target in targets.items() if key in found]
+        shares = [float(found[key]) / target if is_number(found.get(key)) else math.inf for key, target in targets.items() if key in found]
         return max(shares, default=float(any(value is False for value in found.values())))
 
     ranked = sorted(lines, key=lambda line: (-badness(line), int(line["member"])))
     return tuple(int(line["member"]) for line in ranked[:WORST] if badness(line) > 0.0)
 
 
-def _number(value: Any) -> bool:
+def is_number(value: Any) -> bool:
+    """True for a finite number that is no bool."""
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)

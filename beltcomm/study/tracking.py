@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.control import Cascade
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.loops import sample_plants
@@ -20,7 +20,6 @@ from beltcomm.study.population import DrawnAxis
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Loop, predict_move, tracking_error
 
-Array = NDArray[np.float64]
 #: Grid points per plant: a margin is off by less than 0.1 deg or 0.2 dB.
 POINTS = 500
 
@@ -103,8 +102,8 @@ def track(ground: SharedInput, axis: DrawnAxis) -> dict[str, Any]:
         "stable": stable,
         "phase_margin_deg": min(one.phase_margin_deg for one in margins),
         "position_phase_margin_deg": min(one.position_phase_margin_deg for one in margins),
-        "gain_margin_db": min(min(one.gain_margin_db, one.position_gain_margin_db) for one in margins),
-        "sensitivity_db": max(max(one.sensitivity_db, one.position_sensitivity_db) for one in margins),
+        "gain_margin_db": min(one.least_gain_margin_db for one in margins),
+        "sensitivity_db": max(one.most_sensitivity_db for one in margins),
     }
     path = predict_move(axis.model, ground.cascade, moved, replace(ground.loop, delay_s=axis.delay_s), extra_torque_nm=ground.along_nm)
     motor = tracking_error(path.t_s, moved.position_m, path.motor_m)

@@ -9,8 +9,8 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from beltcomm import isolation
+from beltcomm.caches import source_hash
 from beltcomm.errors import Refused, UsageError
-from beltcomm.programs import source_hash
 from beltcomm.talk import Talk
 
 if TYPE_CHECKING:

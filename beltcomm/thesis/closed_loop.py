@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, CascadeStructure, Prefilter, PrefilterKind
 from beltcomm.design.design_plant import DesignPlant
@@ -23,8 +23,6 @@ from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.thesis.designs import thesis_plants
 from beltcomm.trajectory import Trajectory, at_rest, join, plan_trajectory
 from beltcomm.verify import Loop, TrackingError, demand, predict_move, tracking_error
-
-Array = NDArray[np.float64]
 
 #: Rigs of tables A.4 and A.5: 11.2 kg added, and none.
 RIGS: Mapping[str, str] = {"g_a": "11.2 kg", "g_b": "0 kg"}

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, IntArray
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, Prefilter, discrete_coefficients, new_state, velocity_step
 from beltcomm.encoder.edges import INCREMENT_M
@@ -28,14 +28,13 @@ from beltcomm.model import Model, load_plant
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 from beltcomm.trajectory import Trajectory, plan_trajectory
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
 #: Gains of G_A with the Butterworth prefilter as published (table A.7), no lag of their own: the estimator has it.
 GAINS = Cascade(0.12, 1.39, 6.29, 0.0, Prefilter("butterworth", 123.24), filter_reference=False)
 PERIOD_S, DEAD_PERIODS, TORQUE_LIMIT_NM = 1e-3, 1, 3.1
 #: The plant is asked for its position so often in a period; between, the position is taken as linear.
 PARTS = 10
+#: T_R of the source, s.
+LAG_S = 2e-3
 #: The estimators, and the high-pass with the reference behind the same lag.
 VARIANTS = ("high_pass", "high_pass_reference", "event_counter", "gate", "combined")
 MOVES: Mapping[str, tuple[float, TrajectoryLimits]] = {
@@ -77,10 +76,10 @@ def loop_results() -> Mapping[str, Mapping[str, LoopResult]]:
     return made
 
 
-def run_loop(model: Model, trajectory: Trajectory, variant: str, lag_s: float = 2e-3) -> LoopResult:
+def run_loop(model: Model, trajectory: Trajectory, variant: str) -> LoopResult:
     """Simulate one move from rest: position gain, velocity PI on the estimate, nonlinear feedforward (4.16), 1 ms dead time."""
     ratio = model["transmission.ratio"]
-    settings = EstimatorSettings(period_s=PERIOD_S, lag_s=lag_s)
+    settings = EstimatorSettings(period_s=PERIOD_S, lag_s=LAG_S)
     c, state = coefficients(settings), new_estimator()
     start = float(trajectory.position_m[0])
     x_before = 0.3 * INCREMENT_M  # the motor's belt travel since the start; the first line lies a little below
@@ -89,7 +88,7 @@ def run_loop(model: Model, trajectory: Trajectory, variant: str, lag_s: float = 
     controller, controller_state = discrete_coefficients(GAINS, PERIOD_S, TORQUE_LIMIT_NM), new_state()
     feedforward = _feedforward(model, trajectory)
     reference, speed = trajectory.position_m - start, trajectory.velocity_m_s
-    pole = lag_s / (lag_s + PERIOD_S) if variant == "high_pass_reference" else 0.0
+    pole = LAG_S / (LAG_S + PERIOD_S) if variant == "high_pass_reference" else 0.0
     compared, travelled, waiting = 0.0, 0.0, [0.0] * DEAD_PERIODS
     motor, cart, torques, wrong = (np.zeros(len(reference)) for _ in range(4))
     for k in range(len(reference)):

@@ -6,16 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, IntArray
 from beltcomm.encoder import formulas
 from beltcomm.encoder.edges import INCREMENT_M, TICK_S, Edges, Flaws, Motion, edges_of
 from beltcomm.encoder.estimators import EstimatorSettings, Extension, Switching, Velocities, velocities
 from beltcomm.encoder.kernel import COUNT, LEVEL_A, LEVEL_B, STATE, new_decoder, take_edge
 from beltcomm.encoder.quadrature import count_increments
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: The estimators by the names of their fields in ``Velocities``, and by the source's order.
 METHODS = ("high_pass", "event_counter", "gate", "combined")
@@ -91,12 +88,12 @@ class SpeedTable:
     missing: Array
 
 
-def speed_table(settings: EstimatorSettings, speeds: Sequence[float] = SPEEDS) -> SpeedTable:
+def speed_table(settings: EstimatorSettings) -> SpeedTable:
     """Worst and rms error of the methods over speed, and what the formulas say."""
-    rows = [steady_errors(v, settings) for v in speeds]
+    rows = [steady_errors(v, settings) for v in SPEEDS]
     step, tick, period, lag = settings.increment_m, settings.tick_s, settings.period_s, settings.lag_s
     # The speeds tried lie within 1 %; a bound over them is taken where it is loosest.
-    v = np.asarray(speeds, dtype=np.float64)
+    v = np.asarray(SPEEDS, dtype=np.float64)
     spread = [v * f for f in (min(NEARBY), 1.0, max(NEARBY))]
     return SpeedTable(
         settings,
@@ -135,9 +132,9 @@ class Debouncing:
     largest_without: Mapping[str, float]
 
 
-def standstill_shaking(settings: EstimatorSettings, size_m: float = 0.3 * INCREMENT_M, rate_hz: float = 200.0) -> Debouncing:
-    """The axis stands and shakes by ±size_m across a line; 24 places of the line within the shaking, 0.1 s each."""
-    pulse = 2.0 * np.pi * rate_hz
+def standstill_shaking(settings: EstimatorSettings) -> Debouncing:
+    """The axis stands and shakes by ±0.3 increments at 200 Hz across a line; 24 places of the line within the shaking, 0.1 s each."""
+    size_m, pulse = 0.3 * INCREMENT_M, 2.0 * np.pi * 200.0
 
     def motion(place: float) -> Motion:
         return lambda t: 10.0 * settings.increment_m + size_m * (np.sin(pulse * t) - place)
@@ -146,9 +143,9 @@ def standstill_shaking(settings: EstimatorSettings, size_m: float = 0.3 * INCREM
     return _debouncing_trial(made, settings, 0.1, size_m * pulse, 0.0)
 
 
-def debouncing_at_speed(settings: EstimatorSettings, speed_m_s: float = 0.01, seed: int = 1) -> Debouncing:
+def debouncing_at_speed(settings: EstimatorSettings) -> Debouncing:
     """Constant speed, up to three contact bounces of 20 us after each edge: largest deviation from the speed, by method."""
-    flaws = Flaws(bounces=3, bounce_s=2e-5, seed=seed)
+    speed_m_s, flaws = 0.01, Flaws(bounces=3, bounce_s=2e-5, seed=1)
     edges = edges_of(_steady(0.4 * settings.increment_m, speed_m_s), 0.2, flaws=flaws)
     return _debouncing_trial([edges], settings, 0.2, speed_m_s, speed_m_s)
 
@@ -201,7 +198,7 @@ def reversal(settings: EstimatorSettings, deceleration_m_s2: float = 1.0) -> Rev
         peak, turn_s = (k + 0.5) / 32.0 * step, early + settings.period_s * (k * 0.6180339887 % 1.0)
         duration = 2.0 * early
 
-        def motion(t: NDArray[np.float64], peak: float = peak, turn_s: float = turn_s) -> NDArray[np.float64]:
+        def motion(t: Array, peak: float = peak, turn_s: float = turn_s) -> Array:
             return peak - 0.5 * deceleration_m_s2 * (t - turn_s) ** 2
 
         edges = edges_of(motion, duration)
@@ -295,7 +292,7 @@ def delays(settings: EstimatorSettings, speed_m_s: float, acceleration_m_s2: flo
     late: dict[str, list[Array]] = {"high_pass": [], "event_counter": [], "gate": []}
     for k in range(16):
 
-        def motion(t: NDArray[np.float64], start: float = settings.increment_m * (k + 0.5) / 16.0) -> NDArray[np.float64]:
+        def motion(t: Array, start: float = settings.increment_m * (k + 0.5) / 16.0) -> Array:
             return start + 0.5 * acceleration_m_s2 * t**2
 
         read = velocities(edges_of(motion, end), settings, end)
@@ -336,7 +333,7 @@ def states(speed_m_s: float = 0.02) -> States:
     """Forward, a bounce, a stop that shakes across a line, and back."""
     gap = INCREMENT_M / speed_m_s
 
-    def motion(t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def motion(t: Array) -> Array:
         way = np.interp(t / gap, [0.0, 6.4, 7.0, 11.0, 11.6, 18.0], [0.3, 6.7, 7.05, 7.05, 6.7, 0.3])
         shake = np.where((t > 7.0 * gap) & (t < 11.0 * gap), 0.2 * np.sin(2.0 * np.pi * (t / gap - 7.0)), 0.0)
         return np.asarray(INCREMENT_M * (way + shake))

@@ -6,15 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.encoder import formulas
 from beltcomm.encoder.edges import INCREMENT_M, TICK_S, Flaws
 from beltcomm.encoder.estimators import EstimatorSettings, Velocities
 from beltcomm.thesis import estimator_trials as trials
 from beltcomm.thesis.estimator_loop import LoopResult, loop_results
-
-Array = NDArray[np.float64]
 
 #: s: T_s of our loops, and what the source's identification records suggest (it never states its T_s).
 PERIODS_S = (1e-3, 62.5e-6)

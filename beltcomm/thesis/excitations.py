@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from beltcomm.arrays import Array
 from beltcomm.excitation import KINDS, Excitation, ExcitationKind, choose
 from beltcomm.fit.model_fit import fit_model
 from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, largest_amplitude
@@ -21,8 +21,6 @@ from beltcomm.recording.sidecar import ExcitationNote, Sidecar
 from beltcomm.response import estimate_response
 from beltcomm.response.distortion import distortion
 from beltcomm.simulate.forward import simulate_torque
-
-Array = NDArray[np.float64]
 
 PLANTS = ("g_a", "g_b")
 PERIOD_S, SECONDS, PLACE_M = 1e-3, 7.0, 0.25

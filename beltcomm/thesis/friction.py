@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, CascadeStructure, Feedforward
@@ -16,8 +15,6 @@ from beltcomm.model import Model, load_plant
 from beltcomm.thesis.closed_loop import COUNTS, DELAY_S, PEAK_NM, PERIOD_S, gains
 from beltcomm.trajectory import Trajectory, constant_speed_strokes, ramp_length_m
 from beltcomm.verify import Loop, predict_move
-
-Array = NDArray[np.float64]
 
 #: (A.1), m/s: the arbitrary sequence of order III; sorted it is that of I, backwards that of II.
 SHUFFLED = (

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.control import Cascade, Feedforward, Prefilter, discrete_coefficients, new_state, reset_state, velocity_step
 from beltcomm.errors import Refused
 from beltcomm.excitation import Excitation, prbs
@@ -21,8 +21,6 @@ from beltcomm.response import FrequencyResponse, estimate_response
 from beltcomm.response.closed_loop import feedback, from_setpoint_excitation, from_torque_excitation, setpoint_path
 from beltcomm.simulate.plant import SimulatedPlant
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Inject = Literal["torque", "setpoint"]
 
 PLANT = "g_a"

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.effects.belt_spans import stiffness
 from beltcomm.excitation import Excitation, prbs
 from beltcomm.model import Model, load_plant
@@ -17,9 +17,6 @@ from beltcomm.model.transfer import TwoMass
 from beltcomm.response import estimate_response, log_spaced_lines
 from beltcomm.simulate.forward import simulate_torque
 from beltcomm.thesis.designs import FREQUENCIES, thesis_plants
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Table A.2: EA in N (the unit is printed as N/m), l3 and the free length at carriage position 0 of the shipped axis, m.
 EA_N, L3_M, OFFSET_M = 106_250.0, 0.79, 0.05

@@ -13,15 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import ruckig
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.errors import DataError, UsageError
 from beltcomm.recording.signalfile import read_columns
-
-Array = NDArray[np.float64]
 
 #: Samples a plateau must have for a mean and a scatter, after its run-in.
 FEWEST_PLATEAU_SAMPLES = 10

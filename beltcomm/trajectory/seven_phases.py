@@ -14,14 +14,12 @@ import math
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.errors import Refused, UsageError
 from beltcomm.trajectory import Trajectory, phase_search
 from beltcomm.trajectory.phase_search import PHASES, Task
-
-Array = NDArray[np.float64]
 
 #: Share of a bound by which rounding may exceed it.
 ROUNDING = 1e-9

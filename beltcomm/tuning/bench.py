@@ -9,31 +9,35 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.control import Cascade, Prefilter
 from beltcomm.design.cascade import DesignResult, best_cascade, candidate_prefilters
 from beltcomm.design.design_plant import DesignPlant
-from beltcomm.design.held_knobs import KnobPlants, gains_of_knobs
+from beltcomm.design.held_knobs import KnobPlants, gains_of_knobs, highest_position_margin, specification_of, suppression_range
 from beltcomm.design.knobs import Knobs
-from beltcomm.design.loops import sample_plants
+from beltcomm.design.loops import loop_shape, sample_plants
 from beltcomm.design.margins import Margins, margins_on
 from beltcomm.design.specification import Specification
 from beltcomm.errors import Refused, UsageError
 from beltcomm.trajectory import Trajectory
 from beltcomm.tuning.curves import OpenLoops, Responses, open_loop_curves, responses, span_s
-from beltcomm.tuning.ground import RANGES, DesignInput, SliderSetting, key_of
-from beltcomm.tuning.reach import Reach, reach_of, table_of
+from beltcomm.tuning.ground import RANGES, TITLES, UNITS, DesignInput, SliderSetting, key_of
 from beltcomm.verify import PredictedMove, TrackingError, predict_move, tracking_error
 
 #: Grid points per plant of the search and of the margins shown; a design that is saved is proven on more.
 _SEARCH_POINTS, _SHOWN_POINTS = 220, 500
+
 #: deg and dB by which knobs stand below what gains have, tried in turn: a corner of what is possible is no place for a slider.
 _INSIDE = (0.0, 0.3, 1.0, 3.0)
+
 #: Points of a tracking error that is drawn.
 _DRAWN = 400
-
-
 T = TypeVar("T")
+
+#: deg and dB between points of the table.
+_MARGIN_STEP, _SUPPRESSION_STEP = 2.0, 0.5
 
 
 @dataclass(frozen=True)
@@ -242,8 +246,8 @@ def worst_of(margins: tuple[Margins, ...]) -> WorstMargins:
         min(one.phase_margin_deg for one in margins),
         min(one.position_phase_margin_deg for one in margins),
         max(one.suppression_db for one in margins),
-        min(min(one.gain_margin_db, one.position_gain_margin_db) for one in margins),
-        max(max(one.sensitivity_db, one.position_sensitivity_db) for one in margins),
+        min(one.least_gain_margin_db for one in margins),
+        max(one.most_sensitivity_db for one in margins),
         min(one.crossover_rad_s for one in margins) / (2.0 * math.pi),
         min(one.position_crossover_rad_s for one in margins) / (2.0 * math.pi),
         all(one.stable and one.velocity_stable for one in margins),
@@ -254,3 +258,83 @@ def _placed(knobs: Knobs) -> Knobs:
     """On the sliders' steps of 0.1, on the safe side, within their ranges."""
     values = {name: float(np.clip(math.floor(10.0 * getattr(knobs, name)) / 10.0, *limits)) for name, limits in RANGES.items()}
     return Knobs(**values)
+
+
+@dataclass(frozen=True)
+class FeasibilityTable:
+    """possible[i, j] : whether the velocity loop can have margins_deg[i] at suppressions_db[j]."""
+
+    margins_deg: Array
+    suppressions_db: Array
+    possible: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Pieces (low, high) of each knob's range that have a design.
+
+    Attributes
+    ----------
+    advice : str
+        Where the nearest ones are, "" where all is well.
+    """
+
+    pieces: dict[str, list[tuple[float, float]]]
+    advice: str
+
+
+def table_of(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: float) -> FeasibilityTable:
+    """Velocity loops possible with one prefilter and T_R, on all plants; about a second."""
+    shape = loop_shape(plants.search, prefilter, velocity_filter_s)
+    (low, high), (least, most) = RANGES["phase_margin_deg"], RANGES["suppression_db"]
+    margins, suppressions = np.arange(low, high + 1e-9, _MARGIN_STEP), np.arange(least, most + 1e-9, _SUPPRESSION_STEP)
+    asked = specification_of(Knobs(), prefilter, velocity_filter_s)
+    rows = [suppression_range(shape, plants.structure, replace(asked, phase_margin_deg=float(m)), suppressions) for m in margins]
+    return FeasibilityTable(margins, suppressions, np.array(rows))
+
+
+def reach_of(table: FeasibilityTable, setting: SliderSetting, plants: KnobPlants, prefilter: Prefilter) -> Reach:
+    """Reach of the knobs of a setting.
+
+    Parameters
+    ----------
+    table : FeasibilityTable
+        Of its prefilter and T_R.
+    """
+    column = table.possible[:, int(np.argmin(np.abs(table.suppressions_db - setting.suppression_db)))]
+    row = table.possible[int(np.argmin(np.abs(table.margins_deg - setting.phase_margin_deg)))]
+    pieces = {
+        "phase_margin_deg": _pieces(table.margins_deg, column),
+        "suppression_db": _pieces(table.suppressions_db, row),
+    }
+    asked = specification_of(setting.knobs, prefilter, setting.velocity_filter_s)
+    shape = loop_shape(plants.search, prefilter, setting.velocity_filter_s)
+    low, high = RANGES["position_phase_margin_deg"]
+    most = min(highest_position_margin(shape, plants.structure, asked), high)
+    pieces["position_phase_margin_deg"] = [(low, most)] if most > low else []
+    return Reach(pieces, _advice(setting, pieces, most == 0.0))
+
+
+def _advice(setting: SliderSetting, pieces: dict[str, list[tuple[float, float]]], no_velocity_loop: bool) -> str:
+    names = ("phase_margin_deg", "suppression_db") if no_velocity_loop else ("position_phase_margin_deg",)
+    if not no_velocity_loop and any(low <= setting.position_phase_margin_deg <= high for low, high in pieces[names[0]]):
+        return ""
+    ways = [way for name in names if (way := _way(name, getattr(setting, name), pieces[name]))]
+    if ways:
+        return f"Possible with the other sliders as they are: {', or '.join(ways)}."
+    return "Nothing is possible with the other sliders as they are: lower both phase margins, or choose another prefilter or filter time."
+
+
+def _way(name: str, value: float, pieces: list[tuple[float, float]]) -> str:
+    """Way that one slider would have to go."""
+    if not pieces:
+        return ""
+    low, high = min(pieces, key=lambda piece: max(piece[0] - value, value - piece[1]))
+    unit = UNITS[name]
+    return f"{TITLES[name]} {'at most' if value > high else 'at least'} {high if value > high else low:.1f} {unit}"
+
+
+def _pieces(values: Array, possible: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Runs of neighbours that are possible."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], possible, [False]])))
+    return [(float(values[start]), float(values[end - 1])) for start, end in edges.reshape(-1, 2)]

@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.control import Cascade
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.loops import closed_loop_inputs, frequencies, open_loops
-
-Array = NDArray[np.float64]
 
 #: Points of the open loops before refinement, of the responses over time; N m of the torque step at the motor.
 _LINES, _MOMENTS = 160, 240

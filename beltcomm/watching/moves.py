@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from beltcomm.arrays import Array
+
 Columns = Mapping[str, NDArray[Any]]
 
 #: s over which a turn is looked at, and steps of the encoder that a resting axis trembles by at most.

@@ -14,10 +14,9 @@ from beltcomm.cli.main import cli
 from beltcomm.drive import Drive, open_drive
 from beltcomm.model import load_plant
 from beltcomm.simulate.plant import SimulatedPlant
-from beltcomm.virtual.bus import LockstepBus
+from beltcomm.virtual.bus import LockstepBus, TimedLine
 from beltcomm.virtual.device import VirtualDrive
 from beltcomm.virtual.faults import BusFaults, Faults, HostDied
-from beltcomm.virtual.line import TimedLine
 from beltcomm.virtual.sdo import begun_transfer
 from beltcomm_adapters.canopen import connect
 from campaign.disk import Disk

@@ -8,7 +8,7 @@ import pytest
 from click.shell_completion import ShellComplete
 
 from beltcomm.cli import completion
-from beltcomm.cli.bash import Bash
+from beltcomm.cli.completion import Bash
 from beltcomm.cli.frame import Invocation
 from beltcomm.cli.main import COMPLETING, cli
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from beltcomm.cli.endings import like_ctrl_c
 from beltcomm.cli.frame import typed
+from beltcomm.cli.main import like_ctrl_c
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])

@@ -9,8 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from beltcomm.axis import Axis, load_axis
-from beltcomm.axis.answers import USUAL, in_words, usual
-from beltcomm.axis.catalogue import parts, with_part
+from beltcomm.axis.answers import USUAL, in_words, parts, usual, with_part
 from beltcomm.axis.entries import SECTIONS, entries_of, meaning_of
 from beltcomm.axis.kinds import KINDS
 from beltcomm.axis.written import axis_schema, commented

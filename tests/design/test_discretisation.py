@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from beltcomm.control import Prefilter, pi_response, prefilter_response, velocity_filter_response
-from beltcomm.design.discretisation import pi_bound, prefilter_bound, steepest, velocity_filter_bound, warped_frequency
 from beltcomm.design.prefilters import continuous_prefilter
 from beltcomm.errors import UsageError
+from beltcomm.thesis.discretisation import pi_bound, prefilter_bound, steepest, velocity_filter_bound, warped_frequency
 
 PERIODS = (0.4e-3, 1e-3, 6.4e-3)
 NOTCH, BUTTERWORTH = Prefilter("notch", 673.279, 4.584), Prefilter("butterworth", 123.27)

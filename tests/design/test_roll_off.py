@@ -10,7 +10,6 @@ import pytest
 from beltcomm.control import Cascade, CascadeStructure, Prefilter, pi_response, prefilter_response, velocity_filter_response
 from beltcomm.design.cascade import candidate_prefilters, design_cascade, meets
 from beltcomm.design.design_plant import DesignPlant
-from beltcomm.design.discretisation import prefilter_bound
 from beltcomm.design.loops import closed_loop_poles
 from beltcomm.design.margins import margins
 from beltcomm.design.prefilters import continuous_prefilter
@@ -19,6 +18,7 @@ from beltcomm.drive import open_drive
 from beltcomm.drive.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.model import load_plant
 from beltcomm.rundata.analyse import design_plants
+from beltcomm.thesis.discretisation import prefilter_bound
 from design.closed_loop import PERIOD, growth_per_second, run
 
 WITH = CascadeStructure("reference", PERIOD, ("none", "notch", "butterworth"), True, True, True, roll_off=True)

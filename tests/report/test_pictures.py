@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.textpath import text_to_path
 
 from beltcomm.laboratory.samples import Units
-from beltcomm.report import measuring, style
+from beltcomm.report import page, style
 from beltcomm.report.overlay import overlay_figure
 from beltcomm.report.page import svg_of
 from beltcomm.report.staircase import RecordChange, Stair, change_figure, staircase_figure
@@ -72,7 +72,7 @@ def test_a_word_of_many_figures_is_measured_once(monkeypatch: pytest.MonkeyPatch
         return real(text, *rest)
 
     monkeypatch.setattr(text_to_path, "get_text_width_height_descent", watched)
-    measuring.measured.cache_clear()
+    page.measured.cache_clear()
     first = svg_of(ladder(3.0, 1.0))
     count = len(measured)
     assert count == len(set(measured)) > 5

@@ -10,9 +10,8 @@ import pytest
 
 from beltcomm import api
 from beltcomm.model import load_model
-from beltcomm.rundata.behind import RECORDS, unfitted
 from beltcomm.rundata.headline import behind
-from beltcomm.rundata.revisions import CURRENT, new_revision
+from beltcomm.rundata.revisions import CURRENT, RECORDS, new_revision, unfitted
 from beltcomm.runfolder import RunFolder
 
 Copy = Callable[..., Path]

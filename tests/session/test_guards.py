@@ -14,7 +14,7 @@ from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.errors import Refused, SafetyStop, UsageError
 from beltcomm.experiments import commission as sequence
-from beltcomm.experiments import phases, proving, referencing, sweeping, verification
+from beltcomm.experiments import phases, proving, referencing, verification
 from beltcomm.machine import creep
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import BELT_BEYOND, BeltWatch
@@ -155,10 +155,10 @@ def test_motions_are_slowed_down_until_their_stops_end_inside(make_bench: MakeBe
     bench, folder = make_bench(), RunFolder.create(tmp_path / "run", load_axis(AXIS))
     model = true_model(nominal("g_a"))
     with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, Silence()) as machine:
-        usual = sweeping.sweep(machine, model).trajectory
+        usual = phases.sweep(machine, model).trajectory
         machine.brake_with(Braking(0.8, 0.05, 5e-3))
         assert machine.stops_beyond(usual.position_m, usual.velocity_m_s)
-        slow = sweeping.sweep(machine, model).trajectory
+        slow = phases.sweep(machine, model).trajectory
         assert not machine.stops_beyond(slow.position_m, slow.velocity_m_s)
         assert 0.2 * np.abs(usual.velocity_m_s).max() < np.abs(slow.velocity_m_s).max() < np.abs(usual.velocity_m_s).max()
 

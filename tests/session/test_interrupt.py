@@ -11,8 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from beltcomm.cli import talk
-from beltcomm.cli.endings import twice_leaves
-from beltcomm.cli.main import cli
+from beltcomm.cli.main import cli, twice_leaves
 from beltcomm.errors import LeaveNow
 from beltcomm.model import load_model
 from beltcomm.runfolder import RunFolder

@@ -16,7 +16,7 @@ from beltcomm.jobs.laboratory import climb, named_beside
 from beltcomm.laboratory import acceptance
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.model import load_plant
-from beltcomm.pages import missing
+from beltcomm.pages import diagnosed
 from beltcomm.report.page import PageTable
 from beltcomm.result import plain
 from beltcomm.rundata import cost as costs
@@ -81,7 +81,7 @@ def test_a_cost_is_kept_with_its_revision_and_ladders_from_before_load(tmp_path:
 def test_report_shows_errors_without_and_with(cost: Cost, row: tuple[str, ...]) -> None:
     unknown = replace(ADDED, name="revision_3", change="+cogging", cost=None)
     run: Any = SimpleNamespace(rungs=[BASE, replace(ADDED, cost={"of": "backlash", **plain(cost)}), unknown], place="RUN")
-    made = missing.section(run)
+    made = diagnosed.cost_section(run)
     (table,) = (part for part in made.parts if isinstance(part, PageTable))
     assert table.rows[0] == row
     assert len({len(table.head), *map(len, table.rows)}) == 1
@@ -89,7 +89,7 @@ def test_report_shows_errors_without_and_with(cost: Cost, row: tuple[str, ...]) 
     assert MOVE in words
     assert "Not known of revision_3 (+cogging)" in words
     run.rungs = [BASE]
-    assert "beltcomm diagnose RUN" in missing.section(run).missing
+    assert "beltcomm diagnose RUN" in diagnosed.cost_section(run).missing
 
 
 @pytest.mark.parametrize(("named", "computed"), [(("backlash",), 0), (("backlash", "warmup"), 1)])

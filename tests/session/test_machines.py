@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from beltcomm import api, verify
 from beltcomm.axis import Axis, load_axis
 from beltcomm.errors import Refused
-from beltcomm.experiments import phases, proving, sweeping, verification
+from beltcomm.experiments import phases, proving, verification
 from beltcomm.machine.machine import Machine
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
@@ -104,7 +104,7 @@ def test_a_geared_axis_is_not_asked_for_more_speed_than_its_motor_has(connect: C
     with bench.open(bench.name) as drive, Machine(drive, axis, record, Silence()) as machine:
         top = drive.capabilities.max_speed_rad_s * 0.01242 / 10.0
         assert top < 0.2 * float(axis.limits.speed_m_s or 0.0)
-        strokes = sweeping.sweep(machine, model).trajectory
+        strokes = phases.sweep(machine, model).trajectory
         standard = verification.standard_move(machine, model)
         limits = machine.drive_limits(phases.untuned_envelope(machine))
     assert 0.5 * top < np.abs(strokes.velocity_m_s).max() < top

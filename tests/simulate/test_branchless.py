@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from beltcomm.arrays import Array
 from beltcomm.compiled import in_lanes
 from beltcomm.effects._corner import ramp, ramp_slope
 from beltcomm.effects.presliding import friction_share
@@ -16,7 +17,7 @@ from beltcomm.effects.quadratic_drag import force as drag
 from beltcomm.effects.travel_ripple import force as ripple
 from beltcomm.simulate.kernels.branchless import in_vectors
 from beltcomm.simulate.kernels.stick import stick_or_slide
-from beltcomm.simulate.kernels.vectors import LANES, Array, aligned_zeros, at, eight, put
+from beltcomm.simulate.kernels.vectors import LANES, aligned_zeros, at, eight, put
 
 
 def nested(x: float, y: float) -> float:

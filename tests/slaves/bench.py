@@ -18,9 +18,8 @@ from beltcomm.axis import load_axis
 from beltcomm.drive import Drive
 from beltcomm.model import load_plant
 from beltcomm.simulate.plant import SimulatedPlant
-from beltcomm.virtual.bus import LockstepBus
+from beltcomm.virtual.bus import LockstepBus, TimedLine
 from beltcomm.virtual.faults import BusFaults, Faults
-from beltcomm.virtual.line import TimedLine
 from beltcomm_adapters.canopen import connect
 from beltcomm_adapters.virtual_node import attached, ticks_per_second
 from campaign.judge import REMEDY, TRAVEL_M, UNMOVED_M

@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 
 from beltcomm import api
+from beltcomm.caches import source_hash
 from beltcomm.errors import DataError, Refused, UsageError
-from beltcomm.programs import source_hash
 from beltcomm.study.members import line_of
 from beltcomm.study.workers import answers, unfit
 from beltcomm.talk import Silence

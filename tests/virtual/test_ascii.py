@@ -6,10 +6,9 @@ import random
 
 import pytest
 
-from beltcomm.virtual.ascii import ERROR, AsciiInterpreter
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.device import VirtualDrive
-from beltcomm.virtual.service_port import BOOT_TEXT, LineFaults, LockstepPort, ServicePort
+from beltcomm.virtual.service_port import BOOT_TEXT, ERROR, AsciiInterpreter, LineFaults, LockstepPort, ServicePort
 from contract.conftest import RigidPlant
 
 

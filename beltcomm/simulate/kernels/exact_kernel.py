@@ -20,10 +20,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.compiled import in_lanes
 from beltcomm.simulate.kernels.first_root import DEGREE, NEVER, first_root, largest, value
-
-Array = NDArray[np.float64]
 
 #: Largest (length of a piece x fastest rate): the series leaves out REACH^16/16! of the motion, 5e-14.
 REACH = 1.0

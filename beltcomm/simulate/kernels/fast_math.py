@@ -17,9 +17,8 @@ import beltcomm.compiled  # noqa: F401  # numba is loaded there, apart from the 
 # isort: split
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from beltcomm.arrays import Array
 
 #: 1.5 · 2⁵²: added and taken away again, it rounds to a whole number.
 _ROUND = 6755399441055744.0

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.compiled import in_lanes
-
-Array = NDArray[np.float64]
 
 #: Highest power of a polynomial.
 DEGREE = 15

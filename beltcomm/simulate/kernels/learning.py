@@ -12,12 +12,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.compiled import inlined
 from beltcomm.simulate.kernels.observer import LOST, ObserverState
 from beltcomm.simulate.kernels.vectors import LANES, aligned_zeros, at, eight, put
-
-Array = NDArray[np.float64]
-
 
 #: The state and the noises of a usual observer, for which the compiler lays out every step; what has more goes through loops.
 SIZE, NOISES = 8, 5

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from beltcomm.arrays import Array
 from beltcomm.compiled import compiled
 from beltcomm.control.cascade_kernel import cascade_step, velocity_step
-
-Array = NDArray[np.float64]
 
 
 @compiled

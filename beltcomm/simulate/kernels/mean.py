@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.compiled import compiled
-
-Array = NDArray[np.float64]
 
 #: N m; a load beyond it, or none at all, comes from bodies that an absurd model let fly off: as bad as any.
 ABSURD_NM = 1e12

@@ -19,10 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.compiled import in_lanes
 from beltcomm.simulate.kernels.vectors import LANES, aligned_zeros, at, eight, put
-
-Array = NDArray[np.float64]
 
 
 class ObserverState(NamedTuple):

@@ -10,13 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.compiled import within_lanes
 from beltcomm.simulate.kernels.addresses import flag_at, number_at, set_flag, set_number
 from beltcomm.simulate.kernels.mean import ABSURD_NM
 from beltcomm.simulate.kernels.observer import LOST, OPEN, ObserverState
 from beltcomm.simulate.kernels.vectors import LANES, Vector, aligned_zeros, at, eight, put
-
-Array = NDArray[np.float64]
 
 #: Rows of the memory of a loop in lock step that :func:`advance_sample` knows.
 NEW, SHUT, SHARE, KEPT, DEVIATION, VARIANCE, HALF, STIFFNESS, WANDER, HURRY, LEVER, ASTRAY, AIM = range(0, 13 * LANES, LANES)

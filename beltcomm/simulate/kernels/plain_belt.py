@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.compiled import in_lanes
 from beltcomm.effects._corner import REACH
 from beltcomm.effects.belt_slack import MOST_LOST
@@ -20,8 +20,6 @@ from beltcomm.effects.stiffness_position import LEAST_COMPLIANCE
 from beltcomm.simulate.kernels import ahead
 from beltcomm.simulate.kernels.mean import ABSURD_NM
 from beltcomm.simulate.kernels.observer import lanes_for
-
-Array = NDArray[np.float64]
 
 #: Effects beyond the motor that this file knows; each is off where its parameter is 0.
 PLAIN = ("belt_stiffness", "belt_damping", "viscous_cart", "cart_friction")

@@ -10,12 +10,11 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.effects import EFFECTS, Effect, effect_named
 from beltcomm.model import expected_parameters
 from beltcomm.simulate.kernels.plain_belt import PLAIN, knows
 from beltcomm.simulate.kernels.writer import acts_on_motor, catalogue_parameters
-
-Array = NDArray[np.float64]
 
 #: Slots of what changes angle or torque and no load.
 BEFORE_THE_LOAD = ("sensor", "torque_path", "torque_delay", "torque_reading")

@@ -27,7 +27,7 @@ from numba.core.typing.templates import ConcreteTemplate, infer_global
 from numba.extending import intrinsic, register_model
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from beltcomm.arrays import Array
 
 #: Neighbours in one vector.
 LANES = 8

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.report.style import FAINT, HELD_OUT, MEASURED, MODEL, SEVERE, Caption, figure, styled
 from beltcomm.thesis.closed_loop import RIGS, ClosedLoopStudy, SimulatedMove
-
-Array = NDArray[np.float64]
 
 COLOURS = (SEVERE, HELD_OUT, MODEL, MEASURED, FAINT)
 TITLES = {

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.control import Cascade, PrefilterKind
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.prefilters import continuous_prefilter
@@ -17,8 +17,6 @@ from beltcomm.design.thesis import position_loop, thesis_prefilter, velocity_loo
 from beltcomm.report import style
 from beltcomm.thesis.designs import Designs
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 #: Colours and lines of the prefilters: solid what is recomputed, dashed what the thesis prints.
 COLOURS: Mapping[PrefilterKind, str] = {"notch": style.RESIDUAL, "butterworth": style.SEVERE, "none": "#777777"}
 NAMES: Mapping[PrefilterKind, str] = {"notch": "notch", "butterworth": "Butterworth", "none": "no prefilter"}

@@ -6,13 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from beltcomm.arrays import ComplexArray
 from beltcomm.report.style import FAINT, HELD_OUT, MEASURED, MODEL, RESIDUAL, SEVERE, Caption, figure, styled
 from beltcomm.thesis.models import AVERAGED, FREQ_HZ, LINES_HZ, TRAVEL_M, ModelStudy
 
 COLOURS = (MEASURED, MODEL, RESIDUAL, SEVERE, HELD_OUT)
-ComplexArray = NDArray[np.complex128]
 
 
 def figures(study: ModelStudy, caption: Caption) -> Mapping[str, Figure]:
