@@ -201,7 +201,7 @@ class Loops:
         )
 
     def forget_acceleration(self) -> None:
-        """What follows has no feedforward of its acceleration, so the end of the one before is none either."""
+        """Begin a reference without feedforward of its acceleration: the end of the one before is none either."""
         forget_acceleration(self._state)
 
     def _on_factor(self) -> None:
