@@ -1,4 +1,4 @@
-"""What records borrow from a drive beside its parameters: read before the first one, so that a killed session's can go back."""
+"""Objects that records borrow from a drive beside its parameters: read before the first one, so that a killed session's can go back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a synchronous exchange costs on a CAN bus, and the period that fits the bit rate."""
+"""Cost of a synchronous exchange on a CAN bus, and the period that fits the bit rate."""
 
 from __future__ import annotations
 

@@ -171,7 +171,7 @@ class CanopenDrive(ObjectDrive):
             self._scaling = self._scaling.with_speed(self._speed_rad_s)
 
     def trial(self) -> list[Finding]:
-        """See :func:`beltcomm.drive.access.able`: a record's PDOs and limits, tried with the stage off and put back."""
+        """Prepare for a kind of record: its PDOs and limits, tried with the stage off and put back."""
         modes = supported_modes(self._objects, self._profile)
         said = [Finding(AREA, "units", "warning", text) for text in self._scaling.said]
         own = self.capabilities
@@ -184,7 +184,7 @@ class CanopenDrive(ObjectDrive):
         return quick_stop_rad_s2(self._objects, self._scaling, limits)
 
     def _tell(self, sentences: Sequence[str]) -> None:
-        """What a drive makes of a setting, with the next record, once."""
+        """Remember for the next record how a drive takes a setting, once."""
         new = [text for text in sentences if text not in self._told]
         self._told |= set(new)
         self._learnt += tuple(new)
@@ -238,7 +238,7 @@ class CanopenDrive(ObjectDrive):
         return False
 
     def _settings_words(self) -> str:
-        """What it is set to, as a sentence's end."""
+        """Setting of its reaction, as a sentence's end."""
         said = host_reaction.words(self._objects)
         return f"; now {said}" if said else ""
 
@@ -248,7 +248,7 @@ class CanopenDrive(ObjectDrive):
         check_motion(motion, limits, self.capabilities, self._profile, self._here_rad(), drive_torque_nm)
 
     def home(self, limits: Limits) -> None:
-        """See :meth:`beltcomm.drive.Drive.home`: mode 6 with the method of the profile, or that the drive is set to (6098h).
+        """Let the drive find its zero: mode 6 with the method of the profile, or that the drive is set to (6098h).
 
         The zero is not known before, so the width of the window is what the axis may travel from where it stands.
         """

@@ -1,4 +1,4 @@
-"""What a drive does when its host falls silent: error behaviour 1029h of the node (CiA 301), abort connection option 6007h (CiA 402)."""
+"""Reaction of a drive whose host falls silent: error behaviour 1029h of the node (CiA 301), abort connection option 6007h (CiA 402)."""
 
 from __future__ import annotations
 

@@ -181,7 +181,7 @@ def read_top_speed_rad_s(objects: Objects) -> float | None:
 
 
 def _stated(profile: Profile) -> StatedReading | None:
-    """What a profile states of the torque that is reported; None where it states nothing."""
+    """Statement of a profile on the torque that is reported; None where it states nothing."""
     late, lag, command = profile.actual_torque.late_ms, profile.actual_torque.filter_ms, profile.actual_torque.command
     if late is None and lag is None and command is None:
         return None

@@ -1,4 +1,4 @@
-"""What a drive is to beltcomm through its objects, whatever carries them: named values, parameters, saving, and giving back."""
+"""A drive through its objects, whatever carries them: named values, parameters, saving, and giving back."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ class ObjectDrive:
         self.close()
 
     def _borrow(self) -> None:
-        """What is lent to this session: control of the drive first, then the speed unit."""
+        """Values lent to this session: control of the drive first, then the speed unit."""
         if self._profile.enable_logic:
             self._session.set(*self._profile.enable_logic, keep=True)
         self._scaling = read_scaling(self._objects, self._profile, self._session, self._nameplate)
@@ -164,7 +164,7 @@ class ObjectDrive:
         return self._objects.read(0x6064, 0, "int32") * self._scaling.position_rad
 
     def _referenced(self) -> bool:
-        """What the drive tells of its zero; where it tells nothing, whether it was homed by us."""
+        """True if the drive has a zero: by its own word, or where it tells nothing because we homed it."""
         if self._profile.referenced is None:
             return self._homed
         index, subindex, bit = self._profile.referenced

@@ -1,4 +1,4 @@
-"""What a kind of drive is like: ``configs/drives/*.yaml`` as checked values, and the choice among them.
+"""Kinds of drives: ``configs/drives/*.yaml`` as checked values, and the choice among them.
 
 A quirk of a drive is a line in its file, never a branch on its name.
 """
@@ -307,22 +307,28 @@ def _profile(raw: dict[str, Any]) -> Profile:
 
 
 def _check_writes(profile: Profile, *, shipped: bool) -> None:
-    """What a profile makes beltcomm write: settings of controllers and modes that fit, whoever wrote it.   Raises ValueError.
+    """Refuse a profile that would have anything written but settings of controllers and modes that fit, by a ValueError.
 
     shipped : it came with this package; any other one may hand control to the bus by an object only that a shipped one does it by.
     """
     places = [(entry.index, entry.subindex) for entry in profile.parameters.values()]
+
+    def locked(index: int, subindex: int) -> Lock | None:
+        return next((lock for lock in (*ALWAYS, *profile.never_write) if lock.holds(index, subindex)), None)
+
     for name, entry in profile.parameters.items():
         place = entry.index, entry.subindex
         if not any(entry.index in known for known in CONTROLLERS):
             raise ValueError(f"{name} in {name_of(*place)}, where no drive has a setting of its controllers")
-        if lock := next((lock for lock in (*ALWAYS, *profile.never_write) if lock.holds(*place)), None):
+        if lock := locked(*place):
             raise ValueError(f"{name} in {name_of(*place)}, which holds {lock.what}")
         if places.count(place) > 1:
             raise ValueError(f"{name} in {name_of(*place)} as another parameter")
     save = profile.save
     if save.index != SAVE_PLACE[0] and not any(save.index in known for known in CONTROLLERS[:1]):
         raise ValueError(f"save writes {name_of(save.index, save.subindex)}; give 1010h, or an object of the maker's own (2000h to 5FFFh)")
+    if lock := locked(save.index, save.subindex):
+        raise ValueError(f"save writes {name_of(save.index, save.subindex)}, which holds {lock.what}")
     if (save.index, save.subindex) in places:
         raise ValueError(f"save writes {name_of(save.index, save.subindex)}, which is a parameter too")
     logic = profile.enable_logic

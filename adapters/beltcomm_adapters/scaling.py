@@ -143,7 +143,7 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
 
 
 def _quick_stop(objects: Objects, unit: str, rad_s2: float, ramp: bool) -> list[str]:
-    """What a unit of acceleration that only a profile states makes of the drive's own quick stop: nothing else shows it before a stop."""
+    """Quick stop of the drive in a unit of acceleration that only a profile states: nothing else shows that unit before a stop."""
     own = objects.read_if_there(0x6085, 0, "uint32")
     if not own:
         return []

@@ -232,15 +232,15 @@ class SdoObjects(Objects):
         self.node = link.node
 
     def read_bytes(self, index: int, subindex: int = 0) -> bytes:
-        """See :meth:`Objects.read_bytes`."""
+        """Content of an object, by an SDO upload."""
         return self._transfer(index, subindex, "read", lambda: self._client.upload(index, subindex))
 
     def write_bytes(self, index: int, subindex: int, data: bytes, verb: str) -> None:
-        """See :meth:`Objects.write_bytes`."""
+        """Content into an object, by an SDO download."""
         self._transfer(index, subindex, verb, lambda: self._client.download(index, subindex, data))
 
     def save(self, place: Place = SAVE_PLACE, value: int = SAVE, time_s: float | None = None) -> None:
-        """See :meth:`Objects.save`."""
+        """Store the parameters in the drive for good, with the patience that takes."""
         usual_s, self._client.answer_time_s = self._client.answer_time_s, time_s or SAVE_TIME_S
         try:
             self.write(*place, value)
@@ -249,7 +249,7 @@ class SdoObjects(Objects):
 
     @property
     def twice(self) -> bool:
-        """See :attr:`Objects.twice`: nearly every request so far was answered more than once."""
+        """True if nearly every request so far was answered more than once, with answers that differ."""
         return self._client.doubled > _TWINS * self._client.asked and self._differ()
 
     def _differ(self) -> bool:

@@ -184,7 +184,7 @@ class SerialDrive(ObjectDrive):
 
 
 def _left_alone(limits: Limits, end_rad: float) -> str:
-    """What an axis does that nobody can tell anything any more, in words."""
+    """Reaction of an axis that nobody can tell anything any more, in words."""
     where = "" if math.isnan(end_rad) else f" at {limits.where(end_rad)}"
     return (
         f"nothing guards a drive over RS-232: if it runs on, it ends the stroke it has by itself{where}, and holds the axis there with its "

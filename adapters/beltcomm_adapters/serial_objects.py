@@ -43,7 +43,7 @@ class SerialObjects(Objects):
         self.answer_time_s, self.quiet_s = ANSWER_TIME_S, QUIET_TIME_S
 
     def read_bytes(self, index: int, subindex: int = 0) -> bytes:
-        """See :meth:`Objects.read_bytes`.  How long the content is, nobody knows: a cut answer shows only beside another one."""
+        """Content of an object.  How long the content is, nobody knows: a cut answer shows only beside another one."""
         before = self._read(index, subindex, None)
         for _ in range(_ATTEMPTS):
             again = self._read(index, subindex, None)
@@ -53,7 +53,7 @@ class SerialObjects(Objects):
         raise self._nonsense(index, subindex, "read", "its answers differ in length")
 
     def read(self, index: int, subindex: int, kind: str) -> float:
-        """See :meth:`Objects.read`.  Raises DriveError for content of another width than the type's, too."""
+        """Value of an object.  Raises DriveError for content of another width than the type's, too."""
         layout = TYPES[kind][0]
         value: float = struct.unpack(layout, self._read(index, subindex, kind))[0]
         return value
@@ -83,7 +83,7 @@ class SerialObjects(Objects):
         return number, 0.5 * (line.asked_s + line.seconds(_REQUEST) + line.answered_s - line.seconds(_HEAD + 2 * width))
 
     def write_bytes(self, index: int, subindex: int, data: bytes, verb: str) -> None:
-        """See :meth:`Objects.write_bytes`."""
+        """Content into an object."""
         self.locks.check(index, subindex, data)
         asked, answer = ObjectAnswer(index, subindex, data), None
         for _ in range(_ATTEMPTS):
@@ -97,7 +97,7 @@ class SerialObjects(Objects):
         raise self._nonsense(index, subindex, verb, "it was not taken")
 
     def save(self, place: Place = SAVE_PLACE, value: int = SAVE, time_s: float | None = None) -> None:
-        """See :meth:`Objects.save`; ``SAVE!``, sent once, because nobody can ask whether it was done."""
+        """Store the parameters in the drive for good: ``SAVE!``, sent once, because nobody can ask whether it was done."""
         answer = self._line.ask("SAVE!", lambda line: line in (_DONE, _ERROR), longest=7, time_s=SAVE_TIME_S)
         if answer is None:
             raise BusError(

@@ -1,4 +1,4 @@
-"""What a record needs of a drive, tried with the stage off and put back: its PDOs, its limits.  Doctor and every command that moves ask it.
+"""Needs of a record, tried with the stage off and put back: its PDOs, its limits.  Doctor and every command that moves ask it.
 
 The functions that make the settings are those of a record itself, so that nothing can be found out after the first motion was agreed to.
 """

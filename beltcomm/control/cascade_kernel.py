@@ -36,6 +36,12 @@ def reset_state(state: Array, position_rad: float, velocity_rad_s: float = 0.0) 
 
 
 @compiled
+def forget_acceleration(state: Array) -> None:
+    """Let a reference whose acceleration is not fed forward begin: what it was before is no change of it."""
+    state[_ACCELERATION] = 0.0
+
+
+@compiled
 def cascade_step(
     coefficients: Array,
     state: Array,

@@ -24,7 +24,7 @@ from beltcomm.rundata.first_motions import CLEAR_SHARE
 from beltcomm.schedule.steps import LOUD, Step
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.trajectory import Trajectory
-from beltcomm.verify import demand, predict_move
+from beltcomm.verify import predict_move
 
 #: s of machine time per frequency response: rest, one run-in period, three to four measured ones.
 RESPONSE_S = 7.0
@@ -33,8 +33,6 @@ OVER_FRICTION = 1.1
 #: Share of the belt's force that a hard motion may ask for, and periods of the antiresonance that its acceleration rises in: less would
 #: let the belt swing.
 HARD_SHARE, RISE_PERIODS = 1.0, 1.5
-#: Share of the belt's force that a rigid carriage may ask for where nobody can predict how the belt swings.
-UNKNOWN_LOOP_SHARE = 0.6
 #: The record that says what holds the carriage where, and m/s of the strokes that count.
 SWEEP, STROKE_M_S = "sweep", 5e-3
 #: m: a place already measured nearby is not measured again.
@@ -206,17 +204,15 @@ def stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, a
     for share in shares:
         eased = replace(course, gentle=phases.slower(course.gentle, share), hard=phases.slower(course.hard, share))
         path = path_of(step, eased, at_m)
-        if not machine.stops_beyond(path.position_m, path.velocity_m_s) and within_belt(machine, loop, step, path):
+        if not machine.stops_badly(path.position_m, path.velocity_m_s) and within_belt(machine, loop, step, path):
             return path
     return path  # the machine itself says what is wrong with it
 
 
 def within_belt(machine: Machine, loop: Closed, step: Step, path: Trajectory) -> bool:
     """True if a motion with more than gentle acceleration is predicted to load the belt no more than it may."""
-    if step.kind != "moves" or machine.stroking() != "position":
+    if step.kind != "moves" or machine.stroking() != "position" or loop.cascade is None:
         return True
-    if loop.cascade is None:
-        return demand(path, loop.model).feed_force_n <= UNKNOWN_LOOP_SHARE * machine.belt_left_n
     force = predict_move(loop.model, loop.cascade, path, verification.in_drive(machine, loop.delay_s)).belt_force_n
     top = float(np.max(np.abs(path.velocity_m_s)))
     return force <= verification.belt_force_limit_n(machine, loop.model, top, verification.BELT_SWING)

@@ -64,8 +64,11 @@ def try_out(machine: Machine, findings: Findings, model: Model) -> bool:
     machine.loop_tried = True
     reaction_s = REACTION_PERIODS * machine.drive.capabilities.sample_period_s
     heaviest = max(one["cart.mass"] for one in family)
-    deceleration = rigid_deceleration(machine.axis, heaviest, machine.envelope().torque_nm, SWING).value_m_s2
-    machine.brake_with(Braking(deceleration, LAG_GROWTH * lag_s + reaction_s, reaction_s))
+    accelerated, deceleration = (
+        rigid_deceleration(machine.axis, mass, machine.envelope().torque_nm, SWING + 1.0).value_m_s2
+        for mass in (model["cart.mass"], heaviest)
+    )
+    machine.brake_with(Braking(deceleration, LAG_GROWTH * lag_s + reaction_s, reaction_s, acceleration_m_s2=accelerated))
     machine.folder.journal(f"the drive's own loop lags by {1e3 * lag_s:.1f} ms; a stop brakes with {deceleration:.4g} m/s²")
     return True
 

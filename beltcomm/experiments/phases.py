@@ -351,7 +351,7 @@ def stoppable(machine: Machine, limits: TrajectoryLimits, plan: Callable[[Trajec
     for share in STOPPABLE_SHARES:
         motion = plan(slower(limits, share))
         path = motion.trajectory if isinstance(motion, Strokes) else motion
-        if not machine.stops_beyond(path.position_m, path.velocity_m_s):
+        if not machine.stops_badly(path.position_m, path.velocity_m_s):
             break
     return motion
 

@@ -294,7 +294,7 @@ def broken_limits(machine: Machine, model: Model, trajectory: Trajectory, spare_
     ends = float(np.min(trajectory.position_m)), float(np.max(trajectory.position_m))
     if ends[0] < low or ends[1] > high:
         broken.append(f"the move goes from {ends[0]:.4g} m to {ends[1]:.4g} m, the travel is {low:g}..{high:g} m")
-    elif beyond := machine.stops_beyond(trajectory.position_m, trajectory.velocity_m_s, spare_m):
+    elif beyond := machine.stops_badly(trajectory.position_m, trajectory.velocity_m_s, spare_m):
         broken.append(beyond)
     return broken
 

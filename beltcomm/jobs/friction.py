@@ -165,7 +165,7 @@ def _possible(machine: Machine, model: Model, order: str, asked: Wanted) -> tupl
     beyond: dict[float, str] = {}
     for stroke in set(strokes):
         path = orders.path_of([stroke], low, high, limits, period)
-        beyond[stroke.speed_m_s] = machine.stops_beyond(path.position_m, path.velocity_m_s)
+        beyond[stroke.speed_m_s] = machine.stops_badly(path.position_m, path.velocity_m_s)
     kept = [s for s in strokes if not beyond[s.speed_m_s]]
     if len({s.speed_m_s for s in kept}) < 2:
         raise Refused(f"no sweep is possible: {next(filter(None, beyond.values()))}")

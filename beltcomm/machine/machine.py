@@ -49,6 +49,8 @@ SETTLE_S = 1.0
 UNKNOWN_BRAKE_S = 0.1
 #: Share by which a deceleration that the drive rounds may be off.
 SAME_STOP = 0.02
+#: Share by which an acceleration that is drawn from rounded speeds may be off.
+SAME_ACCELERATION = 1e-3
 #: s: a run that goes on later than this may have cooled down.
 LONG_AGO_S = 300.0
 
@@ -327,8 +329,23 @@ class Machine:
             lead_rad=None if lead_m is None else lead_m / self.ratio,
         )
 
-    def stops_beyond(self, position_m: Array, speed_m_s: Array, spare_m: float = 0.0) -> str:
-        """In words, where a stop at some moment of a motion would end outside the travel, or within ``spare_m`` of its ends; else empty."""
+    def stops_badly(self, position_m: Array, speed_m_s: Array, spare_m: float = 0.0) -> str:
+        """In words, that a stop at some moment of a motion would load the belt beyond its force, or end outside the travel or within
+        ``spare_m`` of its ends; else empty."""
+        return self._stops_too_hard(speed_m_s) or self._stops_beyond(position_m, speed_m_s, spare_m)
+
+    def _stops_too_hard(self, speed_m_s: Array) -> str:
+        if self.braking is None or self.over_belt or len(speed_m_s) < 2:
+            return ""
+        most = float(np.max(np.abs(np.diff(speed_m_s)))) / self.drive.capabilities.sample_period_s
+        if most <= self.braking.acceleration_m_s2 * (1.0 + SAME_ACCELERATION):
+            return ""
+        return (
+            f"a stop out of {most:.3g} m/s² would make the belt swing beyond its force; with this loop it bears one out of "
+            f"{self.braking.acceleration_m_s2:.3g} m/s² at most"
+        )
+
+    def _stops_beyond(self, position_m: Array, speed_m_s: Array, spare_m: float = 0.0) -> str:
         if self.braking is None or self.over_belt:
             return ""
         low, high = self.envelope().window_m
@@ -346,9 +363,9 @@ class Machine:
         if motion.kind == "torque":
             return
         asked = self.ratio * (motion.position_rad - self.origin_rad), self.ratio * motion.velocity_rad_s
-        beyond = self.stops_beyond(*(foreseen or asked))
-        if beyond:
-            raise Refused(f"the motion is refused: {beyond}; plan it slower or further away from the ends")
+        bad = self._stops_too_hard(asked[1]) or self._stops_beyond(*(foreseen or asked))
+        if bad:
+            raise Refused(f"the motion is refused: {bad}; plan it slower or further away from the ends")
 
     def record(
         self,

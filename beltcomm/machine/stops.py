@@ -10,6 +10,7 @@ from beltcomm.control import Cascade
 from beltcomm.errors import Refused
 from beltcomm.identify.amplitude import family_around
 from beltcomm.machine.machine import Machine
+from beltcomm.machine.prediction_watch import BELT_BEYOND
 from beltcomm.model import Model
 from beltcomm.rundata import analyse
 from beltcomm.simulate.stopping import (
@@ -82,16 +83,21 @@ def braking_of(machine: Machine, sliding_nm: Callable[[float, float], float] | N
 
 
 def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, delay_s: float) -> Braking:
-    """Set the quick stop to the hardest one that a loop makes without loading the belt too much; returns what is counted with."""
+    """Set the quick stop to the hardest one that a loop makes without loading the belt too much; returns what is counted with.
+
+    Raises
+    ------
+    Refused
+        When even the softest one loads the belt so much that a motion would be stopped for it.
+    """
     capabilities, envelope = machine.drive.capabilities, machine.envelope()
     if machine.sends_feedforward and machine.cascade is not None:
         cascade = machine.cascade  # a quick stop has what stands in the drive
     low, high = envelope.window_m
     if machine.axis.mounting.tilted:
         machine.holding_nm = analyse.holding_nm(family[0])
-    limits = replace(
-        machine.axis.limits, feed_force_n=max((machine.axis.limits.feed_force_n or machine.axis.belt_force_limit_n) - machine.weight_n, 1.0)
-    )
+    left_n = max((machine.axis.limits.feed_force_n or machine.axis.belt_force_limit_n) - machine.weight_n, 1.0)
+    limits = replace(machine.axis.limits, feed_force_n=left_n)
     rigid = rigid_deceleration(machine.axis, family[0]["cart.mass"], envelope.torque_nm).value_m_s2
     speed = min(envelope.speed_m_s, math.sqrt(2.0 * rigid * SIMULATED_SHARE * (high - low)))
     braking, stop = braked_by_loop(
@@ -106,12 +112,18 @@ def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, d
         torque_limit_nm=envelope.torque_nm,
         counts_per_rev=capabilities.counts_per_rev,
     )
+    if stop.belt_force_n > BELT_BEYOND * left_n:
+        raise Refused(
+            f"even a stop with {braking.deceleration_m_s2:.3g} m/s² out of {braking.acceleration_m_s2:.3g} m/s² would load the belt with "
+            f"{stop.belt_force_n:.0f} N by this loop, {left_n:.0f} N are left for it (limits.feed_force_n); look at the gains, "
+            "or at what is loose on the axis"
+        )
     machine.brake_with(braking)
     machine.closed = family[0], delay_s
     machine.friction = max(map(total_friction, family)), max(map(total_viscous, family))
     machine.folder.journal(
         f"a stop brakes with {braking.deceleration_m_s2:.4g} m/s² after {1e3 * braking.lag_s:.1f} ms: {1e3 * braking.way_m(speed):.0f} mm "
-        f"from {speed:.3g} m/s, {stop.belt_force_n:.0f} N in the belt"
+        f"from {speed:.3g} m/s, out of {braking.acceleration_m_s2:.3g} m/s² at most: {stop.belt_force_n:.0f} N in the belt"
     )
     return braking
 

@@ -1,15 +1,22 @@
 """Stops of an axis: along which deceleration, on which way, with how much force in the belt.
 
-A drive's quick stop ramps its speed down with a constant deceleration (6085h).  Such a ramp begins with a step, and a belt that is
-pulled by a step of acceleration swings to twice the force of a rigid one; a speed controller that is slower than the belt rounds
-it off.  Carriage side, SI.
+A drive's quick stop ramps its speed down with a constant deceleration d (6085h) and drops the torque that accelerated the axis.  The force
+of the belt is then to go from F_a = m a to -F_d = -m d at once.  An undamped belt swings around where it is to go by all that it has to go,
+
+    |F|  ≤  F_d + (F_a + F_d)  =  F_a + 2 F_d,
+
+twice the force of a rigid one out of constant speed.  A speed controller that is slower than the belt rounds the step off, so that
+
+    |F|  ≤  F_0 + r F_a,    F_0 ≤ 2 F_d,  r ≤ 1,
+
+with what the loop makes of F_0 and r; the simulation of a stop finds both.  Carriage side, SI.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -31,8 +38,10 @@ UNKNOWN_MASSES_KG = (0.3, 1.0, 3.0, 10.0, HEAVIEST_KG)
 UNKNOWN_SHARES = (0.1, 0.3, 1.0, 3.0, 10.0)
 #: Periods from what makes a stop necessary to the drive's ramp: three lost answers, one to notice, one until the command is active.
 REACTION_PERIODS = 5
-#: s: constant speed before a simulated stop, and rest after its ramp.
-SETTLE_S, REST_S = 0.15, 0.4
+#: s: constant speed before a simulated stop, rise of the acceleration out of which it may come, and rest after its ramp.
+SETTLE_S, RISE_S, REST_S = 0.15, 0.1, 0.4
+#: Largest acceleration over the deceleration of a stop: an undamped belt then bears F_a + 2 F_d with half of its force for either.
+ACCELERATED_OVER_BRAKED = 2.0
 #: Parts of the speed from which a stop is simulated.
 SPEED_PARTS = (0.03, 0.1, 0.3, 1.0)
 #: Shares of the rigid deceleration that are tried, largest first.
@@ -70,12 +79,15 @@ class Braking:
         The first part of it.
     besides : Braking or None
         What else brakes; the shorter way counts.
+    acceleration_m_s2 : float
+        Largest one out of which a stop loads the belt no more than it bears.
     """
 
     deceleration_m_s2: float
     lag_s: float
     reaction_s: float = 0.0
     besides: Braking | None = None
+    acceleration_m_s2: float = math.inf
 
     def way_m(self, speed_m_s: float, acceleration_m_s2: float = 0.0) -> float:
         """Way to rest from a speed, m; infinite when nothing brakes."""
@@ -103,7 +115,7 @@ class Braking:
     def by_the_drive(self) -> Braking:
         """Braking when the drive itself begins the stop: nothing is lost for the host's reaction."""
         besides = self.besides.by_the_drive if self.besides else None
-        return Braking(self.deceleration_m_s2, max(self.lag_s - self.reaction_s, 0.0), 0.0, besides)
+        return replace(self, lag_s=max(self.lag_s - self.reaction_s, 0.0), reaction_s=0.0, besides=besides)
 
     def span_m(self, position_m: Array, speed_m_s: Array, sample_s: float) -> tuple[float, float]:
         """Lowest and highest position, m, that a motion reaches with a stop at any moment.
@@ -169,7 +181,7 @@ class Stop:
     way_m : float
         Furthest carriage position after it was asked for, m.
     belt_force_n : float
-        Largest, N.
+        Largest since the carriage was fastest, N.
     """
 
     way_m: float
@@ -188,7 +200,7 @@ def rigid_deceleration(axis: Axis, mass_kg: float, torque_nm: float, swing: floa
     torque_nm : float
         Of motor and drive, motor shaft; friction, which helps to brake, is left out.
     swing : float
-        1 for a belt that is loaded gently, ``SWING`` for a step.
+        1 for a belt that is loaded gently, ``SWING`` for a step, ``SWING`` + 1 for one out of an acceleration as large.
     """
     limits, ratio = axis.limits, axis.transmission_m_rad
     force, inertia = limits.feed_force_n or math.inf, axis.motor_side_inertia_kg_m2 if axis.motor.inertia_kg_m2 else 0.0
@@ -256,34 +268,44 @@ def predict_stop(
     speed_m_s: float,
     deceleration_m_s2: float,
     *,
+    acceleration_m_s2: float = 0.0,
     position_m: float,
     period_s: float,
     delay_s: float,
     torque_limit_nm: float,
     counts_per_rev: int,
 ) -> Stop:
-    """A quick stop out of constant speed by the drive's own velocity loop, on the model.
+    """A quick stop by the drive's own velocity loop, on the model.
 
     The ramp begins at the measured speed and has no feedforward of its acceleration.
 
     Parameters
     ----------
+    acceleration_m_s2 : float
+        Out of which it comes.  The axis has reached it with a jerk of a/``RISE_S`` from constant speed, or what such a jerk makes of it
+        from rest; the torque for it, J a/i_t, ends with the stop.
     position_m : float
         Where the carriage sets out.
     delay_s : float
         Torque setpoint to acting torque.
     """
-    ratio = model["transmission.ratio"]
-    plant = SimulatedPlant(model, position_m, substeps_needed(model, position_m), speed_m_s=speed_m_s)
-    asked, speed = round(SETTLE_S / period_s), speed_m_s / ratio
-    steps = math.ceil(abs(speed) * ratio / (deceleration_m_s2 * period_s))
-    ramp = np.maximum(1.0 - np.arange(1, steps + round(REST_S / period_s) + 1) * deceleration_m_s2 * period_s / abs(speed_m_s), 0.0)
-    speeds = speed * np.append(np.ones(asked), ramp)
+    ratio, way = model["transmission.ratio"], math.copysign(1.0, speed_m_s)
+    jerk, top = acceleration_m_s2 / RISE_S, abs(speed_m_s)
+    rise_s = min(RISE_S, math.sqrt(2.0 * top / jerk)) if jerk > 0.0 else 0.0
+    rise = period_s * np.arange(round(rise_s / period_s), 0, -1)
+    before = np.append(np.full(round(SETTLE_S / period_s), top - jerk * rise_s**2 / 2.0), top - jerk * rise * (rise_s - rise / 2.0))
+    steps = math.ceil(top / (deceleration_m_s2 * period_s)) + round(REST_S / period_s)
+    ramp = np.maximum(top - deceleration_m_s2 * period_s * np.arange(1, steps + 1), 0.0)
+    speeds, asked = way / ratio * np.append(before, ramp), len(before)
     none = np.zeros(len(speeds))
+    along = none.copy()
+    along[asked - len(rise) : asked] = way / ratio * total_inertia(model) * jerk * (rise_s - rise)
+    plant = SimulatedPlant(model, position_m, substeps_needed(model, position_m), speed_m_s=ratio * float(speeds[0]))
     loop = LoopDrive(period_s, delay_s, torque_limit_nm, counts_per_rev)
-    run = close_loop(plant, cascade, loop, "velocity", none, speeds, none, acceleration_rad_s2=none, speed_rad_s=speed)
-    ways = math.copysign(1.0, speed_m_s) * (run.cart_m[asked:] - run.cart_m[asked])
-    return Stop(float(ways.max()), float(run.belt_force_n[asked:].max()))
+    run = close_loop(plant, cascade, loop, "velocity", none, speeds, along, acceleration_rad_s2=none, speed_rad_s=float(speeds[0]))
+    ways = way * (run.cart_m[asked:] - run.cart_m[asked])
+    fastest = asked + int(np.argmax(np.diff(ways, prepend=0.0)))
+    return Stop(float(ways.max()), float(run.belt_force_n[fastest:].max()))
 
 
 def braked_by_loop(
@@ -301,7 +323,9 @@ def braked_by_loop(
 ) -> tuple[Braking, Stop]:
     """The hardest quick stop of a loop that loads the belt of no model in the family beyond the axis' feed force, and its way.
 
-    When even the softest stop tried loads the belt more, that one is returned with its force.
+    It comes out of constant speed, or out of the largest acceleration that a motion may have: all that the limits of the axis allow, as
+    long as that is no more than ``ACCELERATED_OVER_BRAKED`` times the deceleration.  When even the softest stop tried loads the belt more,
+    that one is returned with its force.
 
     Parameters
     ----------
@@ -312,35 +336,38 @@ def braked_by_loop(
         Until the stop is asked for.
     """
     limit = axis.limits.feed_force_n or math.inf
-    rigid = rigid_deceleration(axis, max(model["cart.mass"] for model in family), torque_limit_nm).value_m_s2
+    allowed = [rigid_deceleration(axis, model["cart.mass"], torque_limit_nm).value_m_s2 for model in family]
 
-    def worst(speed: float, deceleration: float) -> Stop:
-        stops = [
-            predict_stop(
-                model,
-                cascade,
-                speed,
-                deceleration,
-                position_m=position_m,
-                period_s=period_s,
-                delay_s=delay_s,
-                torque_limit_nm=torque_limit_nm,
-                counts_per_rev=counts_per_rev,
-            )
-            for model in family
-        ]
-        return Stop(max(stop.way_m for stop in stops), max(stop.belt_force_n for stop in stops))
+    def simulated(model: Model, speed: float, acceleration: float) -> Stop:
+        return predict_stop(
+            model,
+            cascade,
+            speed,
+            deceleration,
+            acceleration_m_s2=acceleration,
+            position_m=position_m,
+            period_s=period_s,
+            delay_s=delay_s,
+            torque_limit_nm=torque_limit_nm,
+            counts_per_rev=counts_per_rev,
+        )
+
+    def worst(speed: float) -> Stop:
+        steady = [simulated(model, speed, 0.0) for model in family]
+        out_of = [simulated(model, speed, min(most, accelerated)) for model, most in zip(family, allowed, strict=True)]
+        return Stop(max(stop.way_m for stop in steady), max(stop.belt_force_n for stop in (*steady, *out_of)))
 
     speeds = [part * speed_m_s for part in SPEED_PARTS]
     for share in SHARES:
-        deceleration = share * rigid
-        found = worst(speed_m_s, deceleration)
+        deceleration = share * min(allowed)
+        accelerated = min(max(allowed), ACCELERATED_OVER_BRAKED * deceleration)
+        found = worst(speed_m_s)
         if found.belt_force_n <= limit:
-            stops = {speed: worst(speed, deceleration) for speed in speeds}
+            stops = {speed: worst(speed) for speed in speeds}
             found = Stop(found.way_m, max(stop.belt_force_n for stop in stops.values()))
             if found.belt_force_n <= limit:
                 break
     else:
-        stops = {speed: worst(speed, deceleration) for speed in speeds}
+        stops = {speed: worst(speed) for speed in speeds}
     lag = max(stop.way_m / speed - speed / (2.0 * deceleration) for speed, stop in stops.items())
-    return Braking(deceleration, max(lag, 0.0) + reaction_s, reaction_s), found
+    return Braking(deceleration, max(lag, 0.0) + reaction_s, reaction_s, acceleration_m_s2=accelerated), found

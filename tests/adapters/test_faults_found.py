@@ -103,6 +103,23 @@ def metered(speed_rad_s: NDArray[np.float64], factor: float, share: float) -> No
         meter(int(travel), round(speed / unit_rad_s), 1e-3)
 
 
+def test_an_odometer_forgets_what_it_has_refused() -> None:
+    """One jump of the encoder is refused once; the way after it is judged by itself."""
+    meter = Odometer(1e-4, 1e-3)
+
+    def drive(travel: int, samples: int) -> None:
+        for _ in range(samples):
+            meter(travel, 20_000, 1e-3)  # 20 rad/s, 200 counts in a ms
+
+    drive(200, 150)
+    with pytest.raises(DriveError, match="times as fast"):
+        meter(10**6, 20_000, 1e-3)
+    meter.begin()
+    drive(200, 3000)
+    with pytest.raises(DriveError, match="times as fast"):
+        drive(500, 3000)
+
+
 T_S = np.arange(4000) * 1e-3
 STEPS = {f"steps at {f:g} Hz": 60.0 * np.sign(np.sin(2.0 * np.pi * f * T_S)) + 10.0 for f in (2.0, 10.0, 40.0)}
 #: A sampled filter takes more from the speed near the sampling rate than its lag gives back: by itself this looks like a factor of 1.8.

@@ -18,6 +18,7 @@ from beltcomm.drive.access import able
 from beltcomm.errors import Refused, UsageError
 from beltcomm.fit.stated_reading import stated_remarks
 from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
+from beltcomm_adapters.locks import ALWAYS
 from beltcomm_adapters.profiles import load_profile
 
 #: N m in one unit of the torque that stands in the maker's own object.
@@ -75,10 +76,33 @@ def test_parameters_are_kept_by_the_object_of_the_profile(opened, tmp_path):
     assert (0x2FF0, 1, 7) in node.written
 
 
-@pytest.mark.parametrize("place", [(0x607A, 0), (0x6040, 0), (0x6076, 0), (0x1011, 1)])
+@pytest.mark.parametrize("place", [(0x607A, 0), (0x6040, 0), (0x6076, 0), (0x1011, 1), (0x2022, 1)])
 def test_saving_writes_nothing_else(tmp_path, place):
     with pytest.raises(UsageError, match="save writes"):
         load_profile(profile(tmp_path, save={"index": place[0], "subindex": place[1]}))
+
+
+def test_a_hostile_profile_makes_nothing_written_beyond_the_closed_list(tmp_path):
+    """Save, error behaviour and homing, drawn: what is loaded keeps to the maker's own settings, 1010h and the reactions that stop."""
+    draw, kept = np.random.default_rng(38), 0
+    for number in range(300):
+        first = int(draw.choice([0x1000, 0x2000, 0x2020, 0x6000]))
+        save = {"index": first + int(draw.integers(0x30)), "subindex": int(draw.integers(4)), "value": int(draw.integers(1, 9))}
+        reaction = {"node": int(draw.integers(-1, 4)), "axis": int(draw.integers(-1, 6))}
+        method = int(draw.integers(-300, 300))
+        (tmp_path / str(number)).mkdir()
+        try:
+            loaded = load_profile(profile(tmp_path / str(number), save=save, error_behaviour=reaction, homing={"method": method}))
+        except UsageError:
+            continue
+        kept += 1
+        place = loaded.save.index, loaded.save.subindex
+        assert place[0] == 0x1010 or 0x2000 <= place[0] < 0x6000
+        assert not any(lock.holds(*place) for lock in ALWAYS)
+        assert reaction["node"] in (0, 1)
+        assert reaction["axis"] in (1, 2, 3)
+        assert -128 <= method <= 127
+    assert kept > 3
 
 
 def test_gains_of_a_profile_of_ones_own_are_measured_unless_it_vouches_for_them(tmp_path):

@@ -268,6 +268,22 @@ def test_a_speed_that_nobody_tells_the_unit_of_is_told_by_the_way(unit: float, s
     assert learner.found_rad_s() == pytest.approx(unit)
 
 
+@pytest.mark.parametrize("damaged", [(60, 3), (10**6, 1)])
+def test_one_damaged_stretch_does_not_spoil_the_unit_of_a_speed(damaged: tuple[int, int]) -> None:
+    """What was refused is forgotten: the next way alone decides."""
+    step = TURN / 65536
+    learner = SpeedUnit(step)
+    for _ in range(400):
+        learner(*damaged, 1e-3)
+    with pytest.raises(DriveError):
+        learner.found_rad_s()
+    assert learner.found_rad_s() is None
+    learner(0, 0, 1.0)
+    for _ in range(400):
+        learner(60, 60_000, 1e-3)
+    assert learner.found_rad_s() == pytest.approx(step)
+
+
 def test_a_speed_in_no_unit_at_all_is_refused() -> None:
     learner = SpeedUnit(TURN / 65536)
     for _ in range(400):

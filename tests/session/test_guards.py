@@ -157,9 +157,9 @@ def test_motions_are_slowed_down_until_their_stops_end_inside(make_bench: MakeBe
     with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, Silence()) as machine:
         usual = phases.sweep(machine, model).trajectory
         machine.brake_with(Braking(0.8, 0.05, 5e-3))
-        assert machine.stops_beyond(usual.position_m, usual.velocity_m_s)
+        assert machine.stops_badly(usual.position_m, usual.velocity_m_s)
         slow = phases.sweep(machine, model).trajectory
-        assert not machine.stops_beyond(slow.position_m, slow.velocity_m_s)
+        assert not machine.stops_badly(slow.position_m, slow.velocity_m_s)
         assert 0.2 * np.abs(usual.velocity_m_s).max() < np.abs(slow.velocity_m_s).max() < np.abs(usual.velocity_m_s).max()
 
 
@@ -171,7 +171,7 @@ def test_the_standard_move_can_be_driven_from_a_little_beside_its_start(make_ben
         machine.brake_with(Braking(1.46, 0.05, 5e-3))
         path = verification.standard_move(machine, model).at(1.0, drive.capabilities.sample_period_s)
         for beside_m in (-1e-3, 1e-3):
-            assert not machine.stops_beyond(path.position_m + beside_m, path.velocity_m_s)
+            assert not machine.stops_badly(path.position_m + beside_m, path.velocity_m_s)
 
 
 def test_a_move_is_slowed_down_or_refused_for_a_belt_that_swings(

@@ -1,4 +1,4 @@
-"""What the drive says of its own condition: fault, error register, error history, temperature."""
+"""Condition of the drive in its own words: fault, error register, error history, temperature."""
 
 from __future__ import annotations
 

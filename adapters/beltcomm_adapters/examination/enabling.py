@@ -1,4 +1,4 @@
-"""What the power stage waits for: bus control, DC link, STO, enable inputs."""
+"""Conditions of the power stage: bus control, DC link, STO, enable inputs."""
 
 from __future__ import annotations
 

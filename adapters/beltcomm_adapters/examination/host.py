@@ -1,4 +1,4 @@
-"""What this machine shows of itself: network interfaces, USB devices, kernel modules, ports and permissions; read only."""
+"""This machine by itself: network interfaces, USB devices, kernel modules, ports and permissions; read only."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ class Host:
         return {(vendor, product) for vendor, product in pairs if vendor >= 0}
 
     def _told(self) -> dict[str, Any]:
-        """What ``ip`` tells of each interface, by name."""
+        """Answer of ``ip`` on each interface, by name."""
         try:
             return {entry["ifname"]: entry for entry in json.loads(self.ip_link() or "[]") if "ifname" in entry}
         except (ValueError, TypeError):

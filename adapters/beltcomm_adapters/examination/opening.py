@@ -1,4 +1,4 @@
-"""What every command asks of a drive before anything moves, asked here by the same functions: capabilities, gains, records."""
+"""Questions of every command to a drive before anything moves, asked here by the same functions: capabilities, gains, records."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What on this machine a drive could be reached through: SocketCAN, python-can's interfaces, serial CAN adapters, ports."""
+"""Ways from this machine to a drive: SocketCAN, python-can's interfaces, serial CAN adapters, ports."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ def _python_can(reasons: dict[str, str], detect: Callable[[list[str]], list[dict
 
 
 class _Kept(logging.Handler):
-    """What the library logs while an interface is imported: a missing driver of its maker."""
+    """Log of the library while an interface is imported: a missing driver of its maker."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)

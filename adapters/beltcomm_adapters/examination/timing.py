@@ -69,7 +69,7 @@ def sync(patient: Patient) -> Iterator[Finding]:
 
 
 def _why_not(patient: Patient) -> str:
-    """What forbids SYNC here, in words."""
+    """Reason that forbids SYNC here, in words."""
     if patient.state not in _OFF:
         return "the power stage is not off"
     if patient.others:

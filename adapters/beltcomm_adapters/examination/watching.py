@@ -1,4 +1,4 @@
-"""What the drive itself watches: whether its host lives, how far the axis lags behind; and what an earlier run left behind."""
+"""Watches of the drive itself: whether its host lives, how far the axis lags behind; and what an earlier run left behind."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def host(patient: Patient) -> Iterator[Finding]:
 
 
 def _then(objects: Objects) -> str:
-    """What it is set to do then, as a sentence's end."""
+    """Reaction that is set, as a sentence's end."""
     said = host_reaction.words(objects)
     lent = ", which a record changes while it lasts" if host_reaction.needs_lending(objects) else ""
     return f"; {said}{lent}" if said else ""
