@@ -35,7 +35,7 @@ BELOW_OTHERS = {"friction_position", "friction_position_cart", "friction_freefor
 BY_PLACE = {"belt_spans", "belt_sections", "stiffness_position"}
 BY_SLOT = {slot: [e for e in EFFECTS if e.slot == slot] for slot in {e.slot for e in EFFECTS}}
 #: Draws of the parameters; points of a closed motion.
-DRAWS, POINTS = 12, 2048
+DRAWS, POINTS = 40, 2048
 #: What every model of the second half has.  The stiffness makes modes of some 700 rad/s.
 RATIO, AT_M = 0.0125, 0.4
 VALUES = {"motor.inertia": 7e-5, "cart.mass": 4.0, "transmission.ratio": RATIO, "belt_stiffness.stiffness": 2e5, "viscous.damping": 2e-3}

@@ -29,13 +29,13 @@ NAME = "report.html"
 PARTS = (
     diagnosed.section,
     tracking.section,
-    loops.section,
+    loops.gains_section,
     model.section,
     model.error_section,
     diagnosed.cost_section,
     axis.frequency,
     axis.sliding,
-    loops.gains_section,
+    loops.section,
     safety.section,
     safety.journal,
 )

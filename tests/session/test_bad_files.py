@@ -239,7 +239,7 @@ def test_a_move_that_is_too_fast_is_refused_with_the_fastest_admissible_one(
     run, bench = copy_of_complete(), make_bench()
     path = move_file(tmp_path / "fast.csv", 0.3, 0.1, 0.5)
     outcome = call("verify", *DRIVE, "--run", run, "--move", path)
-    refuses(outcome, 1, "the feed force would be", "limit 99.84 N", "the same move stretched from 0.300 s to 0.51", "is admissible")
+    refuses(outcome, 1, "the feed force would be", "limit 99.84 N", "the same move stretched from 0.300 s to 0.88", "is admissible")
     assert bench.plant.cart_position_m == 0.0
     assert bench.parameters() == bench.initial
 
