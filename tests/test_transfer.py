@@ -45,6 +45,24 @@ def test_product_form_is_low_times_high_times_chi(plant: TwoMass) -> None:
 
 
 @both
+def test_product_form_differs_from_the_undamped_belt_by_exactly_its_error_terms(plant: TwoMass) -> None:
+    """Denominator of (2.42) minus that of (2.39) is ã_3e s³ + ã_2e s²  (2.43); the numerators are the same."""
+    product, plain = plant.product_form(), plant.torque_to_angle_without_belt_damper()
+    second, third = plant.product_error()
+    assert product.num == plain.num
+    difference = np.subtract(product.den, plain.den)
+    np.testing.assert_allclose(difference, [0.0, third, second, 0.0, 0.0], rtol=1e-9, atol=1e-13)
+
+
+def test_printed_error_term_counts_one_product_twice() -> None:
+    """(2.43a) as printed is larger than the true error by i_t² d_m d_c."""
+    it2, dm, dc = G_A.transmission_m_rad**2, G_A.motor_damping_n_s_m, G_A.cart_damping_n_s_m
+    total = G_A.inertia_kg_m2 + it2 * G_A.mass_kg
+    printed = it2 * (dm + dc) / total * (it2 * G_A.mass_kg * dm + G_A.inertia_kg_m2 * dc)
+    assert printed - G_A.product_error()[0] == pytest.approx(it2 * dm * dc, rel=1e-9)
+
+
+@both
 def test_approximations_are_exact_in_their_limits(plant: TwoMass) -> None:
     """(2.40) and (2.41) against (2.39): the error vanishes with the first power of s and of 1/s."""
     full = plant.torque_to_angle_without_belt_damper()
@@ -58,6 +76,7 @@ def test_characteristic_numbers_of_g_a() -> None:
     """thesis.md, section 3; (2.46), (2.47) from table A.4: i_t² m_c + Θ_e = 0.002145 kg m² (errata 6)."""
     assert G_A.resonance_hz == pytest.approx(107.16, abs=0.005)
     assert G_A.antiresonance_hz == pytest.approx(19.60, abs=0.005)
+    assert (1.0 + G_A.inertia_ratio) * 71.73e-6 == pytest.approx(0.002145, abs=5e-7)
 
 
 def test_dead_time_turns_the_phase_only() -> None:

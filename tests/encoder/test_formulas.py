@@ -59,11 +59,15 @@ def test_appendix_c_leads_to_the_equations_of_the_chapter() -> None:
     real, printed = f.increments_real(speed, STEP, PERIOD), f.intervals_printed(speed, STEP, PERIOD)
     np.testing.assert_allclose(real * STEP, f.travel_in_period_m(speed, PERIOD))  # (C.1), (C.2)
     assert np.all((printed <= real) & (real < printed + 1.0))  # (C.3)
-    time = printed * STEP / speed  # (C.4)
+    time = f.measured_time_s(speed, STEP, PERIOD)
+    np.testing.assert_allclose(time * speed, printed * STEP)  # (C.4)
     for sign in (1, -1):
         # (C.5), first line: the velocity (6.4) with a time wrong by a tick.
         wrong = 100.0 * (printed * STEP / (time + sign * TICK) - speed) / speed
         np.testing.assert_allclose(f.event_counter_error_exact_percent(speed, STEP, TICK, PERIOD, sign=sign), wrong, rtol=1e-6)
+        # (C.6) neglects ±Δt beside T_n, at most one part in T_n/Δt; its printed form lacks the factor 100.
+        short = f.event_counter_error_percent(speed, STEP, TICK, PERIOD, sign=sign)
+        np.testing.assert_allclose(short / wrong, 1.0, atol=2.0 * TICK / time.min())
         # (C.8), first line.
         gap = f.gate_time_s(speed, STEP)
         wrong = 100.0 * (STEP / (gap + sign * TICK) - speed) / speed
@@ -211,6 +215,7 @@ def test_the_delay_of_the_gate_fills_its_range() -> None:
 def test_where_a_formula_has_no_value() -> None:
     slow = np.array([1e-4, 2.4e-3])
     for values in (
+        f.event_counter_error_percent(slow, STEP, TICK, PERIOD),
         f.event_counter_envelope_percent(slow, STEP, TICK, PERIOD),
         f.event_counter_worst_percent(np.array([2.6e-3, 4.9e-3]), STEP, TICK, PERIOD),
     ):
