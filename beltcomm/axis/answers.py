@@ -1,4 +1,4 @@
-"""What ``beltcomm init`` begins with: parts of public data sheets; answers in the units that people think in, and their usual ranges."""
+"""Answers of ``beltcomm init``: parts of public data sheets to begin with, values in the units of sheets, and their usual ranges."""
 
 from __future__ import annotations
 

@@ -55,9 +55,8 @@ def try_out(machine: Machine, findings: Findings, model: Model) -> bool:
         if isinstance(problem, SafetyStop) and not (problem.reason in OF_THE_LOOP and stands(machine)):
             raise
         findings.remarks.append(
-            f"the drive's own loop was not used: {problem}. Model and gains rest on the records at one place; type the gains in, then go "
-            f"on "
-            "with `beltcomm friction` and `beltcomm verify`"
+            f"the drive's own loop was not used: {problem}. Model and gains rest on the records at one place; type the gains in, then "
+            "go on with `beltcomm friction` and `beltcomm verify`"
         )
         findings.reservations.append("the drive's own loop could not follow slow strokes")
         return False
@@ -93,8 +92,7 @@ def _trials(machine: Machine, model: Model) -> float:
         if machine.stroking() == "position" and abs(machine.position_m - (at + way)) > HELD_M:
             raise Refused(
                 f"the loop in the drive ends {1e3 * abs(machine.position_m - at - way):.1f} mm beside the goal of a slow stroke: it does "
-                f"not "
-                "hold the axis"
+                "not hold the axis"
             )
     return lag_s
 
@@ -115,8 +113,7 @@ def _follow(machine: Machine, model: Model, path: Trajectory, most_m: float) -> 
         if abs(asked - place) > most_m:
             raise SafetyStop(
                 f"the loop in the drive is {1e3 * abs(asked - place):.1f} mm off its reference, {1e3 * most_m:.1f} mm were allowed; the "
-                f"axis was "
-                "stopped; tune it with the maker's tool, or look for what blocks the carriage",
+                "axis was stopped; tune it with the maker's tool, or look for what blocks the carriage",
                 "lag",
             )
 

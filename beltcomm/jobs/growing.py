@@ -23,7 +23,7 @@ from beltcomm.rundata.revisions import model_named, recording_hashes, revisions
 from beltcomm.runfolder import RunFolder
 
 
-def grown_by(here: Opened, effect: str, start: Mapping[str, float] | None) -> tuple[Data, Fitted]:
+def fit_with(here: Opened, effect: str, start: Mapping[str, float] | None) -> tuple[Data, Fitted]:
     """Records and model with an effect, whatever speaks for it.
 
     Parameters
@@ -38,7 +38,7 @@ def grown_by(here: Opened, effect: str, start: Mapping[str, float] | None) -> tu
     return refit_with_rebuilt_motion(here.data, better(here.folder, here.data, here.fitted, grown, effect), NEXT_ITERATIONS)
 
 
-def shrunk_by(here: Opened, effect: str) -> tuple[Data, Fitted]:
+def fit_without(here: Opened, effect: str) -> tuple[Data, Fitted]:
     """Records and model without an effect; as they were where the run had this model before, for the same records.
 
     What was learnt with the effect, noise and rounding above all, would let the same model read another error.

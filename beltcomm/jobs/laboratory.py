@@ -21,7 +21,7 @@ from beltcomm.fit.stated_reading import stated_remarks
 from beltcomm.given import Place, pasted, place, word
 from beltcomm.jobs.confounded_effects import together
 from beltcomm.jobs.effect_search import search_of
-from beltcomm.jobs.growing import grown_by, shrunk_by
+from beltcomm.jobs.growing import fit_with, fit_without
 from beltcomm.jobs.rungs import base_revision, plain_of, revision_of
 from beltcomm.laboratory.acceptance import is_confirmed
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
@@ -342,7 +342,7 @@ def add_to_run(
     effect = stands_for(asked, behind_gap=needs_observer(here.fitted.model))
     if effect in here.fitted.model.effects:
         raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {pasted(run)}`")
-    data, named = grown_by(here, effect, start)
+    data, named = fit_with(here, effect, start)
     on_body = assign_body(data, named, effect_named(effect))
     shaped = fit_law_shapes(data, on_body.fitted, here.fitted.model)
     data, after = final_refit(data, shaped.fitted)
@@ -410,7 +410,7 @@ def remove_from_run(
         raise UsageError(f"the model of {run} has no {effect}; it has {', '.join(here.fitted.model.effects)}")
     if current_revision(here.folder) is None:
         base_revision(here.folder, here.data, here.fitted, command, when)
-    data, after = shrunk_by(here, effect)
+    data, after = fit_without(here, effect)
     rung = revision_of(here.folder, (data, after), (here.data, here.fitted), f"-{effect}", command, when)
     return change_result(here, data, after, rung, [], command, pictures)
 

@@ -330,8 +330,14 @@ class Machine:
         )
 
     def stops_badly(self, position_m: Array, speed_m_s: Array, spare_m: float = 0.0) -> str:
-        """In words, that a stop at some moment of a motion would load the belt beyond its force, or end outside the travel or within
-        ``spare_m`` of its ends; else empty."""
+        """Sentence on a stop at some moment of a motion that would load the belt beyond its force or end outside the travel; "" for none.
+
+        Parameters
+        ----------
+        position_m, speed_m_s : ndarray (n,), carriage side
+        spare_m : float, m
+            At the ends of the travel, which stays free.
+        """
         return self._stops_too_hard(speed_m_s) or self._stops_beyond(position_m, speed_m_s, spare_m)
 
     def _stops_too_hard(self, speed_m_s: Array) -> str:
@@ -359,7 +365,7 @@ class Machine:
         )
 
     def _check_stops(self, motion: Motion, foreseen: tuple[Array, Array] | None = None) -> None:
-        """Raise Refused when a stop at some moment of a closed-loop motion would end outside the travel.   foreseen : of :meth:`record`."""
+        """Raise Refused for a closed-loop motion of which :meth:`stops_badly` tells something.   foreseen : of :meth:`record`."""
         if motion.kind == "torque":
             return
         asked = self.ratio * (motion.position_rad - self.origin_rad), self.ratio * motion.velocity_rad_s
