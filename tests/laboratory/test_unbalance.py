@@ -68,7 +68,9 @@ def test_a_pendulum_is_named_and_measured(tmp_path: Path) -> None:
     removed = runner.invoke(cli, ["remove", "unbalance", str(run)])
     assert removed.exit_code == 0, removed.output
     first, *_, last = revisions(RunFolder.open(run))
-    shown = json.loads(runner.invoke(cli, ["compare", str(run), "--no-pictures", "--json"]).stdout)["ratio"]["overall"]
+    compared = runner.invoke(cli, ["compare", str(run), "--no-pictures", "--json"])
+    assert compared.exit_code == 0, compared.output
+    shown = json.loads(compared.stdout)["ratio"]["overall"]
     assert last.change == "-unbalance"
     assert (last.ratio, shown) == pytest.approx((first.ratio, first.ratio), rel=1e-9), "the same model reads the same number"
     for wrong, said in (("ordr=1", "has no parameter 'ordr'"), ("order=1e9", "it lies between"), ("order", "is no start value")):
