@@ -166,13 +166,20 @@ def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names
     def cost(x: Array, scatter: float) -> Array:
         return np.append(left(x) / scatter, (x - before) / width)
 
-    bounds, found = (before - FARTHEST, before + FARTHEST), []
+    # what the model allows, and in it room for a step of the differences
+    least, most = np.array([(start.parameters[n].low, start.parameters[n].high) for n in names]).T
+    least[:k], most[:k] = np.log(np.maximum(least[:k], LEAST)), np.log(most[:k])
+    least[k:], most[k:] = (end[k:] / [SIGNED[n] for n in names[k:]] for end in (least, most))
+    low = np.maximum(before - FARTHEST, np.append(least, -math.inf) + DIFFERENCE)
+    high = np.minimum(before + FARTHEST, np.append(most, math.inf) - 2.0 * DIFFERENCE)
+    found = []
     for factor in DAMPINGS if "belt_damping.damping" in names else (1.0,):  # a swing that the rows hide may be damped as it likes
         at, by = before.copy(), scatter
         if factor != 1.0:
             at[names.index("belt_damping.damping")] += math.log(factor)
+        at = np.clip(at, low + DIFFERENCE, high - DIFFERENCE)
         for _ in range(2):  # the first pass says how much scatter the second one is to count with
-            at = least_squares(cost, at, bounds=bounds, diff_step=[DIFFERENCE], max_nfev=MOST, args=(by,)).x
+            at = least_squares(cost, at, bounds=(low, high), diff_step=[DIFFERENCE], max_nfev=MOST, args=(by,)).x
             by = max(float(np.sqrt(np.mean(left(at) ** 2))), LEAST)
         found.append((by, at))
     scatter, at = min(found, key=lambda one: one[0])

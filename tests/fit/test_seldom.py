@@ -87,3 +87,14 @@ def test_rows_that_come_often_or_do_not_tell_what_was_asked_are_not_its_business
     assert not comes_seldom(rows)
     without = Recording("frf_1", 4.0 * rows.t_s, rows.torque, rows.position, sidecar=Sidecar("frf", start_position_m=0.3))
     assert not comes_seldom(without)
+
+
+def test_the_search_stays_inside_what_a_model_may_be() -> None:
+    """Begun at the softest belt that there is, it asked for a softer one."""
+    random, stiffness = np.random.default_rng(1), "belt_stiffness.stiffness"
+    whole = record(machine(random), 4e-3, 8e-4, random)
+    rows = Recording("frf_1", whole.t_s[:200], whole.torque[:200], whole.position[:200], torque_setpoint=whole.torque[:200],
+                     sidecar=whole.sidecar)  # fmt: skip
+    start = sheets(machine(random))
+    softest = start.parameters[stiffness].low
+    assert estimate([rows], start.with_values({stiffness: 1.05 * softest}), LATE_S).model[stiffness] > softest
