@@ -69,6 +69,7 @@ def test_the_notebook_on_a_response_runs(run_notebook: Callable[[str], dict[str,
     assert capsys.readouterr().out.count("K_PP") == 2
 
 
+@pytest.mark.examination
 def test_the_notebook_on_a_hidden_fault_tells_it(run_notebook: Callable[[str], dict[str, Any]]) -> None:
     """The fault is named, the error falls, mass is the plant's, and what a notebook shows is a table or a picture."""
     names = run_notebook("find_hidden_effect.ipynb")

@@ -52,6 +52,7 @@ def test_a_belt_axis_with_a_coarse_encoder_is_fitted() -> None:
         assert abs(item.value - truth[name]) < 1.5 * item.interval, name
 
 
+@pytest.mark.examination
 def test_intervals_cover_behind_a_coarse_encoder_where_slow_strokes_are_recorded_too() -> None:
     """In strokes rounding follows the motion.  With one filter for all models twice the noise was left, and the inertia 5 to 100 % off."""
     widths = []

@@ -68,6 +68,7 @@ def test_a_faithful_reading_of_a_plain_drive_is_the_torque_that_acts() -> None:
     assert_right(fit, case[1])
 
 
+@pytest.mark.examination
 def test_a_filter_of_the_reading_is_told_from_one_of_the_drive() -> None:
     records, truth = session(2, read=filtered)
     fit = fitted(records, truth)
@@ -127,6 +128,7 @@ def test_a_fraction_of_a_sample_is_divided_between_drive_and_reading() -> None:
     assert_right(fit, truth)
 
 
+@pytest.mark.examination
 def test_a_drive_that_switches_between_samples_is_the_drives() -> None:
     """1.57 ms from setpoint to torque: without the setpoint the motion tells at which share of the sample."""
     records, truth = session(6, delay_s=1.57e-3)
@@ -142,6 +144,7 @@ def test_a_drive_that_switches_between_samples_is_the_drives() -> None:
     assert_right(untold, truth)
 
 
+@pytest.mark.examination
 def test_a_filter_of_the_reading_is_told_without_a_setpoint_too() -> None:
     """Read at the end of each sample, as a filter of the samples' clock does; its noise is made five times as loud by undoing it."""
     share = 1.0 - np.exp(-0.5)

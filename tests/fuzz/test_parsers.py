@@ -26,6 +26,7 @@ def test_good_files_are_read(every: dict[str, Parser], tmp_path: Path) -> None:
     assert {name: case(parser, parser.good, tmp_path) for name, parser in every.items()} == dict.fromkeys(every, ("fine", ""))
 
 
+@pytest.mark.examination
 def test_damaged_files_are_read_or_refused_with_a_sentence(every: dict[str, Parser], tmp_path: Path) -> None:
     others = [parser.good for parser in every.values()]
     wrong = []

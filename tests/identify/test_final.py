@@ -77,6 +77,7 @@ def test_constant_stiffness_is_kept(constant: tuple[list[Recording], FinalModel]
     assert final.fit.model["cart.mass"] == pytest.approx(truth["cart.mass"], rel=0.01)
 
 
+@pytest.mark.examination
 def test_law_by_position_is_chosen_and_found(varying: tuple[list[Recording], FinalModel]) -> None:
     _, final = varying
     model = final.fit.model

@@ -73,6 +73,7 @@ def found(record: Recording) -> ThreeMass:
     return compared(record)
 
 
+@pytest.mark.examination
 def test_a_heavy_end_pulley_is_identified(found: ThreeMass) -> None:
     assert found.identified
     assert found.evidence > 1e3  # two masses leave 20 times the noise

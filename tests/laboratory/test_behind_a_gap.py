@@ -69,6 +69,7 @@ def test_without_a_gap_a_tilt_is_not_put_on_trial(tmp_path: Path) -> None:
     assert may_add(plain, effect_named("constant_offset"))
 
 
+@pytest.mark.examination
 def test_behind_a_gap_a_tilt_is_added_and_taken_out_by_its_own_name(tilted_gap: tuple[Machine, Path], tmp_path: Path) -> None:
     """There it is no longer one with a constant torque at the motor."""
     run = shutil.copytree(tilted_gap[1], tmp_path / "run")

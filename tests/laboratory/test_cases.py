@@ -190,6 +190,7 @@ def filtered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
     return run, told("fit", str(run))
 
 
+@pytest.mark.examination
 def test_a_filter_of_the_setpoint_is_no_fault(filtered: tuple[Path, dict[str, Any]]) -> None:
     run, _ = filtered
     found = told("diagnose", str(run), "--no-cost")
@@ -228,11 +229,13 @@ def fresh(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {command: copied("refused-by-one", folder / command) for command in ("fit", "compare", "diagnose")}
 
 
+@pytest.mark.examination
 def test_what_fit_explains_is_not_refused_by_compare(fresh: dict[str, Path]) -> None:
     fit = told("fit", str(fresh["fit"]))["fit"]
     assert told("compare", str(fresh["compare"]), "--no-pictures")["ratio"]["overall"] < 2.0 * math.sqrt(fit["misfit"])
 
 
+@pytest.mark.examination
 def test_what_fit_explains_is_not_refused_by_diagnose_which_names_the_encoder(fresh: dict[str, Path]) -> None:
     found = told("diagnose", str(fresh["diagnose"]), "--no-cost")
     assert found["named"][:1] == ["encoder_eccentricity"]

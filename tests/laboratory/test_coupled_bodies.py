@@ -51,6 +51,7 @@ def coupled() -> tuple[Axis, Data, Fitted, dict[str, float]]:
     return based(1, coupled=True)
 
 
+@pytest.mark.examination
 def test_a_coupling_and_an_end_pulley_that_hide_each_other_are_found(
     coupled: tuple[Axis, Data, Fitted, dict[str, float]], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 from click.testing import CliRunner
 
 from beltcomm.cli.main import cli
@@ -12,6 +13,7 @@ from beltcomm.cli.main import cli
 SEED = 1
 
 
+@pytest.mark.examination
 def test_a_fault_is_found_and_the_error_falls_to_the_noise(tmp_path: Path) -> None:
     outcome = CliRunner().invoke(cli, ["demo", "--seed", str(SEED), "--run", str(tmp_path / "R"), "--json"])
     assert outcome.exit_code == 0, outcome.output

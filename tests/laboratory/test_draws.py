@@ -36,6 +36,7 @@ def diagnosed(name: str, place: Path, only: str = "") -> tuple[dict[str, Any], d
     return found, yaml.safe_load((DRAWS / f"{name}.answer.yaml").read_text(encoding="utf-8"))
 
 
+@pytest.mark.examination
 def test_a_healthy_machine_reads_one_and_nothing_is_named(tmp_path: Path) -> None:
     found, answer = diagnosed("draw_a", tmp_path)
     assert answer["effects"] == []
@@ -60,6 +61,7 @@ def test_the_hidden_effect_is_named_and_explains_all(tmp_path: Path) -> None:
     assert flatness["value"] - flatness["interval"] > 2.0
 
 
+@pytest.mark.examination
 def test_an_effect_that_no_candidate_has_is_not_explained(tmp_path: Path) -> None:
     """Of a fast sweep, one excited record, fast moves and two held out: each further record is fitted again with every candidate."""
     found, _ = diagnosed("draw_c", tmp_path, "01 03 11 12 13")

@@ -69,6 +69,7 @@ def scored(run: RunFolder, *, without: str = "frf") -> tuple[Fitted, list[Scored
     return base, Scorer(base).score(effect_named(NAME), ground_of(base, data.fitted, run.axis))
 
 
+@pytest.mark.examination
 def test_the_lines_are_named_and_counted(erring: tuple[RunFolder, Machine]) -> None:
     run, machine = erring
     found = diagnose(run.recordings(), run.axis, start_model(run.axis, run.recordings()))
@@ -82,6 +83,7 @@ def test_the_lines_are_named_and_counted(erring: tuple[RunFolder, Machine]) -> N
     assert found.final_fit.ratio == pytest.approx(1.0 + THIRD, abs=0.03)
 
 
+@pytest.mark.examination
 def test_added_by_hand_the_error_falls(erring: tuple[RunFolder, Machine], tmp_path: Path) -> None:
     run = shutil.copytree(erring[0].path, tmp_path / "run")
     result = CliRunner().invoke(cli, ["add", NAME, str(run), "--no-cost", "--no-pictures", "--json"], standalone_mode=False)
@@ -93,6 +95,7 @@ def test_added_by_hand_the_error_falls(erring: tuple[RunFolder, Machine], tmp_pa
     assert added["after"]["held_out"] < added["before"]["held_out"]
 
 
+@pytest.mark.examination
 def test_lines_that_pass_faster_than_samples_are_counted(tmp_path: Path) -> None:
     write_session(with_lines(951001, 2048), tmp_path / "run", plan="default")
     base, ways = scored(RunFolder.open(tmp_path / "run"))

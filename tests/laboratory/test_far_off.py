@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pytest
 from click.testing import CliRunner
 
 from beltcomm.cli.main import cli
@@ -50,6 +51,7 @@ def pushed(
     return acting, step * np.round(angle / step)
 
 
+@pytest.mark.examination
 def test_a_command_in_steps_is_fitted_no_worse_than_by_least_squares(tmp_path: Path) -> None:
     """Friction that differs much by direction, by no term of the model: nothing but the motion tells how noisy a command is."""
     files = {}
@@ -73,6 +75,7 @@ def test_a_command_in_steps_is_fitted_no_worse_than_by_least_squares(tmp_path: P
         assert np.linalg.norm(error) / np.linalg.norm(torque) < 1.03 * squares
 
 
+@pytest.mark.examination
 def test_a_rough_command_is_not_taken_for_noise_that_hides_a_weight(tmp_path: Path) -> None:
     """What acts jumps from row to row, as a noisy speed in a loop makes it, and the model lacks as much as the roughness looks like."""
     files = {}

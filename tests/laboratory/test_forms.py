@@ -129,6 +129,7 @@ def test_nothing_is_fitted_for_a_part_at_the_carriage_that_promises_too_little(
     assert [named, count - named] == fits
 
 
+@pytest.mark.examination
 @pytest.mark.parametrize("name", ["stribeck", "friction_position"])
 def test_a_part_at_the_carriage_promises_much_where_it_is_and_nothing_where_it_is_not(tmp_path: Path, name: str) -> None:
     """The same records twice, the second time with the torque that a motor with this friction at the carriage would need.

@@ -90,6 +90,7 @@ def test_compare_says_where_the_hidden_effect_is_added_and_the_error_falls(hidde
     assert {path: path.read_bytes() for path in sorted((run / "recordings").iterdir())} == before
 
 
+@pytest.mark.examination
 def test_a_detour_is_judged_again(apart: tuple[Data, Fitted, dict[str, Fitted]]) -> None:
     """Quadratic drag first, thrown out when the cogging was found: as if both had been tried.  The other way round it stays."""
     data, base, fits = apart
@@ -140,6 +141,7 @@ def test_adding_begins_where_the_diagnosis_ended(
         assert better(other, data, base, wrong, "cogging") is wrong
 
 
+@pytest.mark.examination
 def test_a_poor_data_set_says_what_it_cannot_show(hidden_cogging: tuple[Path, float], tmp_path: Path) -> None:
     folder = RunFolder.open(hidden_cogging[0])
     weakest = []

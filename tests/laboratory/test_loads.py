@@ -98,6 +98,7 @@ def set_words(*entries: str) -> tuple[str, ...]:
     return tuple(word for entry in entries for word in ("--set", entry))
 
 
+@pytest.mark.examination
 def test_loads_that_are_named_are_found_with_intervals(tmp_path: Path) -> None:
     records = {
         "a": (turning(1, INERTIA), ("--load", "bare")),
@@ -133,7 +134,7 @@ def test_loads_that_are_stated_are_one_inertia(tmp_path: Path) -> None:
     assert max(found.ratio, found.held_ratio or 9.0) < 1.05
 
 
-@pytest.mark.parametrize("word", ["--payload", "--load"])
+@pytest.mark.parametrize("word", ["--payload", pytest.param("--load", marks=pytest.mark.examination)])
 def test_a_carriage_with_and_without_a_payload(tmp_path: Path, word: str) -> None:
     given = {"--payload": ("--payload", f"{MORE:g}kg"), "--load": ("--load", "box")}[word]
     records = {"a": (carried(5, MASS), ()), "b": (carried(6, MASS + MORE), given), "c": (carried(7, MASS + MORE), (*given, "--held-out"))}

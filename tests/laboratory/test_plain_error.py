@@ -205,6 +205,7 @@ def test_a_lag_that_fits_the_noise_better_and_the_motion_worse_is_not_confirmed(
     assert acceptance.lowers(data, wrong, right)
 
 
+@pytest.mark.examination
 @pytest.mark.skipif(not CASES.is_dir(), reason="the cases are not beside the checkout")
 def test_what_a_false_shaft_explains_of_a_rigid_axis_is_not_named(tmp_path: Path) -> None:
     """Explained by 535 %, 1.03 to 1.03 times the noise, 1.05 to 1.09 held out; 4.34 to 4.39 % of the torque there."""

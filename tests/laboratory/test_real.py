@@ -20,7 +20,7 @@ from beltcomm.model import Model
 from beltcomm.runfolder import RunFolder
 from foreign.judged import COGGING, DATA, EMPS, banded_of, imported, least_squares, record_error, response_error
 
-pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the real measurements are not beside the checkout")
+pytestmark = [pytest.mark.examination, pytest.mark.skipif(not DATA.is_dir(), reason="the real measurements are not beside the checkout")]
 
 
 def based(name: str, place: Path) -> tuple[RunFolder, Data, Fitted]:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 
-@pytest.mark.parametrize(("job", "least"), [("import", 20), ("add", 15)])
+@pytest.mark.parametrize(("job", "least"), [pytest.param("import", 20, marks=pytest.mark.examination), ("add", 15)])
 def test_whenever_it_is_killed_it_can_be_done_again(tmp_path: Path, job: str, least: int) -> None:
     tests = Path(__file__).parents[1]
     environment = {**os.environ, "PYTHONPATH": str(tests), "OPENBLAS_NUM_THREADS": "1"}

@@ -47,6 +47,7 @@ def folder(tmp_path: Path) -> RunFolder:
     return made
 
 
+@pytest.mark.examination
 def test_the_gap_in_the_records_of_a_session_that_cannot_go_on_is_named(folder: RunFolder) -> None:
     folder.add_recording(excited("frf_1", 0.5, 2e-4, 2))
     told = early_end.early_end(folder, SafetyStop("50 mm off its reference", "lag"), Silence())

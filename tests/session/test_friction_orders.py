@@ -167,6 +167,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(orders, "RECORD_S", 8.0)
 
 
+@pytest.mark.examination
 @pytest.mark.usefixtures("few", "fitted")
 def test_a_warming_axis_is_found_to_drift_as_built_in(make_bench: MakeBench, copy_of_complete: Copy) -> None:
     """35 % more when cold, 30 s; the truth at the same instants, its slope weighted as torque at a speed weighs it: ω.

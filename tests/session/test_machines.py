@@ -115,6 +115,7 @@ def test_a_geared_axis_is_not_asked_for_more_speed_than_its_motor_has(connect: C
     assert limits.lag_rad > 2.0 * math.tau
 
 
+@pytest.mark.examination
 def test_a_drive_without_feedforward_gets_the_move_it_can_follow(connect: Connect, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """cmmp-as lags by speed over K_PP: T_A is predicted to miss by far, a slower move with a led reference to follow, and both come true.
 
@@ -170,6 +171,7 @@ def test_the_standard_move_keeps_off_the_ends_of_the_travel(connect: Connect, tm
     assert path.max() - path.min() > 0.4
 
 
+@pytest.mark.examination
 def test_a_data_sheet_with_a_belt_twice_as_stiff_does_not_mislead_the_first_estimate(connect: Connect, tmp_path: Path) -> None:
     """The carriage was taken for a feather on a rod, half the motor's inertia beside it, and the drive's torque was blamed for that."""
     bench, axis = connect(Bench("g_a")), load_axis("egc-70-600")

@@ -148,6 +148,7 @@ def test_a_run_that_changes_under_the_page_is_read_anew(browser: Browser) -> Non
     browser.until("a touched file is looked at", lambda: browser.says("document.body.dataset.version") != version)
 
 
+@pytest.mark.examination
 def test_a_virtual_session_is_watched_and_its_run_opened(browser: Browser) -> None:
     """On the machine that is the model of this run: phase, carriage and load while it lasts, its answer, and a link that opens it."""
     browser.tab("live")

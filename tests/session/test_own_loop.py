@@ -92,6 +92,7 @@ def test_a_loop_that_does_not_follow_ends_with_model_and_design_too(make_bench: 
     assert bench.stands_disabled()
 
 
+@pytest.mark.examination
 def test_a_p_pi_drive_of_unknown_units_travels_by_what_the_host_sends_along(make_bench: Callable[..., Bench], tmp_path: Path) -> None:
     """Gains of unknown unit, 60B1h and 60B2h, no filter against the resonance: a loop so weak moves the carriage only because friction and
     inertia are sent along with its reference."""

@@ -15,6 +15,7 @@ from beltcomm.model import load_plant
 from beltcomm.schedule.sequences import FEWEST_ROWS, shapes_at, short_seconds, short_sequence
 
 
+@pytest.mark.examination
 def test_an_axis_is_commissioned_at_a_sync_of_10_ms(tmp_path: Path) -> None:
     truth = load_plant("g_a").model
     result = api.commission(

@@ -21,6 +21,7 @@ def blocks(language: str) -> list[str]:
     return found
 
 
+@pytest.mark.examination
 def test_the_examples_run_from_top_to_bottom(copy_of_complete: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
     run = copy_of_complete(name="my-run")
     (run.parent / "runs").mkdir()

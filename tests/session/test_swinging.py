@@ -58,6 +58,7 @@ def test_a_swinging_payload_is_found_behind_a_fit_too_light_and_counts_as_a_part
         payload_mode_in_first_fit.proven_margin_deg(swing, replace(gentle, kp_nm_s_rad=0.2), THESIS_STRUCTURE, AT_M, 1e-3, 0.034)
 
 
+@pytest.mark.examination
 def test_no_payload_is_made_of_a_machine_whose_response_something_else_bends() -> None:
     found, record = first_fit(draw(883006, ("cogging",), 0.7, "rig"))
     assert payload_mode_in_first_fit.with_swing(found, [record], RIG, COUNTS) is None

@@ -66,7 +66,10 @@ def furthest_m(bench: Bench) -> float:
     return float(np.max(np.abs(bench.plant.cart_m(0, len(bench.plant.torque_nm)))))
 
 
-@pytest.mark.parametrize(("rig", "tilt_deg", "axis", "drive"), [("g_b", 90.0, UPRIGHT, "g_b_vertical"), ("g_a", 25.0, TILTED, "g_a_25deg")])
+@pytest.mark.parametrize(
+    ("rig", "tilt_deg", "axis", "drive"),
+    [("g_b", 90.0, UPRIGHT, "g_b_vertical"), pytest.param("g_a", 25.0, TILTED, "g_a_25deg", marks=pytest.mark.examination)],
+)
 @pytest.mark.usefixtures("soft_stops")
 def test_identify_holds_the_axis_and_finds_it(
     make_bench: MakeBench, tmp_path: Path, rig: str, tilt_deg: float, axis: str, drive: str

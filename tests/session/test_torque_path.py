@@ -102,6 +102,7 @@ def test_a_path_is_the_same_from_its_file(tmp_path: Path) -> None:
         kept_path(folder)
 
 
+@pytest.mark.examination
 def test_intervals_of_a_filter_cover_it(shaken: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 40 draws of the noise a half width of 95 % holds the truth in 38 ± 1.4; 33 is beyond chance.
 
@@ -186,6 +187,7 @@ def test_the_loop_counts_with_the_delay_to_the_torque_that_acts(shaken: Recordin
     assert known.dead_time.value_s == pytest.approx(1e-3, abs=5e-5)
 
 
+@pytest.mark.examination
 @pytest.mark.parametrize(
     ("instrument", "said"), [("reading_late_ticks: 1", "one sample late"), ("current_loop_s: 0.0005", "current loop takes 0.5")]
 )

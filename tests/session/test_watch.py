@@ -80,6 +80,7 @@ def test_healthy_moves_are_healthy_and_worn_ones_alarm(
     assert found["values"][-1] > 1.3 * found["values"][0]
 
 
+@pytest.mark.examination
 def test_an_alarm_lasts_into_the_next_watch_and_not_beyond_a_maintenance(
     logs: tuple[list[str], list[str]], copy_of_complete: Callable[..., Path], tmp_path: Path
 ) -> None:

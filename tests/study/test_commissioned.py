@@ -12,6 +12,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 from beltcomm.study.job import study_of
 from beltcomm.study.members import Doing
 from study.conftest import MORE_THREADS
@@ -29,6 +31,7 @@ study_of(sys.argv[1], Path(sys.argv[2]), doing=Doing(commission), workers=1, rep
 """
 
 
+@pytest.mark.examination
 def test_commissioned_members_are_the_same_whoever_computes_them_and_after_a_kill(written: Callable[..., Path], tmp_path: Path) -> None:
     """One process alone is killed within the second member; the cluster computes that one again, and two processes both of them."""
     from distributed import LocalCluster

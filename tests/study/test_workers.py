@@ -76,6 +76,7 @@ def test_a_dask_cluster_and_a_worker_that_dies(small: Path, alone: Path, cluster
     assert same(alone, tmp_path / "killed")
 
 
+@pytest.mark.examination
 def test_a_killed_study_goes_on_in_other_processes(small: Path, alone: Path, tmp_path: Path) -> None:
     members = tmp_path / "members.jsonl"
     words = [sys.executable, "-m", "beltcomm", "study", str(small), "--out", str(tmp_path), "--workers", "1", "--no-report"]
