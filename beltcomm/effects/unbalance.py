@@ -8,6 +8,8 @@ from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 #: Share of the largest torque that a weight is tried with.
 _SHARE = 0.2
+#: rad that a load turns at least: over less its weight is a constant and a spring, which other causes make.
+_FEWEST_RAD = 1.0
 
 
 def force(position: float, speed: float, t: float, order: float, sine: float, cosine: float) -> float:
@@ -33,11 +35,12 @@ def slope(position: float, speed: float, t: float, order: float, sine: float, co
 
 
 def trials(ground: AxisSummary) -> list[Trial]:
-    """A weight on the motor's shaft, and one behind the gearbox; a belt axis has its weight on the carriage."""
+    """A weight on the motor's shaft, and one behind the gearbox, that turned far enough; a belt axis has its weight on the carriage."""
     if ground.belt or ground.side == "load":
         return []
-    size = _SHARE * ground.peak_nm
+    size, turned = _SHARE * ground.peak_nm, (ground.high_m - ground.low_m) / ground.ratio
     orders = sorted({1.0, 1.0 / ground.gear}) if ground.gear > 0.0 else [1.0]
+    orders = [order for order in orders if order * turned > _FEWEST_RAD]
     return [Trial({"order": order, "sine": size, "cosine": size}, amplitudes=("sine", "cosine"), signed=True) for order in orders]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from beltcomm.arrays import Array
 from beltcomm.errors import DataError
 from beltcomm.recording import Recording
-from beltcomm.recording.belonging import belonging
+from beltcomm.recording.belonging import belonging, moves_before_torque
 from beltcomm.recording.checks import ACTIVE, backwards, opposite_signs, slow_work_share
 from beltcomm.recording.columns import CHANNELS
 from beltcomm.recording.sampling import finest
@@ -89,6 +89,11 @@ def _judgement(recording: Recording) -> str:
         return (
             "time seems to run backwards: the mass is positive and the friction drives; turn the order of the rows, or, where it is right, "
             f"look at the signs of {torque} and {position}, and for other joints that moved along"
+        )
+    if not recording.sidecar.closed_loop and moves_before_torque(recording.t_s, recording.torque, recording.position):
+        return (
+            f"time seems to run backwards: the motion goes before {torque}, as what swings goes on after its cause; turn the order of the "
+            "rows, or, where a controller or a hand moved the axis and this is right, import with --closed-loop"
         )
     if opposite_signs(recording.t_s, recording.torque, recording.position):
         return (

@@ -30,6 +30,8 @@ _APART = 100.0
 _AGREE, _ALIKE = 0.05, 0.995
 #: Rows that a slower torque stays the same in, changes and levels that it needs to be one, and share of those that may follow at once.
 _HELD_ROWS, _FEWEST_CHANGES, _SELDOM = 3, 40, 0.2
+#: Parts of a record by which it goes one way, share of its path from which it does, and share of the work that no friction gives.
+_LOOKS, _ONE_WAY, _HELD_BACK = 200, 0.95, 0.1
 #: Rows of a long record on which that is judged.
 _MOST_JUDGED = 200_000
 #: Share of the rate at which rows that a logger read twice or not at all are no more seen.
@@ -81,6 +83,7 @@ def findings(recording: Recording, axis: Axis) -> tuple[Doubt, ...]:
         *_feed_constant(recording, axis, ratio),
         *_travel(recording, axis, 1.0 if recording.side == "load" else ratio),
         *_velocity(recording),
+        *_one_way(recording),
         *_torque_levels(recording, axis),
     )
 
@@ -251,6 +254,22 @@ def _velocity(recording: Recording) -> Iterator[Doubt]:
         yield Doubt(
             f"{channels['velocity']} over the change of {channels['position']}", f"{math.sqrt(power[1] / power[0]):.4g}", "1",
             "correct the factor of the one that is wrong (per minute? filtered?)",
+        )  # fmt: skip
+
+
+def _one_way(recording: Recording) -> Iterator[Doubt]:
+    """A motion that goes one way all the time and does work on its torque: friction and a weight are not told apart there, nor is time."""
+    steps = np.diff(recording.position[:: max(1, len(recording.position) // _LOOKS)])
+    if abs(float(steps.sum())) < _ONE_WAY * float(np.abs(steps).sum()):
+        return
+    work = 0.5 * (recording.torque[1:] + recording.torque[:-1]) * np.diff(recording.position)
+    share = float(work.sum()) / max(float(np.abs(work).sum()), 1e-300)
+    if share < -_HELD_BACK:
+        yield Doubt(
+            f"the work of {CHANNELS[recording.side]['torque']} in a motion that goes one way",
+            f"{100.0 * share:.0f} % of all that goes to and fro", "a positive one, which friction takes up",
+            "a weight that drives does so, and so do a wrong sign and rows in the wrong order of time: turn what is wrong (--flip torque), "
+            "or record the way back as well",
         )  # fmt: skip
 
 

@@ -30,6 +30,7 @@ from beltcomm.laboratory.gap_evidence import is_replaceable_gap
 from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.plain_error import of_run, unexplained_words
+from beltcomm.laboratory.plausibility import undetermined_effects
 from beltcomm.laboratory.scope import missing_records, not_named
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.visible import detection_limits
@@ -215,7 +216,7 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
     text += lines
     text += unkept(folder, "diagnosis", plain(data)) if auto or following else []
     if not auto:
-        return Result(data, text + words.after_diagnosis(found, run, planned))
+        return Result(data, text + words.after_diagnosis(found, run, planned, _designs(folder)))
     added = climb(folder, found, model is not None, command, when)
     if cost and added:
         added = with_costs(folder, found, added, data.get("cost"))
@@ -224,10 +225,21 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         data,
         [
             *text,
-            *words.climb_lines(added, found.added_effects, found.final_fit.held_ratio is not None, run),
+            *words.climb_lines(
+                added, found.added_effects, found.final_fit.held_ratio is not None, run, open_effects(found.final_fit, found.base)
+            ),
             f"Next: beltcomm {'design' if folder.axis.has_transmission else 'report'} {pasted(run)}",
         ],
     )
+
+
+def open_effects(fitted: Fitted, base: Fitted) -> list[str]:
+    """Added effects of which no number is known."""
+    return undetermined_effects(with_intervals(fitted), base.model)
+
+
+def _designs(folder: RunFolder) -> bool:
+    return folder.axis.has_transmission and "final" in folder.names("models")
 
 
 def unkept(folder: RunFolder, name: str, found: Mapping[str, Any]) -> list[str]:
@@ -269,6 +281,8 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
 def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: str) -> list[Revision]:
     """Save every confirmed step of a diagnosis as a revision, one that is not together with the next ones if all of them are.
 
+    So it is with an effect of which no number is known: it is a suggestion, and no part of a model.
+
     What comes after the last that is confirmed is not added. Where the run has a model and none is confirmed, nothing is saved.
     """
     made = []
@@ -281,7 +295,7 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
         # Forms belong to what was named before them, as with ``add``.
         parts += [step, *takewhile(lambda other: not other.added, found.steps[number + 1 :])]
         after = parts[-1].after
-        if is_confirmed(seen, before, after, found.data):
+        if is_confirmed(seen, before, after, found.data) and not open_effects(after, found.base):
             change = change_of([name for s in parts for name in (s.added, *s.forms) if name], [name for s in parts for name in s.removed])
             if not made and not current_revision(folder):
                 made.append(base_revision(folder, *found.published_base, command, when))

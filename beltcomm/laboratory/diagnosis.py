@@ -457,7 +457,7 @@ def verdict_of(base: Fitted, steps: Sequence[Stage], twins: tuple[str, ...], lef
     """
     after = steps[-1].after if steps else base
     level = after.objective / after.problem.samples
-    added = [step.added for step in steps if step.added]
+    added = {step.added for step in steps if step.added}
     if added and share_left(base, after) > MOSTLY_LEFT:
         return NONE_EXPLAINS
     if not added:
@@ -465,8 +465,11 @@ def verdict_of(base: Fitted, steps: Sequence[Stage], twins: tuple[str, ...], lef
         rounded = any(piece.own_noise or (piece.group == 1 and piece.observer is None) for piece in base.problem.pieces)
         most = STRUCTURED_BESIDE if rounded or level <= QUIET else STRUCTURED
         return "nothing missing" if level < NOISE_KNOWN and left < most else NONE_EXPLAINS
+    undetermined = set(undetermined_effects(with_intervals(after), base.model))
+    if added <= undetermined:
+        return "cannot tell"
     if level >= MISSING or left >= STRUCTURED_BESIDE or parameters_at_bounds(after.model, base.model):
         return "partly explained"
-    if undetermined_effects(with_intervals(after), base.model) or implausible_effects(after.model, base.model):
+    if undetermined or implausible_effects(after.model, base.model):
         return "partly explained"
     return "cannot tell" if twins else "explained"

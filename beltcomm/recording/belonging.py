@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_toeplitz
 
 from beltcomm.arrays import Array
 from beltcomm.recording.checks import running_mean, usual_step
@@ -29,6 +30,12 @@ _MOST_ROWS, _FEWEST_WINDOWS, _PARTS, _BINS = 20_000, 64, 8, 120
 _PLAIN, _TURNS = 4, 1.0
 #: By how much a position may be rougher than a torque, and be one.
 _ROUGHER = 2.0
+#: s of torques, past or to come, that an acceleration is explained by, and of late readings that both may use; rows, at least and at
+#: most, and of the record for each; share of the spectrum's mean that is added, for excitations leave frequencies out.
+_RINGS_S, _LATE_S, _FEWEST_LAGS, _MOST_LAGS, _ROWS_A_LAG, _FLOOR = 0.15, 0.01, 60, 400, 20, 1e-6
+#: What past torques leave of an acceleration over what those to come leave, from which the effect stands before its cause (of 156 drawn
+#: records none is above 1.02, of the real ones at hand none above 1.06); share that those to come explain at least.
+_BEFORE, _EXPLAINED = 1.5, 0.1
 
 
 @dataclass(frozen=True)
@@ -74,6 +81,38 @@ def belonging(t_s: Array, torque: Array, position: Array) -> Belonging | None:
         return Belonging(explained)
     chances = sorted(_best(laws, np.roll(torque, round(shift * len(torque)))) for shift in _SHIFTS)
     return Belonging(explained, chances[min(round(BEYOND * len(chances)), len(chances) - 1)])
+
+
+def unexplained_by(t_s: Array, torque: Array, position: Array) -> tuple[float, float] | None:
+    """Share of the acceleration that past torques leave unexplained, and that torques to come do; None for a record that is too short.
+
+    A finite impulse response by least squares, where nothing feeds the motion back.  A load that swings goes on after its torque, so the
+    past leaves less; beside a rigid body both leave alike.
+    """
+    period = usual_step(t_s)
+    lags = min(max(round(_RINGS_S / period), _FEWEST_LAGS), _MOST_LAGS)
+    late = min(max(round(_LATE_S / period), 2), lags // 4)
+    even = np.arange(t_s[0], t_s[min(len(t_s), _MOST_ROWS) - 1], period)
+    if len(even) < _ROWS_A_LAG * lags:
+        return None
+    cause, effect = np.interp(even, t_s, torque)[1:-1], np.diff(np.interp(even, t_s, position), 2)
+    cause, effect = cause - cause.mean(), effect - effect.mean()
+    spectra = [np.fft.rfft(signal, 2 * len(signal)) for signal in (cause, effect)]
+    own = np.fft.irfft(np.abs(spectra[0]) ** 2)[: lags + late + 1]
+    power = float(effect @ effect)
+    if own[0] <= 0.0 or power <= 0.0:
+        return None
+    own[0] *= 1.0 + _FLOOR
+    shared = np.fft.irfft(spectra[1] * spectra[0].conj())
+    past, ahead = (np.roll(one, late)[: lags + late + 1] for one in (shared, np.roll(shared[::-1], 1)))
+    left = [max(1.0 - float(one @ solve_toeplitz(own, one)) / power, 0.0) for one in (past, ahead)]
+    return left[0], left[1]
+
+
+def moves_before_torque(t_s: Array, torque: Array, position: Array) -> bool:
+    """True if torques to come explain the acceleration, and past ones do not: time runs backwards, where nothing feeds the motion back."""
+    left = unexplained_by(t_s, torque, position)
+    return left is not None and left[1] < 1.0 - _EXPLAINED and left[0] > _BEFORE * left[1]
 
 
 @dataclass(frozen=True, eq=False)

@@ -146,13 +146,15 @@ def narrower_lines(before: Fitted, after: Fitted) -> list[str]:
     ]
 
 
-def after_diagnosis(found: Diagnosis, run: Path, planned: str = "") -> list[str]:
+def after_diagnosis(found: Diagnosis, run: Path, planned: str = "", designs: bool = True) -> list[str]:
     """Next steps.
 
     Parameters
     ----------
     planned : str
         The command that makes the records that were planned.
+    designs : bool
+        The run has gains that can be designed again.
     """
     if planned:
         return [f"Next: {planned}"]
@@ -162,6 +164,8 @@ def after_diagnosis(found: Diagnosis, run: Path, planned: str = "") -> list[str]
     sure = {name for name in found.added_effects if name not in open_}
     certain = [name for name in found.added_effects if name not in along and sure & {name, *parts[name]}]
     if certain and found.verdict != NONE_EXPLAINS:
+        if len(certain) > 1 and not designs:
+            return [f"Next: beltcomm diagnose {pasted(run)} --auto   (adds of {' and '.join(certain)} what records held out confirm)"]
         if len(certain) > 1:
             return [f"Next: beltcomm improve {pasted(run)}   (adds {' and '.join(certain)}, and designs again)"]
         return [f"Next: beltcomm add {certain[0]} {pasted(run)}   (fits everything again with it)"]
@@ -348,18 +352,27 @@ def provenance_lines(rung: Revision) -> list[str]:
     return lines
 
 
-def climb_lines(made: Sequence[Revision], named: Sequence[str], held_out: bool, run: Path) -> list[str]:
+def climb_lines(made: Sequence[Revision], named: Sequence[str], held_out: bool, run: Path, undetermined: Collection[str] = ()) -> list[str]:
     """Steps that ``diagnose --auto`` saved, and why it ended before the last that was named.
 
     Parameters
     ----------
     held_out : bool
         Whether any record is.
+    undetermined : Collection[str]
+        Effects of which no number is known.
     """
     added = [rung for rung in made if rung.change.startswith("+")]
     lines = ["", *ladder_lines(made, ())] if added else ["Nothing was added."]
     left = [name for name in named if not any(name in rung.effects for rung in added)]
-    if left and held_out:
+    if left and left[0] in undetermined:
+        lines.append(
+            f"Not added: {' and '.join(left)}. No number of {left[0]} is known to {100 * KNOWN:.0f} % of itself: it is a suggestion,"
+        )
+        lines.append(
+            f"which `beltcomm add {left[0]} {pasted(run)}` follows. Records that show more of it: `beltcomm diagnose {pasted(run)} --next`."
+        )
+    elif left and held_out:
         lines.append(f"Not added: {' and '.join(left)}. With {left[0]} the error on records that were not fitted did not fall.")
     elif left:
         lines.append(f"Not added: {' and '.join(left)}. No record is held out, so nothing could confirm it; `held_out: true` in a sidecar")

@@ -111,6 +111,25 @@ def test_the_good_record_passes_and_a_reason_is_kept(tmp_path: Path) -> None:
     assert "accepted: a pendulum that the wind moves" in (tmp_path / "bad" / "recordings" / "a.yaml").read_text(encoding="utf-8")
 
 
+def test_what_swings_before_its_torque_runs_backwards(tmp_path: Path) -> None:
+    """Two masses on a spring that hardly rub, where no friction tells the direction of time."""
+    rng, period, size = np.random.default_rng(5), 1e-3, 6000
+    torque = rng.standard_normal(size)
+    angle, speed = np.zeros(2), np.zeros(2)
+    angles = []
+    for applied in torque:
+        angles.append(angle[0])
+        twist = 40.0 * (angle[0] - angle[1]) + 0.004 * (speed[0] - speed[1])
+        speed += period * np.array([(applied - twist) / 4e-4, twist / 8e-4])
+        angle = angle + period * speed
+    file = tmp_path / "a.csv"
+    for turned, code in ((slice(None), 0), (slice(None, None, -1), 3)):
+        columns = {"torque_nm": torque[turned], "position_rad": np.array(angles)[turned]}
+        write_columns(file, {"t_s": period * np.arange(size), **columns})
+        outcome = CliRunner().invoke(cli, ["import", str(file), "--run", str(tmp_path / f"run{code}"), *AXIS[:2]])
+        assert (outcome.exit_code, "time seems to run backwards" in outcome.output) == (code, code == 3), outcome.output
+
+
 @pytest.mark.parametrize("name", ["torque shuffled", "another record's torque", "time backwards"])
 @pytest.mark.parametrize("verb", ["compare", "diagnose"])
 def test_a_run_folder_made_by_hand_is_refused_before_anything_is_named(name: str, verb: str, tmp_path: Path) -> None:

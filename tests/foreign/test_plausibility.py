@@ -30,6 +30,13 @@ def said(**changes: Any) -> list[str]:
     return [str(finding) for finding in findings(record, AXIS)]
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_motion_one_way_that_does_work_on_its_torque_is_doubted(sign: float) -> None:
+    t_s = 1e-3 * np.arange(2000)
+    doubts = said(t_s=t_s, position=5.0 * t_s, torque=sign * (0.3 + 0.1 * np.sin(40.0 * t_s)))
+    assert any("in a motion that goes one way" in doubt for doubt in doubts) is (sign < 0.0), doubts
+
+
 def test_a_good_record_raises_no_doubt() -> None:
     assert said(velocity=SPEED, cart_position_m=RATIO * ANGLE, load_position_rad=ANGLE) == []
 

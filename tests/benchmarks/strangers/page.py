@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from beltcomm.app.serve import RunPage
 from strangers.outcome import NEVER, Outcome, judged
 
 GROUP = "page"
@@ -65,7 +66,7 @@ class Page:
         self,
         path: str = "{token}/begin",
         method: str = "POST",
-        body: bytes = b"{}",
+        body: bytes = b'{"run": "", "asked": {}}',
         headers: Mapping[str, str | None] | None = None,
         patience_s: float = PATIENCE_S,
     ) -> tuple[int, bytes]:
@@ -76,9 +77,10 @@ class Page:
         head = f"{method} /{path.format(token=self.token)} HTTP/1.1\r\n" + "\r\n".join(lines) + "\r\n\r\n"
         return self.raw(head.encode("latin-1") + body, patience_s)
 
-    def answer(self, name: str, asked: Any, patience_s: float = PATIENCE_S) -> tuple[int, Any]:
-        """An answer of the page's design tab to a question."""
-        status, whole = self.ask(f"{{token}}/{name}", body=json.dumps(asked).encode(), patience_s=patience_s)
+    def answer(self, name: str, asked: Any, patience_s: float = PATIENCE_S, run: Any = "") -> tuple[int, Any]:
+        """An answer of the page to a question.   run : beside the one that is shown."""
+        body = json.dumps({"run": run, "asked": asked}).encode()
+        status, whole = self.ask(f"{{token}}/{name}", body=body, patience_s=patience_s)
         text = whole.partition(b"\r\n\r\n")[2].decode("utf-8", "replace")
         try:
             return status, json.loads(text)
@@ -267,6 +269,8 @@ def attacks(base: Path, folder: Path) -> Iterator[Outcome]:
             yield judged(
                 GROUP, name, "" if page.lives else "the page is dead", "" if (status, sentence) == (422, True) else f"{status} {said}"
             )
+        yield from foreign_runs(page)
+        yield from misshapen(page)
         yield judged(GROUP, "nothing was written by any of these", "files changed" if page.own_files() != before else "")
         yield slow(page)
         yield from at_once(page)
@@ -274,6 +278,27 @@ def attacks(base: Path, folder: Path) -> Iterator[Outcome]:
     told = "".join(page.said)
     yield judged(GROUP, "what the terminal said", next((word for word in NEVER if word in told), ""))
     yield from names(base, folder)
+
+
+def foreign_runs(page: Page) -> Iterator[Outcome]:
+    """Names of runs that are none beside the one shown: each is 422 with a sentence."""
+    for run in ("..", "/etc", "../page", "page/results", "nothing", "\x00", MARKUP, "a" * 5000, None, 1, ["page"], {"page": 1}):
+        status, said = page.answer("begin", {}, run=run)
+        sentence = isinstance(said, dict) and isinstance(said.get("error"), str)
+        broken = "it was answered" if status == 200 else "" if page.lives else "the page is dead"
+        yield judged(GROUP, f"run {str(run)[:12]!r}", broken, "" if (status, sentence) == (422, True) else f"{status} {said}")
+
+
+def misshapen(page: Page) -> Iterator[Outcome]:
+    """Every question that the page knows, asked with what it never sends: answered or 422, never an unexpected error."""
+    own = RunPage(page.run)
+    own.close()
+    for name in sorted({*own.answers, "session-state", "session-offers", "session-start"}):
+        if name not in ("words", "design-save"):  # what is saved is tried apart
+            for asked in ([1, "x"], MARKUP, {"__class__": None}):
+                status, said = page.answer(name, asked, PROOF_S)
+                broken = f"{status} {said}" if status not in (200, 422) else "" if page.lives else "the page is dead"
+                yield judged(GROUP, f"{name} asked {str(asked)[:12]}", broken)
 
 
 def slow(page: Page) -> Outcome:

@@ -279,15 +279,15 @@ def signals(place: Path) -> Iterator[Outcome]:
 
 
 def typed(place: Path) -> Iterator[Outcome]:
-    """Answers to the question before a motion: whatever is no yes moves nothing."""
+    """Answers to the question before a motion: whatever is no yes moves nothing, and is asked again until it is left with q."""
     words = ("identify", "--drive", "virtual", "--run", "asked")
     for name, answer in {
         "the end of input": b"\x04",
-        "an escape": b"\x1b[A\x1b[200~yes\x1b[201~\n",
-        "64 KB": b"n" * 4000 + b"\n",
-        "other bytes": b"\xff\xfe\x9b\n",
-        "an empty line": b"\n",
-        "yes and more": b"yes; rm -rf /\n",
+        "an escape": b"\x1b[A\x1b[200~yes\x1b[201~\nq\n",
+        "64 KB": b"n" * 4000 + b"\nq\n",
+        "other bytes": b"\xff\xfe\x9b\nq\n",
+        "an empty line": b"\nq\n",
+        "yes and more": b"yes; rm -rf /\nq\n",
     }.items():
         code, told = in_terminal(words, place, until=b"[y/N]", then=lambda here, _, answer=answer: os.write(here, answer) and None)
         moved = any((place / "asked" / "recordings").glob("*.csv")) if (place / "asked").is_dir() else False
