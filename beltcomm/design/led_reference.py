@@ -116,7 +116,7 @@ def _speed_error(torque_nm: Array, over: int, cascade: Cascade, loop_s: float, h
     for k, torque in enumerate(torque_nm):
         if k >= over:  # what friction holds, from the last torque on: the integral may still be far from it
             share = back[k - over] if k - over < len(back) else 1.0
-            torque = (1.0 - share) * last + share * min(max(integral, -held_nm), held_nm)  # noqa: PLW2901
+            torque = (1.0 - share) * last + share * min(max(integral, -held_nm), held_nm)
         error[k] = (torque - integral) / cascade.kp_nm_s_rad
         integral += cascade.ki_nm_rad * loop_s * error[k]
     return error
