@@ -9,20 +9,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from beltcomm.axis import Axis, axis_from_dict, load_axis
 from beltcomm.axis.kinds import ARC_M, KINDS
 from beltcomm.axis.targets import with_targets
-from beltcomm.axis.terms import terms, terms_of
+from beltcomm.axis.terms import pictures_in, terms, terms_of
 from beltcomm.configfiles import config_names
 from beltcomm.errors import UsageError
 from beltcomm.fit.start import start_model
 from beltcomm.model import build_model
 from beltcomm.pages.quantities import quantities_of
 from beltcomm.recording import Recording, Sidecar
+from beltcomm.report.page import svg_of
 from beltcomm.result import Line, Result, table
 from beltcomm.runfolder import RunFolder
-from beltcomm.sentences.own_words import aligned, lines_in, own_words
+from beltcomm.sentences.own_words import aligned, lines_in, own_words, text_in
 from beltcomm.sentences.watch import COLUMNS, head_line, summary_lines
 from beltcomm.simulate.forward import rigid_force_n, simulate_torque
 from beltcomm.watching.drift import AxisDrift
@@ -237,3 +239,26 @@ def test_a_unit_in_a_title_or_beside_a_quantity_goes_with_its_numbers() -> None:
         own = found[name]
         assert own.unit == terms("rotary").said(own.unit) == unit
         assert own.scale == pytest.approx(ARC_M**2, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("kind", "label", "said", "last"),
+    [
+        ("rotary", "speed in m/s", "speed in °/s", 1500.0),
+        ("rotary", "belt force in N", "load torque in N m", 1.5 * ARC_M),
+        ("linear", "torque in N m", "force in N", 1.5 / 0.02),
+    ],
+)
+def test_numbers_along_a_picture_go_with_its_unit(kind: str, label: str, said: str, last: float) -> None:
+    """No picture of a report says `1000°/s` or `N m per turn of 2π`."""
+    drawn = Figure()
+    axes = drawn.subplots()
+    axes.plot([0.0, 1.0], [0.0, 1.5])
+    axes.set(xlabel="time in s", ylabel=label, ylim=(-0.1, 1.6))
+    axes.set_yticks([0.0, 0.5, 1.0, 1.5])
+    with pictures_in(terms(kind, 0.02)):
+        texts = re.findall(r">([^<>]+)<", text_in(terms(kind, 0.02), svg_of(drawn)))
+    assert said in texts
+    assert "time in s" in texts
+    assert {"0", f"{last:.4g}"} <= set(texts)
+    assert not any("per turn of" in text or "1000°" in text or " at r " in text for text in texts)

@@ -71,11 +71,17 @@ class RunPage:
         }
 
     def words(self, asked: Any) -> dict[str, Any]:
-        """Texts of the page in the words and units of the kind of axis.   Raises UsageError for what is no list of texts."""
+        """Texts of the page in the words and units of the kind of axis, as text and as label of an axis with its factor.
+
+        Raises
+        ------
+        UsageError
+            For what is no list of texts.
+        """
         texts = asked.get("texts") if isinstance(asked, Mapping) else None
         if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
             raise UsageError("give texts: a list of them")
-        return {"texts": [self._terms.said(text) for text in texts]}
+        return {"texts": [self._terms.said(text) for text in texts], "labels": [self._terms.label(text) for text in texts]}
 
     def close(self) -> None:
         """End what runs beside it."""

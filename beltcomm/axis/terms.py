@@ -9,7 +9,9 @@ people type, stay.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
@@ -118,6 +120,14 @@ class Terms:
         for pattern, instead in self._patterns:
             text = pattern.sub(instead, text)
         return text if self._units is None else self._units.sub(self._unit, text)
+
+    def label(self, text: str) -> tuple[str, float]:
+        """Label of a picture's axis that ends in its unit, and the factor by which the numbers along it are to be multiplied."""
+        for found in () if self._units is None else self._units.finditer(text):
+            if found.end() == len(text) and found[1] is None:
+                unit = self.units[found[3]]
+                return f"{self.said(text[: found.start()])}{unit.symbol}", unit.factor
+        return self.said(text), 1.0
 
     def shown(self, unit: str) -> ShownUnit:
         """Unit that stands for one of a belt axis where its number is multiplied, too; itself, as it is printed, where nothing changes."""
@@ -243,6 +253,23 @@ def _straight(ratio_m: float) -> Mapping[str, ShownUnit]:
 
 
 PLAIN = Terms()
+#: Of the axis whose pictures are being drawn.
+_DRAWN: ContextVar[Terms] = ContextVar("drawn", default=PLAIN)
+
+
+@contextmanager
+def pictures_in(own: Terms) -> Iterator[None]:
+    """Pictures made within are in these words and units."""
+    before = _DRAWN.set(own)
+    try:
+        yield
+    finally:
+        _DRAWN.reset(before)
+
+
+def picture_terms() -> Terms:
+    """Words and units of the pictures that are being made."""
+    return _DRAWN.get()
 
 
 @lru_cache(maxsize=32)

@@ -17,7 +17,7 @@ from beltcomm.errors import UsageError
 @click.option(
     "--run",
     type=click.Path(file_okay=False, path_type=Path),
-    help="On a run's own model: designs, closed-loop, estimators, gravity.",
+    help="On a run's own model and records: every topic but friction, and gravity.",
 )
 @click.option("--edges", type=click.Path(path_type=Path), help="Of estimators with --run: edge times of its own encoder to try them on.")
 @shared.output_options
@@ -28,9 +28,9 @@ def command(frame: Invocation, /, topic: str | None, pictures: Path | None, run:
     Example: beltcomm thesis
     """
     if run is not None:
-        if topic is None or pictures is not None:
-            raise UsageError("--run takes one TOPIC and draws nothing: beltcomm thesis designs --run RUN")
-        return frame.show(api("beltcomm.jobs.own_thesis").own_thesis(topic, run, edges))
+        if topic is None:
+            raise UsageError("--run takes one TOPIC: beltcomm thesis designs --run RUN")
+        return frame.show(api("beltcomm.jobs.own_thesis").own_thesis(topic, run, edges, pictures=pictures, command=frame.line()))
     if edges is not None:
         raise UsageError("--edges goes with a run: beltcomm thesis estimators --run RUN --edges FILE")
     return frame.show(api("beltcomm.thesis.topics").thesis(topic, pictures=pictures, command=frame.line()))

@@ -112,14 +112,12 @@ def _speed_error(torque_nm: Array, over: int, cascade: Cascade, loop_s: float, h
     """e of the module, rad/s, (n,).   over : sample from which the axis stands, held within ±``held_nm``."""
     error, integral = np.empty(len(torque_nm)), 0.0
     back = _rise(max(round(RAMP_S / loop_s), 1))
-    left = 0.0
+    last = torque_nm[over - 1]
     for k, torque in enumerate(torque_nm):
-        if k < over:
-            left = error[k] = (torque - integral) / cascade.kp_nm_s_rad
-        else:
+        if k >= over:  # what friction holds, from the last torque on: the integral may still be far from it
             share = back[k - over] if k - over < len(back) else 1.0
-            rest = (min(max(integral, -held_nm), held_nm) - integral) / cascade.kp_nm_s_rad
-            error[k] = (1.0 - share) * left + share * rest
+            torque = (1.0 - share) * last + share * min(max(integral, -held_nm), held_nm)
+        error[k] = (torque - integral) / cascade.kp_nm_s_rad
         integral += cascade.ki_nm_rad * loop_s * error[k]
     return error
 

@@ -1,7 +1,8 @@
-"""Comparisons of the design source, on the model of one's own run: equalities, prefilters, anti-windup, velocity estimators, gravity."""
+"""Comparisons of the design source, on the model and the records of one's own run."""
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -28,16 +29,22 @@ from beltcomm.encoder.formulas import (
 )
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.foreign.edgetimes import read_edges
-from beltcomm.given import Place, place
+from beltcomm.given import Place, pasted, place
 from beltcomm.model import Model
-from beltcomm.result import Result
+from beltcomm.result import Result, plain
 from beltcomm.rundata import offline
 from beltcomm.rundata.offline import estimator_settings, structure_of
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.own_words import own_words
 from beltcomm.simulate.stopping import total_friction, total_viscous
+from beltcomm.thesis import excitations, identification
 from beltcomm.thesis.closed_loop import CutOff
+from beltcomm.thesis.excitations import LIMITS as SOURCE_LIMITS
+from beltcomm.thesis.excitations import ExcitationStudy, ExcitedAxis
+from beltcomm.thesis.identification import IdentificationStudy
+from beltcomm.thesis.own_axis import curves, discretised, models, moves
+from beltcomm.thesis.topics import TOPICS, draw_figures, save_figures
 from beltcomm.trajectory import at_rest, join, plan_trajectory
 from beltcomm.verify import Loop, demand, predict_move, tracking_error
 
@@ -57,6 +64,11 @@ TICK_S, SHARES = 1e-8, (1e-4, 1e-3, 1e-2, 0.1, 0.5, 1.0)
 #: deg: of a level axis that is tilted in thought; s of the integrator.
 TILT_DEG, INTEGRATES_S, STEP_S = 20.0, 30.0, 1e-3
 
+#: Of the belt's force limit, what an excitation may use.
+BELT_SHARE = 0.9
+#: Seeds of the noise there: each is a fit of four records.
+OWN_SEEDS = (1, 2)
+
 #: Counts in a sampling period, between which edges of a file are judged; names of the estimators.
 BANDS = (0.0, 0.1, 1.0, 2.0, 10.0, 100.0, math.inf)
 NAMES = {"high_pass": "high-pass", "event_counter": "event counter", "gate": "gate", "combined": "combination"}
@@ -65,17 +77,21 @@ _Told = tuple[dict[str, Any], list[str]]
 
 
 @own_words
-def own_thesis(topic: str, run: Place, edges: Place | None = None) -> Result:
+def own_thesis(topic: str, run: Place, edges: Place | None = None, *, pictures: Place | None = None, command: str = "") -> Result:
     """A topic of the design source on the model of a run.
 
     Parameters
     ----------
     topic : str
-        One of ``designs``, ``closed-loop``, ``estimators``, ``gravity``.
+        One of ``OWN``.
     run : Place
         Run folder.
     edges : Place or None
         Of ``estimators``: a file of edge times of the axis's own encoder, on which they are tried.
+    pictures : Place or None
+        Of ``models``, ``excitations`` and ``identification``: folder for their figures.
+    command : str
+        Command line, kept as provenance.
 
     Returns
     -------
@@ -89,15 +105,29 @@ def own_thesis(topic: str, run: Place, edges: Place | None = None) -> Result:
     DataError
         For a run without a model of an elastic axis where one is compared, a file that holds no edges.
     """
-    if topic not in OWN:
-        raise UsageError(f"{topic} is not compared on a run; on a run are {', '.join(OWN)}")
+    if topic not in {**OWN, **STUDIES}:
+        raise UsageError(f"{topic} is not compared on a run; on a run are {', '.join((*OWN, *STUDIES))}")
     if edges is not None and topic != "estimators":
         raise UsageError(f"edge times say nothing of {topic}; they go with estimators")
     folder = RunFolder.open(place(run))
     model = offline.saved_model(folder)
     if topic != "estimators" and ("cart" not in model.base_bodies or not model.get("belt_stiffness.stiffness")):
         raise DataError(f"the model of {folder.path} has no belt of one stiffness, which the design source speaks of")
+    if topic in STUDIES:
+        study = STUDIES[topic](folder, model)
+        made = draw_figures(topic, study, place(pictures, "folder"), command) if pictures is not None else []
+        text = [*importlib.import_module(f"beltcomm.thesis.{topic}").lines(study), *(f"drawn: {path}" for path in made)]
+        return Result({"topic": topic, "run": str(folder.path), **plain(study), "pictures": made}, text)
+    if pictures is not None and topic != "models":
+        raise UsageError(f"{topic} draws nothing on a run; beltcomm report {pasted(folder.path)} draws its responses, loops and moves")
     data, text = OWN[topic](folder, model) if edges is None else on_edges(folder, model, place(edges, "file"))
+    if pictures is not None:
+        from beltcomm.report.style import Caption
+        from beltcomm.thesis.figures.models import bode
+
+        caption = Caption(command or f"beltcomm thesis {topic}", TOPICS[topic].source)
+        drawn = {name: bode(title, shown, caption) for name, (title, shown) in curves(folder.axis, model, _plant(folder, model)).items()}
+        text += [f"drawn: {path}" for path in save_figures(drawn, place(pictures, "folder"))]
     return Result({"topic": topic, "run": str(folder.path), **data}, text)
 
 
@@ -184,22 +214,27 @@ def _robust_words(largest: float, margin: float | None) -> str:
     return f"{largest:.4f} {'unstable' if largest >= 1.0 else '-' if margin is None else f'{margin:.0f}°':>9}"
 
 
-def windup(folder: RunFolder, model: Model) -> _Told:
-    """Figure 6.10 on the own move: the torque cut off, with conditional integration (6.26) and without."""
+def closed_loop(folder: RunFolder, model: Model) -> _Told:
+    """Figures 5.1 to 5.4 on the own move, and figure 6.10: the torque cut off, with conditional integration (6.26) and without."""
     structure, saved, axis = structure_of(folder), saved_design(folder), folder.axis
     cascade, delay_s = offline.cascade_of(saved, model, structure, None)
     limits = axis.trajectory(axis.targets.limits)
-    low, way = axis.travel.min_m or 0.0, axis.targets.way_m
-    start = max(low, 0.0)
+    way = axis.targets.way_m
+    start = max(axis.travel.ends_m[0], 0.0)
     move = plan_trajectory(start, start + way, limits, structure.period_s)
     path = join([move, at_rest(start + way, REST_S, structure.period_s)])
     needs = demand(move, model).torque_nm
     counts = offline.counts_of(folder)
-    rows = []
+    apparent = float(saved.get("apparent_damping_nm_s_rad") or 0.0)
+    loop = Loop(structure, delay_s, axis.motor.peak_torque_nm or axis.torque_limit_nm, counts)
+    data, table = moves(_plant(folder, model), model, path, structure, cascade, loop, apparent)
     text = [
-        f"Figure 6.10 on this run's gains and its move, {1e3 * way:.0f} mm in {move.duration_s:.2f} s with {needs:.2f} N m; simulated",
+        f"Figures 5.1 to 5.4 on this run's move, {1e3 * way:.0f} mm in {move.duration_s:.2f} s, {needs:.2f} N m; predicted",
+        *table,
+        "Figure 6.10 on this run's gains, simulated",
         f"  {'torque cut off at':>18} {'':24} {'following':>12} {'at rest':>10} {'beyond the goal':>16}",
     ]
+    rows = []
     for share in CUTS:
         most = share * needs
         for words, known in (("without anti-windup", 1e6), ("conditional integration", most)):
@@ -209,7 +244,7 @@ def windup(folder: RunFolder, model: Model) -> _Told:
             rows.append({"cut_nm": most, "way": words, **found})
             cells = [f"{1e3 * value:.{digits}f} mm" for value, digits in zip(found.values(), (2, 3, 2), strict=True)]
             text.append(f"  {most:14.2f} N m {words:24} {cells[0]:>12} {cells[1]:>10} {cells[2]:>16}")
-    return {"windup": rows, "needs_nm": needs}, text
+    return {**data, "windup": rows, "needs_nm": needs}, text
 
 
 def estimators(folder: RunFolder, model: Model) -> _Told:
@@ -317,10 +352,43 @@ def _integrated(held: float, friction: float, viscous: float, inertia: float, be
     return torque
 
 
-#: Topics that there are on a run.
+def belt_and_records(folder: RunFolder, model: Model) -> _Told:
+    """Chapter 2, and what chapter 3 says of any record, on the own ones."""
+    records = [one for one in folder.recordings() if one.sidecar.experiment == "frf"]
+    return models(folder.axis, model, _plant(folder, model), records)
+
+
+def discretised_gains(folder: RunFolder, model: Model) -> _Told:
+    """The run's design, discrete against continuous."""
+    structure = structure_of(folder)
+    cascade, _ = offline.cascade_of(saved_design(folder), model, structure, None)
+    return discretised(_plant(folder, model), cascade, structure.period_s)
+
+
+def excited(folder: RunFolder, model: Model) -> ExcitationStudy:
+    """The four signals on the own model, inside the own limits."""
+    axis = folder.axis
+    torque_nm = axis.motor.peak_torque_nm or axis.torque_limit_nm
+    limits = replace(SOURCE_LIMITS, torque_nm=torque_nm, belt_force_n=BELT_SHARE * axis.belt_force_limit_n)
+    return excitations.compare([ExcitedAxis("own axis", model, axis.travel.middle_m, limits, offline.counts_of(folder), OWN_SEEDS)])
+
+
+def ways(folder: RunFolder, model: Model) -> IdentificationStudy:
+    """Open loop, direct, indirect and speed setpoint, simulated on the own model with the torque of the own record."""
+    notes = [one.sidecar.excitation for one in folder.recordings()]
+    amplitude = min((note.amplitude_nm for note in notes if note is not None and note.amplitude_nm), default=identification.AMPLITUDE_NM)
+    low, high = folder.axis.travel.ends_m
+    zero = _plant(folder, model).antiresonance_rad_s
+    return identification.compare(identification.own_rig(model, zero, amplitude, low, high, offline.counts_of(folder)))
+
+
+#: Topics that there are on a run: those told in a table, and those that are the source's own comparison of another axis.
 OWN: Mapping[str, Callable[[RunFolder, Model], _Told]] = {
+    "models": belt_and_records,
     "designs": designs,
-    "closed-loop": windup,
+    "discretisation": discretised_gains,
+    "closed-loop": closed_loop,
     "estimators": estimators,
     "gravity": gravity,
 }
+STUDIES: Mapping[str, Callable[[RunFolder, Model], Any]] = {"excitations": excited, "identification": ways}

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from beltcomm.axis.terms import terms_of
+from beltcomm.axis.terms import pictures_in
 from beltcomm.errors import UsageError
 from beltcomm.fit.noise_level import error_floor_words
 from beltcomm.pages import axis, changes, diagnosed, loops, model, safety, tracking
@@ -64,7 +64,9 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
         admit_page(out)
     before = gathered(against, talk or Silence(), compared=False) if against is not None else None  # first: it may not be there
     found = gathered(run, talk or Silence(), against)
-    page = said_in(terms_of(found.folder.axis), page_of(found, before), keys=True) if found.folder.has_axis else page_of(found, before)
+    terms = found.folder.terms
+    with pictures_in(terms):
+        page = said_in(terms, page_of(found, before), keys=True)
     where = out or run / NAME
     beside = where.with_suffix(".json")
     # a page may be sent to anybody: it names no folder of the machine that it was made on

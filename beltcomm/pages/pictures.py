@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from beltcomm.axis.terms import pictures_in
 from beltcomm.control import Cascade
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.measured import measured_loop
@@ -206,7 +207,8 @@ def _written(folder: RunFolder, draw: Callable[[], dict[str, Figure]]) -> tuple[
 
     where = folder.path / FOLDER
     try:
-        made = [save(picture, where / f"{name}.png") for name, picture in draw().items()]
+        with pictures_in(folder.terms):
+            made = [save(picture, where / f"{name}.png") for name, picture in draw().items()]
     except OSError as error:
         return [], [f"no pictures: {where} cannot be written ({error.strerror or error})"]
     return [str(Path(FOLDER) / path.name) for path in made], []

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from beltcomm.axis import Axis
+from beltcomm.axis.terms import pictures_in
 from beltcomm.configfiles import did_you_mean, read_yaml
 from beltcomm.errors import DataError, UsageError
 from beltcomm.given import pasted
@@ -145,7 +146,9 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
     given = {run.resolve().name: run for run in runs}
     shown = [one for one in dated if one.name in given]
     terms = asked.terms
-    page = said_in(terms, _page(folders[0].axis.name or "Axis", followed, shown, [given[one.name] for one in shown], remarks), keys=True)
+    with pictures_in(terms):
+        made = _page(folders[0].axis.name or "Axis", followed, shown, [given[one.name] for one in shown], remarks)
+    page = said_in(terms, made, keys=True)
     newest = max(runs, key=lambda run: next(d.t_s for d in dated if d.name == run.resolve().name))
     where = out or newest / NAME
     data = {

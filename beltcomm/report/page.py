@@ -177,7 +177,7 @@ def svg_of(figure: Figure) -> str:
         if axes.get_facecolor()[:3] == (1.0, 1.0, 1.0):
             axes.patch.set_alpha(0.0)
     stream = io.StringIO()
-    figure.set_dpi(POINTS_PER_INCH)
+    style.in_own_words(figure).set_dpi(POINTS_PER_INCH)
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "beltcomm", "path.simplify_threshold": LINE_PT}):
         wide, high = figure.get_size_inches()
         size = (wide * POINTS_PER_INCH, high * POINTS_PER_INCH)

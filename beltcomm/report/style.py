@@ -13,9 +13,11 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from matplotlib.ticker import FixedFormatter, FixedLocator, Formatter, FuncFormatter, NullLocator
 
 from beltcomm import atomic
+from beltcomm.axis.terms import picture_terms
 
 #: Okabe and Ito's colours, told apart with any kind of colour vision and in grey.
 MEASURED, MODEL, RESIDUAL, HELD_OUT, SEVERE = "#000000", "#E69F00", "#0072B2", "#56B4E9", "#D55E00"
@@ -142,8 +144,23 @@ def save(picture: Figure, path: Path) -> Path:
     """Write a figure as PNG, whole or not at all; the same figure gives the same bytes."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic.replacing(path) as file:
-        laid_out(picture).savefig(file, format="png", dpi=DPI, metadata={"Software": "beltcomm"})
+        laid_out(in_own_words(picture)).savefig(file, format="png", dpi=DPI, metadata={"Software": "beltcomm"})
     return path
+
+
+def in_own_words(picture: Figure) -> Figure:
+    """The figure in words and units of its axis: what is drawn stays, numbers along an axis are multiplied where they are written."""
+    terms = picture_terms()
+    if terms:
+        for axes in picture.get_axes():
+            for axis in (axes.xaxis, axes.yaxis):
+                label, factor = terms.label(axis.get_label_text())
+                axis.set_label_text(label)
+                if factor != 1.0:
+                    axis.set_major_formatter(FuncFormatter(lambda value, _place, factor=factor: f"{factor * value:.4g}"))
+        for text in picture.findobj(Text):
+            text.set_text(terms.said(text.get_text()))
+    return picture
 
 
 def laid_out(picture: Figure) -> Figure:

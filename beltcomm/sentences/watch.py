@@ -97,5 +97,7 @@ def summary_lines(
         if math.isfinite(one.value):
             words, unit, factor = NAMED[one.key]
             half = factor * one.interval if math.isfinite(one.interval) else None
-            rows.append(f"  {words:36} {number(factor * one.value, half, unit)}, in the run {factor * one.reference.value:.4g} {unit}")
+            rows.append(
+                f"  {words:36} {number(factor * one.value, half, unit)}, in the run {number(factor * one.reference.value, None, unit)}"
+            )
     return [verdict, *rows, f"  (over the last {min(POOL, moves)} moves)"] if rows else [verdict]

@@ -47,10 +47,9 @@ LEAST_SHARE = 1e-7
 
 def number(value: float, interval: float | None, unit: str) -> str:
     """Value with its 95 % interval, rounded to the interval's second digit."""
-    if interval is None or not math.isfinite(interval) or interval <= 0.0:
-        return f"{value:.4g} {unit}"
-    if interval < LEAST_SHARE * abs(value):  # of a number that the search met and never left: it is not known that well
-        return f"{value:.4g} {unit}"
+    unknown = interval is None or not math.isfinite(interval) or interval <= 0.0
+    if interval is None or unknown or interval < LEAST_SHARE * abs(value):  # that the search met and never left: not known that well
+        return f"{value:.0f} {unit}" if 1e4 <= abs(value) < 1e7 else f"{value:.4g} {unit}"
     digits = max(0, 1 - math.floor(math.log10(interval)))
     return f"{value:.{digits}f} ± {interval:.{digits}f} {unit}"
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm import atomic
+from beltcomm.axis.terms import pictures_in
 from beltcomm.caches import source_hash
 from beltcomm.configfiles import find_config, to_yaml, write_text
 from beltcomm.errors import DataError, Refused, UsageError
@@ -183,7 +184,9 @@ def _result(asked: Study, file: str | Path, out: Path, lines: Mapping[int, Line]
     if report:
         from beltcomm.study.page import study_page  # a worker draws nothing
 
-        write_text(out / PAGE, _said(asked, study_page(asked, summary, ordered, f"beltcomm study {pasted(file)}")))
+        with pictures_in(asked.terms):
+            page = study_page(asked, summary, ordered, f"beltcomm study {pasted(file)}")
+        write_text(out / PAGE, _said(asked, page))
         made.append(PAGE)
     missed = summary.failed or any(line["exit_code"] for line in ordered) or summary.done < summary.planned
     text = [*lines_in(asked.terms, words.summary_lines(asked, summary, ordered, str(file))), f"Everything is in {out}: {', '.join(made)}."]

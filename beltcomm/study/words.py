@@ -88,10 +88,10 @@ def answer_row(one: Answers) -> tuple[str, str]:
 
 
 def spread_row(one: QuantitySpread) -> tuple[str, str, str, str, str, str]:
-    """Words with unit, three quantiles, the worst, its member."""
+    """Words, three quantiles, the worst, its member; each number with its unit."""
     name, unit, factor = title_of(one.key)
-    low, middle, high = (f"{factor * value:.3g}" for value in one.quantiles)
-    return f"{name} in {unit}" if unit else name, low, middle, high, f"{factor * one.worst:.3g}", str(one.member)
+    low, middle, high, worst = (f"{factor * value:.3g} {unit}".rstrip() for value in (*one.quantiles, one.worst))
+    return name, low, middle, high, worst, str(one.member)
 
 
 def strongest(drivers: Sequence[Driver]) -> list[Driver]:
@@ -141,9 +141,10 @@ def summary_lines(asked: Study, summary: Summary, lines: Sequence[Mapping[str, A
     if summary.spreads:
         text.append("Quantiles 5, 50, 95 %, and the worst:")
         for one in summary.spreads:
-            name, low, middle, high, worst, member = spread_row(one)
-            edge = "smallest" if one.key in MORE_IS_BETTER else "largest"
-            text.append(f"  {name}: {low}, {middle}, {high}; {edge} {worst} (member {member})")
+            name, *quantiles, worst, member = spread_row(one)
+            unit, edge = title_of(one.key)[1], "smallest" if one.key in MORE_IS_BETTER else "largest"
+            found = ", ".join(value.removesuffix(f" {unit}") for value in quantiles)
+            text.append(f"  {name}: {f'{found} {unit}'.rstrip()}; {edge} {worst} (member {member})")
     told = strongest(summary.drivers)
     if told:
         text.append("What drives it:")
@@ -183,7 +184,7 @@ def _unit(asked: Study, name: str) -> str:
     hidden = asked.population is not None and effect in asked.population.hidden
     parameters = effect_named(effect).parameters if hidden else ()
     unit = asked.units.get(name) or next((one.unit for one in parameters if one.name == own), "")
-    return "" if unit == "1" else unit
+    return "" if unit == "1" else unit.replace("m2", "m²")
 
 
 def _value_words(value: Any, digits: int = 6) -> str:

@@ -14,7 +14,7 @@ The deviations have bounds in closed form.  With θ = ωT and s = jω, for 0 < �
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,8 +82,8 @@ def compare() -> Discretisation:
     """Differences of the parts of both designs, and what they cost in margin."""
     plant = thesis_plants()[0]
     found = {kind: thesis_design(plant, kind, VELOCITY_FILTER_S) for kind in ("notch", "butterworth")}
-    differences = [row for design in found.values() for period in PERIODS_S for row in _differences(plant, design, period)]
-    loops = [_loops(plant, design, period) for design in found.values() for period in PERIODS_S]
+    differences = [row for design in found.values() for period in PERIODS_S for row in differences_of(plant, design, period)]
+    loops = [loop_margins(plant, design, period) for design in found.values() for period in PERIODS_S]
     return Discretisation(plant, found["notch"], found["butterworth"], tuple(differences), tuple(loops))
 
 
@@ -113,7 +113,8 @@ def ratio(part: str, cascade: Cascade, omega_rad_s: Array, period_s: float) -> t
     return np.asarray(discrete / continuous_prefilter(omega_rad_s, cascade.prefilter)), bound
 
 
-def _differences(plant: DesignPlant, design: ThesisDesign, period_s: float) -> Iterator[DiscretisationError]:
+def differences_of(plant: DesignPlant, design: ThesisDesign, period_s: float) -> Iterator[DiscretisationError]:
+    """Of each part of a design, at its crossover and at the resonance."""
     kind = design.cascade.prefilter.kind
     for part in PARTS:
         name = f"{kind} filter" if part == "prefilter" else f"{part}, {kind} design"
@@ -128,7 +129,8 @@ def _differences(plant: DesignPlant, design: ThesisDesign, period_s: float) -> I
             yield DiscretisationError(name, period_s, where, omega, gain_db, phase_deg, abs(value - 1.0), float(bounds[0]))
 
 
-def _loops(plant: DesignPlant, design: ThesisDesign, period_s: float) -> LoopMargins:
+def loop_margins(plant: DesignPlant, design: ThesisDesign, period_s: float) -> LoopMargins:
+    """Margins of a design in a loop of T, beside those of the continuous one."""
     cascade, kind = design.cascade, design.cascade.prefilter.kind
     continuous = thesis_margins(plant, cascade)
     try:
@@ -142,22 +144,43 @@ def _loops(plant: DesignPlant, design: ThesisDesign, period_s: float) -> LoopMar
 
 def lines(study: Discretisation) -> list[str]:
     """The tables, with what they mean."""
-    text = ["Discrete over continuous, at the crossover and at the resonance (107.2 Hz) of G_A; error |G_d/G_c - 1| and its bound:"]
+    text = difference_lines("G_A", study.plant, study.differences)
+    text += [
+        "  The velocity filter lags by T/2 at low frequencies, so T_R + T/2 in all; the PI lags by K_I T/2 over its gain;",
+        "  prewarping makes the prefilter exact at its own frequency w_0; far below, it stands about (w_0 T)^2/12 too high on the axis.",
+        "",
+        *loop_lines(study.loops),
+    ]
+    folded = abs(2.0 * math.pi / PERIODS_S[-1] - study.plant.resonance_rad_s) / (2.0 * math.pi)
+    text += [
+        "  Expected is the phase of the three parts and of the hold at the continuous crossover.",
+        "  Suppression differs even for short T: the sampled loop has the plant (2.38), whose resonance on G_A is 2.1 dB above (2.42)'s;",
+        f"  in a loop of {1e3 * PERIODS_S[-1]:g} ms it appears folded, at {folded:.0f} Hz.",
+    ]
+    return text
+
+
+def difference_lines(name: str, plant: DesignPlant, differences: Sequence[DiscretisationError]) -> list[str]:
+    """Table of the parts."""
+    resonance = f"{plant.resonance_rad_s / math.tau:.1f} Hz"
+    text = [f"Discrete over continuous, at the crossover and at the resonance ({resonance}) of {name}; error |G_d/G_c - 1| and its bound:"]
     text.append(f"  {'':36} {'T':>7} {'at':10} {'gain':>10} {'phase':>11} {'error':>9} {'bound':>9}")
-    for d in study.differences:
+    for d in differences:
         head = f"  {d.part:36} {1e3 * d.period_s:4.1f} ms {d.where:10}"
         if math.isnan(d.error):
             text.append(f"{head} not in a loop that slow: pi/T is {math.pi / d.period_s:.0f} rad/s")
         else:
             text.append(f"{head} {d.gain_db:+7.3f} dB {d.phase_deg:+7.2f} deg {d.error:9.5f} {d.bound:9.5f}")
-    text += [
-        "  The velocity filter lags by T/2 at low frequencies, so T_R + T/2 in all; the PI lags by K_I T/2 over its gain;",
-        "  prewarping makes the prefilter exact at its own frequency w_0; far below, it stands about (w_0 T)^2/12 too high on the axis.",
-        "",
+    return text
+
+
+def loop_lines(loops: Sequence[LoopMargins]) -> list[str]:
+    """Table of the margins."""
+    text = [
         "What that costs: margins of the continuous loop, and of the sampled loop with its hold (design and drive use this one):",
         f"  {'':12} {'T':>7} {'velocity':>18} {'lost':>9} {'expected':>9} {'position':>18} {'suppression':>22}",
     ]
-    for row in study.loops:
+    for row in loops:
         head = f"  {row.prefilter:12} {1e3 * row.period_s:4.1f} ms"
         if row.sampled is None:
             text.append(f"{head} {row.refusal}")
@@ -169,12 +192,6 @@ def lines(study: Discretisation) -> list[str]:
             f"{row.expected_deg:5.1f} deg {c.position_phase_margin_deg:6.1f} -> {s.position_phase_margin_deg:5.1f} deg "
             f"{c.suppression_db:7.1f} -> {s.suppression_db:6.1f} dB{verdict}"
         )
-    folded = abs(2.0 * math.pi / PERIODS_S[-1] - study.plant.resonance_rad_s) / (2.0 * math.pi)
-    text += [
-        "  Expected is the phase of the three parts and of the hold at the continuous crossover.",
-        "  Suppression differs even for short T: the sampled loop has the plant (2.38), whose resonance on G_A is 2.1 dB above (2.42)'s;",
-        f"  in a loop of {1e3 * PERIODS_S[-1]:g} ms it appears folded, at {folded:.0f} Hz.",
-    ]
     return text
 
 

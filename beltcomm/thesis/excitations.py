@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from beltcomm.arrays import Array
-from beltcomm.excitation import KINDS, Excitation, ExcitationKind, choose
+from beltcomm.excitation import KINDS, Excitation, ExcitationKind, choose, choose_prbs
 from beltcomm.fit.model_fit import fit_model
 from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, largest_amplitude
 from beltcomm.model import Model, load_plant
@@ -35,6 +35,20 @@ BEGIN = {"cart.mass": 1.2, "belt_stiffness.stiffness": 0.85, "belt_damping.dampi
 MEANT: Mapping[str, str] = {"cart.mass": "mass", "belt_stiffness.stiffness": "stiffness", "motor.inertia": "inertia"}
 #: Band over which responses are compared, over antiresonance and resonance.
 BAND = (0.5, 1.2)
+#: Orders and clocks of figures 3.1 and 3.2, at the sampling of the source.
+SEQUENCES, SOURCE_PERIOD_S = ((7, 128), (7, 64), (9, 64)), 62.5e-6
+
+
+@dataclass(frozen=True)
+class ExcitedAxis:
+    """An axis on which the signals are compared, by default as the source's: place m, what a signal may use, counts, seeds of noise."""
+
+    name: str
+    model: Model
+    place_m: float = PLACE_M
+    limits: MotionLimits = LIMITS
+    counts: int = COUNTS
+    seeds: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -93,24 +107,38 @@ class ExcitationStudy:
     ----------
     spectra : Mapping[str, tuple[ndarray, ndarray]]
         By plant and kind, frequencies Hz and torque of the lines N m, for the figures.
+    sequences : tuple of tuple of int
+        Order and clock of the PRBS of figures 3.1 and 3.2, at clock_s.
     """
 
     rows: tuple[ExcitationRow, ...]
     spectra: Mapping[str, tuple[Array, Array]]
     best: Mapping[str, str]
+    limits: MotionLimits = LIMITS
+    sequences: tuple[tuple[int, int], ...] = SEQUENCES
+    clock_s: float = SOURCE_PERIOD_S
 
 
-def compare() -> ExcitationStudy:
-    """Every kind on both rigs, at equal time and inside the same limits."""
+def compare(axes: Sequence[ExcitedAxis] = ()) -> ExcitationStudy:
+    """Every kind on each axis, without one on both rigs, at equal time and inside the same limits."""
     rows, spectra = [], {}
-    for name in PLANTS:
-        model = load_plant(name).model
+    own = [choose_prbs(PERIOD_S, *landmarks(axis), SECONDS) for axis in axes]
+    axes = axes or [ExcitedAxis(name, load_plant(name).model) for name in PLANTS]
+    for axis in axes:
         for kind in KINDS:
-            row, spectrum = one(name, model, kind)
+            row, spectrum = one(axis, kind)
             rows.append(row)
-            spectra[f"{name} {kind}"] = spectrum
-    best = {name: min((r for r in rows if r.plant == name), key=score).kind for name in PLANTS}
-    return ExcitationStudy(tuple(rows), spectra, best)
+            spectra[f"{axis.name} {kind}"] = spectrum
+    best = {axis.name: min((r for r in rows if r.plant == axis.name), key=score).kind for axis in axes}
+    shown = (tuple((one.order, one.clock) for one in own), PERIOD_S) if own else (SEQUENCES, SOURCE_PERIOD_S)
+    return ExcitationStudy(tuple(rows), spectra, best, axes[0].limits, *shown)
+
+
+def landmarks(axis: ExcitedAxis) -> tuple[float, float]:
+    """Antiresonance and resonance at the place, Hz."""
+    at = operating_point(axis.model, axis.place_m, 1.0)
+    low, high = (min(m.freq_hz for m in modes(axis.model, at, held=held)) for held in (("motor",), ()))
+    return low, high
 
 
 def score(row: ExcitationRow) -> float:
@@ -136,19 +164,22 @@ def factor(row: ExcitationRow, other: ExcitationRow) -> tuple[float, float]:
     return math.exp(logarithm(table)), math.exp(float(stdtrit(n - 1, 0.975)) * deviation)
 
 
-def one(name: str, model: Model, kind: ExcitationKind) -> tuple[ExcitationRow, tuple[Array, Array]]:
+def one(axis: ExcitedAxis, kind: ExcitationKind) -> tuple[ExcitationRow, tuple[Array, Array]]:
     """One excitation on one axis."""
-    at = operating_point(model, PLACE_M, 1.0)
-    low, high = (min(m.freq_hz for m in modes(model, at, held=held)) for held in (("motor",), ()))
+    model, place_m = axis.model, axis.place_m
+    at = operating_point(model, place_m, 1.0)
+    low, high = landmarks(axis)
     choice = choose(kind, PERIOD_S, low, high, SECONDS)
     shape = choice.excitation(1.0, PERIOD_S)
-    step: AmplitudeStep = largest_amplitude([model], shape.torque / shape.amplitude_nm, PERIOD_S, PLACE_M, LIMITS, LIMITS.torque_nm)
+    step: AmplitudeStep = largest_amplitude(
+        [model], shape.torque / shape.amplitude_nm, PERIOD_S, place_m, axis.limits, axis.limits.torque_nm
+    )
     signal = choice.excitation(
         step.amplitude_nm * step.amplitude_nm / choice.excitation(step.amplitude_nm, PERIOD_S).amplitude_nm, PERIOD_S
     )
-    records = [make_recording(model, signal, seed) for seed in SEEDS]
-    start = model.with_values({n: f * model[n] for n, f in BEGIN.items()}, "start")
-    fits = [fit_model([record], start, counts_per_rev=COUNTS) for record in records]
+    records = [make_recording(axis, signal, seed) for seed in axis.seeds or SEEDS]
+    start = model.with_values({n: f * model[n] for n, f in BEGIN.items() if n in model.parameters}, "start")
+    fits = [fit_model([record], start, counts_per_rev=axis.counts) for record in records]
     deviation = {n: float(np.mean([(f.model.parameters[n].interval or math.inf) / f.quantile for f in fits])) / model[n] for n in MEANT}
     errors = {n: tuple(f.model[n] / model[n] - 1.0 for f in fits) for n in MEANT}
     error = {n: float(np.sqrt(np.mean(np.square(errors[n])))) for n in MEANT}
@@ -162,18 +193,18 @@ def one(name: str, model: Model, kind: ExcitationKind) -> tuple[ExcitationRow, t
         inside = (split.freq_hz >= BAND[0] * low) & (split.freq_hz <= BAND[1] * high)
         linear = float(np.sqrt(np.mean(split.speed[inside] ** 2)))
         odd, even = (s.rms(BAND[0] * low, BAND[1] * high) / linear for s in (split.odd, split.even))
-    moved = simulate_torque(model, signal.torque, PERIOD_S, PLACE_M)
+    moved = simulate_torque(model, signal.torque, PERIOD_S, place_m)
     lines = np.abs(np.fft.rfft(signal.period)) / signal.period_samples
     freq = np.asarray(np.fft.rfftfreq(signal.period_samples, PERIOD_S), dtype=np.float64)
     row = ExcitationRow(
-        name,
+        axis.name,
         kind,
         choice.reason,
         signal.amplitude_nm,
         step.binds,
         signal.duration_s,
         signal.crest_factor,
-        float(np.max(np.abs(moved.cart_position_m - PLACE_M))),
+        float(np.max(np.abs(moved.cart_position_m - place_m))),
         float(np.max(moved.belt_force_n)),
         float(freq[1]) * (2.0 if signal.lines else 1.0),
         half_power_hz(freq, lines),
@@ -188,14 +219,16 @@ def one(name: str, model: Model, kind: ExcitationKind) -> tuple[ExcitationRow, t
     return row, (np.asarray(freq[1:]), np.asarray(lines[1:]))
 
 
-def make_recording(model: Model, signal: Excitation, seed: int) -> Recording:
+def make_recording(axis: ExcitedAxis, signal: Excitation, seed: int) -> Recording:
     """The record of an excitation as a drive gives it: counted angle, torque with noise."""
-    moved = simulate_torque(model, signal.torque, PERIOD_S, PLACE_M + seed * FURTHER_M)
-    step = 2.0 * math.pi / COUNTS
+    moved = simulate_torque(axis.model, signal.torque, PERIOD_S, axis.place_m + seed * FURTHER_M)
+    step = 2.0 * math.pi / axis.counts
     note = ExcitationNote(signal.kind, signal.amplitude_nm, signal.period_samples, signal.first_sample)
     noise = NOISE_NM * np.random.default_rng(seed).normal(size=len(signal.torque))
     position = np.floor(moved.position_rad / step + 0.5) * step
-    return Recording(f"{signal.kind}_{seed}", moved.t_s, signal.torque + noise, position, sidecar=Sidecar("frf", PLACE_M, excitation=note))
+    return Recording(
+        f"{signal.kind}_{seed}", moved.t_s, signal.torque + noise, position, sidecar=Sidecar("frf", axis.place_m, excitation=note)
+    )
 
 
 def half_power_hz(freq_hz: Array, lines: Array) -> float:
@@ -216,7 +249,7 @@ def _verdict(plant: str, rows: Sequence[ExcitationRow]) -> str:
     alike = [f"{kind} {q:.2f} times" for kind, (q, open_) in others.items() if q <= open_]
     said = f"{plant}: {best.kind} has the smallest errors of mass, stiffness and inertia at equal time"
     if alike:
-        said += f", not to be told apart over {len(SEEDS)} seeds from {', '.join(alike)} as much"
+        said += f", not to be told apart over {len(best.errors['cart.mass'])} seeds from {', '.join(alike)} as much"
     return said + (f"; larger beyond the scatter are {', '.join(worse)}" if worse else "")
 
 
@@ -225,9 +258,12 @@ def lines(study: ExcitationStudy) -> list[str]:
     head = f"{'':10} {'±N m':>6} {'crest':>5} {'s':>5} {'travel':>8} {'belt':>6} {'lines':>7} {'to':>7} {'|ΔG|/G':>7} {'noise':>7}"
     head += "".join(f" {word:>10}" for word in MEANT.values()) + "   odd    even"
     said: list[str] = []
-    for plant in PLANTS:
+    for plant in dict.fromkeys(row.plant for row in study.rows):
         rows: Sequence[ExcitationRow] = [r for r in study.rows if r.plant == plant]
-        said += [f"{plant}: each signal as loud as {LIMITS.belt_force_n:.0f} N in the belt and {1e3 * LIMITS.travel_m:.0f} mm allow", head]
+        said += [
+            f"{plant}: each signal as loud as {study.limits.belt_force_n:.0f} N in the belt and {1e3 * study.limits.travel_m:.0f} mm allow",
+            head,
+        ]
         for r in rows:
             numbers = "".join(f" {100 * r.deviation[n]:4.2f}/{100 * r.error[n]:4.2f}%" for n in MEANT)
             shown = "      -      -" if math.isnan(r.odd) else f" {100 * r.odd:5.1f}% {100 * r.even:5.1f}%"
@@ -237,9 +273,12 @@ def lines(study: ExcitationStudy) -> list[str]:
                 f"{r.line_hz:4.2f} Hz {r.half_power_hz:4.0f} Hz {100 * r.response_error:6.1f}% {100 * r.noise:6.2f}%{numbers}{shown}"
             )
         said.append(_verdict(plant, rows))
-    said.append(
-        f"mass, stiffness, inertia: standard deviation as the fit states it / rms of its errors over {len(SEEDS)} seeds of the noise"
-    )
+    if study.sequences != SEQUENCES:
+        for order, clock in study.sequences:
+            zero, spacing = 1.0 / (clock * study.clock_s), 1.0 / ((2**order - 1) * clock * study.clock_s)
+            said.append(f"PRBS of order {order}, clock {clock}: first zero (3.5) {zero:.4g} Hz, lowest line (3.6) {spacing:.3g} Hz")
+    seeds = len(study.rows[0].errors["cart.mass"])
+    said.append(f"mass, stiffness, inertia: standard deviation as the fit states it / rms of its errors over {seeds} seeds of the noise")
     said.append(
         "|ΔG|/G: friction seen as damping, in every signal; noise: what its scatter between periods says; odd, even: on silent lines"
     )

@@ -20,6 +20,7 @@ from beltcomm.model.linear import modes, operating_point, sampled_response
 from beltcomm.response import FrequencyResponse, estimate_response
 from beltcomm.response.closed_loop import feedback, from_setpoint_excitation, from_torque_excitation, setpoint_path
 from beltcomm.simulate.plant import SimulatedPlant
+from beltcomm.simulate.stopping import total_friction, total_inertia, total_viscous
 
 Inject = Literal["torque", "setpoint"]
 
@@ -42,6 +43,50 @@ LOW_HZ, HIGH_HZ = (0.9, 3.0), (3.0, 150.0)
 STRONG = replace(WEAK, kp_nm_s_rad=0.05, ki_nm_rad=0.6, prefilter=Prefilter("butterworth", 123.24))
 #: Periods of the record that shows what averaging gains.
 AVERAGED = (1, 2, 4, 8)
+#: Share of the largest line below which one is not excited.
+EXCITED = 0.02
+
+
+@dataclass(frozen=True)
+class LoopRig:
+    """An axis on which the ways are compared, by default the source's.
+
+    Attributes
+    ----------
+    amplitude_nm : float
+        Of the excitation, ± N m.
+    from_m, stands_m : float
+        Where the moving and the standing record begin, m.
+    speed_m_s : float
+        Of the carriage in the closed loop.
+    weak, strong : Cascade
+        Velocity controllers with a crossover below 1 Hz and of some 4 Hz.
+    """
+
+    name: str
+    model: Model
+    amplitude_nm: float = AMPLITUDE_NM
+    from_m: float = FROM_M
+    stands_m: float = STANDS_M
+    speed_m_s: float = SPEED_M_S
+    counts: int = COUNTS
+    weak: Cascade = WEAK
+    strong: Cascade = STRONG
+
+
+def source_rig() -> LoopRig:
+    """G_A of the source."""
+    return LoopRig(PLANT, load_plant(PLANT).model)
+
+
+def own_rig(model: Model, antiresonance_rad_s: float, amplitude_nm: float, low_m: float, high_m: float, counts: int) -> LoopRig:
+    """An axis of one's own: the source's loops at the same crossover, and its speed where the travel has room for the record."""
+    share = total_inertia(model) / total_inertia(source_rig().model)
+    weak, strong = (replace(one, kp_nm_s_rad=share * one.kp_nm_s_rad, ki_nm_rad=share * one.ki_nm_rad) for one in (WEAK, STRONG))
+    strong = replace(strong, prefilter=Prefilter("butterworth", antiresonance_rad_s))
+    room, seconds = high_m - low_m, prbs(ORDER, CLOCK, 1.0, PERIOD_S, PERIODS).duration_s
+    speed = min(SPEED_M_S, 0.8 * room / seconds)
+    return LoopRig("own axis", model, amplitude_nm, low_m + 0.1 * room, low_m + 0.5 * room, speed, counts, weak, strong)
 
 
 @dataclass(frozen=True)
@@ -103,6 +148,8 @@ class IdentificationStudy:
     viscous_nm_s_rad: float
     by_setpoint: FrequencyResponse
     by_torque: FrequencyResponse
+    name: str
+    speed_m_s: float
 
 
 @dataclass(frozen=True)
@@ -129,15 +176,16 @@ class Record:
     reversed: bool
 
 
-def compare() -> IdentificationStudy:
-    """All ways on one axis."""
-    model = load_plant(PLANT).model
-    signal = prbs(ORDER, CLOCK, 2.0 * AMPLITUDE_NM, PERIOD_S, PERIODS)
-    stands = open_loop(model, prbs(ORDER, CLOCK, 2.0 * AMPLITUDE_NM, PERIOD_S, 2 * max(AVERAGED)), SEED)
-    loud = closed_loop(model, signal, "torque", 1.0)
-    moves, asked = without_reversal(model, signal, "torque"), without_reversal(model, signal, "setpoint")
-    held = without_reversal(model, signal, "torque", STRONG)
-    at = operating_point(model, STANDS_M, 1.0)
+def compare(rig: LoopRig | None = None) -> IdentificationStudy:
+    """All ways on one axis, without one on that of the source."""
+    rig = rig or source_rig()
+    model, weak, strong = rig.model, rig.weak, rig.strong
+    signal = prbs(ORDER, CLOCK, 2.0 * rig.amplitude_nm, PERIOD_S, PERIODS)
+    stands = open_loop(rig, prbs(ORDER, CLOCK, 2.0 * rig.amplitude_nm, PERIOD_S, 2 * max(AVERAGED)), SEED)
+    loud = closed_loop(rig, signal, "torque", 1.0, weak)
+    moves, asked = without_reversal(rig, signal, "torque", weak), without_reversal(rig, signal, "setpoint", weak)
+    held = without_reversal(rig, signal, "torque", strong)
+    at = operating_point(model, rig.stands_m, 1.0)
 
     def way(name: str, found: FrequencyResponse, record: Record) -> Way:
         true = sampled_response(model, at, found.freq_hz, PERIOD_S)
@@ -152,23 +200,23 @@ def compare() -> IdentificationStudy:
 
     direct = angle_response(moves, moves.torque)
     through, by_setpoint = angle_response(moves, moves.excitation), angle_response(asked, asked.excitation)
-    controller = feedback(WEAK, through.freq_hz, PERIOD_S, "velocity")
+    controller = feedback(weak, through.freq_hz, PERIOD_S, "velocity")
     stronger = angle_response(held, held.excitation)
-    hold = feedback(STRONG, stronger.freq_hz, PERIOD_S, "velocity")
-    path = setpoint_path(WEAK, by_setpoint.freq_hz, PERIOD_S)
+    hold = feedback(strong, stronger.freq_hz, PERIOD_S, "velocity")
+    path = setpoint_path(weak, by_setpoint.freq_hz, PERIOD_S)
     ways = (
         way("open loop, standing", angle_response(stands, stands.torque), stands),
         way("direct, as loud", angle_response(loud, loud.torque), loud),
         way("direct", direct, moves),
         way("indirect, C as it runs", without_dead_time(from_torque_excitation(through, controller)), moves),
-        way("indirect, C continuous", without_dead_time(from_torque_excitation(through, continuous(through.freq_hz))), moves),
+        way("indirect, C continuous", without_dead_time(from_torque_excitation(through, continuous(weak, through.freq_hz))), moves),
         way("indirect, C 20 % off", without_dead_time(from_torque_excitation(through, WRONG * controller)), moves),
         way("strong loop, direct", angle_response(held, held.torque), held),
         way("strong loop, indirect", without_dead_time(from_torque_excitation(stronger, hold)), held),
         way("strong, C 20 % off", without_dead_time(from_torque_excitation(stronger, WRONG * hold)), held),
         way(
             "speed setpoint",
-            without_dead_time(from_setpoint_excitation(by_setpoint, feedback(WEAK, by_setpoint.freq_hz, PERIOD_S, "velocity"), path)),
+            without_dead_time(from_setpoint_excitation(by_setpoint, feedback(weak, by_setpoint.freq_hz, PERIOD_S, "velocity"), path)),
             asked,
         ),
     )
@@ -177,40 +225,41 @@ def compare() -> IdentificationStudy:
     lag = dead_time_between(
         angle_response(stands, stands.setpoint), angle_response(stands, stands.torque), lowest_hz=2.0, highest_hz=resonance
     )
-    true_viscous = model["viscous.damping"] + model["transmission.ratio"] ** 2 * model.get("viscous_cart.damping")
     return IdentificationStudy(
         ways,
         freq,
         sampled_response(model, at, freq, PERIOD_S),
-        feedback(WEAK, freq, PERIOD_S, "velocity"),
+        feedback(weak, freq, PERIOD_S, "velocity"),
         lag,
         averaging_differences(stands),
         model["cart.mass"],
-        true_viscous,
+        total_viscous(model),
         angle_response(moves, moves.setpoint),
         direct,
+        rig.name,
+        rig.speed_m_s,
     )
 
 
-def open_loop(model: Model, signal: Excitation, seed: int) -> Record:
+def open_loop(rig: LoopRig, signal: Excitation, seed: int) -> Record:
     """The axis at rest under an excitation alone."""
-    return record_run(model, signal.torque, lambda n, _angle: float(signal.torque[n]), signal, STANDS_M, 0.0, seed)
+    return record_run(rig, signal.torque, lambda n, _angle: float(signal.torque[n]), signal, moving=False, seed=seed)
 
 
-def without_reversal(model: Model, signal: Excitation, inject: Inject, cascade: Cascade = WEAK) -> Record:
+def without_reversal(rig: LoopRig, signal: Excitation, inject: Inject, cascade: Cascade) -> Record:
     """The loudest record in which the motor turns one way only: what the closed loop is for."""
     share = 1.0
-    while (found := closed_loop(model, signal, inject, share, cascade)).reversed:
+    while (found := closed_loop(rig, signal, inject, share, cascade)).reversed:
         share *= CALMER
         if share < QUIETEST:
-            raise Refused(f"the motor reverses however quiet the excitation is at {SPEED_M_S:g} m/s: the loop swings; lower its gains")
+            raise Refused(f"the motor reverses however quiet the excitation is at {rig.speed_m_s:g} m/s: the loop swings; lower its gains")
     return found
 
 
-def closed_loop(model: Model, signal: Excitation, inject: Inject, share: float, cascade: Cascade = WEAK) -> Record:
+def closed_loop(rig: LoopRig, signal: Excitation, inject: Inject, share: float, cascade: Cascade) -> Record:
     """A velocity loop at constant speed, begun in motion with the integrator where friction needs it."""
-    speed = SPEED_M_S / model["transmission.ratio"]
-    friction = model["coulomb.level"] + model["transmission.ratio"] * model["cart_friction.level"] + model["viscous.damping"] * speed
+    speed = rig.speed_m_s / rig.model["transmission.ratio"]
+    friction = total_friction(rig.model) + total_viscous(rig.model) * speed
     excitation = share * signal.torque * (1.0 if inject == "torque" else SETPOINT_SHARE * speed / signal.amplitude_nm)
     coefficients, state = discrete_coefficients(cascade, PERIOD_S, 3.1), new_state()
     reset_state(state, 0.0, speed)
@@ -220,16 +269,17 @@ def closed_loop(model: Model, signal: Excitation, inject: Inject, share: float, 
         added = (float(excitation[n]), 0.0) if inject == "torque" else (0.0, float(excitation[n]))
         return float(velocity_step(coefficients, state, speed + added[1], 0.0, angle, added[0]))
 
-    return record_run(model, excitation, control, signal, FROM_M, SPEED_M_S, SEED)
+    return record_run(rig, excitation, control, signal, moving=True, seed=SEED)
 
 
 def record_run(
-    model: Model, excitation: Array, control: Callable[[int, float], float], signal: Excitation, at_m: float, speed_m_s: float, seed: int
+    rig: LoopRig, excitation: Array, control: Callable[[int, float], float], signal: Excitation, *, moving: bool, seed: int
 ) -> Record:
     """Record of a run as a drive shows it: counted angle, acting torque with noise; a setpoint acts one period after it was worked out."""
-    plant = SimulatedPlant(model, at_m, speed_m_s=speed_m_s)
+    at_m, speed_m_s = (rig.from_m, rig.speed_m_s) if moving else (rig.stands_m, 0.0)
+    plant = SimulatedPlant(rig.model, at_m, speed_m_s=speed_m_s)
     n = len(excitation)
-    step = 2.0 * math.pi / COUNTS
+    step = 2.0 * math.pi / rig.counts
     torque, setpoint, position = np.zeros(n), np.zeros(n), np.zeros(n)
     waiting = [0.0] * DELAY
     turned = False
@@ -254,32 +304,51 @@ def without_dead_time(found: FrequencyResponse) -> FrequencyResponse:
     return replace(found, h=found.h * np.exp(2j * np.pi * found.freq_hz * DELAY * PERIOD_S))
 
 
-def continuous(freq_hz: Array) -> ComplexArray:
+def continuous(cascade: Cascade, freq_hz: Array) -> ComplexArray:
     """C of (3.21) as it is printed, G_R = s/(1 + T_R s) and C_ω = K_P + K_I/s: not what a sampled loop does."""
     s = 2j * np.pi * freq_hz
-    return np.asarray(s / (1.0 + WEAK.velocity_filter_s * s) * (WEAK.kp_nm_s_rad + WEAK.ki_nm_rad / s))
+    return np.asarray(s / (1.0 + cascade.velocity_filter_s * s) * (cascade.kp_nm_s_rad + cascade.ki_nm_rad / s))
 
 
 def averaging_differences(record: Record) -> dict[int, float]:
-    """Rms difference of the means over n periods each, over √2, relative to n = 1; 1/√n for noise alone."""
-    period, first = record.signal.period_samples, record.signal.first_sample
-    speed = np.diff(record.position, prepend=0.0)
-    blocks = [slice(first + i * period, first + (i + 1) * period) for i in range(record.signal.repeats)]
-    each = np.array([np.fft.rfft(speed[b])[1:] / np.fft.rfft(record.torque[b])[1:] for b in blocks])
-    freq = np.fft.rfftfreq(period, PERIOD_S)[1:]
-    band = (freq > HIGH_HZ[0]) & (freq < 2.0 * HIGH_HZ[1])
+    """Scatter of the mean over n periods, relative to one period's; 1/√n for noise alone."""
+    signal = record.signal
+    found = scatter_of_mean(
+        record.torque, record.position, PERIOD_S, (signal.first_sample, signal.period_samples, signal.repeats), HIGH_HZ[0], 2 * HIGH_HZ[1]
+    )
+    return {n: value / found[1] for n, value in found.items()}
+
+
+def scatter_of_mean(
+    torque: Array, position: Array, period_s: float, periods: tuple[int, int, int], low_hz: float, high_hz: float
+) -> dict[int, float]:
+    """Rms difference of independent means of Ĝ over n periods each, over √2, relative to |Ĝ|: median over the excited lines of a band.
+
+    Parameters
+    ----------
+    periods : tuple of int
+        First sample, samples of a period, periods; n goes as far as two means of n periods are there.
+    """
+    first, period, repeats = periods
+    speed = np.diff(position, prepend=position[0])
+    blocks = [slice(first + i * period, first + (i + 1) * period) for i in range(repeats)]
+    driven = np.array([np.fft.rfft(torque[b])[1:] for b in blocks])
+    size = np.abs(driven).min(axis=0)
+    freq = np.fft.rfftfreq(period, period_s)[1:]
+    band = (freq > low_hz) & (freq < high_hz) & (size > EXCITED * size.max())
+    each = np.array([np.fft.rfft(speed[b])[1:] for b in blocks])[:, band] / driven[:, band]
     found = {}
     for n in AVERAGED:
         pairs = [(each[i : i + n].mean(axis=0), each[i + n : i + 2 * n].mean(axis=0)) for i in range(0, len(each) - 2 * n + 1, 2 * n)]
-        apart = [np.abs(a - b)[band] / np.abs(a)[band] for a, b in pairs]
-        found[n] = float(np.sqrt(np.mean([np.median(d) ** 2 for d in apart]) / 2.0))
-    return {n: value / found[1] for n, value in found.items()}
+        if pairs:
+            found[n] = float(np.sqrt(np.mean([np.median(np.abs(a - b) / np.abs(a)) ** 2 for a, b in pairs]) / 2.0))
+    return found
 
 
 def lines(study: IdentificationStudy) -> list[str]:
     """The table and what it says."""
     said = [
-        f"{PLANT}, closed loop at {1e3 * SPEED_M_S:.0f} mm/s with a crossover below 1 Hz; errors of |G| against the moving axis",
+        f"{study.name}, closed loop at {1e3 * study.speed_m_s:.0f} mm/s with a crossover below 1 Hz; errors of |G| against the moving axis",
         f"{'':24} {'torque':>9} {'below 3 Hz':>11} {'above':>8} {'scatter':>8} {'m_c':>9} {'i_t²(d_m+d_c)':>15}  motor reverses",
     ]
     for way in study.ways:

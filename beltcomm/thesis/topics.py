@@ -78,17 +78,21 @@ def thesis(topic: str | None = None, *, pictures: Place | None = None, command: 
 
 
 def draw_figures(topic: str, study: Any, folder: Path, command: str) -> list[str]:
-    """The figures of a topic as PNG; their paths.
+    """The figures of a topic as PNG; their paths."""
+    from beltcomm.report.style import Caption
+
+    report = importlib.import_module(f"beltcomm.thesis.figures.{topic.replace('-', '_')}")
+    return save_figures(report.figures(study, Caption(command or f"beltcomm thesis {topic}", TOPICS[topic].source)), folder)
+
+
+def save_figures(figures: Mapping[str, Figure], folder: Path) -> list[str]:
+    """Figures as PNG; their paths.
 
     Raises
     ------
     UsageError
         When the folder cannot be written.
     """
-    from beltcomm.report.style import Caption
-
-    report = importlib.import_module(f"beltcomm.thesis.figures.{topic.replace('-', '_')}")
-    figures: Mapping[str, Figure] = report.figures(study, Caption(command or f"beltcomm thesis {topic}", TOPICS[topic].source))
     made = []
     try:
         folder.mkdir(parents=True, exist_ok=True)

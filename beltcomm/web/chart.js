@@ -23,9 +23,18 @@ export function number(value, digits = 3) {
   return Math.abs(value) >= 100 && digits === 3 ? value.toFixed(0) : String(Number(value.toPrecision(digits)));
 }
 
+// In units of another kind of axis numbers are multiplied where they are written; what is drawn stays.
+const timesOf = (which, v) => (v === null || v === undefined ? v : v * (which.factor || 1));
+
+// Even steps in the unit that is written.
+const steps = (which) => (u, k, low, high, found) => {
+  const wanted = found * which.factor, ten = 10 ** Math.floor(Math.log10(wanted) + 1e-9), step = [1, 2, 5, 10].find((one) => one * ten >= 0.999 * wanted) * ten / which.factor;
+  return Array.from({ length: Math.floor(high / step + 1e-9) - Math.ceil(low / step - 1e-9) + 1 }, (_, i) => (Math.ceil(low / step - 1e-9) + i) * step);
+};
+
 // Labels of an axis with as many digits as tell one from the next.
-const even = (u, splits) => {
-  const known = splits.filter((v) => v !== null), step = known.length > 1 ? Math.abs(known[1] - known[0]) : 1, digits = Math.min(Math.max(Math.ceil(-Math.log10(step) - 1e-6), 0), 6);
+const even = (which) => (u, drawn) => {
+  const splits = drawn.map((v) => timesOf(which, v)), known = splits.filter((v) => v !== null), step = known.length > 1 ? Math.abs(known[1] - known[0]) : 1, digits = Math.min(Math.max(Math.ceil(-Math.log10(step) - 1e-6), 0), 6);
   return splits.map((v) => (v === null ? "" : v.toFixed(Math.abs(step * 10 ** digits - Math.round(step * 10 ** digits)) > 1e-6 ? digits + 1 : digits)));
 };
 
@@ -68,8 +77,8 @@ export function chart(place, spec) {
     one.u?.destroy();
     one.width = box.clientWidth;
     const ink = colour("ink"), grid = { stroke: colour("grid"), width: 1 }, axis = (which) => ({
-      label: which.label, labelSize: 20, stroke: ink, grid, ticks: { ...grid, size: 4 }, ...(which.incrs ? { incrs: which.incrs, space: which.space || 50 } : {}), font: `11px ${colour("font")}`, labelFont: `12px ${colour("font")}`, values: which.values || even,
-      ...(which.log ? { filter: (u, splits) => splits.map((v) => ([1, 2, 5].includes(Math.round(v / 10 ** Math.floor(Math.log10(v) + 1e-9))) ? v : null)), values: (u, splits) => splits.map((v) => (v === null ? "" : String(Number(v.toPrecision(3))))) } : {}),
+      label: which.label, labelSize: 20, stroke: ink, grid, ticks: { ...grid, size: 4 }, ...(which.incrs ? { incrs: which.incrs, space: which.space || 50 } : {}), font: `11px ${colour("font")}`, labelFont: `12px ${colour("font")}`, values: which.values || even(which), ...(which.factor && !which.log ? { splits: steps(which) } : {}),
+      ...(which.log ? { filter: (u, splits) => splits.map((v) => ([1, 2, 5].includes(Math.round(v / 10 ** Math.floor(Math.log10(v) + 1e-9))) ? v : null)), values: (u, splits) => splits.map((v) => (v === null ? "" : String(Number(timesOf(which, v).toPrecision(3))))) } : {}),
     });
     const scale = (which) => ({ time: false, distr: which.log ? 3 : 1, ...(which.range ? { range: typeof which.range === "function" ? which.range : () => which.range } : {}) });
     let shifted = false;
@@ -80,11 +89,11 @@ export function chart(place, spec) {
       axes: [{ ...axis(spec.x), size: 34 }, { ...axis(spec.y), size: 52 }],
       cursor: { drag: { x: true, y: false, setScale: !spec.onSelect }, sync: spec.sync ? { key: spec.sync } : undefined, points: { size: 6 }, focus: { prox: 24 },
         bind: { mousedown: (u, target, handler) => (event) => { shifted = event.shiftKey; handler(event); } } },
-      series: [{ label: spec.x.label, value: (u, v) => (v === null ? "" : number(v, 4)) }, ...spec.series.map((s) => ({
+      series: [{ label: spec.x.label, value: (u, v) => (v === null ? "" : number(timesOf(spec.x, v), 4)) }, ...spec.series.map((s) => ({
         label: s.name, stroke: colour(s.look), width: s.dots ? 0 : s.width || 2, dash: s.dash, spanGaps: !s.gaps, show: !s.hidden,
         paths: s.dots ? () => null : undefined,
         points: { show: Boolean(s.dots) && s.size > SPECK, size: s.size || 3, fill: colour(s.look), stroke: colour(s.look), width: 0 },
-        value: (u, v) => (v === null || v === undefined ? "" : number(v, 4)),
+        value: (u, v) => (v === null || v === undefined ? "" : number(timesOf(spec.y, v), 4)),
       }))],
       hooks: {
         drawSeries: [(u, k) => { const s = spec.series[k - 1]; if (s?.dots && u.series[k].show && s.size <= SPECK) specks(u, k, colour(s.look), s.size); }],
@@ -92,7 +101,7 @@ export function chart(place, spec) {
         // Without a legend the values under the pointer stand in the caption.
         setCursor: spec.quiet ? [(u) => {
           const i = u.cursor.idx;
-          values.textContent = i === null || i === undefined ? "" : u.series.map((s, k) => (k === 0 ? number(u.data[0][i], 4) : u.data[k][i] === null || u.data[k][i] === undefined ? "" : `${s.label} ${number(u.data[k][i])}`)).filter(Boolean).join(" · ");
+          values.textContent = i === null || i === undefined ? "" : u.series.map((s, k) => (k === 0 ? number(timesOf(spec.x, u.data[0][i]), 4) : u.data[k][i] === null || u.data[k][i] === undefined ? "" : `${s.label} ${number(timesOf(spec.y, u.data[k][i]))}`)).filter(Boolean).join(" · ");
         }] : [],
         setSelect: spec.onSelect ? [(u) => {
           if (u.select.width < 3) return;
@@ -106,7 +115,7 @@ export function chart(place, spec) {
     box.setAttribute("role", "img");
     box.setAttribute("aria-label", `${spec.title || spec.y.label}: ${spec.series.map((s) => s.name).join(", ")} over ${spec.x.label}`);
   };
-  for (const [k, which] of [spec.x, spec.y].entries()) said(which.label, (words) => { which.label = words; if (one.u) { one.u.axes[k].label = words; one.u.redraw(false, true); } });
+  for (const which of [spec.x, spec.y]) said(which.label, (_, [label, factor]) => { which.label = label; if (factor !== 1) which.factor = factor; if (one.u) one.build(); });
   one.set = (data, keepScales = false) => {
     one.data = data;
     if (!one.u || box.clientWidth !== one.width) one.build();
@@ -129,7 +138,7 @@ export function chart(place, spec) {
   });
   table.addEventListener("click", () => {
     const head = [spec.x.label, ...spec.series.map((s) => s.name)].map((name) => `"${name.replaceAll('"', "'")}"`);
-    kept([head.join(","), ...one.data[0].map((x, i) => [x, ...one.data.slice(1).map((y) => y[i] ?? "")].join(","))].join("\n") + "\n", `${spec.name || "numbers"}.csv`, "text/csv");
+    kept([head.join(","), ...one.data[0].map((x, i) => [timesOf(spec.x, x), ...one.data.slice(1).map((y) => timesOf(spec.y, y[i]) ?? "")].join(","))].join("\n") + "\n", `${spec.name || "numbers"}.csv`, "text/csv");
   });
   charts.add(one);
   return one;

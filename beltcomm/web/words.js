@@ -14,10 +14,10 @@ export function sayAll(question) {
 
 const early = [];
 
-/** Hands a text to `heard` in the axis's words, once they are known. */
+/** Hands a text to `heard` in the axis's words, once they are known; and as label of an axis, with the factor of its numbers. */
 export function said(text, heard) {
   if (!ask) early.push([text, heard]);
-  else if (known.has(text)) heard(known.get(text));
+  else if (known.has(text)) heard(...known.get(text));
   else {
     asked.set(text, [...(asked.get(text) || []), heard]);
     if (!due) setTimeout(inquire, 0);
@@ -47,6 +47,6 @@ async function inquire() {
   if (asked.size) { due = true; setTimeout(inquire, 0); }
   try {
     const found = await ask("words", { texts });
-    texts.forEach((text, k) => { known.set(text, found.texts[k]); heard[k].forEach((one) => one(found.texts[k])); });
+    texts.forEach((text, k) => { known.set(text, [found.texts[k], found.labels[k]]); heard[k].forEach((one) => one(...known.get(text))); });
   } catch { /* the page says itself that its program has ended; what stands there stays */ }
 }

@@ -51,6 +51,18 @@ def test_the_axis_follows_what_it_could_not_follow(seed: int) -> None:
     assert abs(led.lead_m[-1]) < 0.02 * np.max(np.abs(led.lead_m))  # the reference has come back to the axis
 
 
+def test_after_a_fast_move_it_stands() -> None:
+    """The integral is far from what friction holds when a fast move ends: the torque must not pass friction while it comes back."""
+    model, drive = load_plant("g_a").model, Loop(CascadeStructure("P-PI", 1e-3), 1e-3, 3.1, 65536)
+    cascade = Cascade(0.0136, 0.424, 3.1, 0.008, feedforward=PLAIN)
+    path = with_dwell(plan_trajectory(0.05, 0.45, TrajectoryLimits(40.0, 45.0, 5.0), 1e-3), REST_S)
+    led = led_reference(model, path, cascade, drive.structure, drive.delay_s)
+    run = predict_move(model, cascade, led.sent, drive)
+    error = tracking_error(run.t_s, SetpointGrid(1e-3, 1e-3, len(led.motor.t_s)).in_loop(led.motor.position_m), run.motor_m)
+    assert error.static_m < 1e-5  # 1.7 mm where the controller's error faded away by itself
+    assert error.settling_s == 0.0
+
+
 def test_other_cascades_are_refused() -> None:
     model, cascade, drive, path = drawn(0)
     for structure in (replace(drive.structure, velocity_feedforward=True), replace(drive.structure, torque_feedforward=True)):

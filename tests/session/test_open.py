@@ -106,7 +106,10 @@ def test_the_page_speaks_the_words_of_its_axis(tmp_path: Path) -> None:
         ("egc-70-600", texts),
     ):
         page = RunPage(RunFolder.create(tmp_path / name, load_axis(name)).path)
-        assert page.answers["words"]({"texts": texts}) == {"texts": said}
+        found = page.answers["words"]({"texts": texts})
+        assert found["texts"] == said
+        labels = [("From, °", 1.0), ("Speed, °/s", 1000.0)] if said is not texts else [("From, mm", 1.0), ("Speed, m/s", 1.0)]
+        assert [found["labels"][0], found["labels"][-1]] == labels  # the numbers along a picture are multiplied
         assert page.begin()["own_words"] is (said is not texts)
         for wrong in (None, {}, {"texts": "mm"}, {"texts": [1]}):
             with pytest.raises(UsageError, match="a list"):

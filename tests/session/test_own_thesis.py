@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 
@@ -27,6 +28,20 @@ def test_the_integrator_ends_within_friction_and_half_sums_do_not(complete: Comp
     assert found["gravity_nm"] - found["friction_nm"] == pytest.approx(low, abs=2e-3)
     assert found["gravity_nm"] + found["friction_nm"] == pytest.approx(high, abs=2e-3)
     assert found["half_sum_nm"] == pytest.approx(found["gravity_nm"])
+
+
+def test_the_ways_on_the_own_model_find_its_mass(complete: Complete, tmp_path: Path) -> None:
+    """Indirect with the controller as it runs is right, with one that is 20 % off it is not (3.4), on any axis."""
+    found = own_thesis("identification", complete.path, pictures=tmp_path).to_json()
+    by = {way["name"]: way for way in found["ways"]}
+    assert by["indirect, C as it runs"]["mass_kg"] == pytest.approx(complete.bench.plant.truth["mass_kg"], rel=0.02)
+    assert abs(by["strong loop, indirect"]["low_db"]) < 0.2 < 1.0 < by["strong, C 20 % off"]["low_db"]
+    assert len(found["pictures"]) == len(list(tmp_path.glob("*.png"))) == 3
+
+
+def test_what_draws_nothing_says_what_does(complete: Complete, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="beltcomm report"):
+        own_thesis("designs", complete.path, pictures=tmp_path)
 
 
 def test_a_topic_of_no_axis_is_refused(complete: Complete) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from beltcomm.cli.main import cli
+from beltcomm.jobs.own_thesis import OWN, STUDIES
 from beltcomm.thesis import designs
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -43,11 +44,15 @@ def test_the_page_holds_the_rows_and_what_is_computed() -> None:
 
 def test_every_command_is_one() -> None:
     """Verbs and options as the command line has them."""
-    for row in rows_module().ROWS:
-        words = row.command.replace("`", "").split()
+    module = rows_module()
+    assert [row.what for row in module.ROWS if not module.on_own_axis(row)] == [], "each works on an axis and a run of one's own"
+    for line in {line for row in module.ROWS for line in (row.command, module.on_own_axis(row))}:
+        words = line.replace("`", "").split()
         if words[0] in ("gearbox",):
             continue
+        if words[0] == "thesis" and "--run" in words:
+            assert words[1] in {**OWN, **STUDIES}, line
         command = cli.get_command(click.Context(cli), words[0])
-        assert command is not None, row.command
+        assert command is not None, line
         options = {name for parameter in command.params for name in (*parameter.opts, *parameter.secondary_opts)}
-        assert {word for word in words if word.startswith("--")} <= options, row.command
+        assert {word for word in words if word.startswith("--")} <= options, line

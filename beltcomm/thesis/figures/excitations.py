@@ -10,17 +10,15 @@ from matplotlib.figure import Figure
 
 from beltcomm.excitation import prbs_bits
 from beltcomm.report.style import HELD_OUT, MEASURED, MODEL, SEVERE, Caption, figure, styled
-from beltcomm.thesis.excitations import MEANT, PLANTS, ExcitationStudy
+from beltcomm.thesis.excitations import MEANT, ExcitationStudy
 
-#: Orders and clocks that are drawn, at the sampling of the source.
-SEQUENCES, SOURCE_PERIOD_S = ((7, 128), (7, 64), (9, 64)), 62.5e-6
 COLOURS = {"prbs": MEASURED, "gprbs": MODEL, "chirp": HELD_OUT, "multisine": SEVERE}
 
 
 def figures(study: ExcitationStudy, caption: Caption) -> Mapping[str, Figure]:
     """One figure per axis: torque spectra in third octaves, deviations of the estimates."""
     made = {}
-    for plant in PLANTS:
+    for plant in dict.fromkeys(row.plant for row in study.rows):
         with styled():
             shown = figure(f"Excitations on {plant}, each as loud as the limits allow, at equal machine time", 4.2, caption)
             left, right = shown.subplots(1, 2, width_ratios=(3, 2))
@@ -40,34 +38,42 @@ def figures(study: ExcitationStudy, caption: Caption) -> Mapping[str, Figure]:
             right.set_xticks(range(len(MEANT)), list(MEANT.values()))
             right.set(ylabel="rms error in %")
             right.set_title("error of the fitted model")
-        made[f"excitations_{plant}"] = shown
-    return made | {"excitations_3_1": _sequences(caption), "excitations_3_2": _spectra(caption)}
+        made[f"excitations_{plant.replace(' ', '_')}"] = shown
+    return made | {"excitations_3_1": _sequences(study, caption), "excitations_3_2": _spectra(study, caption)}
 
 
-def _sequences(caption: Caption) -> Figure:
+def _sequences(study: ExcitationStudy, caption: Caption) -> Figure:
     """(3.4) over time: a longer clock, and a higher order."""
     with styled():
-        made = figure(f"PRBS by order and clock, T_s {1e6 * SOURCE_PERIOD_S:g} µs (figure 3.1)", 4.2, caption)
-        for axes, (order, clock) in zip(made.subplots(len(SEQUENCES), 1, sharex=True), SEQUENCES, strict=True):
+        made = figure(f"PRBS by order and clock, T_s {1e6 * study.clock_s:g} µs (figure 3.1)", 4.2, caption)
+        for axes, (order, clock) in zip(
+            made.subplots(len(study.sequences), 1, sharex=True, squeeze=False)[:, 0], study.sequences, strict=True
+        ):
             one = np.repeat(0.3 * (prbs_bits(order) - 0.5), clock)
-            axes.step(SOURCE_PERIOD_S * np.arange(len(one)), one, color=MODEL, linewidth=1.0, where="post")
-            axes.set(ylabel="N m", title=f"order {order}, clock {clock}: {SOURCE_PERIOD_S * len(one):.3g} s", xlim=(0.0, 0.6))
+            axes.step(study.clock_s * np.arange(len(one)), one, color=MODEL, linewidth=1.0, where="post")
+            axes.set(ylabel="N m", title=f"order {order}, clock {clock}: {study.clock_s * len(one):.3g} s", xlim=(0.0, 0.6))
         axes.set(xlabel="time in s")
     return made
 
 
-def _spectra(caption: Caption) -> Figure:
+def _spectra(study: ExcitationStudy, caption: Caption) -> Figure:
     """Their lines, and the envelope A P T_s |sinc(f P T_s)| whose first zero is (3.5)."""
     with styled():
         made = figure("Spectra of these sequences: lines, and their envelope with the zeros of (3.5) (figure 3.2)", 4.2, caption)
-        for axes, (order, clock) in zip(made.subplots(len(SEQUENCES), 1, sharex=True), SEQUENCES, strict=True):
+        for axes, (order, clock) in zip(
+            made.subplots(len(study.sequences), 1, sharex=True, squeeze=False)[:, 0], study.sequences, strict=True
+        ):
             one = np.repeat(0.3 * (prbs_bits(order) - 0.5), clock)
-            freq = np.fft.rfftfreq(len(one), SOURCE_PERIOD_S)[1:]
+            freq = np.fft.rfftfreq(len(one), study.clock_s)[1:]
             axes.plot(freq, 2e3 * np.abs(np.fft.rfft(one))[1:] / len(one), ".", color=MEASURED, markersize=2, label="lines")
-            zero = 1.0 / (clock * SOURCE_PERIOD_S)
+            zero = 1.0 / (clock * study.clock_s)
             size = 2e3 * 0.15 * np.sqrt(2.0**order) / (2.0**order - 1.0)
             axes.plot(freq, size * np.abs(np.sinc(freq / zero)), color=MODEL, linewidth=1.0, label=f"envelope, first zero {zero:.4g} Hz")
-            axes.set(ylabel="mN m", title=f"order {order}, clock {clock}: lines every {freq[0]:.3g} Hz (3.6)", xlim=(0.0, 600.0))
+            axes.set(
+                ylabel="mN m",
+                title=f"order {order}, clock {clock}: lines every {freq[0]:.3g} Hz (3.6)",
+                xlim=(0.0, min(600.0, 0.5 / study.clock_s)),
+            )
             axes.legend(fontsize="small")
         axes.set(xlabel="frequency in Hz")
     return made
