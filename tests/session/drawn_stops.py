@@ -6,6 +6,7 @@ of the torque, and how far what is known of them is off: plan and machine share 
 
 from __future__ import annotations
 
+import contextlib
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -123,10 +124,8 @@ def out_of_acceleration(seed: int) -> tuple[Drawn, float, float]:
 
         still = np.zeros(len(path.t_s))
         motion = Motion("position", case.period_s, path.position_m / ratio, path.velocity_m_s / ratio, still)
-        try:
+        with contextlib.suppress(Enough):
             drive.record(motion, Limits(-50.0, 100.0, 600.0, 3.1, braking.deceleration_m_s2 / ratio), sink)
-        except Enough:
-            pass
     places, force = plant.cart_m(0, len(plant.torque_nm)), np.abs(plant.belt_force_n)
     braking_tick = rows[-1] + int(np.argmax(np.diff(places[rows[-1] :])))
     return case, float(force[braking_tick:].max()), told.belt_force_n
@@ -148,7 +147,7 @@ def out_of_an_excitation(seed: int, folder: Path) -> tuple[Drawn, float, float, 
     def due(_frame: Any) -> bool:
         planned = _planned(talk) if abs(bench.plant.plant.belt_force_n) > 10.0 else 0.0
         names = ("frf_1",) if far else ("frf_1", "amplitude_1", "amplitude_2", "amplitude_3")
-        if not planned or abs(bench.plant.plant.belt_force_n) < share * planned and counted[0] == wait:
+        if not planned or (abs(bench.plant.plant.belt_force_n) < share * planned and counted[0] == wait):
             return False
         if not any((run / "recordings" / f"{name}.csv.part").exists() for name in names):
             return False
