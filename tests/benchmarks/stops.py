@@ -5,9 +5,9 @@
     python tests/benchmarks/stops.py --keep FILE         (goes on with what is there)
     python tests/benchmarks/stops.py --paths lag,filter,both --each 4    (of the torque path; stops on a variant)
 
-A variant is a drive (in turn each that can be commissioned, with rpm units among them; one with ``+`` has the profile that its first motions
-ask for), a SYNC period of 1, 2 or 4 ms (6.4 or 10 ms where the drive has no shorter one), and a torque path: ideal; "lag": a setpoint filter
-and a current loop; "filter": a reading that is filtered, late and in steps; their numbers are drawn.
+A variant is a drive (each that can be commissioned, in turn; one with ``+`` has the profile that its first motions ask for), a SYNC period
+of 1, 2 or 4 ms (6.4 or 10 ms where the drive has no shorter one), and a torque path: ideal; "lag": a setpoint filter and a current loop;
+"filter": a reading that is filtered, late and in steps; their numbers are drawn.
 On each a short commissioning is run once.  A stop is one
 command on it (verify mostly; identify; the commissioning itself) that is ended while the carriage moves, at an instant that is drawn: by
 Ctrl-C, by the death of the host, or by a fault of the drive that brakes.  Counted from that instant to standstill: the largest force in the
