@@ -28,6 +28,9 @@ _DRIVE_SPEED_SHARE: Final = 1.2
 #: Cycles from a breach to the quick stop at worst: three lost answers, one to notice, one until the command is active.
 _REACTION_CYCLES: Final = 5
 _LONGEST_SYNC_MS: Final = 20
+#: s and periods that a following error beyond its window may last in the drive.
+_FOLLOWING_ERROR_S: Final = 3e-3
+_FOLLOWING_ERROR_PERIODS: Final = 1
 _QUICK_STOP_AND_DISABLE: Final = 2  # 605Ah
 _LINEAR_INTERPOLATION: Final = -2  # 60C0h
 _INT32: Final = 2**31 - 1
@@ -196,6 +199,8 @@ def lend_settings(
             ahead_rad = motion.ahead_rad if motion is not None else 0.0
             lag = min(math.ceil((limits.lag_rad + ahead_rad) / abs(scaling.position_rad)), _INT32)
             limit(objects, lending, 0x6065, 0, "uint32", lag, lambda raw: raw * abs(scaling.position_rad), "rad")
+            # A dead host's setpoint stands still: the position loop would brake as steeply as its gain asks for until the guard time is over.
+            lending.set_if_there(0x6066, 0, "uint16", math.ceil(1e3 * max(_FOLLOWING_ERROR_S, _FOLLOWING_ERROR_PERIODS * period_s)))
 
 
 def lend_quick_stop(objects: Objects, lending: Lending, scaling: Scaling, limits: Limits) -> bool:

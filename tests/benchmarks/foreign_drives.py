@@ -57,7 +57,7 @@ def main() -> None:
         print(f"| {drive} | " + " | ".join(states) + f" | {max(cell.belt_n for cell in own.values()):.0f} N |")
     print()
     for cell in cells:
-        if cell.state != "done":
+        if cell.state != "done" or cell.code == 1:
             print(f"{cell.slave} {cell.verb}: {cell.state}, {cell.code}: {cell.why}")
 
 

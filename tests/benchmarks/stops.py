@@ -5,8 +5,9 @@
     python tests/benchmarks/stops.py --keep FILE         (goes on with what is there)
     python tests/benchmarks/stops.py --paths lag,filter,both --each 4    (of the torque path; stops on a variant)
 
-A variant is a drive (the product's own or another maker's, with rpm units among them), a SYNC period of 1, 2 or 4 ms, and a torque path:
-ideal; "lag": a setpoint filter and a current loop; "filter": a reading that is filtered, late and in steps; their numbers are drawn.
+A variant is a drive (each that can be commissioned, in turn; one with ``+`` has the profile that its first motions ask for), a SYNC period
+of 1, 2 or 4 ms (6.4 or 10 ms where the drive has no shorter one), and a torque path: ideal; "lag": a setpoint filter and a current loop;
+"filter": a reading that is filtered, late and in steps; their numbers are drawn.
 On each a short commissioning is run once.  A stop is one
 command on it (verify mostly; identify; the commissioning itself) that is ended while the carriage moves, at an instant that is drawn: by
 Ctrl-C, by the death of the host, or by a fault of the drive that brakes.  Counted from that instant to standstill: the largest force in the
@@ -36,13 +37,14 @@ import numpy as np
 
 from campaign.judge import TRAVEL_M
 from campaign.rig import STANDING_M_S
-from slaves.bench import AXIS, BELT_N, SlaveRig, sentence
+from slaves.bench import AXIS, BELT_N, SlaveRig, sentence, told_profile
 
 PATHS = ("ideal", "lag", "filter", "both")
 #: N m, of which the steps of a reading are shares.
 RATED_NM = 1.43
-DRIVES = ("reference", "reference", "cmmp-as", "epos4", "accelnet", "pd4-e")
+DRIVES = ("reference", "cmmp-as", "epos4", "accelnet", "pd4-e", "kinco-fd", "ipos", "cmms-as", "lexium32+", "asda-a2+", "akd+")
 PERIODS_S = (0.001, 0.002, 0.004)
+SLOW_S = {"cmms-as": (0.0064, 0.01)}
 ENDS = ("Ctrl-C", "host lost", "EMCY, braked")
 COMMANDS = ("verify", "verify", "verify", "verify", "verify", "identify", "commission")
 #: s: until a dead host's axis stands.
@@ -98,11 +100,11 @@ class Stopped:
 
 
 def rig_of(variant: Variant, seed: int) -> SlaveRig:
-    return SlaveRig(variant.drive, seed, variant.period_s, **dict(variant.instruments))
+    return SlaveRig(variant.drive.removesuffix("+"), seed, variant.period_s, **dict(variant.instruments))
 
 
 def words(command: str, run: Path, variant: Variant) -> list[str]:
-    period = ["--sample-period", f"{1e3 * variant.period_s:g}ms"]
+    period = ["--sample-period", f"{1e3 * variant.period_s:g}ms", *told_profile(variant.drive, run.parent)]
     if command == "verify":
         return ["verify", "--drive", "virtual", "--run", str(run), "--yes", *period, *START]
     quick = ["--quick", "--no-report"] if command == "commission" else []
@@ -112,7 +114,8 @@ def words(command: str, run: Path, variant: Variant) -> list[str]:
 def prepared(variant: Variant, place: Path, kept: dict[Variant, tuple[Path, int | None, str]]) -> Path | None:
     """A finished run of the variant, None where the product refuses it."""
     if variant not in kept:
-        run, rig = place / f"run-{len(kept)}", rig_of(variant, 1)
+        run, rig = place / f"variant-{len(kept)}" / "run", rig_of(variant, 1)
+        run.parent.mkdir()
         outcome = rig.call(*words("commission", run, variant))
         _moving[variant, "commission"] = np.flatnonzero(np.abs(rig.examiner.speed_m_s) > 5 * STANDING_M_S)
         rig.close()
@@ -186,7 +189,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--paths", default=",".join(PATHS))
-    parser.add_argument("--each", type=int, default=10)
+    parser.add_argument("--each", type=int, default=8)
     given = parser.parse_args()
     rows: dict[str, dict[str, object] | None] = {}
     if given.keep and given.keep.is_file():
@@ -198,8 +201,9 @@ def main() -> None:
                 continue
             draw = np.random.default_rng(seed)
             chosen = np.random.default_rng(seed // given.each)
-            drive, period_s, path = (chosen.choice(some) for some in (DRIVES, PERIODS_S, given.paths.split(",")))
-            variant = Variant(str(drive), float(period_s), str(path), drawn_path(str(path), chosen))
+            drive = DRIVES[seed // given.each % len(DRIVES)]
+            period_s, path = (chosen.choice(some) for some in (SLOW_S.get(drive, PERIODS_S), given.paths.split(",")))
+            variant = Variant(drive, float(period_s), str(path), drawn_path(str(path), chosen))
             whole = prepared(variant, Path(place), kept)
             found = None
             if whole is not None:

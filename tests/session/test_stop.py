@@ -13,10 +13,7 @@ import pytest
 
 from beltcomm import api
 from beltcomm.axis import load_axis
-from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import CascadeStructure
-from beltcomm.drive import Limits, Motion, Row, open_drive
-from beltcomm.drive.parameters import cascade_to_parameters
 from beltcomm.errors import BeltcommError, Refused
 from beltcomm.experiments.verification import BELT_SWING
 from beltcomm.machine.machine import Machine
@@ -24,12 +21,11 @@ from beltcomm.model import Model
 from beltcomm.rundata import analyse
 from beltcomm.rundata.store import design_to_dict, structure_from_dict
 from beltcomm.runfolder import RunFolder
-from beltcomm.simulate.stopping import braked_by_loop
-from beltcomm.trajectory import plan_trajectory
 from beltcomm.virtual.loops import Loops
 from identify.records import true_model
-from session.bench import RATIO, Bench, Listener, LoggedPlant, way_counted_with
-from truth.rigs import RIGS, Rig, nominal
+from session.bench import Bench, Listener, way_counted_with
+from session.drawn_stops import out_of_acceleration
+from truth.rigs import RIGS, nominal
 
 MakeBench = Callable[..., Bench]
 Copy = Callable[..., Path]
@@ -155,61 +151,14 @@ def test_a_carriage_that_coasts_is_noticed(connect: Connect, tmp_path: Path) -> 
     assert bench.parameters() == bench.initial
 
 
-class Enough(Exception):
-    """Ends a motion as a Ctrl-C does."""
-
-
-def stopped_while_it_speeds_up(seed: int) -> tuple[float, float]:
-    """Force of the belt after a stop out of near full acceleration, N, and the one that was planned; axis, loop and instant are drawn."""
-    draw, axis = np.random.default_rng(seed), load_axis("egc-70-600")
-    mass_kg, stiffness_n_m = np.exp(draw.uniform(np.log([1.0, 5e4]), np.log([20.0, 4e5])))
-    inertia, damping, viscous, coulomb = draw.uniform([5e-5, 5.0, 5e-4, 0.05], [1.1e-4, 40.0, 4e-3, 0.2])
-    plant = LoggedPlant(Rig(inertia, float(mass_kg), float(stiffness_n_m), damping, viscous, coulomb).plant())
-    model, delay_s = true_model(plant.plant), 1e-3
-    with open_drive("virtual:g_a", {"plant": plant, "start_position": 0.0, "seed": seed}) as drive:
-        own = drive.capabilities
-        loop = analyse.first_loop(model, own.structure, 0.0, delay_s, 0.0).cascade
-        cascade = analyse.with_feedforward(loop, model, own.structure, delay_s)
-        drive.write({name: value for name, value in cascade_to_parameters(cascade).items() if name in drive.backup()})
-        braking, told = braked_by_loop(
-            [model],
-            cascade,
-            axis,
-            1.3,
-            position_m=0.0,
-            period_s=own.structure.period_s,
-            reaction_s=5e-3,
-            delay_s=delay_s,
-            torque_limit_nm=3.1,
-            counts_per_rev=own.counts_per_rev,
-        )
-        hard = braking.acceleration_m_s2
-        path = plan_trajectory(0.0, 0.5, TrajectoryLimits(jerk_m_s3=10.0 * hard, acceleration_m_s2=hard, speed_m_s=1.3), 1e-3)
-        acceleration = np.gradient(path.velocity_m_s, 1e-3)
-        ends = int(draw.choice(np.flatnonzero(acceleration > 0.8 * acceleration.max())))
-        rows: list[int] = []
-
-        def sink(_row: Row) -> None:
-            rows.append(len(plant.belt_force_n))
-            if len(rows) > ends:
-                raise Enough
-
-        motion = Motion("position", 1e-3, path.position_m / RATIO, path.velocity_m_s / RATIO, np.zeros(len(path.t_s)))
-        with pytest.raises(Enough):
-            drive.record(motion, Limits(-5.0, 60.0, 200.0, 3.1, braking.deceleration_m_s2 / RATIO), sink)
-    places, force = plant.cart_m(0, len(plant.torque_nm)), np.abs(plant.belt_force_n)
-    braking_tick = rows[-1] + int(np.argmax(np.diff(places[rows[-1] :])))
-    return float(force[braking_tick:].max()), told.belt_force_n
-
-
 @pytest.mark.parametrize("seed", range(12))
 def test_a_stop_out_of_acceleration_keeps_to_what_was_planned_on_drawn_axes(seed: int) -> None:
-    force, told = stopped_while_it_speeds_up(seed)
+    case, force, told = out_of_acceleration(seed)
     assert told <= LIMIT_N
-    assert force <= BELT_SWING * LIMIT_N
+    assert force <= BELT_SWING * case.bears_n
 
 
 def test_a_drive_that_leads_the_end_of_an_acceleration_in_its_stop_would_load_the_belt_too_much(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same where the lead of the feedforward takes the stop for a change of acceleration: one period of reversed torque."""
     monkeypatch.setattr(Loops, "forget_acceleration", lambda _loops: None)
-    assert max(stopped_while_it_speeds_up(seed)[0] for seed in range(12)) > BELT_SWING * LIMIT_N
+    assert any(force > BELT_SWING * case.bears_n for case, force, _ in map(out_of_acceleration, range(12)))

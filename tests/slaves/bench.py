@@ -142,6 +142,12 @@ def sentence(text: str) -> str:
     return said[-1].removeprefix("beltcomm: ") if said else ""
 
 
+def headline(text: str) -> str:
+    """Of the last result that was shown."""
+    shown = re.findall(r"(?m)^ *((?:PASS|FAIL|NOT TRUSTED|OUT OF DATE|NOT PROVEN) +.*)$", text)
+    return str(re.sub(r"\s+", " ", shown[-1])).strip() if shown else ""
+
+
 def judged(rig: SlaveRig, verb: str, slave: str, outcome: Outcome, first: int, allow_changes: bool = False) -> Cell:
     """What a command that began at row ``first`` of the watch came to."""
     watch = rig.examiner
@@ -182,7 +188,7 @@ def judged(rig: SlaveRig, verb: str, slave: str, outcome: Outcome, first: int, a
         verb,
         "RED" if wrong else state,
         outcome.code,
-        "; ".join((*wrong, *([said] if said else []))),
+        "; ".join((*wrong, *filter(None, [said or headline(outcome.text)]))),
         belt_n,
         moved_s,
         any(watch.powered[first:]),
@@ -200,6 +206,15 @@ def words(verb: str, run: Path, profile: Sequence[str] = ()) -> list[str]:
     return [verb, *common, *quick, "--run", str(run)]
 
 
+def told_profile(slave: str, folder: Path) -> list[str]:
+    """Words that name the profile of a drive with ``+``, which is written into a folder; none for any other."""
+    if not slave.endswith("+"):
+        return []
+    file = folder / "told.yaml"
+    file.write_text(yaml.safe_dump({"name": "told", "title": f"{slave[:-1]} as found", **TOLD[slave[:-1]]}))
+    return ["--profile", str(file)]
+
+
 def run_row(slave: str, verbs: tuple[str, ...] = VERBS, seed: int = 1, period_s: float | None = None, **options: Any) -> list[Cell]:
     """A row of the table: each verb on a drive that has just been switched on, verify and apply on the finished run.
 
@@ -208,11 +223,7 @@ def run_row(slave: str, verbs: tuple[str, ...] = VERBS, seed: int = 1, period_s:
     draw = np.random.default_rng(seed)
     cells: list[Cell] = []
     with tempfile.TemporaryDirectory(prefix="slaves-") as folder:
-        whole, profile = Path(folder) / "commission", list[str]()
-        if slave.endswith("+"):
-            told = {"name": "told", "title": f"{slave[:-1]} as found", **TOLD[slave[:-1]]}
-            (Path(folder) / "told.yaml").write_text(yaml.safe_dump(told))
-            profile = ["--profile", str(Path(folder) / "told.yaml")]
+        whole, profile = Path(folder) / "commission", told_profile(slave, Path(folder))
         healthy, moving = None, ""
         for verb in verbs:
             rig = SlaveRig(slave.removesuffix("+"), seed, period_s, **options)
