@@ -133,7 +133,7 @@ class CanopenDrive(ObjectDrive):
             raise
 
     def record(self, motion: Motion, limits: Limits, sink: Sink) -> ExchangeReport:
-        """See :meth:`beltcomm.drive.Drive.record`.  Returns a :class:`beltcomm_adapters.motion.Report`."""
+        """Carry out a motion and record it.  Returns a :class:`beltcomm_adapters.motion.Report`."""
         self._learn()
         self._check(motion, limits)
         if motion.kind == "torque" and not limits.release:  # the loop that would brake it is not to be trusted yet
@@ -150,7 +150,7 @@ class CanopenDrive(ObjectDrive):
         return Odometer(self._scaling.position_rad, self._scaling.speed_rad_s)
 
     def _learn(self) -> None:
-        """Where nobody tells what speeds count in and the motions so far have shown it, that is taken from here on."""
+        """Take the unit of speeds from the motions so far, if nobody tells it and they have shown it."""
         unit_rad_s = self._speed_unit.found_rad_s() if self._speed_unit is not None else None
         if unit_rad_s is None:
             return
@@ -190,7 +190,7 @@ class CanopenDrive(ObjectDrive):
         self._learnt += tuple(new)
 
     def prove_guarding(self, limits: Limits, rest_nm: float = 0.0) -> Guarding:
-        """See :meth:`beltcomm.drive.Drive.prove_guarding`.
+        """Withhold the sign of life at standstill and measure the reaction.
 
         Only the sign of life is withheld: SYNC and setpoints go on, so that the statusword tells when and how the drive reacts.  A brake
         is not waited for: it has hardly begun to open when the drive reacts.

@@ -1,4 +1,4 @@
-"""Who answers: identity and capabilities of a connected drive, as read from it or from its profile."""
+"""Identity and capabilities of a connected drive, as read from it or from its profile."""
 
 from __future__ import annotations
 

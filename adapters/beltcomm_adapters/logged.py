@@ -12,7 +12,7 @@ from beltcomm_adapters.sync_source import SYNC_ID
 
 
 def _source(message: can.Message) -> str:
-    """Who sent a frame that has come: a SYNC is always this computer's."""
+    """Sender of a frame that has come: a SYNC is always this computer's."""
     return "host" if message.arbitration_id == SYNC_ID else "node rtr" if message.is_remote_frame else "node"
 
 

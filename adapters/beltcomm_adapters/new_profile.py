@@ -243,7 +243,7 @@ def _host(facts: Facts) -> list[str]:
 
 
 def _upkeep(facts: Facts) -> list[str]:
-    """How it is homed, and how its parameters are kept."""
+    """Homing, and how parameters are kept."""
     method = facts.value(0x6098)
     lines = ["# How --home finds the zero: the method that stands in 6098h, unless one is stated."]
     stands = "is not told" if method is None else f"is {method}" + (", which is none" if method == 0 else "")

@@ -60,7 +60,7 @@ class ObjectDrive:
         }
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
-        """See :meth:`beltcomm.drive.Drive.read`; ``state`` is a :class:`beltcomm_adapters.cia402.State`."""
+        """Read parameters by name; ``state`` is a :class:`beltcomm_adapters.cia402.State`."""
         objects, scaling, actual = self._objects, self._scaling, self._profile.actual_torque
         measured: dict[str, Callable[[], float]] = {
             "position_rad": self._here_rad,
@@ -75,29 +75,29 @@ class ObjectDrive:
         return {name: measured[name]() if name in measured else self._parameters.read([name])[name] for name in names}
 
     def write(self, values: Mapping[str, float]) -> dict[str, float]:
-        """See :meth:`beltcomm.drive.Drive.write`; the stage is taken off first."""
+        """Write parameters by name; the stage is taken off first."""
         self._machine.disable()
         return self._parameters.write(values)
 
     def backup(self) -> dict[str, float]:
-        """See :meth:`beltcomm.drive.Drive.backup`."""
+        """Read all parameters that can be written back."""
         return self._parameters.read(self._parameters.names)
 
     def objects(self) -> tuple[ObjectValue, ...]:
-        """See :meth:`beltcomm.drive.Drive.objects`."""
+        """List the objects of the drive."""
         return self._parameters.objects()
 
     def read_objects(self, places: Sequence[tuple[int, int, str]]) -> list[float | None]:
-        """See :meth:`beltcomm.drive.Drive.read_objects`."""
+        """Read raw objects."""
         return self._parameters.read_objects(places)
 
     def write_objects(self, values: Sequence[ObjectValue]) -> None:
-        """See :meth:`beltcomm.drive.Drive.write_objects`; the stage is taken off first."""
+        """Write raw objects; the stage is taken off first."""
         self._machine.disable()
         self._parameters.write_objects(values)
 
     def calibrate(self, units: Mapping[str, float]) -> None:
-        """See :meth:`beltcomm.drive.Drive.calibrate`."""
+        """Take over what the gains of the drive mean in SI."""
         self._parameters.calibrate(units)
         before = self.capabilities.structure
         self.capabilities = dataclasses.replace(
@@ -111,7 +111,7 @@ class ObjectDrive:
         )
 
     def save(self) -> None:
-        """See :meth:`beltcomm.drive.Drive.save`; what is lent to this session is saved as it was found."""
+        """Save the parameters in the drive for good; what is lent to this session is saved as it was found."""
         self._machine.disable()
         if failures := self._session.give_back():
             raise DriveError(f"nothing was saved: {'; '.join(failures)}")
@@ -122,7 +122,7 @@ class ObjectDrive:
             self._borrow()
 
     def stop(self) -> None:
-        """See :meth:`beltcomm.drive.Drive.stop`."""
+        """Stop the axis."""
         if not self._open:
             return
         give_up_s = self.clock.now() + RECOVERY_S
@@ -137,7 +137,7 @@ class ObjectDrive:
                     self.clock.sleep_until(self.clock.now() + RETRY_S)
 
     def close(self) -> None:
-        """See :meth:`beltcomm.drive.Drive.close`."""
+        """Stop the axis and let go of the drive."""
         if not self._open:
             return
         with deferred_interrupt():

@@ -96,7 +96,7 @@ class SerialDrive(ObjectDrive):
         return self._serial.version()
 
     def backup(self) -> dict[str, float]:
-        """See :meth:`beltcomm.drive.Drive.backup`; read twice, because nothing on the line shows a digit that was spoilt."""
+        """Read all parameters that can be written back; read twice, because nothing on the line shows a digit that was spoilt."""
         first, second = super().backup(), super().backup()
         if first != second:
             differ = ", ".join(name for name in first if first[name] != second[name])
@@ -106,13 +106,13 @@ class SerialDrive(ObjectDrive):
         return first
 
     def prove_guarding(self, limits: Limits, rest_nm: float = 0.0) -> Guarding:
-        """See :meth:`beltcomm.drive.Drive.prove_guarding`; always a DriveError, for nothing on this line watches the computer."""
+        """Refuse the proof of guarding; always a DriveError, for nothing on this line watches the computer."""
         raise DriveError(
             "nothing on RS-232 watches the computer: an axis under torque would outlive it, so it gets none; connect the drive's CAN port"
         )
 
     def record(self, motion: Motion, limits: Limits, sink: Sink) -> ExchangeReport:
-        """See :meth:`beltcomm.drive.Drive.record`; kind "profile" only."""
+        """Carry out strokes and record them; kind "profile" only."""
         here = self._serial.read_int(0x6064, 0, "int32")
         check_limits(motion, limits, self.capabilities, here * self._scaling.position_rad)
         strokes, rest_s = strokes_of(motion, here, self._scaling)
@@ -171,7 +171,7 @@ class SerialDrive(ObjectDrive):
             self._serial.change_bitrate(BITRATES[0])
 
     def close(self) -> None:
-        """See :meth:`beltcomm.drive.Drive.close`; the drive's bit rate goes back to 9600."""
+        """Stop the axis and let go of the port; the drive's bit rate goes back to 9600."""
         if self._open:
             release = self._release
             self._release = lambda: None

@@ -1,4 +1,4 @@
-"""Who sends SYNC: the host itself, or the kernel's broadcast manager where the bus is SocketCAN's.
+"""Sources of SYNC: the host itself, or the kernel's broadcast manager where the bus is SocketCAN's.
 
 Some drives lock their loops to SYNC, so that its period must be kept exactly (60C2h); a process that others hold up cannot.  A timer of the
 kernel can, and goes on whatever the process does; what must end with the process, its sign of life, is not left to it.
@@ -57,11 +57,11 @@ class HostSync:
         self._next_s = 0.0
 
     def start(self) -> None:
-        """See :class:`SyncSource`."""
+        """Begin to send."""
         self._next_s = self._link.clock.now() + self._period_s
 
     def next(self) -> float | None:
-        """See :class:`SyncSource`."""
+        """Wait for the next SYNC."""
         link, due_s = self._link, self._next_s
         link.clock.sleep_until(due_s)
         now_s = link.clock.now()
@@ -72,7 +72,7 @@ class HostSync:
         return now_s
 
     def stop(self) -> None:
-        """See :class:`SyncSource`."""
+        """Send no more."""
 
 
 class KernelSync:
@@ -85,7 +85,7 @@ class KernelSync:
         self._waiting: can.Message | None = None
 
     def start(self) -> None:
-        """See :class:`SyncSource`."""
+        """Begin to send."""
         while (message := self._link.bus.recv(0.0)) is not None:
             self._link.dispatch(message)
         self._waiting = None
@@ -93,7 +93,7 @@ class KernelSync:
         self._task = self._link.bus.send_periodic(message, self._period_s)
 
     def next(self) -> float | None:
-        """See :class:`SyncSource`."""
+        """Wait for the next SYNC."""
         link = self._link
         end_s = link.clock.now() + _SILENT_PERIODS * self._period_s
         self.early.clear()
@@ -113,7 +113,7 @@ class KernelSync:
         return link.clock.now()
 
     def stop(self) -> None:
-        """See :class:`SyncSource`."""
+        """Send no more."""
         task, self._task = self._task, None
         if task is not None:
             task.stop()

@@ -91,7 +91,7 @@ class SyncTimeBus(can.BusABC):
         self._question = can.Message(arbitration_id=0x600 + node, data=_ASK, is_extended_id=False)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """See :class:`can.BusABC`; raises what the interface raises."""
+        """Send a frame; raises what the interface raises."""
         if msg.arbitration_id == _SYNC:
             self._drive_s = self.clock.now()
         elif not self._exchanging:

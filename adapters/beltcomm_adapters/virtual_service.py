@@ -55,7 +55,7 @@ class ServedDrive:
         self._pump = Pump(self._wire, self._bus, drive, MonotonicClock())
 
     def run(self) -> Mapping[str, int]:
-        """See :class:`beltcomm.drive.Service`."""
+        """Serve the drive until it is stopped."""
         pump = self._pump
         try:
             (pump.by_wall_clock if self._realtime else pump.by_sync)()

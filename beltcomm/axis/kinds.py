@@ -141,7 +141,7 @@ def _known(inside: str, meaning: str, low: float, high: float, factor: float = 1
 
 
 def _axial(what: str) -> dict[str, FileEntry]:
-    """What a screw and a rack state of their transmission beside its feed."""
+    """Transmission of a screw or a rack beside its feed."""
     return {
         "transmission.inertia_kg_m2": FileEntry(
             "pulley.inertia_kg_m2", AxisEntry(f"inertia of the {what} about its own axis", at_least=0.0, at_most=10.0), usual=(1e-7, 0.5)

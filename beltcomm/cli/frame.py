@@ -74,7 +74,7 @@ class CommandResult(Protocol):
 
 
 def _lacks_memory(error: BaseException | None) -> bool:
-    """Whether a library could not be loaded, or a program started, for want of memory: that has other errors than Python's own."""
+    """True if a library could not be loaded, or a program started, for want of memory: that has other errors than Python's own."""
     while error is not None:
         if isinstance(error, MemoryError) or any(words in str(error) for words in _SAID_WITHOUT_MEMORY):
             return True

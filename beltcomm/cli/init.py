@@ -166,7 +166,7 @@ def _ask_kind(template: str | None) -> str:
 
 
 def _start(template: str | None, motor: str | None, kind: str, *, asked: bool) -> Axis:
-    """What the questions begin with: an axis by file or name, a motor of the catalogue; asked for where a person answers."""
+    """Start of the questions: an axis by file or name, a motor of the catalogue; asked for where a person answers."""
     from beltcomm.axis import axis_from_dict, load_axis
     from beltcomm.axis.answers import parts, with_part
     from beltcomm.axis.kinds import KINDS
@@ -188,7 +188,7 @@ def _start(template: str | None, motor: str | None, kind: str, *, asked: bool) -
 
 
 def _introduction(kind: str) -> str:
-    """What is asked for, and how to answer."""
+    """Introduction to the questions, and how to answer."""
     text = tr(_INTRODUCTION)
     return text if kind in ("belt", "other", "") else text.replace("pulley, belt", "transmission").replace("Scheibe, Riemen", "Übertragung")
 
@@ -233,7 +233,7 @@ def axis_with(axis: str | None, entries: tuple[str, ...], run: Path) -> Axis:
 
 
 def _missing(axis: Axis) -> dict[str, str]:
-    """What commissioning will ask for, with its purpose."""
+    """Entries that commissioning will ask for, with their purpose."""
     from beltcomm.axis.kinds import KINDS
 
     own = KINDS.get(axis.kind)
@@ -303,7 +303,7 @@ def _keep(known: dict[str, Any], unfinished: Path) -> None:
 
 
 class _Answers:
-    """What was answered.   told : by section and name, in the order asked.   implied : what one of them says of others, not asked then."""
+    """Answers given.   told : by section and name, in the order asked.   implied : what one of them says of others, not asked then."""
 
     def __init__(self, name: str, kind: str = "") -> None:
         self.name, self.kind = name, kind

@@ -44,7 +44,7 @@ def parsed(text: str, name: str, ctx: click.Context | None) -> float:
 
 
 def _turns(words: Sequence[str]) -> bool:
-    """Whether a command is about an axis whose load turns, by the axis or the run that it names."""
+    """True if a command is about an axis whose load turns, by the axis or the run that it names."""
     from beltcomm.axis import load_axis
 
     named = dict(pairwise(part for word in words for part in (word.split("=", 1) if word.startswith("--") else [word])))

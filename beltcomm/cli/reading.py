@@ -1,4 +1,4 @@
-"""How foreign rows are read: options of every verb that takes a file or frames of somebody else."""
+"""Options for reading foreign rows, options of every verb that takes a file or frames of somebody else."""
 
 from __future__ import annotations
 

@@ -146,7 +146,7 @@ class _Twin(SimulatedPlant):
         self.fastest_m_s = self.strongest_nm = self.belt_n = 0.0
 
     def step(self, torque_nm: float, duration_s: float) -> None:
-        """See :class:`beltcomm.plant.Plant`."""
+        """Turn the plant on by one step."""
         super().step(torque_nm, duration_s)
         at = self.begun_m + self.cart_position_m
         self.low_m, self.high_m = min(self.low_m, at), max(self.high_m, at)

@@ -76,7 +76,7 @@ class Supervised:
 
     @property
     def capabilities(self) -> Capabilities:
-        """See :class:`beltcomm.drive.Drive`."""
+        """Capabilities of the supervised drive."""
         return self._drive.capabilities
 
     @capabilities.setter
@@ -84,15 +84,15 @@ class Supervised:
         self._drive.capabilities = found
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
-        """See :meth:`beltcomm.drive.Drive.read`."""
+        """Read parameters."""
         return self._drive.read(names)
 
     def backup(self) -> dict[str, float]:
-        """See :meth:`beltcomm.drive.Drive.backup`."""
+        """Read all parameters that can be written back."""
         return self._drive.backup()
 
     def write(self, values: Mapping[str, float]) -> dict[str, float]:
-        """See :meth:`beltcomm.drive.Drive.write`; from now on a killed session leaves a note.
+        """Write parameters; from now on a killed session leaves a note.
 
         Raises
         ------
@@ -107,15 +107,15 @@ class Supervised:
         return stored
 
     def objects(self) -> tuple[ObjectValue, ...]:
-        """See :meth:`beltcomm.drive.Drive.objects`."""
+        """List the objects of the drive."""
         return self._drive.objects()
 
     def read_objects(self, places: Sequence[tuple[int, int, str]]) -> list[float | None]:
-        """See :meth:`beltcomm.drive.Drive.read_objects`."""
+        """Read raw objects."""
         return self._drive.read_objects(places)
 
     def write_objects(self, values: Sequence[ObjectValue]) -> None:
-        """See :meth:`beltcomm.drive.Drive.write_objects`; as :meth:`write`, and Refused for what is not on the closed list."""
+        """Write raw objects; as :meth:`write`, and Refused for what is not on the closed list."""
         self._writable.check(values)
         self._put_note()
         self._failed = True
@@ -123,19 +123,19 @@ class Supervised:
         self._failed = False
 
     def calibrate(self, units: Mapping[str, float]) -> None:
-        """See :meth:`beltcomm.drive.Drive.calibrate`."""
+        """Tell the drive what its gains mean in SI."""
         self._drive.calibrate(units)
 
     def save(self) -> None:
-        """See :meth:`beltcomm.drive.Drive.save`."""
+        """Save the parameters in the drive for good."""
         self._drive.save()
 
     def stop(self) -> None:
-        """See :meth:`beltcomm.drive.Drive.stop`."""
+        """Stop the axis."""
         self._drive.stop()
 
     def close(self) -> None:
-        """See :meth:`beltcomm.drive.Drive.close`."""
+        """Stop the axis and let go of the drive."""
         self._drive.close()
 
     def __getattr__(self, name: str) -> Any:
@@ -149,7 +149,7 @@ class Supervised:
         self._allowed = True
 
     def home(self, limits: Limits) -> None:
-        """See :meth:`beltcomm.drive.Drive.home`.
+        """Let the drive find its reference by itself.
 
         Raises
         ------
@@ -164,13 +164,13 @@ class Supervised:
         self._drive.home(limits)
 
     def prove_guarding(self, limits: Limits, rest_nm: float = 0.0) -> Guarding:
-        """See :meth:`beltcomm.drive.Drive.prove_guarding`: its stage is on for it."""
+        """Prove that the drive notices a dead host: its stage is on for it."""
         self._check_allowed()
         self._put_note()
         return self._drive.prove_guarding(limits, rest_nm)
 
     def record(self, motion: Motion, limits: Limits, sink: Sink) -> ExchangeReport:
-        """See :meth:`beltcomm.drive.Drive.record`.   Waits until the motor has given off what it was overloaded with.
+        """Carry out a motion and record it.   Waits until the motor has given off what it was overloaded with.
 
         Raises
         ------

@@ -16,7 +16,7 @@ from beltcomm.recording.sidecar import Sidecar
 
 @dataclass(frozen=True)
 class LoadName:
-    """What makes records carry one load as far as their sidecars tell: its name, and what is stated in a unit that this axis cannot use."""
+    """Key of the load of a record, as far as its sidecar tells: its name, and what is stated in a unit that this axis cannot use."""
 
     name: str
     unused: tuple[float | None, ...] = ()
@@ -105,7 +105,7 @@ def with_loads(model: Model, recordings: Sequence[Recording]) -> Model:
 
 
 def load_remarks(recordings: Sequence[Recording], model: Model) -> list[str]:
-    """What each of the loads weighs by a model with its intervals, and in which records, where these carry different ones."""
+    """Remarks on the mass of each load by a model with its intervals, and in which records, where these carry different ones."""
     mounted = mounted_by(recordings, model)
     if not any(mounted.values()):
         return []

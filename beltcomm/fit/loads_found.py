@@ -25,7 +25,7 @@ class OwnLoad:
     unit: str
 
     def words(self) -> str:
-        """What to do about it."""
+        """Remedy in words."""
         return (
             f"{self.record} shows {self.mass:.4g} {self.unit}, the model {self.others:.4g}: if another load was mounted there, say so "
             "(--payload or --load at import, `load: NAME` in its sidecar), and it gets a mass of its own."

@@ -221,7 +221,7 @@ def band_limited(piece: Segment, band_hz: float) -> Segment:
 
 
 def with_noise(data: Data, noise_nm: float, model: Model) -> Data:
-    """The same stretches of the records with another noise of the torque, as a model passes it on."""
+    """Segments of the records with another noise of the torque, as a model passes it on."""
     fitted, held_out = (
         tuple(with_whitener(replace(piece, noise_nm=piece.noise_factor * noise_nm), model) for piece in pieces)
         for pieces in (data.fitted, data.held_out)

@@ -1,4 +1,4 @@
-"""What a drive's profile states of its torque reading, against what the records say: those are believed, a contradiction is told."""
+"""Torque reading as a drive's profile states it, against what the records say: those are believed, a contradiction is told."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def table_of(path: Path, arrays: Mapping[str, Any], extra_notes: tuple[str, ...]
 
 
 class _Found:
-    """What the walk through the structures has found: columns, units, and which column holds the time of which."""
+    """Findings of the walk through the structures: columns, units, and which column holds the time of which."""
 
     def __init__(self, file: str) -> None:
         self.file = file

@@ -147,7 +147,7 @@ def _before_the_setup(log: FrameLog, seen: list[Seen], node: int) -> int:
 
 
 def _balance(log: FrameLog, node: int, rows: _Rows, early: int, taken: int, moves: int) -> str:
-    """Where all frames and rows of a log went, in words."""
+    """Account of all frames and rows of a log, in words."""
     size = len(log.t_s)
     read = f"all {size}" if log.in_file == size else f"{size} of {log.in_file}" if log.in_file else f"{size}"
     standing = int(rows.clock.standing.sum())

@@ -1,4 +1,4 @@
-"""What a log of frames says of a CANopen node: objects read and written by SDO, and what its PDOs carry (CiA 301, 7.2.4, 7.5.2)."""
+"""Objects of a CANopen node in a log of frames: objects read and written by SDO, and what its PDOs carry (CiA 301, 7.2.4, 7.5.2)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a foreign recording's numbers betray beyond :class:`beltcomm.recording.Recording`'s own checks."""
+"""Checks of a foreign recording's numbers beyond :class:`beltcomm.recording.Recording`'s own checks."""
 
 from __future__ import annotations
 

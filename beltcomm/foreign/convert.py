@@ -131,7 +131,7 @@ def reading_from_dict(data: Mapping[str, Any]) -> Reading:
 
 
 def _is(value: Any, kind: Any) -> bool:
-    """Whether a value is of the type of a field of :class:`Reading`."""
+    """True if a value is of the type of a field of :class:`Reading`."""
     choices = get_args(kind)
     if get_origin(kind) is Literal:
         return value in choices

@@ -228,7 +228,7 @@ def _objects(sections: Mapping[str, Mapping[str, str]], repairs: _Repairs, node:
 
 
 def _structured(entries: Mapping[str, str]) -> bool:
-    """Whether a section is the head of an array or record: its values stand under subindices."""
+    """True if a section is the head of an array or record: its values stand under subindices."""
     code = _number(entries.get("objecttype", ""), "uint8", "", _Repairs(), 0)
     return code in _STRUCTURED or (code is None and ("subnumber" in entries or "compactsubobj" in entries) and "datatype" not in entries)
 

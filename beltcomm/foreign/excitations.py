@@ -1,4 +1,4 @@
-"""Which excitation a torque setpoint without noise is: its period, where it begins, how large it is."""
+"""Excitation behind a torque setpoint without noise: its period, where it begins, how large it is."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _likely_periods(excited: Array) -> list[int]:
 
 
 def _longest_run(equal: NDArray[np.bool_]) -> tuple[int, int]:
-    """Where the longest run of True begins, and its length."""
+    """Start and length of the longest run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], equal.astype(np.int8), [0]))))
     starts, ends = edges[::2], edges[1::2]
     if not len(starts):

@@ -155,7 +155,7 @@ def _kind_of_lines(lines: Sequence[str]) -> LogKind | None:
 
 
 def _is_a_table(lines: Sequence[str]) -> bool:
-    """Whether most lines are nothing but numbers: a table that bears the ending of a log."""
+    """True if most lines are nothing but numbers: a table that bears the ending of a log."""
     rows = [re.split(r"[\s;,]+", line.strip("\0")) for line in lines]
     numbers = [len(row) > 1 and all(re.fullmatch(r"[-+.\deE]+", cell) for cell in row if cell) for row in rows]
     return sum(numbers) > 0.5 * len(lines)
@@ -177,7 +177,7 @@ def csv_columns(header: str) -> dict[str, Any] | None:
 
 
 def _holds_messages(path: Path) -> bool:
-    """Whether a database has python-can's table of messages: its definition stands as text in the first page."""
+    """True if a database has python-can's table of messages: its definition stands as text in the first page."""
     with opened(path) as file:
         begin = file.read(1 << 16)
     return b"arbitration_id" in begin and b"dlc" in begin

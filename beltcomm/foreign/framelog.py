@@ -268,7 +268,7 @@ def _risen(stamps: NDArray[np.int64], notes: list[str]) -> NDArray[np.float64]:
 
 
 def _are_steps(stamps_ns: NDArray[np.int64]) -> bool:
-    """Whether even times between frames follow a first stamp of 0: a clock would have come to them step by step."""
+    """True if even times between frames follow a first stamp of 0: a clock would have come to them step by step."""
     usual = float(np.median(stamps_ns[1:]))
     return bool(stamps_ns[0] == 0 and np.mean(np.diff(stamps_ns[1:]) <= 0) > 0.5 and usual / 3.0 < stamps_ns[1] < 3.0 * usual)
 

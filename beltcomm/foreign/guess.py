@@ -117,7 +117,7 @@ def completed(
 
 
 def _makes_a_recording(sources: Mapping[str, Source], timed: bool) -> bool:
-    """Whether torque and position of one side are mapped; a speed stands for the position."""
+    """True if torque and position of one side are mapped; a speed stands for the position."""
     whole = any(c["torque"] in sources and any(c[signal] in sources for signal in ("position", "velocity")) for c in CHANNELS.values())
     return whole and ("t_s" in sources or not timed)
 
@@ -250,7 +250,7 @@ def _side(meanings: Sequence[Meaning], sources: Mapping[str, Source]) -> Side:
 
 
 def _share_of_rated(meanings: Sequence[Meaning]) -> bool:
-    """Whether the current stands in per cent of a rated one, and no torque beside it: no ampere, but the same share of the rated torque."""
+    """True if the current stands in per cent of a rated one, and no torque beside it: no ampere, but the same share of the rated torque."""
     actual = [m for m in meanings if m.role != "setpoint"]
     current = [m for m in actual if m.quantity == "current"]
     return bool(current) and all(m.special.startswith("per") for m in current) and not any(m.quantity == "torque" for m in actual)
@@ -354,7 +354,7 @@ def _scaled(table: Table, column: str, meaning: Meaning, axis: Axis, ratio: floa
 
 
 def _without_unit(table: Table, column: str, meaning: Meaning, axis: Axis, own: str) -> tuple[tuple[str, ...], Confidence, str]:
-    """Where no unit is stated, the numbers say what is possible."""
+    """Units that the numbers allow, for a column that states none."""
     values = table.columns[meaning.name]
     known = values[np.isfinite(values)]
     largest = float(np.abs(known).max()) if len(known) else 0.0

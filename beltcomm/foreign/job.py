@@ -165,12 +165,12 @@ def _parts_imported(
 
 
 def _new(part: Part, first: Part) -> tuple[str, ...]:
-    """What a move's notes say that those of the first one have not said."""
+    """Notes of a move that the first one did not have."""
     return tuple(note for note in part.table.notes if note not in first.table.notes)
 
 
 def _timed(reading: Reading, sidecar: Sidecar) -> bool:
-    """Whether a time column is needed."""
+    """True if a time column is needed."""
     return sidecar.experiment != "static_map" and reading.period_s is None
 
 
@@ -254,7 +254,7 @@ def _axis_dict(axis: Axis, folder: RunFolder | None, given: Axis | str | None) -
 
 
 def _lines(found: dict[str, Any], item: store.Imported) -> list[str]:
-    """The same for people: a headline, the table of columns, what was left and what looks odd."""
+    """Lines for people: a headline, the table of columns, what was left and what looks odd."""
     timed = "rate_hz" in found
     when = f"{found['duration_s']:.6g} s at {found['rate_hz']:.6g} Hz" if timed else "static map, no time"
     held = ", held out" if found["held_out"] else ""

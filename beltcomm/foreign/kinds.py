@@ -1,4 +1,4 @@
-"""What a file is, by its content: the reader that it takes, or what it is called and how to get the signals out of it."""
+"""Kind of a file by its content: the reader that it takes, or what it is called and how to get the signals out of it."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def _of_packed(path: Path) -> TableKind:
 
 
 def _begins_json(text: bytes) -> bool:
-    """Whether what begins with a bracket goes on as JSON does; "[s]" is a unit, "[Settings]" a section."""
+    """True if a text that begins with a bracket goes on as JSON does; "[s]" is a unit, "[Settings]" a section."""
     inner = text[1:].lstrip()
     return inner[:1] in b'"{[]}' if text[:1] == b"{" else inner[:1] in b'{["' or inner[:1].isdigit() or inner[:1] == b"-"
 

@@ -182,7 +182,7 @@ def _jumps_bridged(mended: Array, steps: Array, position: Array, period: float, 
 
 
 def _goes_on(position: Array, k: int) -> bool:
-    """Whether the axis moves on from row k to k+1 as it does beside them."""
+    """True if the axis moves on from row k to k+1 as it does beside them."""
     part = position[max(0, k - _BESIDE) : k + 2 + _BESIDE]
     if len(part) < 2 * _BESIDE + 2 or not np.isfinite(part).all():
         return False

@@ -1,4 +1,4 @@
-"""What the user says about a column: ``torque_nm=Iq*0.65`` reads "our torque_nm is their Iq times 0.65".
+"""Mapping of a column as the user states it: ``torque_nm=Iq*0.65`` reads "our torque_nm is their Iq times 0.65".
 
     ours = [-][factor*]theirs {*factor | /number} [+offset | -offset]
 
@@ -152,7 +152,7 @@ def _factors(before: str, rest: str, column: str) -> tuple[float, float, bool] |
 
 
 def _make_one(units: Sequence[tuple[str, int]], column: str) -> bool:
-    """Whether the units of all factors make that of the column; numbers alone may make anything.   units : suffix, and 1 or -1."""
+    """True if the units of all factors make that of the column; numbers alone may make anything.   units : suffix, and 1 or -1."""
     written = [(suffix, sign) for suffix, sign in units if suffix]
     total = Counter[str]()
     for suffix, sign in written:

@@ -101,7 +101,7 @@ class _Reader:
         return group.get(key)
 
     def _content(self, item: Any) -> Any:
-        """What a data set holds.   Raises DataError for one that lies in other files, and for more than any measurement."""
+        """Content of a data set.   Raises DataError for one that lies in other files, and for more than any measurement."""
         if item.is_virtual or item.external:
             raise DataError(f"{self._name}: the data of {item.name} lie in another file; save this file with the data in it")
         self._values += int(item.size or 0)

@@ -1,4 +1,4 @@
-"""Whether the sizes in a MATLAB file of version 5 fit its bytes: SciPy's reader would work for minutes through the cells of a damaged one.
+"""Check of the sizes in a MATLAB file of version 5 by its bytes: SciPy's reader would work for minutes through the cells of a damaged one.
 
 Layout: "MAT-File Format", The MathWorks, chapter 1 (level 5): a data element is a tag (type, bytes) and its data, padded to 8 bytes.
 """

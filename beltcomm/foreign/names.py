@@ -1,4 +1,4 @@
-"""What the name and the unit of a foreign column say: English, German, and spellings that drives and loggers use."""
+"""Meaning of the names and units of foreign columns: English, German, and spellings that drives and loggers use."""
 
 from __future__ import annotations
 

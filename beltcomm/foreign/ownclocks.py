@@ -155,7 +155,7 @@ def _timed_by(table: Table, time: str, period_s: float) -> Table:
 
 
 def _is_time(table: Table, name: str, period_s: float) -> bool:
-    """Whether a column is the time in steps of a stated period, in whatever unit; a count of the rows is none."""
+    """True if a column is the time in steps of a stated period, in whatever unit; a count of the rows is none."""
     column = table.columns[name]
     if not _rises(column):
         return False
@@ -199,7 +199,7 @@ def _sparse(table: Table) -> Table:
 
 
 def _by_intent(there: Mask) -> bool:
-    """Whether values are missing as a slower raster leaves them out: evenly, or all behind the end of a shorter record."""
+    """True if values are missing as a slower raster leaves them out: evenly, or all behind the end of a shorter record."""
     count = int(there.sum())
     if count < _FEWEST or count > (1.0 - _SPARSE) * len(there):
         return False
@@ -214,7 +214,7 @@ def _is_named_time(table: Table, name: str) -> bool:
 
 
 def _rises(column: Column) -> bool:
-    """Whether a column rises but for few rows: whether those changed places or another record begins there, says who takes it for time."""
+    """True if a column rises but for few rows: whether those changed places or another record begins there, says who takes it for time."""
     if column.dtype.kind != "f":
         return False
     finite = column[np.isfinite(column)]

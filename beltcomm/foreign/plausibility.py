@@ -1,4 +1,4 @@
-"""Whether a foreign recording can be of this axis: each doubt with the value found, what was expected, and what to do.
+"""Doubts that a foreign recording is of this axis: each with the value found, what was expected, and what to do.
 
 Nothing here refuses a record: what cannot be at all is :mod:`beltcomm.foreign.checks`' and :mod:`beltcomm.recording`'s.
 """

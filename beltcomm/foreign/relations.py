@@ -1,4 +1,4 @@
-"""What the numbers of a table say of its columns, whatever they are called: time, a column and its derivative, what drives the motion."""
+"""Roles of the columns of a table by their numbers, whatever they are called: time, a column and its derivative, what drives the motion."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def _drivers(
 
 
 def _same(one: Array, position: Array) -> bool:
-    """Whether a column often stands where the position stands, off the middle of its range, as its setpoint does: none drives the other."""
+    """True if a column often stands where the position stands, off the middle of its range, as its setpoint does: none drives the other."""
     span = float(np.ptp(position))
     away = np.abs(position - np.median(position)) > _AWAY * span
     return bool(away.any()) and float(np.mean(np.abs(one - position)[away] < _NEAR * span)) > _OFTEN

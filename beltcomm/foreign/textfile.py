@@ -288,7 +288,7 @@ class TextRows:
         self._append([self._column(j, cells[j], whole) for j in range(form.width)])
 
     def _is_remark(self, line: TextLine, fields: Sequence[str]) -> bool:
-        """Whether a line between rows is words alone; the header again is none, for another record begins there."""
+        """True if a line between rows is words alone; the header again is none, for another record begins there."""
         words = [cell for cell in fields if cell]
         if not words or (len(words) > 1 and self._form.separator != " ") or any(word.strip('"') in self._names for word in words):
             return False

@@ -150,7 +150,7 @@ def _looked_through(form: Format, content: Sequence[TextLine]) -> Format:
 
 
 def _parts_thousands(body: Sequence[TextLine], mark: str, comma: bool) -> bool:
-    """Whether some cell has both marks, which only a number with parted thousands has."""
+    """True if some cell has both marks, which only a number with parted thousands has."""
     both = _GROUPED[comma]
     lines = (line.text for line in body if "." in line.text and "," in line.text)
     return any("." in cell and "," in cell and both.fullmatch(cell) for line in lines for cell in _split(line, mark))

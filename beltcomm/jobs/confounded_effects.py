@@ -18,7 +18,7 @@ MOST = 0.5
 
 
 @dataclass(frozen=True)
-class Together:
+class ConfoundedEffects:
     """effects : which.   parameter : what of them is known together, "" where nothing is summed.   value, interval : in ``unit``.
     text : a sentence.
     """
@@ -31,12 +31,12 @@ class Together:
     text: str
 
 
-def together(fitted: Fitted, named: Sequence[str]) -> list[Together]:
+def find_confounded(fitted: Fitted, named: Sequence[str]) -> list[ConfoundedEffects]:
     """All that is to be said of effects that were named side by side."""
     return [*delays_of(fitted, named), *ripples_of(fitted, named)]
 
 
-def delays_of(fitted: Fitted, named: Sequence[str]) -> list[Together]:
+def delays_of(fitted: Fitted, named: Sequence[str]) -> list[ConfoundedEffects]:
     """Two or three delays of which one at least was named: their sum."""
     model = fitted.model
     present = [name for name in DELAYS if f"{name}.time" in fitted.problem.free]
@@ -50,10 +50,10 @@ def delays_of(fitted: Fitted, named: Sequence[str]) -> list[Together]:
     lag = max((name for name in present if name != "dead_time"), key=lambda name: model[f"{name}.time"])
     if "dead_time" in present and 0.0 < model["dead_time.time"] < SECOND_POLE * model[f"{lag}.time"]:
         text += f" A dead time as short as this may be a second pole of the {lag}, and no cause of its own."
-    return [Together(tuple(present), "time", value, width, "s", text)]
+    return [ConfoundedEffects(tuple(present), "time", value, width, "s", text)]
 
 
-def ripples_of(fitted: Fitted, named: Sequence[str]) -> list[Together]:
+def ripples_of(fitted: Fitted, named: Sequence[str]) -> list[ConfoundedEffects]:
     """A line of the motor one period per turn beside the ripple of the teeth, and weaker: the teeth's own, where pulley or belt wobble."""
     model = fitted.model
     if "tooth_ripple" not in model.effects:
@@ -70,7 +70,7 @@ def ripples_of(fitted: Fitted, named: Sequence[str]) -> list[Together]:
                 "ripple writes whose size changes once per turn (pulley out of true). It may be part of the tooth_ripple and no cause of "
                 "its own."
             )
-            found.append(Together((name, "tooth_ripple"), "", None, None, "", text))
+            found.append(ConfoundedEffects((name, "tooth_ripple"), "", None, None, "", text))
     return found
 
 

@@ -121,7 +121,7 @@ def export(
 
 
 def _provenance(folder: RunFolder, command: str, **more: str) -> dict[str, str]:
-    """Where a text comes from."""
+    """Origin of a text."""
     return {"run": folder.path.name, **more, "command": command, "made by": f"beltcomm {__version__}"}
 
 

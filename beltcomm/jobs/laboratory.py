@@ -19,7 +19,7 @@ from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
 from beltcomm.fit.stated_reading import stated_remarks
 from beltcomm.given import Place, pasted, place, word
-from beltcomm.jobs.confounded_effects import together
+from beltcomm.jobs.confounded_effects import find_confounded
 from beltcomm.jobs.effect_search import search_of
 from beltcomm.jobs.growing import fit_with, fit_without
 from beltcomm.jobs.rungs import base_revision, plain_of, revision_of
@@ -202,7 +202,7 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         "remarks": list(records.remarks),
         "doubts": doubts,
     }
-    belonging = together(found.final_fit, found.added_effects)
+    belonging = find_confounded(found.final_fit, found.added_effects)
     data["together"] = [plain(one) for one in belonging]
     text = words.remark_lines(records.remarks) + words.diagnosis_lines(found, before, after) + [one.text for one in belonging] + doubts
     stated = stated_remarks(found.data.path, stated_reading(folder), period_of(recordings))

@@ -36,7 +36,7 @@ from beltcomm.watching.drift import POOL, AxisDrift, Standing
 from beltcomm.watching.growing_log import GrowingLog
 from beltcomm.watching.judge import ERROR, Judge, JudgedMove, MoveEstimate
 from beltcomm.watching.limits import LIMITS, limits_given
-from beltcomm.watching.moves import Stretch, moves_in
+from beltcomm.watching.moves import StreamPart, moves_in
 
 #: s between two looks at a log, and for which a bus is listened to at a time.
 LOOK_S = 0.5
@@ -67,7 +67,7 @@ class WatchedMove:
 class _Stream(Protocol):
     notes: tuple[str, ...]
 
-    def poll(self) -> list[Stretch]: ...
+    def poll(self) -> list[StreamPart]: ...
 
     def forget(self, until_s: float) -> None: ...
 

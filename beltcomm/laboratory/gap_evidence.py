@@ -21,7 +21,7 @@ from beltcomm.fit.records import AGITATIONS, Data, negative_log_likelihood, with
 from beltcomm.laboratory.acceptance import drop_by, enough, explained_share, loudness
 from beltcomm.model import Model
 
-#: Iterations of the fit with the gap closed, and factor by which its carriage may stray further where the largest agitation suits it best.
+#: Iterations of the fit with the gap closed, and factor by which its carriage may stray further where the largest process noise suits best.
 ITERATIONS, WIDER = 6, 3.0
 #: Lead, as a multiple of what is asked, that a carriage which strays further does not make up for.
 CLEARLY = 4.0

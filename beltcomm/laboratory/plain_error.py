@@ -30,7 +30,7 @@ def plain_error(parts: Sequence[Banded], model: Model, band_hz: float) -> PlainE
 
 
 def unexplained_words(errors: Mapping[str, PlainError | None]) -> str:
-    """What of a record, by its name, noise cannot be whatever it was taken for, in words: its slow part; "" where there is none."""
+    """Slow part of a record, by its name, that cannot be noise whatever it was taken for, in words; "" where there is none."""
     seen = {
         name: one for name, one in errors.items() if one is not None and one.error > ABOVE * one.noise and one.percent > 100.0 * QUIET_SHARE
     }

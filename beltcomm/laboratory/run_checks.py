@@ -343,7 +343,7 @@ def _refuse_apart(own: Sequence[tuple[Recording, float, float]]) -> None:
 
 
 def load_key(sidecar: Sidecar) -> tuple[object, ...]:
-    """The same for records that carry the same load, as far as they say."""
+    """Key of the records that carry the same load, as far as they say."""
     return sidecar.load, sidecar.payload_kg, sidecar.payload_inertia_kg_m2
 
 

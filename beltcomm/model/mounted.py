@@ -1,4 +1,4 @@
-"""What a record carries beside the others: its mass stands in place of the model's, or is added to it."""
+"""Load of a record beside the others: its mass stands in place of the model's, or is added to it."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ def _distortion_words(run: Gathered) -> list[str]:
     ]
 
 
-def sliding(run: Gathered) -> Section:
+def friction_section(run: Gathered) -> Section:
     """Friction over speed in both directions with its scatter, its laws, and its drift."""
     title = "Friction"
     try:

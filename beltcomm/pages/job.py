@@ -34,7 +34,7 @@ PARTS = (
     model.error_section,
     diagnosed.cost_section,
     axis.frequency,
-    axis.sliding,
+    axis.friction_section,
     loops.section,
     safety.section,
     safety.journal,

@@ -95,7 +95,7 @@ class SimulatedPlant:
         self.belt_force_n = self._advance(self._q, self._v, self._p, 0.0, 0.0, 0.0, 1)  # a step of no length only reads it
 
     def brake(self, torque_nm: float) -> None:
-        """See :class:`beltcomm.plant.BrakedPlant`: a closed brake is more Coulomb friction of the motor.
+        """Close or release the holding brake: a closed brake is more Coulomb friction of the motor.
 
         Raises
         ------

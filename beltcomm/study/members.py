@@ -66,7 +66,7 @@ class MemberTracking:
     population: Population
 
     def found(self, number: int, values: Values, folder: Path | None = None) -> dict[str, Any]:
-        """See :func:`beltcomm.study.tracking.track`."""
+        """Tracking of the member, by :func:`beltcomm.study.tracking.track`."""
         return track(self.ground, self._axis(values))
 
     def described(self, values: Values) -> Mapping[str, Any]:

@@ -68,29 +68,29 @@ class SlcanTerminal:
         self._forget, self.address = pair.forget, pair.path
 
     def fileno(self) -> int:
-        """See :class:`ByteLine`."""
+        """Descriptor to wait on."""
         return self._here
 
     def read(self) -> bytes | None:
-        """See :class:`ByteLine`."""
+        """Bytes that have come."""
         try:
             return os.read(self._here, _CHUNK)
         except BlockingIOError:
             return b""
 
     def write(self, data: bytes) -> int:
-        """See :class:`ByteLine`."""
+        """Send bytes."""
         try:
             return os.write(self._here, data)
         except BlockingIOError:
             return 0
 
     def forget(self) -> None:
-        """See :class:`ByteLine`."""
+        """Drop what has come unread."""
         self._forget()
 
     def close(self) -> None:
-        """See :class:`ByteLine`."""
+        """Close the line."""
         for end in (self._here, self._there):
             with contextlib.suppress(OSError):
                 os.close(end)
@@ -124,11 +124,11 @@ class LocalSocket:
         self.address = f"socket://127.0.0.1:{self._listening.getsockname()[1]}"
 
     def fileno(self) -> int:
-        """See :class:`ByteLine`."""
+        """Descriptor to wait on."""
         return (self._host or self._listening).fileno()
 
     def read(self) -> bytes | None:
-        """See :class:`ByteLine`."""
+        """Bytes that have come."""
         if self._host is None:
             with contextlib.suppress(BlockingIOError):
                 self._host, _ = self._listening.accept()
@@ -149,7 +149,7 @@ class LocalSocket:
         return data
 
     def write(self, data: bytes) -> int:
-        """See :class:`ByteLine`."""
+        """Send bytes."""
         if self._host is None:
             return len(data)
         try:
@@ -163,7 +163,7 @@ class LocalSocket:
         """Do nothing: what is on its way cannot be called back."""
 
     def close(self) -> None:
-        """See :class:`ByteLine`."""
+        """Close the line."""
         if self._host is not None:
             self._host.close()
         self._listening.close()

@@ -16,7 +16,7 @@ from beltcomm.foreign.framelines import LONGEST
 from beltcomm.foreign.framelog import FrameLog
 from beltcomm.foreign.guess import completed
 from beltcomm.foreign.signals import by_hand, table_of_signals
-from beltcomm.watching.moves import LEAD_S, Stretch
+from beltcomm.watching.moves import LEAD_S, StreamPart
 
 #: Frames of SDO transfers that stay: the first ones, for a set-up has some hundreds and a master that polls would push it out, and the
 #: last ones; and all others at most, minutes at 1 kHz.
@@ -50,7 +50,7 @@ class BusStream:
             setup = self._first if len(self._first) < SETUP_FIRST else self._setup
             (setup if 0x581 <= frame[1] <= 0x67F else self._others).append((self._count, frame))
 
-    def poll(self) -> list[Stretch]:
+    def poll(self) -> list[StreamPart]:
         """Rows of all frames that are kept, when some have come; [] when none have."""
         if not self._came:
             return []
@@ -72,10 +72,10 @@ class BusStream:
             if reading.signals:
                 table = table_of_signals(log, [by_hand(text) for text in reading.signals])
                 mapping, _ = completed(table, reading.mapping, self._axis, timed=True, ask=None)
-                found = [Stretch(convert(table, Reading(mapping=mapping, torque_acts=reading.torque_acts)).columns)]
+                found = [StreamPart(convert(table, Reading(mapping=mapping, torque_acts=reading.torque_acts)).columns)]
             else:
                 made = records_of(log, self._axis, reading.node, reading.torque_acts, reading.period_s)
-                found = [Stretch(record.table.columns, record.start_s) for record in made]
+                found = [StreamPart(record.table.columns, record.start_s) for record in made]
         except DataError as error:
             self.notes = (str(error),)
             return []

@@ -22,7 +22,7 @@ from beltcomm.foreign.guess import completed
 from beltcomm.foreign.kinds import kind_of_table
 from beltcomm.outside import opened, unreadable
 from beltcomm.watching.bus_stream import SETUP_FIRST, SETUP_LAST
-from beltcomm.watching.moves import LEAD_S, Stretch
+from beltcomm.watching.moves import LEAD_S, StreamPart
 
 #: Bytes that are taken at once, lines of the file's head that stay, and bytes of a window at most.
 PIECE, HEAD_LINES, LARGEST = 1 << 21, 8, 1 << 26
@@ -75,12 +75,12 @@ class GrowingLog:
         self.epoch_s: float | None = None
         self.notes: tuple[str, ...] = ()
 
-    def poll(self) -> list[Stretch]:
+    def poll(self) -> list[StreamPart]:
         """Rows of the window, when something has come; [] when nothing has.   Raises DataError when the file can no longer be read."""
         with _told(self.path):
             return self._poll()
 
-    def _poll(self) -> list[Stretch]:
+    def _poll(self) -> list[StreamPart]:
         if not self._lines:
             size = self.path.stat().st_size
             if size == self._size:
@@ -141,7 +141,7 @@ class GrowingLog:
         """Give the window back."""
         self._folder.cleanup()
 
-    def _stretches(self, path: Path) -> list[Stretch]:
+    def _stretches(self, path: Path) -> list[StreamPart]:
         try:
             parts = parts_of(path, self._reading, self._axis)
             mapping, _ = completed(parts[0].table, self._reading.mapping, self._axis, timed=self._reading.period_s is None, ask=None)
@@ -152,7 +152,7 @@ class GrowingLog:
         for part in parts:
             reading = replace(self._reading, mapping=mapping, torque_acts=None if part.number is not None else self._reading.torque_acts)
             try:
-                found.append(Stretch(convert(part.table, reading).columns, part.start_s))
+                found.append(StreamPart(convert(part.table, reading).columns, part.start_s))
             except DataError as error:
                 self.notes = (str(error).replace(str(path), str(self.path)),)
         return found

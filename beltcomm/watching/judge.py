@@ -211,7 +211,7 @@ class Judge:
 
 
 def _zero_of(recordings: Sequence[Recording], ratio: float | None) -> float | None:
-    """Where the carriage is at the drive's zero, m, in all records of a run alike; None where they differ."""
+    """Carriage position at the drive's zero, m, in all records of a run alike; None where they differ."""
     zeros = [
         r.sidecar.start_position_m - ratio * float(r.position[0]) for r in recordings if r.sidecar.start_position_m is not None and ratio
     ]

@@ -22,7 +22,7 @@ SHORTEST_S, LEAST_STEPS, LONGEST_S = 0.2, 100.0, 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class StreamPart:
     """Rows without a pause.
 
     Attributes
@@ -54,7 +54,7 @@ class Move:
     end_s: float
 
 
-def moves_in(stretch: Stretch, after_s: float, ended: bool) -> tuple[list[Move], float]:
+def moves_in(stretch: StreamPart, after_s: float, ended: bool) -> tuple[list[Move], float]:
     """The moves of a stretch that are over, and the time, s on the stream's clock, up to which it holds nothing else.
 
     Parameters

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltcomm.watching.moves import LEAD_S, LONGEST_S, SPAN_S, Move, Stretch, moves_in
+from beltcomm.watching.moves import LEAD_S, LONGEST_S, SPAN_S, Move, StreamPart, moves_in
 
 Array = NDArray[np.float64]
 PERIOD_S = 1e-3
@@ -28,7 +28,7 @@ def rows(*ways_rad: float, rest_s: float = 0.4, counts: int = 65536, seed: int =
 
 
 def found(columns: dict[str, Array], after_s: float = -math.inf, ended: bool = False, start_s: float = 0.0) -> list[Move]:
-    return moves_in(Stretch(columns, start_s), after_s, ended)[0]
+    return moves_in(StreamPart(columns, start_s), after_s, ended)[0]
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -1,4 +1,4 @@
-"""Who answers: identity and profile, NMT state, and how fast questions are answered."""
+"""Checks of the node that answers: identity and profile, NMT state, and how fast questions are answered."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the axis stands, as far as the drive knows it: zero, position, end switches, software limits."""
+"""Checks of the place of the axis, as far as the drive knows it: zero, position, end switches, software limits."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ LABELS = ("position in mm", "reference - motor\nin mm", "reference - carriage\ni
 
 
 def _drawn(run: SimulatedMove) -> tuple[Array, ...]:
-    """What the panels show of a move."""
+    """Panels of a move."""
     off = 1e3 * (run.reference_m - run.cart_m)
     return 1e3 * run.position_m, 1e3 * run.error_m, off, run.speed_m_s, run.drive_torque_nm
 

@@ -51,7 +51,7 @@ def figures(study: IdentificationStudy, caption: Caption) -> Mapping[str, Figure
 
 
 def _current_loop(study: IdentificationStudy, caption: Caption) -> Figure:
-    """What the current loop does to the direct estimate: nothing to its size, a dead time to its phase."""
+    """Effect of the current loop on the direct estimate: nothing to its size, a dead time to its phase."""
     with styled():
         made = figure("Influence of the current loop on the direct estimate (figure 3.5)", 4.6, caption)
         top, below = made.subplots(2, 1, sharex=True)
