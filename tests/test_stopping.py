@@ -112,18 +112,6 @@ def test_the_hardest_stop_that_the_belt_bears(rig: str) -> None:
     assert -predict_stop(model, LOOPS[rig], -speed, braking.deceleration_m_s2, **DRIVE).way_m == pytest.approx(-stop.way_m, rel=1e-3)
 
 
-def test_a_loop_that_swings_beyond_its_reference_loads_the_belt_more_in_a_stop() -> None:
-    """A weak loop, 21 deg of margin, without feedforward: a stop out of a gentle ramp or a led reference is counted with."""
-    model, loop = true_model(nominal("g_a")), Cascade(0.0128, 0.277, 3.34, 0.008)
-    steady = predict_stop(model, loop, 0.5, 4.66, **DRIVE).belt_force_n
-    for reference, acceleration in (("plain", 2.5), ("led", 4.4)):
-        out_of = predict_stop(model, loop, 0.5, 4.66, acceleration_m_s2=acceleration, reference=reference, **DRIVE)
-        assert out_of.belt_force_n > 1.2 * steady
-    told = [braked_by_loop([model], loop, AXIS, 1.3, reaction_s=0.005, sent_along=along, **DRIVE) for along in (True, False)]
-    assert told[1][0].deceleration_m_s2 < 0.95 * told[0][0].deceleration_m_s2
-    assert told[1][1].belt_force_n <= 100.0
-
-
 @pytest.mark.parametrize(
     ("own_rad_s2", "counted", "said"), [(500.0, 5.0, ""), (300.0, 3.0, "its own way"), (900.0, 5.0, "load the belt more")]
 )

@@ -199,7 +199,7 @@ def lend_settings(
             ahead_rad = motion.ahead_rad if motion is not None else 0.0
             lag = min(math.ceil((limits.lag_rad + ahead_rad) / abs(scaling.position_rad)), _INT32)
             limit(objects, lending, 0x6065, 0, "uint32", lag, lambda raw: raw * abs(scaling.position_rad), "rad")
-            # A dead host's setpoint stands still: the position loop would brake as steeply as its gain asks for until the guard time is over.
+            # A dead host's setpoint stands still: the position loop would brake as its gain asks for until the guard time is over.
             lending.set_if_there(0x6066, 0, "uint16", math.ceil(1e3 * max(_FOLLOWING_ERROR_S, _FOLLOWING_ERROR_PERIODS * period_s)))
 
 

@@ -36,7 +36,7 @@ from beltcomm.rundata import analyse
 from beltcomm.rundata.first_motions import Breakaway
 from beltcomm.schedule.sequences import HARDLY, calmer_choice, excitation_travel_m, held_choice
 from beltcomm.schedule.strokes import SWEEP_LONGEST_S, SWEEP_SHORTEST_S, fastest_stroke_m_s, sweep_strokes
-from beltcomm.simulate.stopping import GENTLE_SHARE, total_friction
+from beltcomm.simulate.stopping import total_friction
 from beltcomm.trajectory import Strokes, Trajectory, plan_trajectory, with_dwell
 
 M = TypeVar("M", Trajectory, Strokes)
@@ -339,7 +339,7 @@ def untuned_envelope(machine: Machine) -> Envelope:
 def gentle_limits(machine: Machine, model: Model, speed_m_s: float) -> TrajectoryLimits:
     """Speed, acceleration and jerk that load the belt with a third of its force at most."""
     limits, top = machine.axis.limits, min(SPEED_SHARE * machine.envelope().speed_m_s, own_strokes.LAG_M * own_strokes.kpp_1_s(machine))
-    acceleration = min(limits.acceleration_m_s2 or np.inf, GENTLE_SHARE * machine.belt_left_n / model["cart.mass"])
+    acceleration = min(limits.acceleration_m_s2 or np.inf, machine.belt_left_n / 3.0 / model["cart.mass"])
     return TrajectoryLimits(jerk_m_s3=20.0 * acceleration, acceleration_m_s2=acceleration, speed_m_s=min(speed_m_s, top))
 
 

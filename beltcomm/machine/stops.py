@@ -91,7 +91,6 @@ def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, d
         When even the softest one loads the belt so much that a motion would be stopped for it.
     """
     capabilities, envelope = machine.drive.capabilities, machine.envelope()
-    sent_along = cascade.feedforward.inertia_kg_m2 > 0.0
     if machine.sends_feedforward and machine.cascade is not None:
         cascade = machine.cascade  # a quick stop has what stands in the drive
     low, high = envelope.window_m
@@ -112,7 +111,6 @@ def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, d
         delay_s=delay_s,
         torque_limit_nm=envelope.torque_nm,
         counts_per_rev=capabilities.counts_per_rev,
-        sent_along=sent_along,
     )
     if stop.belt_force_n > BELT_BEYOND * left_n:
         raise Refused(

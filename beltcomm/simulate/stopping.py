@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.model import Model
-from beltcomm.simulate.loop import LoopDrive, LoopRun, close_loop
+from beltcomm.simulate.loop import LoopDrive, close_loop
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 
 #: Force of a suddenly pulled undamped spring over that of a rigid one.
@@ -42,16 +42,10 @@ REACTION_PERIODS = 5
 SETTLE_S, RISE_S, REST_S = 0.15, 0.1, 0.4
 #: Largest acceleration over the deceleration of a stop: an undamped belt then bears F_a + 2 F_d with half of its force for either.
 ACCELERATED_OVER_BRAKED = 2.0
-#: s after a plain ramp of the reference in which a loop swings furthest beyond it; and share of the belt's force that accelerates such a
-#: ramp at most.
-BEYOND_S, GENTLE_SHARE = 0.4, 1.0 / 3.0
 #: Parts of the speed from which a stop is simulated.
 SPEED_PARTS = (0.03, 0.1, 0.3, 1.0)
 #: Shares of the rigid deceleration that are tried, largest first.
 SHARES = tuple(float(share) for share in np.geomspace(1.0, 0.2, 25))
-
-
-Reference = Literal["with torque", "led", "plain"]
 
 
 class Deceleration(NamedTuple):
@@ -280,75 +274,38 @@ def predict_stop(
     delay_s: float,
     torque_limit_nm: float,
     counts_per_rev: int,
-    reference: Reference = "with torque",
 ) -> Stop:
     """A quick stop by the drive's own velocity loop, on the model.
 
-    The ramp begins at the measured speed, or at the one asked for where that is less, and has no feedforward of its acceleration.
+    The ramp begins at the measured speed and has no feedforward of its acceleration.
 
     Parameters
     ----------
     acceleration_m_s2 : float
         Out of which it comes.  The axis has reached it with a jerk of a/``RISE_S`` from constant speed, or what such a jerk makes of it
-        from rest.
+        from rest; the torque for it, J a/i_t, ends with the stop.
     position_m : float
         Where the carriage sets out.
     delay_s : float
         Torque setpoint to acting torque.
-    reference : {"with torque", "led", "plain"}
-        What brought the axis there.  A feedforward, of the drive or the host: its torque J a/i_t ends with the stop.  A reference that
-        leads the axis by e with  K_P e + K_I ∫e dt = J a/i_t : the stop ends the lead, and the integral part goes on.  A plain ramp of the
-        reference with a: the loop swings beyond it, and the stop comes when it is furthest beyond.
     """
-    ratio, way, top = model["transmission.ratio"], math.copysign(1.0, speed_m_s), abs(speed_m_s)
+    ratio, way = model["transmission.ratio"], math.copysign(1.0, speed_m_s)
+    jerk, top = acceleration_m_s2 / RISE_S, abs(speed_m_s)
+    rise_s = min(RISE_S, math.sqrt(2.0 * top / jerk)) if jerk > 0.0 else 0.0
+    rise = period_s * np.arange(round(rise_s / period_s), 0, -1)
+    before = np.append(np.full(round(SETTLE_S / period_s), top - jerk * rise_s**2 / 2.0), top - jerk * rise * (rise_s - rise / 2.0))
+    steps = math.ceil(top / (deceleration_m_s2 * period_s)) + round(REST_S / period_s)
+    ramp = np.maximum(top - deceleration_m_s2 * period_s * np.arange(1, steps + 1), 0.0)
+    speeds, asked = way / ratio * np.append(before, ramp), len(before)
+    none = np.zeros(len(speeds))
+    along = none.copy()
+    along[asked - len(rise) : asked] = way / ratio * total_inertia(model) * jerk * (rise_s - rise)
+    plant = SimulatedPlant(model, position_m, substeps_needed(model, position_m), speed_m_s=ratio * float(speeds[0]))
     loop = LoopDrive(period_s, delay_s, torque_limit_nm, counts_per_rev)
-
-    def run_of(speeds_m_s: Array, along_nm: Array) -> LoopRun:
-        plant = SimulatedPlant(model, position_m, substeps_needed(model, position_m), speed_m_s=way * float(speeds_m_s[0]))
-        speeds, none = way / ratio * speeds_m_s, np.zeros(len(speeds_m_s))
-        start = float(speeds[0])
-        return close_loop(plant, cascade, loop, "velocity", none, speeds, way * along_nm, acceleration_rad_s2=none, speed_rad_s=start)
-
-    if reference == "plain":
-        before = np.minimum(acceleration_m_s2 * period_s * np.arange(round((top / acceleration_m_s2 + BEYOND_S) / period_s)), top)
-        beyond = way * np.gradient(run_of(before, np.zeros(len(before))).cart_m, period_s) - before
-        before = before[: int(np.argmax(beyond)) + 1]
-        along = np.zeros(len(before))
-    else:
-        before, torque = _accelerated(top, acceleration_m_s2, period_s)
-        along = total_inertia(model) / ratio * torque
-        if reference == "led":
-            before, along = before + ratio * _lead(along, cascade, period_s), np.zeros(len(before))
-    steps, asked = math.ceil(top / (deceleration_m_s2 * period_s)) + round(REST_S / period_s), len(before)
-    ramp = np.maximum(min(top, before[-1]) - deceleration_m_s2 * period_s * np.arange(1, steps + 1), 0.0)
-    run = run_of(np.append(before, ramp), np.append(along, np.zeros(steps)))
+    run = close_loop(plant, cascade, loop, "velocity", none, speeds, along, acceleration_rad_s2=none, speed_rad_s=float(speeds[0]))
     ways = way * (run.cart_m[asked:] - run.cart_m[asked])
     fastest = asked + int(np.argmax(np.diff(ways, prepend=0.0)))
     return Stop(float(ways.max()), float(run.belt_force_n[fastest:].max()))
-
-
-def _accelerated(top_m_s: float, acceleration_m_s2: float, period_s: float) -> tuple[Array, Array]:
-    """Speed that reaches its top out of an acceleration, m/s, and that acceleration, m/s², sample by sample."""
-    jerk = acceleration_m_s2 / RISE_S
-    rise_s = min(RISE_S, math.sqrt(2.0 * top_m_s / jerk)) if jerk > 0.0 else 0.0
-    left = period_s * np.arange(round(rise_s / period_s), 0, -1)
-    settled = np.full(round(SETTLE_S / period_s), top_m_s - jerk * rise_s**2 / 2.0)
-    speeds = np.append(settled, top_m_s - jerk * left * (rise_s - left / 2.0))
-    return speeds, np.append(np.zeros(len(settled)), jerk * (rise_s - left))
-
-
-def _lead(torque_nm: Array, cascade: Cascade, period_s: float) -> Array:
-    """Speed errors, rad/s, of which a PI controller makes a torque; nothing from where the torque has ended.
-
-    Parameters
-    ----------
-    torque_nm : ndarray (n,)
-    """
-    lead, summed = np.zeros(len(torque_nm)), 0.0
-    for k in np.flatnonzero(torque_nm):
-        lead[k] = (torque_nm[k] - cascade.ki_nm_rad * period_s * summed) / cascade.kp_nm_s_rad
-        summed += lead[k]
-    return lead
 
 
 def braked_by_loop(
@@ -363,7 +320,6 @@ def braked_by_loop(
     delay_s: float,
     torque_limit_nm: float,
     counts_per_rev: int,
-    sent_along: bool = True,
 ) -> tuple[Braking, Stop]:
     """The hardest quick stop of a loop that loads the belt of no model in the family beyond the axis' feed force, and its way.
 
@@ -378,13 +334,11 @@ def braked_by_loop(
         at its beginning, and along a long ramp a loop has time to catch up.
     reaction_s : float
         Until the stop is asked for.
-    sent_along : bool
-        A feedforward makes the torque of an acceleration; else the loop does, of a led reference or of a plain one that is gentle.
     """
     limit = axis.limits.feed_force_n or math.inf
     allowed = [rigid_deceleration(axis, model["cart.mass"], torque_limit_nm).value_m_s2 for model in family]
 
-    def simulated(model: Model, speed: float, acceleration: float, reference: Reference = "with torque") -> Stop:
+    def simulated(model: Model, speed: float, acceleration: float) -> Stop:
         return predict_stop(
             model,
             cascade,
@@ -396,16 +350,12 @@ def braked_by_loop(
             delay_s=delay_s,
             torque_limit_nm=torque_limit_nm,
             counts_per_rev=counts_per_rev,
-            reference=reference,
         )
 
     def worst(speed: float) -> Stop:
-        ways = [simulated(model, speed, 0.0) for model in family]
-        if not sent_along:
-            ways += [simulated(model, speed, GENTLE_SHARE * most, "plain") for model, most in zip(family, allowed, strict=True)]
-        driven: Reference = "with torque" if sent_along else "led"
-        out_of = [simulated(model, speed, min(most, accelerated), driven) for model, most in zip(family, allowed, strict=True)]
-        return Stop(max(stop.way_m for stop in ways), max(stop.belt_force_n for stop in (*ways, *out_of)))
+        steady = [simulated(model, speed, 0.0) for model in family]
+        out_of = [simulated(model, speed, min(most, accelerated)) for model, most in zip(family, allowed, strict=True)]
+        return Stop(max(stop.way_m for stop in steady), max(stop.belt_force_n for stop in (*steady, *out_of)))
 
     speeds = [part * speed_m_s for part in SPEED_PARTS]
     for share in SHARES:

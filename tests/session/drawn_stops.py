@@ -7,25 +7,21 @@ of the torque, and how far what is known of them is off: plan and machine share 
 from __future__ import annotations
 
 import contextlib
-import re
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from beltcomm import api
-from beltcomm.axis import Axis, load_axis, save_axis
+from beltcomm.axis import Axis, load_axis
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.drive import Limits, Motion, Row, open_drive
 from beltcomm.drive.parameters import cascade_to_parameters
-from beltcomm.errors import BeltcommError
 from beltcomm.model import Model
 from beltcomm.rundata import analyse
 from beltcomm.simulate.stopping import REACTION_PERIODS, braked_by_loop
 from beltcomm.trajectory import plan_trajectory
 from identify.records import true_model
-from session.bench import Bench, Listener, LoggedPlant
+from session.bench import LoggedPlant
 from truth.rigs import Rig
 
 AXIS = load_axis("egc-70-600")
@@ -129,50 +125,3 @@ def out_of_acceleration(seed: int) -> tuple[Drawn, float, float]:
     places, force = plant.cart_m(0, len(plant.torque_nm)), np.abs(plant.belt_force_n)
     braking_tick = rows[-1] + int(np.argmax(np.diff(places[rows[-1] :])))
     return case, float(force[braking_tick:].max()), told.belt_force_n
-
-
-def out_of_an_excitation(seed: int, folder: Path) -> tuple[Drawn, float, float, float, float] | None:
-    """Ctrl-C while an excitation loads the belt with at least a drawn share of what was planned for it, as it does at the resonance.
-
-    Returns force before and after it and the planned force of the excitation, N, and the way, m; None where the axis is refused before.
-    """
-    draw = np.random.default_rng(seed)
-    case = drawn(draw)
-    share, wait, far = float(draw.uniform(0.5, 0.95)), int(draw.integers(0, 30)), bool(draw.random() < 0.7)
-    bench = Bench(plant=case.rig.plant(), seed=seed, sample_period=case.period_s, **case.options)
-    file, run, talk = folder / "axis.yaml", folder / "run", Listener()
-    save_axis(case.axis, file)
-    counted = [wait]
-
-    def due(_frame: Any) -> bool:
-        planned = _planned(talk) if abs(bench.plant.plant.belt_force_n) > 10.0 else 0.0
-        names = ("frf_1",) if far else ("frf_1", "amplitude_1", "amplitude_2", "amplitude_3")
-        if not planned or (abs(bench.plant.plant.belt_force_n) < share * planned and counted[0] == wait):
-            return False
-        if not any((run / "recordings" / f"{name}.csv.part").exists() for name in names):
-            return False
-        counted[0] -= 1
-        return counted[0] < 0
-
-    bench.interrupt_when(due)
-    before = api.open_drive
-    api.open_drive = bench.open
-    try:
-        api.identify(bench.name, file, run, options=api.Options(yes=True, position_m=bench.start_m, seed=1), talk=talk)
-    except (KeyboardInterrupt, BeltcommError):
-        pass
-    finally:
-        api.open_drive = before
-    if not bench.signals:
-        return None
-    bench.run_on(1.0)
-    force, places, tick = np.abs(bench.plant.belt_force_n), bench.plant.cart_m(0, len(bench.plant.torque_nm)), bench.signal_tick
-    bench.close()
-    way = float(np.abs(places[tick:] - places[tick]).max())
-    return case, float(force[:tick].max()), float(force[tick:].max()), _planned(talk), way
-
-
-def _planned(talk: Listener) -> float:
-    """N in the belt that were told for the excitation that is going on."""
-    told = re.findall(r"excitation ±.*?, (\d+) N in the belt", "\n".join(talk.said[-40:]))
-    return float(told[-1]) if told else 0.0
