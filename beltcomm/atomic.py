@@ -23,7 +23,8 @@ _DRAFT = re.compile(r"\.beltcomm-(\d+)-[0-9a-f]{8}\.tmp")
 def replacing(path: Path) -> Iterator[BinaryIO]:
     """A file to write into, which becomes ``path`` when the block has ended and its bytes are on the disk.   Raises OSError.
 
-    What is no file, as a pipe or a terminal, is written into directly; a pipe that nobody reads is none.
+    What a killed process left beside it of a file on its way is taken away.  What is no file, as a pipe or a terminal, is written into
+    directly; a pipe that nobody reads is none.
     """
     if path.exists() and not path.is_file():
         with os.fdopen(_unwaited(path, os.O_WRONLY), "wb") as stream:
@@ -40,6 +41,7 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
         with contextlib.suppress(OSError):  # a read-only file system refuses even to delete what is not there
             draft.unlink()
         raise
+    _take_away_drafts(path.parent)
     sync(path.parent)
 
 
@@ -84,10 +86,14 @@ def is_draft(name: str) -> bool:
 def sweep(folder: Path) -> None:
     """Take away what killed processes have left of files on their way, in a folder and the ones inside it."""
     for place in (folder, *_folders(folder)):
-        for name in _names(place):
-            if (found := _DRAFT.fullmatch(name)) and not is_alive(int(found[1])):
-                with contextlib.suppress(OSError):
-                    (place / name).unlink()
+        _take_away_drafts(place)
+
+
+def _take_away_drafts(place: Path) -> None:
+    for name in _names(place):
+        if (found := _DRAFT.fullmatch(name)) and not is_alive(int(found[1])):
+            with contextlib.suppress(OSError):
+                (place / name).unlink()
 
 
 def _names(folder: Path) -> list[str]:

@@ -45,6 +45,15 @@ def test_a_process_killed_at_any_moment_leaves_the_file_as_it_was_or_whole(tmp_p
     assert set(os.listdir(tmp_path)) <= {"file"}
 
 
+def test_writing_anew_takes_away_what_a_killed_process_left(tmp_path: Path) -> None:
+    with subprocess.Popen([sys.executable, "-c", ""]) as dead:
+        dead.wait()
+    (tmp_path / f".beltcomm-{dead.pid}-00000000.tmp").write_bytes(b"half")
+    (mine := tmp_path / f".beltcomm-{os.getpid()}-00000000.tmp").write_bytes(b"on its way")
+    atomic.write(tmp_path / "file", b"whole")
+    assert set(os.listdir(tmp_path)) == {"file", mine.name}
+
+
 @pytest.mark.parametrize("room", [0, 1, 100, 4096, 9999])
 def test_without_room_the_file_before_stays(tmp_path: Path, room: int) -> None:
     place = tmp_path / "file"
