@@ -8,6 +8,7 @@ import resource
 import subprocess
 import sys
 import sysconfig
+import tomllib
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -156,3 +157,13 @@ def test_kernels_compile_where_nothing_can_be_kept(site: Path, tmp_path: Path) -
     """One composed from effects, one written in the package, one in lanes."""
     assert run(site, tmp_path, "-c", RUN_KERNELS, home_is_writable=False) == "read-only\nread-only\nTrue 0.5 3.0\n"
     assert [path.name for path in tmp_path.rglob("*")] == ["home"]
+
+
+def test_the_container_is_made_of_what_the_package_needs() -> None:
+    """What its file copies is there, and holds whatever the wheel is built from."""
+    lines = (CHECKOUT / "Containerfile").read_text(encoding="utf-8").splitlines()
+    copied = [word for line in lines if line.startswith("COPY ") for word in line.split()[1:-1]]
+    assert all((CHECKOUT / name).exists() for name in copied)
+    settings = tomllib.loads((CHECKOUT / "pyproject.toml").read_text(encoding="utf-8"))
+    forced = settings["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
+    assert {*forced, settings["project"]["readme"], "beltcomm", "adapters", "LICENSE"} <= set(copied)

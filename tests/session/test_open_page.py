@@ -143,3 +143,29 @@ def test_a_payload_takes_part(browser: Browser) -> None:
     assert browser.at("loaded").is_selected()
     assert not browser.at("refusal").is_displayed()
     assert "18.4" in browser.text("binding") or "13.4" in browser.text("binding")
+
+
+def test_a_second_page_on_the_run_has_settings_of_its_own(browser: Browser) -> None:
+    browser.settled()
+    mine = browser.value("box-suppression_db")
+    first = browser.driver.current_window_handle
+    browser.driver.switch_to.new_window("tab")
+    try:
+        browser.driver.get(browser.address)
+        browser.tab("design")
+        browser.settled()
+        browser.type("box-suppression_db", mine + 1.0)
+        browser.settled()
+        assert browser.complaints() == []
+    finally:
+        browser.driver.close()
+        browser.driver.switch_to.window(first)
+    assert browser.value("box-suppression_db") == mine
+
+
+def test_without_scripts_the_page_says_what_to_type(browser: Browser) -> None:
+    browser.driver.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
+    browser.driver.get(browser.address)
+    page = browser.driver.execute_cdp_cmd("DOMSnapshot.captureSnapshot", {"computedStyles": ["display"]})
+    drawn = {page["strings"][text] for text in page["documents"][0]["layout"]["text"] if text >= 0}
+    assert "beltcomm compare RUN" in drawn
