@@ -36,7 +36,7 @@ INSTEAD: Final = {
     0x6080: "the host stops the axis when a row shows too much speed; the drive itself allows what it is set to",
     0x607D: "the host alone stops the axis at the end of its window",
     0x6065: "the host alone stops the axis when it lags behind its reference",
-    0x6066: "the drive lets a following error last as long as it is set to; a dead host's axis brakes as hard as the position loop asks for so long",
+    0x6066: "the drive lets a following error last as long as it is set to, in which a dead host's axis brakes harder",
     0x6087: "a step of torque rises no faster than it is set to, which the identification sees as a lag",
     0x6007: "what the axis does when its host is gone is tried before any torque",
     0x1029: "what the node does when its host is gone is tried before any torque",
