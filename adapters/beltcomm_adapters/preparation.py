@@ -200,7 +200,9 @@ def lend_settings(
             lag = min(math.ceil((limits.lag_rad + ahead_rad) / abs(scaling.position_rad)), _INT32)
             limit(objects, lending, 0x6065, 0, "uint32", lag, lambda raw: raw * abs(scaling.position_rad), "rad")
             # A dead host's setpoint stands still: the position loop would brake as its gain asks for until the guard time is over.
-            lending.set_if_there(0x6066, 0, "uint16", math.ceil(1e3 * max(_FOLLOWING_ERROR_S, _FOLLOWING_ERROR_PERIODS * period_s)))
+            lasting_ms = math.ceil(1e3 * max(_FOLLOWING_ERROR_S, _FOLLOWING_ERROR_PERIODS * period_s))
+            if (objects.read_if_there(0x6066, 0, "uint16") or 0) > lasting_ms:
+                lending.set_if_there(0x6066, 0, "uint16", lasting_ms)
 
 
 def lend_quick_stop(objects: Objects, lending: Lending, scaling: Scaling, limits: Limits) -> bool:
