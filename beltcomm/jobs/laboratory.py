@@ -226,14 +226,14 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         [
             *text,
             *words.climb_lines(
-                added, found.added_effects, found.final_fit.held_ratio is not None, run, open_effects(found.final_fit, found.base)
+                added, found.added_effects, found.final_fit.held_ratio is not None, run, undetermined_in(found.final_fit, found.base)
             ),
             f"Next: beltcomm {'design' if folder.axis.has_transmission else 'report'} {pasted(run)}",
         ],
     )
 
 
-def open_effects(fitted: Fitted, base: Fitted) -> list[str]:
+def undetermined_in(fitted: Fitted, base: Fitted) -> list[str]:
     """Added effects of which no number is known."""
     return undetermined_effects(with_intervals(fitted), base.model)
 
@@ -295,7 +295,7 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
         # Forms belong to what was named before them, as with ``add``.
         parts += [step, *takewhile(lambda other: not other.added, found.steps[number + 1 :])]
         after = parts[-1].after
-        if is_confirmed(seen, before, after, found.data) and not open_effects(after, found.base):
+        if is_confirmed(seen, before, after, found.data) and not undetermined_in(after, found.base):
             change = change_of([name for s in parts for name in (s.added, *s.forms) if name], [name for s in parts for name in s.removed])
             if not made and not current_revision(folder):
                 made.append(base_revision(folder, *found.published_base, command, when))

@@ -111,7 +111,7 @@ def curves(axis: Axis, model: Model, plant: DesignPlant) -> dict[str, tuple[str,
 
 
 def _of_records(records: Sequence[Recording], resonance_hz: float) -> tuple[list[str], list[dict[str, Any]]]:
-    """What averaging gains (3.4), how poor a response is far above the resonance (figure 3.7), and the lines that a fit takes (3.32)."""
+    """Gain of averaging (3.4), error of a response far above the resonance (figure 3.7), and the lines that a fit takes (3.32)."""
     text, rows = list[str](), list[dict[str, Any]]()
     for recording in records:
         note = recording.sidecar.excitation

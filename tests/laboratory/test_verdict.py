@@ -155,7 +155,7 @@ def test_nothing_is_superfluous_whose_loss_leaves_much_more(
 
 def test_every_form_that_followed_an_effect_is_saved_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
-    monkeypatch.setattr(laboratory, "open_effects", lambda *_: [])
+    monkeypatch.setattr(laboratory, "undetermined_in", lambda *_: [])
     monkeypatch.setattr(laboratory, "is_confirmed", lambda *_: True)
     monkeypatch.setattr(laboratory, "revision_of", lambda _folder, new, old, change, *_: (old[1], new[1], change))
     step: Any = Stage  # names stand for models
@@ -190,7 +190,7 @@ def test_only_what_held_out_records_confirm_is_added_by_itself(
         for name, h in zip(("base", "once", "twice"), (*held, held[1]), strict=True)
     )
     monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
-    monkeypatch.setattr(laboratory, "open_effects", lambda *_: [])
+    monkeypatch.setattr(laboratory, "undetermined_in", lambda *_: [])
     monkeypatch.setattr(
         laboratory,
         "revision_of",
@@ -205,7 +205,7 @@ def test_only_what_held_out_records_confirm_is_added_by_itself(
     assert len(made) == added
     text = "\n".join(climb_lines(made, ["cogging", "warmup"], held[1] is not None, Path("RUN")))
     assert all(part in text for part in said), text
-    monkeypatch.setattr(laboratory, "open_effects", lambda *_: ["cogging"])
+    monkeypatch.setattr(laboratory, "undetermined_in", lambda *_: ["cogging"])
     assert laboratory.climb(folder, found, True, "", "") == [], "an effect of which no number is known is a suggestion"
     assert "`beltcomm add cogging RUN`" in "\n".join(climb_lines([], ["cogging"], True, Path("RUN"), ["cogging"]))
 
@@ -215,7 +215,7 @@ def test_two_effects_that_only_both_together_are_confirmed_become_one_revision(m
         SimpleNamespace(held_ratio=ratio, held_level=objective) for ratio, objective in ((3.0, 9.0), (3.1, 9.5), (1.0, 2.0))
     )
     monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
-    monkeypatch.setattr(laboratory, "open_effects", lambda *_: [])
+    monkeypatch.setattr(laboratory, "undetermined_in", lambda *_: [])
     monkeypatch.setattr(laboratory, "revision_of", lambda _folder, new, old, change, *_: (old[1], new[1], change))
     step: Any = Stage
     steps = [step(base, (), "end_pulley", (), once), step(once, (), "warmup", (), twice), step(twice, (), "", (), twice)]
