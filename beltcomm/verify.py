@@ -111,6 +111,12 @@ class Loop:
     torque_limit_nm: float
     counts_per_rev: int
 
+    @property
+    def simulated(self) -> LoopDrive:
+        """The drive as a simulation has it."""
+        own = self.structure
+        return LoopDrive(own.period_s, self.delay_s, self.torque_limit_nm, self.counts_per_rev, own.dead_zone_rad, own.output_limit_rad_s)
+
 
 @dataclass(frozen=True)
 class PredictedMove:
@@ -189,18 +195,10 @@ def predict_move(
     start_m = float(trajectory.position_m[0])
     plant = plant or SimulatedPlant(model, start_m, substeps_needed(model, start_m), belt_stretch_m=belt_stretch_m)
     plant.time_s = time_s
-    loop = LoopDrive(
-        structure.period_s,
-        drive.delay_s,
-        drive.torque_limit_nm,
-        drive.counts_per_rev,
-        structure.dead_zone_rad,
-        structure.output_limit_rad_s,
-    )
     sent = SetpointGrid(trajectory.sample_period_s, structure.period_s, len(trajectory.t_s))
     reference, speed = sent.on_loop(trajectory.position_m / ratio), sent.on_loop(trajectory.velocity_m_s / ratio)
     added = np.zeros(len(reference)) if extra_torque_nm is None else sent.held(extra_torque_nm)
-    run = close_loop(plant, cascade, loop, "position", reference, speed, added)
+    run = close_loop(plant, cascade, drive.simulated, "position", reference, speed, added)
     step = 2.0 * math.pi / drive.counts_per_rev
     error = reference - (reference[0] + np.floor(run.position_rad / step + 0.5) * step)
     fastest = cascade.kpp_1_s * max(float(np.abs(error).max()) - structure.dead_zone_rad, 0.0)

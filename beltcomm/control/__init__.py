@@ -11,8 +11,8 @@ Discrete form, sampling period T, z = exp(jωT):
 - prefilter on the velocity error, and the additional low-pass behind it: bilinear transform (Tustin), prewarped at centre or cutoff;
 - PI: K_P + K_I T/(z − 1), the forward-Euler integrator (6.25).
 
-The compiled step (``cascade_step``, ``forget_acceleration``, ``velocity_step``, ``new_state``, ``reset_state``) stands in
-:mod:`beltcomm.control.cascade_kernel` and is loaded on first use, because numba takes longer to import than ``--help`` may last.
+The compiled step (``cascade_step``, ``forget_acceleration``, ``measured_speed``, ``velocity_step``, ``new_state``, ``reset_state``)
+stands in :mod:`beltcomm.control.cascade_kernel` and is loaded on first use, because numba takes longer to import than ``--help`` may last.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from beltcomm.arrays import Array, ComplexArray
 from beltcomm.errors import UsageError
 
 if TYPE_CHECKING:
-    from beltcomm.control.cascade_kernel import cascade_step, forget_acceleration, new_state, reset_state, velocity_step
+    from beltcomm.control.cascade_kernel import cascade_step, forget_acceleration, measured_speed, new_state, reset_state, velocity_step
 
 
 __all__ = [
@@ -39,6 +39,7 @@ __all__ = [
     "discrete_coefficients",
     "feedforward_torque",
     "forget_acceleration",
+    "measured_speed",
     "new_state",
     "pi_response",
     "prefilter_coefficients",
@@ -49,7 +50,7 @@ __all__ = [
     "velocity_step",
 ]
 
-_COMPILED = frozenset({"cascade_step", "forget_acceleration", "velocity_step", "new_state", "reset_state"})
+_COMPILED = frozenset({"cascade_step", "forget_acceleration", "measured_speed", "velocity_step", "new_state", "reset_state"})
 
 
 PrefilterKind = Literal["none", "notch", "butterworth"]

@@ -35,6 +35,11 @@ def reset_state(state: Array, position_rad: float, velocity_rad_s: float = 0.0) 
     state[_VELOCITY] = state[_REFERENCE] = state[_FILTERED_REFERENCE] = velocity_rad_s
 
 
+def measured_speed(state: Array) -> float:
+    """Speed of the motor as the loop has it, rad/s, behind its filter."""
+    return float(state[_VELOCITY])
+
+
 @compiled
 def forget_acceleration(state: Array) -> None:
     """Let a reference whose acceleration is not fed forward begin: what it was before is no change of it."""

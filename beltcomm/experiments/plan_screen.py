@@ -136,6 +136,8 @@ def _stops(plan: Plan) -> list[Line]:
                 ),
             )
         )
+    if plan.lost_n is not None and math.isfinite(plan.lost_n):
+        rows.append(Line("  ", tr("bus or PC lost in a move: up to {force:.0f} N for milliseconds, until it stands", force=plan.lost_n)))
     return [*rows, Line("  ", plan.written())]
 
 

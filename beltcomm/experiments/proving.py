@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -15,6 +16,7 @@ from beltcomm.design.compliant import Leading, lead_motion, torque_along
 from beltcomm.design.led_reference import LedReference, led_reference
 from beltcomm.errors import Refused
 from beltcomm.experiments import phases
+from beltcomm.experiments.lost_host import BELT_BEYOND_LOST, allowed_lag_m, limit_n, lost_in
 from beltcomm.experiments.verification import StandardMove, belt_force_limit_n, in_drive, predict_led, refuse_broken
 from beltcomm.identify.led_gains import gain_factors
 from beltcomm.machine.machine import Machine
@@ -25,6 +27,7 @@ from beltcomm.rundata import calibration, led_gains
 from beltcomm.rundata.led_gains import as_in_drive
 from beltcomm.rundata.proof import LEARNT, move_name, proof
 from beltcomm.simulate.setpoints import SetpointGrid
+from beltcomm.simulate.stopping import Stop
 from beltcomm.trajectory import Trajectory, with_dwell
 from beltcomm.verify import (
     REST_S,
@@ -41,10 +44,6 @@ from beltcomm.verify import (
 
 #: s: the range of a longer move is not predicted, it would take too long.
 LONGEST_RANGED_S = 15.0
-#: An axis this many times further off its reference than predicted, and by so many m more, is not the one predicted: it is stopped, in
-#: the drive and on the host.
-SURPRISE = 3.0
-LAG_SLACK_M = 2e-3
 #: The first move with a led reference shows what the gains in the drive are: at this share of its speed, and by so much of the lead may the
 #: axis be off, which gains that are known to some percent allow, or by what their calibration is not sure of.
 LEARNING_SHARE, LEARNING_SLACK = 0.25, 0.1
@@ -157,9 +156,11 @@ def verify_move(
     _check_lead(machine, sent, path)
     _check_along(machine, sent)
     _check_belt(machine, model, path, trajectory)
-    lag = SURPRISE * float(np.max(np.abs(path.reference_m - path.motor_m))) + LAG_SLACK_M
+    lag = allowed_lag_m(path)
     if sent.reference is not None and led_gains.known(machine.folder) is None:
         lag += max(LEARNING_SLACK, calibration.unsure(machine.folder)) * float(np.max(np.abs(sent.reference.lead_m)))
+    setpoints = sent.motor if sent.reference is None else sent.reference.sent
+    _check_lost(machine, lost_in(machine, model, running, drive, setpoints, lag, sent.torque_nm))
     start = float(trajectory.position_m[0])
     if machine.folder.finished(name) is None and abs(machine.position_m - start) > 1e-4:
         top = float(np.max(np.abs(trajectory.velocity_m_s)))  # these gains are about to be driven at that speed, with more force
@@ -276,4 +277,18 @@ def _check_belt(machine: Machine, model: Model, path: PredictedMove, trajectory:
         raise Refused(
             f"the move is refused: the belt is predicted to carry {path.belt_force_n:.1f} N as it swings, limit {limit:.1f} N (feed force, "
             f"friction of the carriage and {100 * (BELT_BEYOND - 1):.0f} % of swing); stretch the move by {path.belt_force_n / limit:.2f}"
+        )
+
+
+def _check_lost(machine: Machine, lost: Stop) -> None:
+    """Note what a host that is lost in the move does to the belt; raise Refused when that is too much."""
+    machine.folder.journal(
+        f"PC or bus lost in the move: {lost.belt_force_n:.0f} N in the belt and {1e3 * lost.way_m:.0f} mm to standstill at most"
+    )
+    limit = limit_n(machine.axis)
+    if lost.belt_force_n > limit:
+        raise Refused(
+            f"the move is refused: should the PC or the bus be lost in it, the belt is predicted to carry {lost.belt_force_n:.0f} N until "
+            f"the drive has stopped, limit {limit:.0f} N ({BELT_BEYOND_LOST:g} times limits.feed_force_n); stretch the "
+            f"move by {math.sqrt(lost.belt_force_n / limit):.2f}"
         )

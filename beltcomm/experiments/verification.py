@@ -16,10 +16,12 @@ from beltcomm.design.led_reference import LedReference, can_lead, led_reference
 from beltcomm.drive import Drive
 from beltcomm.errors import Refused
 from beltcomm.experiments import phases
+from beltcomm.experiments.lost_host import allowed_lag_m, limit_n, lost_in
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.rundata.led_gains import as_in_drive
 from beltcomm.simulate.setpoints import SetpointGrid
+from beltcomm.simulate.stopping import Stop
 from beltcomm.trajectory import Trajectory, load_move, plan_trajectory, with_dwell
 from beltcomm.verify import REST_S, Loop, PredictedMove, TrackingError, demand, predict_move, predict_range, tracking_error
 
@@ -87,20 +89,33 @@ def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: 
 
 
 def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> StandardMove:
-    """The standard move, slowed down until the belt is predicted to keep its limit as it swings with this controller."""
-    share = 1.0
+    """The standard move, slowed down until the belt keeps its limits with this controller: as it swings, and when the host is lost."""
+    share, why = 1.0, ""
     for _ in range(BELT_TRIES):
         move = standard.at(share, machine.drive.capabilities.sample_period_s)
-        force = predicted(machine, model, cascade, delay_s, move).belt_force_n
-        limit = belt_force_limit_n(machine, model, float(np.max(np.abs(move.velocity_m_s))), BELT_SWING)
-        if force <= limit:
+        path, lost = predicted(machine, model, cascade, delay_s, move), lost_at_worst(machine, model, cascade, delay_s, move)
+        top = float(np.max(np.abs(move.velocity_m_s)))
+        swing, beyond = belt_force_limit_n(machine, model, top, BELT_SWING), limit_n(machine.axis)
+        over = max(path.belt_force_n / swing, lost.belt_force_n / beyond)
+        if over <= 1.0:
             break
-        share *= 0.99 * math.sqrt(limit / force)
-    if share == 1.0:
+        when = f"{swing:.0f} N as it swings" if path.belt_force_n / swing == over else f"{beyond:.0f} N if the PC were lost"
+        share *= 0.99 / math.sqrt(over)
+        why = f"slowed down to {100 * share:.0f} % of its speed, because the belt would carry more than {when}"
+    if not why:
         return standard
-    why = f"slowed down to {100 * share:.0f} % of its speed, because the belt would carry more than {limit:.0f} N as it swings"
     remark = f"{standard.remark}; {why}" if standard.remark else f"the move was {why}"
     return replace(standard, limits=phases.slower(standard.limits, share), remark=remark)
+
+
+def lost_at_worst(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> Stop:
+    """The worst stop of a move whose host is lost, with a led reference where the drive gets one."""
+    path = predicted(machine, model, cascade, delay_s, trajectory)
+    drive, sent, running = in_drive(machine, delay_s), with_dwell(trajectory, REST_S), cascade
+    if leads(machine.drive, machine.axis, cascade):
+        running = as_in_drive(machine.folder, cascade)
+        sent = led_reference(model, sent, running, drive.structure, delay_s).sent
+    return lost_in(machine, model, running, drive, sent, allowed_lag_m(path))
 
 
 def _way(machine: Machine) -> tuple[float, float]:

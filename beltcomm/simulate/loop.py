@@ -54,7 +54,7 @@ class LoopRun:
     Attributes
     ----------
     position_rad, velocity_rad_s : ndarray, motor shaft
-        From where it began.
+        From where the plant began.
     cart_m : ndarray
         Carriage, from where it began.
     asked_nm, torque_nm : ndarray
@@ -82,6 +82,7 @@ def close_loop(
     *,
     acceleration_rad_s2: Array | None = None,
     speed_rad_s: float = 0.0,
+    state: Array | None = None,
 ) -> LoopRun:
     """The drive's own loop on a plant, one reference per loop period.
 
@@ -95,15 +96,18 @@ def close_loop(
         That the feedforward knows of; when left out the reference's own.
     speed_rad_s : float
         At which the loop finds the motor.
+    state : ndarray (10,) or None
+        Of a loop that was closed before, which goes on; see :func:`beltcomm.control.new_state`.  It is moved on.
     """
-    coefficients, state = discrete_coefficients(cascade, drive.period_s, drive.torque_limit_nm), new_state()
-    start_rad = float(position_rad[0])
-    reset_state(state, start_rad - speed_rad_s * drive.period_s, speed_rad_s)
+    coefficients, start_rad = discrete_coefficients(cascade, drive.period_s, drive.torque_limit_nm), float(position_rad[0])
+    if state is None:
+        state = new_state()
+        reset_state(state, start_rad - speed_rad_s * drive.period_s, speed_rad_s)
     if acceleration_rad_s2 is None:
         acceleration_rad_s2 = np.diff(velocity_rad_s, prepend=velocity_rad_s[0]) / drive.period_s
     references = np.stack([position_rad, velocity_rad_s, acceleration_rad_s2, added_nm])
     bound = drive.output_limit_rad_s / cascade.kpp_1_s if cascade.kpp_1_s > 0.0 else math.inf
-    sensing = np.array([start_rad, 2.0 * math.pi / drive.counts_per_rev, drive.dead_zone_rad, bound])
+    sensing = np.array([start_rad - plant.position_rad, 2.0 * math.pi / drive.counts_per_rev, drive.dead_zone_rad, bound])
     whole = math.floor(drive.delay_s / drive.period_s + _NO_TIME_S)
     late_s = max(drive.delay_s - whole * drive.period_s, 0.0)
     late_s = late_s if late_s > _NO_TIME_S else 0.0

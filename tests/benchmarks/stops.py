@@ -13,8 +13,8 @@ command on it (verify mostly; identify; the commissioning itself) that is ended 
 Ctrl-C, by the death of the host, or by a fault of the drive that brakes.  Counted from that instant to standstill: the largest force in the
 belt, the way, whether the axis came to rest inside its travel, and whether every setting of the drive was put back (not of a dead host).
 
-Planned: the force that the session noted for a stop out of its top speed ("N in the belt" in the journal), or what the belt bears where no
-loop is closed; the way likewise.
+Planned: the force that the session noted for a stop out of its top speed ("N in the belt" in the journal), for a host that is lost in a
+move what it noted for that, or what the belt bears where no loop is closed.
 """
 
 from __future__ import annotations
@@ -125,10 +125,13 @@ def prepared(variant: Variant, place: Path, kept: dict[Variant, tuple[Path, int 
     return run if code in (0, 1) and (run / "results").is_dir() else None
 
 
-def planned_n(run: Path) -> float:
-    """What the session noted last for a stop; before it closed a loop, what the belt bears."""
+def planned_n(run: Path, end: str) -> float:
+    """What the session noted last for such a stop; before it closed a loop, what the belt bears."""
     journal = run / "journal.txt"
-    found = re.findall(r"([\d.]+) N in the belt", journal.read_text(encoding="utf-8")) if journal.is_file() else []
+    lines = journal.read_text(encoding="utf-8").splitlines() if journal.is_file() else []
+    found = [
+        n for line in lines if end == "host lost" or "lost in the move" not in line for n in re.findall(r"([\d.]+) N in the belt", line)
+    ]
     return float(found[-1]) if found else BELT_N
 
 
@@ -171,7 +174,7 @@ def stop(variant: Variant, command: str, end: str, seed: int, whole: Path, folde
         float(speed[at]),
         float(belt[:at].max(initial=0.0)),
         float(belt[at : last + 50].max(initial=0.0)),
-        planned_n(run),
+        planned_n(run, end),
         float(np.abs(place[at:last] - place[at]).max(initial=0.0)),
         bool(np.abs(speed[-50:]).max() < STANDING_M_S and not watch.powered[-1]),
         bool(place.min() >= TRAVEL_M[0] and place.max() <= TRAVEL_M[1]),

@@ -1,0 +1,77 @@
+"""Loss of the host in a move: what the belt carries until the drive has stopped the axis by itself, at the worst instant."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import numpy as np
+
+from beltcomm.arrays import Array
+from beltcomm.axis import Axis
+from beltcomm.control import Cascade
+from beltcomm.drive import GUARD_S
+from beltcomm.errors import Refused
+from beltcomm.machine.machine import Machine
+from beltcomm.model import Model
+from beltcomm.simulate.setpoint_loss import LossReaction, References, predict_setpoint_loss
+from beltcomm.simulate.setpoints import SetpointGrid
+from beltcomm.simulate.stopping import Stop
+from beltcomm.trajectory import Trajectory
+from beltcomm.verify import Loop, PredictedMove
+
+#: By how much the belt's force may exceed its limit when the host is lost in a move: for some milliseconds, and never twice.
+BELT_BEYOND_LOST = 1.5
+#: Instants of a move at which the host is thought to be lost.
+INSTANTS = 48
+#: s: for so long a following error lasts before the drive stops, or for one period; see the adapters' 6066h.
+LASTING_S = 3e-3
+#: An axis this many times further off its reference than predicted, and by so many m more, is not the one predicted: it is stopped, in
+#: the drive and on the host.
+SURPRISE = 3.0
+LAG_SLACK_M = 2e-3
+
+
+def limit_n(axis: Axis) -> float:
+    """Belt force that a move may reach when its host is lost, N; infinite where nothing limits it."""
+    return BELT_BEYOND_LOST * axis.belt_force_limit_n
+
+
+def allowed_lag_m(path: PredictedMove) -> float:
+    """Following error beyond which a move is stopped, m."""
+    return SURPRISE * float(np.max(np.abs(path.reference_m - path.motor_m))) + LAG_SLACK_M
+
+
+def lost_in(
+    machine: Machine,
+    model: Model,
+    running: Cascade,
+    drive: Loop,
+    sent: Trajectory,
+    lag_m: float,
+    extra_torque_nm: Array | None = None,
+) -> Stop:
+    """The worst stop of a move whose host is lost: its longest way and its largest belt force.
+
+    Parameters
+    ----------
+    running : Cascade
+        In the drive.
+    sent : Trajectory
+        Setpoints, m of the carriage.
+    lag_m : float
+        Following error that the drive lets pass.
+    extra_torque_nm : ndarray (n,) or None
+        Sent along with them.
+    """
+    ratio, grid = machine.ratio, SetpointGrid(sent.sample_period_s, drive.structure.period_s, len(sent.t_s))
+    position, speed = grid.on_loop(sent.position_m / ratio), grid.on_loop(sent.velocity_m_s / ratio)
+    references = References(position, speed, np.zeros(len(position)) if extra_torque_nm is None else grid.held(extra_torque_nm))
+    guard_s = GUARD_S + sent.sample_period_s
+    reaction = LossReaction(lag_m / ratio, max(LASTING_S, sent.sample_period_s), guard_s, machine.deceleration_m_s2)
+    way, force = 0.0, 0.0
+    moving = np.flatnonzero(speed)
+    for at in np.unique(np.linspace(max(1, moving[0]), moving[-1], INSTANTS).astype(int)) if len(moving) else ():
+        with suppress(Refused):  # one that runs beyond the travel is refused by its way, which every stop is counted with
+            stop = predict_setpoint_loss(model, running, references, int(at), drive.simulated, reaction, float(sent.position_m[0]))
+            way, force = max(way, stop.way_m), max(force, stop.belt_force_n)
+    return Stop(way, force)

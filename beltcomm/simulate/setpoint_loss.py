@@ -1,0 +1,113 @@
+"""Loss of the host in a closed position loop: the setpoint stands still until the drive notices, then the drive stops by itself.
+
+Setpoint, speed and torque that were sent along stay as they were last.  The acceleration that the drive feeds forward, the difference of
+its speeds, ends with them, so that the torque which accelerated the axis falls away at once, and the position controller pulls back harder
+with each millisecond.  A following error beyond 6065h for longer than 6066h ends that, or the guard time; then the drive stops along its
+ramp, from the speed that its loop was last asked for, its filters as they are.   Carriage side, SI.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from beltcomm.arrays import Array
+from beltcomm.control import Cascade, forget_acceleration, measured_speed, new_state, reset_state
+from beltcomm.model import Model
+from beltcomm.simulate.loop import LoopDrive, close_loop
+from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
+from beltcomm.simulate.stopping import REST_S, Stop
+
+
+@dataclass(frozen=True)
+class LossReaction:
+    """Reaction of a drive to setpoints that stand still.
+
+    Attributes
+    ----------
+    window_rad, lasting_s : float, motor shaft
+        Following error, and how long it must last, that is a fault of the drive; an infinite one is none.
+    guard_s : float
+        After which silence is noticed at the latest.
+    deceleration_m_s2 : float
+        Of the stop that follows, carriage.
+    """
+
+    window_rad: float
+    lasting_s: float
+    guard_s: float
+    deceleration_m_s2: float
+
+
+@dataclass(frozen=True)
+class References:
+    """References of a position loop, (n,), one per run of it.
+
+    Attributes
+    ----------
+    position_rad, speed_rad_s, added_nm : ndarray (n,), motor shaft
+    """
+
+    position_rad: Array
+    speed_rad_s: Array
+    added_nm: Array
+
+    def lost_at(self, at: int, runs: int) -> tuple[Array, Array, Array]:
+        """Those up to run ``at``; then the last stand still for ``runs`` runs."""
+
+        def held(values: Array, last: float) -> Array:
+            return np.concatenate((values[:at], np.full(runs, last)))
+
+        last = at - 1
+        return (
+            held(self.position_rad, float(self.position_rad[last])),
+            held(self.speed_rad_s, float(self.speed_rad_s[last])),
+            held(self.added_nm, float(self.added_nm[last])),
+        )
+
+
+def predict_setpoint_loss(
+    model: Model, cascade: Cascade, references: References, at: int, drive: LoopDrive, reaction: LossReaction, position_m: float
+) -> Stop:
+    """The axis from the last setpoint to rest.
+
+    Parameters
+    ----------
+    at : int
+        Run of the loop with which the setpoints end, at least 1.
+    position_m : float
+        Where the carriage sets out.
+
+    Returns
+    -------
+    Stop
+        Way from there, and the largest belt force from there.
+    """
+    guard = max(1, math.ceil(reaction.guard_s / drive.period_s))
+    noticed = guard
+    if math.isfinite(reaction.window_rad):
+        run = close_loop(_at(model, position_m), cascade, drive, "position", *references.lost_at(at, guard))
+        late = np.abs(references.position_rad[at - 1] - references.position_rad[0] - run.position_rad[at:]) > reaction.window_rad
+        beyond = np.flatnonzero(late)
+        if len(beyond):
+            noticed = min(guard, int(beyond[0]) + math.ceil(reaction.lasting_s / drive.period_s) + 1)
+    plant, state, lost = _at(model, position_m), new_state(), references.lost_at(at, noticed)
+    start_rad = float(references.position_rad[0])
+    reset_state(state, start_rad)
+    run = close_loop(plant, cascade, drive, "position", *lost, state=state)
+    asked = cascade.kpp_1_s * (float(lost[0][-1]) - start_rad - plant.position_rad) + cascade.feedforward.velocity * float(lost[1][-1])
+    speed = min(max(measured_speed(state), min(asked, 0.0)), max(asked, 0.0))
+    slower = reaction.deceleration_m_s2 / model["transmission.ratio"] * drive.period_s
+    runs = math.ceil(abs(speed) / slower) + round(REST_S / drive.period_s)
+    ramp = math.copysign(1.0, speed) * np.maximum(abs(speed) - slower * np.arange(1, runs + 1), 0.0)
+    place, none = np.full(runs, start_rad + plant.position_rad), np.zeros(runs)
+    forget_acceleration(state)
+    rest = close_loop(plant, cascade, drive, "velocity", place, ramp, none, acceleration_rad_s2=none, state=state)
+    ways = np.abs(np.concatenate((run.cart_m[at:], rest.cart_m)) - run.cart_m[at])
+    return Stop(float(ways.max()), float(max(run.belt_force_n[at:].max(), rest.belt_force_n.max())))
+
+
+def _at(model: Model, position_m: float) -> SimulatedPlant:
+    return SimulatedPlant(model, position_m, substeps_needed(model, position_m))
