@@ -19,8 +19,9 @@ from beltcomm.simulate.stopping import Stop
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Loop, PredictedMove
 
-#: By how much the belt's force may exceed its limit when the host is lost in a move: for some milliseconds, and never twice.
-BELT_BEYOND_LOST = 1.5
+#: By how much the belt's force may exceed its limit, for some milliseconds, when the host is lost in the move that commissioning chooses;
+#: one that somebody asks for is refused beyond the second.
+BELT_SWING_LOST, BELT_BEYOND_LOST = 1.4, 1.5
 #: Instants of a move at which the host is thought to be lost.
 INSTANTS = 48
 #: s: for so long a following error lasts before the drive stops, or for one period; see the adapters' 6066h.

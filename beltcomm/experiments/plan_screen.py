@@ -16,8 +16,8 @@ from beltcomm.language import tr
 from beltcomm.machine import gravity
 from beltcomm.result import Line, bar
 
-#: Columns of a screen; lines that what is said of a plan takes at most; rows of its table of records.
-WIDE, TEXT_LINES, ROWS = 80, 4, 5
+#: Columns and lines of a screen; lines that what is said of a plan takes at most; rows of its table of records.
+WIDE, HIGH, TEXT_LINES, ROWS = 80, 22, 4, 5
 #: Share of a limit from which its bar is marked.
 NEAR = 0.98
 #: Share of the travel from which all of it counts as used.
@@ -31,7 +31,7 @@ def plan_screen(plan: Plan, axis: Axis, capabilities: Capabilities) -> list[Line
     warning = Line("  ", (tr("THE AXIS WILL MOVE BY ITSELF.  Keep people, tools and cables out."), "bad"))
     said = plan.said()
     text = wrap(said, WIDE - 4, max_lines=TEXT_LINES, placeholder=" ... [d]") if said else []
-    return [
+    lines = [
         title,
         Line(""),
         warning,
@@ -45,6 +45,7 @@ def plan_screen(plan: Plan, axis: Axis, capabilities: Capabilities) -> list[Line
         *_stops(plan),
         *(Line("  ", (f"! {line}", "note")) for line in _doubts(plan, capabilities)),
     ]
+    return lines if len(lines) <= HIGH else [title, *lines[2:]]
 
 
 def _bounds(plan: Plan, axis: Axis, capabilities: Capabilities) -> list[Line]:

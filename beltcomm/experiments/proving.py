@@ -286,7 +286,7 @@ def _check_lost(machine: Machine, lost: Stop) -> None:
         f"PC or bus lost in the move: {lost.belt_force_n:.0f} N in the belt and {1e3 * lost.way_m:.0f} mm to standstill at most"
     )
     limit = limit_n(machine.axis)
-    if lost.belt_force_n > limit:
+    if lost.belt_force_n > limit and not machine.over_belt:
         raise Refused(
             f"the move is refused: should the PC or the bus be lost in it, the belt is predicted to carry {lost.belt_force_n:.0f} N until "
             f"the drive has stopped, limit {limit:.0f} N ({BELT_BEYOND_LOST:g} times limits.feed_force_n); stretch the "

@@ -16,7 +16,7 @@ from beltcomm.design.led_reference import LedReference, can_lead, led_reference
 from beltcomm.drive import Drive
 from beltcomm.errors import Refused
 from beltcomm.experiments import phases
-from beltcomm.experiments.lost_host import allowed_lag_m, limit_n, lost_in
+from beltcomm.experiments.lost_host import BELT_SWING_LOST, allowed_lag_m, lost_in
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.rundata.led_gains import as_in_drive
@@ -88,14 +88,20 @@ def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: 
     return swing * (machine.axis.belt_force_limit_n + friction) - machine.weight_n
 
 
-def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> StandardMove:
-    """The standard move, slowed down until the belt keeps its limits with this controller: as it swings, and when the host is lost."""
-    share, why = 1.0, ""
+def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: float) -> StandardMove:
+    """The standard move, slowed down until the belt keeps its limits with this controller: as it swings, and when the host is lost.
+
+    Raises
+    ------
+    Refused
+        As :func:`standard_move`.
+    """
+    standard, share, why = standard_move(machine, model), 1.0, ""
     for _ in range(BELT_TRIES):
         move = standard.at(share, machine.drive.capabilities.sample_period_s)
         path, lost = predicted(machine, model, cascade, delay_s, move), lost_at_worst(machine, model, cascade, delay_s, move)
         top = float(np.max(np.abs(move.velocity_m_s)))
-        swing, beyond = belt_force_limit_n(machine, model, top, BELT_SWING), limit_n(machine.axis)
+        swing, beyond = belt_force_limit_n(machine, model, top, BELT_SWING), BELT_SWING_LOST * machine.axis.belt_force_limit_n
         over = max(path.belt_force_n / swing, lost.belt_force_n / beyond)
         if over <= 1.0:
             break
@@ -128,13 +134,15 @@ def _way(machine: Machine) -> tuple[float, float]:
     return start, min(start + way, end)
 
 
-def move_asked_for(machine: Machine, model: Model, file: Path | None, name: str | None) -> tuple[Trajectory, str]:
+def move_asked_for(
+    machine: Machine, model: Model, cascade: Cascade, delay_s: float, file: Path | None, name: str | None
+) -> tuple[Trajectory, str]:
     """The user's own move from a file, the 0 to 0.5 m move with limits named in axis.yaml, or the standard move; and a remark."""
     period = machine.drive.capabilities.sample_period_s
     if file is not None:
         return load_move(file, period, machine.axis), ""
     if name is None:
-        move = standard_move(machine, model)
+        move = kept_by_belt(machine, model, cascade, delay_s)
         return move.at(1.0, period), move.remark
     return plan_trajectory(*_way(machine), machine.axis.trajectory(name), period), ""
 

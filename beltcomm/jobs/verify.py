@@ -172,10 +172,11 @@ def verify_with(
         machine.over_belt = over_belt
         referencing.reference(machine, settings_of(replace(options, feedforward=None)))
         braking = stops.count_on_loop(machine, [model], cascade, delay_s)
-        path, remark = verification.move_asked_for(machine, model, move, trajectory)
         if sending == "led" and move is None and trajectory is None:  # as fast as the drive's bounds let its reference lead
-            standard = verification.standard_move(machine, model)
+            standard = verification.kept_by_belt(machine, model, cascade, delay_s)
             path, remark = verification.within_target(machine, model, cascade, delay_s, standard)
+        else:
+            path, remark = verification.move_asked_for(machine, model, cascade, delay_s, move, trajectory)
         verification.refuse_broken(machine, model, path)
         plan = verification_plan(machine.axis, model, path, braking, len(RUNGS) if rungs else 1 + (learn or 0))
         if planned is not None:

@@ -1,0 +1,61 @@
+"""The host dies in a verification move: the axis stands inside its travel, and the belt carries no more than was planned for that."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from campaign.judge import TRAVEL_M
+from campaign.rig import STANDING_M_S, START_M
+from slaves.bench import AXIS, SlaveRig
+
+#: Shares of the move: out of its acceleration, at its top speed, in its braking.
+SHARES = (0.05, 0.5, 0.9)
+#: The prediction is no guess far above what happens, either.
+SHARPEST = 0.7
+
+
+def verify(rig: SlaveRig, run: Path) -> int | None:
+    place = f"{1e3 * START_M:.0f}mm"
+    return rig.call("verify", "--drive", "virtual", "--run", str(run), "--yes", "--position", place).code
+
+
+@pytest.mark.examination
+def test_a_dead_host_loads_the_belt_no_more_than_planned(tmp_path: Path) -> None:
+    whole, rig = tmp_path / "run", SlaveRig("reference")
+    assert rig.call("commission", "--drive", "virtual", "--axis", AXIS, "--run", str(whole), "--yes", "--quick", "--no-report").code == 0
+    rig.close()
+
+    def driven(number: int, at: int | None) -> tuple[SlaveRig, Path]:
+        run, rig = tmp_path / str(number), SlaveRig("reference")
+        shutil.copytree(whole, run)
+        if at is None:
+            assert verify(rig, run) == 0
+        else:
+            with rig.at(at * rig.bus.tick_s, "host lost"):
+                verify(rig, run)
+        rig.run_on(3.0)
+        rig.close()
+        return rig, run
+
+    whole_move, _ = driven(0, None)
+    speed = np.abs(np.array(whole_move.examiner.speed_m_s))
+    fast = np.flatnonzero(speed > 0.3 * speed.max())
+    found = []
+    for number, share in enumerate(SHARES, 1):
+        at = int(fast[0] + share * (fast[-1] - fast[0]))
+        rig, run = driven(number, at)
+        place, watch = np.array(rig.examiner.place_m), rig.examiner
+        planned = [float(n) for n in re.findall(r"lost in the move: (\d+) N", (run / "journal.txt").read_text(encoding="utf-8"))]
+        found.append((max(watch.belt_n[at:]), planned[-1]))
+        assert np.abs(watch.speed_m_s[-50:]).max() < STANDING_M_S
+        assert not watch.powered[-1]
+        assert TRAVEL_M[0] <= place.min()
+        assert place.max() <= TRAVEL_M[1]
+    forces, planned_n = np.array(found).T
+    assert np.all(forces <= planned_n)
+    assert forces.max() >= SHARPEST * planned_n.max()
