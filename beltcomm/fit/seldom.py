@@ -129,7 +129,7 @@ class _OpenLoop:
 
 
 def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names: Sequence[str] = tuple(BEFORE)) -> SeldomEstimate:
-    """The parameters ``names`` of a model that begins at ``start`` from records in open loop.
+    """The parameters ``names`` of a model that begins at ``start``, but those that it holds, from records in open loop.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names
         When no row moves.
     """
     start = start.with_values({n: usual for n, usual in USUAL.items() if n in start.parameters and start[n] < LEAST})
-    names = tuple(n for n in (*names, *SIGNED) if n in start.parameters)
+    names = tuple(n for n in (*names, *SIGNED) if n in start.parameters and start.parameters[n].low < start.parameters[n].high)
     logarithms = [n for n in names if n not in SIGNED]
     k = len(logarithms)
     names = (*logarithms, *names[k:])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -98,3 +99,17 @@ def test_the_search_stays_inside_what_a_model_may_be() -> None:
     start = sheets(machine(random))
     softest = start.parameters[stiffness].low
     assert estimate([rows], start.with_values({stiffness: 1.05 * softest}), LATE_S).model[stiffness] > softest
+
+
+def test_what_a_model_holds_is_not_sought() -> None:
+    """A hypothesis of the torque path holds what the data sheets say; it has no room to be sought in."""
+    random, stiffness = np.random.default_rng(1), "belt_stiffness.stiffness"
+    whole = record(machine(random), 4e-3, 8e-4, random)
+    rows = Recording("frf_1", whole.t_s[:200], whole.torque[:200], whole.position[:200], torque_setpoint=whole.torque[:200],
+                     sidecar=whole.sidecar)  # fmt: skip
+    start = sheets(machine(random))
+    held = replace(start.parameters[stiffness], low=start[stiffness], high=start[stiffness])
+    found = estimate([rows], replace(start, parameters={**start.parameters, stiffness: held}), LATE_S)
+    assert found.model[stiffness] == start[stiffness]
+    assert stiffness not in found.names
+    assert "cart.mass" in found.names
