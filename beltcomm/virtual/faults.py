@@ -82,6 +82,8 @@ class Faults:
         A host that falls silent is not noticed, or its loss cuts the stage off instead of braking.
     torque_stop_coasts : bool
         A quick stop out of torque mode only takes the torque away, no loop brakes.
+    rewritten_at_s, rewritten
+        Somebody at a panel or the maker's tool writes these objects then: (index, subindex) -> factor and summand of what stands there.
     gain_factor : float
         The velocity gain is this many times what its object says, read anew with every write of a gain.
     """
@@ -116,6 +118,8 @@ class Faults:
     guarding_ignored: bool = False
     guarding_coasts: bool = False
     torque_stop_coasts: bool = False
+    rewritten_at_s: float | None = None
+    rewritten: Mapping[tuple[int, int], tuple[float, float]] = field(default_factory=dict)
     gain_factor: float = 1.0
     sdo_abort: Mapping[int, int] = field(default_factory=dict)
     sdo_silent: frozenset[int] = frozenset()

@@ -197,7 +197,7 @@ class Servo:
         self._inputs.value = self._switches[0] | self._switches[1] << 1 | self._profile.enable_inputs & ~low
         if faults.stage_blocked:
             self.machine.control(_DISABLE_VOLTAGE)
-        if faults.emergency_at_s is not None or faults.warm_from_s is not None:
+        if faults.emergency_at_s is not None or faults.warm_from_s is not None or faults.rewritten_at_s is not None:
             self._suffer(now_s)
         self._guidance.pass_tick(self._controlword.value, now_s)
         if dictionary.stage_on:
@@ -220,6 +220,14 @@ class Servo:
                 self._errors.report(faults.emergency_code)
             else:
                 self.fault(faults.emergency_code, faults.emergency_effect == "off")
+        if faults.rewritten_at_s is not None and now_s >= faults.rewritten_at_s:
+            faults.rewritten_at_s = None
+            for key, (factor, summand) in faults.rewritten.items():
+                if self._dictionary.has(*key):
+                    entry = self._dictionary.entry(*key)
+                    entry.value = type(entry.value)(factor * entry.value + summand)
+                    if entry.changed is not None:
+                        entry.changed()
         if faults.warm_from_s is not None and now_s >= faults.warm_from_s:
             self._warm = True
             if now_s >= faults.warm_from_s + faults.warm_for_s:

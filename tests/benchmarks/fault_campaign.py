@@ -2,6 +2,7 @@
 
     python tests/benchmarks/fault_campaign.py                       (the table of 528 cases; less than 20 minutes on two cores)
     python tests/benchmarks/fault_campaign.py --accesses --cases 0  (every single SDO transfer of two commands, aborted and unanswered)
+    python tests/benchmarks/fault_campaign.py --rewritten 60 --cases 0   (somebody else writes to the drive while it runs)
     python tests/benchmarks/fault_campaign.py --kills 8 --cases 0   (processes killed by SIGKILL: what is left in their folders)
     python tests/benchmarks/fault_campaign.py --seed 17 [--seed N]  (these again, with all that was said)
     python tests/benchmarks/fault_campaign.py --keep FOLDER         (goes on with what is there: healthy runs, cases; --seconds S of it)
@@ -33,7 +34,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from campaign import sharing
-from campaign.cases import COMMANDS, FIRST_ACCESS, KINDS, Case, Healthy, access_cases, healthy_run, make_case
+from campaign.cases import COMMANDS, FIRST_ACCESS, FIRST_REWRITTEN, KINDS, REWRITTEN, Case, Healthy, access_cases, healthy_run, make_case
 from campaign.judge import Verdict, lay_out, run_case, words_of
 from campaign.killed import killed_folder
 from campaign.rig import Rig
@@ -86,7 +87,7 @@ def recall(place: Path) -> None:
 
 def made(seed: int) -> Case:
     """The case of a seed, of either sequence."""
-    return make_case(seed, healthy) if seed < FIRST_ACCESS else access_cases(healthy)[seed - FIRST_ACCESS]
+    return make_case(seed, healthy) if not FIRST_ACCESS <= seed < FIRST_REWRITTEN else access_cases(healthy)[seed - FIRST_ACCESS]
 
 
 def judged_before(place: Path) -> dict[int, Verdict]:
@@ -127,7 +128,7 @@ def told(verdict: Verdict, whole: bool) -> None:
 def table(verdicts: Sequence[Verdict]) -> list[str]:
     """Kinds against cases run and survived, worst stop of those that moved."""
     lines = [f"{'fault':24} {'cases':>6} {'survived':>9} {'exit codes':26} {'longest way':>12} {'longest time':>13}"]
-    for kind in [*KINDS, "all"]:
+    for kind in [*KINDS, REWRITTEN, "all"]:
         of = [v for v in verdicts if kind in ("all", v.case.kind)]
         codes = sorted({-1 if v.code is None else v.code for v in of})
         counted = " ".join(f"{'dead' if c < 0 else c}:{sum((-1 if v.code is None else v.code) == c for v in of)}" for c in codes)
@@ -149,6 +150,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, action="append", help="replay these cases")
     parser.add_argument("--cases", type=int, default=CASES)
     parser.add_argument("--accesses", action="store_true", help="every single SDO transfer too")
+    parser.add_argument("--rewritten", type=int, default=0, help="drives to which somebody else writes while they run")
     parser.add_argument("--kills", type=int, default=0, help="processes to kill")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--say", action="store_true", help="print every case's sentence")
@@ -163,7 +165,7 @@ def main() -> int:
             if profile not in _prepared:
                 prepare(profile, place)
         keep(place)
-        cases = [made(seed) for seed in (given.seed or range(given.cases))]
+        cases = [made(seed) for seed in (given.seed or (*range(given.cases), *range(FIRST_REWRITTEN, FIRST_REWRITTEN + given.rewritten)))]
         cases += access_cases(healthy) if given.accesses and not given.seed else []
         keep(place)
         print(f"prepared in {time.monotonic() - began:.0f} s", flush=True)

@@ -197,6 +197,31 @@ def _weak(draw: np.random.Generator, _healthy: Healthy, at_s: float) -> Fault:
     return Fault(f"only {100 * share:.0f} % of the torque acts", {"weak_from_s": at_s, "weak_share": share})
 
 
+#: What somebody at a panel writes while the drive runs: objects, each with factor and summand, in words.
+_REWRITTEN: tuple[tuple[str, dict[tuple[int, int], tuple[float, float]]], ...] = (
+    ("mode 3", {(0x6060, 0): (0.0, 3.0)}),
+    ("mode 1", {(0x6060, 0): (0.0, 1.0)}),
+    ("no mode", {(0x6060, 0): (0.0, 0.0)}),
+    ("half the torque limit", {(0x6072, 0): (0.5, 0.0)}),
+    ("a tenth of the torque limit", {(0x6072, 0): (0.1, 0.0)}),
+    ("a quick stop ten times as hard", {(0x6085, 0): (10.0, 0.0)}),
+    ("a quick stop ten times as soft", {(0x6085, 0): (0.1, 0.0)}),
+    ("no position limits", {(0x607D, 1): (0.0, 0.0), (0x607D, 2): (0.0, 0.0)}),
+    ("twice the feed constant", {(0x6092, 1): (2.0, 0.0), (0x6093, 1): (2.0, 0.0)}),
+    ("no following error", {(0x6065, 0): (0.0, float(0xFFFFFFFF))}),
+    ("a following error of nothing", {(0x6065, 0): (0.0, 1.0), (0x6066, 0): (0.0, 0.0)}),
+    ("gains a quarter", {(0x2100, 1): (0.25, 0.0), (0x60F9, 1): (0.25, 0.0)}),
+    ("gains four times", {(0x2100, 1): (4.0, 0.0), (0x60F9, 1): (4.0, 0.0)}),
+    ("no velocity feedforward", {(0x2100, 13): (0.0, 0.0)}),
+    ("position gain four times", {(0x2100, 3): (4.0, 0.0), (0x60FB, 1): (4.0, 0.0)}),
+)
+
+
+def _rewritten(draw: np.random.Generator, _healthy: Healthy, at_s: float) -> Fault:
+    words, objects = _REWRITTEN[int(draw.integers(len(_REWRITTEN)))]
+    return Fault(f"somebody sets {words}", {"rewritten_at_s": at_s, "rewritten": objects})
+
+
 def _full(draw: np.random.Generator, healthy: Healthy, _at_s: float) -> Fault:
     number = 1 + int(draw.integers(max(healthy.writes, 1)))
     return Fault(f"disk full at write {number}", disk=(True, number))
@@ -232,6 +257,8 @@ KINDS: Mapping[str, tuple[Maker, tuple[str, ...]]] = {
     "disk full": (_full, RECORDING),
     "folder read-only": (_read_only, RECORDING),
 }
+#: Seeds of a drive that somebody else writes to while it runs begin here.
+FIRST_REWRITTEN, REWRITTEN = 2_000_000, "drive rewritten"
 
 
 def healthy_run(rig: Rig, words: tuple[str, ...], run: Any) -> tuple[Healthy, Outcome]:
@@ -265,8 +292,8 @@ def make_case(
 ) -> Case:
     """The case of a seed.   healthy : run of a command on a profile.   kind : None takes the seed's turn."""
     draw = np.random.default_rng(seed)
-    kind = kind or list(KINDS)[seed % len(KINDS)]
-    maker, possible = KINDS[kind]
+    kind = kind or (REWRITTEN if seed >= FIRST_REWRITTEN else list(KINDS)[seed % len(KINDS)])
+    maker, possible = (_rewritten, MOVING) if kind == REWRITTEN else KINDS[kind]
     among = [name for name in possible if name in commands]
     shares = np.array([SHARES[name] for name in among], dtype=float)
     command = str(draw.choice(among, p=shares / shares.sum()))

@@ -16,7 +16,7 @@ from beltcomm.errors import BeltcommError
 from beltcomm.runfolder import RunFolder
 from beltcomm.simulate.stopping import first_deceleration
 from beltcomm.virtual.motor import EMMS_AS_70
-from campaign.cases import COMMANDS, Case, standing_s
+from campaign.cases import COMMANDS, REWRITTEN, Case, standing_s
 from campaign.disk import Disk
 from campaign.rig import STANDING_M_S, Outcome, Rig
 
@@ -70,6 +70,7 @@ RIGHT: Mapping[str, tuple[tuple[int, ...], str, str]] = {
     "following error": ((1, 3, 4, 5), _STOPPED, r"CAN interface|cannot be written"),
     "end switch": ((5,), r"8081h|8082h", r"CAN interface|restarted"),
     "over-temperature": ((5,), r"4310h", r"CAN interface|restarted"),
+    REWRITTEN: ((1, 3, 4, 5), _STOPPED + r"|mode|6061h|predicted", r"CAN interface|cannot be written"),
     "host killed": ((), r"", r"."),
     "clock jump": ((3, 5), r"clock|silent|time", r"restarted|cable"),
     "disk full": ((2,), r"No space left on device.*make room", r"CAN interface|restarted"),
@@ -190,7 +191,8 @@ def _left(case: Case, rig: Rig, run: Path, outcome: Outcome) -> list[str]:
     if not case.dead or not rig.changed():
         if kept or (case.command == "move" and case.kind == "node reset"):  # nothing was written, what was not saved is gone
             return []
-        changed = rig.changed()
+        foreign = {f"{index:04X}h:{subindex:X}" for index, subindex in case.faults.get("rewritten", ())}
+        changed = {name: both for name, both in rig.changed().items() if name not in foreign}
         return [f"not restored: {changed}"] if changed else []
     if case.command == "move":
         return []  # it keeps no folder; what it lends is over with the next power-on
