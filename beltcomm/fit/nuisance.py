@@ -12,18 +12,24 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import block_diag
 
+from beltcomm.effects import Parameter, effect_named
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.likelihood import OFFSET_M, Nuisance
 from beltcomm.fit.path_values import path_nuisance
 from beltcomm.fit.records import Data
 from beltcomm.fit.segment import evaluate_each
-from beltcomm.model import Model
+from beltcomm.model import BASE_BODIES, Model
 
 #: Error over the noise up to which a base model explains records.
 EXPLAINED = 1.5
 #: What may be held, the first one first, with the tolerance of a data sheet: half an interval at 95 % over the value.
 TOLERANCES: Mapping[str, float] = {"motor.inertia": 0.1, "belt_stiffness.stiffness": 0.3}
+#: What they can be.
+RANGES: Mapping[str, Parameter] = {
+    "motor.inertia": BASE_BODIES["motor"].inertia,
+    "belt_stiffness.stiffness": effect_named("belt_stiffness").parameters[0],
+}
 #: Half an interval over the value above which records do not tell it.   Source: method sheet, section 8.
 UNTOLD = 0.3
 #: Origin of a held value.
@@ -60,6 +66,13 @@ def hold(model: Model, sheet: Model, name: str) -> Model:
     value = sheet[name]
     item = replace(model.parameters[name], value=value, low=value, high=value, interval=TOLERANCES[name] * value, origin=HELD)
     return replace(model, parameters={**model.parameters, name: item})
+
+
+def released(model: Model) -> Model:
+    """The model with what was held at the data sheet free again, within the range of its kind."""
+    held = {name: RANGES[name] for name, item in model.parameters.items() if item.origin == HELD}
+    free = {n: replace(model.parameters[n], low=r.low, high=r.high, interval=None, origin="data sheet") for n, r in held.items()}
+    return replace(model, parameters={**model.parameters, **free})
 
 
 def held_remarks(model: Model) -> list[str]:

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.signal import lfilter
 
 from beltcomm.errors import DataError
 from beltcomm.model import Model
@@ -56,6 +57,8 @@ SELDOM_S = 1.5e-3
 FEWEST_ROWS, CLEAR_STEPS = 40, 20.0
 #: What counts as nothing; rad a row, of a model that flies off; s, how far the torque's delay may be from what is thought of before.
 LEAST, ABSURD_RAD, LATE_S = 1e-9, 1e3, 1e-3
+#: Time constant of the lag in the torque path, of LATE_S, that is thought of before.
+LAGS = 0.5
 #: How well the laws can mean a machine, relative to each parameter: added to its interval.
 LAW = 0.003
 
@@ -82,7 +85,7 @@ class SeldomEstimate:
     covariance : ndarray
         Of that, (k, k).
     late_s, late_half_s : float
-        Torque setpoint to acting torque, s, and half its 95 % interval.
+        Torque setpoint to acting torque, dead time and time constant of a lag together, s, and half their 95 % interval.
     left_nm : float
         Torque, N m rms, that would make what is left from row to row.
     samples : int
@@ -109,13 +112,13 @@ class _OpenLoop:
         self._place_m = recording.sidecar.start_position_m or 0.0
         self._time_s = recording.sidecar.session_time_s or 0.0
 
-    def left(self, model: Model, late_s: float) -> Array:
+    def left(self, model: Model, late_s: float, lag_s: float) -> Array:
         """From row to row, measured motion less simulated, rad, (n - 1,).
 
         Parameters
         ----------
-        late_s : float
-            Torque setpoint to acting torque, s.
+        late_s, lag_s : float
+            Dead time and time constant from torque setpoint to acting torque, s.
         """
         rate = fastest_rate(model, operating_point(model, self._place_m))
         cells = math.ceil(self.sample_s * max(rate / (STEP * SUBSTEPS), 1.0 / CELL_S))
@@ -123,6 +126,12 @@ class _OpenLoop:
         whole, share = divmod(max(late_s, 0.0) * cells / self.sample_s, 1.0)
         before = np.concatenate((np.full(int(whole) + 1, self._asked[0]), held))
         acting = (1.0 - share) * before[1 : len(held) + 1] + share * before[: len(held)]  # the mean over each cell
+        if lag_s > 0.0:
+            share = cells * lag_s / self.sample_s
+            pole = math.exp(-1.0 / share)
+            behind, _ = lfilter([1.0 - pole], [1.0, -pole], acting, zi=[pole * acting[0]])
+            begun = np.append(acting[0], behind[:-1])
+            acting = acting + share * (1.0 - pole) * (begun - acting)  # the mean over each cell
         moved = integrate_torque(model, acting, self.sample_s / cells, self._place_m, SUBSTEPS, self._time_s)
         rows = np.diff(moved.position_rad[::cells])
         return np.nan_to_num(self.measured - rows, nan=ABSURD_RAD, posinf=ABSURD_RAD, neginf=-ABSURD_RAD)
@@ -146,22 +155,22 @@ def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names
     logarithms = [n for n in names if n not in SIGNED]
     k = len(logarithms)
     names = (*logarithms, *names[k:])
-    before = np.array([*(math.log(start[n]) for n in logarithms), *(start[n] / SIGNED[n] for n in names[k:]), late_s / LATE_S])
-    width = np.array([*(BEFORE[n] for n in logarithms), *(1.0 for _ in names[k:]), 1.0])
+    before = np.array([*(math.log(start[n]) for n in logarithms), *(start[n] / SIGNED[n] for n in names[k:]), late_s / LATE_S, 0.0])
+    width = np.array([*(BEFORE[n] for n in logarithms), *(1.0 for _ in names[k:]), 1.0, LAGS])
     rows = [_OpenLoop(recording) for recording in recordings]
     scatter = float(np.std(np.concatenate([one.measured for one in rows])))
     if scatter == 0.0:
         raise DataError("the motor does not move in these records; raise the excitation or look for a brake")
 
     def values_of(x: Array) -> Array:
-        return np.append(np.exp(x[:k]), [SIGNED[n] * v for n, v in zip(names[k:], x[k:-1], strict=True)])
+        return np.append(np.exp(x[:k]), [SIGNED[n] * v for n, v in zip(names[k:], x[k:-2], strict=True)])
 
     def model_of(x: Array) -> Model:
         return start.with_values(dict(zip(names, map(float, values_of(x)), strict=True)), "final fit")
 
     def left(x: Array) -> Array:
         model = model_of(x)
-        return np.concatenate([one.left(model, LATE_S * float(x[-1])) for one in rows])
+        return np.concatenate([one.left(model, LATE_S * float(x[-2]), LATE_S * float(x[-1])) for one in rows])
 
     def cost(x: Array, scatter: float) -> Array:
         return np.append(left(x) / scatter, (x - before) / width)
@@ -170,8 +179,8 @@ def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names
     least, most = np.array([(start.parameters[n].low, start.parameters[n].high) for n in names]).T
     least[:k], most[:k] = np.log(np.maximum(least[:k], LEAST)), np.log(most[:k])
     least[k:], most[k:] = (end[k:] / [SIGNED[n] for n in names[k:]] for end in (least, most))
-    low = np.maximum(before - FARTHEST, np.append(least, -math.inf) + DIFFERENCE)
-    high = np.minimum(before + FARTHEST, np.append(most, math.inf) - 2.0 * DIFFERENCE)
+    low = np.maximum(before - FARTHEST, np.append(least, [-math.inf, -DIFFERENCE]) + DIFFERENCE)
+    high = np.minimum(before + FARTHEST, np.append(most, [math.inf, math.inf]) - 2.0 * DIFFERENCE)
     found = []
     for factor in DAMPINGS if "belt_damping.damping" in names else (1.0,):  # a swing that the rows hide may be damped as it likes
         at, by = before.copy(), scatter
@@ -186,7 +195,7 @@ def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names
     rest = left(at)
     slopes = np.stack([(left(at + DIFFERENCE * axis) - rest) / DIFFERENCE for axis in np.eye(len(at))], axis=1)
     spread = _sandwich(rest, slopes, width, scatter, [(len(one.measured), one.sample_s) for one in rows])
-    late_half_s, spread = 1.96 * LATE_S * math.sqrt(spread[-1, -1]), spread[:-1, :-1]
+    late_half_s, spread = 1.96 * LATE_S * math.sqrt(spread[-2:, -2:].sum()), spread[:-2, :-2]
     model = model_of(at)
     scale = np.append(values_of(at)[:k], [SIGNED[n] for n in names[k:]])
     covariance = spread * np.outer(scale, scale) + np.diag((LAW / 1.96 * values_of(at)) ** 2)
@@ -199,7 +208,7 @@ def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names
         replace(model, parameters={**model.parameters, **told}),
         names,
         np.asarray(covariance),
-        LATE_S * float(at[-1]),
+        LATE_S * float(at[-2:].sum()),
         late_half_s,
         float(np.sqrt(np.mean(torque**2))),
         len(rest),

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.fit.model_fit import ModelFit, fit_model
+from beltcomm.fit.nuisance import released
 from beltcomm.fit.seldom import LATE_S, SeldomEstimate, comes_seldom, estimate
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -90,7 +91,7 @@ def fit_seldom(recordings: Sequence[Recording], start: Model, *, counts_per_rev:
         return None
     here = told[0].sidecar.start_position_m or 0.0
     told = [r for r in told if abs((r.sidecar.start_position_m or 0.0) - here) < ONE_PLACE_M]
-    found = estimate(told, start, LATE_S)
+    found = estimate(told, released(start), LATE_S)  # which keeps near the data sheets what the rows do not tell
     fixed = [name for name in found.model.parameters if name not in (LEFT, "transmission.ratio")]
     rest = fit_model(recordings, found.model, counts_per_rev=counts_per_rev, fixed=fixed)
     return SeldomFit(rest.data, rest.fitted, found.model, found, 2.0 * math.pi / counts_per_rev)

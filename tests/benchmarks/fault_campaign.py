@@ -3,6 +3,7 @@
     python tests/benchmarks/fault_campaign.py                       (the table of 528 cases; less than 20 minutes on two cores)
     python tests/benchmarks/fault_campaign.py --accesses --cases 0  (every single SDO transfer of two commands, aborted and unanswered)
     python tests/benchmarks/fault_campaign.py --rewritten 60 --cases 0   (somebody else writes to the drive while it runs)
+    python tests/benchmarks/fault_campaign.py --profiles "reference 4ms lag,epos4 2ms,accelnet filter" --cases 88   (other drives)
     python tests/benchmarks/fault_campaign.py --kills 8 --cases 0   (processes killed by SIGKILL: what is left in their folders)
     python tests/benchmarks/fault_campaign.py --seed 17 [--seed N]  (these again, with all that was said)
     python tests/benchmarks/fault_campaign.py --keep FOLDER         (goes on with what is there: healthy runs, cases; --seconds S of it)
@@ -40,14 +41,14 @@ from campaign.killed import killed_folder
 from campaign.rig import Rig
 
 CASES = 528
-PROFILES = ("reference", "cmmp-as")
+_profiles = ["reference", "cmmp-as"]
 _prepared: dict[str, Path] = {}
 _healthy: dict[tuple[str, str], Healthy] = {}
 
 
 def prepare(profile: str, place: Path) -> None:
     """A finished short commissioning of a profile, and a healthy run of each command on it."""
-    rig, run = Rig(profile), place / profile
+    rig, run = Rig(profile), place / profile.replace(" ", "-")
     outcome = rig.call("commission", "--drive", "virtual", "--run", run, "--yes", "--quick", "--no-report")
     rig.close()
     assert outcome.code in (0, 1), outcome.text
@@ -78,7 +79,8 @@ def keep(place: Path) -> None:
 def recall(place: Path) -> None:
     """What :func:`keep` has left there."""
     place.mkdir(exist_ok=True)
-    _prepared.update({profile: place / profile for profile in PROFILES if (place / profile / "verdict.txt").is_file()})
+    ready = {profile: place / profile.replace(" ", "-") for profile in _profiles}
+    _prepared.update({profile: run for profile, run in ready.items() if (run / "verdict.txt").is_file()})
     if (place / "known.pickle").is_file():
         sharing.load(place / "known.pickle")
     if (place / "healthy.pickle").is_file():
@@ -87,7 +89,11 @@ def recall(place: Path) -> None:
 
 def made(seed: int) -> Case:
     """The case of a seed, of either sequence."""
-    return make_case(seed, healthy) if not FIRST_ACCESS <= seed < FIRST_REWRITTEN else access_cases(healthy)[seed - FIRST_ACCESS]
+    return (
+        make_case(seed, healthy, profiles=tuple(_profiles))
+        if not FIRST_ACCESS <= seed < FIRST_REWRITTEN
+        else access_cases(healthy)[seed - FIRST_ACCESS]
+    )
 
 
 def judged_before(place: Path) -> dict[int, Verdict]:
@@ -156,12 +162,15 @@ def main() -> int:
     parser.add_argument("--say", action="store_true", help="print every case's sentence")
     parser.add_argument("--keep", type=Path, help="where healthy runs and cases are kept for the next time; not across changes of the code")
     parser.add_argument("--seconds", type=float, default=math.inf, help="no case is begun later")
+    parser.add_argument("--profiles", help='drives, such as "reference 4ms lag,epos4 2ms"')
     given = parser.parse_args()
+    if given.profiles:
+        _profiles[:] = given.profiles.split(",")
     began = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="campaign-") as folder, sharing.shared():
         place = given.keep or Path(folder)
         recall(place)
-        for profile in PROFILES:
+        for profile in _profiles:
             if profile not in _prepared:
                 prepare(profile, place)
         keep(place)

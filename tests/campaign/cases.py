@@ -298,7 +298,8 @@ def make_case(
     shares = np.array([SHARES[name] for name in among], dtype=float)
     command = str(draw.choice(among, p=shares / shares.sum()))
     # on a drive without velocity feedforward a healthy sweep drifts off and is refused as unfit: there is nothing to disturb
-    profile = str(draw.choice(profiles)) if command != "friction" else "reference"
+    sweeping = next((name for name in profiles if name.startswith("reference")), profiles[0])
+    profile = str(draw.choice(profiles)) if command != "friction" else sweeping
     normal = healthy(command, profile)
     at_s = normal.instant_s(draw, moving=bool(draw.random() < 0.5))
     fault = maker(draw, normal, at_s)

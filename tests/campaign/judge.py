@@ -18,16 +18,16 @@ from beltcomm.simulate.stopping import first_deceleration
 from beltcomm.virtual.motor import EMMS_AS_70
 from campaign.cases import COMMANDS, REWRITTEN, Case, standing_s
 from campaign.disk import Disk
-from campaign.rig import STANDING_M_S, Outcome, Rig
+from campaign.rig import STANDING_M_S, TICK_S, Outcome, Rig, variant_of
 
 AXIS = "egc-70-600"
 TRAVEL_M = (-0.01, 0.57)
 #: Of the plant g_a: motor and carriage at the carriage, kg; Coulomb friction of both, N (configs/plants/g_a.yaml).
 MASS_KG = 13.44 + 7.173e-5 / 0.01242**2
 FRICTION_N = 0.125 / 0.01242
-#: s, until the drive brakes: a living host misses three answers, notices one period later, and is heard one more later; a dead one is
-#: missed by the drive's guarding after 50 ms.  Beside it one period each for the sampling and the delay of the torque.
-ALIVE_S, DEAD_S = 0.008, 0.055
+#: Until the drive brakes: periods of a living host that misses three answers, notices one period later, and is heard one more later, and
+#: s beside them for the sampling and the delay of the torque; s of a dead one, which the drive's guarding misses after 50 ms.
+ALIVE_PERIODS, BESIDE_S, DEAD_S = 5, 0.003, 0.055
 #: N: largest force of any setpoint, 1.24 N m at the pulley of axis.yaml.
 FORCE_N = 1.24 / 0.01242
 #: What the machine may do until it stands, s, beside its ramp: how long it swings on its belt.
@@ -260,7 +260,8 @@ def predicted_m(case: Case, run: Path, speed_m_s: float) -> float:
     A fault that takes the stage off leaves the axis to its friction: v²/2a, a = F/m; one that takes a share of the torque takes that of
     the braking.
     """
-    lag_s = DEAD_S if case.dead else ALIVE_S
+    period_s = variant_of(case.profile)[1] or TICK_S
+    lag_s = DEAD_S + period_s - TICK_S if case.dead else ALIVE_PERIODS * period_s + BESIDE_S
     fastest = abs(speed_m_s) + FORCE_N / MASS_KG * lag_s
     brakes = FRICTION_N / MASS_KG
     if case.kind != "node reset" and "stage off" not in case.about:

@@ -10,8 +10,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from beltcomm import api
+from beltcomm.axis import load_axis
 from beltcomm.cli.main import cli
 from beltcomm.drive import Drive, open_drive
+from beltcomm.machine.ratings import nameplate_of
 from beltcomm.model import load_plant
 from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.virtual.bus import LockstepBus, TimedLine
@@ -21,13 +23,18 @@ from beltcomm.virtual.sdo import begun_transfer
 from beltcomm_adapters.canopen import connect
 from campaign.disk import Disk
 
-PLANT = "g_a"
+PLANT, AXIS = "g_a", "egc-70-600"
 START_M = 0.25
 TICK_S = 1e-3
 #: Rubber buffers behind the travel of -0.01 to 0.57 m.
 BUFFERS_M = (-0.03, 0.59)
 #: s: no command of the campaign takes so long on the machine.
 LONGEST_S = 150.0
+#: Torque paths of a drive, by name: a setpoint filter and a current loop; a reading that is filtered, late and in steps.
+PATHS: Mapping[str, Mapping[str, float]] = {
+    "lag": {"setpoint_filter_s": 5e-4, "current_loop_hz": 800.0},
+    "filter": {"reading_filter_s": 2e-3, "reading_late_ticks": 1.0, "reading_step_nm": 7e-3},
+}
 #: m/s: what counts as standing.
 STANDING_M_S = 1e-3
 #: Objects that hold commands or samples, not settings: the session leaves them as it finds fit.
@@ -86,21 +93,37 @@ class Outcome:
     error: str = ""
 
 
+def variant_of(profile: str) -> tuple[dict[str, Any], float | None]:
+    """Options of a virtual drive, and its SYNC period asked for, s, by words such as ``epos4 2ms lag``: drive, period, torque path."""
+    name, *further = profile.split()
+    options: dict[str, Any] = {"profile" if name in ("reference", "cmmp-as") else "as": name}
+    periods = [1e-3 * float(word.removesuffix("ms")) for word in further if word.endswith("ms")]
+    for word in further:
+        options |= PATHS.get(word, {})
+    return options | ({"sample_period": periods[0]} if periods else {}), periods[0] if periods else None
+
+
 class Rig:
-    """A drive that is switched on at once and stays on.   gains : its gains before a command over those that it has saved."""
+    """A drive that is switched on at once and stays on.
+
+    profile : see :func:`variant_of`.   gains : its gains before a command over those that it has saved.
+    """
 
     def __init__(self, profile: str, seed: int = 1, gains: float = 1.25) -> None:
         file = load_plant(PLANT)
         self.plant = SimulatedPlant(file.model, START_M, end_stops_m=BUFFERS_M)
         self.faults = Faults()
-        options = {"plant": self.plant, "start_position": START_M, "profile": profile, "seed": seed, "faults": self.faults}
+        variant, self.period_s = variant_of(profile)
+        options = {"plant": self.plant, "start_position": START_M, "seed": seed, "faults": self.faults, **variant}
+        if "as" in variant:  # one that tells no ratings has those of the axis file
+            options["nameplate"] = nameplate_of(load_axis(AXIS))
         first: Any = open_drive(f"virtual:{PLANT}", options)
         self.bus: LockstepBus = first._link.bus
         first._release = lambda: None
         self._plant_name = file.model.name
         found, has = first.backup(), first.capabilities
         first.calibrate({name: has.parameters[name].scale for name in has.uncalibrated})  # as the profile says
-        first.write({name: gains * found[name] for name in ("kp_nm_s_rad", "ki_nm_rad", "kpp_1_s")})
+        first.write({name: gains * found[name] for name in ("kp_nm_s_rad", "ki_nm_rad", "kpp_1_s") if name in found})
         self.gains = first.backup()
         first.close()
         (self.device,) = self.bus._nodes  # type: ignore[assignment]
@@ -150,10 +173,11 @@ class Rig:
         for name, value in vars(Faults()).items():
             setattr(self.faults, name, value)
 
-    def open(self, _name: str, _options: Mapping[str, object] | None = None) -> Drive:
+    def open(self, _name: str, options: Mapping[str, Any] | None = None) -> Drive:
         """In place of :func:`beltcomm.drive.open_drive`: this drive, not a new one."""
         self.opened += 1
-        drive: Any = connect(self.bus, self.bus.clock, 1, None, None, lambda: None)
+        plate = (options or {}).get("nameplate")
+        drive: Any = connect(self.bus, self.bus.clock, 1, None, None, lambda: None, self.period_s, plate)
         drive.capabilities = replace(drive.capabilities, identity={**drive.capabilities.identity, "plant": self._plant_name})
         return drive  # type: ignore[no-any-return]
 
