@@ -49,7 +49,7 @@ _healthy: dict[tuple[str, str], Healthy] = {}
 def prepare(profile: str, place: Path) -> None:
     """A finished short commissioning of a profile, and a healthy run of each command on it."""
     rig, run = Rig(profile), place / profile.replace(" ", "-")
-    outcome = rig.call("commission", "--drive", "virtual", "--run", run, "--yes", "--quick", "--no-report")
+    outcome = rig.call(*(word for word in words_of("commission", run, profile) if word != "--resume"))
     rig.close()
     assert outcome.code in (0, 1), outcome.text
     _prepared[profile] = run
@@ -62,7 +62,7 @@ def healthy(command: str, profile: str) -> Healthy:
             run = Path(place) / "run"
             lay_out(command, _prepared[profile], run)
             rig = Rig(profile)
-            found, outcome = healthy_run(rig, words_of(command, run), run)
+            found, outcome = healthy_run(rig, words_of(command, run, profile), run)
             rig.close()
         assert found.code in (0, 1, 3), outcome.text
         print(f"healthy {command} on {profile}: exit code {found.code}, {found.machine_s:.1f} s, {found.transfers} transfers", flush=True)

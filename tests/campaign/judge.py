@@ -16,9 +16,9 @@ from beltcomm.errors import BeltcommError
 from beltcomm.runfolder import RunFolder
 from beltcomm.simulate.stopping import first_deceleration
 from beltcomm.virtual.motor import EMMS_AS_70
-from campaign.cases import COMMANDS, REWRITTEN, Case, standing_s
+from campaign.cases import COMMANDS, RECORDING, REWRITTEN, Case, standing_s
 from campaign.disk import Disk
-from campaign.rig import STANDING_M_S, TICK_S, Outcome, Rig, variant_of
+from campaign.rig import STANDING_M_S, START_M, TICK_S, Outcome, Rig, variant_of
 
 AXIS = "egc-70-600"
 TRAVEL_M = (-0.01, 0.57)
@@ -104,16 +104,18 @@ def lay_out(command: str, prepared: Path | None, run: Path) -> None:
             file.unlink()
 
 
-def words_of(command: str, run: Path) -> tuple[str, ...]:
-    """The words of a command line."""
-    return tuple(str(run) if word == "RUN" else word for word in COMMANDS[command])
+def words_of(command: str, run: Path, profile: str = "reference") -> tuple[str, ...]:
+    """The words of a command line; to a drive of another maker, which has not searched its zero, one says where the carriage stands."""
+    words = tuple(str(run) if word == "RUN" else word for word in COMMANDS[command])
+    stands = "as" in variant_of(profile)[0] and command in RECORDING
+    return (*words, "--position", f"{1e3 * START_M:.0f}mm") if stands else words
 
 
 def _judged(case: Case, rig: Rig, run: Path) -> Verdict:
     begun = rig.bus.tick
     rig.spoil(case.faults, case.bus_faults)
     disk = Disk(run, *case.disk) if case.disk is not None else None
-    outcome = rig.call(*words_of(case.command, run), disk=disk)
+    outcome = rig.call(*words_of(case.command, run, case.profile), disk=disk)
     ended = len(rig.examiner.place_m)
     rig.run_on(3.0)
     failures = [*_ended(case, outcome, run, rig), *_at_rest(rig), *_left(case, rig, run, outcome), *_readable(run)]
