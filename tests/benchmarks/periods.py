@@ -1,6 +1,8 @@
 """The shipped axis commissioned at bus periods from 0.5 to 10 ms, and stops at random instants on drives with other units.
 
-    python tests/benchmarks/periods.py [periods] [stops] [--extent quick|standard] [--count 200] [--only 4]
+    python tests/benchmarks/periods.py [periods] [stops] [--extent quick|standard] [--count 200] [--only 4] [--lag]
+
+    --lag : the drive filters its torque setpoint with 0.5 ms, and its current loop has 0.2 ms
 
 The machine is the independent simulator's rig; its truth is compared with what a command found through frames only.
 """
@@ -29,6 +31,7 @@ START_M = 0.25
 PERIODS_MS = (0.5, 1.0, 2.0, 4.0, 6.4, 10.0)
 #: Drives whose stops are watched: ordinary ones, rpm and rpm/s, factors as from the factory, counts in tenths.
 DRIVES = ("reference", "epos4", "pd4-e", "elmo-gold", "accelnet")
+LAG = {"setpoint_filter_s": 5e-4, "current_loop_s": 2e-4}
 TRUE = {"cart.mass": "mass_kg", "belt_stiffness.stiffness": "stiffness_n_m"}
 
 
@@ -67,14 +70,14 @@ def commissioned(plant: Watched, options: dict[str, Any], drive: dict[str, Any])
         return api.commission("virtual:g_a", load_axis("egc-70-600"), Path(folder) / "run", options=given).to_json()
 
 
-def periods(extent: str) -> None:
+def periods(extent: str, drive: dict[str, Any]) -> None:
     print(
         "SYNC ms |        mass kg (error %) |  stiffness kN/m (error %) | dynamic um: measured, predicted | static um | machine s | verdict"
     )
     for period_ms in PERIODS_MS:
         plant = Watched()
         try:
-            found = commissioned(plant, {"quick": extent == "quick", "sample_period_s": 1e-3 * period_ms}, {})
+            found = commissioned(plant, {"quick": extent == "quick", "sample_period_s": 1e-3 * period_ms}, drive)
         except BeltcommError as problem:
             print(f"{period_ms:7g} | {type(problem).__name__}: {problem}", flush=True)
             continue
@@ -122,11 +125,12 @@ if __name__ == "__main__":
     parser.add_argument("what", nargs="*", default=["periods", "stops"])
     parser.add_argument("--extent", default="quick")
     parser.add_argument("--count", type=int, default=200)
+    parser.add_argument("--lag", action="store_true")
     parser.add_argument("--only", type=float, nargs="*")
     asked = parser.parse_args()
     if asked.only:
         PERIODS_MS = tuple(asked.only)
     begun = time.perf_counter()
     for word in asked.what:
-        {"periods": lambda: periods(asked.extent), "stops": lambda: stops(asked.count)}[word]()
+        {"periods": lambda: periods(asked.extent, LAG if asked.lag else {}), "stops": lambda: stops(asked.count)}[word]()
     print(f"\n{time.perf_counter() - begun:.0f} s")
