@@ -12,7 +12,8 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.jobs import rungs
-from beltcomm.jobs.laboratory import climb, named_beside
+from beltcomm.jobs.change import named_beside
+from beltcomm.jobs.laboratory import climb
 from beltcomm.laboratory import acceptance
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.model import load_plant
