@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from beltcomm.errors import BeltcommError, Declined, DriveError
@@ -95,3 +97,21 @@ def again_command(words: Sequence[str], run: Path | None, *, resumes: bool) -> s
         kept.append(word)
     into = [] if run is None else ["--run", str(run), *(["--resume"] if resumes else [])]
     return shlex.join(["beltcomm", *kept, *into])
+
+
+def edited_files(named: Iterable[Path]) -> str:
+    """Files of runs that somebody else than this tool has written, in words; "" for none.
+
+    Parameters
+    ----------
+    named : iterable of Path
+        What a command was given, runs and whatever else.
+    """
+    from beltcomm.runfolder import RunFolder  # only a command that failed needs it
+
+    found: list[Path] = []
+    for run in dict.fromkeys(named):
+        if os.path.isfile(run / "axis.yaml"):
+            with suppress(BeltcommError):
+                found += RunFolder.open(run).edited_files()
+    return ", ".join(map(str, found))

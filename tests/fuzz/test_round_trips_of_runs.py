@@ -30,6 +30,8 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.study.file import load_study
 from beltcomm.study.job import line_text, read_members
 from beltcomm.study.population import nominal_of, population_from
+from beltcomm.watching import store
+from beltcomm.watching.judge import ERROR, MoveEstimate
 from fuzz.test_round_trips import any_text, finite, names, plain_values, words
 
 AXIS, MODEL = load_axis("egc-70-600"), load_plant("g_a").model
@@ -116,11 +118,44 @@ def test_journals(lines: list[tuple[str, Any, bool]], torn: float) -> None:
         for name in (journal.TEXT, journal.EVENTS) if lines else ():
             file = folder / name
             os.truncate(file, int(torn * file.stat().st_size))
-        whole = len(journal.lines_of(folder)) - 1
-        assert journal.lines_of(folder)[: max(whole, 0)] == expected[: max(whole, 0)]
-        assert [*journal.events_of(folder), *["note"] * len(events)][: len(events)] in [
-            [*events[:kept], *["note"] * (len(events) - kept)] for kept in range(len(events) + 1)
-        ]
+        whole = max(len(journal.lines_of(folder)) - 1, 0)
+        assert journal.lines_of(folder)[:whole] == expected[:whole]
+        found = len(journal.events_of(folder))
+        assert journal.events_of(folder) in (events[:found], [*events[: found - 1], "note"])
+        journal.append(folder, "goes on", "not restored", at)
+        assert journal.lines_of(folder)[-1] == f"{at}  goes on"
+        assert journal.events_of(folder)[-1] == "not restored"
+
+
+sizes = st.floats(1e-20, 1e20)
+moves = st.lists(
+    st.tuples(st.floats(-1e9, 1e10), sizes, sizes, st.dictionaries(names, st.tuples(sizes, sizes), max_size=3)), min_size=1, max_size=6
+)
+
+
+@given(moves, st.integers(1, 60))
+def test_watched_moves(drawn: list[tuple[float, float, float, dict[str, tuple[float, float]]]], torn: int) -> None:
+    """Each move as it was written; where a power cut has torn the last one, the next is whole all the same."""
+    written = [
+        {
+            "date_s": date_s,
+            "error_over_noise": error,
+            "error_interval": interval,
+            "quantities": {key: {"value": value, "interval": within} for key, (value, within) in told.items()},
+        }
+        for date_s, error, interval, told in drawn
+    ]
+    with TemporaryDirectory() as made:
+        run = Path(made)
+        for entry in written:
+            store.append(run, entry)
+        assert list(store.entries(run)) == written
+        file = run / store.FOLDER / store.FILE
+        os.truncate(file, file.stat().st_size - torn)
+        store.append(run, written[0])
+        assert list(store.entries(run)) in ([*written[:-1], written[0]], [*written, written[0]])
+    for entry, (_, error, interval, told) in zip(written, drawn, strict=True):
+        assert store.told_by(entry) == {key: MoveEstimate(*one) for key, one in (told | {ERROR: (error, interval)}).items()}
 
 
 @st.composite
