@@ -13,6 +13,8 @@ from beltcomm.given import pasted
 
 #: What an error names that doubts what is known of the axis beforehand.
 AXIS_FILE = "axis.yaml"
+#: What Python says of a value that is of another kind than the one that was written.
+OF_VALUES = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError, StopIteration)
 #: What events of a journal say of how the drive was left.
 _STATES = {
     "restored": "stopped; everything in it is as it was found",

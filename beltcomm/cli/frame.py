@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import click
 
 from beltcomm.borders import for_file_name, for_json, for_terminal
-from beltcomm.cli.aftermath import aftermath, again_command, edited_files
+from beltcomm.cli.aftermath import OF_VALUES, aftermath, again_command, edited_files
 from beltcomm.cli.streams import NAMES
 from beltcomm.cli.terminal import echo, failure
 from beltcomm.errors import BeltcommError, DataError, UsageError
@@ -53,8 +53,6 @@ LEFT_NEXT = re.compile(r"(beltcomm (?:(?!   \(|; |, then ).)+)(?:   \(([^)]*)\))
 VIRTUAL_AXIS = "egc-70-600"
 #: What a command without memory says, and what a loader of libraries says then in place of ``MemoryError``.
 _NO_MEMORY = "this computer has no memory left for it; end other programs, or give shorter or fewer records"
-#: What Python says of a value that is of another kind than the one that was written.
-_OF_VALUES = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError, StopIteration)
 _SAID_WITHOUT_MEMORY = ("annot allocate memory", "failed to map segment", "cannot apply additional memory protection")
 
 
@@ -196,7 +194,7 @@ class Invocation:
             return self._failed(_NO_MEMORY, 1)
         if self.verbose:
             click.echo(for_terminal(traceback.format_exc()), err=True)
-        if isinstance(error, _OF_VALUES) and (edited := edited_files([*filter(None, [self._run]), *map(Path, self.words)])):
+        if isinstance(error, OF_VALUES) and (edited := edited_files([*filter(None, [self._run]), *map(Path, self.words)])):
             return self._failed(
                 f"{edited} is not as beltcomm wrote it, and a value in it cannot be used here ({error}); bring it back, or delete it and "
                 "make it again",

@@ -104,7 +104,7 @@ class StandIn(ModuleType):
 def api(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> StandIn:
     stand_in = StandIn()
     for name in (
-        "beltcomm.api", "beltcomm.pages", "beltcomm.experiments.options", "beltcomm.jobs.laboratory", "beltcomm.jobs.fit",
+        "beltcomm.api", "beltcomm.pages", "beltcomm.experiments.options", "beltcomm.jobs.laboratory", "beltcomm.jobs.change", "beltcomm.jobs.fit",
         "beltcomm.jobs.friction_compare", "beltcomm.jobs.convert", "beltcomm.jobs.export", "beltcomm.jobs.watch", "beltcomm.jobs.bundle",
         "beltcomm.thesis.topics", "beltcomm.jobs.trajectory", "beltcomm.foreign.job",
     ):  # fmt: skip

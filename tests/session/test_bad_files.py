@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -335,3 +336,15 @@ def test_a_backup_with_a_text_for_a_number_is_named_by_the_report(copy_of_comple
     outcome = call("report", run)
     assert outcome.exit_code == 3, outcome.output
     assert f"{path} is damaged" in outcome.stderr
+
+
+def test_a_run_that_cannot_be_judged_hides_no_other(copy_of_complete: Copy, tmp_path: Path) -> None:
+    sound, edited = copy_of_complete(name="sound"), copy_of_complete(name="edited")
+    path = next((edited / "results").glob("verify_*.yaml"))
+    path.write_text(re.sub(r"measured_cart: .*", "measured_cart: [1]", path.read_text(encoding="utf-8"), count=1), encoding="utf-8")
+    outcome = call("runs", tmp_path, "--json")
+    assert outcome.exit_code == 0, outcome.output
+    told = {Path(one["run"]).name: one["headline"] for one in json.loads(outcome.stdout)["runs"]}
+    assert told[sound.name]["state"] == "pass"
+    assert told[edited.name]["state"] == "damaged"
+    assert f"{path} is not as beltcomm wrote it" in told[edited.name]["sentence"]
