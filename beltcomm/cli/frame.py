@@ -192,16 +192,16 @@ class Invocation:
         """The sentence and the log for what nobody thought of; exit code 1."""
         if _lacks_memory(error):
             return self._failed(_NO_MEMORY, 1)
+        log = self._write_log()
         if self.verbose:
             click.echo(for_terminal(traceback.format_exc()), err=True)
+        where = f"; details are in {log}" if log else ""
         if isinstance(error, OF_VALUES) and (edited := edited_files([*filter(None, [self._run]), *map(Path, self.words)])):
             return self._failed(
                 f"{edited} is not as beltcomm wrote it, and a value in it cannot be used here ({error}); bring it back, or delete it and "
-                "make it again",
+                f"make it again{where}",
                 DataError.exit_code,
             )
-        log = self._write_log()
-        where = f"; details are in {log}" if log else ""
         return self._failed(f"an unexpected error stopped this command: {type(error).__name__}: {error}{where}", 1)
 
     def show(self, result: CommandResult) -> int:

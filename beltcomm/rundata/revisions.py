@@ -190,7 +190,7 @@ def _name(folder: RunFolder, rungs: Sequence[Revision], model: Model) -> str:
 def _is_kept(folder: RunFolder, name: str, model: Model) -> bool:
     """True if this very model stands under a name: a command was cut off before its rung was noted."""
     try:
-        return folder.load("models", name) == as_plain(model.to_dict())
+        return bool(folder.load("models", name) == as_plain(model.to_dict()))
     except DataError:
         return False
 
