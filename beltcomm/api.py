@@ -34,6 +34,8 @@ from beltcomm.jobs import early_end
 from beltcomm.jobs import friction as friction_job
 from beltcomm.jobs import move as short_move
 from beltcomm.jobs.bundle import bundle as bundle
+from beltcomm.jobs.change import add_to_run as add
+from beltcomm.jobs.change import remove_from_run as remove
 from beltcomm.jobs.convert import convert as convert
 from beltcomm.jobs.design import basis_of, delivered
 from beltcomm.jobs.doctor import doctor as doctor
@@ -41,11 +43,9 @@ from beltcomm.jobs.export import export as export
 from beltcomm.jobs.fit import fit as fit
 from beltcomm.jobs.follow import follow_plan
 from beltcomm.jobs.friction_compare import friction_compare as friction_compare
-from beltcomm.jobs.laboratory import add_to_run as add
 from beltcomm.jobs.laboratory import compare_run as compare
 from beltcomm.jobs.laboratory import diagnose_run as diagnose
 from beltcomm.jobs.laboratory import ladder_of_run as ladder
-from beltcomm.jobs.laboratory import remove_from_run as remove
 from beltcomm.jobs.loop import identify_in_loop
 from beltcomm.jobs.move import ruler as ruler
 from beltcomm.jobs.new_profile import new_profile as new_profile

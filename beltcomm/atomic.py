@@ -47,11 +47,21 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
 
 def appending(path: Path) -> int:
     """Number of a file opened to be grown line by line, made where it is not there.   Raises OSError for a link, a pipe or a device."""
-    number = _unwaited(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0))
+    number = _unwaited(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0))
     if not stat.S_ISREG(os.fstat(number).st_mode):
         os.close(number)
         raise OSError(errno.EINVAL, "it is no file", str(path))
     return number
+
+
+def append_line(path: Path, text: str) -> None:
+    """A line behind the last one of a file, which ends where a power cut has torn it.   Raises OSError as :func:`appending`."""
+    with os.fdopen(appending(path), "a+b") as file:
+        if file.seek(0, os.SEEK_END):
+            file.seek(-1, os.SEEK_END)
+            if file.read(1) != b"\n":
+                file.write(b"\n")
+        file.write(text.encode(errors="backslashreplace") + b"\n")
 
 
 def _unwaited(path: Path, flags: int) -> int:

@@ -9,12 +9,15 @@ import json
 import re
 import unicodedata
 from typing import Any
+from urllib.parse import quote
 
 #: What a reader does not see and a terminal or a browser obeys: control characters but the tab and the end of a line, marks that turn
 #: the direction of writing or join and hide, separators of lines that only some know, halves of characters.
 _OBEYED = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\xad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff\U000e0000-\U000e007f]"
 )
+#: The same and what no name of a file in a zip may hold.
+_NOT_PACKED = re.compile(rf"{_OBEYED.pattern}|[\t\n\\]")
 #: What opens and closes comments of C and of structured text.
 _MARKS = ("/*", "*/", "(*", "*)")
 _SPELLED = (
@@ -55,6 +58,11 @@ def spelled(error: UnicodeError) -> tuple[str, int]:
         raise error
     plain = dict(_SPELLED)
     return "".join(plain.get(letter) or json.dumps(letter)[1:-1] for letter in error.object[error.start : error.end]), error.end
+
+
+def for_archive(name: str) -> str:
+    """The name of a file inside a zip, without what is obeyed, bytes that are no text, and what another system takes for a folder."""
+    return _NOT_PACKED.sub(lambda found: quote(found[0], errors="surrogatepass"), name)
 
 
 def for_file_name(text: str, otherwise: str, gap: str = "-", longest: int = 60) -> str:

@@ -9,7 +9,7 @@ import json
 from pathlib import Path
 from typing import Literal, get_args
 
-from beltcomm.atomic import appending
+from beltcomm.atomic import append_line
 from beltcomm.errors import DataError, UsageError
 from beltcomm.outside import KEPT_BYTES, read_text
 
@@ -70,7 +70,6 @@ def _event_of(line: str) -> str:
 
 def _append(path: Path, line: str) -> None:
     try:
-        with open(appending(path), "a", encoding="utf-8", errors="backslashreplace") as file:
-            file.write(line + "\n")
+        append_line(path, line)
     except OSError as error:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}; make room or choose another --run folder") from error

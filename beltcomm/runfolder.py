@@ -19,9 +19,10 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from difflib import get_close_matches
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,11 @@ _MOVED_ASIDE = re.compile(r"\.unfinished\d+$")
 #: Events of a run that was left before anything moved.
 _HARMLESS = {"connected", "restored", "rehearsed"}
 _KINDS = {"models": "model", "designs": "design", "results": "result"}
+
+
+def next_free(stem: str, taken: Collection[str], first: int = 1) -> str:
+    """``STEM1``, ``STEM2`` and so on, the first that is not taken: of what somebody took away, a count would name what stays."""
+    return next(name for number in count(first) if (name := f"{stem}{number}") not in taken)
 
 
 class RunFolder:
@@ -594,6 +600,23 @@ class RunFolder:
             As :meth:`load`.
         """
         return not self._unsealed(kind, name)[1]
+
+    def edited_files(self) -> list[Path]:
+        """Designs and results that are not as this tool wrote them.
+
+        Returns
+        -------
+        list of Path
+            Unreadable ones, too.
+        """
+        kept = [(kind, name) for kind in ("designs", "results") for name in self.names(kind)]
+        return [self.path / kind / f"{name}.yaml" for kind, name in kept if self._doubtful(kind, name)]
+
+    def _doubtful(self, kind: str, name: str) -> bool:
+        try:
+            return self.edited(kind, name)
+        except DataError:
+            return True
 
     def _unsealed(self, kind: str, name: str) -> tuple[dict[str, Any], bool]:
         path = self.file(kind, name)

@@ -10,6 +10,7 @@ import pytest
 
 from beltcomm.axis import Coupling, load_axis, save_axis
 from beltcomm.errors import DataError, NoMotion, UsageError
+from beltcomm.jobs.design import keep_replaced
 from beltcomm.recording import Recording, Sidecar
 from beltcomm.runfolder import RunFolder
 
@@ -54,6 +55,19 @@ def test_models_designs_and_results_come_back_exactly(tmp_path: Path) -> None:
     assert run.load_result("none") is None
     run.save_model("second", {})
     assert run.names("models") == ["first", "second"]
+
+
+def test_a_design_that_is_replaced_takes_the_next_free_name(tmp_path: Path) -> None:
+    """Not the one that a count of them gives: somebody may have taken one away."""
+    run = RunFolder.create(tmp_path / "R", RIG)
+    designs = {f"{k}": {"parameters": {"kpp_1_s": float(k)}} for k in range(1, 5)}
+    run.save_design("replaced_2", designs["4"])
+    for k, name in ((1, "replaced_1"), (2, "replaced_3")):
+        run.save_design("final", designs[f"{k}"])
+        assert keep_replaced(run, designs["3"]) == f"designs/{name}.yaml"
+        assert run.load("designs", name) == designs[f"{k}"]
+    assert run.load("designs", "replaced_2") == designs["4"]
+    assert keep_replaced(run, designs["2"]) == ""
 
 
 def test_missing_models_are_named_with_the_command_that_makes_them(tmp_path: Path) -> None:

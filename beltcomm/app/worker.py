@@ -95,7 +95,7 @@ def look(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
 
 def add(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
     """One more effect, then what it costs in tracking not to know it."""
-    from beltcomm.jobs.laboratory import add_to_run
+    from beltcomm.jobs.change import add_to_run
     from beltcomm.rundata.cost import cost_and_words
     from beltcomm.rundata.revisions import keep_cost, model_named, revisions
     from beltcomm.runfolder import RunFolder
@@ -118,7 +118,7 @@ def add(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
 
 def remove(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
     """Everything fitted again without an effect."""
-    from beltcomm.jobs.laboratory import remove_from_run
+    from beltcomm.jobs.change import remove_from_run
 
     effect = given["effect"]
     talk = TellingTalk(_teller(pipe), f"taking {effect} out, everything is fitted again")

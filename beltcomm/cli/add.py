@@ -29,7 +29,7 @@ def command(frame: Invocation, /, effect: str, run: Path, start: tuple[str, ...]
     frame.run = run
     values = dict(_value(text) for text in start)
     return frame.show(
-        api("beltcomm.jobs.laboratory").add_to_run(
+        api("beltcomm.jobs.change").add_to_run(
             effect, run, start=values or None, cost=cost, pictures=pictures, command=frame.line(), when=today(), talk=frame.talk()
         )
     )

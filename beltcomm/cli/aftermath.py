@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from beltcomm.errors import BeltcommError, Declined, DriveError
@@ -11,6 +13,8 @@ from beltcomm.given import pasted
 
 #: What an error names that doubts what is known of the axis beforehand.
 AXIS_FILE = "axis.yaml"
+#: What Python says of a value that is of another kind than the one that was written.
+OF_VALUES = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError, StopIteration)
 #: What events of a journal say of how the drive was left.
 _STATES = {
     "restored": "stopped; everything in it is as it was found",
@@ -95,3 +99,21 @@ def again_command(words: Sequence[str], run: Path | None, *, resumes: bool) -> s
         kept.append(word)
     into = [] if run is None else ["--run", str(run), *(["--resume"] if resumes else [])]
     return shlex.join(["beltcomm", *kept, *into])
+
+
+def edited_files(named: Iterable[Path]) -> str:
+    """Files of runs that somebody else than this tool has written, in words; "" for none.
+
+    Parameters
+    ----------
+    named : iterable of Path
+        What a command was given, runs and whatever else.
+    """
+    from beltcomm.runfolder import RunFolder  # only a command that failed needs it
+
+    found: list[Path] = []
+    for run in dict.fromkeys(named):
+        if os.path.isfile(run / "axis.yaml"):
+            with suppress(BeltcommError):
+                found += RunFolder.open(run).edited_files()
+    return ", ".join(map(str, found))

@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 import click
 
 from beltcomm.borders import for_file_name, for_json, for_terminal
-from beltcomm.cli.aftermath import aftermath, again_command
+from beltcomm.cli.aftermath import OF_VALUES, aftermath, again_command, edited_files
 from beltcomm.cli.streams import NAMES
 from beltcomm.cli.terminal import echo, failure
-from beltcomm.errors import BeltcommError, UsageError
+from beltcomm.errors import BeltcommError, DataError, UsageError
 from beltcomm.given import pasted, place
 from beltcomm.journal import events_of
 from beltcomm.language import tr
@@ -196,6 +196,12 @@ class Invocation:
         if self.verbose:
             click.echo(for_terminal(traceback.format_exc()), err=True)
         where = f"; details are in {log}" if log else ""
+        if isinstance(error, OF_VALUES) and (edited := edited_files([*filter(None, [self._run]), *map(Path, self.words)])):
+            return self._failed(
+                f"{edited} is not as beltcomm wrote it, and a value in it cannot be used here ({error}); bring it back, or delete it and "
+                f"make it again{where}",
+                DataError.exit_code,
+            )
         return self._failed(f"an unexpected error stopped this command: {type(error).__name__}: {error}{where}", 1)
 
     def show(self, result: CommandResult) -> int:

@@ -24,7 +24,5 @@ def command(frame: Invocation, /, effect: str, run: Path, pictures: bool) -> int
     """
     frame.run = run
     return frame.show(
-        api("beltcomm.jobs.laboratory").remove_from_run(
-            effect, run, pictures=pictures, command=frame.line(), when=today(), talk=frame.talk()
-        )
+        api("beltcomm.jobs.change").remove_from_run(effect, run, pictures=pictures, command=frame.line(), when=today(), talk=frame.talk())
     )

@@ -43,6 +43,7 @@ def command(frame: Invocation, /, folder: Path) -> int:
 
 def _told(path: Path) -> dict[str, Any]:
     """A run in a line; what is wrong with it, where it cannot be read."""
+    from beltcomm.cli.aftermath import OF_VALUES, edited_files
     from beltcomm.errors import BeltcommError
     from beltcomm.rundata.headline import headline_of
     from beltcomm.runfolder import RunFolder
@@ -57,5 +58,7 @@ def _told(path: Path) -> dict[str, Any]:
             "drive": str(drive.get("reached_as") or drive.get("name") or ""),
             "headline": headline_of(folder).to_dict(),
         }
-    except BeltcommError as problem:
-        return {**told, "headline": {"state": "damaged", "word": "DAMAGED", "sentence": str(problem)}}
+    except (BeltcommError, *OF_VALUES) as problem:  # one that somebody has edited hides none of the others
+        edited = "" if isinstance(problem, BeltcommError) else edited_files([path])
+        sentence = f"{edited} is not as beltcomm wrote it ({problem})" if edited else str(problem)
+        return {**told, "headline": {"state": "damaged", "word": "DAMAGED", "sentence": sentence}}

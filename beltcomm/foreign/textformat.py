@@ -28,7 +28,8 @@ _GROUPED = {
     False: re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d*([eE][-+]?\d+)?"),
 }
 #: Marks that part thousands and nothing else, between digits: apostrophes, narrow and unbroken blanks; and a minus as books print it.
-_PARTS = re.compile("(?<=\\d)['\u2019\u00a0\u2007\u2009\u202f](?=\\d{3}(?!\\d))")
+_MARKS = "'\u2019\u00a0\u2007\u2009\u202f"
+_PARTS = re.compile(rf"(?<=\d)[{_MARKS}](?=\d{{3}}(?!\d))")
 _MINUS = "\u2212"
 #: Bytes at the beginning that tell two bytes a letter, and share of them that are zero there.
 _WIDE, _ZEROS = 400, 0.9
@@ -49,7 +50,9 @@ def wide_encoding(begin: bytes) -> str:
 
 def plain_numbers(text: str) -> str:
     """A text with its numbers as programs write them: thousands not parted by marks that nothing else has, a minus that is one."""
-    return _PARTS.sub("", text.replace(_MINUS, "-"))
+    if any(mark in text for mark in _MARKS):  # a table without them is looked through for nothing, which takes as long as to read it
+        text = _PARTS.sub("", text)
+    return text.replace(_MINUS, "-")
 
 
 class Format(NamedTuple):

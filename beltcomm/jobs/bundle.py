@@ -11,6 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from beltcomm import atomic
+from beltcomm.borders import for_archive
 from beltcomm.errors import UsageError
 from beltcomm.given import Place, place
 from beltcomm.outside import MEASURED_BYTES, opened, read_text
@@ -75,7 +76,7 @@ def write_bundle(run: Path, path: Path, *, recordings: bool = False, private: Se
         with atomic.replacing(path) as whole, zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr(VERSIONS, versions())
             for file in chosen:
-                inside = file.relative_to(run).as_posix()
+                inside = for_archive(file.relative_to(run).as_posix())
                 if file.suffix in LOGS:
                     with opened(file) as log, archive.open(inside, "w") as packed:
                         shutil.copyfileobj(log, packed)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +28,7 @@ from beltcomm.rundata.headline import OF, following, hashes_of, headline_of
 from beltcomm.rundata.kept_fit import kept_path
 from beltcomm.rundata.proof import SUSPECT, doubts, error_of, same_gains, suspect, thin_margins
 from beltcomm.rundata.revisions import current_revision, unfitted
-from beltcomm.runfolder import RunFolder
+from beltcomm.runfolder import RunFolder, next_free
 from beltcomm.sentences import outcome, screens, typed_gains, words
 from beltcomm.sentences.cross_checks import sheet_lines
 from beltcomm.sentences.design_proof import proof_lines
@@ -188,7 +187,7 @@ def keep_replaced(folder: RunFolder, other: Mapping[str, Any]) -> str:
     """Before another design takes its place, today's stays as ``designs/replaced_N.yaml``; its name, "" where none is lost."""
     if "final" not in folder.names("designs") or same_gains(folder.load("designs", "final").get("parameters"), other["parameters"]):
         return ""
-    name = next(name for k in count(1) if (name := f"replaced_{k}") not in folder.names("designs"))
+    name = next_free("replaced_", folder.names("designs"))
     folder.save_design(name, folder.load("designs", "final"))
     return f"designs/{name}.yaml"
 

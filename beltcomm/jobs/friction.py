@@ -25,7 +25,7 @@ from beltcomm.pages import pictures
 from beltcomm.recording.sidecar import Sidecar, load_sidecar
 from beltcomm.result import Line, Result, plain
 from beltcomm.rundata import friction_study
-from beltcomm.runfolder import RunFolder
+from beltcomm.runfolder import RunFolder, next_free
 from beltcomm.schedule import orders
 from beltcomm.schedule.orders import Stroke, Wanted
 from beltcomm.schedule.strokes import DEFAULT
@@ -126,9 +126,9 @@ def record_s(capabilities: Capabilities) -> float:
 def record(machine: Machine, model: Model, asked: Wanted) -> RecordedSweeps:
     """Drive the sweeps with the loop that is in the drive.   Raises what the machine raises; finished records stay."""
     if asked.plain:
-        number = 1 + sum(name.startswith("sweep") for name in machine.folder.finished_names())
-        name = "sweep" if number == 1 else f"sweep_{number}"
-        measure_friction(machine, model, name, held_out=number > 1 and _judges(machine.folder))
+        taken = machine.folder.finished_names()
+        name = "sweep" if "sweep" not in taken else next_free("sweep_", taken, 2)
+        measure_friction(machine, model, name, held_out=name != "sweep" and _judges(machine.folder))
         return RecordedSweeps((name,))
     machine.begin(machine.titles[-1])
     measurement = 1 + max([note_of(s, n).measurement for n, s in _sidecars(machine.folder).items()], default=0)
@@ -175,7 +175,7 @@ def _possible(machine: Machine, model: Model, order: str, asked: Wanted) -> tupl
 
 def _recorded(machine: Machine, path: Trajectory, note: SweepNote, asked: Wanted) -> str:
     """One record; its name."""
-    name = f"{RECORDS}{1 + sum(name.startswith(RECORDS) for name in machine.folder.finished_names())}"
+    name = next_free(RECORDS, machine.folder.finished_names())
     sidecar = Sidecar(
         experiment="friction_sweep",
         start_position_m=machine.position_m,

@@ -1,4 +1,4 @@
-"""The laboratory's commands on a run folder: compare, diagnose, add, remove, ladder.  No machine needed."""
+"""The laboratory's commands that read a run folder: compare, diagnose, ladder.  No machine needed."""
 
 from __future__ import annotations
 
@@ -7,39 +7,31 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from beltcomm.effects import effect_named, stands_for
-from beltcomm.errors import BeltcommError, Refused, UsageError
+from beltcomm.errors import UsageError
 from beltcomm.experiments.redundant_steps import Before, record_showing
 from beltcomm.fit.acting import acting_recordings
-from beltcomm.fit.base import ratio_in_groups_of
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.noise_level import noise_doubt
-from beltcomm.fit.observer import needs_observer
-from beltcomm.fit.records import Data
 from beltcomm.fit.stated_reading import stated_remarks
-from beltcomm.given import Place, pasted, place, word
+from beltcomm.given import Place, pasted, place
 from beltcomm.jobs.confounded_effects import find_confounded
 from beltcomm.jobs.effect_search import search_of
-from beltcomm.jobs.growing import fit_with, fit_without
-from beltcomm.jobs.rungs import base_revision, plain_of, revision_of
+from beltcomm.jobs.rungs import base_revision, change_of, plain_of, revision_of
 from beltcomm.laboratory.acceptance import is_confirmed
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
-from beltcomm.laboratory.diagnosis import Diagnosis, Stage, final_refit
-from beltcomm.laboratory.gap_evidence import is_replaceable_gap
-from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes
+from beltcomm.laboratory.diagnosis import Diagnosis, Stage
 from beltcomm.laboratory.place_words import in_words
-from beltcomm.laboratory.plain_error import of_run, unexplained_words
+from beltcomm.laboratory.plain_error import unexplained_words
 from beltcomm.laboratory.plausibility import undetermined_effects
 from beltcomm.laboratory.scope import missing_records, not_named
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.visible import detection_limits
-from beltcomm.model import Model
 from beltcomm.pages import pictures as drawn
 from beltcomm.recording import Recording
 from beltcomm.result import Result, plain
 from beltcomm.rundata.cost import cost_and_words, with_costs
-from beltcomm.rundata.fitted_run import Opened, explainable, open_fitted
+from beltcomm.rundata.fitted_run import explainable, open_fitted
 from beltcomm.rundata.kept_fit import KEY
 from beltcomm.rundata.kept_result import kept_or_new
 from beltcomm.rundata.revisions import (
@@ -48,7 +40,6 @@ from beltcomm.rundata.revisions import (
     changed_recordings,
     current_model,
     current_revision,
-    keep_cost,
     revisions,
 )
 from beltcomm.rundata.store import stated_reading
@@ -56,15 +47,12 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.next_plan import NAME, plan_for
 from beltcomm.sentences import ladder as words
 from beltcomm.sentences.cross_checks import as_data, check_lines, cross_checked, sensed, sensor_data, sensor_lines, sheet_lines
-from beltcomm.sentences.diagnosis_data import diagnosis_data, error_data, seen_as, values_of
+from beltcomm.sentences.diagnosis_data import diagnosis_data, seen_as, values_of
 from beltcomm.sentences.own_words import about_run
 from beltcomm.sentences.response_table import table_lines, table_of
 from beltcomm.sentences.torque_path import path_data, path_sentences, period_of, whole_sentences
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.talk import Silence, Talk
-
-#: Factor by which the error over the noise may be larger with an effect that was asked for: more is a fit that went astray.
-WORSE = 1.05
 
 
 @about_run()
@@ -304,131 +292,6 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
     return made
 
 
-def change_of(new: Sequence[str], removed: Sequence[str] = ()) -> str:
-    """Changes of a revision: effects with + and -, ``with its form`` or ``form of EFFECT`` where one became free."""
-    effects = [f"+{name}" for name in new if "." not in name and name not in removed]
-    effects += [f"-{name}" for name in removed if name not in new]
-    owners = dict.fromkeys(name.split(".")[0] for name in new if "." in name)
-    return " ".join(effects + ["with its form" if owner in new else f"form of {owner}" for owner in owners])
-
-
-@about_run()
-def add_to_run(
-    effect: str,
-    run: Place,
-    *,
-    start: Mapping[str, float] | None = None,
-    pictures: bool = True,
-    cost: bool = True,
-    command: str = "",
-    when: str = "",
-    talk: Talk | None = None,
-) -> Result:
-    """Refit everything with one more effect, saved as a new revision.
-
-    Parameters
-    ----------
-    effect : str
-        Name of the effect.
-    run : Place
-        Run folder.
-    start : mapping of str to float, or None
-        Own parameters of the effect by bare name, from which the fit begins; None lets it search.
-    pictures : bool
-        Before and after, into ``RUN/pictures``.
-    cost : bool
-        Of not knowing it, in tracking error.
-    command : str
-        Command line, kept as provenance.
-    when : str
-        Date and time, kept as provenance.
-    talk : Talk or None
-        Hears progress and answers questions; None says nothing and agrees to nothing.
-
-    Returns
-    -------
-    Result
-        Values before and after, and whether the effect is worth its parameters.
-    """
-    run, asked = place(run), word(effect, "effect")
-    refuse_load(stands_for(asked), run)
-    here = open_fitted(run, talk or Silence())
-    effect = stands_for(asked, behind_gap=needs_observer(here.fitted.model))
-    if effect in here.fitted.model.effects:
-        raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {pasted(run)}`")
-    data, named = fit_with(here, effect, start)
-    on_body = assign_body(data, named, effect_named(effect))
-    shaped = fit_law_shapes(data, on_body.fitted, here.fitted.model)
-    data, after = final_refit(data, shaped.fitted)
-    before = ratio_in_groups_of(here.fitted, after)
-    if not after.ratio <= WORSE * before:
-        raise Refused(
-            f"no values of {effect} were found with which the error falls: {before:.2f} times the noise without it, "
-            f"{after.ratio:.2f} with the best that were found; nothing was saved. With values that you know: --start NAME=VALUE"
-        )
-    if current_revision(here.folder) is None:
-        base_revision(here.folder, here.data, here.fitted, command, when)
-    new = (effect, *on_body.new, *shaped.new)
-    change = change_of(new, [name for name in here.fitted.model.effects if name not in (*after.model.effects, *new)])
-    rung = revision_of(here.folder, (data, after), (here.data, here.fitted), change, command, when)
-    notes = words.added_notes(asked, effect, is_replaceable_gap(data, after, effect_named(effect)))
-    notes += words.narrower_lines(here.fitted, after)
-    result = change_result(here, data, after, rung, notes, command, pictures)
-    if not cost:
-        return result
-    price, lines = cost_and_words(here.folder, here.fitted.model, with_intervals(after), effect)
-    keep_cost(here.folder, rung.name, None if price is None else {"of": effect, **price})
-    return Result({**result.data, "cost": price}, [*result.text[:-1], *lines, result.text[-1]])
-
-
-def refuse_load(effect: str, run: Path) -> None:
-    """Raise UsageError for an effect that comes with the records, and for none of the catalogue."""
-    if effect_named(stands_for(effect)).slot == "load_of_record":
-        raise UsageError(
-            f"{effect} comes with the records that name another load, and goes with them: write `load: NAME` into their sidecars in "
-            f"{run / 'recordings'}, or import them with --load NAME"
-        )
-
-
-@about_run()
-def remove_from_run(
-    effect: str, run: Place, *, pictures: bool = True, command: str = "", when: str = "", talk: Talk | None = None
-) -> Result:
-    """Refit everything without an effect, saved as a new revision; a model that the run had already is the one it was.
-
-    Parameters
-    ----------
-    effect : str
-        Name of the effect.
-    run : Place
-        Run folder.
-    pictures : bool
-        Pictures into ``RUN/pictures``.
-    command : str
-        Command line, kept as provenance.
-    when : str
-        Date and time, kept as provenance.
-    talk : Talk or None
-        Hears progress and answers questions; None says nothing and agrees to nothing.
-
-    Returns
-    -------
-    Result
-        Values before and after.
-    """
-    run, asked = place(run), word(effect, "effect")
-    refuse_load(asked, run)
-    here = open_fitted(run, talk or Silence())
-    effect = stands_for(asked, behind_gap=asked in here.fitted.model.effects)
-    if effect not in here.fitted.model.effects:
-        raise UsageError(f"the model of {run} has no {effect}; it has {', '.join(here.fitted.model.effects)}")
-    if current_revision(here.folder) is None:
-        base_revision(here.folder, here.data, here.fitted, command, when)
-    data, after = fit_without(here, effect)
-    rung = revision_of(here.folder, (data, after), (here.data, here.fitted), f"-{effect}", command, when)
-    return change_result(here, data, after, rung, [], command, pictures)
-
-
 @about_run()
 def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Result:
     """Show all revisions of the model as a staircase.
@@ -460,52 +323,9 @@ def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Re
     return Result(data, words.ladder_lines(rungs, changed) + drawn.lines(folder, made, remarks))
 
 
-def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, notes: Sequence[str], command: str, pictures: bool) -> Result:
-    """Result of ``add`` and ``remove``.
-
-    Parameters
-    ----------
-    grown : Data
-        The records as the new model sees them.
-    """
-    run = here.folder.path
-    made: list[str] = []
-    remarks: list[str] = []
-    if pictures:
-        made, remarks = drawn.change_picture(here.folder, rung, compare(here.data, here.fitted), compare(grown, after), command)
-    model, band = with_intervals(after), rung.plain.band_hz if rung.plain else None
-    before = of_run(here.data, here.fitted, band)
-    data = {
-        "run": str(run),
-        "revision": rung.name,
-        "change": rung.change,
-        "confirmed": rung.confirmed,
-        "before": error_data(here.fitted, before),
-        "after": error_data(after, (rung.plain, rung.plain_held_out)),
-        "parameters": values_of(model),
-        "pictures": made,
-        "notes": list(notes),
-        "remarks": list(here.records.remarks),
-    }
-    text = words.remark_lines(here.records.remarks) + words.change_lines(
-        (here.fitted, before), model, after, rung, notes, run, named_beside(here.folder, model)
-    )
-    return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
-
-
 def ratios(comparison: Comparison) -> dict[str, Any]:
     """``ratio`` and ``plain`` : overall and held out."""
     return {
         "ratio": {"overall": comparison.ratio, "held_out": comparison.held_out},
         "plain": {"overall": plain(comparison.plain), "held_out": plain(comparison.plain_held_out)},
     }
-
-
-def named_beside(folder: RunFolder, model: Model) -> list[str]:
-    """Effects that the last diagnosis names and a model does not have, without those that `add` tries by itself."""
-    try:
-        named = [effect_named(str(name)) for name in (folder.load_result("diagnosis") or {})["named"]]
-    except (BeltcommError, KeyError, TypeError):
-        return []
-    along = {part for effect in named for part in effect.completed_by}
-    return [e.name for e in named if e.name not in model.effects and e.name not in along]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from beltcomm.fit.base import in_groups_of
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.in_band import shared_band
@@ -69,3 +71,11 @@ def plain_of(found: Diagnosis) -> tuple[Plain, Plain]:
 def less(after: PlainError | None, trusted: PlainError | None) -> bool:
     """True if a plain error is not larger than that of a rung below; also where that was not written down, or in another band."""
     return after is None or trusted is None or after.band_hz != trusted.band_hz or after.error <= trusted.error
+
+
+def change_of(new: Sequence[str], removed: Sequence[str] = ()) -> str:
+    """Changes of a revision: effects with + and -, ``with its form`` or ``form of EFFECT`` where one became free."""
+    effects = [f"+{name}" for name in new if "." not in name and name not in removed]
+    effects += [f"-{name}" for name in removed if name not in new]
+    owners = dict.fromkeys(name.split(".")[0] for name in new if "." in name)
+    return " ".join(effects + ["with its form" if owner in new else f"form of {owner}" for owner in owners])

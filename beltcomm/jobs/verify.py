@@ -34,7 +34,7 @@ from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.headline import OF, Following, behind, drive_of, following, hashes_of, headline_of
 from beltcomm.rundata.proof import LEARNT, proof
 from beltcomm.rundata.store import saved_design, verdict_to_dict
-from beltcomm.runfolder import RunFolder
+from beltcomm.runfolder import RunFolder, next_free
 from beltcomm.sentences import screens, words
 from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory, torque_of_move, with_dwell
@@ -207,7 +207,7 @@ def verify_with(
 
 def _names(folder: RunFolder) -> Callable[[], str]:
     """Names of the next moves."""
-    return lambda: f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
+    return lambda: next_free("move_", folder.finished_names())
 
 
 def _keep(folder: RunFolder, drive: Drive, model: Model, gains: Cascade, path: Trajectory, record: str, verdict: Verdict, how: str) -> None:

@@ -28,7 +28,7 @@ from beltcomm.rundata import backups, offline
 from beltcomm.rundata.calibration import recall
 from beltcomm.rundata.proof import admit
 from beltcomm.rundata.store import cascade_from_dict, saved_design
-from beltcomm.runfolder import RunFolder
+from beltcomm.runfolder import RunFolder, next_free
 from beltcomm.sentences import typed_gains, words
 from beltcomm.talk import Talk
 from beltcomm.trajectory import plan_trajectory
@@ -200,7 +200,7 @@ def _show(
             verification.refuse_broken(machine, model, path)
             agree(verification_plan(machine.axis, model, path, braking), machine)
             check_sign(machine)
-            record = f"applied_{1 + sum(n.startswith('applied_') for n in folder.finished_names())}"
+            record = next_free("applied_", folder.finished_names())
             verdict, _ = verify_move(machine, model, cascade, delay_s, path, record)
         off, said = verdict.measured.dynamic_m, verdict.predicted.dynamic_m
         if not (np.isfinite(off) and off <= AS_PREDICTED * said + SLACK_M):

@@ -18,6 +18,7 @@ from beltcomm.report import proof
 from beltcomm.report.page import PageTable, Paragraphs, Picture, Section, picture_of
 from beltcomm.report.proof import sensitivity_figure
 from beltcomm.report.style import Caption
+from beltcomm.rundata import backups
 from beltcomm.rundata.analyse import design_plants
 from beltcomm.rundata.conditions import condition_of
 from beltcomm.rundata.design_proof import plant_responses
@@ -94,7 +95,7 @@ def gains_section(run: Gathered) -> Section:
     designed = run.design.get("parameters")
     if not designed:
         return Section("gains", "Gains", missing=f"No gains were designed; beltcomm design {pasted(run.place)} does.")
-    before = (run.results.get("backup") or {}).get("parameters") or {}
+    before = backups.read(run.folder.file("results", backups.FIRST)).parameters if backups.FIRST in run.results else {}
     places = _places(run)
     wanted, stood = _raw(places, designed), _raw(places, before)
     rows: list[tuple[str, ...]] = []

@@ -98,8 +98,8 @@ def _pieces(columns: Mapping[str, Column]) -> Iterator[str]:
     """The text of a CSV file, some rows at a time."""
     yield ",".join(map(_cell, columns)) + "\n"
     for first in range(0, max((len(column) for column in columns.values()), default=0), _ROWS):
-        text = [map(_cell, column[first : first + _ROWS].tolist()) for column in columns.values()]
-        yield "".join(f"{row}\n" for row in map(",".join, zip(*text, strict=True)))
+        text = [map(repr if column.dtype == np.float64 else _cell, column[first : first + _ROWS].tolist()) for column in columns.values()]
+        yield "\n".join([*map(",".join, zip(*text, strict=True)), ""])
 
 
 def _cell(value: object) -> str:

@@ -19,7 +19,7 @@ from beltcomm.drive.objects import MODE, ObjectValue, object_from_dict, object_v
 from beltcomm.drive.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import BeltcommError, DataError, Refused, UsageError
 from beltcomm.result import table
-from beltcomm.runfolder import RunFolder
+from beltcomm.runfolder import RunFolder, next_free
 
 #: The backup from before the run.
 FIRST = "backup"
@@ -82,7 +82,7 @@ def take(folder: RunFolder, drive: Drive, before: str) -> Path:
         When it cannot be written.
     """
     taken = set(folder.names("results"))
-    name = FIRST if FIRST not in taken else next(f"{FIRST}_{n}" for n in range(1, len(taken) + 2) if f"{FIRST}_{n}" not in taken)
+    name = FIRST if FIRST not in taken else next_free(f"{FIRST}_", taken)
     return folder.save_result(name, backup_of(drive, before))
 
 

@@ -15,7 +15,7 @@ from beltcomm.model import Model, load_model
 from beltcomm.outside import sha256_of
 from beltcomm.recording.sidecar import load_sidecar
 from beltcomm.result import plain as as_plain
-from beltcomm.runfolder import RunFolder
+from beltcomm.runfolder import RunFolder, next_free
 
 #: Name under which every command finds the model that counts.
 CURRENT = "final"
@@ -171,12 +171,28 @@ def new_revision(
     above, data = parent.name if parent else "", recording_hashes(folder)
     if rungs and (rungs[-1].parent, rungs[-1].change, rungs[-1].data, rungs[-1].command) == (above, change, data, command):
         rungs.pop()  # of this very command, cut off before its model counted
-    name = f"revision_{len(rungs) + 1}"
+    name = _name(folder, rungs, model)
     rung = Revision(name, above, change, model.effects, ratio, held_out, confirmed, command, when, data, None, *plain)
     folder.save_model(name, model.to_dict())
     folder.save_result(LADDER, {"revisions": [as_plain(r) for r in [*rungs, rung]]})
     folder.save_model(CURRENT, model.to_dict())  # last: until then the model is the one before, and the same command goes on
     return rung
+
+
+def _name(folder: RunFolder, rungs: Sequence[Revision], model: Model) -> str:
+    """The next rung's: behind those there are, and no other model's, as where somebody has deleted the ladder."""
+    taken = {rung.name for rung in rungs}
+    while (name := next_free("revision_", taken, len(rungs) + 1)) in folder.names("models") and not _is_kept(folder, name, model):
+        taken.add(name)
+    return name
+
+
+def _is_kept(folder: RunFolder, name: str, model: Model) -> bool:
+    """True if this very model stands under a name: a command was cut off before its rung was noted."""
+    try:
+        return bool(folder.load("models", name) == as_plain(model.to_dict()))
+    except DataError:
+        return False
 
 
 def keep_cost(folder: RunFolder, name: str, cost: Mapping[str, Any] | None) -> None:

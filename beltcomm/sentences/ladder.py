@@ -259,6 +259,11 @@ def family_lines(effect: Effect, model: Model) -> list[str]:
     return [*lines, f"    Compare with what the catalogue says: {', '.join(f'beltcomm effects {n}' for n in ('tilt', effect.name))}."]
 
 
+def made_already_notes(rung: Revision) -> list[str]:
+    """Note beside a change that the model has already."""
+    return [f"The model has this change already, {rung.name}{f' of {rung.when}' if rung.when else ''}: nothing was lost or fitted again."]
+
+
 def added_notes(asked: str, effect: str, strays: bool) -> list[str]:
     """Notes beside an effect that was asked for.
 

@@ -108,7 +108,7 @@ def _compute_members(
     if kept.told:
         talk.say(f"runs since the last time: {kept.told}")
     if kept.aside:  # no line leaves one of the two files before it stands in the other
-        write_text(out / GONE, "".join(map(_text, kept.aside)))
+        write_text(out / GONE, "".join(map(line_text, kept.aside)))
     open_members = [(k, key, asked.values(k)) for k, key in enumerate(kept.keys) if k not in lines][:limit]
     if open_members:
         told = f" ({len(lines)} are done)" if lines else ""
@@ -122,14 +122,14 @@ def _compute_members(
             for made in answers(partial(lines_of, asked.work), tasks, workers=workers, scheduler=scheduler, talk=talk):
                 if any(line["program"] != source_hash() for line in made):  # a worker that joined later
                     raise Refused("a worker has another beltcomm than this computer; install the same one there. What is done is kept")
-                _append(members, "".join(map(_text, made)), out / MEMBERS)
+                _append(members, "".join(map(line_text, made)), out / MEMBERS)
                 lines |= {line["member"]: line for line in made}
                 done += len(made)
                 talk.progress(done / len(open_members), None)
     if open_members or kept.told:
-        write_text(out / MEMBERS, "".join(_text(lines[k]) for k in sorted(lines)))
+        write_text(out / MEMBERS, "".join(line_text(lines[k]) for k in sorted(lines)))
     if kept.aside:
-        write_text(out / GONE, "".join(_text(line) for line in kept.aside if _is_gone(line, asked)))
+        write_text(out / GONE, "".join(line_text(line) for line in kept.aside if _is_gone(line, asked)))
     return lines
 
 
@@ -316,7 +316,8 @@ def _cut(path: Path) -> None:
         os.truncate(path, data.rfind(b"\n") + 1)
 
 
-def _text(line: Line) -> str:
+def line_text(line: Line) -> str:
+    """A line of the file of members, which :func:`read_members` reads."""
     return json.dumps(jsonable(line), ensure_ascii=False, allow_nan=False) + "\n"
 
 

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-import math
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from beltcomm.atomic import appending
+from beltcomm.atomic import append_line
 from beltcomm.errors import UsageError
 from beltcomm.locks import link_refused
 from beltcomm.outside import opened
@@ -20,6 +18,8 @@ from beltcomm.watching.judge import ERROR, MoveEstimate
 
 FOLDER, FILE = "watch", "moves.jsonl"
 DAY_S = 86400.0
+#: s from 1970 within which a move can have been, and sizes that a value and its interval can have, SI.
+_FARTHEST_S, _SIZES = 1e11, (1e-30, 1e30)
 #: Letters of a line, at most.
 _LONGEST = 1 << 16
 
@@ -31,9 +31,7 @@ def append(run: Path, entry: Mapping[str, Any]) -> None:
         raise link_refused(folder)
     try:
         folder.mkdir(exist_ok=True)
-        number = appending(folder / FILE)
-        with os.fdopen(number, "ab") as file:
-            file.write((json.dumps(entry, allow_nan=False) + "\n").encode())
+        append_line(folder / FILE, json.dumps(entry, allow_nan=False))
     except OSError as error:
         raise UsageError(f"{folder / FILE} cannot be written: {error.strerror or error}; make room, or choose another run") from error
 
@@ -59,10 +57,13 @@ def entries(run: Path, *, marks: bool = False) -> Iterable[Mapping[str, Any]]:
                 found = json.loads(line)
             except (ValueError, RecursionError):
                 continue
-            if marks and isinstance(found, dict) and found.get(ANEW) is True:
-                yield found
-            if isinstance(found, dict) and isinstance(found.get("date_s"), (int, float)) and isinstance(found.get("quantities"), dict):
-                yield found
+            if not isinstance(found, dict):
+                continue
+            if marks and found.get(ANEW) is True:
+                yield {ANEW: True}
+            date_s = _within(found.get("date_s"), -_FARTHEST_S, _FARTHEST_S)
+            if date_s is not None and isinstance(found.get("quantities"), dict):
+                yield {**found, "date_s": date_s, "error_over_noise": _within(found.get("error_over_noise"), *_SIZES)}
 
 
 def told_by(entry: Mapping[str, Any]) -> dict[str, MoveEstimate]:
@@ -71,9 +72,15 @@ def told_by(entry: Mapping[str, Any]) -> dict[str, MoveEstimate]:
     found = {}
     for key, one in {**entry["quantities"], ERROR: error}.items():
         value, interval = (one.get("value"), one.get("interval")) if isinstance(one, dict) else (None, None)
-        if isinstance(value, (int, float)) and isinstance(interval, (int, float)) and 0.0 < value < math.inf and 0.0 < interval < math.inf:
-            found[str(key)] = MoveEstimate(float(value), float(interval))
+        value, interval = _within(value, *_SIZES), _within(interval, *_SIZES)
+        if value is not None and interval is not None:
+            found[str(key)] = MoveEstimate(value, interval)
     return found
+
+
+def _within(value: Any, low: float, high: float) -> float | None:
+    """A number of a file, where it is one and can be what it stands for."""
+    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) and low <= value <= high else None
 
 
 def by_day(run: Path) -> list[tuple[float, dict[str, tuple[float, float]]]]:

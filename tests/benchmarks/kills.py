@@ -82,6 +82,7 @@ COMMANDS = {
     "fit": Command(("fit", "RUN")),
     "design": Command(("design", "RUN")),
     "compare": Command(("compare", "RUN")),
+    "diagnose": Command(("diagnose", "RUN", "--auto", "--no-cost")),
     "ladder": Command(("ladder", "RUN"), before=[ADD]),
     "report": Command(("report", "RUN")),
     "export": Command(("export", "RUN", "--format", "c", "--out", "RUN/controller.c", "--yes")),
@@ -95,6 +96,7 @@ COMMANDS = {
     "commission": Command(("commission", "--drive", "virtual", "--run", "RUN", "--yes", "--quick"), resumes=True, new=True),
     "simulate": Command(("simulate", "g_b", "--axis", "egc-70-600", "--run", "RUN"), new=True),
     "init": Command(("init", "RUN.yaml", "--from", "egc-70-600", "--yes"), new=True),
+    "drives": Command(("drives", "--drive", "virtual", "--new", "RUN.yaml", "--yes"), new=True),
     "trajectory": Command(
         ("trajectory", "RUN.csv", "--from", "0", "--to", "0.5", "--speed", "1", "--acceleration", "10", "--jerk", "200", "--yes"), new=True
     ),

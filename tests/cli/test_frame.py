@@ -106,7 +106,7 @@ def api(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> StandIn:
     for name in (
         "beltcomm.api", "beltcomm.pages", "beltcomm.experiments.options", "beltcomm.jobs.laboratory", "beltcomm.jobs.fit",
         "beltcomm.jobs.friction_compare", "beltcomm.jobs.convert", "beltcomm.jobs.export", "beltcomm.jobs.watch", "beltcomm.jobs.bundle",
-        "beltcomm.thesis.topics", "beltcomm.jobs.trajectory", "beltcomm.foreign.job",
+        "beltcomm.thesis.topics", "beltcomm.jobs.trajectory", "beltcomm.foreign.job", "beltcomm.jobs.change",
     ):  # fmt: skip
         monkeypatch.setitem(sys.modules, name, stand_in)
     monkeypatch.chdir(tmp_path)

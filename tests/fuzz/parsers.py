@@ -41,6 +41,7 @@ from beltcomm.schedule.next_plan import load_plan
 from beltcomm.study.file import load_study
 from beltcomm.study.job import read_members
 from beltcomm.trajectory import load_move
+from beltcomm.watching import store
 from beltcomm_adapters.profiles import load_profile
 from foreign.matfiles import write_v5, write_v73
 from foreign.test_damaged_files import bus
@@ -107,6 +108,15 @@ BO_ 385 Motion: 8 A
 """
 
 
+WATCHED = (
+    """\
+{"move": 1, "date_s": 1.7e9, "error_over_noise": 1.1, "error_interval": 0.1, "quantities": {"cart.mass": {"value": 1.4, "interval": 0.1}}}
+{"anew": true}
+"""
+    * 2
+)
+
+
 def parsers(folder: Path) -> dict[str, Parser]:
     """All of them, by a word.   folder : for the good files."""
     import can
@@ -169,6 +179,10 @@ def parsers(folder: Path) -> dict[str, Parser]:
         cascade_from_dict(saved)
         delay_from_dict(saved)
 
+    def watched(opened: RunFolder) -> None:
+        store.by_day(opened.path)
+        {(entry["date_s"], entry["error_over_noise"]) for entry in store.entries(opened.path)}
+
     def yaml(data: Mapping[str, Any]) -> bytes:
         return to_yaml(data).encode()
 
@@ -214,6 +228,7 @@ def parsers(folder: Path) -> dict[str, Parser]:
         "members": Parser("members.jsonl", MEMBERS.encode(), read_members),
         "journal": Parser("journal.txt", b"2026-01-01 00:00:00  identify: begun\n", lambda p: lines_of(p.parent)),
         "events": Parser("events.jsonl", b'{"at": "", "event": "note"}\n' * 3, lambda p: events_of(p.parent)),
+        "watched moves": Parser("moves.jsonl", WATCHED.encode(), in_run("watch/moves.jsonl", watched), within=True),
         "signal by hand": Parser("signal.txt", b"6064h=181:0:i32", lambda p: by_hand(p.read_text("utf-8", "replace")), within=True),
         **{
             f"frames {ending}": Parser(f"fuzzed.{ending}", frames[ending], foreign_file, apart=ending in {"blf", "trc"})

@@ -16,7 +16,7 @@ from beltcomm.fit.records import prepare
 from beltcomm.fit.segment import evaluate
 from beltcomm.fit.start import start_model
 from beltcomm.fit.touches import free_parameters
-from beltcomm.jobs.laboratory import change_of
+from beltcomm.jobs.rungs import change_of
 from beltcomm.laboratory import law_shape
 from beltcomm.laboratory.acceptance import exceeds_bounds
 from beltcomm.model import Model, build_model

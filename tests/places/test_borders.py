@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import re
 import unicodedata
 from collections.abc import Callable
@@ -15,7 +16,7 @@ from click.testing import CliRunner
 from rich.console import Console
 
 from beltcomm.axis import Axis
-from beltcomm.borders import for_comment, for_file_name, for_html, for_json, for_terminal
+from beltcomm.borders import for_archive, for_comment, for_file_name, for_html, for_json, for_terminal
 from beltcomm.cli.main import cli
 from beltcomm.cli.talk import PlainTalk, RichTalk
 from beltcomm.cli.terminal import draw, echo, failure
@@ -61,7 +62,9 @@ def obeyed(shown: str) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("border", [for_terminal, for_html, for_comment, lambda t: for_file_name(t, "x"), lambda t: for_json({"a": t})])
+@pytest.mark.parametrize(
+    "border", [for_terminal, for_html, for_comment, for_archive, lambda t: for_file_name(t, "x"), lambda t: for_json({"a": t})]
+)
 def test_nothing_that_is_obeyed_leaves(border: Callable[[str], str]) -> None:
     for given in TEXTS:
         assert obeyed(border(given)) == [], repr(given)
@@ -93,6 +96,12 @@ def test_a_file_name_is_one_on_any_system() -> None:
     for given in [*TEXTS, "../../etc/passwd", "..", "~", "con\x00", "n" * 400, "/", "-rf", ".bashrc"]:
         assert re.fullmatch(r"[A-Za-z0-9]([A-Za-z0-9_.-]{0,58}[A-Za-z0-9])?", for_file_name(given, "axis")), repr(given)
     assert for_file_name("Prüfstand 3", "axis") == "Prufstand-3"
+
+
+def test_a_name_in_a_zip_stays_in_its_folder() -> None:
+    assert for_archive("results/Prüfstand 3.yaml") == "results/Prüfstand 3.yaml"
+    assert for_archive("a\\..\\\n\x1b.txt") == "a%5C..%5C%0A%1B.txt"
+    assert len({for_archive(os.fsdecode(bytes([byte]))) for byte in range(1, 256)}) == 255
 
 
 def test_everything_that_prints_goes_through_the_border(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from click.testing import CliRunner, Result
 from beltcomm import api
 from beltcomm.cli.main import cli
 from beltcomm.errors import DataError
+from beltcomm.pages import job
 from session.bench import Bench
 
 MakeBench = Callable[..., Bench]
@@ -301,3 +304,47 @@ def test_a_truncated_model_is_named(copy_of_complete: Copy, verb: str) -> None:
     file = run / "models" / "final.yaml"
     file.write_text("".join(file.read_text(encoding="utf-8").partition("parameters:")[:1]), encoding="utf-8")
     refuses(call(verb, run), 3, str(file), "beltcomm fit")
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"), [("plan", r"continuous: .*", "continuous: []"), ("plan", r"travel_m: .*", "travel_m: text")]
+)
+def test_a_result_with_a_value_of_another_kind_is_named(copy_of_complete: Copy, name: str, old: str, new: str) -> None:
+    """Whatever part of a command stumbles over it: somebody has edited that file, and it says so."""
+    run = copy_of_complete()
+    path = run / "results" / f"{name}.yaml"
+    text = path.read_text(encoding="utf-8")
+    edited = re.sub(old, new, text, count=1)
+    assert edited != text
+    path.write_text(edited, encoding="utf-8")
+    outcome = call("report", run)
+    assert outcome.exit_code == 3, outcome.output
+    assert f"{path} is not as beltcomm wrote it" in outcome.stderr
+    assert [log.name in outcome.stderr for log in run.glob("beltcomm-error*")] == [True]  # should it be the program's fault after all
+
+
+def test_a_fault_of_the_program_is_not_laid_on_files_that_are_whole(copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(job, "facts", lambda _: [][0])
+    outcome = call("report", copy_of_complete())
+    assert (outcome.exit_code, "an unexpected error" in outcome.stderr) == (1, True)
+
+
+def test_a_backup_with_a_text_for_a_number_is_named_by_the_report(copy_of_complete: Copy) -> None:
+    run = copy_of_complete()
+    path = run / "results" / "backup.yaml"
+    path.write_text(re.sub(r"(kp_nm_s_rad|kpp_1_s): [-\d.e]+", r"\1: text", path.read_text(encoding="utf-8"), count=1), encoding="utf-8")
+    outcome = call("report", run)
+    assert outcome.exit_code == 3, outcome.output
+    assert f"{path} is damaged" in outcome.stderr
+
+
+def test_a_run_that_cannot_be_judged_hides_no_other(copy_of_complete: Copy, tmp_path: Path) -> None:
+    sound, edited = copy_of_complete(name="sound"), copy_of_complete(name="edited")
+    path = next((edited / "results").glob("verify_*.yaml"))
+    path.write_text(re.sub(r"measured_cart: .*", "measured_cart: [1]", path.read_text(encoding="utf-8"), count=1), encoding="utf-8")
+    outcome = call("runs", tmp_path, "--json")
+    assert outcome.exit_code == 0, outcome.output
+    told = {Path(one["run"]).name: one["headline"] for one in json.loads(outcome.stdout)["runs"]}
+    assert told[sound.name]["state"] == "pass"
+    assert told[edited.name]["state"] == "damaged"
+    assert f"{path} is not as beltcomm wrote it" in told[edited.name]["sentence"]

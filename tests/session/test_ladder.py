@@ -12,7 +12,8 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.jobs import rungs
-from beltcomm.jobs.laboratory import climb, named_beside
+from beltcomm.jobs.change import named_beside
+from beltcomm.jobs.laboratory import climb
 from beltcomm.laboratory import acceptance
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.model import load_plant
@@ -72,6 +73,21 @@ def test_a_cost_is_kept_with_its_revision_and_ladders_from_before_load(tmp_path:
     kept = [as_mapping(rung)["cost"] for rung in revisions(folder)]
     assert kept[0] is None
     assert kept[1]["unaware"]["dynamic_m"] == COST.unaware.dynamic_m
+
+
+def test_a_new_rung_takes_no_other_model_s_name(tmp_path: Path) -> None:
+    """Not where the ladder was deleted, as a damaged one is; one cut off before its rung was noted is taken up again."""
+    folder, model = RunFolder.create(tmp_path / "run", load_axis("egc-70-600")), load_plant("g_a").model
+    grown = {"base": model, "+backlash": model.with_effect("backlash"), "+cogging": model.with_effect("cogging")}
+
+    def made(change: str) -> str:
+        return new_revision(folder, grown[change], change, ratio=1.0, held_out=None, confirmed=None, command="", when="").name
+
+    assert [made("base"), made("+backlash")] == ["revision_1", "revision_2"]
+    before = {name: folder.load("models", name) for name in ("revision_1", "revision_2")}
+    (folder.path / "results" / "ladder.yaml").unlink()
+    assert [made("+cogging"), made("+backlash")] == ["revision_3", "revision_2"]
+    assert {name: folder.load("models", name) for name in before} == before
 
 
 @pytest.mark.parametrize(

@@ -17,8 +17,8 @@ from beltcomm.effects import effect_named
 from beltcomm.errors import Refused
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import Data
+from beltcomm.jobs import change, growing
 from beltcomm.jobs import confounded_effects as told
-from beltcomm.jobs import growing, laboratory
 from beltcomm.model import load_plant
 from beltcomm.schedule.next_plan import by_hand_of
 from beltcomm.sentences.ladder import effect_lines
@@ -93,7 +93,7 @@ def test_an_effect_with_which_the_error_only_grows_is_not_saved(
 
     monkeypatch.setattr(growing, "with_effect", astray)
     monkeypatch.setattr(growing, "refit_with_rebuilt_motion", lambda data, fitted, _: (data, fitted))
-    monkeypatch.setattr(laboratory, "final_refit", lambda data, fitted: (data, fitted))
+    monkeypatch.setattr(change, "final_refit", lambda data, fitted: (data, fitted))
     before = sorted(path.name for path in (run / "models").iterdir())
     with pytest.raises(Refused, match="nothing was saved"):
         api.add("cogging", run, pictures=False, cost=False)

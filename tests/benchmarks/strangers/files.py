@@ -31,6 +31,9 @@ READERS: dict[str, Sequence[str]] = {
     "designs/final.yaml": ("export", "RUN", "--format", "st", "--out", "CASE/a.st", "--yes"),
     "results/backup.yaml": ("rollback", *VIRTUAL, "--run", "RUN", "--backup", "list"),
     "results/drive.yaml": ("design", "RUN"),
+    "results/plan.yaml": ("report", "RUN"),
+    "results/fit.yaml": ("design", "RUN"),
+    "results/verify_move_1.yaml": ("report", "RUN"),
     "models/MODEL": ("design", "RUN"),
     "recordings/CSV": ("fit", "RUN"),
     "recordings/YAML": ("compare", "RUN", "--no-pictures"),
@@ -178,7 +181,7 @@ def apart(action: Callable[[], Any]) -> tuple[int, str]:
 
 
 def drives() -> Iterator[Outcome]:
-    """What a hostile file may have written to a drive: the tests that look at each frame of the host, 240 drawn files and the rest."""
+    """What a hostile file may have written to a drive: the tests that look at each frame of the host, 220 drawn files and the rest."""
     tests = Path(__file__).parents[2]
     names = ("session/test_hostile_files.py", "session/test_foreign_folder.py", "session/test_write_back.py")
     command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-rA", "--no-header", *(str(tests / name) for name in names)]

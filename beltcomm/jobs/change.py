@@ -1,0 +1,230 @@
+"""Two commands that change a run's model: add, remove.  No machine needed.
+
+Typed again, as after a power cut that came behind the saving, each shows what it made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from beltcomm.effects import effect_named, stands_for
+from beltcomm.errors import BeltcommError, Refused, UsageError
+from beltcomm.fit.base import ratio_in_groups_of
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.intervals import with_intervals
+from beltcomm.fit.observer import needs_observer
+from beltcomm.fit.records import Data
+from beltcomm.given import Place, pasted, place, word
+from beltcomm.jobs.growing import fit_with, fit_without
+from beltcomm.jobs.rungs import base_revision, change_of, revision_of
+from beltcomm.laboratory.compare import compare
+from beltcomm.laboratory.diagnosis import final_refit
+from beltcomm.laboratory.gap_evidence import is_replaceable_gap
+from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes
+from beltcomm.laboratory.plain_error import of_run
+from beltcomm.model import Model
+from beltcomm.pages import pictures as drawn
+from beltcomm.result import Result
+from beltcomm.rundata.cost import cost_and_words
+from beltcomm.rundata.fitted_run import Opened, open_fitted
+from beltcomm.rundata.kept_fit import fit_base
+from beltcomm.rundata.revisions import Revision, changed_recordings, current_revision, keep_cost, model_named
+from beltcomm.runfolder import RunFolder
+from beltcomm.sentences import ladder as words
+from beltcomm.sentences.diagnosis_data import error_data, values_of
+from beltcomm.sentences.own_words import about_run
+from beltcomm.talk import Silence, Talk
+
+#: Factor by which the error over the noise may be larger with an effect that was asked for: more is a fit that went astray.
+WORSE = 1.05
+
+
+@about_run()
+def add_to_run(
+    effect: str,
+    run: Place,
+    *,
+    start: Mapping[str, float] | None = None,
+    pictures: bool = True,
+    cost: bool = True,
+    command: str = "",
+    when: str = "",
+    talk: Talk | None = None,
+) -> Result:
+    """Refit everything with one more effect, saved as a new revision.
+
+    Parameters
+    ----------
+    effect : str
+        Name of the effect.
+    run : Place
+        Run folder.
+    start : mapping of str to float, or None
+        Own parameters of the effect by bare name, from which the fit begins; None lets it search.
+    pictures : bool
+        Before and after, into ``RUN/pictures``.
+    cost : bool
+        Of not knowing it, in tracking error.
+    command : str
+        Command line, kept as provenance.
+    when : str
+        Date and time, kept as provenance.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+
+    Returns
+    -------
+    Result
+        Values before and after, and whether the effect is worth its parameters.
+    """
+    run, asked = place(run), word(effect, "effect")
+    refuse_load(stands_for(asked), run)
+    here = open_fitted(run, talk or Silence())
+    effect = stands_for(asked, behind_gap=needs_observer(here.fitted.model))
+    if effect in here.fitted.model.effects:
+        found = made_already(here, f"+{effect}") if start is None else None
+        if found is None:
+            raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {pasted(run)}`")
+        was, rung = found
+        data, after, notes = here.data, here.fitted, words.made_already_notes(rung)
+    else:
+        was = here
+        data, after, rung = grow(here, effect, start, command, when)
+        notes = []
+    notes += words.added_notes(asked, effect, is_replaceable_gap(data, after, effect_named(effect)))
+    notes += words.narrower_lines(was.fitted, after)
+    result = change_result(was, data, after, rung, notes, command, pictures)
+    if not cost:
+        return result
+    price, lines = cost_and_words(here.folder, was.fitted.model, with_intervals(after), effect)
+    keep_cost(here.folder, rung.name, None if price is None else {"of": effect, **price})
+    return Result({**result.data, "cost": price}, [*result.text[:-1], *lines, result.text[-1]])
+
+
+def grow(here: Opened, effect: str, start: Mapping[str, float] | None, command: str, when: str) -> tuple[Data, Fitted, Revision]:
+    """Records and model with an effect, saved as a rung.
+
+    Raises
+    ------
+    Refused
+        When no values were found with which the error falls.
+    """
+    data, named = fit_with(here, effect, start)
+    on_body = assign_body(data, named, effect_named(effect))
+    shaped = fit_law_shapes(data, on_body.fitted, here.fitted.model)
+    data, after = final_refit(data, shaped.fitted)
+    before = ratio_in_groups_of(here.fitted, after)
+    if not after.ratio <= WORSE * before:
+        raise Refused(
+            f"no values of {effect} were found with which the error falls: {before:.2f} times the noise without it, "
+            f"{after.ratio:.2f} with the best that were found; nothing was saved. With values that you know: --start NAME=VALUE"
+        )
+    if current_revision(here.folder) is None:
+        base_revision(here.folder, here.data, here.fitted, command, when)
+    new = (effect, *on_body.new, *shaped.new)
+    change = change_of(new, [name for name in here.fitted.model.effects if name not in (*after.model.effects, *new)])
+    return data, after, revision_of(here.folder, (data, after), (here.data, here.fitted), change, command, when)
+
+
+def made_already(here: Opened, change: str) -> tuple[Opened, Revision] | None:
+    """The run as it was before its model's last change, and the rung, where that change is this one and the records are the same."""
+    rung = current_revision(here.folder)
+    if rung is None or not rung.parent or change not in rung.change.split() or changed_recordings(here.folder, rung):
+        return None
+    _, data, fitted = fit_base(here.folder, here.records.recordings, model_named(here.folder, rung.parent))
+    return replace(here, data=data, fitted=fitted), rung
+
+
+def refuse_load(effect: str, run: Path) -> None:
+    """Raise UsageError for an effect that comes with the records, and for none of the catalogue."""
+    if effect_named(stands_for(effect)).slot == "load_of_record":
+        raise UsageError(
+            f"{effect} comes with the records that name another load, and goes with them: write `load: NAME` into their sidecars in "
+            f"{run / 'recordings'}, or import them with --load NAME"
+        )
+
+
+@about_run()
+def remove_from_run(
+    effect: str, run: Place, *, pictures: bool = True, command: str = "", when: str = "", talk: Talk | None = None
+) -> Result:
+    """Refit everything without an effect, saved as a new revision; a model that the run had already is the one it was.
+
+    Parameters
+    ----------
+    effect : str
+        Name of the effect.
+    run : Place
+        Run folder.
+    pictures : bool
+        Pictures into ``RUN/pictures``.
+    command : str
+        Command line, kept as provenance.
+    when : str
+        Date and time, kept as provenance.
+    talk : Talk or None
+        Hears progress and answers questions; None says nothing and agrees to nothing.
+
+    Returns
+    -------
+    Result
+        Values before and after.
+    """
+    run, asked = place(run), word(effect, "effect")
+    refuse_load(asked, run)
+    here = open_fitted(run, talk or Silence())
+    effect = stands_for(asked, behind_gap=asked in here.fitted.model.effects)
+    if effect not in here.fitted.model.effects:
+        if (found := made_already(here, f"-{effect}")) is not None:
+            return change_result(found[0], here.data, here.fitted, found[1], words.made_already_notes(found[1]), command, pictures)
+        raise UsageError(f"the model of {run} has no {effect}; it has {', '.join(here.fitted.model.effects)}")
+    if current_revision(here.folder) is None:
+        base_revision(here.folder, here.data, here.fitted, command, when)
+    data, after = fit_without(here, effect)
+    rung = revision_of(here.folder, (data, after), (here.data, here.fitted), f"-{effect}", command, when)
+    return change_result(here, data, after, rung, [], command, pictures)
+
+
+def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, notes: Sequence[str], command: str, pictures: bool) -> Result:
+    """Result of ``add`` and ``remove``.
+
+    Parameters
+    ----------
+    grown : Data
+        The records as the new model sees them.
+    """
+    run = here.folder.path
+    made: list[str] = []
+    remarks: list[str] = []
+    if pictures:
+        made, remarks = drawn.change_picture(here.folder, rung, compare(here.data, here.fitted), compare(grown, after), command)
+    model, band = with_intervals(after), rung.plain.band_hz if rung.plain else None
+    before = of_run(here.data, here.fitted, band)
+    data = {
+        "run": str(run),
+        "revision": rung.name,
+        "change": rung.change,
+        "confirmed": rung.confirmed,
+        "before": error_data(here.fitted, before),
+        "after": error_data(after, (rung.plain, rung.plain_held_out)),
+        "parameters": values_of(model),
+        "pictures": made,
+        "notes": list(notes),
+        "remarks": list(here.records.remarks),
+    }
+    text = words.remark_lines(here.records.remarks) + words.change_lines(
+        (here.fitted, before), model, after, rung, notes, run, named_beside(here.folder, model)
+    )
+    return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
+
+
+def named_beside(folder: RunFolder, model: Model) -> list[str]:
+    """Effects that the last diagnosis names and a model does not have, without those that `add` tries by itself."""
+    try:
+        named = [effect_named(str(name)) for name in (folder.load_result("diagnosis") or {})["named"]]
+    except (BeltcommError, KeyError, TypeError):
+        return []
+    along = {part for effect in named for part in effect.completed_by}
+    return [e.name for e in named if e.name not in model.effects and e.name not in along]
