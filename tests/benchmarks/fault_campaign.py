@@ -64,7 +64,7 @@ def healthy(command: str, profile: str) -> Healthy:
             rig = Rig(profile)
             found, outcome = healthy_run(rig, words_of(command, run, profile), run)
             rig.close()
-        assert found.code in (0, 1, 3), outcome.text
+        assert found.code in (0, 1, 3, 4), outcome.text  # a loop that nobody has typed in is stopped
         print(f"healthy {command} on {profile}: exit code {found.code}, {found.machine_s:.1f} s, {found.transfers} transfers", flush=True)
         _healthy[command, profile] = found
     return _healthy[command, profile]
