@@ -101,7 +101,7 @@ def test_law_by_position_is_chosen_and_found(varying: tuple[list[Recording], Fin
 def test_an_axis_without_a_belt_keeps_one_stiffness(varying: tuple[list[Recording], FinalModel]) -> None:
     """Places that disagree, of a gap for instance: no law of the place, and a model with what it leaves over."""
     records, _ = varying
-    rack = replace(AXIS, transmission=Transmission("rack"), belt=Belt())
+    rack = replace(AXIS, transmission=Transmission("rack", 3e5), belt=Belt())
     found = final_model(records, rack, COUNTS)
     assert "this kind of axis has no law for it" in found.reason
     assert "belt_stiffness" in found.fit.model.effects
