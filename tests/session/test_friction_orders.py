@@ -133,7 +133,8 @@ def test_an_axis_too_short_for_two_speeds_is_refused() -> None:
 
 @pytest.mark.usefixtures("fitted")
 def test_bad_calls_move_nothing(make_bench: MakeBench, copy_of_complete: Copy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path / "empty")
     run, bench = copy_of_complete(), make_bench()
     for words, code, hint in (
         (("--order", "VII"), 2, "VII"),
