@@ -117,7 +117,7 @@ ROWS: tuple[ThesisRow, ...] = (
     ThesisRow("3.6, order II", "fastest first", FRICTION, "", "2.954 ± 0.031: +9.5 % by the order alone", R, own="friction --order II"),
     ThesisRow("3.6, order III", "shuffled (A.1)", FRICTION, "", "2.808 ± 0.043; drift shows in what is left over", R, own="friction --order III"),
     ThesisRow("3.6, order IV", "ten times", FRICTION, "", "2.196 ± 0.009, warm (2.230)", R, own="friction --order I --repeat 10"),
-    ThesisRow("3.6, order V", "after nine months", FRICTION, "less friction", "-9.9 % Coulomb, -15.1 % viscous (-10, -15 built in)", R, own="friction --compare RUN OTHER"),
+    ThesisRow("3.6, order V", "after nine months", FRICTION, "less friction", "-9.9 % Coulomb, -15.1 % viscous (-10, -15 built in)", R, own="trend RUN OTHER"),
     ThesisRow("3.6, order VI", "with load", FRICTION, "more friction", "+11.3 %, +10.2 % (+8.7, +13.5 built in)", R, own="friction --payload-mounted 11.2"),
     ThesisRow("3.6", "Stribeck effect around zero", FRICTION, "small", "+9 mN m below 10 mm/s", R, own="friction"),
     # chapter 4
