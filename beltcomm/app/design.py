@@ -20,7 +20,7 @@ from beltcomm.design.margins import margins
 from beltcomm.design.measured import measured_loop
 from beltcomm.errors import DataError, UsageError
 from beltcomm.given import number, pasted
-from beltcomm.jobs.design import Basis, basis_of, delivered, move_of
+from beltcomm.jobs.design import Basis, basis_of, delivered
 from beltcomm.locks import at_work, occupied
 from beltcomm.quantities import unit_of
 from beltcomm.result import Result, plain
@@ -28,6 +28,7 @@ from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.conditions import condition_of
 from beltcomm.rundata.delays import assume_delay, delay
 from beltcomm.rundata.design_proof import plant_responses
+from beltcomm.rundata.run_move import move_of
 from beltcomm.rundata.store import cascade_from_dict, saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Silence

@@ -166,6 +166,20 @@ class TrajectoryLimits:
     acceleration_m_s2: float = field(metadata={"entry": AxisEntry("largest acceleration", above=0.0, at_least=1e-3, at_most=1e4)})
     speed_m_s: float = field(metadata={"entry": AxisEntry("largest speed", above=0.0, at_least=1e-4, at_most=100.0)})
 
+    def slower(self, share: float) -> TrajectoryLimits:
+        """Limits of the same path with its time stretched by 1/share: speed, acceleration and jerk fall with its powers.
+
+        Parameters
+        ----------
+        share : float
+            Of the speed.
+
+        Returns
+        -------
+        TrajectoryLimits
+        """
+        return TrajectoryLimits(share**3 * self.jerk_m_s3, share**2 * self.acceleration_m_s2, share * self.speed_m_s)
+
 
 @dataclass(frozen=True)
 class Mounting:

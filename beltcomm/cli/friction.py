@@ -10,13 +10,14 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api
+from beltcomm.cli.newest import or_newest
 
 
 @click.command("friction")
 @shared.several_runs_argument
 @click.option("--compare", is_flag=True, help="No machine: the sweeps of RUN once more; of several runs, friction against their load.")
 @partial(shared.machine_options, needed=False)
-@click.option("--run", type=click.Path(path_type=Path), help="Run folder to go on with.")
+@click.option("--run", type=click.Path(path_type=Path), help="Run folder to go on with; the newest when left out.")
 @click.option(
     "--order",
     type=shared.WordChoice(["I", "II", "III", "IV", "V", "VI", "all"], case_sensitive=False),
@@ -56,10 +57,11 @@ def command(
         raise click.UsageError(
             f"what shall be done with {runs[0]}? --run RUN sweeps there, --compare RUN RUN sets sweeps side by side", ctx
         )
-    for name, value in (("--drive", drive), ("--run", run)):
-        if value is None:
-            raise click.UsageError(f"Missing option '{name}' (with --compare RUN RUN no machine is needed)", ctx)
-    frame.run = run
+    run = or_newest(ctx, None, run)
+    drive = drive or shared.told_drive(ctx, run)
+    if drive is None:
+        raise click.UsageError("Missing option '--drive' (with --compare RUN RUN no machine is needed)", ctx)
+    frame.run, frame.drive = run, drive
     return frame.show(
         api().friction(drive, run, options=frame.options(**given), pictures=pictures, command=frame.line(), talk=frame.talk())
     )

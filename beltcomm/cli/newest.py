@@ -31,7 +31,7 @@ def written(path: Path) -> float:
     return max((file.stat().st_mtime for file in files if file.is_file()), default=0.0)
 
 
-def or_newest(ctx: click.Context, _param: click.Parameter, value: Path | None) -> Path | None:
+def or_newest(ctx: click.Context, _param: click.Parameter | None, value: Path | None) -> Path | None:
     """The run given, else the newest under ``runs/`` or of this folder, which is said.   Raises UsageError where there is none."""
     if value is not None or ctx.resilient_parsing:
         return value

@@ -142,13 +142,18 @@ def output_options(function: Function) -> Function:
 def _note_drive(ctx: click.Context, param: click.Parameter, value: str | None, *, needed: bool, of_run: bool) -> str | None:
     """The drive given, else that of the run that is gone on with, which is said.   needed : it is an error to have none."""
     if value is None and of_run and not ctx.resilient_parsing and any(one.callback is or_newest for one in ctx.command.params):
-        run = ctx.params.get("run") or next(iter(runs_here()[-1:]), None)
-        value = drive_of(run)
-        if value is not None and not ctx.obj.json:
-            click.echo(f"Drive: {value} (that of the run)", err=True)
+        value = told_drive(ctx, ctx.params.get("run") or next(iter(runs_here()[-1:]), None))
     if value is None and needed and not ctx.resilient_parsing:
         raise click.MissingParameter(ctx=ctx, param=param)
     ctx.obj.drive = value or ""
+    return value
+
+
+def told_drive(ctx: click.Context, run: Path | None) -> str | None:
+    """The drive of a run, which is said; None where it does not tell."""
+    value = drive_of(run)
+    if value is not None and not ctx.obj.json:
+        click.echo(f"Drive: {value} (that of the run)", err=True)
     return value
 
 

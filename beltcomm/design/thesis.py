@@ -94,8 +94,9 @@ def thesis_design(
     level = levels(grid)
     signs = np.flatnonzero(np.diff(np.sign(level)) != 0.0)
     if not len(signs):
+        behind = "without a prefilter" if prefilter.kind == "none" else f"behind the {prefilter.kind} prefilter"
         raise Refused(
-            f"no PI controller behind the {prefilter.kind} prefilter meets {suppression_db:g} dB at the resonance exactly: at "
+            f"no PI controller {behind} meets {suppression_db:g} dB at the resonance exactly: at "
             f"{grid[-1]:.3g} rad/s, where the phase margin of {phase_margin_deg:g} deg leaves nothing for the integrator, the "
             f"resonance lies at {level[-1] + suppression_db:.1f} dB; ask for an inequality (beltcomm design) or less margin"
         )

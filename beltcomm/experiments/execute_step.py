@@ -202,7 +202,7 @@ def stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, a
     shares: Sequence[float] = [pace * share for share in phases.STOPPABLE_SHARES]
     path = path_of(step, course, at_m)
     for share in shares:
-        eased = replace(course, gentle=phases.slower(course.gentle, share), hard=phases.slower(course.hard, share))
+        eased = replace(course, gentle=course.gentle.slower(share), hard=course.hard.slower(share))
         path = path_of(step, eased, at_m)
         if not machine.stops_badly(path.position_m, path.velocity_m_s) and within_belt(machine, loop, step, path):
             return path

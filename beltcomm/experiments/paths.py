@@ -8,7 +8,6 @@ import numpy as np
 
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.errors import Refused
-from beltcomm.experiments import phases
 from beltcomm.schedule.steps import Step
 from beltcomm.schedule.strokes import Which, fastest_stroke_m_s, sweep_strokes
 from beltcomm.trajectory import Trajectory, at_rest, constant_speed_strokes, join, plan_trajectory
@@ -115,14 +114,14 @@ def _triangles(step: Step, course: Course, at_m: float) -> Trajectory:
 
 
 def _fast_moves(step: Step, course: Course, at_m: float) -> Trajectory:
-    (_, high), limits = course.ends_m, phases.slower(course.hard, float(np.sqrt(step.share)))
+    (_, high), limits = course.ends_m, course.hard.slower(float(np.sqrt(step.share)))
     return _through([at_m + share * (high - at_m) for share in FAST_TO], limits, course, at_m, BETWEEN_S)
 
 
 def _random_moves(step: Step, course: Course, at_m: float) -> Trajectory:
     """Random targets at speeds from ``SLOWEST_M_S`` to the fastest, each as likely on a logarithmic scale; slow ones short."""
     random = np.random.default_rng(step.seed)
-    limits, (low, high) = phases.slower(course.hard, float(np.sqrt(step.share))), course.ends_m
+    limits, (low, high) = course.hard.slower(float(np.sqrt(step.share))), course.ends_m
     top = fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, high - low)
     parts, here = [at_rest(at_m, REST_BEFORE_S, course.period_s)], at_m
     left = step.seconds - REST_BEFORE_S - REST_AFTER_S

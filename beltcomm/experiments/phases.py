@@ -349,21 +349,11 @@ def stoppable(machine: Machine, limits: TrajectoryLimits, plan: Callable[[Trajec
     Of the slowest one tried the machine itself says what is wrong.
     """
     for share in STOPPABLE_SHARES:
-        motion = plan(slower(limits, share))
+        motion = plan(limits.slower(share))
         path = motion.trajectory if isinstance(motion, Strokes) else motion
         if not machine.stops_badly(path.position_m, path.velocity_m_s):
             break
     return motion
-
-
-def slower(limits: TrajectoryLimits, share: float) -> TrajectoryLimits:
-    """Limits of the same path with its time stretched by 1/share: speed, acceleration and jerk fall with its powers."""
-    return replace(
-        limits,
-        jerk_m_s3=limits.jerk_m_s3 * share**3,
-        acceleration_m_s2=limits.acceleration_m_s2 * share**2,
-        speed_m_s=limits.speed_m_s * share,
-    )
 
 
 def stroke_ends(machine: Machine) -> tuple[float, float]:

@@ -236,7 +236,8 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
     steps = lines_of(axis, capabilities, possible)
     force = axis.belt_force_limit_n
     moving = _move_seconds(axis, capabilities) / (3.0 + MOVE_SECONDS)
-    heating = math.sqrt(moving * stroking_nm(axis, 1.0) ** 2 + stroking_nm(axis, 0.0) ** 2)  # at rest friction may stay wound up
+    share = 1.0 if axis.targets.limits in axis.trajectories else 1.0 / 3.0  # where none is stated the move is a gentle one
+    heating = math.sqrt(moving * stroking_nm(axis, share) ** 2 + stroking_nm(axis, 0.0) ** 2)  # at rest friction may stay wound up
     move = Experiment("verification move", min(whole, axis.targets.way_m), whole, moved, torque, force, 3.0 + MOVE_SECONDS, heating)
     budget = record_schedule.BUDGET_S[extent] + (HOLDING_SECONDS if axis.mounting.tilted else 0.0)
     return Plan(

@@ -63,7 +63,7 @@ class StandardMove:
 
     def at(self, share: float, period_s: float) -> Trajectory:
         """The move with its time stretched by 1/share."""
-        return plan_trajectory(self.start_m, self.end_m, phases.slower(self.limits, share), period_s)
+        return plan_trajectory(self.start_m, self.end_m, self.limits.slower(share), period_s)
 
 
 def standard_move(machine: Machine, model: Model) -> StandardMove:
@@ -111,7 +111,7 @@ def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: floa
     if not why:
         return standard
     remark = f"{standard.remark}; {why}" if standard.remark else f"the move was {why}"
-    return replace(standard, limits=phases.slower(standard.limits, share), remark=remark)
+    return replace(standard, limits=standard.limits.slower(share), remark=remark)
 
 
 def lost_at_worst(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> Stop:
@@ -158,13 +158,13 @@ def admissible(machine: Machine, model: Model, start: float, end: float, limits:
     low, high = 0.0, 1.0
     for _ in range(20):
         middle = 0.5 * (low + high)
-        if broken_limits(machine, model, plan_trajectory(start, end, phases.slower(limits, middle), period), spare):
+        if broken_limits(machine, model, plan_trajectory(start, end, limits.slower(middle), period), spare):
             high = middle
         else:
             low = middle
     if low == 0.0:
         raise Refused(f"no move from {start:g} m to {end:g} m keeps the limits: {'; '.join(broken)}")
-    return phases.slower(limits, low), f"the move was slowed down, because at the speed asked for {'; '.join(broken)}"
+    return limits.slower(low), f"the move was slowed down, because at the speed asked for {'; '.join(broken)}"
 
 
 def leads(drive: Drive, axis: Axis, cascade: Cascade) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from beltcomm.axis import Axis
+from beltcomm.axis.kinds import KINDS
 from beltcomm.effects import effect_named
 from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError
@@ -109,6 +110,10 @@ def final_model(
             reason = "measured at one place: stiffness taken as constant"
         if not at:
             reason = "nobody knows where along the travel this was measured: the stiffness holds for that place alone"
+        return FinalModel(constant, None, reason)
+    if axis.kind in KINDS:  # (2.26) is a belt's; of a gap or a soft bearing a stiffness by record differs as well
+        progress(1.0)
+        reason = f"stiffness differs by {100 * spread:.0f} % between places; taken as constant: this kind of axis has no law for it"
         return FinalModel(constant, None, reason)
     varying_start = by_position(constant.model, axis, recordings, places)
     varying = fit_model(

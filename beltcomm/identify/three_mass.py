@@ -342,9 +342,13 @@ def judge_third_mass(
         if (three.model.parameters[name].interval or math.inf) > WELL_KNOWN * three.model[name]
     ]
     if three.misfit > SUSPECT_MISFIT:
-        against.append(
-            f"with three masses {math.sqrt(three.misfit):.2f} times the noise is left over (two: {math.sqrt(two.fit.misfit):.2f}): "
+        cause = (
             "something else acts on this axis, a compliant coupling for instance, and would be taken for part of the end pulley"
+            if two.fit.misfit > SUSPECT_MISFIT
+            else "the stiffness of this belt does not go with the place as sections between pulleys would make it (2.10)"
+        )
+        against.append(
+            f"with three masses {math.sqrt(three.misfit):.2f} times the noise is left over (two: {math.sqrt(two.fit.misfit):.2f}): {cause}"
         )
     if three.held_out_misfit is not None and two.fit.held_out_misfit is not None and three.held_out_misfit >= two.fit.held_out_misfit:
         against.append(

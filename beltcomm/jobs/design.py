@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import CascadeStructure
 from beltcomm.errors import UsageError
-from beltcomm.experiments import phases, referencing
+from beltcomm.experiments import referencing
 from beltcomm.given import pasted
 from beltcomm.laboratory.cross_checks import sheet_doubts
 from beltcomm.language import tr
@@ -33,10 +32,6 @@ from beltcomm.sentences import outcome, screens, typed_gains, words
 from beltcomm.sentences.cross_checks import sheet_lines
 from beltcomm.sentences.design_proof import proof_lines
 from beltcomm.talk import Talk
-from beltcomm.trajectory import Trajectory, load_move, plan_trajectory
-
-#: m/s and m/s² of a move for an axis that states no limits of its own.
-GENTLE = (0.5, 2.0)
 
 
 @dataclass(frozen=True)
@@ -190,23 +185,3 @@ def keep_replaced(folder: RunFolder, other: Mapping[str, Any]) -> str:
     name = next_free("replaced_", folder.names("designs"))
     folder.save_design(name, folder.load("designs", "final"))
     return f"designs/{name}.yaml"
-
-
-def move_of(folder: RunFolder, period_s: float, file: Path | None) -> Trajectory:
-    """The user's own move from a file, the one that verified the run, or the standard one of its axis."""
-    axis = folder.axis
-    if file is not None:
-        return load_move(file, period_s, axis)
-    top, fastest = axis.limits.speed_m_s or GENTLE[0], axis.limits.acceleration_m_s2 or GENTLE[1]
-    gentle = TrajectoryLimits(speed_m_s=min(top, GENTLE[0]), acceleration_m_s2=min(fastest, GENTLE[1]), jerk_m_s3=20.0 * GENTLE[1])
-    limits = axis.trajectories.get(axis.targets.limits) or gentle
-    paths = [
-        (folder.load("results", name).get("proof") or {}).get("path") for name in folder.names("results") if name.startswith("verify_")
-    ]
-    if paths and paths[-1]:
-        start, end, duration = paths[-1]
-        share = plan_trajectory(start, end, limits, period_s).duration_s / duration
-        return plan_trajectory(start, end, phases.slower(limits, share), period_s)
-    low, high = axis.travel.ends_m
-    start = max(low + 0.05 * (high - low), min(0.0, high))
-    return plan_trajectory(start, min(start + axis.targets.way_m, high - 0.05 * (high - low)), limits, period_s)

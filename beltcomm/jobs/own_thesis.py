@@ -34,6 +34,7 @@ from beltcomm.model import Model
 from beltcomm.result import Result, plain
 from beltcomm.rundata import offline
 from beltcomm.rundata.offline import estimator_settings, structure_of
+from beltcomm.rundata.run_move import move_of
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.own_words import own_words
@@ -45,7 +46,7 @@ from beltcomm.thesis.excitations import ExcitationStudy, ExcitedAxis
 from beltcomm.thesis.identification import IdentificationStudy
 from beltcomm.thesis.own_axis import curves, discretised, models, moves
 from beltcomm.thesis.topics import TOPICS, draw_figures, save_figures
-from beltcomm.trajectory import at_rest, join, plan_trajectory
+from beltcomm.trajectory import at_rest, join
 from beltcomm.verify import Loop, demand, predict_move, tracking_error
 
 #: Variants on which the claim of 5.1 is examined: words, factor on stiffness, factor on mass.
@@ -153,6 +154,7 @@ def designs(folder: RunFolder, model: Model) -> _Told:
     text = [
         "(4.7) to (4.9) as printed: 60 deg, -10 dB at the resonance, T_R 2 ms; (4.13), (4.14): 80 deg. Own axis: "
         f"antiresonance {plant.antiresonance_rad_s / math.tau:.1f} Hz, resonance {plant.resonance_rad_s / math.tau:.1f} Hz",
+        "With the friction of the moving axis; the source's own gains rest on what friction around standstill poses as (erratum 7).",
         f"  {'prefilter':12} {'K_P':>8} {'K_I':>7} {'K_PP':>7} {'crossover':>10}   margins: velocity, at ω_r, position",
     ]
     rows: dict[str, Any] = {}
@@ -218,18 +220,16 @@ def closed_loop(folder: RunFolder, model: Model) -> _Told:
     """Figures 5.1 to 5.4 on the own move, and figure 6.10: the torque cut off, with conditional integration (6.26) and without."""
     structure, saved, axis = structure_of(folder), saved_design(folder), folder.axis
     cascade, delay_s = offline.cascade_of(saved, model, structure, None)
-    limits = axis.trajectory(axis.targets.limits)
-    way = axis.targets.way_m
-    start = max(axis.travel.ends_m[0], 0.0)
-    move = plan_trajectory(start, start + way, limits, structure.period_s)
-    path = join([move, at_rest(start + way, REST_S, structure.period_s)])
+    move = move_of(folder, structure.period_s, None)
+    start, end = float(move.position_m[0]), float(move.position_m[-1])
+    path = join([move, at_rest(end, REST_S, structure.period_s)])
     needs = demand(move, model).torque_nm
     counts = offline.counts_of(folder)
     apparent = float(saved.get("apparent_damping_nm_s_rad") or 0.0)
     loop = Loop(structure, delay_s, axis.motor.peak_torque_nm or axis.torque_limit_nm, counts)
     data, table = moves(_plant(folder, model), model, path, structure, cascade, loop, apparent)
     text = [
-        f"Figures 5.1 to 5.4 on this run's move, {1e3 * way:.0f} mm in {move.duration_s:.2f} s, {needs:.2f} N m; predicted",
+        f"Figures 5.1 to 5.4 on this run's move, {1e3 * abs(end - start):.0f} mm in {move.duration_s:.2f} s, {needs:.2f} N m; predicted",
         *table,
         "Figure 6.10 on this run's gains, simulated",
         f"  {'torque cut off at':>18} {'':24} {'following':>12} {'at rest':>10} {'beyond the goal':>16}",
@@ -275,6 +275,7 @@ def estimators(folder: RunFolder, model: Model) -> _Told:
             f"  {1e3 * speed:8.3g} mm/s {cells[0]:>12} {cells[1]:>11} {cells[2]:>14} {cells[3]:>9}   {best}, {1e3 * known[best][1]:.3g} ms"
         )
     text += [
+        "The event counter's worst is that of its fewest intervals: (6.12) is no bound; (C.6) with the factor 100 that its print lacks.",
         f"Gate below and event counter above {1e3 * crossing:.3g} mm/s (6.19) is what the combination takes on this axis.",
         "A drive that gives counts at the sampling alone has the first two; T_R is chosen in `beltcomm design` (--velocity-filter).",
     ]
@@ -329,7 +330,7 @@ def gravity(folder: RunFolder, model: Model) -> _Told:
     text = [
         f"Gravity on {own:g} deg with this load: {1e3 * held:.1f} mN m at the motor; Coulomb friction {1e3 * friction:.1f} mN m",
         f"  slow integrator (chapter 7), begun below and above   {1e3 * settled[0]:.1f} and {1e3 * settled[1]:.1f} mN m",
-        f"  half the sum of slow creep both ways (errata 11)     {1e3 * halves:.1f} mN m",
+        f"  half the sum of slow creep both ways (erratum 11)    {1e3 * halves:.1f} mN m",
         "The integrator ends where friction lets the carriage stand, within gravity ± Coulomb friction: it says from which side it came.",
         "Creep slides, so friction has its full size and opposite signs, and falls out of the half sum. On a tilted axis",
         "`beltcomm identify` measures both.",

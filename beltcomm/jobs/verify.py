@@ -286,13 +286,17 @@ def _result(
         else []
     )
     step = following(folder, headline, drive)
+    first = headline
+    if feedforward is not None and not verdict.passed and headline.move != f"verify_{record}":  # the run's own move is another one
+        told = tr("this move, with feedforward {kind} in place of the design's, misses its target", kind=feedforward)
+        first = replace(headline, state="fail", sentence=told)
     if typed:
         notes.append(typed_words(verdict))
         if step.command.startswith("beltcomm apply"):
             step = Following(f"beltcomm report {pasted(folder.path)}", tr("save the gains with the maker's tool, and keep this run"))
     text = [
         Line(""),
-        *screens.headline_lines(headline),
+        *screens.headline_lines(first),
         Line(""),
         *screens.tracking_lines(verdict),
         *screens.warning_lines(notes),

@@ -23,6 +23,7 @@ from beltcomm.recording import Recording, Sidecar, recording_from_columns
 from beltcomm.result import Line, Result
 from beltcomm.rundata import offline
 from beltcomm.rundata.fitted_run import explainable, open_fitted
+from beltcomm.rundata.run_move import limits_of
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import watch as words
@@ -303,11 +304,11 @@ def played_production(folder: RunFolder, moves: int | None) -> Callable[[Drive],
         low, high = _ends(axis)
         room = (low - WAY_M) / ratio, (high + WAY_M) / ratio
         limits = Limits(*room, drive.capabilities.max_speed_rad_s, drive.capabilities.peak_torque_nm)
-        here = ratio * drive.read(["position_rad"])["position_rad"]
+        here, motion = ratio * drive.read(["position_rad"])["position_rad"], limits_of(folder, period)
         count = 0
         while moves is None or count < moves + 1:
             there = low if here > 0.5 * (low + high) else high
-            path = with_dwell(plan_trajectory(here, there, axis.trajectory(axis.targets.limits), period), REST_S)
+            path = with_dwell(plan_trajectory(here, there, motion, period), REST_S)
             along = np.zeros(len(path.t_s))
             drive.record(Motion("position", period, path.position_m / ratio, path.velocity_m_s / ratio, along), limits, lambda _row: None)
             here, count = there, count + 1

@@ -160,13 +160,7 @@ def offline_move(axis: Axis, model: Model, period_s: float) -> Trajectory:
     limits = axis.trajectories.get(axis.targets.limits) or USUAL
     share = 1.0
     while share > 0.02:
-        slower = replace(
-            limits,
-            jerk_m_s3=limits.jerk_m_s3 * share**3,
-            acceleration_m_s2=limits.acceleration_m_s2 * share**2,
-            speed_m_s=limits.speed_m_s * share,
-        )
-        move = plan_trajectory(start, end, slower, period_s)
+        move = plan_trajectory(start, end, limits.slower(share), period_s)
         asked = demand(move, model)
         most = (axis.limits.speed_m_s or asked.speed_m_s, axis.belt_force_limit_n, axis.torque_limit_nm)
         if all(value <= limit for value, limit in zip((asked.speed_m_s, asked.feed_force_n, asked.torque_nm), most, strict=True)):

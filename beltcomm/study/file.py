@@ -18,13 +18,13 @@ from beltcomm.control import Cascade
 from beltcomm.design.compensation import compensation
 from beltcomm.drive.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import DataError, UsageError
-from beltcomm.jobs.design import move_of
 from beltcomm.model import PlantFile, load_plant
 from beltcomm.outside import read_text
 from beltcomm.quantities import parse_quantity
 from beltcomm.result import jsonable, plain
 from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.cost import offline_move
+from beltcomm.rundata.run_move import move_of
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.study.members import Commissioned, Doing, Fleet, MemberTracking, Work

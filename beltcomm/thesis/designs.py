@@ -321,6 +321,7 @@ def lines(study: Designs) -> list[str]:
             f"  {name:16} {c.kp_nm_s_rad:8.4f} {c.ki_nm_rad:7.3f} {c.kpp_1_s:7.2f} {d.crossover_rad_s:7.1f} "
             f"{d.position_crossover_rad_s:8.2f} {c.ki_nm_rad * c.kpp_1_s:9.2f}"
         )
+    text.append("  What a solver finds for S_A above the antiresonance is a wrapped phase, no margin.")
     worst = max(study.underrated_db, key=lambda name: study.underrated_db[name])
     text.append(
         f"  The equalities trust (2.42), whose damping of the resonance is not that of (2.38): on {worst} it draws the peak "

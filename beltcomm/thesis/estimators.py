@@ -350,7 +350,8 @@ def _verdict_lines(study: EstimatorStudy) -> list[str]:
         f"{slow.worst['high_pass'][at[1e-3]]:.0f} %; of the combination {slow.worst['combined'][at[1e-3]]:.1e} %.",
         "  Debouncing removes false velocities at rest and delays a reversal by one increment; without time-out the gate never reads zero.",
         "What does not",
-        "  (6.11) and (6.12) as bounds; (6.17) and (6.20) as printed; a tick as what limits the gate, once lines are off by a percent.",
+        "  (6.11) and (6.12) as bounds; (6.17) and (6.20) as printed; a tick as what limits the gate, once lines are off by a percent;",
+        "  S_mod(i+1,4), which has an S_0: the states cycle S1 to S4, in reverse S5 to S8; (C.6), which lacks a factor 100 (erratum 13).",
         f"  Debouncing is not free: at {turn.deceleration_m_s2:g} m/s2 the gate errs by up to {1e3 * turn.wrong_with_m_s:.1f} mm/s after "
         f"the turn, without it by {1e3 * turn.wrong_without_m_s:.1f}.",
         "  'Diminishes for velocities above approximately 0.1 m/s': no knee at T_s = 1 ms; at 62.5 us the difference falls from",

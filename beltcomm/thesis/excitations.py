@@ -277,6 +277,7 @@ def lines(study: ExcitationStudy) -> list[str]:
         for order, clock in study.sequences:
             zero, spacing = 1.0 / (clock * study.clock_s), 1.0 / ((2**order - 1) * clock * study.clock_s)
             said.append(f"PRBS of order {order}, clock {clock}: first zero (3.5) {zero:.4g} Hz, lowest line (3.6) {spacing:.3g} Hz")
+    said.append("PRBS: as printed (3.4) keeps a mean, and the carriage drifts; here it is taken away, begun at mean momentum (erratum 10)")
     seeds = len(study.rows[0].errors["cart.mass"])
     said.append(f"mass, stiffness, inertia: standard deviation as the fit states it / rms of its errors over {seeds} seeds of the noise")
     said.append(

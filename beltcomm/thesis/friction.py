@@ -186,5 +186,5 @@ def lines(study: FrictionComparison) -> list[str]:
         "At the lowest speeds the strokes are short: one turn of the motor at 1 mm/s would take 78 s.  Below 10 mm/s the Stribeck effect "
         "shows; these speeds are not fitted",
         "A frequency response around standstill shows many times the viscous friction (beltcomm thesis identification says how many, "
-        "beltcomm friction why on a run of your own): Coulomb friction seen as damping.  A sweep separates the two (thesis.md 2.7)",
+        "beltcomm friction why on a run of your own): Coulomb friction seen as damping.  A sweep separates the two (erratum 7)",
     ]

@@ -17,8 +17,10 @@ from beltcomm.identify.dead_time import DeadTime, dead_time_between
 from beltcomm.identify.magnitude_fit import fit_magnitude
 from beltcomm.model import Model, load_plant
 from beltcomm.model.linear import modes, operating_point, sampled_response
+from beltcomm.model.transfer import TwoMass
 from beltcomm.response import FrequencyResponse, estimate_response
 from beltcomm.response.closed_loop import feedback, from_setpoint_excitation, from_torque_excitation, setpoint_path
+from beltcomm.simulate.forward import simulate_torque
 from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.simulate.stopping import total_friction, total_inertia, total_viscous
 
@@ -33,6 +35,8 @@ AMPLITUDE_NM = 0.15
 #: Factor by which the excitation of the moving axis is lowered until the motor never reverses; the setpoint's first, over the speed.
 CALMER, SETPOINT_SHARE, QUIETEST = 0.8, 1.0, 0.01
 ORDER, CLOCK, PERIODS = 9, 2, 4
+#: PRBS of the source: order, clock, s (erratum 9), periods, and 0.3 N m peak to peak or to either side (3.4).
+FINE_ORDER, FINE_CLOCK, FINE_S, FINE_PERIODS, READINGS_NM = 7, 128, 62.5e-6, 4, (0.15, 0.3)
 #: A controller that is not what one believes: gains in other units, a torque constant from a data sheet.
 WRONG = 0.8
 #: The weak velocity controller: crossover below 1 Hz (figure 3.6).
@@ -134,6 +138,8 @@ class IdentificationStudy:
         Figure 3.5.
     averaging : dict of int to float
         Periods averaged and rms difference of two independent means over √2, relative to one period's.
+    readings : dict of float to TwoMass
+        By ± N m, the source's own procedure, PRBS of order 7 and clock 128 at 62.5 µs.
     by_setpoint, by_torque : FrequencyResponse
         The direct one from the setpoint, with the current loop in it, and from the acting torque (figure 3.5).
     """
@@ -150,6 +156,7 @@ class IdentificationStudy:
     by_torque: FrequencyResponse
     name: str
     speed_m_s: float
+    readings: Mapping[float, TwoMass]
 
 
 @dataclass(frozen=True)
@@ -192,11 +199,12 @@ def compare(rig: LoopRig | None = None) -> IdentificationStudy:
         off = 20.0 * np.log10(np.abs(found.h / true))
         low, high = ((found.freq_hz >= a) & (found.freq_hz < b) for a, b in (LOW_HZ, HIGH_HZ))
         fit = fit_magnitude(found, model["transmission.ratio"], model["motor.inertia"]).two_mass
-        lossy = model["transmission.ratio"] ** 2 * (fit.motor_damping_n_s_m + fit.cart_damping_n_s_m)
         mean = float(np.mean(off[high]))
         start = record.signal.first_sample
         loudness = float(np.ptp(record.setpoint[start:])) / 2.0
-        return Way(name, loudness, found, float(np.mean(off[low])), mean, float(np.std(off[high])), fit.mass_kg, lossy, record.reversed)
+        return Way(
+            name, loudness, found, float(np.mean(off[low])), mean, float(np.std(off[high])), fit.mass_kg, _friction(fit), record.reversed
+        )
 
     direct = angle_response(moves, moves.torque)
     through, by_setpoint = angle_response(moves, moves.excitation), angle_response(asked, asked.excitation)
@@ -238,7 +246,24 @@ def compare(rig: LoopRig | None = None) -> IdentificationStudy:
         direct,
         rig.name,
         rig.speed_m_s,
+        {amplitude: source_fit(rig, amplitude) for amplitude in READINGS_NM},
     )
+
+
+def source_fit(rig: LoopRig, amplitude_nm: float) -> TwoMass:
+    """Log-magnitude fit of the source to its own PRBS of ±amplitude on the standing axis: what (3.4) is read as decides."""
+    signal = prbs(FINE_ORDER, FINE_CLOCK, 2.0 * amplitude_nm, FINE_S, FINE_PERIODS)
+    moved = simulate_torque(rig.model, signal.torque, FINE_S, rig.stands_m)
+    step = math.tau / rig.counts
+    torque = signal.torque + NOISE_NM * np.random.default_rng(SEED).normal(size=len(signal.torque))
+    angle = step * np.floor(moved.position_rad / step + 0.5)
+    found = estimate_response(torque, angle, FINE_S, signal.period_samples, signal.first_sample)
+    return fit_magnitude(found, rig.model["transmission.ratio"], rig.model["motor.inertia"]).two_mass
+
+
+def _friction(two: TwoMass) -> float:
+    """i_t² (d_m + d_c), N m s/rad."""
+    return two.transmission_m_rad**2 * (two.motor_damping_n_s_m + two.cart_damping_n_s_m)
 
 
 def open_loop(rig: LoopRig, signal: Excitation, seed: int) -> Record:
@@ -362,8 +387,16 @@ def lines(study: IdentificationStudy) -> list[str]:
         f"{1e3 * study.dead_time.interval_s:.4f} ms (built in {1e3 * DELAY * PERIOD_S:g} ms; thesis 1 ms)",
         "averaging n periods leaves of the scatter: "
         + ", ".join(f"n = {n}: {v:.2f} (1/√n {1 / math.sqrt(n):.2f})" for n, v in study.averaging.items()),
-        "Standing, Coulomb friction is taken for damping (thesis.md 2.7); moving, where the motor never reverses, it is not: what is left "
+        "Standing, Coulomb friction is taken for damping (erratum 7); moving, where the motor never reverses, it is not: what is left "
         "is the belt's own damping, which (2.42) does not have.",
+        *(
+            f"Standing, PRBS of order {FINE_ORDER}, clock {FINE_CLOCK} at {1e6 * FINE_S:g} µs, ±{amplitude:g} N m: {two.mass_kg:.2f} kg, "
+            f"{1e-3 * two.stiffness_n_m:.1f} kN/m, {1e3 * _friction(two):.1f} mN m s/rad"
+            for amplitude, two in study.readings.items()
+        ),
+        "  (3.4) prints 0.3 N m peak to peak, the rig probably ran ±0.3. So open loop and direct differ (3.4: not significantly), the less "
+        "the louder, at ±0.3 nearly in the damping alone.",
+        "C continuous is (3.21) as printed: a sampled loop does something else.",
         "Indirect against direct (3.4): the thesis saw a bias of the indirect gain at low frequency, and with it of mass and damping.  It "
         "comes with a controller that is not exactly known, ΔG/G = -G C ΔC/C: nothing in a weak loop, much below the crossover of a "
         "strong one; with the loop as it runs there is none.",

@@ -169,6 +169,9 @@ def lines(study: ModelStudy) -> list[str]:
     for name, (resonance, antiresonance) in study.recomputed.items():
         published = study.published[name]
         said.append(f"{name:5} {resonance:9.2f} {published[0]:10.2f} {antiresonance:9.2f} {published[1]:10.2f}")
+    said.append(
+        "f_r above the print: i_t of 78 mm a turn, 12.414 mm for 12.42, gives it; of G_B two digits of m_c leave the rest, at f_z 0.4 Hz"
+    )
     c = study.springs["c"]
     low = int(np.argmin(c))
     exact, product = study.approximations["(2.39) exact"], study.approximations["(2.42) product"]
@@ -176,16 +179,16 @@ def lines(study: ModelStudy) -> list[str]:
     said += [
         f"2.4   replacement stiffness {1e-3 * c[0]:.0f} kN/m at 0, least {1e-3 * c[low]:.0f} at {TRAVEL_M[low]:.2f} m, "
         f"{1e-3 * c[-1]:.0f} at 0.6 m; "
-        "identified were 204 and 222: the coupling in series gives 233 (thesis.md, table)",
+        "identified were 204 and 222: the coupling, stiff to the source, gives 233 in series",
         f"2.7   (2.42) against (2.39) on S_A: at most {np.max(off):.2f} dB, at {FREQ_HZ[int(np.argmax(off))]:.1f} Hz",
         "2.9   "
         + "; ".join(f"at {place:.2f} m f_r {r:.1f}, f_z {z:.1f} Hz" for place, (r, z) in study.place_modes.items())
         + " (rig of the data sheets, three masses and coupling)",
-        f"      its next mode lies at {study.third_mode_hz:.0f} Hz (thesis.md: end pulley 304 to 324 Hz)",
+        f"      its next mode lies at {study.third_mode_hz:.0f} Hz (end pulley)",
         f"2.10  torque to cart has no antiresonance: |G| at f_z of S_A {attenuation(study):.1f} dB above torque to motor",
         f"3.7   above 500 Hz at 16 kHz: median error of one period {100 * study.averaged[1]:.1f} %, of {AVERAGED} "
         f"{100 * study.averaged[AVERAGED]:.1f} %: {study.averaged[1] / study.averaged[AVERAGED]:.2f} times less "
-        f"(√{AVERAGED} = {math.sqrt(AVERAGED):.2f})",
+        f"(√{AVERAGED} = {math.sqrt(AVERAGED):.2f}); a sampled response ends at 1/(2 T_s), 3.2 prints 2/T_s (erratum 3)",
         f"3.9   {len(LINES_HZ)} lines reduced to {len(study.chosen_hz)}: {', '.join(f'{f:.0f}' for f in study.chosen_hz[:8])} … "
         f"{study.chosen_hz[-1]:.0f} Hz, all of them lines of the set",
     ]

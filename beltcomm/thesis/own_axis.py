@@ -186,6 +186,9 @@ def moves(
         rows.append({"figure": figure, "name": name, "motor_m": motor.dynamic_m, "static_m": motor.static_m, "cart_m": cart.dynamic_m})
         cells = f"{1e3 * motor.dynamic_m:10.3f} {1e3 * motor.static_m:8.3f} {1e3 * cart.dynamic_m:9.3f} {torque:5.2f} N m"
         text.append(f"  {figure:6} {name:46} {cells}")
+    text.append(
+        "  5.4    up to 5.2 the reference is compared with a velocity that lags by T_R + T/2, hence more than the 1 mm of the source"
+    )
     unstable = {
         kind: float(np.max(np.abs(closed_loop_poles(plant, replace(one, prefilter=Prefilter()), structure.period_s))))
         for kind, one in solved.items()

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from beltcomm.axis import Gearbox, load_axis
+from beltcomm.axis.entries import Belt
+from beltcomm.axis.kinds import Transmission
 from beltcomm.errors import DataError
 from beltcomm.fit.model_fit import ModelFit
 from beltcomm.identify import final as module
@@ -94,6 +96,16 @@ def test_law_by_position_is_chosen_and_found(varying: tuple[list[Recording], Fin
     for place in ("place 1", "place 2"):
         assert final.fit.record_misfit[place] < 1.3
     assert "by position (2.26)" in final.reason
+
+
+def test_an_axis_without_a_belt_keeps_one_stiffness(varying: tuple[list[Recording], FinalModel]) -> None:
+    """Places that disagree, of a gap for instance: no law of the place, and a model with what it leaves over."""
+    records, _ = varying
+    rack = replace(AXIS, transmission=Transmission("rack", 3e5), belt=Belt())
+    found = final_model(records, rack, COUNTS)
+    assert "this kind of axis has no law for it" in found.reason
+    assert "belt_stiffness" in found.fit.model.effects
+    assert found.fit.suspect
 
 
 def test_stiffness_of_each_place(varying: tuple[list[Recording], FinalModel]) -> None:

@@ -132,7 +132,9 @@ def test_an_axis_too_short_for_two_speeds_is_refused() -> None:
 
 
 @pytest.mark.usefixtures("fitted")
-def test_bad_calls_move_nothing(make_bench: MakeBench, copy_of_complete: Copy) -> None:
+def test_bad_calls_move_nothing(make_bench: MakeBench, copy_of_complete: Copy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path / "empty")
     run, bench = copy_of_complete(), make_bench()
     for words, code, hint in (
         (("--order", "VII"), 2, "VII"),
@@ -145,8 +147,21 @@ def test_bad_calls_move_nothing(make_bench: MakeBench, copy_of_complete: Copy) -
         outcome = call("friction", *DRIVE, "--yes", "--run", run, *words)
         assert outcome.exit_code == code, outcome.output
         assert hint in outcome.stderr
-    assert "--run" in call("friction", "--drive", "virtual").stderr
+    assert "no run is named" in call("friction", "--drive", "virtual").stderr
     assert bench.plant.cart_position_m == 0.0
+
+
+def test_without_a_run_the_newest_goes_on_and_with_its_drive(
+    make_bench: MakeBench, copy_of_complete: Copy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_bench()
+    (tmp_path / "runs").mkdir()
+    copy_of_complete(name="runs/first")
+    monkeypatch.chdir(tmp_path)
+    outcome = call("friction", "--dry-run")
+    assert outcome.exit_code == 0, outcome.output
+    assert "Run: runs/first (the newest of 1" in outcome.stderr
+    assert "(that of the run)" in outcome.stderr
 
 
 def test_the_plan_says_the_seconds_of_each_order(make_bench: MakeBench, copy_of_complete: Copy) -> None:

@@ -112,6 +112,21 @@ def test_what_was_driven_took_less_heat_than_planned(complete: Complete, capabil
     assert complete.folder.load("results", "plan")["heat"]["continuous"] == pytest.approx(plan.heat.continuous, rel=1e-3)
 
 
+@pytest.mark.parametrize(("plant", "shipped"), [("linear_motor", "linear-motor"), ("torque_table", "torque-table")])
+def test_an_axis_without_a_stated_motion_is_planned_with_a_gentle_one(plant: str, shipped: str) -> None:
+    """As ``init`` leaves it: the move is this side's own choice, a third of the force that the load bears, and no reason to refuse."""
+    axis = replace(load_axis(shipped), trajectories={})
+    with open_drive(f"virtual:{plant}", {"seed": 1}) as drive:
+        thermal = Thermal.of(axis, drive.capabilities)
+        plan = replace(commission_plan(axis, drive.capabilities), thermal=thermal)
+    assert plan.heat_fault() == ""
+    move = plan.experiments[-1]
+    rated = axis.motor.rated_torque_nm
+    assert rated is not None
+    assert move.rms_nm is not None
+    assert 0.3 * rated < move.rms_nm < 1.5 * rated
+
+
 def test_a_weak_motor_bounds_the_excitation(capabilities: Capabilities) -> None:
     """A binary excitation heats with its amplitude:  a² + τ_g² ≤ τ_rated²."""
     weak = replace(RIG, motor=replace(RIG.motor, rated_torque_nm=0.5))

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from beltcomm.axis.written import commented
 from beltcomm.errors import UsageError
 from beltcomm.jobs.own_thesis import OWN, own_thesis
+from beltcomm.rundata.run_move import move_of
+from beltcomm.runfolder import RunFolder
 from session.conftest import Complete
 
 
@@ -37,6 +42,26 @@ def test_the_ways_on_the_own_model_find_its_mass(complete: Complete, tmp_path: P
     assert by["indirect, C as it runs"]["mass_kg"] == pytest.approx(complete.bench.plant.truth["mass_kg"], rel=0.02)
     assert abs(by["strong loop, indirect"]["low_db"]) < 0.2 < 1.0 < by["strong, C 20 % off"]["low_db"]
     assert len(found["pictures"]) == len(list(tmp_path.glob("*.png"))) == 3
+
+
+def test_the_move_of_an_axis_that_states_none_is_the_one_that_verified_it(copy_of_complete: Callable[..., Path]) -> None:
+    """Figures 5.1 to 5.4 and a watched virtual production: ``init`` asks for no limits of a reference motion."""
+    run = copy_of_complete()
+    stated = own_thesis("closed-loop", run).to_json()
+    axis = RunFolder.open(run).axis
+    (run / "axis.yaml").write_text(commented(replace(axis, trajectories={})), encoding="utf-8")
+    folder = RunFolder.open(run)
+    assert folder.axis.trajectories == {}
+    found = own_thesis("closed-loop", run).to_json()
+    assert len(found["moves"]) == len(stated["moves"])
+    start, end, duration_s = next(
+        path
+        for name in reversed(folder.names("results"))
+        if name.startswith("verify_") and (path := (folder.load("results", name).get("proof") or {}).get("path"))
+    )
+    move = move_of(folder, 1e-3, None)
+    assert (move.position_m[0], move.position_m[-1]) == pytest.approx((start, end), abs=1e-6)
+    assert move.duration_s == pytest.approx(duration_s, rel=0.02)
 
 
 def test_what_draws_nothing_says_what_does(complete: Complete, tmp_path: Path) -> None:

@@ -48,8 +48,6 @@ def test_every_command_is_one() -> None:
     assert [row.what for row in module.ROWS if not module.on_own_axis(row)] == [], "each works on an axis and a run of one's own"
     for line in {line for row in module.ROWS for line in (row.command, module.on_own_axis(row))}:
         words = line.replace("`", "").split()
-        if words[0] in ("gearbox",):
-            continue
         if words[0] == "thesis" and "--run" in words:
             assert words[1] in {**OWN, **STUDIES}, line
         command = cli.get_command(click.Context(cli), words[0])
