@@ -16,6 +16,7 @@ from scipy.linalg import solve_toeplitz
 
 from beltcomm.arrays import Array
 from beltcomm.recording.checks import running_mean, usual_step
+from beltcomm.recording.sampling import finest
 
 #: Explained share of the torque from which it belongs beyond doubt, and below which it does not: of the real records at hand 30 to 100 %
 #: are explained, of shuffled ones and those of other records seldom a tenth.
@@ -28,6 +29,8 @@ _SHIFTS = tuple(((0.618033988749895 * k) % 0.8) + 0.1 for k in range(1, 30))
 _MOST_ROWS, _FEWEST_WINDOWS, _PARTS, _BINS = 20_000, 64, 8, 120
 #: Columns of a rigid body with friction; rad, part of a turn from which a law of the angle is told from one of the place.
 _PLAIN, _TURNS = 4, 1.0
+#: Steps of its encoder that a motion spans at least: one of two or three of them hardly follows any torque.
+_FEWEST_STEPS = 6
 #: By how much a position may be rougher than a torque, and be one.
 _ROUGHER = 2.0
 #: s of torques, past or to come, that an acceleration is explained by, and of late readings that both may use; rows, at least and at
@@ -63,8 +66,10 @@ class Belonging:
 
 
 def belonging(t_s: Array, torque: Array, position: Array) -> Belonging | None:
-    """Evidence that they belong together; None for a record that is too short to tell."""
+    """Evidence that they belong together; None for a record that is too short to tell, or moves by a few steps of its encoder only."""
     t_s, torque, position = t_s[:_MOST_ROWS], torque[:_MOST_ROWS], position[:_MOST_ROWS]
+    if np.ptp(position) < _FEWEST_STEPS * finest(position):
+        return None
     even = np.arange(t_s[0], t_s[-1], usual_step(t_s))
     torque, position = np.interp(even, t_s, torque), np.interp(even, t_s, position)
     if len(even) < 2 * _FEWEST_WINDOWS or np.ptp(position) == 0.0 or np.ptp(torque) == 0.0:
