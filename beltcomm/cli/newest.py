@@ -58,7 +58,9 @@ def _newest(ctx: click.Context, *folders: Path) -> Path | None:
 
 
 def _refused() -> Path:
-    raise UsageError("no run is named, and there is none under runs/; name one, or make one with `beltcomm commission --drive virtual`")
+    raise UsageError(
+        "no run is named, and there is none under runs/; name one (RUN or --run), or make one with `beltcomm commission --drive virtual`"
+    )
 
 
 def drive_of(run: Path | None) -> str | None:

@@ -36,7 +36,13 @@ def reset_state(state: Array, position_rad: float, velocity_rad_s: float = 0.0) 
 
 
 def measured_speed(state: Array) -> float:
-    """Speed of the motor as the loop has it, rad/s, behind its filter."""
+    """Speed of the motor as the loop has it, rad/s, behind its filter.
+
+    Parameters
+    ----------
+    state : ndarray (10,)
+        As :func:`new_state` has it.
+    """
     return float(state[_VELOCITY])
 
 

@@ -113,6 +113,7 @@ def verify_move(
     payloads_kg: Sequence[float] = (),
     sending: Sending = "nothing",
     learnt: Array | None = None,
+    agreed_n: float = 0.0,
 ) -> tuple[Verdict, Demand]:
     """Phase 7: run the move with the new gains and compare with its prediction.
 
@@ -122,6 +123,8 @@ def verify_move(
         Torque that repetitions of the move have taught, sent along too; n: samples of the trajectory and its rest.
     payloads_kg : sequence of float
         Further ones that the design holds for, noted with the record, see :mod:`beltcomm.rundata.proof`.
+    agreed_n : float
+        Belt force that a lost host may make beyond its limit, because somebody agreed to it, N.
 
     Raises
     ------
@@ -160,7 +163,7 @@ def verify_move(
     if sent.reference is not None and led_gains.known(machine.folder) is None:
         lag += max(LEARNING_SLACK, calibration.unsure(machine.folder)) * float(np.max(np.abs(sent.reference.lead_m)))
     setpoints = sent.motor if sent.reference is None else sent.reference.sent
-    _check_lost(machine, lost_in(machine, model, running, drive, setpoints, lag, sent.torque_nm))
+    _check_lost(machine, lost_in(machine, model, running, drive, setpoints, lag, sent.torque_nm), agreed_n)
     start = float(trajectory.position_m[0])
     if machine.folder.finished(name) is None and abs(machine.position_m - start) > 1e-4:
         top = float(np.max(np.abs(trajectory.velocity_m_s)))  # these gains are about to be driven at that speed, with more force
@@ -280,12 +283,12 @@ def _check_belt(machine: Machine, model: Model, path: PredictedMove, trajectory:
         )
 
 
-def _check_lost(machine: Machine, lost: Stop) -> None:
+def _check_lost(machine: Machine, lost: Stop, agreed_n: float = 0.0) -> None:
     """Note what a host that is lost in the move does to the belt; raise Refused when that is too much."""
     machine.folder.journal(
         f"PC or bus lost in the move: {lost.belt_force_n:.0f} N in the belt and {1e3 * lost.way_m:.0f} mm to standstill at most"
     )
-    limit = limit_n(machine.axis)
+    limit = max(limit_n(machine.axis), agreed_n)
     if lost.belt_force_n > limit and not machine.over_belt:
         raise Refused(
             f"the move is refused: should the PC or the bus be lost in it, the belt is predicted to carry {lost.belt_force_n:.0f} N until "

@@ -27,6 +27,7 @@ from beltcomm.given import pasted, whole
 from beltcomm.language import tr
 from beltcomm.machine import stops
 from beltcomm.machine.machine import Machine
+from beltcomm.machine.prediction_watch import BELT_BEYOND
 from beltcomm.model import Model
 from beltcomm.recording.signalfile import write_columns
 from beltcomm.result import Line, Result
@@ -175,10 +176,17 @@ def verify_with(
         if sending == "led" and move is None and trajectory is None:  # as fast as the drive's bounds let its reference lead
             standard = verification.kept_by_belt(machine, model, cascade, delay_s)
             path, remark = verification.within_target(machine, model, cascade, delay_s, standard)
+        elif feedforward is not None and move is None and trajectory is None:  # another one is compared on the same move
+            standard = verification.standard_move(machine, model)
+            path, remark = standard.at(1.0, drive.capabilities.sample_period_s), standard.remark
         else:
             path, remark = verification.move_asked_for(machine, model, cascade, delay_s, move, trajectory)
         verification.refuse_broken(machine, model, path)
         plan = verification_plan(machine.axis, model, path, braking, len(RUNGS) if rungs else 1 + (learn or 0))
+        agreed_n = 0.0
+        if feedforward is not None:  # one that somebody asks for may load the belt harder, which the plan tells
+            agreed_n = verification.lost_at_worst(machine, model, cascade, delay_s, path).belt_force_n
+            plan = replace(plan, lost_n=max(agreed_n, plan.lost_n or 0.0))
         if planned is not None:
             return planned(plan, folder.axis)
         if drive.capabilities.gains == "unknown":
@@ -193,7 +201,9 @@ def verify_with(
         for gains, how in ways:
             record = _names(folder)()
             with set_by_hand(drive, folder):
-                verdict, asked = verify_move(machine, model, gains, delay_s, path, record, sending=how, learnt=taught)
+                verdict, asked = verify_move(
+                    machine, model, gains, delay_s, path, record, sending=how, learnt=taught, agreed_n=BELT_BEYOND * agreed_n
+                )
             _keep(folder, drive, model, gains, path, record, verdict, LEARNT if taught is not None else how)
             driven.append((record, verdict, asked))
     if over_belt and asked.feed_force_n > folder.axis.belt_force_limit_n:

@@ -49,7 +49,7 @@ def state_after(bench: Bench, run: Path) -> dict[str, bytes]:
         (2, "amplitude_1", "", 0.5),  # creeping
         (3, "amplitude_2", "amplitude_2", 5.0),
         (6, "sweep", "sweep", 60.0),
-        (8, "move_1", "move_1", 105.0),
+        (8, "move_1", "move_1", 95.0),
     ],
 )
 @pytest.mark.usefixtures("fitted")

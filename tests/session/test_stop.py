@@ -15,12 +15,14 @@ from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.control import CascadeStructure
 from beltcomm.errors import BeltcommError, Refused
+from beltcomm.experiments import proving, verification
 from beltcomm.experiments.verification import BELT_SWING
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.rundata import analyse
 from beltcomm.rundata.store import design_to_dict, structure_from_dict
 from beltcomm.runfolder import RunFolder
+from beltcomm.simulate.stopping import Stop
 from beltcomm.virtual.loops import Loops
 from identify.records import true_model
 from session.bench import Bench, Listener, way_counted_with
@@ -33,7 +35,7 @@ Connect = Callable[[Bench], Bench]
 YES = api.Options(yes=True, seed=1)
 LIMIT_N = load_axis("egc-70-600").limits.feed_force_n or 0.0
 #: m, m/s²: where the standard move of either rig is fastest, speeds up and slows down hardest, and how hard that is.
-MOMENTS = {"fastest": (0.25, 0.0), "speeding up": (0.02, 7.4), "slowing down": (0.45, -7.4)}
+MOMENTS = {"fastest": (0.25, 0.0), "speeding up": (0.02, 6.6), "slowing down": (0.45, -6.6)}
 
 
 def run_of(rig: str, complete: Path) -> Path:
@@ -87,7 +89,7 @@ def test_a_stop_out_of_the_fastest_move_keeps_to_the_belts_limit(
     assert np.abs(force[braking:]).max() < BELT_SWING * LIMIT_N
     if moment == "fastest":
         assert np.abs(force[braking:]).max() > 0.5 * float(told)
-        assert speed == pytest.approx(1.36, abs=0.05)
+        assert speed == pytest.approx(1.30, abs=0.07)  # slower where a lost host would load the belt harder
     assert places.max() <= 0.57
     assert places.max() - places[tick] <= way_counted_with(run, speed, acceleration)
 
@@ -97,6 +99,8 @@ def test_the_drives_own_quick_stop_would_be_too_hard(
 ) -> None:
     """What the test above would show if nothing were lent: 200 rev/s², 15.6 m/s², are 210 N on 13.4 kg before the belt swings."""
     monkeypatch.setattr(Machine, "brake_with", lambda machine, braking: vars(machine).update(braking=braking, deceleration_m_s2=np.inf))
+    for module in (verification, proving):  # which would slow the move down, or refuse it
+        monkeypatch.setattr(module, "lost_in", lambda *_: Stop(0.0, 0.0))
     run, bench = copy_of_complete(), make_bench("g_a", start_m=0.0)
     tick, _ = stopped_in_the_move(bench, run, MOMENTS["fastest"][0])
     assert np.abs(bench.plant.belt_force_n[tick:]).max() > 2.0 * LIMIT_N
