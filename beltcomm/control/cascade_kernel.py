@@ -40,8 +40,13 @@ def measured_speed(state: Array) -> float:
 
     Parameters
     ----------
-    state : ndarray (10,)
-        As :func:`new_state` has it.
+    state : ndarray
+        (10,), as :func:`new_state` has it.
+
+    Returns
+    -------
+    float
+        rad/s.
     """
     return float(state[_VELOCITY])
 

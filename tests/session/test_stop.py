@@ -86,7 +86,10 @@ def test_a_stop_out_of_the_fastest_move_keeps_to_the_belts_limit(
     places = bench.start_m + bench.plant.cart_m(0, len(bench.plant.torque_nm))
     braking = tick + int(np.argmax(np.diff(places[tick:])))
     assert float(told) <= LIMIT_N
-    assert np.abs(force[braking:]).max() < BELT_SWING * LIMIT_N
+    guide_n = true_model(nominal(rig))[
+        "cart_friction.level"
+    ]  # which the feed force of a data sheet leaves out, as the limit of a move does
+    assert np.abs(force[braking:]).max() < BELT_SWING * (LIMIT_N + guide_n)
     if moment == "fastest":
         assert np.abs(force[braking:]).max() > 0.5 * float(told)
         assert speed == pytest.approx(1.30, abs=0.07)  # slower where a lost host would load the belt harder
