@@ -12,7 +12,7 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.excitation import AS_CHOSEN, AskedExcitation
-from beltcomm.experiments import gain_steps, lost_host, own_strokes, phases, sampling_limits
+from beltcomm.experiments import gain_steps, host_loss_in_move, own_strokes, phases, sampling_limits
 from beltcomm.experiments.bounds import (
     CREEP_SECONDS,
     Experiment,
@@ -68,7 +68,7 @@ class Plan:
         To be kept, from where it stands.
     host_loss : tuple of float or None
         s until the drive stops by itself when its host is silent, and how far it coasts then at most, m.
-    lost_n : float or None
+    host_loss_n : float or None
         Largest belt force until the drive has stopped when the host is lost in a move, N.
     types_gains : bool
         The gains of its drive are set by a person only.
@@ -84,7 +84,7 @@ class Plan:
     verb: str = ""
     window_m: tuple[float, float] | None = None
     host_loss: tuple[float, float] | None = None
-    lost_n: float | None = None
+    host_loss_n: float | None = None
     types_gains: bool = False
 
     @property
@@ -249,7 +249,7 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
         verb="commission",
         types_gains=capabilities.gains == "unknown",
         host_loss=host_loss(axis, capabilities),
-        lost_n=None if capabilities.gains == "unknown" else lost_host.limit_n(axis),
+        host_loss_n=None if capabilities.gains == "unknown" else host_loss_in_move.host_loss_limit_n(axis),
     )
 
 
@@ -338,7 +338,7 @@ def verification_plan(axis: Axis, model: Model, path: Trajectory, braking: Braki
     at_rest = 1.0 - times * path.duration_s / seconds
     rms = math.sqrt((1.0 - at_rest) * rms**2 + at_rest * (friction + held) ** 2)
     plan = move_plan(axis, travel, highest - lowest, asked.speed_m_s, asked.torque_nm, asked.feed_force_n, seconds, what, rms, "verify")
-    return replace(plan, lost_n=lost_host.limit_n(axis))
+    return replace(plan, host_loss_n=host_loss_in_move.host_loss_limit_n(axis))
 
 
 def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:

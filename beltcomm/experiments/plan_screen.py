@@ -137,8 +137,10 @@ def _stops(plan: Plan) -> list[Line]:
                 ),
             )
         )
-    if plan.lost_n is not None and math.isfinite(plan.lost_n):
-        rows.append(Line("  ", tr("bus or PC lost in a move: up to {force:.0f} N for milliseconds, until it stands", force=plan.lost_n)))
+    if plan.host_loss_n is not None and math.isfinite(plan.host_loss_n):
+        rows.append(
+            Line("  ", tr("bus or PC lost in a move: up to {force:.0f} N for milliseconds, until it stands", force=plan.host_loss_n))
+        )
     return [*rows, Line("  ", plan.written())]
 
 

@@ -16,12 +16,12 @@ from beltcomm.design.led_reference import LedReference, can_lead, led_reference
 from beltcomm.drive import Drive
 from beltcomm.errors import Refused
 from beltcomm.experiments import phases
-from beltcomm.experiments.lost_host import BELT_SWING_LOST, allowed_lag_m, lost_in
+from beltcomm.experiments.host_loss_in_move import HOST_LOSS_SWING, allowed_lag_m, worst_host_loss
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.rundata.led_gains import as_in_drive
+from beltcomm.simulate.setpoint_loss import SetpointLoss
 from beltcomm.simulate.setpoints import SetpointGrid
-from beltcomm.simulate.stopping import Stop
 from beltcomm.trajectory import Trajectory, load_move, plan_trajectory, with_dwell
 from beltcomm.verify import REST_S, Loop, PredictedMove, TrackingError, demand, predict_move, predict_range, tracking_error
 
@@ -36,6 +36,8 @@ RAMP_S = 0.2
 #: is slowed down for that.  A move that somebody asks for is refused beyond ``BELT_BEYOND`` only, where it would be stopped.
 BELT_SWING = 1.05
 BELT_TRIES = 8
+#: A force that is more times its limit than this tells by how much it is beyond only roughly.
+MOST_OVER = 4.0
 #: What a move with a led reference is slowed down by at a time.
 SLOWER = 0.9
 #: m: positioning ends so far beside its goal at most, and the move that was planned from there begins beside it too.
@@ -99,29 +101,30 @@ def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: floa
     standard, share, why = standard_move(machine, model), 1.0, ""
     for _ in range(BELT_TRIES):
         move = standard.at(share, machine.drive.capabilities.sample_period_s)
-        path, lost = predicted(machine, model, cascade, delay_s, move), lost_at_worst(machine, model, cascade, delay_s, move)
+        path, lost = predicted(machine, model, cascade, delay_s, move), predicted_host_loss(machine, model, cascade, delay_s, move)
         top = float(np.max(np.abs(move.velocity_m_s)))
-        swing, beyond = belt_force_limit_n(machine, model, top, BELT_SWING), BELT_SWING_LOST * machine.axis.belt_force_limit_n
+        swing, beyond = belt_force_limit_n(machine, model, top, BELT_SWING), HOST_LOSS_SWING * machine.axis.belt_force_limit_n
         over = max(path.belt_force_n / swing, lost.belt_force_n / beyond)
         if over <= 1.0:
             break
-        when = f"{swing:.0f} N as it swings" if path.belt_force_n / swing == over else f"{beyond:.0f} N if the PC were lost"
-        share *= 0.99 / math.sqrt(over)
-        why = f"slowed down to {100 * share:.0f} % of its speed, because the belt would carry more than {when}"
+        swings = path.belt_force_n / swing == over
+        share *= 0.99 / math.sqrt(min(over, MOST_OVER))
+        why = f"move slowed to {100 * share:.0f} %: above, "
+        why += f"the swinging belt carries more than {swing:.0f} N" if swings else f"a lost PC loads the belt beyond {beyond:.0f} N"
     if not why:
         return standard
-    remark = f"{standard.remark}; {why}" if standard.remark else f"the move was {why}"
+    remark = f"{standard.remark}; {why}" if standard.remark else why
     return replace(standard, limits=standard.limits.slower(share), remark=remark)
 
 
-def lost_at_worst(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> Stop:
+def predicted_host_loss(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> SetpointLoss:
     """The worst stop of a move whose host is lost, with a led reference where the drive gets one."""
     path = predicted(machine, model, cascade, delay_s, trajectory)
     drive, sent, running = in_drive(machine, delay_s), with_dwell(trajectory, REST_S), cascade
     if leads(machine.drive, machine.axis, cascade):
         running = as_in_drive(machine.folder, cascade)
         sent = led_reference(model, sent, running, drive.structure, delay_s).sent
-    return lost_in(machine, model, running, drive, sent, allowed_lag_m(path))
+    return worst_host_loss(machine, model, running, drive, sent, allowed_lag_m(path))
 
 
 def _way(machine: Machine) -> tuple[float, float]:

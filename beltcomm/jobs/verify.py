@@ -185,12 +185,12 @@ def verify_with(
         plan = verification_plan(machine.axis, model, path, braking, len(RUNGS) if rungs else 1 + (learn or 0))
         agreed_n = 0.0
         if feedforward is not None:  # one that somebody asks for may load the belt harder, which the plan tells
-            agreed_n = verification.lost_at_worst(machine, model, cascade, delay_s, path).belt_force_n
-            plan = replace(plan, lost_n=max(agreed_n, plan.lost_n or 0.0))
+            agreed_n = BELT_BEYOND * verification.predicted_host_loss(machine, model, cascade, delay_s, path).belt_force_n
+            plan = replace(plan, host_loss_n=max(agreed_n, plan.host_loss_n or 0.0))
         if planned is not None:
             return planned(plan, folder.axis)
         if drive.capabilities.gains == "unknown":
-            plan = replace(plan, lost_n=None)  # how hard the loop in it brakes then, nobody knows
+            plan = replace(plan, host_loss_n=None)  # how hard the loop in it brakes then, nobody knows
             talk.say("This drive's gains can neither be written nor read: the move is planned for those of the design, typed in by hand.")
         agree(plan, machine)
         check_sign(machine)
@@ -201,9 +201,7 @@ def verify_with(
         for gains, how in ways:
             record = _names(folder)()
             with set_by_hand(drive, folder):
-                verdict, asked = verify_move(
-                    machine, model, gains, delay_s, path, record, sending=how, learnt=taught, agreed_n=BELT_BEYOND * agreed_n
-                )
+                verdict, asked = verify_move(machine, model, gains, delay_s, path, record, sending=how, learnt=taught, agreed_n=agreed_n)
             _keep(folder, drive, model, gains, path, record, verdict, LEARNT if taught is not None else how)
             driven.append((record, verdict, asked))
     if over_belt and asked.feed_force_n > folder.axis.belt_force_limit_n:

@@ -18,7 +18,7 @@ from beltcomm.control import Cascade, forget_acceleration, measured_speed, new_s
 from beltcomm.model import Model
 from beltcomm.simulate.loop import LoopDrive, close_loop
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
-from beltcomm.simulate.stopping import REST_S, Stop
+from beltcomm.simulate.stopping import REST_S
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,39 @@ class LossReaction:
     lasting_s: float
     guard_s: float
     deceleration_m_s2: float
+
+
+@dataclass(frozen=True)
+class SetpointLoss:
+    """The axis from the last setpoint to rest.
+
+    Attributes
+    ----------
+    way_m : float
+        Carriage, from where it was; infinite where it ran off what its model describes.
+    low_m, high_m : float
+        Between which the carriage stays meanwhile; infinite likewise.
+    belt_force_n : float
+        Largest, N; infinite likewise.
+    """
+
+    way_m: float
+    low_m: float
+    high_m: float
+    belt_force_n: float
+
+    def __or__(self, other: SetpointLoss) -> SetpointLoss:
+        """The worse of both in each."""
+        return SetpointLoss(
+            max(self.way_m, other.way_m),
+            min(self.low_m, other.low_m),
+            max(self.high_m, other.high_m),
+            max(self.belt_force_n, other.belt_force_n),
+        )
+
+
+#: One that ran off what its model describes.
+OFF_THE_MODEL = SetpointLoss(math.inf, -math.inf, math.inf, math.inf)
 
 
 @dataclass(frozen=True)
@@ -70,7 +103,7 @@ class References:
 
 def predict_setpoint_loss(
     model: Model, cascade: Cascade, references: References, at: int, drive: LoopDrive, reaction: LossReaction, position_m: float
-) -> Stop:
+) -> SetpointLoss:
     """The axis from the last setpoint to rest.
 
     Parameters
@@ -80,10 +113,10 @@ def predict_setpoint_loss(
     position_m : float
         Where the carriage sets out.
 
-    Returns
-    -------
-    Stop
-        Way from there, and the largest belt force from there.
+    Raises
+    ------
+    Refused
+        When the carriage leaves what the model describes.
     """
     guard = max(1, math.ceil(reaction.guard_s / drive.period_s))
     noticed = guard
@@ -105,8 +138,9 @@ def predict_setpoint_loss(
     place, none = np.full(runs, start_rad + plant.position_rad), np.zeros(runs)
     forget_acceleration(state)
     rest = close_loop(plant, cascade, drive, "velocity", place, ramp, none, acceleration_rad_s2=none, state=state)
-    ways = np.abs(np.concatenate((run.cart_m[at:], rest.cart_m)) - run.cart_m[at])
-    return Stop(float(ways.max()), float(max(run.belt_force_n[at:].max(), rest.belt_force_n.max())))
+    places = position_m + np.concatenate((run.cart_m[at:], rest.cart_m))
+    force = float(max(run.belt_force_n[at:].max(), rest.belt_force_n.max()))
+    return SetpointLoss(float(np.abs(places - places[0]).max()), float(places.min()), float(places.max()), force)
 
 
 def _at(model: Model, position_m: float) -> SimulatedPlant:

@@ -22,7 +22,8 @@ from beltcomm.rundata.findings import Findings, Settings
 from beltcomm.rundata.proof import doubts
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.sequences import EXCITATION_TRAVEL_M
-from beltcomm.simulate.stopping import Braking, Stop
+from beltcomm.simulate.setpoint_loss import OFF_THE_MODEL, SetpointLoss
+from beltcomm.simulate.stopping import Braking
 from beltcomm.talk import Silence
 from identify.records import true_model
 from session.bench import Bench, Listener
@@ -187,26 +188,34 @@ def test_a_move_is_slowed_down_or_refused_for_a_belt_that_swings(
             "predict_move",
             lambda *args: replace(true(*args), belt_force_n=80.0 * float(np.max(np.abs(args[2].velocity_m_s)) / 1.0) ** 2),
         )
-        monkeypatch.setattr(verification, "lost_in", lambda *args: Stop(0.1, 120.0 * float(np.max(np.abs(args[4].velocity_m_s))) ** 2))
+        monkeypatch.setattr(
+            verification,
+            "worst_host_loss",
+            lambda *args: SetpointLoss(0.1, 0.0, 0.5, 120.0 * float(np.max(np.abs(args[4].velocity_m_s))) ** 2),
+        )
         lost = verification.kept_by_belt(machine, model, cascade, 1e-3)
         fastest = 120.0 * float(np.abs(lost.at(1.0, 1e-3).velocity_m_s).max()) ** 2
         assert 0.9 * 1.4 * 1.24 / 0.01242 < fastest <= 1.4 * 1.24 / 0.01242
-        assert "N if the PC were lost" in lost.remark
-        monkeypatch.setattr(verification, "lost_in", lambda *_: Stop(0.1, 0.0))
+        assert "a lost PC loads the belt beyond 140 N" in lost.remark
+        monkeypatch.setattr(verification, "worst_host_loss", lambda *_: SetpointLoss(0.1, 0.0, 0.5, 0.0))
         kept = verification.kept_by_belt(machine, model, cascade, 1e-3)
         fast, slow = (move.at(1.0, 1e-3) for move in (standard, kept))
         limit = verification.belt_force_limit_n(machine, model, 1.0, 1.05)
         assert limit == pytest.approx(1.05 * (1.24 / 0.01242 + model["cart_friction.level"] + model["viscous_cart.damping"]))
         assert 80.0 * np.abs(fast.velocity_m_s).max() ** 2 > limit
         assert 0.9 * limit < 80.0 * np.abs(slow.velocity_m_s).max() ** 2 <= limit
-        assert "because the belt would carry more than" in kept.remark
+        assert "the swinging belt carries more than" in kept.remark
         path = verification.predict_move(model, cascade, fast, verification.in_drive(machine, 1e-3))
         # 1.25 times 99.84 N and 3 to 4.5 N of friction at the carriage
         with pytest.raises(Refused, match=r"the belt is predicted to carry 14\d\.\d N as it swings, limit (128|129|130)\.\d N"):
             proving._check_belt(machine, model, path, fast)
         with pytest.raises(Refused, match=r"should the PC or the bus be lost in it, the belt is predicted to carry 160 N .*limit 150 N"):
-            proving._check_lost(machine, Stop(0.1, 160.0))
-        proving._check_lost(machine, Stop(0.1, 149.0))
+            proving._check_host_loss(machine, SetpointLoss(0.1, 0.0, 0.5, 160.0))
+        with pytest.raises(Refused, match=r"the carriage is predicted to go from 0 m to 0\.59 m, the travel is"):
+            proving._check_host_loss(machine, SetpointLoss(0.1, 0.0, 0.59, 90.0))
+        with pytest.raises(Refused, match=r"from -inf m"):  # a loss that nobody could simulate is none that is harmless
+            proving._check_host_loss(machine, OFF_THE_MODEL)
+        proving._check_host_loss(machine, SetpointLoss(0.1, 0.0, 0.5, 149.0))
         assert "lost in the move: 149 N in the belt and 100 mm" in (folder.path / "journal.txt").read_text(encoding="utf-8")
 
 

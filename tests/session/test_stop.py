@@ -22,7 +22,7 @@ from beltcomm.model import Model
 from beltcomm.rundata import analyse
 from beltcomm.rundata.store import design_to_dict, structure_from_dict
 from beltcomm.runfolder import RunFolder
-from beltcomm.simulate.stopping import Stop
+from beltcomm.simulate.setpoint_loss import SetpointLoss
 from beltcomm.virtual.loops import Loops
 from identify.records import true_model
 from session.bench import Bench, Listener, way_counted_with
@@ -103,7 +103,7 @@ def test_the_drives_own_quick_stop_would_be_too_hard(
     """What the test above would show if nothing were lent: 200 rev/s², 15.6 m/s², are 210 N on 13.4 kg before the belt swings."""
     monkeypatch.setattr(Machine, "brake_with", lambda machine, braking: vars(machine).update(braking=braking, deceleration_m_s2=np.inf))
     for module in (verification, proving):  # which would slow the move down, or refuse it
-        monkeypatch.setattr(module, "lost_in", lambda *_: Stop(0.0, 0.0))
+        monkeypatch.setattr(module, "worst_host_loss", lambda *_: SetpointLoss(0.0, 0.0, 0.5, 0.0))
     run, bench = copy_of_complete(), make_bench("g_a", start_m=0.0)
     tick, _ = stopped_in_the_move(bench, run, MOMENTS["fastest"][0])
     assert np.abs(bench.plant.belt_force_n[tick:]).max() > 2.0 * LIMIT_N

@@ -71,12 +71,12 @@ class Watch(Examiner):
 class SlaveRig(Rig):
     """The drive of that name, switched on at once; it stays on from command to command.
 
-    options : of the virtual adapter, further ones.   period_s : SYNC period asked for.
+    options : of the virtual adapter, further ones.   period_s : SYNC period asked for.   plant : None takes the product's own.
     """
 
-    def __init__(self, slave: str, seed: int = 1, period_s: float | None = None, **options: Any) -> None:
+    def __init__(self, slave: str, seed: int = 1, period_s: float | None = None, plant: Any = None, **options: Any) -> None:
         file = load_plant(PLANT)
-        self.plant = SimulatedPlant(file.model, START_M, end_stops_m=BUFFERS_M)
+        self.plant = plant or SimulatedPlant(file.model, START_M, end_stops_m=BUFFERS_M)
         self.faults = Faults()
         self.period_s = period_s
         given = {"plant": self.plant, "start_position": START_M, "as": slave, "seed": seed, "faults": self.faults, **options}

@@ -1,4 +1,7 @@
-"""The host dies in a verification move: the axis stands inside its travel, and the belt carries no more than was planned for that."""
+"""The host dies in a verification move: the axis stands inside its travel, and the belt carries no more than was planned for that.
+
+The machine is the independent simulator's: prediction and truth share no plant.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +15,17 @@ import pytest
 from campaign.judge import TRAVEL_M
 from campaign.rig import STANDING_M_S, START_M
 from slaves.bench import AXIS, SlaveRig
+from truth.plant import TruthPlant
+from truth.rigs import nominal
 
 #: Shares of the move: out of its acceleration, at its top speed, in its braking.
 SHARES = (0.05, 0.5, 0.9)
 #: The prediction is no guess far above what happens, either.
 SHARPEST = 0.7
+
+
+def rig_of_truth() -> SlaveRig:
+    return SlaveRig("reference", plant=TruthPlant(nominal("g_a").axis, truth=nominal("g_a").truth))
 
 
 def verify(rig: SlaveRig, run: Path) -> int | None:
@@ -26,12 +35,12 @@ def verify(rig: SlaveRig, run: Path) -> int | None:
 
 @pytest.mark.examination
 def test_a_dead_host_loads_the_belt_no_more_than_planned(tmp_path: Path) -> None:
-    whole, rig = tmp_path / "run", SlaveRig("reference")
+    whole, rig = tmp_path / "run", rig_of_truth()
     assert rig.call("commission", "--drive", "virtual", "--axis", AXIS, "--run", str(whole), "--yes", "--quick", "--no-report").code == 0
     rig.close()
 
     def driven(number: int, at: int | None) -> tuple[SlaveRig, Path]:
-        run, rig = tmp_path / str(number), SlaveRig("reference")
+        run, rig = tmp_path / str(number), rig_of_truth()
         shutil.copytree(whole, run)
         if at is None:
             assert verify(rig, run) == 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+import math
 
 import numpy as np
 
@@ -12,29 +12,27 @@ from beltcomm.control import Cascade
 from beltcomm.drive import GUARD_S
 from beltcomm.errors import Refused
 from beltcomm.machine.machine import Machine
+from beltcomm.machine.prediction_watch import SURPRISE
 from beltcomm.model import Model
-from beltcomm.simulate.setpoint_loss import LossReaction, References, predict_setpoint_loss
+from beltcomm.simulate.setpoint_loss import OFF_THE_MODEL, LossReaction, References, SetpointLoss, predict_setpoint_loss
 from beltcomm.simulate.setpoints import SetpointGrid
-from beltcomm.simulate.stopping import Stop
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Loop, PredictedMove
 
 #: By how much the belt's force may exceed its limit, for some milliseconds, when the host is lost in the move that commissioning chooses;
 #: one that somebody asks for is refused beyond the second.
-BELT_SWING_LOST, BELT_BEYOND_LOST = 1.4, 1.5
+HOST_LOSS_SWING, HOST_LOSS_BEYOND = 1.4, 1.5
 #: Instants of a move at which the host is thought to be lost.
 INSTANTS = 48
 #: s: for so long a following error lasts before the drive stops, or for one period; see the adapters' 6066h.
 LASTING_S = 3e-3
-#: An axis this many times further off its reference than predicted, and by so many m more, is not the one predicted: it is stopped, in
-#: the drive and on the host.
-SURPRISE = 3.0
+#: m, beside ``SURPRISE`` times what was predicted: an axis that is further off its reference is stopped, in the drive and on the host.
 LAG_SLACK_M = 2e-3
 
 
-def limit_n(axis: Axis) -> float:
+def host_loss_limit_n(axis: Axis) -> float:
     """Belt force that a move may reach when its host is lost, N; infinite where nothing limits it."""
-    return BELT_BEYOND_LOST * axis.belt_force_limit_n
+    return HOST_LOSS_BEYOND * axis.belt_force_limit_n
 
 
 def allowed_lag_m(path: PredictedMove) -> float:
@@ -42,7 +40,7 @@ def allowed_lag_m(path: PredictedMove) -> float:
     return SURPRISE * float(np.max(np.abs(path.reference_m - path.motor_m))) + LAG_SLACK_M
 
 
-def lost_in(
+def worst_host_loss(
     machine: Machine,
     model: Model,
     running: Cascade,
@@ -50,8 +48,8 @@ def lost_in(
     sent: Trajectory,
     lag_m: float,
     extra_torque_nm: Array | None = None,
-) -> Stop:
-    """The worst stop of a move whose host is lost: its longest way and its largest belt force.
+) -> SetpointLoss:
+    """The worst that a host which is lost in a move makes of it, over ``INSTANTS`` instants.
 
     Parameters
     ----------
@@ -69,10 +67,10 @@ def lost_in(
     references = References(position, speed, np.zeros(len(position)) if extra_torque_nm is None else grid.held(extra_torque_nm))
     guard_s = GUARD_S + sent.sample_period_s
     reaction = LossReaction(lag_m / ratio, max(LASTING_S, sent.sample_period_s), guard_s, machine.deceleration_m_s2)
-    way, force = 0.0, 0.0
-    moving = np.flatnonzero(speed)
+    moving, worst = np.flatnonzero(speed), SetpointLoss(0.0, math.inf, -math.inf, 0.0)
     for at in np.unique(np.linspace(max(1, moving[0]), moving[-1], INSTANTS).astype(int)) if len(moving) else ():
-        with suppress(Refused):  # one that runs beyond the travel is refused by its way, which every stop is counted with
-            stop = predict_setpoint_loss(model, running, references, int(at), drive.simulated, reaction, float(sent.position_m[0]))
-            way, force = max(way, stop.way_m), max(force, stop.belt_force_n)
-    return Stop(way, force)
+        try:
+            worst |= predict_setpoint_loss(model, running, references, int(at), drive.simulated, reaction, float(sent.position_m[0]))
+        except Refused:
+            worst |= OFF_THE_MODEL
+    return worst
