@@ -9,7 +9,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from beltcomm.drive import Array, Capabilities, Limits, Motion
+from beltcomm.drive import FOLLOWING_ERROR_S, Array, Capabilities, Limits, Motion
 from beltcomm.drive.objects import name_of
 from beltcomm.errors import DriveError, ObjectRefused, Refused, UsageError
 from beltcomm_adapters.borrowed import HOMING
@@ -28,9 +28,6 @@ _DRIVE_SPEED_SHARE: Final = 1.2
 #: Cycles from a breach to the quick stop at worst: three lost answers, one to notice, one until the command is active.
 _REACTION_CYCLES: Final = 5
 _LONGEST_SYNC_MS: Final = 20
-#: s and periods that a following error beyond its window may last in the drive.
-_FOLLOWING_ERROR_S: Final = 3e-3
-_FOLLOWING_ERROR_PERIODS: Final = 1
 _QUICK_STOP_AND_DISABLE: Final = 2  # 605Ah
 _LINEAR_INTERPOLATION: Final = -2  # 60C0h
 _INT32: Final = 2**31 - 1
@@ -200,7 +197,7 @@ def lend_settings(
             lag = min(math.ceil((limits.lag_rad + ahead_rad) / abs(scaling.position_rad)), _INT32)
             limit(objects, lending, 0x6065, 0, "uint32", lag, lambda raw: raw * abs(scaling.position_rad), "rad")
             # A dead host's setpoint stands still: the position loop would brake as its gain asks for until the guard time is over.
-            lasting_ms = math.ceil(1e3 * max(_FOLLOWING_ERROR_S, _FOLLOWING_ERROR_PERIODS * period_s))
+            lasting_ms = math.ceil(1e3 * max(FOLLOWING_ERROR_S, period_s))
             if (objects.read_if_there(0x6066, 0, "uint16") or 0) > lasting_ms:
                 lending.set_if_there(0x6066, 0, "uint16", lasting_ms)
 

@@ -33,6 +33,8 @@ MotionKind = Literal["torque", "position", "velocity", "profile"]
 LoopKind = Literal["position", "velocity", "profile"]
 #: s: a drive must notice within this time that its host is gone, where nothing asks for less.
 GUARD_S = 0.05
+#: s that a following error beyond its window may last in the drive, or one setpoint period where that is longer.
+FOLLOWING_ERROR_S = 3e-3
 
 Row = tuple[float, ...]
 Sink = Callable[[Row], None]

@@ -9,7 +9,7 @@ import numpy as np
 from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
-from beltcomm.drive import GUARD_S
+from beltcomm.drive import FOLLOWING_ERROR_S, GUARD_S
 from beltcomm.errors import Refused
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import SURPRISE
@@ -24,8 +24,6 @@ from beltcomm.verify import Loop, PredictedMove
 HOST_LOSS_SWING, HOST_LOSS_BEYOND = 1.4, 1.5
 #: Instants of a move at which the host is thought to be lost.
 INSTANTS = 48
-#: s: for so long a following error lasts before the drive stops, or for one period; see the adapters' 6066h.
-LASTING_S = 3e-3
 #: m, beside ``SURPRISE`` times what was predicted: an axis that is further off its reference is stopped, in the drive and on the host.
 LAG_SLACK_M = 2e-3
 
@@ -66,7 +64,7 @@ def worst_host_loss(
     position, speed = grid.on_loop(sent.position_m / ratio), grid.on_loop(sent.velocity_m_s / ratio)
     references = References(position, speed, np.zeros(len(position)) if extra_torque_nm is None else grid.held(extra_torque_nm))
     guard_s = GUARD_S + sent.sample_period_s
-    reaction = LossReaction(lag_m / ratio, max(LASTING_S, sent.sample_period_s), guard_s, machine.deceleration_m_s2)
+    reaction = LossReaction(lag_m / ratio, max(FOLLOWING_ERROR_S, sent.sample_period_s), guard_s, machine.deceleration_m_s2)
     moving, worst = np.flatnonzero(speed), SetpointLoss(0.0, math.inf, -math.inf, 0.0)
     for at in np.unique(np.linspace(max(1, moving[0]), moving[-1], INSTANTS).astype(int)) if len(moving) else ():
         try:

@@ -57,8 +57,8 @@ SELDOM_S = 1.5e-3
 FEWEST_ROWS, CLEAR_STEPS = 40, 20.0
 #: What counts as nothing; rad a row, of a model that flies off; s, how far the torque's delay may be from what is thought of before.
 LEAST, ABSURD_RAD, LATE_S = 1e-9, 1e3, 1e-3
-#: Time constant of the lag in the torque path, of LATE_S, that is thought of before.
-LAGS = 0.5
+#: Standard deviation of what is thought before of the lag in the torque path, none, over LATE_S.
+LAG_WIDTH = 0.5
 #: How well the laws can mean a machine, relative to each parameter: added to its interval.
 LAW = 0.003
 
@@ -156,7 +156,7 @@ def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names
     k = len(logarithms)
     names = (*logarithms, *names[k:])
     before = np.array([*(math.log(start[n]) for n in logarithms), *(start[n] / SIGNED[n] for n in names[k:]), late_s / LATE_S, 0.0])
-    width = np.array([*(BEFORE[n] for n in logarithms), *(1.0 for _ in names[k:]), 1.0, LAGS])
+    width = np.array([*(BEFORE[n] for n in logarithms), *(1.0 for _ in names[k:]), 1.0, LAG_WIDTH])
     rows = [_OpenLoop(recording) for recording in recordings]
     scatter = float(np.std(np.concatenate([one.measured for one in rows])))
     if scatter == 0.0:
