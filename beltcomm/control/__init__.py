@@ -11,7 +11,7 @@ Discrete form, sampling period T, z = exp(jωT):
 - prefilter on the velocity error, and the additional low-pass behind it: bilinear transform (Tustin), prewarped at centre or cutoff;
 - PI: K_P + K_I T/(z − 1), the forward-Euler integrator (6.25).
 
-The compiled step (``cascade_step``, ``forget_acceleration``, ``measured_speed``, ``velocity_step``, ``new_state``, ``reset_state``)
+The compiled step (``cascade_step``, ``begin_ramp``, ``measured_speed``, ``velocity_step``, ``new_state``, ``reset_state``)
 stands in :mod:`beltcomm.control.cascade_kernel` and is loaded on first use, because numba takes longer to import than ``--help`` may last.
 """
 
@@ -27,7 +27,7 @@ from beltcomm.arrays import Array, ComplexArray
 from beltcomm.errors import UsageError
 
 if TYPE_CHECKING:
-    from beltcomm.control.cascade_kernel import cascade_step, forget_acceleration, measured_speed, new_state, reset_state, velocity_step
+    from beltcomm.control.cascade_kernel import begin_ramp, cascade_step, measured_speed, new_state, reset_state, velocity_step
 
 
 __all__ = [
@@ -35,10 +35,10 @@ __all__ = [
     "CascadeStructure",
     "Feedforward",
     "Prefilter",
+    "begin_ramp",
     "cascade_step",
     "discrete_coefficients",
     "feedforward_torque",
-    "forget_acceleration",
     "measured_speed",
     "new_state",
     "pi_response",
@@ -50,7 +50,7 @@ __all__ = [
     "velocity_step",
 ]
 
-_COMPILED = frozenset({"cascade_step", "forget_acceleration", "measured_speed", "velocity_step", "new_state", "reset_state"})
+_COMPILED = frozenset({"cascade_step", "begin_ramp", "measured_speed", "velocity_step", "new_state", "reset_state"})
 
 
 PrefilterKind = Literal["none", "notch", "butterworth"]

@@ -52,8 +52,13 @@ def measured_speed(state: Array) -> float:
 
 
 @compiled
-def forget_acceleration(state: Array) -> None:
-    """Let a reference whose acceleration is not fed forward begin: what it was before is no change of it."""
+def begin_ramp(state: Array, velocity_rad_s: float) -> None:
+    """Let a reference velocity without feedforward of its acceleration begin, rad/s, as one that has stood for long.
+
+    What the reference was before is no change of it, and its filter holds it already: a drive that changes from a position loop without
+    velocity feedforward to a ramp would else ask for standstill first.
+    """
+    state[_REFERENCE] = state[_FILTERED_REFERENCE] = velocity_rad_s
     state[_ACCELERATION] = 0.0
 
 

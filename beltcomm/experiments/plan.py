@@ -12,7 +12,7 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.excitation import AS_CHOSEN, AskedExcitation
-from beltcomm.experiments import gain_steps, host_loss_in_move, own_strokes, phases, sampling_limits
+from beltcomm.experiments import gain_steps, own_strokes, phases, sampling_limits, stops_in_move
 from beltcomm.experiments.bounds import (
     CREEP_SECONDS,
     Experiment,
@@ -249,7 +249,7 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
         verb="commission",
         types_gains=capabilities.gains == "unknown",
         host_loss=host_loss(axis, capabilities),
-        host_loss_n=None if capabilities.gains == "unknown" else host_loss_in_move.host_loss_limit_n(axis),
+        host_loss_n=None if capabilities.gains == "unknown" else stops_in_move.host_loss_limit_n(axis),
     )
 
 
@@ -313,13 +313,17 @@ def move_plan(
     )
 
 
-def verification_plan(axis: Axis, model: Model, path: Trajectory, braking: Braking, times: int = 1) -> Plan:
+def verification_plan(
+    axis: Axis, model: Model, path: Trajectory, braking: Braking, stops: stops_in_move.StopsInMove, times: int = 1
+) -> Plan:
     """The move that verifies a design, with the positioning before it and the rest after it.
 
     Parameters
     ----------
     braking : Braking
         Of its loop.
+    stops : StopsInMove
+        Out of the move.
     times : int
         Driven.
     """
@@ -337,8 +341,9 @@ def verification_plan(axis: Axis, model: Model, path: Trajectory, braking: Braki
     rms = path_rms_nm(path, model["motor.inertia"], ratio, model["cart.mass"], friction, held)
     at_rest = 1.0 - times * path.duration_s / seconds
     rms = math.sqrt((1.0 - at_rest) * rms**2 + at_rest * (friction + held) ** 2)
-    plan = move_plan(axis, travel, highest - lowest, asked.speed_m_s, asked.torque_nm, asked.feed_force_n, seconds, what, rms, "verify")
-    return replace(plan, host_loss_n=host_loss_in_move.host_loss_limit_n(axis))
+    force_n = max(asked.feed_force_n, stops.asked_for.belt_force_n)
+    plan = move_plan(axis, travel, highest - lowest, asked.speed_m_s, asked.torque_nm, force_n, seconds, what, rms, "verify")
+    return replace(plan, host_loss_n=stops_in_move.host_loss_limit_n(axis))
 
 
 def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:

@@ -16,7 +16,7 @@ from beltcomm.design.compliant import Leading, lead_motion, torque_along
 from beltcomm.design.led_reference import LedReference, led_reference
 from beltcomm.errors import Refused
 from beltcomm.experiments import phases
-from beltcomm.experiments.host_loss_in_move import HOST_LOSS_BEYOND, allowed_lag_m, host_loss_limit_n, worst_host_loss
+from beltcomm.experiments.stops_in_move import HOST_LOSS_BEYOND, StopsInMove, allowed_lag_m, host_loss_limit_n, worst_stops
 from beltcomm.experiments.verification import StandardMove, belt_force_limit_n, in_drive, predict_led, refuse_broken
 from beltcomm.identify.led_gains import gain_factors
 from beltcomm.machine.machine import Machine
@@ -26,7 +26,6 @@ from beltcomm.recording.sidecar import Sidecar
 from beltcomm.rundata import calibration, led_gains
 from beltcomm.rundata.led_gains import as_in_drive
 from beltcomm.rundata.proof import LEARNT, move_name, proof
-from beltcomm.simulate.setpoint_loss import SetpointLoss
 from beltcomm.simulate.setpoints import SetpointGrid
 from beltcomm.trajectory import Trajectory, with_dwell
 from beltcomm.verify import (
@@ -163,7 +162,7 @@ def verify_move(
     if sent.reference is not None and led_gains.known(machine.folder) is None:
         lag += max(LEARNING_SLACK, calibration.unsure(machine.folder)) * float(np.max(np.abs(sent.reference.lead_m)))
     setpoints = sent.motor if sent.reference is None else sent.reference.sent
-    _check_host_loss(machine, worst_host_loss(machine, model, running, drive, setpoints, lag, sent.torque_nm), agreed_n)
+    _check_stops(machine, worst_stops(machine, model, running, drive, setpoints, lag, sent.torque_nm), agreed_n)
     start = float(trajectory.position_m[0])
     if machine.folder.finished(name) is None and abs(machine.position_m - start) > 1e-4:
         top = float(np.max(np.abs(trajectory.velocity_m_s)))  # these gains are about to be driven at that speed, with more force
@@ -283,8 +282,10 @@ def _check_belt(machine: Machine, model: Model, path: PredictedMove, trajectory:
         )
 
 
-def _check_host_loss(machine: Machine, lost: SetpointLoss, agreed_n: float = 0.0) -> None:
-    """Note what a host that is lost in the move does to the belt; raise Refused when that is too much."""
+def _check_stops(machine: Machine, stops: StopsInMove, agreed_n: float = 0.0) -> None:
+    """Note what a stop out of the move does to the belt; raise Refused when that of a lost host is too much."""
+    stop, lost = stops.asked_for, stops.host_lost
+    machine.folder.journal(f"a stop out of the move: {stop.belt_force_n:.0f} N in the belt and {1e3 * stop.way_m:.0f} mm at most")
     machine.folder.journal(
         f"PC or bus lost in the move: {lost.belt_force_n:.0f} N in the belt and {1e3 * lost.way_m:.0f} mm to standstill at most"
     )

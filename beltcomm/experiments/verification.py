@@ -16,11 +16,10 @@ from beltcomm.design.led_reference import LedReference, can_lead, led_reference
 from beltcomm.drive import Drive
 from beltcomm.errors import Refused
 from beltcomm.experiments import phases
-from beltcomm.experiments.host_loss_in_move import HOST_LOSS_SWING, allowed_lag_m, worst_host_loss
+from beltcomm.experiments.stops_in_move import HOST_LOSS_SWING, StopsInMove, allowed_lag_m, worst_stops
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.rundata.led_gains import as_in_drive
-from beltcomm.simulate.setpoint_loss import SetpointLoss
 from beltcomm.simulate.setpoints import SetpointGrid
 from beltcomm.trajectory import Trajectory, load_move, plan_trajectory, with_dwell
 from beltcomm.verify import REST_S, Loop, PredictedMove, TrackingError, demand, predict_move, predict_range, tracking_error
@@ -91,7 +90,8 @@ def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: 
 
 
 def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: float) -> StandardMove:
-    """The standard move, slowed down until the belt keeps its limits with this controller: as it swings, and when the host is lost.
+    """The standard move, slowed down until the belt keeps its limits with this controller: as it swings, in a
+    stop, and when the host is lost.
 
     Raises
     ------
@@ -101,30 +101,32 @@ def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: floa
     standard, share, why = standard_move(machine, model), 1.0, ""
     for _ in range(BELT_TRIES):
         move = standard.at(share, machine.drive.capabilities.sample_period_s)
-        path, lost = predicted(machine, model, cascade, delay_s, move), predicted_host_loss(machine, model, cascade, delay_s, move)
+        path, stops = predicted(machine, model, cascade, delay_s, move), predicted_stops(machine, model, cascade, delay_s, move)
         top = float(np.max(np.abs(move.velocity_m_s)))
         swing, beyond = belt_force_limit_n(machine, model, top, BELT_SWING), HOST_LOSS_SWING * machine.axis.belt_force_limit_n
-        over = max(path.belt_force_n / swing, lost.belt_force_n / beyond)
+        over, what = max(
+            (path.belt_force_n / swing, f"the swinging belt carries more than {swing:.0f} N"),
+            (stops.asked_for.belt_force_n / swing, f"a stop loads the belt beyond {swing:.0f} N"),
+            (stops.host_lost.belt_force_n / beyond, f"a lost PC loads the belt beyond {beyond:.0f} N"),
+        )
         if over <= 1.0:
             break
-        swings = path.belt_force_n / swing == over
         share *= 0.99 / math.sqrt(min(over, MOST_OVER))
-        why = f"move slowed to {100 * share:.0f} %: above, "
-        why += f"the swinging belt carries more than {swing:.0f} N" if swings else f"a lost PC loads the belt beyond {beyond:.0f} N"
+        why = f"move slowed to {100 * share:.0f} %: above, {what}"
     if not why:
         return standard
     remark = f"{standard.remark}; {why}" if standard.remark else why
     return replace(standard, limits=standard.limits.slower(share), remark=remark)
 
 
-def predicted_host_loss(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> SetpointLoss:
-    """The worst stop of a move whose host is lost, with a led reference where the drive gets one."""
+def predicted_stops(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> StopsInMove:
+    """The worst stops out of a move, with a led reference where the drive gets one."""
     path = predicted(machine, model, cascade, delay_s, trajectory)
     drive, sent, running = in_drive(machine, delay_s), with_dwell(trajectory, REST_S), cascade
     if leads(machine.drive, machine.axis, cascade):
         running = as_in_drive(machine.folder, cascade)
         sent = led_reference(model, sent, running, drive.structure, delay_s).sent
-    return worst_host_loss(machine, model, running, drive, sent, allowed_lag_m(path))
+    return worst_stops(machine, model, running, drive, sent, allowed_lag_m(path))
 
 
 def _way(machine: Machine) -> tuple[float, float]:

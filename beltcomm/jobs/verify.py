@@ -182,10 +182,11 @@ def verify_with(
         else:
             path, remark = verification.move_asked_for(machine, model, cascade, delay_s, move, trajectory)
         verification.refuse_broken(machine, model, path)
-        plan = verification_plan(machine.axis, model, path, braking, len(RUNGS) if rungs else 1 + (learn or 0))
+        out_of = verification.predicted_stops(machine, model, cascade, delay_s, path)
+        plan = verification_plan(machine.axis, model, path, braking, out_of, len(RUNGS) if rungs else 1 + (learn or 0))
         agreed_n = 0.0
         if feedforward is not None:  # one that somebody asks for may load the belt harder, which the plan tells
-            agreed_n = BELT_BEYOND * verification.predicted_host_loss(machine, model, cascade, delay_s, path).belt_force_n
+            agreed_n = BELT_BEYOND * out_of.host_lost.belt_force_n
             plan = replace(plan, host_loss_n=max(agreed_n, plan.host_loss_n or 0.0))
         if planned is not None:
             return planned(plan, folder.axis)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beltcomm.arrays import Array
-from beltcomm.control import Cascade, forget_acceleration, measured_speed, new_state, reset_state
+from beltcomm.control import Cascade, begin_ramp, measured_speed, new_state, reset_state
 from beltcomm.model import Model
 from beltcomm.simulate.loop import LoopDrive, close_loop
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
@@ -30,7 +30,7 @@ class LossReaction:
     window_rad, lasting_s : float, motor shaft
         Following error, and how long it must last, that is a fault of the drive; an infinite one is none.
     guard_s : float
-        After which silence is noticed at the latest.
+        After which silence is noticed at the latest; 0 for a stop that is asked for.
     deceleration_m_s2 : float
         Of the stop that follows, carriage.
     """
@@ -70,8 +70,8 @@ class SetpointLoss:
         )
 
 
-#: One that ran off what its model describes.
-OFF_THE_MODEL = SetpointLoss(math.inf, -math.inf, math.inf, math.inf)
+#: None, and one that ran off what its model describes.
+NO_STOP, OFF_THE_MODEL = SetpointLoss(0.0, math.inf, -math.inf, 0.0), SetpointLoss(math.inf, -math.inf, math.inf, math.inf)
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def predict_setpoint_loss(
     Refused
         When the carriage leaves what the model describes.
     """
-    guard = max(1, math.ceil(reaction.guard_s / drive.period_s))
+    guard = math.ceil(reaction.guard_s / drive.period_s)
     noticed = guard
     if math.isfinite(reaction.window_rad):
         run = close_loop(_at(model, position_m), cascade, drive, "position", *references.lost_at(at, guard))
@@ -136,10 +136,10 @@ def predict_setpoint_loss(
     runs = math.ceil(abs(speed) / slower) + round(REST_S / drive.period_s)
     ramp = math.copysign(1.0, speed) * np.maximum(abs(speed) - slower * np.arange(1, runs + 1), 0.0)
     place, none = np.full(runs, start_rad + plant.position_rad), np.zeros(runs)
-    forget_acceleration(state)
+    begin_ramp(state, speed)
     rest = close_loop(plant, cascade, drive, "velocity", place, ramp, none, acceleration_rad_s2=none, state=state)
     places = position_m + np.concatenate((run.cart_m[at:], rest.cart_m))
-    force = float(max(run.belt_force_n[at:].max(), rest.belt_force_n.max()))
+    force = float(np.concatenate((run.belt_force_n[at:], rest.belt_force_n)).max())
     return SetpointLoss(float(np.abs(places - places[0]).max()), float(places.min()), float(places.max()), force)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from beltcomm.control import cascade_step, discrete_coefficients, forget_acceleration, new_state, reset_state, velocity_step
+from beltcomm.control import begin_ramp, cascade_step, discrete_coefficients, new_state, reset_state, velocity_step
 from beltcomm.virtual.dictionary import ObjectDictionary, ObjectEntry
 from beltcomm.virtual.faults import Faults
 from beltcomm.virtual.motor import Nameplate
@@ -200,9 +200,9 @@ class Loops:
             cascade_step(self._coefficients, self._state, angle_rad, speed_rad_s, acceleration_rad_s2, self.angle_rad, extra_nm)
         )
 
-    def forget_acceleration(self) -> None:
+    def begin_ramp(self, speed_rad_s: float) -> None:
         """Begin a reference without feedforward of its acceleration: the end of the one before is none either."""
-        forget_acceleration(self._state)
+        begin_ramp(self._state, speed_rad_s)
 
     def _on_factor(self) -> None:
         old = self.scaling

@@ -382,7 +382,7 @@ class StopMode(OperationMode):
         self._kind = kind
         speed, asked = self.loops.speed_rad_s, self.loops.asked_rad_s
         self._ramp = Ramp(speed if asked is None else min(max(speed, min(asked, 0.0)), max(asked, 0.0)), self.loops.tick_s)
-        self.loops.forget_acceleration()
+        self.loops.begin_ramp(self._ramp.value)
         self._still_ticks = 0
         self._ended_ticks = 0
         self.done = False

@@ -126,13 +126,12 @@ def prepared(variant: Variant, place: Path, kept: dict[Variant, tuple[Path, int 
 
 
 def planned_n(run: Path, end: str) -> float:
-    """What the session noted last for such a stop; before it closed a loop, what the belt bears."""
+    """What the session noted last for such a stop, of its loop and of its move; before it closed a loop, what the belt bears."""
     journal = run / "journal.txt"
     lines = journal.read_text(encoding="utf-8").splitlines() if journal.is_file() else []
-    found = [
-        n for line in lines if end == "host lost" or "lost in the move" not in line for n in re.findall(r"([\d.]+) N in the belt", line)
-    ]
-    return float(found[-1]) if found else BELT_N
+    kinds = ("a stop brakes with", "a stop out of the move", *(["lost in the move"] if end == "host lost" else []))
+    found = [re.findall(r"([\d.]+) N in the belt", "\n".join(line for line in lines if kind in line)) for kind in kinds]
+    return max((float(some[-1]) for some in found if some), default=BELT_N)
 
 
 def stop(variant: Variant, command: str, end: str, seed: int, whole: Path, folder: Path) -> Stopped | None:

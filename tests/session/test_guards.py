@@ -15,6 +15,7 @@ from beltcomm.axis import load_axis
 from beltcomm.errors import Refused, SafetyStop, UsageError
 from beltcomm.experiments import commission as sequence
 from beltcomm.experiments import phases, proving, referencing, verification
+from beltcomm.experiments.stops_in_move import StopsInMove
 from beltcomm.machine import creep
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import BELT_BEYOND, BeltWatch
@@ -175,6 +176,10 @@ def test_the_standard_move_can_be_driven_from_a_little_beside_its_start(make_ben
             assert not machine.stops_badly(path.position_m + beside_m, path.velocity_m_s)
 
 
+def lost_with(force_n: float, high_m: float = 0.5) -> SetpointLoss:
+    return SetpointLoss(0.1, 0.0, high_m, force_n)
+
+
 def test_a_move_is_slowed_down_or_refused_for_a_belt_that_swings(
     make_bench: MakeBench, complete: Complete, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -190,14 +195,20 @@ def test_a_move_is_slowed_down_or_refused_for_a_belt_that_swings(
         )
         monkeypatch.setattr(
             verification,
-            "worst_host_loss",
-            lambda *args: SetpointLoss(0.1, 0.0, 0.5, 120.0 * float(np.max(np.abs(args[4].velocity_m_s))) ** 2),
+            "worst_stops",
+            lambda *args: StopsInMove(host_lost=lost_with(120.0 * float(np.max(np.abs(args[4].velocity_m_s))) ** 2)),
         )
         lost = verification.kept_by_belt(machine, model, cascade, 1e-3)
         fastest = 120.0 * float(np.abs(lost.at(1.0, 1e-3).velocity_m_s).max()) ** 2
         assert 0.9 * 1.4 * 1.24 / 0.01242 < fastest <= 1.4 * 1.24 / 0.01242
         assert "a lost PC loads the belt beyond 140 N" in lost.remark
-        monkeypatch.setattr(verification, "worst_host_loss", lambda *_: SetpointLoss(0.1, 0.0, 0.5, 0.0))
+        monkeypatch.setattr(
+            verification,
+            "worst_stops",
+            lambda *args: StopsInMove(asked_for=lost_with(100.0 * float(np.max(np.abs(args[4].velocity_m_s))) ** 2)),
+        )
+        assert "a stop loads the belt beyond 1" in verification.kept_by_belt(machine, model, cascade, 1e-3).remark
+        monkeypatch.setattr(verification, "worst_stops", lambda *_: StopsInMove())
         kept = verification.kept_by_belt(machine, model, cascade, 1e-3)
         fast, slow = (move.at(1.0, 1e-3) for move in (standard, kept))
         limit = verification.belt_force_limit_n(machine, model, 1.0, 1.05)
@@ -210,12 +221,13 @@ def test_a_move_is_slowed_down_or_refused_for_a_belt_that_swings(
         with pytest.raises(Refused, match=r"the belt is predicted to carry 14\d\.\d N as it swings, limit (128|129|130)\.\d N"):
             proving._check_belt(machine, model, path, fast)
         with pytest.raises(Refused, match=r"should the PC or the bus be lost in it, the belt is predicted to carry 160 N .*limit 150 N"):
-            proving._check_host_loss(machine, SetpointLoss(0.1, 0.0, 0.5, 160.0))
+            proving._check_stops(machine, StopsInMove(host_lost=lost_with(160.0)))
         with pytest.raises(Refused, match=r"the carriage is predicted to go from 0 m to 0\.59 m, the travel is"):
-            proving._check_host_loss(machine, SetpointLoss(0.1, 0.0, 0.59, 90.0))
+            proving._check_stops(machine, StopsInMove(host_lost=lost_with(90.0, high_m=0.59)))
         with pytest.raises(Refused, match=r"from -inf m"):  # a loss that nobody could simulate is none that is harmless
-            proving._check_host_loss(machine, OFF_THE_MODEL)
-        proving._check_host_loss(machine, SetpointLoss(0.1, 0.0, 0.5, 149.0))
+            proving._check_stops(machine, StopsInMove(host_lost=OFF_THE_MODEL))
+        proving._check_stops(machine, StopsInMove(lost_with(88.0), lost_with(149.0)))
+        assert "a stop out of the move: 88 N in the belt" in (folder.path / "journal.txt").read_text(encoding="utf-8")
         assert "lost in the move: 149 N in the belt and 100 mm" in (folder.path / "journal.txt").read_text(encoding="utf-8")
 
 

@@ -16,13 +16,13 @@ from beltcomm.axis import load_axis
 from beltcomm.control import CascadeStructure
 from beltcomm.errors import BeltcommError, Refused
 from beltcomm.experiments import proving, verification
+from beltcomm.experiments.stops_in_move import StopsInMove
 from beltcomm.experiments.verification import BELT_SWING
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.rundata import analyse
 from beltcomm.rundata.store import design_to_dict, structure_from_dict
 from beltcomm.runfolder import RunFolder
-from beltcomm.simulate.setpoint_loss import SetpointLoss
 from beltcomm.virtual.loops import Loops
 from identify.records import true_model
 from session.bench import Bench, Listener, way_counted_with
@@ -103,7 +103,7 @@ def test_the_drives_own_quick_stop_would_be_too_hard(
     """What the test above would show if nothing were lent: 200 rev/s², 15.6 m/s², are 210 N on 13.4 kg before the belt swings."""
     monkeypatch.setattr(Machine, "brake_with", lambda machine, braking: vars(machine).update(braking=braking, deceleration_m_s2=np.inf))
     for module in (verification, proving):  # which would slow the move down, or refuse it
-        monkeypatch.setattr(module, "worst_host_loss", lambda *_: SetpointLoss(0.0, 0.0, 0.5, 0.0))
+        monkeypatch.setattr(module, "worst_stops", lambda *_: StopsInMove())
     run, bench = copy_of_complete(), make_bench("g_a", start_m=0.0)
     tick, _ = stopped_in_the_move(bench, run, MOMENTS["fastest"][0])
     assert np.abs(bench.plant.belt_force_n[tick:]).max() > 2.0 * LIMIT_N
@@ -167,5 +167,5 @@ def test_a_stop_out_of_acceleration_keeps_to_what_was_planned_on_drawn_axes(seed
 
 def test_a_drive_that_leads_the_end_of_an_acceleration_in_its_stop_would_load_the_belt_too_much(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same where the lead of the feedforward takes the stop for a change of acceleration: one period of reversed torque."""
-    monkeypatch.setattr(Loops, "forget_acceleration", lambda _loops: None)
+    monkeypatch.setattr(Loops, "begin_ramp", lambda _loops, _speed: None)
     assert any(force > BELT_SWING * case.bears_n for case, force, _ in map(out_of_acceleration, range(12)))

@@ -1,8 +1,9 @@
-"""Loss of the host in a move: what the belt carries until the drive has stopped the axis by itself, at the worst instant."""
+"""Stops out of a move, asked for and after loss of the host: what the belt carries until the axis stands, at the worst instant."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from beltcomm.errors import Refused
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import SURPRISE
 from beltcomm.model import Model
-from beltcomm.simulate.setpoint_loss import OFF_THE_MODEL, LossReaction, References, SetpointLoss, predict_setpoint_loss
+from beltcomm.simulate.setpoint_loss import NO_STOP, OFF_THE_MODEL, LossReaction, References, SetpointLoss, predict_setpoint_loss
 from beltcomm.simulate.setpoints import SetpointGrid
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Loop, PredictedMove
@@ -28,6 +29,22 @@ INSTANTS = 48
 LAG_SLACK_M = 2e-3
 
 
+@dataclass(frozen=True)
+class StopsInMove:
+    """Stops out of a move, the worst of any instant.
+
+    Attributes
+    ----------
+    asked_for : SetpointLoss
+        Along the drive's ramp at once, by Ctrl-C or by a fault of the drive.
+    host_lost : SetpointLoss
+        By the drive itself, as soon as it notices that setpoints stand still.
+    """
+
+    asked_for: SetpointLoss = NO_STOP
+    host_lost: SetpointLoss = NO_STOP
+
+
 def host_loss_limit_n(axis: Axis) -> float:
     """Belt force that a move may reach when its host is lost, N; infinite where nothing limits it."""
     return HOST_LOSS_BEYOND * axis.belt_force_limit_n
@@ -38,7 +55,7 @@ def allowed_lag_m(path: PredictedMove) -> float:
     return SURPRISE * float(np.max(np.abs(path.reference_m - path.motor_m))) + LAG_SLACK_M
 
 
-def worst_host_loss(
+def worst_stops(
     machine: Machine,
     model: Model,
     running: Cascade,
@@ -46,8 +63,8 @@ def worst_host_loss(
     sent: Trajectory,
     lag_m: float,
     extra_torque_nm: Array | None = None,
-) -> SetpointLoss:
-    """The worst that a host which is lost in a move makes of it, over ``INSTANTS`` instants.
+) -> StopsInMove:
+    """The worst stops out of a move, over ``INSTANTS`` instants.
 
     Parameters
     ----------
@@ -64,11 +81,17 @@ def worst_host_loss(
     position, speed = grid.on_loop(sent.position_m / ratio), grid.on_loop(sent.velocity_m_s / ratio)
     references = References(position, speed, np.zeros(len(position)) if extra_torque_nm is None else grid.held(extra_torque_nm))
     guard_s = GUARD_S + sent.sample_period_s
-    reaction = LossReaction(lag_m / ratio, max(FOLLOWING_ERROR_S, sent.sample_period_s), guard_s, machine.deceleration_m_s2)
-    moving, worst = np.flatnonzero(speed), SetpointLoss(0.0, math.inf, -math.inf, 0.0)
-    for at in np.unique(np.linspace(max(1, moving[0]), moving[-1], INSTANTS).astype(int)) if len(moving) else ():
-        try:
-            worst |= predict_setpoint_loss(model, running, references, int(at), drive.simulated, reaction, float(sent.position_m[0]))
-        except Refused:
-            worst |= OFF_THE_MODEL
-    return worst
+    lost = LossReaction(lag_m / ratio, max(FOLLOWING_ERROR_S, sent.sample_period_s), guard_s, machine.deceleration_m_s2)
+    moving = np.flatnonzero(speed)
+    instants = np.unique(np.linspace(max(1, moving[0]), moving[-1], INSTANTS).astype(int)) if len(moving) else ()
+
+    def worst(reaction: LossReaction) -> SetpointLoss:
+        found = NO_STOP
+        for at in instants:
+            try:
+                found |= predict_setpoint_loss(model, running, references, int(at), drive.simulated, reaction, float(sent.position_m[0]))
+            except Refused:
+                found |= OFF_THE_MODEL
+        return found
+
+    return StopsInMove(worst(replace(lost, window_rad=math.inf, guard_s=0.0)), worst(lost))
