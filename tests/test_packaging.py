@@ -105,6 +105,7 @@ print(json.dumps({
     assert found["adapters"] == {"beltcomm_adapters.virtual": "", "beltcomm_adapters.canopen": "", "beltcomm_adapters.serial": ""}
 
 
+@pytest.mark.examination
 def test_the_installed_command_commissions_an_axis_within_its_times(site: Path, tmp_path: Path) -> None:
     """Everything from the wheel, nothing compiled before: 20 s on the machine, and less than two minutes of work for it.
 

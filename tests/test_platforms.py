@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 CHECKOUT = Path(__file__).parents[1]
 #: What Windows has not; macOS has all of it.
 LACKING = ("fcntl", "termios", "tty", "pty", "resource", "pwd", "grp", "_posixshmem", "readline")
@@ -58,6 +60,7 @@ def test_commands_say_what_the_system_lacks() -> None:
     assert "hold to run by a script" in done.stdout
 
 
+@pytest.mark.examination
 def test_a_simulated_run_is_fitted(tmp_path: Path) -> None:
     done = python(
         "from beltcomm.cli.main import main\n"
@@ -71,6 +74,7 @@ def test_a_simulated_run_is_fitted(tmp_path: Path) -> None:
     assert "The error is 1.0" in done.stdout
 
 
+@pytest.mark.examination
 def test_the_core_subset_passes() -> None:
     parts = [f"tests/{part}" for part in CORE]
     done = python(f"import pytest; sys.exit(pytest.main(['-q', '-n', '0', '-p', 'no:cacheprovider', *{parts}]))")

@@ -30,6 +30,7 @@ def test_every_example_is_run_and_listed() -> None:
     assert all(f"({name})" in page for name in files)
 
 
+@pytest.mark.examination
 @pytest.mark.parametrize("name", SAID)
 def test_a_script_runs(name: str, tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-W", "error", EXAMPLES / name], cwd=tmp_path, capture_output=True, text=True)
@@ -62,6 +63,7 @@ def run_notebook(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[s
     return run
 
 
+@pytest.mark.examination
 def test_the_notebook_on_a_response_runs(run_notebook: Callable[[str], dict[str, Any]], capsys: pytest.CaptureFixture[str]) -> None:
     names = run_notebook("from_response_to_gains.ipynb")
     assert names["model"]["cart.mass"] == pytest.approx(load_plant("g_b").model["cart.mass"], rel=0.02)

@@ -36,6 +36,7 @@ def gapped(tmp_path_factory: pytest.TempPathFactory) -> Gapped:
     return data, model, fit(data, model, AT_A_TIME)
 
 
+@pytest.mark.examination
 def test_a_fit_behind_an_observer_that_is_gone_on_with_ends_where_one_at_once_does(gapped: Gapped) -> None:
     data, start, begun = gapped
     assert begun.onward is not None

@@ -113,6 +113,7 @@ def test_a_reading_that_is_late_is_told_from_a_drive_that_is() -> None:
     assert_right(fit, truth)
 
 
+@pytest.mark.examination
 def test_a_fraction_of_a_sample_is_divided_between_drive_and_reading() -> None:
     """Torque that switches 0.12 ms after the sample, read as the mean of a period that ended 0.85 ms before: 0.03 of it is new."""
     records, truth = session(8, delay_s=1.12e-3)
@@ -157,6 +158,7 @@ def test_a_filter_of_the_reading_is_told_without_a_setpoint_too() -> None:
         assert fit.model[name] == pytest.approx(truth[name], rel=0.02), name
 
 
+@pytest.mark.examination
 def test_a_reading_that_is_the_command_does_not_hide_the_drives_filter() -> None:
     """What it reports is its setpoint, one sample later, without noise; the torque comes behind 2 ms more."""
     records, truth = session(8, lag_s=2e-3, periods=1)

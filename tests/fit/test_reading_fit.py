@@ -13,6 +13,7 @@ from beltcomm.fit.torque_path import ReadingLaw
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
 from fit.drives import behind, first_order, held, second_order, smoothed
+from marks import quick
 
 SAMPLE_S, NOISE_NM = 1e-3, 6e-3
 
@@ -38,7 +39,7 @@ def found_of(setpoint: np.ndarray, torque: np.ndarray) -> ReadingFit:
     return found
 
 
-@pytest.mark.parametrize(("delay", "gain"), [(1.0, 1.0), (2.0, 1.0), (1.57, 1.0), (2.08, 1.0), (0.3, 0.8), (1.95, 1.0)])
+@pytest.mark.parametrize(("delay", "gain"), quick([(1.57, 1.0), (0.3, 0.8), (1.0, 1.0), (2.0, 1.0), (2.08, 1.0), (1.95, 1.0)], 2))
 def test_a_delay_is_found_whether_whole_or_not(setpoint: np.ndarray, delay: float, gain: float) -> None:
     found = found_of(setpoint, gain * held(setpoint, delay).mean(axis=1))
     assert found.law.lags == ()
@@ -56,7 +57,7 @@ def test_a_command_that_comes_back_has_no_filter_to_look_for(setpoint: np.ndarra
     assert (found.law.delay, found.law.lags, tried) == (1.0, (), [()])
 
 
-@pytest.mark.parametrize("share", [0.35, 0.5, 0.875])
+@pytest.mark.parametrize("share", quick([0.35, 0.5, 0.875], 1))
 def test_a_filter_of_the_samples_is_found(setpoint: np.ndarray, share: float) -> None:
     found = found_of(setpoint, held(smoothed(setpoint, share), 1.0).mean(axis=1))
     (lag,) = found.law.lags
@@ -65,7 +66,7 @@ def test_a_filter_of_the_samples_is_found(setpoint: np.ndarray, share: float) ->
     assert found.law.delay == 1.0
 
 
-@pytest.mark.parametrize("time_s", [4e-4, 2e-3])
+@pytest.mark.parametrize("time_s", quick([4e-4, 2e-3], 1))
 def test_a_filter_of_first_order_is_found_by_what_it_does_to_the_readings(setpoint: np.ndarray, time_s: float) -> None:
     """Means over the periods of one of time are those of one of the samples behind a share of a period, so its kind is not asked for."""
     course = behind(held(setpoint, 1.0), SAMPLE_S, *first_order(time_s)).mean(axis=1)
@@ -83,6 +84,7 @@ def test_a_current_loop_of_second_order_is_found(setpoint: np.ndarray) -> None:
     assert found.law.delay == pytest.approx(1.0, abs=0.02)
 
 
+@pytest.mark.examination
 def test_two_filters_behind_one_another_are_found_by_what_they_do(setpoint: np.ndarray) -> None:
     course = behind(held(smoothed(setpoint, 0.5), 1.0), SAMPLE_S, *first_order(2e-3)).mean(axis=1)
     found = found_of(setpoint, course)
@@ -92,7 +94,7 @@ def test_two_filters_behind_one_another_are_found_by_what_they_do(setpoint: np.n
     assert found.law.delay_s(SAMPLE_S) - earlier_s == pytest.approx(SAMPLE_S * (1.0 + 1.0) + 2e-3, rel=0.01)
 
 
-@pytest.mark.parametrize("limit_nm_s", [60.0, 150.0])
+@pytest.mark.parametrize("limit_nm_s", quick([60.0, 150.0], 1))
 def test_a_limited_slew_rate_is_found(setpoint: np.ndarray, limit_nm_s: float) -> None:
     """Steps of 0.4 N m take 6.7 and 2.7 samples; the course is made step by step on the fine grid."""
     wanted = held(setpoint, 1.0)

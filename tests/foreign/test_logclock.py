@@ -20,6 +20,7 @@ from beltcomm.foreign.logclock import in_order
 from beltcomm.runfolder import RunFolder
 from beltcomm.virtual.bus import Frame
 from foreign.buslog import Logged, logged
+from marks import quick
 
 CASE = Path(__file__).parents[2].parent / "shared" / "cases" / "log-lost-moves"
 AXIS = load_axis("egc-70-600")
@@ -116,7 +117,7 @@ CLOCKS = [standing, caught_up, hiccup, set_back, set_ahead, little_back]
 
 
 @pytest.mark.parametrize("clock", CLOCKS)
-@pytest.mark.parametrize("epoch", [0.0, EPOCH])
+@pytest.mark.parametrize("epoch", quick([EPOCH, 0.0], 1))
 def test_every_move_whatever_the_clock_does(clock: Any, epoch: float, three: Logged, tmp_path: Path) -> None:
     frames, t = of(three)
     outcome, run = imported(tmp_path, "a.log", text(frames, epoch + clock(t)), "--start-position", "250mm")
@@ -127,7 +128,7 @@ def test_every_move_whatever_the_clock_does(clock: Any, epoch: float, three: Log
     assert "3 of 3 imports" in CliRunner().invoke(cli, ["import", "--check", "--run", str(tmp_path / "run")]).stdout
 
 
-@pytest.mark.parametrize("span", [2.0**32 * 1e-9, 65.536, 2.0**32 * 1e-6, 86_400.0])
+@pytest.mark.parametrize("span", quick([2.0**32 * 1e-9, 65.536, 2.0**32 * 1e-6, 86_400.0], 2))
 def test_a_counter_that_begins_anew(span: float, three: Logged, tmp_path: Path) -> None:
     frames, t = of(three)
     outcome, run = imported(tmp_path, "a.log", text(frames, (t + span - 3.0) % span), "--start-position", "250mm")
@@ -136,7 +137,7 @@ def test_a_counter_that_begins_anew(span: float, three: Logged, tmp_path: Path) 
     assert "counter begins anew" in outcome.output
 
 
-@pytest.mark.parametrize("relative", [False, True])
+@pytest.mark.parametrize("relative", quick([True, False], 1))
 @pytest.mark.parametrize("shift", [0.0, -5.0, -1000.0])
 def test_asc_stamps_below_zero_and_a_balance(relative: bool, shift: float, three: Logged, tmp_path: Path) -> None:
     frames, t = of(three)
@@ -155,7 +156,7 @@ def test_candump_stamps_below_zero(three: Logged, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("cuts", [(12361,), (8000, 16000), (500, 9000, 20000)])
-@pytest.mark.parametrize("gap_s", [0.0, 40.0])
+@pytest.mark.parametrize("gap_s", quick([40.0, 0.0], 1))
 def test_files_joined_in_the_wrong_order(cuts: tuple[int, ...], gap_s: float, three: Logged, tmp_path: Path) -> None:
     """With pauses between the files the set-up decides; a file's cut inside a move then parts it, as a pause does."""
     frames, t = of(three)

@@ -76,6 +76,7 @@ def test_a_driver_that_is_called_a_voltage_is_offered_as_one() -> None:
     assert any(guess.choices[:1] == ("position_rad=a*1",) for guess in guesses_for(table, {}, NO_BELT, timed=True))
 
 
+@pytest.mark.examination
 def test_volts_through_import_and_fit(tmp_path: Path) -> None:
     """Gain and back-EMF are what the inertia and the damping in volt say: J R / K_t, and K_e + d R / K_t."""
     gain, emf, inertia, damping, coulomb = 0.05, 0.08, 2e-4, 5e-4, 0.01

@@ -169,6 +169,7 @@ def test_public_functions_and_their_signatures(request: pytest.FixtureRequest) -
     compared(request, "api.txt", "\n".join(said) + "\n")
 
 
+@pytest.mark.examination
 def test_keys_of_every_json(request: pytest.FixtureRequest, performance: Performance) -> None:
     compared(request, "json_keys.json", as_text(performance.keys))
 
@@ -177,6 +178,7 @@ def test_files_of_a_run(request: pytest.FixtureRequest, performance: Performance
     compared(request, "run_files.json", as_text(performance.files))
 
 
+@pytest.mark.examination
 def test_frames_of_what_moves(request: pytest.FixtureRequest, performance: Performance) -> None:
     """Exit code, number and hash of all frames.  The amplitude and the gains come from fits: their last digits are the processor's."""
     here = arithmetic()

@@ -69,6 +69,7 @@ def constant() -> tuple[list[Recording], FinalModel]:
     return records, final_model(records, AXIS, COUNTS)
 
 
+@pytest.mark.examination
 def test_constant_stiffness_is_kept(constant: tuple[list[Recording], FinalModel]) -> None:
     _, final = constant
     truth = true_model(draw("g_b", np.random.default_rng(61)))

@@ -115,6 +115,7 @@ def test_the_log_magnitude_fit_agrees_but_for_friction(found: ThreeMass, record:
     assert apparent > 5.0 * 2.23e-3  # Coulomb friction poses as damping, errata 7
 
 
+@pytest.mark.examination
 def test_a_healthy_axis_gets_no_third_mass() -> None:
     found = compared(shaken(machine(ConstantBelt(222.39e3, 20.0))))
     assert not found.identified

@@ -19,6 +19,7 @@ from beltcomm.fit.start import start_model
 from beltcomm.laboratory.forward_selection import may_add, search
 from beltcomm.laboratory.score import Scored, Scorer, ground_of
 from beltcomm.runfolder import RunFolder
+from marks import quick
 from truth.hidden import Machine, draw, write_session
 
 #: A fast sweep and one response of the thorough plan: the whole session takes half a minute.
@@ -49,6 +50,7 @@ def fitted_to(folder: Path, *, gap: bool) -> tuple[RunFolder, Data, Fitted]:
     return run, data, fit(data, model, 12)
 
 
+@pytest.mark.examination
 def test_behind_a_gap_a_tilt_is_found_at_the_carriage(tilted_gap: tuple[Machine, Path]) -> None:
     """It pushes the carriage to one side of its gap, which no torque at the motor does; a chain was named for it, or nothing."""
     machine, folder = tilted_gap
@@ -84,7 +86,7 @@ def test_behind_a_gap_a_tilt_is_added_and_taken_out_by_its_own_name(tilted_gap: 
     assert with_tilt < min(changes[1]["before"]["ratio"], changes[2]["after"]["ratio"])
 
 
-@pytest.mark.parametrize(("effects", "strength", "seed"), [(("backlash",), 0.1, 898005), ((), 0.4, 36)])
+@pytest.mark.parametrize(("effects", "strength", "seed"), quick([(("backlash",), 0.1, 898005), ((), 0.4, 36)], 1))
 def test_a_gap_of_five_micrometres_promises_much_and_none_does_not(
     effects: tuple[str, ...], strength: float, seed: int, tmp_path: Path
 ) -> None:
@@ -95,6 +97,7 @@ def test_a_gap_of_five_micrometres_promises_much_and_none_does_not(
     assert not effects or best.values["gap"] < 1e-5
 
 
+@pytest.mark.examination
 def test_friction_of_the_carriage_is_refitted_behind_a_gap_whatever_the_score_promises(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

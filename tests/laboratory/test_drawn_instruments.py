@@ -15,7 +15,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from hidden_effects import examined
 
 
-@pytest.mark.parametrize("seed", [990031, *(pytest.param(seed, marks=pytest.mark.examination) for seed in (990045, 970019))])
+@pytest.mark.examination
+@pytest.mark.parametrize("seed", [990031, 990045, 970019])
 def test_a_healthy_motor_behind_a_drawn_drive_misses_nothing(seed: int) -> None:
     line = examined("rigid", seed, (), 1.0)
     assert line["verdict"] == "nothing missing"

@@ -45,6 +45,7 @@ def test_a_healthy_machine_reads_one_and_nothing_is_named(tmp_path: Path) -> Non
     assert found["base"]["ratio"] == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.examination
 def test_the_hidden_effect_is_named_and_explains_all(tmp_path: Path) -> None:
     found, answer = diagnosed("draw_b", tmp_path)
     assert [found["ranking"][0]["effect"]] == answer["effects"]

@@ -103,6 +103,7 @@ def test_lines_that_pass_faster_than_samples_are_counted(tmp_path: Path) -> None
     assert ways[0].values["lines"] == 2048
 
 
+@pytest.mark.examination
 def test_no_lines_are_seen_where_there_are_none(tmp_path: Path) -> None:
     write_session(draw(951003), tmp_path / "run", plan="default")
     base, ways = scored(RunFolder.open(tmp_path / "run"))

@@ -62,6 +62,7 @@ def needed_in(machine: Machine, folder: Path) -> bool:
     return gap_is_supported(calmer, fit(calmer, found.model, 6), GAP)
 
 
+@pytest.mark.examination
 def test_a_gap_is_likelier_than_a_carriage_that_strays_without_one(tmp_path: Path) -> None:
     assert needed_in(draw(31, ("backlash",), 0.7, "sheet"), tmp_path / "run")
 

@@ -134,7 +134,8 @@ def test_loads_that_are_stated_are_one_inertia(tmp_path: Path) -> None:
     assert max(found.ratio, found.held_ratio or 9.0) < 1.05
 
 
-@pytest.mark.parametrize("word", ["--payload", pytest.param("--load", marks=pytest.mark.examination)])
+@pytest.mark.examination
+@pytest.mark.parametrize("word", ["--payload", "--load"])
 def test_a_carriage_with_and_without_a_payload(tmp_path: Path, word: str) -> None:
     given = {"--payload": ("--payload", f"{MORE:g}kg"), "--load": ("--load", "box")}[word]
     records = {"a": (carried(5, MASS), ()), "b": (carried(6, MASS + MORE), given), "c": (carried(7, MASS + MORE), (*given, "--held-out"))}

@@ -45,6 +45,7 @@ def pendulum(seed: int, size: int = 8000) -> dict[str, np.ndarray]:
     }
 
 
+@pytest.mark.examination
 def test_a_pendulum_is_named_and_measured(tmp_path: Path) -> None:
     run, runner = tmp_path / "run", CliRunner()
     for name, seed in (("a", 1), ("b", 2), ("held", 3)):

@@ -37,6 +37,7 @@ def test_a_motor_that_moves_by_a_count_is_no_counter_that_starts_anew(tmp_path: 
     assert min(steps) < 1.5
 
 
+@pytest.mark.examination
 def test_friction_read_late_in_short_strokes_is_no_turned_sign(tmp_path: Path) -> None:
     run, found = examined(draw(910004, instruments=FILTERED), tmp_path / "run")
     assert len(found.recordings) == len(run.recordings())

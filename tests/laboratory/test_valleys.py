@@ -32,6 +32,7 @@ def base(tmp_path_factory: pytest.TempPathFactory) -> tuple[Data, Fitted]:
     return fit_base_of(records, run.axis, start_model(run.axis, records))
 
 
+@pytest.mark.examination
 @pytest.mark.parametrize(("mass", "share", "inertia"), [(0.4, 0.6, 8.5e-5)])
 def test_with_one_weight_a_stretch_the_fit_leaves_a_wrong_valley(
     base: tuple[Data, Fitted], mass: float, share: float, inertia: float

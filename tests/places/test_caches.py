@@ -18,6 +18,7 @@ from beltcomm.locks import changes_run
 from beltcomm.result import Result
 from beltcomm.rundata.kept_result import kept_or_new
 from beltcomm.runfolder import RunFolder
+from marks import quick
 
 SCRIPT = """
 import numpy as np
@@ -75,7 +76,7 @@ def longer(content: bytes, draw: np.random.Generator) -> bytes:
     return content + draw.bytes(9)
 
 
-@pytest.mark.parametrize(("kind", "damage"), [("*", emptied), ("*.nbc", turned), ("*.py", cut)])
+@pytest.mark.parametrize(("kind", "damage"), quick([("*", emptied), ("*.nbc", turned), ("*.py", cut)], 1))
 def test_damaged_files_of_compiled_code_are_made_again_and_that_is_one_line(
     tmp_path: Path, kind: str, damage: Callable[[bytes, np.random.Generator], bytes]
 ) -> None:

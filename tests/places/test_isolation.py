@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from beltcomm import isolation
+from marks import quick
 
 #: Modules that Python, numba, joblib or this package import by name, each as a stranger's file that says that it was run.
 STRANGERS = ("numpy", "json", "runpy", "pickle", "joblib", "platformdirs", "scipy", "asammdf", "yaml", "can", "sitecustomize")
@@ -69,7 +70,9 @@ def test_the_processes_of_a_study_execute_nothing_that_lies_there(hostile: Path)
     assert executed(hostile) == ""
 
 
-@pytest.mark.parametrize("module", ["compiled", "simulate.kernels.vectors", "simulate.kernels.fast_math", "simulate.kernels.addresses"])
+@pytest.mark.parametrize(
+    "module", quick(["compiled", "simulate.kernels.vectors", "simulate.kernels.fast_math", "simulate.kernels.addresses"], 1)
+)
 def test_numba_takes_no_settings_from_there(hostile: Path, tmp_path: Path, module: str) -> None:
     places = {"XDG_CACHE_HOME": str(tmp_path / "cache"), "NUMBA_CACHE_DIR": ""}
     text = (

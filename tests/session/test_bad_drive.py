@@ -203,6 +203,7 @@ def test_a_wrong_inertia_in_the_axis_file_ends_the_rise_in_the_first_step(make_b
     assert bench.parameters() == bench.initial
 
 
+@pytest.mark.examination
 def test_too_much_torque_noise_never_passes_for_a_good_fit(make_bench: MakeBench, tmp_path: Path) -> None:
     """100 mN m instead of 6: the intervals say how little is known, and hold; a refusal would be right too."""
     text = (Path(__file__).parents[2] / "configs" / "plants" / "g_a.yaml").read_text(encoding="utf-8")

@@ -33,6 +33,7 @@ def test_a_commissioned_run_is_not_behind(copy_of_complete: Copy) -> None:
     assert behind(folder) == []
 
 
+@pytest.mark.examination
 def test_a_design_takes_in_what_was_recorded_since(copy_of_complete: Copy) -> None:
     run = copy_of_complete()
     wanted = RunFolder.open(run).load("designs", "final")["parameters"]

@@ -158,6 +158,7 @@ def test_verify_misses_a_target_with_exit_code_1(make_bench: MakeBench, copy_of_
     assert bench.parameters() == bench.initial
 
 
+@pytest.mark.examination
 def test_friction_sweeps_with_a_loop_from_the_model(make_bench: MakeBench, copy_of_complete: Copy, complete: Complete) -> None:
     run, bench = copy_of_complete("sweep*"), make_bench(start_m=0.4)
     data = json_of(call("friction", *DRIVE, "--yes", "--run", run, "--json"))

@@ -52,6 +52,7 @@ def at_the_carriage(bench: Bench, run: Path, name: str) -> TrackingError:
     return tracking_error(move.t_s, wanted, cart - cart[0])
 
 
+@pytest.mark.examination
 def test_each_rung_brings_something_at_the_carriage_and_the_last_meets_the_aims(
     rungs: Rungs,
 ) -> None:

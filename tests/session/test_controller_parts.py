@@ -62,6 +62,7 @@ def test_verify_without_feedforward_trails_by_speed_over_the_position_gain(make_
     assert bench.stands_disabled()
 
 
+@pytest.mark.examination
 def test_a_controller_that_would_leave_the_travel_is_not_tried(make_bench: MakeBench, copy_of_complete: Copy) -> None:
     """A ninth of K_P and no feedforward: the position swings far over its goal, in the prediction already."""
     run, bench = copy_of_complete(), make_bench()

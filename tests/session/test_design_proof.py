@@ -87,6 +87,7 @@ def add_heavier(run: Path, model: Model, factor: float) -> None:
     folder.add_recording(Recording("frf_9", **rows, sidecar=first.sidecar))  # type: ignore[arg-type]
 
 
+@pytest.mark.examination
 def test_a_record_with_another_load_is_noticed(copy_of_complete: Copy, complete: Complete) -> None:
     """20 % more mass in one record: named, its own mass within 1 %, and judged by the margins on it; a loop that bears it is no doubt."""
     run, model = copy_of_complete(), complete.final.fit.model

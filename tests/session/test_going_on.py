@@ -54,6 +54,7 @@ def drifting(*names: str) -> tuple[Listener, Callable[[Path], None]]:
     return Listener(at_progress=stop), where.append
 
 
+@pytest.mark.examination
 @pytest.mark.usefixtures("fitted")
 def test_one_drift_in_a_further_record_is_survived(make_bench: MakeBench, copy_of_complete: Copy) -> None:
     """The carriage is brought back, the record made again with less torque, and the session goes on to its fit, where this test ends it."""

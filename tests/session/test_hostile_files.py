@@ -164,6 +164,7 @@ def test_designs(eyes: Eyes, copy_of_complete: Copy) -> None:
     assert {1, 3} <= codes
 
 
+@pytest.mark.examination
 @pytest.mark.usefixtures("fitted")
 def test_plans(eyes: Eyes, copy_of_complete: Copy) -> None:
     draw, run = np.random.default_rng(39), copy_of_complete()

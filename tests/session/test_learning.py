@@ -22,6 +22,7 @@ from beltcomm.verify import Verdict
 from session.bench import Bench
 
 
+@pytest.mark.examination
 def test_repetitions_teach_the_move(copy_of_complete: Callable[..., Path], make_bench: Callable[..., Bench]) -> None:
     run, bench = copy_of_complete(), make_bench("g_a")
     before = bench.name

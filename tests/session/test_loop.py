@@ -78,6 +78,7 @@ def table(result: api.Result) -> dict[tuple[str, str], dict[str, Any]]:
     return {(way["record"], way["way"]): way for way in result.to_json()["ways"]}
 
 
+@pytest.mark.examination
 @pytest.mark.usefixtures("fitted")
 def test_the_ways_agree_with_the_plant_and_moving_takes_friction_away(make_bench: MakeBench, copy_of_complete: Copy) -> None:
     """thesis.md 2.7: around standstill friction poses as damping; truth in motion is 2.53 mN m s/rad (A.10)."""

@@ -134,6 +134,7 @@ def test_a_slider_changes_the_design(browser: Browser) -> None:
     assert browser.complaints() == []
 
 
+@pytest.mark.examination
 def test_a_run_that_changes_under_the_page_is_read_anew(browser: Browser) -> None:
     """By another program, which takes the effect out; and by a second page on the same run, which adds it."""
     browser.tab("laboratory")

@@ -101,6 +101,7 @@ def test_what_no_page_asks_is_refused(pages: RunPages, typed: list[list[str]]) -
     assert typed == []
 
 
+@pytest.mark.examination
 def test_it_makes_a_run_of_its_own_and_stops_at_the_button(pages: RunPages) -> None:
     """On the machine that is the run's model; another one beside it is refused, and so is one beside a session on a machine."""
     before = asked(pages, "runs-list")["runs"]

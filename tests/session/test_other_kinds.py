@@ -48,6 +48,7 @@ def words_of_page(page: Path) -> str:
     return re.sub(r"\bbeltcomm\b", "", re.sub(r"<[^>]+>", "\n", text))
 
 
+@pytest.mark.examination
 def test_a_rotary_table_is_commissioned_whole_and_reads_as_one(tmp_path: Path) -> None:
     run, talk = tmp_path / "run", Listener()
     result = api.commission(

@@ -81,6 +81,7 @@ def test_the_job_ends_with_model_design_move_and_what_to_type(
     assert bench.parameters()["kp_nm_s_rad"] == pytest.approx(folder.load("designs", "final")["parameters"]["kp_nm_s_rad"])
 
 
+@pytest.mark.examination
 def test_a_loop_that_does_not_follow_ends_with_model_and_design_too(make_bench: Callable[..., Bench], tmp_path: Path) -> None:
     bench = make_bench("g_a", profile="cia402")
     run = tmp_path / "run"

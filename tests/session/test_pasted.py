@@ -19,6 +19,7 @@ BARE = re.compile(r"beltcomm [a-z]+ [^'`]*" + re.escape(NAME))
 CHECKOUT = Path(__file__).parents[2]
 
 
+@pytest.mark.examination
 @pytest.mark.parametrize("verb", ["compare", "design", "report", "ladder", "export --format yaml", "verify --drive virtual --dry-run"])
 def test_commands_for_a_folder_with_blanks_can_be_pasted(copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch, verb: str) -> None:
     run = copy_of_complete(name=NAME)

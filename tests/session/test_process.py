@@ -14,9 +14,10 @@ from pathlib import Path
 import pytest
 
 from beltcomm.runfolder import RunFolder
+from marks import quick
 
 
-@pytest.mark.parametrize(("number", "deaf"), [(signal.SIGINT, False), (signal.SIGINT, True), (signal.SIGTERM, False)])
+@pytest.mark.parametrize(("number", "deaf"), quick([(signal.SIGINT, False), (signal.SIGINT, True), (signal.SIGTERM, False)], 1))
 def test_ended_from_outside(tmp_path: Path, number: signal.Signals, deaf: bool) -> None:
     """The console command itself, in its own process, interrupted while it records.   deaf : as a script's job in the background begins."""
     run = tmp_path / "run"

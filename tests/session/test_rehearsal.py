@@ -63,6 +63,7 @@ def test_every_limit_that_is_left_is_named() -> None:
     assert "a: belt force 130 N, limit 100 N" in broken
 
 
+@pytest.mark.examination
 @pytest.mark.usefixtures("fitted")
 def test_the_verifying_move_is_played_first_and_then_driven(beside: MakeBench, copy_of_complete: Copy) -> None:
     run, bench, talk = copy_of_complete(), beside(start_m=0.2), Listener()

@@ -161,6 +161,7 @@ def test_gains_stand_beside_the_numbers_of_the_drive(page: str, complete: Comple
     assert float(cells[-1]) == pytest.approx(designed["kp_nm_s_rad"], rel=1e-6)
 
 
+@pytest.mark.examination
 def test_what_is_missing_names_the_command_that_makes_it(copy_of_complete: Callable[..., Path]) -> None:
     run = copy_of_complete("frf_2", "frf_3", "sweep_2", "moves_1", name="bare")
     for kind in ("models", "designs", "results"):

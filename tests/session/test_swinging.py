@@ -31,6 +31,7 @@ def first_fit(machine: Machine) -> tuple[FinalModel, Recording]:
     return final_model([record], RIG, COUNTS), record
 
 
+@pytest.mark.examination
 def test_a_swinging_payload_is_found_behind_a_fit_too_light_and_counts_as_a_part_of_the_carriage() -> None:
     """882005: the first loop drifted 50 mm off, because a third of the inertia was missing in what it sent ahead."""
     machine = draw(882005, ("payload_mode",), 0.7, "rig")

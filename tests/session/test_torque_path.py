@@ -163,6 +163,7 @@ def test_a_faithful_reading_stays_one(shaken: Recording) -> None:
     assert acting_recording(record, found.path) is record
 
 
+@pytest.mark.examination
 def test_a_filter_takes_nothing_of_the_torque_away(shaken: Recording) -> None:
     filtered = read_as(shaken, smoothed(shaken.torque, 2e-3))
     for record in (filtered, replace(filtered, sidecar=replace(filtered.sidecar, held_out=True))):

@@ -96,6 +96,7 @@ def test_an_alarm_lasts_into_the_next_watch_and_not_beyond_a_maintenance(
     assert repaired.exit_code == 0
 
 
+@pytest.mark.examination
 def test_after_a_maintenance_the_next_moves_are_the_base(
     logs: tuple[list[str], list[str]], copy_of_complete: Callable[..., Path], tmp_path: Path
 ) -> None:
@@ -109,6 +110,7 @@ def test_after_a_maintenance_the_next_moves_are_the_base(
     assert [{one["state"] for one in move["over_the_last_moves"].values()} for move in told[::4]] == [{"few"}, {"steady"}]
 
 
+@pytest.mark.examination
 def test_a_log_that_grows_tells_the_same_moves(logs: tuple[list[str], list[str]], complete: Complete, tmp_path: Path) -> None:
     """Written in pieces that end anywhere, as a logger does."""
     text = ("\n".join(logs[0]) + "\n").encode()

@@ -69,6 +69,7 @@ def test_processes_that_die_every_time_are_given_up(tmp_path: Path) -> None:
         list(answers(dying, [1, 2], workers=2, scheduler=None, talk=Told()))
 
 
+@pytest.mark.examination
 def test_a_dask_cluster_and_a_worker_that_dies(small: Path, alone: Path, cluster: Any, tmp_path: Path) -> None:
     talk = Told(lambda: [worker.pid for worker in cluster.workers.values()])
     api.study(small, tmp_path / "killed", scheduler=cluster.scheduler_address, report=False, talk=talk)
