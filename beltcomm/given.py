@@ -10,10 +10,16 @@ from difflib import get_close_matches
 from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
+from typing import Final, Literal, get_args
 
 from beltcomm.errors import Refused, UsageError
 from beltcomm.talk import Talk
 
+#: What an excitation can be.
+ExcitationKind = Literal["prbs", "gprbs", "chirp", "multisine"]
+EXCITATION_KINDS: Final[tuple[ExcitationKind, ...]] = get_args(ExcitationKind)
+#: What a record can be; ``static_map`` has position and torque or current, and no time.
+EXPERIMENTS: Final = ("frf", "friction_sweep", "reversal", "trajectory", "static_map", "free")
 #: Bytes of a name in a file system.
 LONGEST_PART = 255
 #: A file or a folder as a program names it.

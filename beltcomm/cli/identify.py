@@ -10,6 +10,7 @@ import click
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api, axis_for, run_folder
 from beltcomm.errors import UsageError
+from beltcomm.given import EXCITATION_KINDS
 from beltcomm.quantities import parse_quantity
 
 
@@ -21,7 +22,7 @@ from beltcomm.quantities import parse_quantity
 @shared.resume_option
 @click.option(
     "--excitation",
-    type=shared.WordChoice(("prbs", "gprbs", "chirp", "multisine")),
+    type=shared.WordChoice(EXCITATION_KINDS),
     default="prbs",
     help="Signal of the frequency response; prbs when left out.  A multisine tells nonlinearity from noise.",
 )

@@ -15,16 +15,13 @@ from beltcomm.cli import reading
 from beltcomm.cli.frame import Invocation, api, run_folder
 from beltcomm.cli.init import axis_with
 from beltcomm.errors import BeltcommError, Refused, UsageError
+from beltcomm.given import EXCITATION_KINDS, EXPERIMENTS
 from beltcomm.outside import read_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from beltcomm.foreign.guess import Guess
-
-#: Values of --experiment and --excitation; those of ``beltcomm.recording.sidecar``, which is imported when the verb runs.
-_EXPERIMENTS = ("frf", "friction_sweep", "reversal", "trajectory", "static_map", "free")
-_KINDS = ("multisine", "prbs", "chirp", "gprbs")
 
 
 class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic since click 8.2
@@ -74,7 +71,7 @@ class MassOrInertia(click.ParamType):  # type: ignore[type-arg,unused-ignore]  #
 @reading.PERIOD
 @click.option("--resample", metavar="HZ", help="Take uneven rows at so many even ones per second; no more than there are.")
 @click.option(
-    "--experiment", type=shared.WordChoice(_EXPERIMENTS), default="free", show_default=True, help="What was done; a log of frames tells it."
+    "--experiment", type=shared.WordChoice(EXPERIMENTS), default="free", show_default=True, help="What was done; a log of frames tells it."
 )
 @click.option("--held-out", is_flag=True, help="Never fit this record, only judge by it.")
 @click.option("--closed-loop", is_flag=True, help="A controller was active.")
@@ -88,7 +85,7 @@ class MassOrInertia(click.ParamType):  # type: ignore[type-arg,unused-ignore]  #
 @click.option(
     "--session-time", "session_time_s", type=shared.QuantityType("session_time_s"), help="Start of the record on the session's clock."
 )
-@click.option("--excitation", type=shared.WordChoice(_KINDS), help="Kind of excitation of an frf record.")
+@click.option("--excitation", type=shared.WordChoice(EXCITATION_KINDS), help="Kind of excitation of an frf record.")
 @click.option("--amplitude", "amplitude_nm", type=shared.QuantityType("amplitude_nm"), help="Its largest absolute torque (force, current).")
 @click.option("--period-samples", type=click.IntRange(2), help="Rows of one period, when the excitation repeats.")
 @click.option("--first-sample", type=click.IntRange(0), default=0, help="Row, from 0, where its first period begins.")

@@ -2,20 +2,18 @@
 
 from beltcomm.excitation.asked import AS_CHOSEN, AskedExcitation
 from beltcomm.excitation.binary import MAXIMAL_TAPS, SHORT_ORDER, PrbsChoice, choose_prbs, gprbs, prbs, prbs_band, prbs_bits
-from beltcomm.excitation.choice import KINDS, Choice, ExcitationKind, choose
+from beltcomm.excitation.choice import Choice, choose
 from beltcomm.excitation.record import Excitation, visible_band
 from beltcomm.excitation.sines import detection_lines, multisine
 from beltcomm.excitation.sweep import chirp
 
 __all__ = [
     "AS_CHOSEN",
-    "KINDS",
     "MAXIMAL_TAPS",
     "SHORT_ORDER",
     "AskedExcitation",
     "Choice",
     "Excitation",
-    "ExcitationKind",
     "PrbsChoice",
     "chirp",
     "choose",

@@ -7,8 +7,9 @@ from typing import Any
 
 from beltcomm.errors import Refused, UsageError
 from beltcomm.excitation.binary import MAXIMAL_TAPS, PrbsChoice, prbs_band
-from beltcomm.excitation.choice import Choice, ExcitationKind
+from beltcomm.excitation.choice import Choice
 from beltcomm.excitation.record import FEWEST_REPEATS, REST_AFTER_S, REST_BEFORE_S
+from beltcomm.given import ExcitationKind
 
 #: Samples of a record, three hours at 1 kHz, and measured periods: more are a mistake in a unit, or no excitation that anybody waits for.
 MOST_SAMPLES, MOST_PERIODS = 10_000_000, 1000

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from math import floor
-from typing import Final, Literal
 
 from scipy.fft import next_fast_len
 
@@ -24,9 +23,8 @@ from beltcomm.excitation.record import (
 )
 from beltcomm.excitation.sines import multisine
 from beltcomm.excitation.sweep import chirp
+from beltcomm.given import EXCITATION_KINDS, ExcitationKind
 
-ExcitationKind = Literal["prbs", "gprbs", "chirp", "multisine"]
-KINDS: Final[Sequence[ExcitationKind]] = ("prbs", "gprbs", "chirp", "multisine")
 #: Highest frequency excited over highest to be seen: half an octave, for the upper flank of a resonance.
 ABOVE_HIGHEST = math.sqrt(2.0)
 #: Share of half the sampling frequency up to which a band may go.
@@ -94,8 +92,8 @@ def choose(
     """
     if kind == "prbs":
         return choose_prbs(sample_period_s, lowest_hz, highest_hz, duration_s)
-    if kind not in KINDS:
-        raise UsageError(f"there is no excitation {kind!r}; choose {', '.join(KINDS)}")
+    if kind not in EXCITATION_KINDS:
+        raise UsageError(f"there is no excitation {kind!r}; choose {', '.join(EXCITATION_KINDS)}")
     check_band(sample_period_s, lowest_hz, highest_hz, duration_s)
     nyquist_hz = 0.5 / sample_period_s
     spacing_hz = min(lowest_hz / LOWEST_OVER_LINE / (2.0 if kind == "multisine" else 1.0), WIDEST_LINE_SPACING_HZ)

@@ -15,10 +15,11 @@ from beltcomm.errors import NoMotion, Refused
 from beltcomm.experiments import phases, verification
 from beltcomm.experiments.paths import Course, path_of, start_of
 from beltcomm.experiments.raising import GROWTH
+from beltcomm.given import EXPERIMENTS
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.recording.sidecar import EXPERIMENTS, Sidecar, load_sidecar
+from beltcomm.recording.sidecar import Sidecar, load_sidecar
 from beltcomm.rundata import analyse
 from beltcomm.rundata.first_motions import CLEAR_SHARE
 from beltcomm.schedule.steps import LOUD, Step

@@ -12,8 +12,8 @@ from beltcomm.control import PrefilterKind
 from beltcomm.design.feedforward import SentFeedforward
 from beltcomm.drive import Capabilities, Drive
 from beltcomm.errors import Declined, Refused, UsageError
-from beltcomm.excitation import AskedExcitation, ExcitationKind
-from beltcomm.given import Place, Reached, choice, number, pasted, place, whole, word
+from beltcomm.excitation import AskedExcitation
+from beltcomm.given import EXCITATION_KINDS, ExcitationKind, Place, Reached, choice, number, pasted, place, whole, word
 from beltcomm.identify.loop_response import CLOSED_WAYS, Way
 from beltcomm.machine.hardware import Hardware
 from beltcomm.machine.ratings import nameplate_of
@@ -29,7 +29,7 @@ from beltcomm.talk import Hold, Talk
 #: What may stand in an option with names; of one with a number its unit and the most that anybody can mean.
 CHOICES = {
     "apply": get_args(Apply),
-    "excitation": get_args(ExcitationKind),
+    "excitation": EXCITATION_KINDS,
     "loop": get_args(Way),
     "prefilter": get_args(PrefilterKind),
     "feedforward": get_args(SentFeedforward),

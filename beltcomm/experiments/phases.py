@@ -17,9 +17,10 @@ from beltcomm.axis import Axis
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.drive import Capabilities, Limits
 from beltcomm.errors import NoMotion, Refused, SafetyStop, UsageError
-from beltcomm.excitation import AskedExcitation, Choice, Excitation, ExcitationKind, PrbsChoice, choose, choose_prbs, visible_band
+from beltcomm.excitation import AskedExcitation, Choice, Excitation, PrbsChoice, choose, choose_prbs, visible_band
 from beltcomm.excitation.record import SELDOM_S
 from beltcomm.experiments import own_strokes
+from beltcomm.given import ExcitationKind
 from beltcomm.identify.amplitude import (
     AmplitudeStep,
     MotionLimits,

@@ -20,7 +20,8 @@ from beltcomm.control import Cascade, Feedforward, feedforward_torque
 from beltcomm.drive import COLUMNS, Drive, Guarding, Limits, LoopKind, Motion, Row
 from beltcomm.drive.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, SafetyStop, UsageError
-from beltcomm.excitation import AS_CHOSEN, ExcitationKind
+from beltcomm.excitation import AS_CHOSEN
+from beltcomm.given import ExcitationKind
 from beltcomm.machine.closed_loop_watch import foreseen as foreseen_of
 from beltcomm.machine.closed_loop_watch import unwatched, within
 from beltcomm.machine.envelope import Envelope as Envelope

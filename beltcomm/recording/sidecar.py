@@ -6,16 +6,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from beltcomm.configfiles import did_you_mean, read_yaml
 from beltcomm.errors import DataError
+from beltcomm.given import EXCITATION_KINDS, EXPERIMENTS
 from beltcomm.quantities import unit_of
-
-#: What a record can be; ``static_map`` has position and torque or current, and no time.
-EXPERIMENTS: Final = ("frf", "friction_sweep", "reversal", "trajectory", "static_map", "free")
-#: What an excitation can be.
-EXCITATION_KINDS: Final = ("prbs", "multisine", "chirp", "gprbs")
 
 #: Likeness from which on an unknown key is called misspelt: foreign sidecars hold many keys of their own.
 MISSPELT = 0.9

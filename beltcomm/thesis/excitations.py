@@ -11,8 +11,9 @@ import numpy as np
 from scipy.special import stdtrit
 
 from beltcomm.arrays import Array
-from beltcomm.excitation import KINDS, Excitation, ExcitationKind, choose, choose_prbs
+from beltcomm.excitation import Excitation, choose, choose_prbs
 from beltcomm.fit.model_fit import fit_model
+from beltcomm.given import EXCITATION_KINDS, ExcitationKind
 from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, largest_amplitude
 from beltcomm.model import Model, load_plant
 from beltcomm.model.linear import modes, operating_point, sampled_response
@@ -125,7 +126,7 @@ def compare(axes: Sequence[ExcitedAxis] = ()) -> ExcitationStudy:
     own = [choose_prbs(PERIOD_S, *landmarks(axis), SECONDS) for axis in axes]
     axes = axes or [ExcitedAxis(name, load_plant(name).model) for name in PLANTS]
     for axis in axes:
-        for kind in KINDS:
+        for kind in EXCITATION_KINDS:
             row, spectrum = one(axis, kind)
             rows.append(row)
             spectra[f"{axis.name} {kind}"] = spectrum

@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from beltcomm.errors import Refused, UsageError
-from beltcomm.excitation import KINDS, Excitation, ExcitationKind, chirp, choose, detection_lines, gprbs, multisine
+from beltcomm.excitation import Excitation, chirp, choose, detection_lines, gprbs, multisine
+from beltcomm.given import EXCITATION_KINDS, ExcitationKind
 
 Array = NDArray[np.float64]
 T_S = 1e-3
@@ -99,10 +100,10 @@ def test_torque_in_whole_steps_of_the_drive() -> None:
 
 
 def kind_of(name: str) -> ExcitationKind:
-    return next(kind for kind in KINDS if kind == name)
+    return next(kind for kind in EXCITATION_KINDS if kind == name)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", EXCITATION_KINDS)
 def test_a_chosen_signal_fits_its_time_and_shows_its_band(kind: ExcitationKind) -> None:
     choice = choose(kind, T_S, 20.0, 130.0, 8.0)
     excitation = choice.excitation(0.3, T_S)

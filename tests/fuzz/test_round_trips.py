@@ -21,10 +21,11 @@ from beltcomm.foreign.apart_reader import table_in
 from beltcomm.foreign.convert import Reading, reading_from_dict
 from beltcomm.foreign.files import read_table
 from beltcomm.foreign.framelog import read_frames
+from beltcomm.given import EXCITATION_KINDS, EXPERIMENTS
 from beltcomm.model import load_model, load_plant
 from beltcomm.recording import RecordingWriter, load_recording, recording_from_columns, save_recording
 from beltcomm.recording.columns import MOTOR_COLUMNS
-from beltcomm.recording.sidecar import EXCITATION_KINDS, EXPERIMENTS, ExcitationNote, Sidecar, load_sidecar
+from beltcomm.recording.sidecar import ExcitationNote, Sidecar, load_sidecar
 from beltcomm.recording.signalfile import read_columns, write_columns
 from beltcomm.response import FrequencyResponse
 from beltcomm.schedule.next_plan import NextPlan, load_plan
