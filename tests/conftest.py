@@ -49,10 +49,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption("--drive-torque-nm", type=float, help="largest torque, motor shaft, N m")
 
 
+#: Of tests/session: as one it would end last, by minutes.
+HALVES = ("tests/session to j", "tests/session from k")
 #: The longest, begun first, so that no worker waits for another at the end.  On a fresh clone the first fills the cache of compiled
 #: code with what most tests need, while the second compiles for a home of its own: nothing is compiled twice.
 FIRST = (
-    "tests/session",
+    *HALVES,
     "tests/test_packaging.py",
     "tests/session/test_machines.py",
     "tests/laboratory/test_hidden_effect.py",
@@ -68,9 +70,11 @@ FIRST = (
 
 
 def work_unit(nodeid: str) -> str:
-    """What one worker takes: a whole file, and all of tests/session that shares one commissioning."""
+    """What one worker takes: a whole file, and half of tests/session, whose tests share one commissioning."""
     file = nodeid.partition("::")[0]
-    return "tests/session" if file.startswith("tests/session/") and not file.endswith("test_machines.py") else file
+    if not file.startswith("tests/session/") or file.endswith("test_machines.py"):
+        return file
+    return HALVES[file > "tests/session/test_k"]
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -47,6 +47,7 @@ def test_a_fit_behind_an_observer_that_is_gone_on_with_ends_where_one_at_once_do
     assert went_on.objective < begun.objective
 
 
+@pytest.mark.examination
 def test_a_fit_that_is_through_is_not_gone_on_with(gapped: Gapped) -> None:
     data, _, begun = gapped
     through = replace(begun, onward=None)

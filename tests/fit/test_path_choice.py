@@ -89,6 +89,7 @@ def test_a_filter_of_the_drive_is_told_from_one_of_the_reading() -> None:
     assert_right(fit, truth)
 
 
+@pytest.mark.examination
 def test_a_current_loop_is_the_drives() -> None:
     records, truth = session(4, lag_s=4e-4)
     fit = fitted(records, truth)

@@ -174,6 +174,7 @@ def test_keys_of_every_json(request: pytest.FixtureRequest, performance: Perform
     compared(request, "json_keys.json", as_text(performance.keys))
 
 
+@pytest.mark.examination
 def test_files_of_a_run(request: pytest.FixtureRequest, performance: Performance) -> None:
     compared(request, "run_files.json", as_text(performance.files))
 

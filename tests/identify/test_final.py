@@ -99,6 +99,7 @@ def test_law_by_position_is_chosen_and_found(varying: tuple[list[Recording], Fin
     assert "by position (2.26)" in final.reason
 
 
+@pytest.mark.examination
 def test_an_axis_without_a_belt_keeps_one_stiffness(varying: tuple[list[Recording], FinalModel]) -> None:
     """Places that disagree, of a gap for instance: no law of the place, and a model with what it leaves over."""
     records, _ = varying

@@ -68,6 +68,7 @@ def test_each_rung_brings_something_at_the_carriage_and_the_last_meets_the_aims(
         assert true[key].dynamic_m == pytest.approx(found[key]["predicted_cart"]["dynamic_m"], abs=0.1 * dynamic[2])
 
 
+@pytest.mark.examination
 def test_a_led_move_is_no_proof_of_the_gains(rungs: Rungs) -> None:
     run = rungs[0]
     folder = RunFolder.open(run)

@@ -170,6 +170,7 @@ def alternatives(command: str) -> list[str]:
     return [command.replace(bars[0], one) for one in bars[0].split("|")] if bars else [command]
 
 
+@pytest.mark.examination
 def test_commands_that_need_no_machine_run(copy_of_complete: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
     run = copy_of_complete()
     monkeypatch.chdir(run.parent)

@@ -19,7 +19,7 @@ from beltcomm.model import load_plant
 from beltcomm.simulate.plant import SimulatedPlant
 from session.browser import BROWSER, DRIVER, MISSING, Browser, browser_on
 
-pytestmark = pytest.mark.skipif(not (BROWSER and DRIVER), reason=MISSING)
+pytestmark = [pytest.mark.examination, pytest.mark.skipif(not (BROWSER and DRIVER), reason=MISSING)]
 PLACE_M = 0.3
 
 
@@ -134,7 +134,6 @@ def test_a_slider_changes_the_design(browser: Browser) -> None:
     assert browser.complaints() == []
 
 
-@pytest.mark.examination
 def test_a_run_that_changes_under_the_page_is_read_anew(browser: Browser) -> None:
     """By another program, which takes the effect out; and by a second page on the same run, which adds it."""
     browser.tab("laboratory")
@@ -149,7 +148,6 @@ def test_a_run_that_changes_under_the_page_is_read_anew(browser: Browser) -> Non
     browser.until("a touched file is looked at", lambda: browser.says("document.body.dataset.version") != version)
 
 
-@pytest.mark.examination
 def test_a_virtual_session_is_watched_and_its_run_opened(browser: Browser) -> None:
     """On the machine that is the model of this run: phase, carriage and load while it lasts, its answer, and a link that opens it."""
     browser.tab("live")

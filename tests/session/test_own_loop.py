@@ -53,6 +53,7 @@ def test_the_plan_says_beforehand_that_gains_are_not_written(make_bench: Callabl
     assert "gains cannot be written" in said
 
 
+@pytest.mark.examination
 def test_the_job_ends_with_model_design_move_and_what_to_type(
     make_bench: Callable[..., Bench], tmp_path: Path, profile: str, complete: Complete
 ) -> None:

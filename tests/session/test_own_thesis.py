@@ -35,6 +35,7 @@ def test_the_integrator_ends_within_friction_and_half_sums_do_not(complete: Comp
     assert found["half_sum_nm"] == pytest.approx(found["gravity_nm"])
 
 
+@pytest.mark.examination
 def test_the_ways_on_the_own_model_find_its_mass(complete: Complete, tmp_path: Path) -> None:
     """Indirect with the controller as it runs is right, with one that is 20 % off it is not (3.4), on any axis."""
     found = own_thesis("identification", complete.path, pictures=tmp_path).to_json()

@@ -111,6 +111,7 @@ def test_the_first_screen_has_the_numbers_of_the_run(page: str, complete: Comple
     ]  # fmt: skip
 
 
+@pytest.mark.examination
 def test_a_fit_that_was_kept_is_the_one_that_was_found(
     page: str, copy_of_complete: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
