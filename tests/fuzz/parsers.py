@@ -35,7 +35,7 @@ from beltcomm.rundata import backups
 from beltcomm.rundata.calibration import calibration_from_dict
 from beltcomm.rundata.kept_result import kept_or_new
 from beltcomm.rundata.revisions import revisions
-from beltcomm.rundata.store import cascade_from_dict, delay_from_dict, structure_from_dict
+from beltcomm.rundata.store import cascade_from_dict, structure_from_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.next_plan import load_plan
 from beltcomm.study.file import load_study
@@ -175,9 +175,7 @@ def parsers(folder: Path) -> dict[str, Parser]:
         opened.claim_drive({"vendor_id": "29"})
 
     def design(opened: RunFolder) -> None:
-        saved = opened.load("designs", "final")
-        cascade_from_dict(saved)
-        delay_from_dict(saved)
+        cascade_from_dict(opened.load("designs", "final"))
 
     def watched(opened: RunFolder) -> None:
         store.by_day(opened.path)
@@ -218,7 +216,7 @@ def parsers(folder: Path) -> dict[str, Parser]:
             in_run("results/drive.yaml", lambda o: structure_from_dict(o.load_result("drive") or {})),
             within=True,
         ),
-        "calibration": Parser("fuzzed.yaml", CALIBRATION.encode(), lambda p: calibration_from_dict(read_yaml(p, DataError), str(p))),
+        "calibration": Parser("fuzzed.yaml", CALIBRATION.encode(), lambda p: calibration_from_dict(read_yaml(p, DataError), p)),
         "revisions": Parser("revisions.yaml", REVISIONS.encode(), in_run("results/ladder.yaml", revisions), within=True),
         "object file": Parser("fuzzed.eds", EDS.encode(), load_object_file),
         "dbc": Parser("fuzzed.dbc", DBC.encode(), of_dbc, apart=True),

@@ -19,7 +19,7 @@ from beltcomm.model import load_model, load_plant
 from beltcomm.recording import load_recording
 from beltcomm.recording.sidecar import load_sidecar
 from beltcomm.rundata import backups
-from beltcomm.rundata.store import cascade_from_dict, delay_from_dict, structure_from_dict
+from beltcomm.rundata.store import cascade_from_dict, structure_from_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.trajectory import load_move
 from beltcomm_adapters.profiles import load_profile
@@ -105,9 +105,7 @@ def test_run_folders_damaged(tmp_path: Path) -> None:
     run.save_design("final", {"parameters": parameters, "dead_time_s": 0.001, "period_s": 0.001})
 
     def design(_path: Path) -> None:
-        saved = RunFolder.open(run.path).load("designs", "final")
-        cascade_from_dict(saved)
-        delay_from_dict(saved)
+        cascade_from_dict(RunFolder.open(run.path).load("designs", "final"))
 
     jobs: dict[str, Callable[[Path], object]] = {
         "run.yaml": lambda _p: RunFolder.open(run.path).claim_drive({"device_name": "x", "vendor_id": "29"}),
