@@ -422,6 +422,18 @@ class RunFolder:
         path = self.recordings_folder / f"{checked_name(name)}.csv"
         os.replace(path, path.with_name(f"{name}.csv.part"))
 
+    def set_aside(self, kind: str, name: str, other: str) -> None:
+        """Give a file another name, whatever is in it.
+
+        Parameters
+        ----------
+        kind : str
+            "models", "designs" or "results".
+        name, other : str
+            Without suffix; nothing is called as the other.
+        """
+        os.replace(self.file(kind, name), self.path / kind / f"{checked_name(other)}.yaml")
+
     def add_recording(self, recording: Recording) -> Path:
         """Write a recording made elsewhere (simulated, imported).
 

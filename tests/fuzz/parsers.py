@@ -89,8 +89,8 @@ steps:
 """
 BACKUP = {"drive": {"device_name": "x"}, "parameters": {"kp_nm_s_rad": 0.05, "ki_nm_rad": 0.2}}
 GAINS = {"kp_nm_s_rad": 0.05, "ki_nm_rad": 0.2, "kpp_1_s": 10.0, "velocity_filter_s": 0.004}
-DESIGN = {"parameters": GAINS, "dead_time_s": 1e-3, "period_s": 1e-3}
 STRUCTURE = {"name": "x", "velocity_feedforward": True, "period_s": 0.001, "prefilters": ["none"]}
+DESIGN = {"parameters": GAINS, "dead_time_s": 1e-3, "structure": STRUCTURE, "specification": {"phase_margin_deg": 45.0}, "margins": []}
 CALIBRATION = """kind: x
 rated_torque_nm: 1.43
 rated_current_a: 2.0
@@ -212,7 +212,7 @@ def parsers(folder: Path) -> dict[str, Parser]:
         "design": Parser("final.yaml", yaml(DESIGN), in_run("designs/final.yaml", design), within=True),
         "drive": Parser(
             "drive.yaml",
-            yaml({"name": "x", "structure": STRUCTURE}),
+            yaml({"name": "x", "structure": STRUCTURE, "counts_per_rev": 65536, "peak_torque_nm": 3.1}),
             in_run("results/drive.yaml", lambda o: structure_from_dict(o.load_result("drive") or {})),
             within=True,
         ),
