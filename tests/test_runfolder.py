@@ -57,12 +57,8 @@ def test_models_and_results_come_back_exactly(tmp_path: Path) -> None:
     assert run.names("models") == ["first", "second"]
 
 
-DESIGN = {
-    "dead_time_s": 1e-3,
-    "structure": {"name": "x", "period_s": 1e-3, "prefilters": []},
-    "specification": {"phase_margin_deg": 45.0},
-    "margins": [],
-}
+STRUCTURE = {"name": "x", "period_s": 1e-3, "prefilters": []}
+DESIGN = {"dead_time_s": 1e-3, "structure": STRUCTURE, "specification": {"phase_margin_deg": 45.0}, "margins": []}
 
 
 def test_a_design_that_is_replaced_takes_the_next_free_name(tmp_path: Path) -> None:
