@@ -86,7 +86,7 @@ def parameters_from_dict(data: Mapping[str, Any]) -> dict[str, ParameterObject]:
     """
     found = {name: ParameterObject(**entry) for name, entry in (data.get("parameters") or {}).items()}
     if not found:
-        raise DataError("the run's drive has no parameter that beltcomm could write")
+        raise DataError("results/drive.yaml tells no object of the drive's parameters; it is of an older run: begin a new run")
     return found
 
 
