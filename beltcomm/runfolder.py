@@ -31,6 +31,7 @@ from beltcomm.atomic import is_draft
 from beltcomm.axis import Axis, load_axis, save_axis
 from beltcomm.axis.terms import PLAIN, Terms, terms_of
 from beltcomm.configfiles import did_you_mean, read_yaml, sealed, to_yaml, unsealed, write_text
+from beltcomm.contents import check_content
 from beltcomm.errors import DataError, NoMotion, UsageError
 from beltcomm.given import pasted
 from beltcomm.journal import Event
@@ -228,8 +229,7 @@ class RunFolder:
     @property
     def began_s(self) -> float | None:
         """Date and time at which the run began on its drive, s since 1970; None where nobody knows it."""
-        began = self._about().get("began_s")
-        return float(began) if isinstance(began, (int, float)) else None
+        return self._about().get("began_s")
 
     def claim_drive(self, identity: Mapping[str, str], wall_s: float | None = None) -> None:
         """Note which drive this run is made on, and when; on a later call, that it still is, and how much later.
@@ -248,9 +248,7 @@ class RunFolder:
         """
         about = self._about()
         known, began_s = about.get("drive") or {}, about.get("began_s")
-        if not isinstance(known, Mapping):
-            raise DataError(f"{self.path / 'run.yaml'} is damaged: drive must be a mapping of names to values; bring it back or begin anew")
-        if wall_s is not None and isinstance(began_s, (int, float)):
+        if wall_s is not None and began_s is not None:
             self.elapsed_s = max(wall_s - float(began_s), 0.0)  # a clock that was set back tells nothing
         if not known:
             self._write_about(identity, wall_s)
@@ -424,6 +422,18 @@ class RunFolder:
         path = self.recordings_folder / f"{checked_name(name)}.csv"
         os.replace(path, path.with_name(f"{name}.csv.part"))
 
+    def set_aside(self, kind: str, name: str, other: str) -> None:
+        """Give a file another name, whatever is in it.
+
+        Parameters
+        ----------
+        kind : str
+            "models", "designs" or "results".
+        name, other : str
+            Without suffix; nothing is called as the other.
+        """
+        os.replace(self.file(kind, name), self.path / kind / f"{checked_name(other)}.yaml")
+
     def add_recording(self, recording: Recording) -> Path:
         """Write a recording made elsewhere (simulated, imported).
 
@@ -577,7 +587,9 @@ class RunFolder:
         DataError
             When it is missing, unreadable or empty.
         """
-        return self._unsealed(kind, name)[0]
+        content = self._unsealed(kind, name)[0]
+        check_content(name if kind == "results" else kind, content, self.file(kind, name))
+        return content
 
     def edited(self, kind: str, name: str) -> bool:
         """True if ``KIND/NAME.yaml`` was edited since this tool wrote it.
@@ -699,7 +711,9 @@ class RunFolder:
 
     def _about(self) -> dict[str, Any]:
         path = self.path / "run.yaml"
-        return read_yaml(path, DataError) if path.is_file() else {}
+        about = read_yaml(path, DataError) if path.is_file() else {}
+        check_content(path.name, about, path)
+        return about
 
     def _write_about(self, drive: Mapping[str, str], began_s: float | None = None) -> None:
         about = {"beltcomm": __version__, "axis_fingerprint": self.axis.fingerprint(), "drive": dict(drive)}

@@ -45,10 +45,10 @@ def test_a_new_run_and_what_it_holds(tmp_path: Path) -> None:
     assert again.finished("frf_2") is None
 
 
-def test_models_designs_and_results_come_back_exactly(tmp_path: Path) -> None:
+def test_models_and_results_come_back_exactly(tmp_path: Path) -> None:
     run = RunFolder.create(tmp_path / "R", RIG)
     mapping = {"mass": {"value": 0.1 + 0.2, "interval": None}, "gains": [1e-17, 5.0], "name": "1e-6"}
-    for save, kind in ((run.save_model, "models"), (run.save_design, "designs"), (run.save_result, "results")):
+    for save, kind in ((run.save_model, "models"), (run.save_result, "results")):
         assert save("first", mapping | {"gains": np.array([1e-17, 5.0])}) == run.path / kind / "first.yaml"
         assert run.load(kind, "first") == mapping
     assert run.load_result("first") == mapping
@@ -57,10 +57,14 @@ def test_models_designs_and_results_come_back_exactly(tmp_path: Path) -> None:
     assert run.names("models") == ["first", "second"]
 
 
+STRUCTURE = {"name": "x", "period_s": 1e-3, "prefilters": []}
+DESIGN = {"dead_time_s": 1e-3, "structure": STRUCTURE, "specification": {"phase_margin_deg": 45.0}, "margins": []}
+
+
 def test_a_design_that_is_replaced_takes_the_next_free_name(tmp_path: Path) -> None:
     """Not the one that a count of them gives: somebody may have taken one away."""
     run = RunFolder.create(tmp_path / "R", RIG)
-    designs = {f"{k}": {"parameters": {"kpp_1_s": float(k)}} for k in range(1, 5)}
+    designs = {f"{k}": DESIGN | {"parameters": {"kpp_1_s": float(k)}} for k in range(1, 5)}
     run.save_design("replaced_2", designs["4"])
     for k, name in ((1, "replaced_1"), (2, "replaced_3")):
         run.save_design("final", designs[f"{k}"])

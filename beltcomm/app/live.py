@@ -73,7 +73,7 @@ class LiveTab:
             "lines": [line for line in lines if "wrote " not in line and not PHASE.search(line)][-LINES:],
             "done": done,
             "planned_s": seconds,
-            "experiments": [{"title": str(one.get("title")), "seconds": _seconds(one)} for one in plan],
+            "experiments": [{"title": one["title"], "seconds": one["seconds"]} for one in plan],
             "record": self._record(part, axis, folder.load_result("drive") or {}) if part is not None else None,
             "travel_mm": None if axis is None or axis.travel.min_m is None else [1e3 * axis.travel.min_m, 1e3 * (axis.travel.max_m or 0.0)],
             "responses": [*self._seen_responses(folder, done), *([self._growing(part)] if part is not None else [])],
@@ -85,13 +85,12 @@ class LiveTab:
         return max(parts, key=lambda path: path.stat().st_mtime_ns) if parts else None
 
     def _plan(self, folder: RunFolder) -> tuple[list[Mapping[str, Any]], float]:
-        """Experiments of the plan that was agreed to, and the s that it takes at most; nothing where there is none."""
+        """Experiments of the plan that was agreed to, and the s that it takes at most; nothing where there is none that can be read."""
         try:
             found = folder.load_result(PLAN) or {}
         except BeltcommError:
             found = {}
-        experiments = [one for one in found.get("experiments") or [] if isinstance(one, Mapping)]
-        return experiments, _seconds(found)
+        return found.get("experiments") or [], found.get("seconds") or 0.0
 
     def _record(self, part: Path, axis: Axis | None, drive: Mapping[str, Any]) -> dict[str, Any] | None:
         """The end of a record that grows; None where it cannot be read yet."""
@@ -158,12 +157,6 @@ class LiveTab:
                 response = None
             self._responses[name] = {"name": name, **({} if response is None else _decibels(response))}
         return [one for one in self._responses.values() if "db" in one]
-
-
-def _seconds(said: Mapping[str, Any]) -> float:
-    """Of a plan or a step of it; 0 where its file, which may be a stranger's, says no number."""
-    value = said.get("seconds")
-    return float(value) if isinstance(value, (int, float)) and math.isfinite(value) else 0.0
 
 
 def _decibels(response: FrequencyResponse) -> dict[str, Any]:

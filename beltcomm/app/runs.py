@@ -119,6 +119,6 @@ def _drive(known: Mapping[str, Any]) -> str:
     return f"no. {serial}" if serial else str(known.get("device_name") or "")
 
 
-def _ratio(misfit: object) -> float | None:
+def _ratio(misfit: float | None) -> float | None:
     """Error over noise from the mean square that a fit keeps."""
-    return math.sqrt(misfit) if isinstance(misfit, (int, float)) and misfit >= 0.0 else None
+    return math.sqrt(misfit) if misfit is not None and misfit >= 0.0 else None

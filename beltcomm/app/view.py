@@ -20,7 +20,7 @@ from beltcomm.residuals.responses import ResponsePair, Trace, response_pairs, tr
 from beltcomm.residuals.spectra import GridRow, edges_of, power, rows_of
 from beltcomm.result import plain
 from beltcomm.rundata.fitted_run import Opened, explainable
-from beltcomm.rundata.revisions import CURRENT
+from beltcomm.rundata.revisions import CURRENT, current_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.diagnosis_data import values_of
 
@@ -115,7 +115,8 @@ def base_effects(folder: RunFolder) -> tuple[str, ...]:
     rungs = (folder.load_result("ladder") or {}).get("revisions") or ()
     if rungs:
         return tuple(rungs[0]["effects"])
-    return tuple(folder.load("models", CURRENT)["effects"]) if CURRENT in folder.names("models") else ()
+    model = current_model(folder)
+    return () if model is None else model.effects
 
 
 def stamp_of(folder: Path) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -70,7 +69,6 @@ def drive_of(run: Path | None) -> str | None:
     if run is None or not run.is_dir():
         return None
     try:
-        told: Any = (RunFolder.open(run).load_result("drive") or {}).get("reached_as")
+        return (RunFolder.open(run).load_result("drive") or {}).get("reached_as") or None
     except BeltcommError:
         return None
-    return told if isinstance(told, str) and told else None

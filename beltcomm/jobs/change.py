@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from beltcomm.effects import effect_named, stands_for
-from beltcomm.errors import BeltcommError, Refused, UsageError
+from beltcomm.errors import Refused, UsageError
 from beltcomm.fit.base import ratio_in_groups_of
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import with_intervals
@@ -223,8 +223,8 @@ def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, note
 def named_beside(folder: RunFolder, model: Model) -> list[str]:
     """Effects that the last diagnosis names and a model does not have, without those that `add` tries by itself."""
     try:
-        named = [effect_named(str(name)) for name in (folder.load_result("diagnosis") or {})["named"]]
-    except (BeltcommError, KeyError, TypeError):
+        named = [effect_named(name) for name in (folder.load_result("diagnosis") or {}).get("named") or ()]
+    except UsageError:  # of another version
         return []
     along = {part for effect in named for part in effect.completed_by}
     return [e.name for e in named if e.name not in model.effects and e.name not in along]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm.control import CascadeStructure
-from beltcomm.errors import UsageError
+from beltcomm.errors import DataError, UsageError
 from beltcomm.experiments import referencing
 from beltcomm.given import pasted
 from beltcomm.laboratory.cross_checks import sheet_doubts
@@ -27,6 +27,7 @@ from beltcomm.rundata.headline import OF, following, hashes_of, headline_of
 from beltcomm.rundata.kept_fit import kept_path
 from beltcomm.rundata.proof import SUSPECT, doubts, error_of, same_gains, suspect, thin_margins
 from beltcomm.rundata.revisions import current_revision, unfitted
+from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder, next_free
 from beltcomm.sentences import outcome, screens, typed_gains, words
 from beltcomm.sentences.cross_checks import sheet_lines
@@ -132,8 +133,9 @@ def delivered(
         OF: hashes_of(findings.cascade, basis.model),
         **(noted or {}),
     }
+    kept = keep_damaged(folder)
     sound = "final" in folder.names("designs") and not doubts(folder)
-    kept = keep_replaced(folder, mapping)
+    kept = kept or keep_replaced(folder, mapping)
     folder.save_design("final", mapping)
     if sound and doubts(folder):
         findings.remarks.append("the gains before were proven by a move and are replaced; these are not proven yet, verify them")
@@ -176,6 +178,17 @@ def _headline(basis: Basis, doubted: Sequence[str]) -> Line:
     proven = headline_of(basis.folder).state in ("pass", "fail")
     said = "{name}: the gains that were verified before" if proven else "{name}: gains that no move has proven yet"
     return Line("  ", word, "   ", (tr(said, name=name), "title"))
+
+
+def keep_damaged(folder: RunFolder) -> str:
+    """Before another design takes its place, one that cannot be read stays as ``designs/replaced_N.yaml``; its name, "" for a sound one."""
+    try:
+        _ = saved_design(folder) if "final" in folder.names("designs") else None
+    except DataError:
+        name = next_free("replaced_", folder.names("designs"))
+        folder.set_aside("designs", "final", name)
+        return f"designs/{name}.yaml"
+    return ""
 
 
 def keep_replaced(folder: RunFolder, other: Mapping[str, Any]) -> str:

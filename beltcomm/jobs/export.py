@@ -13,7 +13,7 @@ from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.drive.objects import object_values
 from beltcomm.drive.parameters import cascade_to_parameters
 from beltcomm.encoder.edges import TICK_S
-from beltcomm.errors import DataError, Refused, UsageError
+from beltcomm.errors import Refused, UsageError
 from beltcomm.experiments.options import Options
 from beltcomm.export.dcf import dcf_text
 from beltcomm.export.encoder_program import encoder_of
@@ -209,10 +209,7 @@ def _torque_limit_nm(folder: RunFolder, structure: CascadeStructure, given: floa
             raise UsageError(f"the torque limit is {given:g} N m; give a positive torque")
         return given
     drive = folder.load_result("drive") or {}
-    try:
-        known = float(drive.get("peak_torque_nm") or folder.axis.motor.peak_torque_nm or 0.0)
-    except (TypeError, ValueError) as error:
-        raise DataError(f"results/drive.yaml is damaged ({error}); give the limit with --torque-limit") from error
+    known = float(drive.get("peak_torque_nm") or folder.axis.motor.peak_torque_nm or 0.0)
     if not known > 0.0:
         raise UsageError(
             f"the largest torque of {structure.name} is known neither from the drive nor from axis.yaml (motor.peak_torque_nm); "

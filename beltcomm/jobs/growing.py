@@ -55,17 +55,16 @@ def fit_without(here: Opened, effect: str) -> tuple[Data, Fitted]:
 
 def diagnosis_start(folder: RunFolder, model: Model, effect: str) -> Model | None:
     """The model with the effect and the values that ``results/diagnosis.yaml`` ended with; None where it says nothing of it."""
+    after = (folder.load_result("diagnosis") or {}).get("after")
+    if after is None or effect not in after["effects"]:
+        return None
+    grown = model.with_effect(effect)
+    fixed = fixed_forms(grown, effect_named(effect))  # these stay the usual ones: they are found after the effect
+    told = {name: said["value"] for name, said in after["parameters"].items() if name in grown.parameters and name not in fixed}
     try:
-        after = (folder.load_result("diagnosis") or {})["after"]
-        if effect not in after["effects"]:
-            return None
-        grown = model.with_effect(effect)
-        told = {name: float(said["value"]) for name, said in after["parameters"].items() if name in grown.parameters}
-        for form in fixed_forms(grown, effect_named(effect)):  # stays the usual one: it is found after the effect
-            told.pop(form, None)
         return grown.with_values(told, "diagnosis")
-    except (BeltcommError, KeyError, TypeError, ValueError, AttributeError):
-        return None  # a start value that cannot be read is none
+    except BeltcommError:  # out of their bounds
+        return None
 
 
 def better(folder: RunFolder, data: Data, base: Fitted, grown: Fitted, effect: str) -> Fitted:

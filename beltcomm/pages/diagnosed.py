@@ -28,7 +28,7 @@ def section(run: Gathered) -> Section:
     told = run.results.get("diagnosis") or {}
     added = run.rungs[-1].effects if run.rungs else ()
     base = run.rungs[0].effects if run.rungs else ()
-    named = dict.fromkeys([*(name for name in added if name not in base), *map(str, told.get("named") or ())])
+    named = dict.fromkeys([*(name for name in added if name not in base), *(told.get("named") or ())])
     parts: list[Paragraphs | PageTable | Picture] = []
     for name in named:
         try:
@@ -60,14 +60,8 @@ def _values(model: Model | None, effect: Effect, told: Mapping[str, Any]) -> dic
     if model is not None and effect.name in model.effects:
         return {name: (v.value, v.interval, v.unit) for name in effect.full_names() if (v := model.parameters[name]).interval is not None}
     said = (told.get("after") or {}).get("parameters") or {}
-    try:
-        return {
-            name: (float(said[name]["value"]), said[name].get("interval"), str(said[name]["unit"]))
-            for name in effect.full_names()
-            if name in said and said[name].get("interval") is not None
-        }
-    except (KeyError, TypeError, ValueError, AttributeError):
-        return {}
+    known = [(name, one) for name in effect.full_names() if (one := said.get(name)) and one.get("interval") is not None]
+    return {name: (one["value"], one["interval"], one.get("unit") or "") for name, one in known}
 
 
 def _picture(run: Gathered, effect: Effect, values: Mapping[str, float]) -> Picture | None:

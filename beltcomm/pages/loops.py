@@ -22,7 +22,7 @@ from beltcomm.rundata import backups
 from beltcomm.rundata.analyse import design_plants
 from beltcomm.rundata.conditions import condition_of
 from beltcomm.rundata.design_proof import plant_responses
-from beltcomm.rundata.store import cascade_from_dict, delay_from_dict, parameters_from_dict, structure_from_dict
+from beltcomm.rundata.store import cascade_from_dict, parameters_from_dict, structure_from_dict
 
 TITLE = "Loops and margins"
 
@@ -74,7 +74,7 @@ def section(run: Gathered) -> Section:
 def _pictures(run: Gathered) -> list[Picture]:
     assert run.model is not None
     saved, model, travel = run.design, run.model, run.folder.axis.travel
-    delay_s, structure = delay_from_dict(saved), structure_from_dict(saved)
+    delay_s, structure = float(saved["dead_time_s"]), structure_from_dict(saved)
     cascade = cascade_from_dict(saved)
     ends = travel.ends_m
     plants = design_plants(model, ends, [model["cart.mass"]], delay_s, float(saved.get("apparent_damping_nm_s_rad") or 0.0))

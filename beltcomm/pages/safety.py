@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from itertools import chain, repeat
 from typing import Any
 
 import numpy as np
@@ -37,10 +38,10 @@ _DRIVEN = "What the records show of it: where the carriage was, largest speed, l
 
 
 def _planned(plan: Mapping[str, Any]) -> list[Paragraphs | PageTable]:
-    pauses = (plan.get("heat") or {}).get("pauses_s") or [0.0] * len(plan["experiments"])
+    pauses = (plan.get("heat") or {}).get("pauses_s") or ()
     rated = (plan.get("thermal") or {}).get("rated_nm")
     rows = []
-    for step, pause in zip(plan["experiments"], pauses, strict=True):
+    for step, pause in zip(plan["experiments"], chain(pauses, repeat(0.0)), strict=False):
         share = f"{100.0 * (step['rms_nm'] / rated) ** 2:.0f}" if rated and step.get("rms_nm") is not None else ""
         rows.append(
             (

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from beltcomm.configfiles import did_you_mean, read_yaml, unsealed
+from beltcomm.contents import check_content
 from beltcomm.drive import Drive
 from beltcomm.drive.objects import MODE, ObjectValue, object_from_dict, object_values
 from beltcomm.drive.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
@@ -137,14 +138,14 @@ def read(path: Path) -> Backup:
         When it is damaged.
     """
     data, whole = unsealed(read_yaml(path, DataError))
+    check_content(FIRST, data, path)
     try:
-        parameters = {str(name): float(value) for name, value in data["parameters"].items()}
-        drive = {str(key): str(value) for key, value in (data.get("drive") or {}).items()}
         objects = tuple(object_from_dict(entry) for entry in data.get("objects") or ())
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, BeltcommError) as error:
+    except BeltcommError as error:
         raise DataError(f"{path} is damaged ({error}); set the drive with its maker's tool") from error
     when = str(np.datetime64(int(path.stat().st_mtime), "s")).replace("T", " ")
-    return Backup(path.stem, path, when, str(data.get("before") or "the run"), drive, parameters, objects, not whole)
+    before, drive = data.get("before") or "the run", data.get("drive") or {}
+    return Backup(path.stem, path, when, before, drive, data["parameters"], objects, not whole)
 
 
 def same_drive(backup: Backup, drive: Drive) -> None:

@@ -7,6 +7,7 @@ drive but are what the next measurement must agree with.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Any
 from platformdirs import user_data_path
 
 from beltcomm.configfiles import read_yaml, to_yaml, write_text
+from beltcomm.contents import check_content
 from beltcomm.drive import Drive
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.runfolder import RunFolder
@@ -84,24 +86,18 @@ class Calibration:
         return lines
 
 
-def calibration_from_dict(data: Mapping[str, Any], where: str) -> Calibration:
+def calibration_from_dict(data: Mapping[str, Any], where: Path) -> Calibration:
     """The inverse of :meth:`Calibration.to_dict`.
 
     Raises
     ------
     DataError
     """
-    try:
-        units = {
-            str(name): GainUnit(float(one["unit"]), float(one["interval"]), float(one["assumed"]), str(one["object"]))
-            for name, one in data["units"].items()
-        }
-        found = Calibration(str(data["kind"]), float(data["rated_torque_nm"]), float(data["rated_current_a"]), units)
-        if not all(0.0 < one.value < float("inf") and one.assumed > 0.0 for one in units.values()):
-            raise ValueError("a unit is no positive number")
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise DataError(f"{where} is damaged ({error}); remove it and calibrate again") from error
-    return found
+    check_content(RESULT, data, where)
+    units = {name: GainUnit(one["unit"], one["interval"], one["assumed"], one["object"]) for name, one in data["units"].items()}
+    if not all(0.0 < one.value < math.inf and one.assumed > 0.0 for one in units.values()):
+        raise DataError(f"{where} is damaged: a unit is no positive number; remove it and calibrate again")
+    return Calibration(data["kind"], data["rated_torque_nm"], data["rated_current_a"], units)
 
 
 def recall(drive: Drive, folder: RunFolder) -> None:
@@ -117,7 +113,7 @@ def recall(drive: Drive, folder: RunFolder) -> None:
     data = folder.load_result(RESULT)
     if data is None:
         return
-    known = calibration_from_dict(data, str(folder.path / "results" / f"{RESULT}.yaml"))
+    known = calibration_from_dict(data, folder.file("results", RESULT))
     drive.calibrate({name: one.value for name, one in known.units.items() if name in drive.capabilities.uncalibrated})
 
 
@@ -126,7 +122,7 @@ def unsure(folder: RunFolder) -> float:
     data = folder.load_result(RESULT)
     if data is None:
         return 0.0
-    known = calibration_from_dict(data, str(folder.path / "results" / f"{RESULT}.yaml"))
+    known = calibration_from_dict(data, folder.file("results", RESULT))
     return max((one.interval / one.value for one in known.units.values()), default=0.0)
 
 
@@ -144,7 +140,7 @@ def calibration_of(kind: str) -> Calibration | None:
         For a damaged file.
     """
     path = store_of(kind)
-    return calibration_from_dict(read_yaml(path, DataError), str(path)) if path.is_file() else None
+    return calibration_from_dict(read_yaml(path, DataError), path) if path.is_file() else None
 
 
 def keep_for_kind(found: Calibration) -> str:

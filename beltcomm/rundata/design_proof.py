@@ -221,10 +221,11 @@ def grounds_of(folder: RunFolder, model: Model, revision: str, findings: Finding
 
 def _same_fit(fit: Mapping[str, Any], model: Model) -> bool:
     """True if a saved fit is that of a model: the same parameters, and the intervals that its covariance gives."""
-    if not set(fit.get("free", ())) <= set(model.parameters):
+    free, covariance = fit.get("free") or (), fit.get("covariance") or ()
+    if not set(free) <= set(model.parameters) or {len(covariance), *map(len, covariance)} != {len(free)}:
         return False
-    known = [(i, float(model.parameters[n].interval or 0.0)) for i, n in enumerate(fit["free"]) if model.parameters[n].interval]
-    ratios = [interval / np.sqrt(fit["covariance"][i][i]) for i, interval in known if fit["covariance"][i][i] > 0.0]
+    known = [(i, float(model.parameters[n].interval or 0.0)) for i, n in enumerate(free) if model.parameters[n].interval]
+    ratios = [interval / np.sqrt(covariance[i][i]) for i, interval in known if covariance[i][i] > 0.0]
     return bool(ratios) and max(ratios) <= SAME_SHARE * min(ratios)
 
 

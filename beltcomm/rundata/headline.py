@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -154,8 +155,7 @@ def headline_of(folder: RunFolder) -> Headline:
         text = tr("the model does not explain what was measured, though {name} was within {within}", name=name, within=_within(errors))
         return Headline("doubt", text, last, errors, targets)
     if said := told.get("reservations"):
-        reasons = "; ".join(str(one) for one in (said if isinstance(said, (list, tuple)) else [said]))
-        return Headline("fail", tr("{name} met its targets in this move, but {why}", name=name, why=reasons), last, errors, targets)
+        return Headline("fail", tr("{name} met its targets in this move, but {why}", name=name, why="; ".join(said)), last, errors, targets)
     return Headline("pass", tr("{name} is within {within}", name=name, within=_within(errors)), last, errors, targets)
 
 
@@ -167,8 +167,7 @@ def targets_of(result: Mapping[str, Any], asked: AxisTargets) -> AxisTargets:
     asked : AxisTargets
         Of the axis, for a result that does not tell.
     """
-    told = result.get("targets")
-    if not isinstance(told, Mapping):
+    if (told := result.get("targets")) is None:
         return asked
     known = {*entries_of(AxisTargets), "at", "move"}
     return AxisTargets(**{key: value for key, value in told.items() if key in known and value is not None})
@@ -228,16 +227,14 @@ def behind(folder: RunFolder) -> list[str]:
 
 
 def _outdated(design: Mapping[str, Any], model: Model | None) -> bool:
-    of = design.get(OF)
-    return isinstance(of, Mapping) and of.get("model") != hashes_of({}, model)["model"]
+    return (of := design.get(OF)) is not None and of.get("model") != hashes_of({}, model)["model"]
 
 
 def drive_of(folder: RunFolder) -> str:
     """Name of a run's drive; DRIVE where it does not tell."""
     drive = folder.load_result("drive") or {}
-    called, by = drive.get("reached_as"), drive.get("reached_by")
-    found = Reached(called if isinstance(called, str) and called else "DRIVE")
-    found.options = by if isinstance(by, str) else ""
+    found = Reached(drive.get("reached_as") or "DRIVE")
+    found.options = drive.get("reached_by") or ""
     return found
 
 
@@ -251,10 +248,9 @@ def _model_of(folder: RunFolder) -> Model | None:
 
 def _changed(result: Mapping[str, Any], gains: Any, model: Model | None) -> list[str]:
     """Changes since a move was driven."""
-    proof, of = result.get("proof"), result.get(OF)
-    driven = proof.get("gains") if isinstance(proof, Mapping) else None
+    of, driven = result.get(OF), (result.get("proof") or {}).get("gains")
     changed = [] if driven is None or result.get(OWN) or same_gains(driven, gains) else ["other gains"]
-    if isinstance(of, Mapping) and model is not None and of.get("model") != hashes_of({}, model)["model"]:
+    if of is not None and model is not None and of.get("model") != hashes_of({}, model)["model"]:
         changed.append("another model")
     return changed
 
@@ -264,8 +260,8 @@ def _error(result: Mapping[str, Any], place: str) -> dict[str, Any]:
     measured = result.get("measured") if place == "motor" else result.get("measured_cart")
     told = measured or result.get("predicted" if place == "motor" else "predicted_cart") or {}
     return {
-        "following_m": float(told.get("dynamic_m", float("nan"))),
-        "settled_m": float(told.get("static_m", float("nan"))),
+        "following_m": told.get("dynamic_m", math.nan),
+        "settled_m": told.get("static_m", math.nan),
         "measured": bool(measured),
     }
 

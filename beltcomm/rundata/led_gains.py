@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from beltcomm.control import Cascade
-from beltcomm.errors import DataError
 from beltcomm.identify.led_gains import GainFactors
 from beltcomm.runfolder import RunFolder
 
@@ -13,12 +12,7 @@ RESULT = "led_gains"
 def known(folder: RunFolder) -> GainFactors | None:
     """The factors that a run knows; None where it knows none.   Raises DataError for a damaged file."""
     data = folder.load_result(RESULT)
-    if data is None:
-        return None
-    try:
-        return GainFactors(*(float(data[name]) for name in ("kp", "kpp", "kp_interval", "kpp_interval")))
-    except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f"results/{RESULT}.yaml of the run is damaged ({error}); remove it and verify again") from error
+    return None if data is None else GainFactors(*(data[name] for name in ("kp", "kpp", "kp_interval", "kpp_interval")))
 
 
 def keep(folder: RunFolder, found: GainFactors) -> None:

@@ -28,7 +28,7 @@ from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.fitted_run import with_remarks_on_rest
 from beltcomm.rundata.kept_fit import kept_path
 from beltcomm.rundata.revisions import CURRENT, model_named, trusted_model
-from beltcomm.rundata.store import cascade_from_dict, damaged_drive, delay_from_dict, saved_design, structure_from_dict
+from beltcomm.rundata.store import cascade_from_dict, saved_design, structure_from_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.strokes import slowest_fitted_rad_s
 from beltcomm.talk import Talk
@@ -100,7 +100,7 @@ def cascade_of(
     UsageError
         For a linear feedforward without a frequency response.
     """
-    cascade, delay_s = cascade_from_dict(saved), delay_from_dict(saved)
+    cascade, delay_s = cascade_from_dict(saved), float(saved["dead_time_s"])
     if feedforward is None:
         return cascade, delay_s
     apparent = float(saved.get("apparent_damping_nm_s_rad") or 0.0)
@@ -110,10 +110,7 @@ def cascade_of(
 def counts_of(folder: RunFolder) -> int:
     """Encoder counts per revolution: the drive's word, else the axis file's."""
     known = folder.load_result("drive")
-    try:
-        counts = int(known["counts_per_rev"]) if known else folder.axis.motor.encoder_counts_per_rev
-    except (KeyError, TypeError, ValueError) as error:
-        raise damaged_drive(error) from error
+    counts = known["counts_per_rev"] if known else folder.axis.motor.encoder_counts_per_rev
     if not counts:
         folder.axis.require("the final fit", "motor.encoder_counts_per_rev")
     return int(counts or 0)

@@ -100,18 +100,17 @@ def doubts(folder: RunFolder) -> list[str]:
         found.append(SUSPECT)
     designed = saved_design(folder)
     gains = designed.get("parameters")
-    found += _thin(min((float(one["phase_margin_deg"]) for one in designed.get("margins") or ()), default=math.inf))
+    found += _thin(min((one["phase_margin_deg"] for one in designed["margins"]), default=math.inf))
     found += (designed.get("proof") or {}).get("doubts") or ()
     results = [folder.load("results", name) for name in folder.names("results") if name.startswith("verify_")]
-    proofs = [(result, shown) for result in results if isinstance(shown := result.get("proof"), Mapping)]
+    proofs = [(result, shown) for result in results if (shown := result.get("proof")) is not None]
     driven = [result for result, shown in proofs if same_gains(shown.get("gains"), gains) and shown.get("led_by", "led") == "led"]
     if not driven:
         found.append("no verification move was driven with these gains")
     elif not driven[-1].get("passed"):
         found.append("the verification move with these gains missed its target")
     else:
-        said = driven[-1].get("reservations") or ()
-        found += [str(one) for one in (said if isinstance(said, (list, tuple)) else [said]) if one not in found]
+        found += [one for one in driven[-1].get("reservations") or () if one not in found]
     return found
 
 

@@ -70,20 +70,9 @@ class Revision:
 
 
 def revisions(folder: RunFolder) -> list[Revision]:
-    """All rungs in the order they were made.
-
-    Raises
-    ------
-    DataError
-        When the file is damaged.
-    """
-    saved = folder.load_result(LADDER)
-    if saved is None:
-        return []
-    try:
-        return [Revision(**{**rung, "effects": tuple(rung["effects"]), **_plain_of(rung)}) for rung in saved["revisions"]]
-    except (KeyError, TypeError) as error:
-        raise DataError(f"results/{LADDER}.yaml in {folder.path} is damaged ({error}); delete it, the models themselves stay") from error
+    """All rungs in the order they were made.   Raises DataError for a damaged file."""
+    saved = folder.load_result(LADDER) or {"revisions": []}
+    return [Revision(**{**rung, "effects": tuple(rung["effects"]), **_plain_of(rung)}) for rung in saved["revisions"]]
 
 
 def _plain_of(rung: Mapping[str, Any]) -> dict[str, PlainError | None]:

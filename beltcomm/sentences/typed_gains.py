@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from beltcomm.control import Cascade
 from beltcomm.drive.parameters import GainTerm, cascade_to_parameters
 from beltcomm.result import table
-from beltcomm.rundata.store import damaged_drive
 from beltcomm.runfolder import RunFolder
 
 _PER_RPM = math.pi / 30.0
@@ -25,7 +24,7 @@ def typed_lines(cascade: Cascade, drive: Mapping[str, Any]) -> list[str]:
     drive : Mapping[str, Any]
         ``results/drive.yaml``.
     """
-    terms, per_amp = _terms(drive), _torque_per_amp(drive)
+    terms, per_amp = [GainTerm(**entry) for entry in drive.get("gain_terms") or ()], _torque_per_amp(drive)
     rows = [[what, " = ".join(ways)] for what, ways in _gains(cascade, per_amp)]
     lines = [
         "To be typed into the maker's tool (at the motor shaft; each way of writing it is the same gain):",
@@ -119,19 +118,9 @@ def _own(term: GainTerm, values: Mapping[str, float], per_amp: float) -> str:
     return f"{told}: {_short(number)} {term.unit}".rstrip() + doubt
 
 
-def _terms(drive: Mapping[str, Any]) -> Sequence[GainTerm]:
-    try:
-        return [GainTerm(**entry) for entry in drive.get("gain_terms") or ()]
-    except TypeError as error:
-        raise damaged_drive(error) from error
-
-
 def _torque_per_amp(drive: Mapping[str, Any]) -> float:
     """N m per A rms; 0 where the drive tells no ratings."""
-    try:
-        torque, current = float(drive.get("rated_torque_nm") or 0.0), float(drive.get("rated_current_a") or 0.0)
-    except (TypeError, ValueError) as error:
-        raise damaged_drive(error) from error
+    torque, current = drive.get("rated_torque_nm") or 0.0, drive.get("rated_current_a") or 0.0
     return torque / current if torque > 0.0 and current > 0.0 and math.isfinite(torque / current) else 0.0
 
 

@@ -22,6 +22,7 @@ from beltcomm.result import plain
 from beltcomm.runfolder import RunFolder
 from export.drive import CASCADES, PERIOD_S
 from export.function_block import FunctionBlock
+from fuzz.parsers import DESIGN, STRUCTURE
 
 THESIS = CascadeStructure("thesis", PERIOD_S, ("none", "notch", "butterworth"), True, True, True)
 
@@ -34,7 +35,7 @@ def make_run(tmp_path: Path) -> Callable[..., Path]:
         folder = RunFolder.create(tmp_path / "run", load_axis("egc-70-600"))
         folder.save_model("final", load_plant("g_a").model.to_dict())
         design = {"parameters": cascade_to_parameters(cascade), "revision": "", "compensated": [], "structure": plain(structure)}
-        folder.save_design("final", {**design, "dead_time_s": 1e-3, "margins": [], "binding": [], "remarks": [], **more})
+        folder.save_design("final", {**DESIGN, **design, "binding": [], "remarks": [], **more})
         return folder.path
 
     return make
@@ -70,7 +71,7 @@ def test_without_a_file_the_text_goes_to_stdout(make_run: Callable[..., Path]) -
 
 def test_the_torque_limit_is_that_of_the_drive_when_the_run_knows_one(make_run: Callable[..., Path]) -> None:
     run = make_run()
-    RunFolder.open(run).save_result("drive", {"peak_torque_nm": 2.5})
+    RunFolder.open(run).save_result("drive", {"structure": STRUCTURE, "counts_per_rev": 65536, "peak_torque_nm": 2.5})
     assert api.export(run, "yaml").to_json()["coefficients"]["torque_limit_nm"] == 2.5
 
 

@@ -35,7 +35,7 @@ from beltcomm.rundata import backups
 from beltcomm.rundata.calibration import calibration_from_dict
 from beltcomm.rundata.kept_result import kept_or_new
 from beltcomm.rundata.revisions import revisions
-from beltcomm.rundata.store import cascade_from_dict, delay_from_dict, structure_from_dict
+from beltcomm.rundata.store import cascade_from_dict, structure_from_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.next_plan import load_plan
 from beltcomm.study.file import load_study
@@ -89,8 +89,8 @@ steps:
 """
 BACKUP = {"drive": {"device_name": "x"}, "parameters": {"kp_nm_s_rad": 0.05, "ki_nm_rad": 0.2}}
 GAINS = {"kp_nm_s_rad": 0.05, "ki_nm_rad": 0.2, "kpp_1_s": 10.0, "velocity_filter_s": 0.004}
-DESIGN = {"parameters": GAINS, "dead_time_s": 1e-3, "period_s": 1e-3}
 STRUCTURE = {"name": "x", "velocity_feedforward": True, "period_s": 0.001, "prefilters": ["none"]}
+DESIGN = {"parameters": GAINS, "dead_time_s": 1e-3, "structure": STRUCTURE, "specification": {"phase_margin_deg": 45.0}, "margins": []}
 CALIBRATION = """kind: x
 rated_torque_nm: 1.43
 rated_current_a: 2.0
@@ -175,9 +175,7 @@ def parsers(folder: Path) -> dict[str, Parser]:
         opened.claim_drive({"vendor_id": "29"})
 
     def design(opened: RunFolder) -> None:
-        saved = opened.load("designs", "final")
-        cascade_from_dict(saved)
-        delay_from_dict(saved)
+        cascade_from_dict(opened.load("designs", "final"))
 
     def watched(opened: RunFolder) -> None:
         store.by_day(opened.path)
@@ -214,11 +212,11 @@ def parsers(folder: Path) -> dict[str, Parser]:
         "design": Parser("final.yaml", yaml(DESIGN), in_run("designs/final.yaml", design), within=True),
         "drive": Parser(
             "drive.yaml",
-            yaml({"name": "x", "structure": STRUCTURE}),
+            yaml({"name": "x", "structure": STRUCTURE, "counts_per_rev": 65536, "peak_torque_nm": 3.1}),
             in_run("results/drive.yaml", lambda o: structure_from_dict(o.load_result("drive") or {})),
             within=True,
         ),
-        "calibration": Parser("fuzzed.yaml", CALIBRATION.encode(), lambda p: calibration_from_dict(read_yaml(p, DataError), str(p))),
+        "calibration": Parser("fuzzed.yaml", CALIBRATION.encode(), lambda p: calibration_from_dict(read_yaml(p, DataError), p)),
         "revisions": Parser("revisions.yaml", REVISIONS.encode(), in_run("results/ladder.yaml", revisions), within=True),
         "object file": Parser("fuzzed.eds", EDS.encode(), load_object_file),
         "dbc": Parser("fuzzed.dbc", DBC.encode(), of_dbc, apart=True),

@@ -19,11 +19,12 @@ from beltcomm.model import load_model, load_plant
 from beltcomm.recording import load_recording
 from beltcomm.recording.sidecar import load_sidecar
 from beltcomm.rundata import backups
-from beltcomm.rundata.store import cascade_from_dict, delay_from_dict, structure_from_dict
+from beltcomm.rundata.store import cascade_from_dict, structure_from_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.trajectory import load_move
 from beltcomm_adapters.profiles import load_profile
 from fuzz.mutation import mutated
+from fuzz.parsers import DESIGN, STRUCTURE
 
 SIDECAR = """experiment: frf
 start_position_m: 0.25
@@ -101,19 +102,17 @@ def test_run_folders_damaged(tmp_path: Path) -> None:
     run.claim_drive({"device_name": "x", "vendor_id": "29"})
     parameters = {"kp_nm_s_rad": 0.05, "ki_nm_rad": 0.2, "kpp_1_s": 10.0, "velocity_filter_s": 0.004, "ff_inertia_kg_m2": 0.002}
     run.save_result("backup", {"drive": {"device_name": "x"}, "parameters": parameters})
-    run.save_result("drive", {"name": "x", "structure": {"velocity_feedforward": True, "period_s": 0.001}})
-    run.save_design("final", {"parameters": parameters, "dead_time_s": 0.001, "period_s": 0.001})
+    run.save_result("drive", {"name": "x", "structure": STRUCTURE, "counts_per_rev": 65536, "peak_torque_nm": 3.1})
+    run.save_design("final", DESIGN | {"parameters": parameters})
 
     def design(_path: Path) -> None:
-        saved = RunFolder.open(run.path).load("designs", "final")
-        cascade_from_dict(saved)
-        delay_from_dict(saved)
+        cascade_from_dict(RunFolder.open(run.path).load("designs", "final"))
 
     jobs: dict[str, Callable[[Path], object]] = {
         "run.yaml": lambda _p: RunFolder.open(run.path).claim_drive({"device_name": "x", "vendor_id": "29"}),
         "axis.yaml": lambda _p: RunFolder.open(run.path),
         "results/backup.yaml": lambda _p: backups.choose_backup(RunFolder.open(run.path), None),
-        "results/drive.yaml": lambda _p: structure_from_dict((RunFolder.open(run.path).load_result("drive") or {}).get("structure") or {}),
+        "results/drive.yaml": lambda _p: structure_from_dict(RunFolder.open(run.path).load_result("drive") or {}),
         "designs/final.yaml": design,
     }
     for name, job in jobs.items():

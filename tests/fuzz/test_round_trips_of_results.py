@@ -119,7 +119,7 @@ def test_structures_of_drives(structure: CascadeStructure) -> None:
     homes,
 )
 def test_calibrations(calibration: Calibration, home: str) -> None:
-    assert calibration_from_dict(through_a_file(calibration.to_dict(), home), "a") == calibration
+    assert calibration_from_dict(through_a_file(calibration.to_dict(), home), home) == calibration
 
 
 @given(st.dictionaries(names, any_text), st.dictionaries(names, finite | st.sampled_from([math.inf, -math.inf])))

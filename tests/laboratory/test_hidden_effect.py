@@ -136,7 +136,7 @@ def test_adding_begins_where_the_diagnosis_ended(
     told = diagnosis_start(other, base.model, "stribeck")
     assert told is not None
     assert (told["stribeck.amount"], told["stribeck.exponent"]) == (0.03, 2.0), "a form is found after its effect"
-    for damaged in ({}, {"after": None}, {"after": {"effects": ["cogging"], "parameters": {"motor.inertia": {"value": "?"}}}}):
+    for damaged in ({}, {"after": None}, {"after": {"effects": ["cogging"], "parameters": {"motor.inertia": {"value": -1.0}}}}):
         other.save_result("diagnosis", damaged)
         assert better(other, data, base, wrong, "cogging") is wrong
 

@@ -31,6 +31,7 @@ from beltcomm.schedule import record_schedule
 from beltcomm.schedule.next_plan import discriminating_experiment, load_plan, plan_apart, plan_for
 from beltcomm.schedule.record_schedule import Extent
 from beltcomm.schedule.steps import PLACES, Step
+from fuzz.parsers import DESIGN
 
 #: m of the carriage per radian of the motor.
 RATIO = 0.01
@@ -278,8 +279,9 @@ def test_a_design_rests_on_the_last_model_that_was_not_contradicted(tmp_path: Pa
 
     gains = {"kp_nm_s_rad": 0.1, "ki_nm_rad": 0.4, "kpp_1_s": 10.0, "velocity_filter_s": 0.004}
     folder.save_result("fit", {"suspect": True})
-    folder.save_result("verify_move_1", {"passed": True, "proof": {"gains": gains}})
-    folder.save_design("final", {"parameters": gains, "revision": ""})
+    error = {"dynamic_m": 1e-4, "static_m": 1e-5}
+    folder.save_result("verify_move_1", {"passed": True, "measured": error, "predicted": error, "proof": {"gains": gains}})
+    folder.save_design("final", {**DESIGN, "parameters": gains, "revision": ""})
     assert doubts(folder) == ["the model does not explain what was measured"]
-    folder.save_design("final", {"parameters": gains, "revision": "revision_2"})
+    folder.save_design("final", {**DESIGN, "parameters": gains, "revision": "revision_2"})
     assert doubts(folder) == []

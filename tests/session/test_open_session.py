@@ -66,7 +66,7 @@ def asked(pages: RunPages, name: str, data: object = None, run: str = "") -> Any
 START = {"kind": "identify", "drive": "own", "realtime": False}
 
 
-@pytest.mark.parametrize("called", ["can0", "slcan:virtual", "can:virtual", "serial:virtual", "Virtual", "", None, 7, ["virtual"]])
+@pytest.mark.parametrize("called", ["can0", "slcan:virtual", "can:virtual", "serial:virtual", "Virtual", "", None])
 def test_a_drive_that_may_be_real_is_not_started(pages: RunPages, typed: list[list[str]], called: object) -> None:
     run = pages.first.run
     reached(run, called, "--as epos4")

@@ -17,7 +17,7 @@ import numpy as np
 from click.testing import CliRunner
 
 from beltcomm.cli.main import cli
-from beltcomm.configfiles import read_yaml, to_yaml
+from beltcomm.configfiles import CHECKSUM, read_yaml, sealed, to_yaml, unsealed
 from fuzz.parsers import damaged
 from strangers.outcome import NEVER, Outcome, judged
 
@@ -116,11 +116,13 @@ def found(base: Path, place: str) -> Path:
 
 
 def odd(draw: np.random.Generator, source: Path, original: bytes) -> bytes:
-    """The file with one to three of its values exchanged for odd ones; of a table, cells."""
+    """The file with one to three of its values exchanged for odd ones; of a table, cells.  A checksum is made anew, as a forger does."""
     if source.suffix in (".yaml", ".json"):
         data = read_yaml(source) if source.suffix == ".yaml" else json.loads(original)
         for _ in range(int(draw.integers(1, 4))):
             put(data, draw)
+        if CHECKSUM in data:
+            data = sealed(unsealed(data)[0])
         text = to_yaml(data) if source.suffix == ".yaml" else json.dumps(data)
         return text.encode("utf-8", "surrogateescape")
     lines = original.decode().splitlines()

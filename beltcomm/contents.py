@@ -1,0 +1,187 @@
+"""Contents of the files that the tool keeps in a run: the types of what commands read of them.
+
+One door: whoever opens such a file asks :func:`check_content`, and behind it no value is looked at again for what type it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from beltcomm.errors import DataError
+
+#: No quantity of an axis is larger, and its square is still a number.
+LARGEST = 1e100
+#: Letters of a value that are shown.
+SHOWN = 40
+
+# A type is float, int, str, bool or object (any value); [T] a list, (T, T) a list of this length, {str: T} names to values, a set of words
+# one of them; else names to types.  A name with "*" may be missing, with "?" also be null.  Further
+# names may stand beside them, but not where "" is one.
+_ERROR = {"dynamic_m": float, "static_m": float}
+_HASHES = {"gains?": str, "model?": str}
+_TARGETS = {
+    **dict.fromkeys(("following_error_m?", "settled_error_m?", "settled_after_s?", "distance_m?"), float),
+    **dict.fromkeys(("at?", "move?"), str),
+}
+_DRIVEN = {"gains?": {str: float}, "further_payloads_kg?": [float], "path?": (float, float, float), "led_by?": str}
+_STRUCTURE: dict[str, Any] = {
+    "": None,
+    "name": str,
+    "period_s": float,
+    "prefilters": [frozenset(("none", "notch", "butterworth"))],
+    **dict.fromkeys(("velocity_feedforward*", "torque_feedforward*", "reference_filter*", "anti_windup*", "roll_off*"), bool),
+    **{name: {str: float} for name in ("steps*", "lowest*", "highest*")},
+    **dict.fromkeys(("output_limit_rad_s*", "dead_zone_rad*"), float),
+}
+_PLACE = {
+    **{"": None, "index": int, "subindex": int, "type": str, "scale*": float, "lowest?": int, "highest?": int},
+    "law*": frozenset(("linear", "integral_time")),
+}
+_TERM: dict[str, Any] = {
+    "": None,
+    "place": str,
+    "what": str,
+    "scale*": float,
+    "current*": bool,
+    **dict.fromkeys(("missing*", "parameter*", "unit*"), str),
+}
+_RATINGS = {"peak_torque_nm?": float, "max_speed_rad_s?": float}
+_MARGINS = {"plant": str} | dict.fromkeys(
+    (
+        *("phase_margin_deg", "gain_margin_db", "suppression_db", "sensitivity_db"),
+        *("position_phase_margin_deg", "position_sensitivity_db"),
+    ),
+    float,
+)
+_SPECIFICATION = dict.fromkeys(
+    (
+        *("phase_margin_deg", "suppression_db*", "gain_margin_db*", "sensitivity_db*"),
+        *("position_phase_margin_deg*", "notch_db*", "butterworth_db*"),
+    ),
+    float,
+) | {"": None, "velocity_filters_s*": [float], "prefilters?": [str]}
+_KNOWN = {"value": float, "interval?": float, "unit?": str}
+_LAGS = [{"kind": str, "values": [float], "intervals": [float]}]
+_TORQUE_PATH: dict[str, Any] = {
+    "drive?": {"delay": float, "delay_interval": float, "gain": float, "lags": _LAGS},
+    "reading": {"late": float, "lags": _LAGS, "at_end?": bool},
+    "commanded": bool,
+    "acts": float,
+    "unseen?": bool,
+}
+_TORQUE_PATH["rivals"] = [_TORQUE_PATH]
+_PLAIN = {"": None, "error": float, "noise": float, "torque": float, "percent": float, "unit": str, "band_hz": float}
+_COST = {
+    **{"of": str, "move": str, "unaware": _ERROR, "aware": _ERROR, "unaware_cart": _ERROR, "aware_cart": _ERROR},
+    **{"unaware_range?": (_ERROR, _ERROR), "aware_range?": (_ERROR, _ERROR), "unaware_margins?": str},
+}
+_REVISION = {
+    **{"": None, **dict.fromkeys(("name", "parent", "change", "command", "when"), str)},
+    **{"effects": [str], "data": {str: str}, "ratio": float, "held_out?": float, "confirmed?": bool},
+    **{"cost?": _COST, "plain?": _PLAIN, "plain_held_out?": _PLAIN},
+}
+_EXPERIMENT = {"title": str, "rms_nm?": float} | dict.fromkeys(
+    ("travel_m", "reach_m", "speed_m_s", "torque_nm", "belt_force_n", "seconds"), float
+)
+_UNIT = {"unit": float, "interval": float, "assumed": float, "object": str}
+
+#: By what a file is: ``run.yaml``, one of designs, or a result by its name without its number.  Results that no command reads are not here.
+TYPES: Mapping[str, Any] = {
+    "backup": {
+        **{"parameters": {str: float}, "drive?": {str: str}, "before?": str},
+        "objects?": [{"object": str, "type": str, "raw": float, "name?": str, "value?": float}],
+    },
+    "breakaway": {"coulomb_nm": float},
+    "calibration": {"kind": str, "rated_torque_nm": float, "rated_current_a": float, "units": {str: _UNIT}},
+    "designs": {
+        **{"parameters": {str: float}, "dead_time_s": float, "apparent_damping_nm_s_rad?": float, "structure": _STRUCTURE},
+        **{"specification": _SPECIFICATION, "margins": [_MARGINS], "revision?": str, "verified?": _HASHES},
+        **{"compensated?": [str], "binding?": [str], "remarks?": [str], "proof?": {"doubts?": [str]}},
+    },
+    "diagnosis": {"named?": [str], "after?": {"effects": [str], "parameters": {str: _KNOWN}}},
+    "drive": {
+        **{"structure": _STRUCTURE, "counts_per_rev": int, "peak_torque_nm": float, "max_speed_rad_s?": float, "begun_with?": _RATINGS},
+        **{"rated_torque_nm?": float, "rated_current_a?": float, "name?": str, "identity?": {str: str}, "parameters?": {str: _PLACE}},
+        **{"uncalibrated?": [str], "gains?": str, "gain_terms?": [_TERM], "reached_as?": str, "reached_by?": str},
+        "torque_reading?": {"late_s?": float, "filter_s?": float, "command?": bool},
+    },
+    "fit": {
+        **{"misfit?": float, "suspect?": bool, "free?": [str], "covariance?": [[float]], "remarks?": [str], "records?": [str]},
+        **{"characteristics?": {str: _KNOWN}, "dead_time?": {"value_s": float, "interval_s?": float}, "torque_path?": _TORQUE_PATH},
+    },
+    "ladder": {"revisions": [_REVISION]},
+    "led_gains": {"kp": float, "kpp": float, "kp_interval": float, "kpp_interval": float},
+    "plan": {
+        **{"text": str, "points?": [(str, str)], "experiments": [_EXPERIMENT], "seconds?": float},
+        "heat?": {"continuous": float, "fullest": float, "hottest": float, "pauses_s": [float]},
+        "thermal?": {"rated_nm": float, "peak_nm": float, "overload_s": float, "source": str},
+    },
+    "run.yaml": {"beltcomm?": str, "axis_fingerprint?": str, "drive?": {str: str}, "began_s?": float},
+    "verify": {
+        **{"passed": bool, "measured": _ERROR, "predicted": _ERROR, "measured_cart?": _ERROR, "predicted_cart?": _ERROR},
+        **{"predicted_range?": (_ERROR, _ERROR), "reasons?": [str], "reservations?": [str], "targets?": _TARGETS},
+        **{"proof?": _DRIVEN, "verified?": _HASHES, "own_loop?": bool},
+    },
+}
+_WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
+
+
+def check_content(what: str, content: Mapping[str, Any], path: Path) -> None:
+    """Raise DataError, with the value and the type it must have, for a file that does not hold what is read of it.
+
+    Parameters
+    ----------
+    what : str
+        A name in :data:`TYPES`, of a result with or without its number; a file of another name may hold anything.
+    path : Path
+        Of the file, for the sentence.
+    """
+    if wrong := next(faults(content, TYPES.get(what) or TYPES.get(what.partition("_")[0], object), ""), ""):
+        again = "run `beltcomm design` again" if what == "designs" else "bring it back, or delete it and make it again"
+        raise DataError(f"{path} is damaged: {wrong}; {again}")
+
+
+def faults(value: Any, kind: Any, at: str) -> Iterator[str]:
+    """What is none of its type, in words.
+
+    Parameters
+    ----------
+    kind : Any
+        A type as in :data:`TYPES`.
+    at : str
+        Where the value stands, "" for the whole.
+    """
+    if isinstance(kind, Mapping):
+        right, must = isinstance(value, Mapping), "a mapping of names to values"
+    elif isinstance(kind, (list, tuple)):
+        long = {len(kind)} if isinstance(kind, tuple) else ()
+        right, must = isinstance(value, list) and (not long or len(value) in long), f"a list{''.join(f' of {n}' for n in long)}"
+    elif isinstance(kind, frozenset):
+        right, must = isinstance(value, str) and value in kind, f"one of {', '.join(sorted(kind))}"
+    else:
+        right, must = isinstance(value, (int, float) if kind is float else kind), _WORDS.get(kind, "")
+        right = right and (kind in (bool, object) or not isinstance(value, bool))
+        if right and kind in (int, float) and not abs(value) <= LARGEST and math.isfinite(value):
+            right, must = False, "a quantity of an axis"
+    if not right:
+        yield f"{at or 'it'} is {str(value)[:SHOWN]!r}; it must be {must}"
+    elif isinstance(kind, (list, tuple)):
+        for number, one in enumerate(value):
+            yield from faults(one, kind[number % len(kind)], f"{at}[{number + 1}]")
+    elif isinstance(kind, Mapping) and str in kind:
+        for name, one in value.items():
+            yield from faults(name, str, f"a name in {at or 'it'}")
+            yield from faults(one, kind[str], f"{at}.{name}")
+    elif isinstance(kind, Mapping):
+        before = f"{at}." if at else ""
+        named = {key.rstrip("?*"): key for key in kind if key}
+        for name, key in named.items():
+            if name in value and not (value[name] is None and key.endswith("?")):
+                yield from faults(value[name], kind[key], f"{before}{name}")
+            elif name == key:
+                yield f"{before}{name} is missing"
+        if "" in kind:
+            yield from (f"{before}{name} is known to no command" for name in value if name not in named)
