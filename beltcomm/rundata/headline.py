@@ -234,9 +234,16 @@ def _outdated(design: Mapping[str, Any], model: Model | None) -> bool:
 
 def drive_of(folder: RunFolder) -> str:
     """Name of a run's drive; DRIVE where it does not tell."""
+    return drive_called(folder) or Reached("DRIVE")
+
+
+def drive_called(folder: RunFolder) -> Reached | None:
+    """Name of a run's drive with the options that it was reached by; None where it does not tell."""
     drive = folder.load_result("drive") or {}
     called, by = drive.get("reached_as"), drive.get("reached_by")
-    found = Reached(called if isinstance(called, str) and called else "DRIVE")
+    if not isinstance(called, str) or not called:
+        return None
+    found = Reached(called)
     found.options = by if isinstance(by, str) else ""
     return found
 
