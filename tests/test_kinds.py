@@ -262,3 +262,10 @@ def test_numbers_along_a_picture_go_with_its_unit(kind: str, label: str, said: s
     assert "time in s" in texts
     assert {"0", f"{last:.4g}"} <= set(texts)
     assert not any("per turn of" in text or "1000°" in text or " at r " in text for text in texts)
+
+
+def test_a_rigid_axis_is_told_of_no_resonance() -> None:
+    """Its suppression is that of the upper half of what the loop samples; an elastic axis keeps its resonance."""
+    for told in ("open loop at the resonance", "resonance at -10.0 dB", "resonance suppression", "resonance dB"):
+        assert "resonance" not in terms_of(load_axis("torque-table")).said(told)
+        assert "resonance" in terms_of(load_axis("coupled-load")).said(told)

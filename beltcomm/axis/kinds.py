@@ -275,11 +275,15 @@ def _factor(entry: FileEntry, radius_m: float | None) -> float | None:
     return None if radius_m is None else entry.factor * radius_m**entry.power
 
 
-def _times(value: Any, factor: float) -> Any:
+#: Digits of a number that goes back into a file: one fewer than inside, so that what was typed comes back.
+WRITTEN = 14
+
+
+def _times(value: Any, factor: float, digits: int = 15) -> Any:
     """A number by a factor, to the 15 digits that a decimal text determines; whole numbers by one stay whole."""
     if factor == 1.0 or isinstance(value, bool) or not isinstance(value, (int, float)):
         return value
-    return float(f"{value * factor:.15g}")
+    return float(f"{value * factor:.{digits}g}")
 
 
 def to_inside(kind: AxisKind, data: Mapping[str, Any]) -> dict[str, Any]:
@@ -315,10 +319,10 @@ def to_file(kind: AxisKind, data: Mapping[str, Any]) -> dict[str, Any]:
         (section, _, key), (own, _, last) = name.partition("."), entry.inside.partition(".")
         held, factor = found.get(own), _factor(entry, radius)
         if isinstance(held, dict) and last in held and factor is not None:
-            found.setdefault(section, {})[key] = _times(held.pop(last), 1.0 / factor)
+            found.setdefault(section, {})[key] = _times(held.pop(last), 1.0 / factor, WRITTEN)
     if kind.rotary and "trajectories" in found:
         found["trajectories"] = {
-            name: {_turned(key): _times(one, 1.0 / DEGREE_M) for key, one in each.items()} for name, each in found["trajectories"].items()
+            name: {_turned(key): _times(one, 1.0 / DEGREE_M, WRITTEN) for key, one in each.items()} for name, each in found["trajectories"].items()
         }
     if kind.rotary:
         found.get("pulley", {}).pop("effective_radius_m", None)

@@ -214,6 +214,16 @@ def _words(kind: str) -> list[tuple[str, str]]:
     return own
 
 
+#: A rigid axis has no resonance: the suppression is asked for where a mode that nobody stated would lie first.
+_RIGID = (
+    ("open loop at the resonance", "open loop above half the Nyquist frequency"),
+    (r"resonance at(?= [-−]?\d[\d.]* dB)", "open loop above half the Nyquist frequency at"),
+    ("resonance suppression", "suppression above half the Nyquist frequency"),
+    ("resonance dB", "upper half of the band dB"),
+    ("the resonance lies far above what the loop needs", "a rigid axis has no resonance"),
+    ("its resonance is what holds it back", "its dead time is what holds it back"),
+)
+
 _ARC = f"at r {1e3 * ARC_M:.1f} mm"
 
 _TURNED: Mapping[str, ShownUnit] = {
@@ -273,7 +283,7 @@ def picture_terms() -> Terms:
 
 
 @lru_cache(maxsize=32)
-def terms(kind: str, ratio_m: float = 0.0) -> Terms:
+def terms(kind: str, ratio_m: float = 0.0, *, rigid: bool = False) -> Terms:
     """Words and units of a kind; those of a belt axis, which are left as they stand, for any other.
 
     Parameters
@@ -282,6 +292,8 @@ def terms(kind: str, ratio_m: float = 0.0) -> Terms:
         As ``Axis.kind``.
     ratio_m : float, m/rad
         Travel per radian of the motor, where the motor itself is linear.
+    rigid : bool
+        Whether motor and load are one inertia, without a resonance.
 
     Returns
     -------
@@ -292,10 +304,10 @@ def terms(kind: str, ratio_m: float = 0.0) -> Terms:
         return PLAIN
     units: Mapping[str, ShownUnit] = _TURNED if kind == "rotary" else _straight(ratio_m) if kind == "linear" and ratio_m else {}
     names = {name: alias for alias, name in ALIASES.items()} | {r"cart\.mass": "load.mass"}
-    return Terms((*_file_names(kind), *_words(kind)), names, units)
+    return Terms((*(_RIGID if rigid else ()), *_file_names(kind), *_words(kind)), names, units)
 
 
 def terms_of(axis: Axis) -> Terms:
     """Words and units of an axis."""
     known = axis.kind == "linear" and axis.get("pulley.effective_radius_m") is not None
-    return terms(axis.kind, axis.transmission_m_rad if known else 0.0)
+    return terms(axis.kind, axis.transmission_m_rad if known else 0.0, rigid=axis.rigid)

@@ -11,6 +11,7 @@ from beltcomm.axis import Axis
 from beltcomm.axis.entries import AT, SECTIONS, AxisEntry, TrajectoryLimits, entries_of
 from beltcomm.axis.kinds import BELT, KINDS
 from beltcomm.axis.kinds import WORDS as WORDS_OF
+from beltcomm.axis.terms import terms
 from beltcomm.quantities import unit_of
 
 #: Column of the remarks; titles of the sections; meaning of the entries that are words.
@@ -61,6 +62,8 @@ def commented(axis: Axis, source: str = "") -> str:
             value, unit = values.get(name), unit_of(name)
             entry = known.get(name)
             meaning = entry.meaning if entry is not None else WORDS.get((section, name), "")
+            if own is not None and f"{section}.{name}" not in own.renamed:  # what a kind calls otherwise is in its words already
+                meaning = terms(axis.kind).said(meaning)
             remark = f"{unit}, {meaning}" if unit else meaning
             if value in (None, ""):
                 lines.append(_remarked(f"  # {name}:", remark))

@@ -58,7 +58,9 @@ def command(
             f"what shall be done with {runs[0]}? --run RUN sweeps there, --compare RUN RUN sets sweeps side by side", ctx
         )
     run = or_newest(ctx, None, run)
-    drive = drive or shared.told_drive(ctx, run)
+    if drive is None:
+        drive, by = shared.told_drive(ctx, run)
+        given |= {name: value for name, value in by.items() if given.get(name) is None}
     if drive is None:
         raise click.UsageError("Missing option '--drive' (with --compare RUN RUN no machine is needed)", ctx)
     frame.run, frame.drive = run, drive

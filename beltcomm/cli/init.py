@@ -106,7 +106,7 @@ def command(
     unfinished = file.with_name(f"{file.name}{UNFINISHED}")
     begun = unfinished.is_file() and not (template or motor or entries or yes)
     asked = not (entries or yes)
-    kind = _ask_kind(template) if asked and not begun else ""
+    kind = _ask_kind(template) if asked and not begun else _stated_kind(entries)
     start = axis_from_dict(read_yaml(unfinished), unfinished) if begun else _start(template, motor, kind, asked=asked)
     data = start.to_dict()
     # an axis that is begun with values asks no more than whether a file may be overwritten
@@ -133,6 +133,8 @@ def command(
     if axis.transmission is not None and axis.rigid:
         lines.append(tr("No stiffness between motor and load is stated: the axis counts as rigid."))
     lines += [told(f"Still needed: {entry} for {purpose}.") for entry, purpose in missing.items()]
+    zero = "A drive without an absolute zero is commissioned with --home (it searches its zero) or --position (where the carriage stands)."
+    lines.append(terms_of(axis).said(told(zero)))
     if missing:
         why = tr("asks for what is missing, Enter keeps the rest; commissioning refuses to begin before")
         lines.append(f"Next: beltcomm init {pasted(file)} --from {pasted(file)}   ({why})")
@@ -169,7 +171,6 @@ def _start(template: str | None, motor: str | None, kind: str, *, asked: bool) -
     """Start of the questions: an axis by file or name, a motor of the catalogue; asked for where a person answers."""
     from beltcomm.axis import axis_from_dict, load_axis
     from beltcomm.axis.answers import parts, with_part
-    from beltcomm.axis.kinds import KINDS
     from beltcomm.configfiles import named_file
 
     data: dict[str, Any] = {}
@@ -182,9 +183,22 @@ def _start(template: str | None, motor: str | None, kind: str, *, asked: bool) -
         data = with_part({}, "axes", template) if catalogue else load_axis(template).to_dict()
     if motor is not None:
         data = with_part(data, "motors", motor)
-    if kind in KINDS and dict(data.get("transmission") or {}).get("kind") != kind:
-        data = {**{key: data[key] for key in ("name", "motor") if key in data}, "transmission": {"kind": kind}}
-    return axis_from_dict(data)
+    return axis_from_dict(_of_kind(data, kind))
+
+
+def _stated_kind(entries: tuple[str, ...]) -> str:
+    """The kind of axis that --set states; "" where it states none."""
+    stated = (text.partition("=") for text in entries)
+    return next((value.strip() for key, _, value in stated if key.strip() == "transmission.kind"), "")
+
+
+def _of_kind(data: dict[str, Any], kind: str) -> dict[str, Any]:
+    """An axis as one of this kind: of another kind it keeps name and motor, whose entries mean the same.   kind : "" leaves it."""
+    from beltcomm.axis.kinds import KINDS
+
+    if kind not in KINDS or dict(data.get("transmission") or {}).get("kind") == kind:
+        return data
+    return {**{key: data[key] for key in ("name", "motor") if key in data}, "transmission": {"kind": kind}}
 
 
 def _introduction(kind: str) -> str:
@@ -226,7 +240,7 @@ def axis_with(axis: str | None, entries: tuple[str, ...], run: Path) -> Axis:
 
     in_run = run / "axis.yaml"
     start = load_axis(axis or str(in_run)) if axis or in_run.is_file() else Axis(name=run.resolve().name)
-    data = start.to_dict()
+    data = axis_from_dict(_of_kind(start.to_dict(), _stated_kind(entries))).to_dict()
     for text in entries:
         _set(data, text)
     return axis_from_dict(data)

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from beltcomm.errors import BeltcommError, UsageError
+
+if TYPE_CHECKING:
+    from beltcomm.given import Reached
 
 #: Where commands make runs, and what a folder holds that is one.
 RUNS, MARKS = Path("runs"), ("run.yaml", "axis.yaml")
@@ -62,13 +66,14 @@ def _refused() -> Path:
     )
 
 
-def drive_of(run: Path | None) -> str | None:
+def drive_of(run: Path | None) -> Reached | None:
     """The drive that a run was made on, as it was called then; None where it does not tell."""
+    from beltcomm.rundata import headline
     from beltcomm.runfolder import RunFolder
 
     if run is None or not run.is_dir():
         return None
     try:
-        return (RunFolder.open(run).load_result("drive") or {}).get("reached_as") or None
+        return headline.drive_called(RunFolder.open(run))
     except BeltcommError:
         return None

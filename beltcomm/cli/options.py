@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -142,19 +143,25 @@ def output_options(function: Function) -> Function:
 def _note_drive(ctx: click.Context, param: click.Parameter, value: str | None, *, needed: bool, of_run: bool) -> str | None:
     """The drive given, else that of the run that is gone on with, which is said.   needed : it is an error to have none."""
     if value is None and of_run and not ctx.resilient_parsing and any(one.callback is or_newest for one in ctx.command.params):
-        value = told_drive(ctx, ctx.params.get("run") or next(iter(runs_here()[-1:]), None))
+        value, by = told_drive(ctx, ctx.params.get("run") or next(iter(runs_here()[-1:]), None))
+        ctx.default_map = {**(ctx.default_map or {}), **by}  # of the options that come after this one; one that is given is the user's
     if value is None and needed and not ctx.resilient_parsing:
         raise click.MissingParameter(ctx=ctx, param=param)
     ctx.obj.drive = value or ""
     return value
 
 
-def told_drive(ctx: click.Context, run: Path | None) -> str | None:
-    """The drive of a run, which is said; None where it does not tell."""
-    value = drive_of(run)
-    if value is not None and not ctx.obj.json:
-        click.echo(f"Drive: {value} (that of the run)", err=True)
-    return value
+def told_drive(ctx: click.Context, run: Path | None) -> tuple[str | None, dict[str, Any]]:
+    """The drive of a run, which is said, with the values of the options that it was reached by; None where it does not tell."""
+    found = drive_of(run)
+    if found is None:
+        return None, {}
+    if not ctx.obj.json:
+        click.echo(f"Drive: {' '.join(filter(None, (found, found.options)))} (that of the run)", err=True)
+    words = shlex.split(found.options)
+    params = {name: param for param in ctx.command.params for name in param.opts}
+    given = [(params[name], value) for name, value in zip(words[::2], words[1::2], strict=False) if name in params]
+    return str(found), {str(param.name): param.type_cast_value(ctx, value) for param, value in given}
 
 
 def _note_bus_log(ctx: click.Context, _param: click.Parameter, value: bool) -> None:

@@ -45,17 +45,18 @@ def _told(path: Path) -> dict[str, Any]:
     """A run in a line; what is wrong with it, where it cannot be read."""
     from beltcomm.cli.aftermath import OF_VALUES, edited_files
     from beltcomm.errors import BeltcommError
-    from beltcomm.rundata.headline import headline_of
+    from beltcomm.given import pasted
+    from beltcomm.rundata.headline import drive_called, headline_of
     from beltcomm.runfolder import RunFolder
 
     told = {"run": str(path), "date": f"{datetime.fromtimestamp(written(path)):%Y-%m-%d %H:%M}", "axis": "", "drive": ""}
     try:
         folder = RunFolder.open(path)
-        drive = folder.load_result("drive") or {}
+        called = drive_called(folder)
         return {
             **told,
             "axis": folder.axis.name if folder.has_axis else "",
-            "drive": str(drive.get("reached_as") or drive.get("name") or ""),
+            "drive": pasted(called) if called is not None else str((folder.load_result("drive") or {}).get("name") or ""),
             "headline": headline_of(folder).to_dict(),
         }
     except (BeltcommError, *OF_VALUES) as problem:  # one that somebody has edited hides none of the others

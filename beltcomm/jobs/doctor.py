@@ -150,7 +150,9 @@ def _next_drive(drive: str, file: str, findings: Sequence[Finding]) -> str:
         return f"next: put right what is wrong, then `beltcomm doctor --drive {pasted(drive)}{with_axis}` again"
     if not file:
         return "next: `beltcomm init my-axis.yaml`, then doctor again with --axis my-axis.yaml, which compares the two"
-    return f"next: `beltcomm commission --drive {pasted(drive)} --axis {pasted(file)} --dry-run` shows the plan and moves nothing"
+    # without a zero commissioning refuses to begin; who knows the place gives --position, as the finding says
+    home = "" if all(finding.state == "ok" for finding in findings if (finding.area, finding.name) == ("place", "zero")) else " --home"
+    return f"next: `beltcomm commission --drive {pasted(drive)} --axis {pasted(file)}{home} --dry-run` shows the plan and moves nothing"
 
 
 def _exit_code(findings: Sequence[Finding]) -> int:

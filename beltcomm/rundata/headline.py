@@ -232,8 +232,15 @@ def _outdated(design: Mapping[str, Any], model: Model | None) -> bool:
 
 def drive_of(folder: RunFolder) -> str:
     """Name of a run's drive; DRIVE where it does not tell."""
+    return drive_called(folder) or Reached("DRIVE")
+
+
+def drive_called(folder: RunFolder) -> Reached | None:
+    """Name of a run's drive with the options that it was reached by; None where it does not tell."""
     drive = folder.load_result("drive") or {}
-    found = Reached(drive.get("reached_as") or "DRIVE")
+    if not drive.get("reached_as"):
+        return None
+    found = Reached(drive["reached_as"])
     found.options = drive.get("reached_by") or ""
     return found
 

@@ -121,6 +121,20 @@ def test_the_commented_file_says_every_entry_and_comes_back(name: str, tmp_path:
         assert all(key in text for entries in sections.values() for key in entries)
 
 
+def test_an_axis_of_another_kind_is_written_by_set_alone(tmp_path: Path) -> None:
+    """It began as an empty belt axis, whose entries a screw does not know; and what was typed comes back to the digit."""
+    path = tmp_path / "axis.yaml"
+    stated = ["transmission.kind=screw", "transmission.lead_m=10mm", "motor.inertia_kg_m2=1.6kgcm2", "limits.feed_force_n=2500"]
+    outcome = call("init", str(path), "--yes", *(word for entry in stated for word in ("--set", entry)))
+    assert outcome.exit_code == 0
+    assert load_axis(path).kind == "screw"
+    assert "--home" in outcome.stdout
+    text = path.read_text(encoding="utf-8")
+    assert "lead_m: 0.01 " in text
+    assert "carriage" not in text
+    assert "belt may carry" not in text
+
+
 def test_the_schema_of_an_axis_is_of_todays_entries() -> None:
     assert json.loads(shipped_file("schemas", "axis.json").read_text(encoding="utf-8")) == json.loads(json.dumps(axis_schema()))
 

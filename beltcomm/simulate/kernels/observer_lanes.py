@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from beltcomm.arrays import Array
 from beltcomm.compiled import within_lanes
 from beltcomm.simulate.kernels.addresses import flag_at, number_at, set_flag, set_number
+from beltcomm.simulate.kernels.learning import WIDEST, limit_variance
 from beltcomm.simulate.kernels.mean import ABSURD_NM
 from beltcomm.simulate.kernels.observer import LOST, OPEN, ObserverState
 from beltcomm.simulate.kernels.vectors import LANES, Vector, aligned_zeros, at, eight, put
@@ -260,6 +261,10 @@ def advance_sample(
                 set_flag(where[5, c], n, 1 if abs(s[NEW + c]) > LOST * s[DEVIATION + c] else 0)
                 for a in range(rows.size):
                     set_number(where[7, c], n * rows.size + a, o[gains + LANES * a + c])
+            else:
+                first, row = LANES * rows.P + c, LANES * rows.size
+                limit_variance(o, first, row, LANES, rows.size, carriage[0], WIDEST * s[WANDER + c])
+                limit_variance(o, first, row, LANES, rows.size, carriage[1], WIDEST * s[HURRY + c])
             if flag_at(where[5, c], n) or flag_at(where[6, c], n):
                 o[LANES * (rows.P + carriage[0] * (rows.size + 1)) + c] += s[WANDER + c]
                 o[LANES * (rows.P + carriage[1] * (rows.size + 1)) + c] += s[HURRY + c]
