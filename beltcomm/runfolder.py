@@ -458,11 +458,13 @@ class RunFolder:
         checked_name(recording.name)
         return save_recording(recording, self.recordings_folder)
 
-    def save_model(self, name: str, mapping: Mapping[str, Any]) -> Path:
-        """Write ``models/NAME.yaml``.
+    def save(self, kind: str, name: str, mapping: Mapping[str, Any]) -> Path:
+        """Write ``KIND/NAME.yaml``.
 
         Parameters
         ----------
+        kind : str
+            "models", "designs" or "results".
         name : str
             Without suffix.
         mapping : dict of str to Any
@@ -478,51 +480,10 @@ class RunFolder:
         UsageError
             When it cannot be written.
         """
-        return self._save("models", name, mapping)
-
-    def save_design(self, name: str, mapping: Mapping[str, Any]) -> Path:
-        """Write ``designs/NAME.yaml``.
-
-        Parameters
-        ----------
-        name : str
-            Without suffix.
-        mapping : dict of str to Any
-            Numbers, words, lists and mappings.
-
-        Returns
-        -------
-        Path
-            Path of the file.
-
-        Raises
-        ------
-        UsageError
-            When it cannot be written.
-        """
-        return self._save("designs", name, mapping)
-
-    def save_result(self, name: str, mapping: Mapping[str, Any]) -> Path:
-        """Write ``results/NAME.yaml``.
-
-        Parameters
-        ----------
-        name : str
-            Without suffix.
-        mapping : dict of str to Any
-            Numbers, words, lists and mappings.
-
-        Returns
-        -------
-        Path
-            Path of the file.
-
-        Raises
-        ------
-        UsageError
-            When it cannot be written.
-        """
-        return self._save("results", name, mapping)
+        _make_folder(self.path / kind)
+        path = self.path / kind / f"{checked_name(name)}.yaml"
+        write_text(path, to_yaml(mapping if kind == "models" else sealed(mapping)))  # a model is a file that people write, too
+        return path
 
     def names(self, kind: str) -> list[str]:
         """Names of the files of a kind.
@@ -702,12 +663,6 @@ class RunFolder:
             When it cannot be written.
         """
         journal.append(self.path, self.terms.said(line), event, self.stamp())
-
-    def _save(self, kind: str, name: str, mapping: Mapping[str, Any]) -> Path:
-        _make_folder(self.path / kind)
-        path = self.path / kind / f"{checked_name(name)}.yaml"
-        write_text(path, to_yaml(mapping if kind == "models" else sealed(mapping)))  # a model is a file that people write, too
-        return path
 
     def _about(self) -> dict[str, Any]:
         path = self.path / "run.yaml"

@@ -80,12 +80,12 @@ def test_a_value_of_another_type_is_named(tmp_path: Path, data: st.DataObject) -
 @pytest.mark.parametrize("what", sorted(set(TYPES) - {"designs", "run.yaml", "fit", "diagnosis"}))
 def test_what_must_be_there_is_named(tmp_path: Path, what: str) -> None:
     run = RunFolder.create(tmp_path / "R", load_axis("egc-70-600"))
-    run.save_result(what, {"more": 1})
+    run.save("results", what, {"more": 1})
     with pytest.raises(DataError, match=rf"{what}.yaml is damaged: [a-z_]+ is missing; bring it back, or delete it"):
         run.load_result(what)
 
 
 def test_a_result_that_no_command_reads_holds_anything(tmp_path: Path) -> None:
     run = RunFolder.create(tmp_path / "R", load_axis("egc-70-600"))
-    run.save_result("mine", {"a": [1, {"b": None}]})
+    run.save("results", "mine", {"a": [1, {"b": None}]})
     assert run.load_result("mine") == {"a": [1, {"b": None}]}

@@ -127,7 +127,7 @@ def test_a_model_of_a_run_comes_back_bit_for_bit(tmp_path: Path) -> None:
     }
     model = replace(model, parameters=fitted)
     run = RunFolder.create(tmp_path / "R", load_axis("egc-70-600"))
-    again = load_model(run.save_model("final", model.to_dict()))
+    again = load_model(run.save("models", "final", model.to_dict()))
     assert again == model
     assert again.vector().tobytes() == model.vector().tobytes()
 

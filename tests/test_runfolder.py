@@ -48,12 +48,12 @@ def test_a_new_run_and_what_it_holds(tmp_path: Path) -> None:
 def test_models_and_results_come_back_exactly(tmp_path: Path) -> None:
     run = RunFolder.create(tmp_path / "R", RIG)
     mapping = {"mass": {"value": 0.1 + 0.2, "interval": None}, "gains": [1e-17, 5.0], "name": "1e-6"}
-    for save, kind in ((run.save_model, "models"), (run.save_result, "results")):
-        assert save("first", mapping | {"gains": np.array([1e-17, 5.0])}) == run.path / kind / "first.yaml"
+    for kind in ("models", "results"):
+        assert run.save(kind, "first", mapping | {"gains": np.array([1e-17, 5.0])}) == run.path / kind / "first.yaml"
         assert run.load(kind, "first") == mapping
     assert run.load_result("first") == mapping
     assert run.load_result("none") is None
-    run.save_model("second", {})
+    run.save("models", "second", {})
     assert run.names("models") == ["first", "second"]
 
 
@@ -65,9 +65,9 @@ def test_a_design_that_is_replaced_takes_the_next_free_name(tmp_path: Path) -> N
     """Not the one that a count of them gives: somebody may have taken one away."""
     run = RunFolder.create(tmp_path / "R", RIG)
     designs = {f"{k}": DESIGN | {"parameters": {"kpp_1_s": float(k)}} for k in range(1, 5)}
-    run.save_design("replaced_2", designs["4"])
+    run.save("designs", "replaced_2", designs["4"])
     for k, name in ((1, "replaced_1"), (2, "replaced_3")):
-        run.save_design("final", designs[f"{k}"])
+        run.save("designs", "final", designs[f"{k}"])
         assert keep_replaced(run, designs["3"]) == f"designs/{name}.yaml"
         assert run.load("designs", name) == designs[f"{k}"]
     assert run.load("designs", "replaced_2") == designs["4"]
@@ -76,7 +76,7 @@ def test_a_design_that_is_replaced_takes_the_next_free_name(tmp_path: Path) -> N
 
 def test_missing_models_are_named_with_the_command_that_makes_them(tmp_path: Path) -> None:
     run = RunFolder.create(tmp_path / "R", RIG)
-    run.save_model("final", {})
+    run.save("models", "final", {})
     with pytest.raises(DataError, match=r"the model finl is not in .*R, did you mean final\?; make it with `beltcomm fit"):
         run.load("models", "finl")
     with pytest.raises(DataError, match=r"make it with `beltcomm design"):
@@ -219,7 +219,7 @@ def test_recordings_are_checked_against_the_axis(tmp_path: Path) -> None:
 def test_names_that_are_no_file_names_are_refused(tmp_path: Path, name: str) -> None:
     run = RunFolder.create(tmp_path / "R", RIG)
     with pytest.raises(UsageError, match="cannot be a name"):
-        run.save_model(name, {})
+        run.save("models", name, {})
     with pytest.raises(UsageError, match="cannot be a name"):
         run.new_recording(name, Sidecar())
 

@@ -102,7 +102,8 @@ def agree(
     if isinstance(drive, Supervised):
         drive.allow_motion()
     if machine is not None:
-        machine.folder.save_result(
+        machine.folder.save(
+            "results",
             PLAN,
             {
                 "text": plan.text,

@@ -103,8 +103,8 @@ def adopt(machine: Machine, found: Calibration) -> list[str]:
     drive = machine.drive
     remarks = check(found, not drive.capabilities.uncalibrated, calibration_of(found.kind))
     drive.calibrate({name: one.value for name, one in found.units.items() if name in drive.capabilities.uncalibrated})
-    machine.folder.save_result(RESULT, {"drive": dict(drive.capabilities.identity), **found.to_dict()})
-    machine.folder.save_result("drive", drive_to_dict(drive.capabilities))
+    machine.folder.save("results", RESULT, {"drive": dict(drive.capabilities.identity), **found.to_dict()})
+    machine.folder.save("results", "drive", drive_to_dict(drive.capabilities))
     machine.meaning_changed()
     renew(machine.folder, drive)
     told = ", ".join(f"{name} {one.value:.4g} for each unit of {one.place}" for name, one in found.units.items())

@@ -221,7 +221,7 @@ def compare(machine: Machine, holding: Holding) -> Holding:
         except (DataError, UsageError) as problem:
             holding = replace(holding, why_not=str(problem))
         machine.hold_with(centre)
-    machine.folder.save_result("gravity", holding.to_dict())
+    machine.folder.save("results", "gravity", holding.to_dict())
     for line in lines(holding):
         machine.folder.journal(line)
     return holding

@@ -386,5 +386,5 @@ def new_folder(run: Path, axis: Axis, drive: Drive, options: Options, talk: Talk
     begun = before.get("begun_with") or {name: (before or now)[name] for name in RATINGS if name in (before or now)}
     by = options.reached(reached_as).options if reached_as else before.get("reached_by") or ""
     called = {"reached_as": reached_as or before.get("reached_as") or "", "reached_by": by}
-    folder.save_result("drive", {**now, "begun_with": begun, **called})  # a session that was cut off leaves them lower
+    folder.save("results", "drive", {**now, "begun_with": begun, **called})  # a session that was cut off leaves them lower
     return folder

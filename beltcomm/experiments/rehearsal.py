@@ -189,7 +189,7 @@ def rehearse(machine: Machine, options: Options, talk: Talk, job: Job, goes_on: 
     whole = RehearsedRecord("everything, ways included", twin.low_m, twin.high_m, twin.fastest_m_s, twin.strongest_nm, twin.belt_n)
     found = Rehearsal(what, records, whole, bounds_of(machine, model))
     talk.say(*found.lines())
-    folder.save_result("rehearsal", {"twin": what, "records": plain(records), "whole": plain(whole), "limits": plain(found.bounds)})
+    folder.save("results", "rehearsal", {"twin": what, "records": plain(records), "whole": plain(whole), "limits": plain(found.bounds)})
     folder.journal(f"played on a twin: {len(records)} records, {len(found.broken())} limits left", "rehearsed")
     if broken := found.broken():
         raise Refused(f"on the twin a limit is left ({'; '.join(broken[:3])}); nothing was moved. Look at the model and at axis.yaml")

@@ -30,7 +30,7 @@ def check_breakaway(machine: Machine, coulomb_nm: float) -> None:
     """Note the breakaway torque; in a resumed run raise Refused when it is grossly another one than at the beginning."""
     known = machine.folder.load_result("breakaway")
     if known is None:
-        machine.folder.save_result("breakaway", {"coulomb_nm": coulomb_nm})
+        machine.folder.save("results", "breakaway", {"coulomb_nm": coulomb_nm})
         return
     _refuse_beyond(machine, "the breakaway torque", coulomb_nm, float(known["coulomb_nm"]), "N m")
 

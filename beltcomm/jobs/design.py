@@ -136,7 +136,7 @@ def delivered(
     kept = keep_damaged(folder)
     sound = "final" in folder.names("designs") and not doubts(folder)
     kept = kept or keep_replaced(folder, mapping)
-    folder.save_design("final", mapping)
+    folder.save("designs", "final", mapping)
     if sound and doubts(folder):
         findings.remarks.append("the gains before were proven by a move and are replaced; these are not proven yet, verify them")
     unexplained = [SUSPECT] if suspect(folder) else []
@@ -196,5 +196,5 @@ def keep_replaced(folder: RunFolder, other: Mapping[str, Any]) -> str:
     if "final" not in folder.names("designs") or same_gains(folder.load("designs", "final").get("parameters"), other["parameters"]):
         return ""
     name = next_free("replaced_", folder.names("designs"))
-    folder.save_design(name, folder.load("designs", "final"))
+    folder.save("designs", name, folder.load("designs", "final"))
     return f"designs/{name}.yaml"

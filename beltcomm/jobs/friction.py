@@ -199,8 +199,8 @@ def result(
 ) -> Result:
     """After sweeps were recorded: results into the run, words, pictures."""
     found = friction_study.study_of(folder.recordings(), folder.axis, model, fits)
-    folder.save_result("friction", plain(found.friction))
-    folder.save_result("friction_sweeps", friction_study.data_of(found))
+    folder.save("results", "friction", plain(found.friction))
+    folder.save("results", "friction_sweeps", friction_study.data_of(found))
     shown, remarks = (
         pictures.friction_pictures(folder, found.friction, found.sweeps, found.drifts, found.standstill, command) if drawn else ([], [])
     )

@@ -233,7 +233,7 @@ def _designs(folder: RunFolder) -> bool:
 def unkept(folder: RunFolder, name: str, found: Mapping[str, Any]) -> list[str]:
     """Keep a result; in a folder that cannot be written, what was found is shown all the same, with a line that says so."""
     try:
-        folder.save_result(name, found)
+        folder.save("results", name, found)
     except UsageError as problem:
         return [f"Not kept: {problem}."]
     return []
@@ -260,7 +260,7 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
         blind = [one for one in sights if not one.is_detectable]
         wanted = plan_for(found.twins, blind, found.added_effects, lambda step: record_showing(step, before), "cart" in model.base_bodies)
         data["next"] = wanted.to_dict()
-        folder.save_result(NAME, plain(wanted.to_dict()))
+        folder.save("results", NAME, plain(wanted.to_dict()))
         lines += wanted.lines(folder.path)
         planned = wanted.command(folder.path)
     return data, lines, planned

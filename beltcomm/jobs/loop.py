@@ -113,7 +113,7 @@ def saved(folder: RunFolder, recording: Recording, ways: Sequence[LoopReading], 
         "wrong_controller": plain(bias),
         "ways": [_numbers(s) for s in ways],
     }
-    folder.save_result(recording.name, data)
+    folder.save("results", recording.name, data)
     for one in ways:
         if one.record == recording.name:
             found = one.response

@@ -104,7 +104,7 @@ def fit_three_masses(run: Path, *, command: str = "", when: str = "", talk: Talk
         command=command,
         when=when,
     )
-    folder.save_result("three_mass", plain({**data, "revision": rung.name}))
+    folder.save("results", "three_mass", plain({**data, "revision": rung.name}))
     lines = [
         "A third mass is identified:",
         *model_lines(three, folder, middle),

@@ -226,7 +226,7 @@ def _keep(folder: RunFolder, drive: Drive, model: Model, gains: Cascade, path: T
     shown = {"proof": driven_with, OF: hashes_of(driven_with["gains"], model)}
     if drive.capabilities.gains == "unknown" and not as_predicted(verdict):
         shown = {}  # what was driven are other gains
-    folder.save_result(f"verify_{record}", {**verdict_to_dict(verdict), **shown})
+    folder.save("results", f"verify_{record}", {**verdict_to_dict(verdict), **shown})
 
 
 @contextmanager

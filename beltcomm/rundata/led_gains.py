@@ -19,7 +19,7 @@ def keep(folder: RunFolder, found: GainFactors) -> None:
     """Keep what a move has shown, unless an earlier one knows it better."""
     before = known(folder)
     if before is None or found.kpp_interval <= before.kpp_interval:
-        folder.save_result(RESULT, found.to_dict())
+        folder.save("results", RESULT, found.to_dict())
         folder.journal(
             f"by its move with a led reference the drive's K_P is {found.kp:.4f} ± {found.kp_interval:.4f} times what it is taken for, "
             f"K_PP {found.kpp:.4f} ± {found.kpp_interval:.4f} times"

@@ -162,9 +162,9 @@ def new_revision(
         rungs.pop()  # of this very command, cut off before its model counted
     name = _name(folder, rungs, model)
     rung = Revision(name, above, change, model.effects, ratio, held_out, confirmed, command, when, data, None, *plain)
-    folder.save_model(name, model.to_dict())
-    folder.save_result(LADDER, {"revisions": [as_plain(r) for r in [*rungs, rung]]})
-    folder.save_model(CURRENT, model.to_dict())  # last: until then the model is the one before, and the same command goes on
+    folder.save("models", name, model.to_dict())
+    folder.save("results", LADDER, {"revisions": [as_plain(r) for r in [*rungs, rung]]})
+    folder.save("models", CURRENT, model.to_dict())  # last: until then the model is the one before, and the same command goes on
     return rung
 
 
@@ -187,7 +187,7 @@ def _is_kept(folder: RunFolder, name: str, model: Model) -> bool:
 def keep_cost(folder: RunFolder, name: str, cost: Mapping[str, Any] | None) -> None:
     """Write down with a revision what not knowing its effects costs."""
     rungs = [replace(rung, cost=cost) if rung.name == name else rung for rung in revisions(folder)]
-    folder.save_result(LADDER, {"revisions": [as_plain(r) for r in rungs]})
+    folder.save("results", LADDER, {"revisions": [as_plain(r) for r in rungs]})
 
 
 def recording_hashes(folder: RunFolder) -> dict[str, str]:

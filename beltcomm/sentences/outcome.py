@@ -30,20 +30,20 @@ def save(folder: RunFolder, findings: Findings) -> None:
     """Everything known into the run folder: models, designs, results."""
     model = findings.final.fit.model if findings.final is not None else None
     if findings.final is not None:
-        folder.save_model("final", findings.final.fit.model.to_dict())
-        folder.save_result("fit", {**fit_dict(findings.final, findings), RECORDS: folder.finished_names()})
+        folder.save("models", "final", findings.final.fit.model.to_dict())
+        folder.save("results", "fit", {**fit_dict(findings.final, findings), RECORDS: folder.finished_names()})
         keep_fit(folder, findings.final.fit.data, findings.final.fit.fitted, findings.final.fit.model)
     if findings.friction is not None:
-        folder.save_result("friction", plain(findings.friction))
+        folder.save("results", "friction", plain(findings.friction))
     if findings.standstill is not None:
-        folder.save_result("standstill", plain(findings.standstill))
+        folder.save("results", "standstill", plain(findings.standstill))
     if findings.design is not None:
-        folder.save_design("final", {**design_dict(findings), OF: hashes_of(findings.cascade, model) if findings.cascade else {}})
+        folder.save("designs", "final", {**design_dict(findings), OF: hashes_of(findings.cascade, model) if findings.cascade else {}})
     if findings.verdict is not None:
         driven = findings.proof.get("gains") if isinstance(findings.proof, Mapping) else None
         proven = {"proof": plain(findings.proof), OF: hashes_of(driven or {}, model), **({OWN: True} if findings.own_loop else {})}
         verdict = {**verdict_to_dict(findings.verdict), **proven, "reservations": findings.reservations}
-        folder.save_result(f"verify_{findings.move_name}", verdict)
+        folder.save("results", f"verify_{findings.move_name}", verdict)
 
 
 def fit_dict(final: FinalModel, findings: Findings) -> dict[str, Any]:

@@ -71,7 +71,7 @@ def measure(folder: Path, rig: str, seed: int) -> None:
             model = identify_here(machine, findings)
             cascade = close_first_loop(machine, findings, model)
             record_steps(machine, findings, model, cascade, "standard")
-        record.save_model("first", model.to_dict())
+        record.save("models", "first", model.to_dict())
     (run / "truth.json").write_text(json.dumps({**plant.truth, "machine_seconds": machine.machine_seconds}))
 
 

@@ -159,7 +159,7 @@ def test_the_parts_of_the_controller_can_be_chosen(api: StandIn, words: str, opt
 def test_the_drive_of_a_run_is_reached_as_it_was(api: StandIn, words: str, options: Options) -> None:
     """A run made with --profile cmmp-as went on with the reference drive, and was refused as another one's."""
     folder = RunFolder.create(Path("R"), load_axis("egc-70-600"))
-    folder.save_result("drive", {"name": "CMMP-AS", "reached_as": "virtual", "reached_by": "--profile cmmp-as --node 3"})
+    folder.save("results", "drive", {"name": "CMMP-AS", "reached_as": "virtual", "reached_by": "--profile cmmp-as --node 3"})
     outcome = call(*words.split())
     assert outcome.exit_code == 0, outcome.output
     assert api.calls[0][1][0] == "virtual"

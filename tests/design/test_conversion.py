@@ -331,10 +331,10 @@ def test_the_design_of_a_run_is_converted_in_its_drives_form(tmp_path: Path) -> 
     folder = RunFolder.create(tmp_path / "run", load_axis("egc-70-600"))
     with pytest.raises(DataError):
         api.convert(folder.path)
-    folder.save_design("final", {"parameters": cascade_to_parameters(TABLE_A7), "structure": {"period_s": PERIOD}})
+    folder.save("designs", "final", {"parameters": cascade_to_parameters(TABLE_A7), "structure": {"period_s": PERIOD}})
     result = api.convert(folder.path)
     assert result.to_json()["pid"]["kd_nm_s_rad"] == pytest.approx(0.12 - 1.39 * 0.003)
     assert any("stays: butterworth prefilter" in line for line in result.lines())
-    folder.save_design("final", {"parameters": cascade_to_parameters(TABLE_A7)})
+    folder.save("designs", "final", {"parameters": cascade_to_parameters(TABLE_A7)})
     with pytest.raises(DataError, match="damaged"):
         api.convert(folder.path)

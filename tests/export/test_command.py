@@ -33,9 +33,9 @@ def make_run(tmp_path: Path) -> Callable[..., Path]:
 
     def make(cascade: Cascade = CASCADES["butterworth"], structure: CascadeStructure = THESIS, **more: Any) -> Path:
         folder = RunFolder.create(tmp_path / "run", load_axis("egc-70-600"))
-        folder.save_model("final", load_plant("g_a").model.to_dict())
+        folder.save("models", "final", load_plant("g_a").model.to_dict())
         design = {"parameters": cascade_to_parameters(cascade), "revision": "", "compensated": [], "structure": plain(structure)}
-        folder.save_design("final", {**DESIGN, **design, "binding": [], "remarks": [], **more})
+        folder.save("designs", "final", {**DESIGN, **design, "binding": [], "remarks": [], **more})
         return folder.path
 
     return make
@@ -71,7 +71,7 @@ def test_without_a_file_the_text_goes_to_stdout(make_run: Callable[..., Path]) -
 
 def test_the_torque_limit_is_that_of_the_drive_when_the_run_knows_one(make_run: Callable[..., Path]) -> None:
     run = make_run()
-    RunFolder.open(run).save_result("drive", {"structure": STRUCTURE, "counts_per_rev": 65536, "peak_torque_nm": 2.5})
+    RunFolder.open(run).save("results", "drive", {"structure": STRUCTURE, "counts_per_rev": 65536, "peak_torque_nm": 2.5})
     assert api.export(run, "yaml").to_json()["coefficients"]["torque_limit_nm"] == 2.5
 
 
@@ -123,7 +123,7 @@ def test_faults_are_named(make_run: Callable[..., Path], tmp_path: Path) -> None
         api.export(run, "c", out=tmp_path)
     with pytest.raises(Refused, match="was left as it is"):
         api.export(run, "c", out=run / "axis.yaml")
-    RunFolder.open(run).save_design("final", {"parameters": {"kp_nm_s_rad": 0.1}})
+    RunFolder.open(run).save("designs", "final", {"parameters": {"kp_nm_s_rad": 0.1}})
     with pytest.raises(DataError, match="damaged"):
         api.export(run, "c")
     outcome = call("export", str(run), "--format", "pascal")

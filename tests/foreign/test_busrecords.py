@@ -94,7 +94,7 @@ def test_a_run_folder_is_made_that_can_be_compared(log: Path, tmp_path: Path) ->
     assert record.sidecar.experiment == "frf"
     assert record.sidecar.start_position_m == 0.25
     assert outcome.stdout.count("doubt:") == 0
-    RunFolder.open(run).save_model("final", load_plant("g_a").model.to_dict())
+    RunFolder.open(run).save("models", "final", load_plant("g_a").model.to_dict())
     done = CliRunner().invoke(cli, ["compare", str(run), "--no-pictures", "--json"])
     assert done.exit_code == 0, done.output
     (found,) = json.loads(done.stdout)["records"]

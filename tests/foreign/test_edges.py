@@ -93,7 +93,7 @@ def test_the_position_of_a_record_lies_on_the_motion(tmp_path: Path, edges: Edge
 
 def test_the_estimators_are_tried_on_a_run_s_own_edges(tmp_path: Path, edges: Edges) -> None:
     folder = RunFolder.create(tmp_path / "run", load_axis("egc-70-600"))
-    folder.save_model("final", load_plant("g_a").model.to_dict())
+    folder.save("models", "final", load_plant("g_a").model.to_dict())
     file = written(tmp_path, edges, "analyser")
     outcome = call("thesis", "estimators", "--run", folder.path, "--edges", file, "--json")
     assert outcome.exit_code == 0, outcome.output

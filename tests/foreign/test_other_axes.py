@@ -160,7 +160,7 @@ def test_what_to_record_next_on_an_axis_without_a_belt_is_for_its_own_drive(tmp_
     assert "moved by its own drive" in text
     assert "identify" not in text
     folder = RunFolder.create(tmp_path / "run", load_axis("egc-70-600"))
-    folder.save_result("next", plan.to_dict())
+    folder.save("results", "next", plan.to_dict())
     with pytest.raises(UsageError, match="By hand: speeds held for a second"):
         load_plan(plan.file(folder.path))
 

@@ -101,9 +101,9 @@ def test_run_folders_damaged(tmp_path: Path) -> None:
     run = RunFolder.create(tmp_path / "run", load_axis("egc-70-600"))
     run.claim_drive({"device_name": "x", "vendor_id": "29"})
     parameters = {"kp_nm_s_rad": 0.05, "ki_nm_rad": 0.2, "kpp_1_s": 10.0, "velocity_filter_s": 0.004, "ff_inertia_kg_m2": 0.002}
-    run.save_result("backup", {"drive": {"device_name": "x"}, "parameters": parameters})
-    run.save_result("drive", {"name": "x", "structure": STRUCTURE, "counts_per_rev": 65536, "peak_torque_nm": 3.1})
-    run.save_design("final", DESIGN | {"parameters": parameters})
+    run.save("results", "backup", {"drive": {"device_name": "x"}, "parameters": parameters})
+    run.save("results", "drive", {"name": "x", "structure": STRUCTURE, "counts_per_rev": 65536, "peak_torque_nm": 3.1})
+    run.save("designs", "final", DESIGN | {"parameters": parameters})
 
     def design(_path: Path) -> None:
         cascade_from_dict(RunFolder.open(run.path).load("designs", "final"))

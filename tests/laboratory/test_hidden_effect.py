@@ -126,18 +126,18 @@ def test_adding_begins_where_the_diagnosis_ended(
 
     assert better(other, data, base, wrong, "cogging") is wrong, "no diagnosis yet"
     found = {"effects": list(right.model.effects), "parameters": {name: {"value": v.value} for name, v in right.model.parameters.items()}}
-    other.save_result("diagnosis", {"after": found})
+    other.save("results", "diagnosis", {"after": found})
     led = better(other, data, base, wrong, "cogging")
     assert led.objective <= right.objective + 0.1, "it begins there, and may go on"
     assert led.model["cogging.order"] == pytest.approx(right.model["cogging.order"], rel=1e-3)
     assert better(other, data, base, wrong, "stribeck") is wrong, "the diagnosis says nothing of it"
     form = {"stribeck.exponent": {"value": 2.25}, "stribeck.amount": {"value": 0.03}}
-    other.save_result("diagnosis", {"after": {"effects": ["stribeck"], "parameters": form}})
+    other.save("results", "diagnosis", {"after": {"effects": ["stribeck"], "parameters": form}})
     told = diagnosis_start(other, base.model, "stribeck")
     assert told is not None
     assert (told["stribeck.amount"], told["stribeck.exponent"]) == (0.03, 2.0), "a form is found after its effect"
     for damaged in ({}, {"after": None}, {"after": {"effects": ["cogging"], "parameters": {"motor.inertia": {"value": -1.0}}}}):
-        other.save_result("diagnosis", damaged)
+        other.save("results", "diagnosis", damaged)
         assert better(other, data, base, wrong, "cogging") is wrong
 
 

@@ -54,7 +54,7 @@ def fitted(folder: Path) -> None:
     """A run with a record and a model."""
     made = RunFolder.create(folder / "run", load_axis("egc-70-600"))
     made.add_recording(recording_from_columns("a", columns(1), Sidecar()))
-    made.save_model("final", build_model("m", (), {}).to_dict())
+    made.save("models", "final", build_model("m", (), {}).to_dict())
 
 
 @changes_run()

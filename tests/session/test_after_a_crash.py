@@ -137,7 +137,7 @@ def test_an_edited_calibration_is_asked_for_before_any_gain_is_meant_by_it(conne
     bench.settings()
     options = replace(YES, profile="cmmp-as")
     folder = api.RunFolder.create(tmp_path / "run", load_axis(AXIS))
-    folder.save_result(RESULT, {"kind": "cmmp-as", "rated_torque_nm": 1.43, "rated_current_a": 2.0, "units": {}})
+    folder.save("results", RESULT, {"kind": "cmmp-as", "rated_torque_nm": 1.43, "rated_current_a": 2.0, "units": {}})
     file = folder.file("results", RESULT)
     with bench.open(bench.name) as drive:
         claim(folder, drive.capabilities, options, Listener())

@@ -21,9 +21,9 @@ def before_its_sweep(run: Path) -> RunFolder:
     """The run as if its sweep had been made after the fit: not noted there, and a friction that no sweep was asked for."""
     folder = RunFolder.open(run)
     fit: dict[str, Any] = folder.load("results", "fit")
-    folder.save_result("fit", {**fit, RECORDS: [name for name in fit[RECORDS] if not name.startswith("sweep")]})
+    folder.save("results", "fit", {**fit, RECORDS: [name for name in fit[RECORDS] if not name.startswith("sweep")]})
     model = load_model(folder.file("models", CURRENT))
-    folder.save_model(CURRENT, model.with_values({"coulomb.level": 0.5 * model["coulomb.level"]}).to_dict())
+    folder.save("models", CURRENT, model.with_values({"coulomb.level": 0.5 * model["coulomb.level"]}).to_dict())
     return RunFolder.open(run)
 
 

@@ -233,15 +233,15 @@ def test_gains_in_doubt_are_not_written_by_a_mere_yes(make_bench: MakeBench, cop
     fit, verdict = folder.load("results", "fit"), folder.load("results", "verify_move_1")
     assert (fit["suspect"], verdict["passed"]) == (False, True)
     if doubt == "model":
-        folder.save_result("fit", {**fit, "suspect": True})
+        folder.save("results", "fit", {**fit, "suspect": True})
         why = "the model does not explain what was measured"
     elif doubt == "missed":
-        folder.save_result("verify_move_1", {**verdict, "passed": False})
+        folder.save("results", "verify_move_1", {**verdict, "passed": False})
         why = "the verification move with these gains missed its target"
     else:
         design = folder.load("designs", "final")
         design["parameters"]["kp_nm_s_rad"] *= 1.01
-        folder.save_design("final", design)
+        folder.save("designs", "final", design)
         why = "no verification move was driven with these gains"
     refused = call("apply", *DRIVE, "--run", run, "--yes")
     assert refused.exit_code == 1

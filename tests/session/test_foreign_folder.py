@@ -161,7 +161,7 @@ def test_what_the_tool_wrote_is_whole(copy_of_complete: Copy) -> None:
 def test_what_the_gains_mean_is_summed_too(copy_of_complete: Copy) -> None:
     folder = RunFolder.open(copy_of_complete())
     before = doubts(folder)
-    folder.save_result("calibration", {"kind": "x"})
+    folder.save("results", "calibration", {"kind": "x"})
     assert doubts(folder) == before
     (folder.path / "results" / "calibration.yaml").write_text("kind: y\n", encoding="utf-8")
     assert doubts(folder) == [*before, "calibration.yaml was edited since, or is of a version that kept no checksum"]

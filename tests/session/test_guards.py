@@ -238,11 +238,11 @@ def test_success_needs_sound_margins_and_a_whole_move(complete: Complete, copy_o
     folder = RunFolder.open(run)
     assert doubts(folder) == []
     saved = folder.load("designs", "final")
-    folder.save_design("final", {**saved, "margins": [{**saved["margins"][0], "phase_margin_deg": 16.0}]})
+    folder.save("designs", "final", {**saved, "margins": [{**saved["margins"][0], "phase_margin_deg": 16.0}]})
     assert doubts(folder) == ["the velocity loop is left with 16 deg of phase margin, a sound one has 30 or more"]
-    folder.save_design("final", saved)
+    folder.save("designs", "final", saved)
     verdict = folder.load("results", "verify_move_1")
-    folder.save_result("verify_move_1", {**verdict, "reservations": ["only slower ones"]})
+    folder.save("results", "verify_move_1", {**verdict, "reservations": ["only slower ones"]})
     assert doubts(folder) == ["only slower ones"]
 
 

@@ -35,7 +35,7 @@ def test_other_gains_make_a_verification_out_of_date(copy: Path) -> None:
     folder = RunFolder.open(copy)
     design = folder.load("designs", "final")
     design["parameters"]["kp_nm_s_rad"] *= 0.9
-    folder.save_design("final", design)
+    folder.save("designs", "final", design)
     said = headline_of(folder)
     assert said.state == "stale"
     assert "other gains" in said.sentence
@@ -46,7 +46,7 @@ def test_another_model_makes_it_out_of_date_and_asks_for_a_design(copy: Path) ->
     folder = RunFolder.open(copy)
     model = folder.load("models", "final")
     model["parameters"]["cart.mass"]["value"] *= 1.05
-    folder.save_model("final", model)
+    folder.save("models", "final", model)
     said = headline_of(folder)
     assert said.state == "stale"
     assert "another model" in said.sentence
@@ -55,7 +55,7 @@ def test_another_model_makes_it_out_of_date_and_asks_for_a_design(copy: Path) ->
 
 def test_a_model_that_is_not_trusted_is_never_a_pass(copy: Path) -> None:
     folder = RunFolder.open(copy)
-    folder.save_result("fit", {**folder.load("results", "fit"), "suspect": True})
+    folder.save("results", "fit", {**folder.load("results", "fit"), "suspect": True})
     said = headline_of(folder)
     assert said.state == "doubt"
     assert not said.good
@@ -73,7 +73,7 @@ def test_a_result_is_judged_by_the_targets_it_was_driven_with(copy: Path) -> Non
     result = folder.load("results", "verify_move_1")
     carriage_m = result["predicted_cart"]["dynamic_m"]
     asked = {"following_error_m": 0.9 * carriage_m, "at": "carriage"}
-    folder.save_result("verify_move_1", {**result, "targets": {**result["targets"], **asked}})
+    folder.save("results", "verify_move_1", {**result, "targets": {**result["targets"], **asked}})
     said = headline_of(folder)
     assert said.state == "fail"
     assert "carriage, predicted" in said.sentence

@@ -41,7 +41,7 @@ def test_the_same_question_is_answered_as_before(ask: Ask, folder: RunFolder) ->
     assert (again.data, again.text, again.exit_code) == (first.data, first.text, 1)
     assert isinstance(again.text[0], Row)
     assert again.text[0].cells == ("a", "b")
-    folder.save_result("diagnosis", again.data)  # its own place among the results
+    folder.save("results", "diagnosis", again.data)  # its own place among the results
     folder.journal("a command was called")
     assert ask("quick").data["times"] == 1
     assert ask("thorough").data["times"] == 2

@@ -63,7 +63,8 @@ def test_a_cost_is_kept_with_its_revision_and_ladders_from_before_load(tmp_path:
         new_revision(folder, model, change, ratio=1.0, held_out=None, confirmed=None, command="", when="")
     saved = folder.load_result("ladder")
     assert saved is not None
-    folder.save_result(
+    folder.save(
+        "results",
         "ladder",
         {"revisions": [{k: v for k, v in rung.items() if k not in ("cost", "plain", "plain_held_out")} for rung in saved["revisions"]]},
     )
@@ -134,7 +135,7 @@ def test_a_climb_keeps_the_cost_of_what_it_added(
 def test_a_climb_without_a_step_leaves_the_run_as_it_is(tmp_path: Path) -> None:
     """A run that has a model and lacks nothing keeps it, and the move that proved its gains stays their proof."""
     folder = RunFolder.create(tmp_path / "run", load_axis("egc-70-600"))
-    folder.save_model("final", load_plant("g_a").model.to_dict())
+    folder.save("models", "final", load_plant("g_a").model.to_dict())
     found: Any = SimpleNamespace(published_base=(None, None), steps=(SimpleNamespace(added="", removed=(), forms=()),))
     assert climb(folder, found, True, "", "") == []
     assert folder.names("models") == ["final"]
@@ -163,5 +164,5 @@ def test_what_stands_on_a_rung_that_is_not_confirmed_is_held_against_the_one_bel
 )
 def test_effects_that_a_diagnosis_names_beside_one_that_was_added(tmp_path: Path, kept: dict[str, Any], beside: list[str]) -> None:
     folder, model = RunFolder.create(tmp_path / "run", load_axis("egc-70-600")), load_plant("g_a").model
-    folder.save_result("diagnosis", kept)
+    folder.save("results", "diagnosis", kept)
     assert named_beside(folder, model.with_effect("cogging")) == beside

@@ -278,10 +278,10 @@ def test_a_design_rests_on_the_last_model_that_was_not_contradicted(tmp_path: Pa
     assert "revision_3 (+backlash) is not confirmed" in sentence
 
     gains = {"kp_nm_s_rad": 0.1, "ki_nm_rad": 0.4, "kpp_1_s": 10.0, "velocity_filter_s": 0.004}
-    folder.save_result("fit", {"suspect": True})
+    folder.save("results", "fit", {"suspect": True})
     error = {"dynamic_m": 1e-4, "static_m": 1e-5}
-    folder.save_result("verify_move_1", {"passed": True, "measured": error, "predicted": error, "proof": {"gains": gains}})
-    folder.save_design("final", {**DESIGN, "parameters": gains, "revision": ""})
+    folder.save("results", "verify_move_1", {"passed": True, "measured": error, "predicted": error, "proof": {"gains": gains}})
+    folder.save("designs", "final", {**DESIGN, "parameters": gains, "revision": ""})
     assert doubts(folder) == ["the model does not explain what was measured"]
-    folder.save_design("final", {**DESIGN, "parameters": gains, "revision": "revision_2"})
+    folder.save("designs", "final", {**DESIGN, "parameters": gains, "revision": "revision_2"})
     assert doubts(folder) == []

@@ -165,7 +165,7 @@ def test_a_payload_taken_off_since_is_seen_before_a_loop_is_closed(make_bench: M
     """The same drive with another load; or, told by the record of the first session alone, with other friction."""
     run, bench = copy_of_complete("frf_2"), make_bench("g_b", name="virtual:g_a") if seen == "motion" else make_bench()
     if seen == "breakaway":
-        RunFolder.open(run).save_result("breakaway", {"coulomb_nm": 0.05})
+        RunFolder.open(run).save("results", "breakaway", {"coulomb_nm": 0.05})
     what = "the motor" if seen == "motion" else "the breakaway torque is .* before it was 0.05 N m"
     talk = Listener()
     with pytest.raises(Refused, match=f"cannot be resumed: {what}.*begin a new run"):

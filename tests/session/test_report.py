@@ -188,7 +188,7 @@ def test_a_folder_that_cannot_be_written_shows_its_result_all_the_same(
     def full(*_: object) -> None:
         raise UsageError("the folder cannot be written: read-only")
 
-    monkeypatch.setattr(laboratory.RunFolder, "save_result", full)
+    monkeypatch.setattr(laboratory.RunFolder, "save", full)
     assert any(line.startswith("Not kept: ") for line in laboratory.unkept(RunFolder.open(run), "diagnosis", {}))
     monkeypatch.setattr(page_file, "write_text", full)
     found = job.report(run)

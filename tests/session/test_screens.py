@@ -106,14 +106,14 @@ def test_a_failed_run_with_many_remarks_is_a_screen(complete: Complete, tmp_path
     """A missed target is named with value and limit, in the headline and in its row; nothing runs over the screen."""
     folder = RunFolder.create(tmp_path / "run", load_axis("egc-70-600"))
     for name in ("fit", "drive"):
-        folder.save_result(name, RunFolder.open(complete.path).load("results", name))
+        folder.save("results", name, RunFolder.open(complete.path).load("results", name))
     design = RunFolder.open(complete.path).load("designs", "final")
-    folder.save_design("final", design)
-    folder.save_model("final", complete.final.fit.model.to_dict())
+    folder.save("designs", "final", design)
+    folder.save("models", "final", complete.final.fit.model.to_dict())
     verdict = complete.result.data["verdict"]
     verdict = replace(verdict, passed=False, targets=AxisTargets(following_error_m=1e-5, at=at))
     proof = {"proof": {"gains": design["parameters"], "further_payloads_kg": [], "path": [0.0, 0.5, 0.7]}}
-    folder.save_result("verify_move_1", {**verdict_to_dict(verdict), **proof})
+    folder.save("results", "verify_move_1", {**verdict_to_dict(verdict), **proof})
     said = headline_of(folder)
     assert said.state == "fail"
     remarks = [f"the move was slowed down, because something long and winding number {k} happened on the way to it" for k in range(9)]

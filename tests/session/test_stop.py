@@ -43,8 +43,8 @@ def run_of(rig: str, complete: Path) -> Path:
     """The complete run of rig g_a, or the same as if it had been made on g_b: with its true model and a design for that."""
     if rig == "g_b":
         folder, model = RunFolder.open(complete), true_model(nominal(rig))
-        folder.save_model("final", model.to_dict())
-        folder.save_design("final", designed(model, structure_from_dict(folder.load("results", "drive"))))
+        folder.save("models", "final", model.to_dict())
+        folder.save("designs", "final", designed(model, structure_from_dict(folder.load("results", "drive"))))
     return complete
 
 

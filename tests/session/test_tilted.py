@@ -283,5 +283,5 @@ def test_run_folder_keeps_the_comparison(tmp_path: Path) -> None:
     assert (data["integrators"][0]["low_nm"], data["integrators"][0]["high_nm"]) == pytest.approx((0.445, 0.695))
     assert way.best.torque_nm == 0.69
     folder = RunFolder.create(tmp_path / "run", load_axis(TILTED))
-    folder.save_result("gravity", data)
+    folder.save("results", "gravity", data)
     assert folder.load("results", "gravity")["creep"]["torque_nm"] == 0.692

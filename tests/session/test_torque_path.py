@@ -95,9 +95,9 @@ def test_a_path_is_the_same_from_its_file(tmp_path: Path) -> None:
     assert path_to_dict(path_from_dict(path_data(path, PERIOD_S))) == path_to_dict(path)
     folder = RunFolder.create(tmp_path / "run", AXIS)
     assert kept_path(folder) is None
-    folder.save_result("fit", {KEY: path_data(path, PERIOD_S)})
+    folder.save("results", "fit", {KEY: path_data(path, PERIOD_S)})
     assert path_to_dict(kept_path(folder) or FAITHFUL) == path_to_dict(path)
-    folder.save_result("fit", {KEY: {"drive": None}})
+    folder.save("results", "fit", {KEY: {"drive": None}})
     with pytest.raises(DataError, match="torque_path"):
         kept_path(folder)
 

@@ -116,7 +116,7 @@ def test_a_rollback_needs_no_offer_and_pays_the_debt(connect: Connect, tmp_path:
     bench = connect(HardwareBench())
     run = tmp_path / "run"
     folder = api.RunFolder.create(run, load_axis(AXIS))
-    folder.save_result("backup", {"drive": {}, "parameters": bench.parameters()})
+    folder.save("results", "backup", {"drive": {}, "parameters": bench.parameters()})
     cut_off(bench, run)
     talk = Script()
     assert api.rollback("virtual:g_a", run, options=YES, talk=talk).exit_code == 0

@@ -117,8 +117,8 @@ def test_a_population_around_a_run_with_a_move_of_its_own_from_other_places(writ
     """The run holds the plant and the gains of the study beside it: the same results.   Where a move leaves the travel is a result too."""
     plant, gains = load_plant("g_a"), STUDY["base"]["gains"]
     folder = RunFolder.create(tmp_path / "run", load_axis("egc-70-600"))
-    folder.save_model("final", plant.model.to_dict())
-    folder.save_design("final", {"parameters": gains, "dead_time_s": plant.setpoint_delay_s})
+    folder.save("models", "final", plant.model.to_dict())
+    folder.save("designs", "final", {"parameters": gains, "dead_time_s": plant.setpoint_delay_s})
     told = {
         "members": 8,
         "move": str(moving(tmp_path)),
