@@ -54,6 +54,8 @@ class Banded:
     noise : float
         Predicted rms, N m.
     sample_s : float, s
+    whole : ndarray (n,), N m
+        Residual torque before the low-pass, without what a swing at the start adds.
     """
 
     record: str
@@ -63,6 +65,7 @@ class Banded:
     keep: NDArray[np.bool_]
     noise: float
     sample_s: float
+    whole: Array
 
 
 def band_of(data: Data, model: Model) -> float:
@@ -112,15 +115,19 @@ def in_band(piece: Segment, model: Model, vector: Array, band_hz: float) -> Band
     sample = piece.motion.sample_s
     reported, counts = low_passed(piece.torque, piece.keep, band_hz, sample)
     if piece.observer is not None or piece.offset_m == 0.0:
-        error, _ = low_passed(evaluate(piece, model, vector), piece.keep, band_hz, sample)
+        whole = evaluate(piece, model, vector)
+        error, _ = low_passed(whole, piece.keep, band_hz, sample)
     else:
-        left, stretched = evaluate_each(piece, model, [vector, vector], [0.0, STRETCH_M])
-        error, _ = low_passed(left, piece.keep, band_hz, sample)
-        answer, _ = low_passed(stretched - left, piece.keep, band_hz, sample)
+        whole, stretched = evaluate_each(piece, model, [vector, vector], [0.0, STRETCH_M])
+        swing = stretched - whole
+        error, _ = low_passed(whole, piece.keep, band_hz, sample)
+        answer, _ = low_passed(swing, piece.keep, band_hz, sample)
         ways = np.column_stack((answer, np.gradient(answer)))
-        error = error - ways @ np.linalg.lstsq(ways[counts], error[counts], rcond=None)[0]
+        shares = np.linalg.lstsq(ways[counts], error[counts], rcond=None)[0]
+        error = error - ways @ shares
+        whole = whole - np.column_stack((swing, np.gradient(swing))) @ shares
     noise = noise_in(piece, noise_spectrum(piece, model), band_hz)
-    return Banded(piece.record, piece.held_out, error, reported, counts, noise, sample)
+    return Banded(piece.record, piece.held_out, error, reported, counts, noise, sample, whole)
 
 
 def changes(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from beltcomm.errors import Refused, UsageError
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.in_band import band_limited_errors, band_of
-from beltcomm.fit.likelihood import OFFSET_M
 from beltcomm.fit.records import Data
-from beltcomm.fit.segment import Segment, evaluate
+from beltcomm.fit.segment import Segment
 from beltcomm.identify.landmarks import shape_of
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.places import ErrorRegion, worst_places
@@ -76,13 +75,10 @@ def compare(data: Data, fitted: Fitted) -> Comparison:
     """Ratio of the model's error to the noise in every record, and where it is largest."""
     judged: list[Judged] = []
     model, band = fitted.model, band_of(data, fitted.model)
-    vector = fitted.problem.full(fitted.x)
-    for i, piece in enumerate(fitted.problem.pieces):
-        white = fitted.residual[fitted.problem.ends[i] : fitted.problem.ends[i + 1]]
-        judged.append(_judge(piece, fitted, vector, white, OFFSET_M * float(fitted.offsets[i])))
-    for piece, white in zip(data.held_out, fitted.held_residual, strict=True):
-        judged.append(_judge(piece, fitted, vector, white, 0.0))
     parts = band_limited_errors(data, fitted, band)
+    whites = [*np.split(fitted.residual, fitted.problem.ends[1:-1]), *fitted.held_residual]
+    for piece, white, part in zip((*fitted.problem.pieces, *data.held_out), whites, parts, strict=True):
+        judged.append(_judge(piece, model, white, part.whole))
     records = []
     for name in dict.fromkeys(j.piece.record for j in judged):
         white = np.concatenate([j.white for j in judged if j.piece.record == name])
@@ -95,9 +91,8 @@ def compare(data: Data, fitted: Fitted) -> Comparison:
     return Comparison(fitted.ratio, fitted.held_ratio, tuple(records), tuple(worst_places(judged)), tuple(judged), whole, held)
 
 
-def _judge(piece: Segment, fitted: Fitted, vector: Array, white: Array, offset_m: float) -> Judged:
-    torque = evaluate(piece, fitted.model, vector, offset_m)
-    return Judged(piece, white, torque[piece.value_samples], fitted.model["transmission.ratio"], torque, units_of(fitted.model))
+def _judge(piece: Segment, model: Model, white: Array, whole: Array) -> Judged:
+    return Judged(piece, white, whole[piece.value_samples], model["transmission.ratio"], whole, units_of(model))
 
 
 def worst(comparison: Comparison, count: int = 5) -> list[ErrorRegion]:

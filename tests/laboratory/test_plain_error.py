@@ -110,7 +110,7 @@ def test_the_filter_keeps_a_constant_has_three_decibel_at_the_edge_and_looks_at_
 def test_chance_is_the_scatter_of_the_change_over_blocks() -> None:
     random = np.random.default_rng(1)
     keep = np.ones(20_000, dtype=np.bool_)
-    one, other = (Banded("a", False, random.normal(size=20_000), keep.astype(float), keep, 0.0, 1e-3) for _ in range(2))
+    one, other = (Banded("a", False, random.normal(size=20_000), keep.astype(float), keep, 0.0, 1e-3, np.zeros(0)) for _ in range(2))
     rise, chance = change([(one, other)])
     assert rise == pytest.approx(float(np.sum(other.error**2 - one.error**2)))
     assert chance == pytest.approx(1.645 * np.sqrt(20_000 * 4.0), rel=0.2)  # each of two squares of normal numbers has variance 2
@@ -120,7 +120,9 @@ def test_chance_is_the_scatter_of_the_change_over_blocks() -> None:
 def test_errors_below_their_own_noise_do_not_differ(noise: float, differs: bool) -> None:
     random = np.random.default_rng(2)
     keep = np.ones(20_000, dtype=np.bool_)
-    one, other = (Banded("a", False, size * random.normal(size=20_000), keep.astype(float), keep, noise, 1e-3) for size in (1.0, 1.2))
+    one, other = (
+        Banded("a", False, size * random.normal(size=20_000), keep.astype(float), keep, noise, 1e-3, np.zeros(0)) for size in (1.0, 1.2)
+    )
     assert (change([(one, other)])[0] != 0.0) is differs
 
 
@@ -130,7 +132,8 @@ def test_what_a_model_passes_on_of_the_noise_is_no_error_of_it() -> None:
     keep = np.ones(200_000, dtype=np.bool_)
     left = np.sin(0.01 * np.arange(200_000))
     one, other = (
-        Banded("a", False, left + size * random.normal(size=200_000), keep.astype(float), keep, size, 1e-3) for size in (0.2, 0.4)
+        Banded("a", False, left + size * random.normal(size=200_000), keep.astype(float), keep, size, 1e-3, np.zeros(0))
+        for size in (0.2, 0.4)
     )
     assert float(np.sum(other.error**2 - one.error**2)) > 20_000.0
     rise, chance = change([(one, other)])

@@ -10,10 +10,14 @@ import pytest
 from beltcomm.axis import load_axis
 from beltcomm.control import Cascade
 from beltcomm.drive.parameters import parameters_to_cascade
+from beltcomm.fit.in_band import low_passed
 from beltcomm.journal import events_of
+from beltcomm.laboratory.compare import compare
 from beltcomm.model import load_model
 from beltcomm.recording import load_recording
+from beltcomm.rundata.fitted_run import open_fitted
 from beltcomm.runfolder import RunFolder
+from beltcomm.talk import Silence
 from session.bench import RATIO
 from session.conftest import Complete
 
@@ -221,3 +225,14 @@ def test_the_plan_promised_no_less_than_was_used(complete: Complete) -> None:
 
 def test_a_second_reader_finds_the_same_axis(complete: Complete) -> None:
     assert RunFolder.open(complete.path).recordings("friction_sweep")[0].name == "sweep"
+
+
+def test_what_is_drawn_of_a_record_is_the_error_that_is_told(complete: Complete) -> None:
+    """The residual over time, speed and place has the rms of the table: a carriage that swung at the start is no error in either."""
+    opened = open_fitted(complete.path, Silence())
+    found = compare(opened.data, opened.fitted)
+    for record in found.records:
+        parts = [one for one in found.judged if one.piece.record == record.name]
+        passed = [low_passed(one.whole, one.piece.keep, record.plain.band_hz, one.piece.motion.sample_s) for one in parts]
+        drawn = math.sqrt(np.mean(np.concatenate([values[counts] for values, counts in passed]) ** 2))
+        assert drawn == pytest.approx(record.plain.error, rel=0.03), record.name
