@@ -98,7 +98,7 @@ export function laboratory(ask) {
     $("ratio").textContent = `${found.ratio.toFixed(2)} × the noise`;
     $("ratio").className = `big ${found.ratio <= found.explained ? "good" : "bad"}`;
     const plain = found.plain ? ` That is ${number(found.units.factor * found.plain.error)} ${found.units.small}, ${number(found.plain.percent)} % of the torque.` : "";
-    $("ratio-words").textContent = `${found.ratio <= found.explained ? "The model explains what was measured." : "Something is missing in the model."} 1.00 would mean that nothing is.${plain}` +
+    $("ratio-words").textContent = `${found.ratio <= found.explained ? "The model explains what was measured." : "Something is missing in the model."} At 1.00 nothing but noise is left.${plain}` +
       (found.held_out === null ? "" : ` Records held out: ${found.held_out.toFixed(2)}.`) + (found.change ? ` ${found.change.change}: ${found.before ? found.before.ratio.toFixed(2) : ""} → ${found.ratio.toFixed(2)}.` : "");
     $("effects").replaceChildren(...found.effects.map((one) => {
       const chip = element("span", { title: one.title }, one.name.replaceAll("_", " "));
