@@ -322,7 +322,8 @@ def to_file(kind: AxisKind, data: Mapping[str, Any]) -> dict[str, Any]:
             found.setdefault(section, {})[key] = _times(held.pop(last), 1.0 / factor, WRITTEN)
     if kind.rotary and "trajectories" in found:
         found["trajectories"] = {
-            name: {_turned(key): _times(one, 1.0 / DEGREE_M, WRITTEN) for key, one in each.items()} for name, each in found["trajectories"].items()
+            name: {_turned(key): _times(one, 1.0 / DEGREE_M, WRITTEN) for key, one in each.items()}
+            for name, each in found["trajectories"].items()
         }
     if kind.rotary:
         found.get("pulley", {}).pop("effective_radius_m", None)
