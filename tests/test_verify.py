@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from scipy.signal import butter
 from beltcomm.axis.entries import AxisTargets, TrajectoryLimits
 from beltcomm.control import Cascade, CascadeStructure, Feedforward, Prefilter
 from beltcomm.errors import DataError, Refused, UsageError
+from beltcomm.experiments import verification
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
@@ -385,3 +388,19 @@ def test_a_record_without_reference_cannot_be_judged() -> None:
     bare = Recording("bare", PERIOD_S * np.arange(len(motor), dtype=np.float64), np.linspace(0.0, 1.0, len(motor)), motor / RATIO)
     with pytest.raises(DataError, match="'bare' has no reference_position_rad"):
         judge(bare, RATIO, predicted(reference, motor, motor))
+
+
+@pytest.mark.parametrize(("chosen", "helps", "slower"), [(True, True, True), (True, False, False), (False, True, False)])
+def test_a_move_that_friction_may_hold_beside_its_target_is_driven_slower(
+    chosen: bool, helps: bool, slower: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only one whose limits nobody stated, and only where it helps: a flywheel on its coupling stuck 0.064 of 0.05 degrees beside it."""
+    limits = TrajectoryLimits(jerk_m_s3=200.0, acceleration_m_s2=5.0, speed_m_s=1.0)
+    standard = verification.StandardMove(0.0, 0.5, limits, "", chosen=chosen)
+    whole = standard.at(1.0, PERIOD_S)
+    own = SimpleNamespace(sample_period_s=PERIOD_S)
+    machine: Any = SimpleNamespace(drive=SimpleNamespace(capabilities=own), axis=SimpleNamespace(targets=AxisTargets()))
+    monkeypatch.setattr(verification, "_rests_m", lambda *of: 2e-4 * (whole.duration_s / of[-1].duration_s) ** (2 if helps else 0))
+    move, remark = verification._settling(machine, None, None, 0.0, standard)  # type: ignore[arg-type]
+    assert (move.duration_s > whole.duration_s) == slower
+    assert ("friction may hold it 0.2 mm off after 0.5 s" in remark) == slower

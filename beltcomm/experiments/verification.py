@@ -55,12 +55,15 @@ class StandardMove:
         Of speed, acceleration, jerk.
     remark : str
         In words what was taken away, or "".
+    chosen : bool
+        Whether its limits are this program's choice, for axis.yaml states none.
     """
 
     start_m: float
     end_m: float
     limits: TrajectoryLimits
     remark: str
+    chosen: bool = False
 
     def at(self, share: float, period_s: float) -> Trajectory:
         """The move with its time stretched by 1/share."""
@@ -76,8 +79,9 @@ def standard_move(machine: Machine, model: Model) -> StandardMove:
         When there is none.
     """
     start, end = _way(machine)
-    limits = machine.axis.trajectories.get(machine.axis.targets.limits) or phases.gentle_limits(machine, model, math.inf)
-    return StandardMove(start, end, *admissible(machine, model, start, end, limits))
+    stated = machine.axis.trajectories.get(machine.axis.targets.limits)
+    limits = stated or phases.gentle_limits(machine, model, math.inf)
+    return StandardMove(start, end, *admissible(machine, model, start, end, limits), chosen=stated is None)
 
 
 def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: float) -> float:
@@ -147,8 +151,7 @@ def move_asked_for(
     if file is not None:
         return load_move(file, period, machine.axis), ""
     if name is None:
-        move = kept_by_belt(machine, model, cascade, delay_s)
-        return move.at(1.0, period), move.remark
+        return _settling(machine, model, cascade, delay_s, kept_by_belt(machine, model, cascade, delay_s))
     return plan_trajectory(*_way(machine), machine.axis.trajectory(name), period), ""
 
 
@@ -204,9 +207,14 @@ def in_drive(machine: Machine, delay_s: float) -> Loop:
 
 def _error_m(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> float:
     """Predicted following error of a move, m: the largest of the places where the targets count."""
-    path = predicted(machine, model, cascade, delay_s, trajectory)
-    at = {"motor": path.motor_m, "carriage": path.cart_m}
-    return max(tracking_error(path.t_s, path.reference_m, at[place]).dynamic_m for place in machine.axis.targets.places)
+    return _largest(machine, predicted(machine, model, cascade, delay_s, trajectory)).dynamic_m
+
+
+def _largest(machine: Machine, path: PredictedMove) -> TrackingError:
+    """The largest errors of the places where the targets count."""
+    targets, at = machine.axis.targets, {"motor": path.motor_m, "carriage": path.cart_m}
+    errors = [tracking_error(path.t_s, path.reference_m, at[place], targets) for place in targets.places]
+    return TrackingError(max(error.dynamic_m for error in errors), max(error.static_m for error in errors))
 
 
 def fastest(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> Trajectory | None:
@@ -248,7 +256,7 @@ def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
     whole = standard.at(1.0, period)
     off = _error_m(machine, model, cascade, delay_s, whole)
     if off <= following_m:
-        return whole, standard.remark
+        return _settling(machine, model, cascade, delay_s, standard)
     text = f"{standard.remark}; " if standard.remark else ""
     text += f"the standard move would have {1e3 * off:.3g} mm of following error with this controller"
     target = f"{1e3 * following_m:g} mm"
@@ -268,6 +276,41 @@ def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
     move = short(low)
     way = 1e3 * abs(float(move.position_m[-1]) - start)
     return move, f"{text}; too long here, so {way:.2g} mm were driven, at {1e3 * low:.3g} mm/s from the start on"
+
+
+def _settling(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> tuple[Trajectory, str]:
+    """The standard move; where its limits are our choice and it may come to rest beside the target, the fastest that does not.
+
+    Friction holds what it stands off by until the integral part has overcome it, which takes longer than the axis has; a gentler end of the
+    move leaves less.  Where it sticks hangs on the last digits of model and start, so that the range of what is not known counts.
+    """
+    period, targets, share = machine.drive.capabilities.sample_period_s, machine.axis.targets, 1.0
+    whole = move = standard.at(share, period)
+    if not standard.chosen:
+        return whole, standard.remark
+    rests = first = _rests_m(machine, model, cascade, delay_s, move)
+    while rests > targets.settled_m:
+        share *= SLOWER**2
+        move = standard.at(share, period)
+        if move.duration_s > LONGEST_SLOW_MOVE_S:
+            return whole, standard.remark
+        rests = _rests_m(machine, model, cascade, delay_s, move)
+    if share == 1.0:
+        return whole, standard.remark
+    text = f"{standard.remark}; " if standard.remark else ""
+    text += f"at its full speed friction may hold it {1e3 * first:.3g} mm off after {targets.after_s:g} s"
+    return move, f"{text}, so it was driven at {100 * share:.0f} % of its speed, in {move.duration_s:.3g} s"
+
+
+def _rests_m(machine: Machine, model: Model, cascade: Cascade, delay_s: float, move: Trajectory) -> float:
+    """Largest settled error of a move over what is not known of the axis, m."""
+    path, drive = with_dwell(move, REST_S), in_drive(machine, delay_s)
+
+    def error(on: Model, stretch_m: float) -> TrackingError:
+        return _largest(machine, predict_move(on, cascade, path, drive, belt_stretch_m=stretch_m))
+
+    spread = predict_range(model, error)
+    return error(model, 0.0).static_m if spread is None else spread[1].static_m
 
 
 def _led_error(cascade: Cascade, led: LedReference, drive: Loop, model: Model, stretch_m: float) -> TrackingError:

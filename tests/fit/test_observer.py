@@ -12,6 +12,7 @@ import pytest
 
 from beltcomm.effects import effect_named
 from beltcomm.fit import estimate as fitting
+from beltcomm.fit.gap_valley import STIFFNESS, along_gap_valley
 from beltcomm.fit.likelihood import Problem
 from beltcomm.fit.observer import settling_samples, stiffest
 from beltcomm.fit.records import Data, prepare, remade, with_process_noise
@@ -106,9 +107,8 @@ def test_a_carriage_that_rattles_unseen_stays_in_its_gap(rattling: tuple[Data, M
         assert observer is not None
         assert whole is not None
         least = np.median(whole.watch.deviations[counts])
-        assert np.max(observer.watch.deviations[counts]) < 1e3 * least, (
-            piece.record
-        )  # a gap's width on the belt is some 100 times the noise
+        most = 1e3 * least  # a gap's width on the belt is some 100 times the noise
+        assert np.max(observer.watch.deviations[counts]) < most, piece.record
         assert float(np.sqrt(np.mean(observer.watch.white[counts] ** 2))) < 1.2, piece.record
 
 
@@ -211,3 +211,16 @@ def test_on_a_belt_that_stiffens_threefold_along_the_way_the_observer_keeps_the_
     place, held = stiffest(model, 0.1, 0.9, np.linspace(0.1, 0.9, 9))
     assert place == pytest.approx(0.1, abs=0.01)
     assert 0.2 < held[-1] < 0.5 < held[0] <= 1.0
+
+
+def test_a_gap_is_looked_for_along_the_valley_of_gap_and_stiffness(rattling: tuple[Data, Model]) -> None:
+    """A wider gap behind a stiffer belt looks alike; what is at the noise, or has no gap, is left as it is."""
+    data, model = rattling
+    few = replace(data, fitted=tuple(excited(data)[:2]), held_out=())
+    wrong = model.with_values({"backlash.gap": 0.9 * model["backlash.gap"], STIFFNESS: 0.85 * model[STIFFNESS]})
+    begun = fitting.fit(few, wrong, 0)
+    found = along_gap_valley(few, begun, 3)
+    assert found.objective < begun.objective - 20.0
+    assert found.model["backlash.gap"] == pytest.approx(model["backlash.gap"], rel=0.02)
+    for settled in (fitting.fit(few, model, 0), fitting.fit(few, model.without_effect("backlash"), 0)):
+        assert along_gap_valley(few, settled, 3) is settled
