@@ -9,7 +9,6 @@ import numpy as np
 from beltcomm.fit.start import knows_stiffness
 from beltcomm.given import pasted
 from beltcomm.laboratory.compare import worst
-from beltcomm.laboratory.place_words import in_words
 from beltcomm.model import Value
 from beltcomm.pages import pictures
 from beltcomm.pages.gather import Gathered
@@ -89,11 +88,14 @@ def error_section(run: Gathered) -> Section:
             "model-error", "Where the model fails", missing=f"Nothing to compare; beltcomm fit {pasted(run.place)} makes a model."
         )
     data = run.laboratory.data
-    places = [in_words(place, run.landmarks) for place in worst(found)] or ["No place stands out."]
+    said = [
+        *([] if worst(found) else ["No place stands out."]),
+        *path_sentences(data.path, data.recordings),
+    ]  # else the picture says where
     titles, rows = record_table(found)
     note = "Error over noise 1.00 means that nothing is missing in that record."
     drawn = pictures.error_figures(run.folder, data, run.laboratory.fitted, found, run.command)
-    parts: list[Paragraphs | PageTable | Picture] = [Paragraphs([*places, *path_sentences(data.path, data.recordings)], listed=True)]
+    parts: list[Paragraphs | PageTable | Picture] = [Paragraphs(said, listed=True)] if said else []
     parts += [picture_of(figure) for figure in drawn.values()]
     parts.append(PageTable([title.removeprefix(">") for title in titles], rows, note))
     if run.rungs:
