@@ -296,7 +296,7 @@ class TextRows:
 
     def _column(self, j: int, cells: Sequence[str], rows: Sequence[tuple[TextLine, list[str]]]) -> Column:
         if not self._form.numeric[j]:
-            return np.array(cells, dtype=np.str_)
+            return np.array(cells, dtype=object)  # one long cell would widen a fixed width in every row
         values = [self._form.number(cell) for cell in cells]
         odd = [i for i, (cell, value) in enumerate(zip(cells, values, strict=True)) if value is None and cell.lower() not in MISSING]
         if odd:
@@ -324,7 +324,10 @@ def unstacked(table: Table) -> Table:
     if roles is None:
         return table
     names, value, time, units = roles
-    signals, which = np.unique(np.char.strip(np.char.strip(table.columns[names].astype(str)), '"'), return_inverse=True)
+    cells = [str(cell).strip().strip('"') for cell in table.columns[names]]
+    signals = sorted(set(cells))
+    place = {signal: number for number, signal in enumerate(signals)}
+    which = np.array([place[cell] for cell in cells])
     check_columns(table.file, 2 * len(signals))
     stamps, notes = _stamps(table, time)
     unit = "s" if time == "Time_ms" and "VarName" in table.columns else table.unit(time)
@@ -332,7 +335,7 @@ def unstacked(table: Table) -> Table:
     stated: dict[str, str] = {}
     clocks: dict[str, str] = {}
     made: dict[bytes, str] = {}
-    for number, signal in enumerate(signals.tolist()):
+    for number, signal in enumerate(signals):
         rows = np.flatnonzero(which == number)
         own = stamps[rows]
         key = own.tobytes()

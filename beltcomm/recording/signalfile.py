@@ -194,7 +194,7 @@ def _read_slowly(path: Path, names: list[str], body: str, numeric: Collection[st
         for number, (cell, value) in enumerate(zip(cells, values, strict=True), start=1):
             if name in numeric and (value is None or not np.isfinite(value)):
                 raise _unreadable(path, name, number, cell)
-        columns[name] = np.array(cells) if None in values else np.array(values, dtype=np.float64)
+        columns[name] = np.array(cells, dtype=object) if None in values else np.array(values, dtype=np.float64)
     return columns
 
 
