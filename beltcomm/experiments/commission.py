@@ -481,7 +481,7 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
     if settings.move is not None:
         trajectory = settings.move
     else:
-        standard = verification.kept_by_belt(machine, model, cascade, delay(findings))
+        standard = verification.slowed_move(machine, model, cascade, delay(findings))
         if verification.leads(machine.drive, machine.axis, cascade):
             learn_gains(machine, model, cascade, delay(findings), standard, settings.payloads_kg)
         trajectory, remark = verification.within_target(machine, model, cascade, delay(findings), standard)

@@ -93,7 +93,7 @@ def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: 
     return swing * (machine.axis.belt_force_limit_n + friction) - machine.weight_n
 
 
-def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: float) -> StandardMove:
+def _kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: float) -> StandardMove:
     """The standard move, slowed down until the belt keeps its limits with this controller: as it swings, in a
     stop, and when the host is lost.
 
@@ -121,6 +121,11 @@ def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: floa
         return standard
     remark = f"{standard.remark}; {why}" if standard.remark else why
     return replace(standard, limits=standard.limits.slower(share), remark=remark)
+
+
+def slowed_move(machine: Machine, model: Model, cascade: Cascade, delay_s: float) -> StandardMove:
+    """The standard move, as fast as belt, a lost host and, where its limits are our choice, the settled error let it be."""
+    return _settling(machine, model, cascade, delay_s, _kept_by_belt(machine, model, cascade, delay_s))
 
 
 def predicted_stops(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> StopsInMove:
@@ -151,7 +156,8 @@ def move_asked_for(
     if file is not None:
         return load_move(file, period, machine.axis), ""
     if name is None:
-        return _settling(machine, model, cascade, delay_s, kept_by_belt(machine, model, cascade, delay_s))
+        move = slowed_move(machine, model, cascade, delay_s)
+        return move.at(1.0, period), move.remark
     return plan_trajectory(*_way(machine), machine.axis.trajectory(name), period), ""
 
 
@@ -256,7 +262,7 @@ def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
     whole = standard.at(1.0, period)
     off = _error_m(machine, model, cascade, delay_s, whole)
     if off <= following_m:
-        return _settling(machine, model, cascade, delay_s, standard)
+        return whole, standard.remark
     text = f"{standard.remark}; " if standard.remark else ""
     text += f"the standard move would have {1e3 * off:.3g} mm of following error with this controller"
     target = f"{1e3 * following_m:g} mm"
@@ -278,28 +284,28 @@ def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
     return move, f"{text}; too long here, so {way:.2g} mm were driven, at {1e3 * low:.3g} mm/s from the start on"
 
 
-def _settling(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> tuple[Trajectory, str]:
-    """The standard move; where its limits are our choice and it may come to rest beside the target, the fastest that does not.
+def _settling(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> StandardMove:
+    """The move; where its limits are our choice and it may come to rest beside the target, the fastest that does not.
 
     Friction holds what it stands off by until the integral part has overcome it, which takes longer than the axis has; a gentler end of the
     move leaves less.  Where it sticks hangs on the last digits of model and start, so that the range of what is not known counts.
     """
     period, targets, share = machine.drive.capabilities.sample_period_s, machine.axis.targets, 1.0
-    whole = move = standard.at(share, period)
-    if not standard.chosen:
-        return whole, standard.remark
-    rests = first = _rests_m(machine, model, cascade, delay_s, move)
+    if not standard.chosen or leads(machine.drive, machine.axis, cascade):
+        return standard
+    rests = first = _rests_m(machine, model, cascade, delay_s, standard.at(share, period))
     while rests > targets.settled_m:
         share *= SLOWER**2
         move = standard.at(share, period)
         if move.duration_s > LONGEST_SLOW_MOVE_S:
-            return whole, standard.remark
+            return standard
         rests = _rests_m(machine, model, cascade, delay_s, move)
     if share == 1.0:
-        return whole, standard.remark
+        return standard
     text = f"{standard.remark}; " if standard.remark else ""
     text += f"at its full speed friction may hold it {1e3 * first:.3g} mm off after {targets.after_s:g} s"
-    return move, f"{text}, so it was driven at {100 * share:.0f} % of its speed, in {move.duration_s:.3g} s"
+    text += f", so it was driven at {100 * share:.0f} % of its speed, in {move.duration_s:.3g} s"
+    return replace(standard, limits=standard.limits.slower(share), remark=text)
 
 
 def _rests_m(machine: Machine, model: Model, cascade: Cascade, delay_s: float, move: Trajectory) -> float:

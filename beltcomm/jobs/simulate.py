@@ -27,7 +27,7 @@ def run_experiment(machine: Machine, model: Model, experiment: str) -> str:
     structure = machine.drive.capabilities.structure
     _, cascade = design_for(machine.axis, model, structure, findings, Settings())
     stops.count_on_loop(machine, [model], cascade, 0.0)
-    standard = verification.kept_by_belt(machine, model, cascade, 0.0)
+    standard = verification.slowed_move(machine, model, cascade, 0.0)
     path = standard.at(1.0, machine.drive.capabilities.sample_period_s)
     verify_move(machine, model, cascade, 0.0, path)
     return "move_1"

@@ -174,7 +174,7 @@ def verify_with(
         referencing.reference(machine, settings_of(replace(options, feedforward=None)))
         braking = stops.count_on_loop(machine, [model], cascade, delay_s)
         if sending == "led" and move is None and trajectory is None:  # as fast as the drive's bounds let its reference lead
-            standard = verification.kept_by_belt(machine, model, cascade, delay_s)
+            standard = verification.slowed_move(machine, model, cascade, delay_s)
             path, remark = verification.within_target(machine, model, cascade, delay_s, standard)
         elif feedforward is not None and move is None and trajectory is None:  # another one is compared on the same move
             standard = verification.standard_move(machine, model)

@@ -16,12 +16,10 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from beltcomm.axis import load_axis
 from beltcomm.cli.main import VERBS, cli
 from beltcomm.design.specification import PRODUCT_SPECIFICATION
 from beltcomm.errors import DataError, DriveError, DriveFault, Refused, SafetyStop, UsageError
 from beltcomm.journal import Event, append
-from beltcomm.runfolder import RunFolder
 
 
 @dataclass
@@ -145,26 +143,6 @@ def test_options_reach_the_api(api: StandIn) -> None:
 def test_the_parts_of_the_controller_can_be_chosen(api: StandIn, words: str, options: Options) -> None:
     assert call(*words.split()).exit_code == 0
     assert api.calls[0][2]["options"] == options
-
-
-@pytest.mark.parametrize(
-    ("words", "options"),
-    [
-        ("verify --run R", Options(profile="cmmp-as", node=3)),
-        ("friction --run R", Options(profile="cmmp-as", node=3)),
-        ("verify --run R --profile reference", Options(profile="reference", node=3)),
-        ("verify --run R --drive virtual", Options()),
-    ],
-)
-def test_the_drive_of_a_run_is_reached_as_it_was(api: StandIn, words: str, options: Options) -> None:
-    """A run made with --profile cmmp-as went on with the reference drive, and was refused as another one's."""
-    folder = RunFolder.create(Path("R"), load_axis("egc-70-600"))
-    folder.save("results", "drive", {"name": "CMMP-AS", "reached_as": "virtual", "reached_by": "--profile cmmp-as --node 3"})
-    outcome = call(*words.split())
-    assert outcome.exit_code == 0, outcome.output
-    assert api.calls[0][1][0] == "virtual"
-    assert api.calls[0][2]["options"] == options
-    assert ("Drive: virtual --profile cmmp-as --node 3 (that of the run)" in outcome.stderr) == ("--drive" not in words)
 
 
 def test_sweeps_are_compared_without_a_machine(api: StandIn) -> None:

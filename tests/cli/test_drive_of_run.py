@@ -1,0 +1,50 @@
+"""A run that is gone on with where no drive is named: that of the run, reached as it was."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from beltcomm.axis import load_axis
+from beltcomm.cli.friction import command as friction
+from beltcomm.cli.options import told_drive
+from beltcomm.cli.verify import command as verify
+from beltcomm.runfolder import RunFolder
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A run that was made with options of its drive."""
+    folder = RunFolder.create(tmp_path / "R", load_axis("egc-70-600"))
+    folder.save("results", "drive", {"name": "CMMP-AS", "reached_as": "virtual", "reached_by": "--profile cmmp-as --node 3"})
+    return folder.path
+
+
+def frame() -> Any:
+    return SimpleNamespace(json=False, drive="", bus_log=False, details=False, verbose=0)
+
+
+@pytest.mark.parametrize(
+    ("more", "drive", "profile", "node"),
+    [
+        ([], "virtual", "cmmp-as", 3),
+        (["--profile", "reference"], "virtual", "reference", 3),
+        (["--drive", "virtual:g_b"], "virtual:g_b", None, None),
+    ],
+)
+def test_the_drive_of_a_run_is_reached_as_it_was(
+    more: list[str], drive: str, profile: str | None, node: int | None, run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A run made with --profile cmmp-as went on with the reference drive, and was refused as another one's."""
+    given = verify.make_context("verify", ["--run", str(run), *more], obj=frame()).params
+    assert (given["drive"], given["profile"], given["node"]) == (drive, profile, node)
+    assert ("Drive: virtual --profile cmmp-as --node 3 (that of the run)" in capsys.readouterr().err) == (drive == "virtual")
+
+
+def test_what_has_no_drive_of_its_own_is_told_how_it_was_reached(run: Path) -> None:
+    context = friction.make_context("friction", ["--run", str(run)], obj=frame())
+    assert told_drive(context, run) == ("virtual", {"profile": "cmmp-as", "node": 3})
+    assert told_drive(context, run / "elsewhere") == (None, {})
