@@ -19,7 +19,9 @@ from beltcomm.runfolder import RunFolder
 def run(tmp_path: Path) -> Path:
     """A run that was made with options of its drive."""
     folder = RunFolder.create(tmp_path / "R", load_axis("egc-70-600"))
-    folder.save("results", "drive", {"name": "CMMP-AS", "reached_as": "virtual", "reached_by": "--profile cmmp-as --node 3"})
+    structure = {"name": "x", "period_s": 1e-3, "prefilters": []}
+    about = {"counts_per_rev": 65536, "peak_torque_nm": 3.1, "max_speed_rad_s": 400.0, "structure": structure}
+    folder.save("results", "drive", {**about, "name": "CMMP-AS", "reached_as": "virtual", "reached_by": "--profile cmmp-as --node 3"})
     return folder.path
 
 

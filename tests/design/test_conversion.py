@@ -331,10 +331,16 @@ def test_the_design_of_a_run_is_converted_in_its_drives_form(tmp_path: Path) -> 
     folder = RunFolder.create(tmp_path / "run", load_axis("egc-70-600"))
     with pytest.raises(DataError):
         api.convert(folder.path)
-    folder.save("designs", "final", {"parameters": cascade_to_parameters(TABLE_A7), "structure": {"period_s": PERIOD}})
+    design = {
+        "parameters": cascade_to_parameters(TABLE_A7),
+        "dead_time_s": 1e-3,
+        "specification": {"phase_margin_deg": 45.0},
+        "margins": [],
+    }
+    folder.save("designs", "final", {**design, "structure": {"name": "x", "period_s": PERIOD, "prefilters": []}})
     result = api.convert(folder.path)
     assert result.to_json()["pid"]["kd_nm_s_rad"] == pytest.approx(0.12 - 1.39 * 0.003)
     assert any("stays: butterworth prefilter" in line for line in result.lines())
-    folder.save("designs", "final", {"parameters": cascade_to_parameters(TABLE_A7)})
+    folder.save("designs", "final", design)
     with pytest.raises(DataError, match="damaged"):
         api.convert(folder.path)

@@ -52,7 +52,7 @@ def test_signal_files(columns: dict[str, Array], cells: list[str], text: bool) -
     rows = len(next(iter(columns.values())))
     everything: dict[str, Any] = dict(columns)
     if text:
-        everything["said"] = np.array([f"x{cell}" for cell in cells[:rows]])
+        everything["said"] = np.array([f"x{cell}" for cell in cells[:rows]], dtype=object)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "a.csv"
         write_columns(path, everything)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from beltcomm.compiled import in_lanes
-from beltcomm.simulate.kernels.learning import learn, with_memory
+from beltcomm.simulate.kernels.learning import WIDEST, learn, with_memory
 from beltcomm.simulate.kernels.observer import idle
 
 
@@ -37,6 +37,11 @@ def test_gain_and_covariance_at_any_share_of_a_closed_gap(size: int, noises: int
         if keep[n]:
             assert deviations[n] == pytest.approx(np.sqrt(variance), rel=1e-9)
             np.testing.assert_allclose(gains[n], gain / variance, rtol=1e-9, atol=1e-12)
+        else:  # nothing is seen of the carriage, which the gap holds
+            for place, widest in zip((cart, cart + behind), WIDEST * spread, strict=True):
+                factor = np.sqrt(min(1.0, widest / P[place, place]))
+                P[place, :] *= factor
+                P[:, place] *= factor
         if forgets[n]:
             P[cart, cart] += spread[0]
             P[cart + behind, cart + behind] += spread[1]

@@ -118,7 +118,8 @@ def test_a_population_around_a_run_with_a_move_of_its_own_from_other_places(writ
     plant, gains = load_plant("g_a"), STUDY["base"]["gains"]
     folder = RunFolder.create(tmp_path / "run", load_axis("egc-70-600"))
     folder.save("models", "final", plant.model.to_dict())
-    folder.save("designs", "final", {"parameters": gains, "dead_time_s": plant.setpoint_delay_s})
+    design = {"parameters": gains, "dead_time_s": plant.setpoint_delay_s, "specification": {"phase_margin_deg": 45.0}, "margins": []}
+    folder.save("designs", "final", {**design, "structure": {"name": "x", "period_s": 1e-3, "prefilters": []}})
     told = {
         "members": 8,
         "move": str(moving(tmp_path)),

@@ -32,8 +32,9 @@ from scipy.stats import chi2
 
 import beltcomm
 from beltcomm.errors import BeltcommError
-from beltcomm.excitation import KINDS, Excitation, choose
+from beltcomm.excitation import Excitation, choose
 from beltcomm.fit.model_fit import fit_model
+from beltcomm.given import EXCITATION_KINDS
 from beltcomm.identify.amplitude import largest_amplitude
 from beltcomm.identify.magnitude_fit import fit_magnitude
 from beltcomm.model import Model, load_plant
@@ -183,7 +184,7 @@ def run(draws: int) -> Iterator[Figure]:
     found: dict[tuple[str, str, str], dict[str, float]] = {}
     for condition in ("linear", "friction"):
         model = axis(condition)
-        for kind in KINDS:
+        for kind in EXCITATION_KINDS:
             signal = signal_of(model, kind)
             least = bound(model, signal, free(model))
             for estimator, estimate in ESTIMATORS.items():
