@@ -35,6 +35,8 @@ RAMP_S = 0.2
 #: is slowed down for that.  A move that somebody asks for is refused beyond ``BELT_BEYOND`` only, where it would be stopped.
 BELT_SWING = 1.05
 BELT_TRIES = 8
+#: Share of its speed down to which a standard move is slowed for the belt.
+LEAST_SHARE = 0.3
 #: A force that is more times its limit than this tells by how much it is beyond only roughly.
 MOST_OVER = 4.0
 #: What a move with a led reference is slowed down by at a time.
@@ -116,6 +118,8 @@ def _kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
         if over <= 1.0:
             break
         share *= 0.99 / math.sqrt(min(over, MOST_OVER))
+        if share < LEAST_SHARE:  # not for the move to mend: as it is, its prediction refuses it
+            return standard
         why = f"move slowed to {100 * share:.0f} %: above, {what}"
     if not why:
         return standard

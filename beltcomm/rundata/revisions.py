@@ -72,7 +72,8 @@ class Revision:
 def revisions(folder: RunFolder) -> list[Revision]:
     """All rungs in the order they were made.   Raises DataError for a damaged file."""
     saved = folder.load_result(LADDER) or {"revisions": []}
-    return [Revision(**{**rung, "effects": tuple(rung["effects"]), **_plain_of(rung)}) for rung in saved["revisions"]]
+    unknown = {"held_out": None, "confirmed": None}
+    return [Revision(**{**unknown, **rung, "effects": tuple(rung["effects"]), **_plain_of(rung)}) for rung in saved["revisions"]]
 
 
 def _plain_of(rung: Mapping[str, Any]) -> dict[str, PlainError | None]:

@@ -72,7 +72,7 @@ def test_a_controller_that_would_leave_the_travel_is_not_tried(make_bench: MakeB
     wild = [next((f"  {n}: {v}" for n, v in weak.items() if line.startswith(f"  {n}:")), line) for line in lines]
     path.write_text("\n".join(wild), encoding="utf-8")
     outcome = call("verify", *DRIVE, "--yes", "--force", "--run", run)
-    assert outcome.exit_code == 1
+    assert outcome.exit_code == 1, outcome.stderr
     assert "the travel is -0.01..0.57 m; slow the move down or design other gains" in outcome.stderr
     assert abs(bench.plant.cart_position_m) < 0.01  # the creep that shows which way the encoder counts, nothing else
     assert bench.parameters() == bench.initial
