@@ -114,6 +114,10 @@ def choice(value: object, what: str, known: Sequence[str]) -> None:
         raise UsageError(f"{what} is {value!r}{f', did you mean {near[0]!r}?' if near else ''}; choose one of {', '.join(known)}")
 
 
+#: Options that a drive is reached by; a run keeps them, and no others are taken from its folder.
+REACHED_BY = ("as", "profile", "node", "bitrate")
+
+
 class Reached(str):
     """The name of a drive for the next command.
 

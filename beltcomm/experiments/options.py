@@ -13,7 +13,7 @@ from beltcomm.design.feedforward import SentFeedforward
 from beltcomm.drive import Capabilities, Drive
 from beltcomm.errors import Declined, Refused, UsageError
 from beltcomm.excitation import AskedExcitation
-from beltcomm.given import EXCITATION_KINDS, ExcitationKind, Place, Reached, choice, number, pasted, place, whole, word
+from beltcomm.given import EXCITATION_KINDS, REACHED_BY, ExcitationKind, Place, Reached, choice, number, pasted, place, whole, word
 from beltcomm.identify.loop_response import CLOSED_WAYS, Way
 from beltcomm.machine.hardware import Hardware
 from beltcomm.machine.ratings import nameplate_of
@@ -248,7 +248,7 @@ class Options:
         Reached
             Name and options, for the next command in words.
         """
-        given = {"as": self.slave, "profile": self.profile, "node": self.node, "bitrate": self.bitrate}
+        given = dict(zip(REACHED_BY, (self.slave, self.profile, self.node, self.bitrate), strict=True))
         found = Reached(drive)
         found.options = " ".join(f"--{name} {pasted(value)}" for name, value in given.items() if value is not None)
         return found

@@ -162,7 +162,8 @@ def verify_move(
     if sent.reference is not None and led_gains.known(machine.folder) is None:
         lag += max(LEARNING_SLACK, calibration.unsure(machine.folder)) * float(np.max(np.abs(sent.reference.lead_m)))
     setpoints = sent.motor if sent.reference is None else sent.reference.sent
-    _check_stops(machine, worst_stops(machine, model, running, drive, setpoints, lag, sent.torque_nm), agreed_n)
+    stops = worst_stops(machine, model, running, drive, setpoints, lag, sent.torque_nm)
+    _check_stops(machine, stops, _swinging_limit_n(machine, model, trajectory), agreed_n)
     start = float(trajectory.position_m[0])
     if machine.folder.finished(name) is None and abs(machine.position_m - start) > 1e-4:
         top = float(np.max(np.abs(trajectory.velocity_m_s)))  # these gains are about to be driven at that speed, with more force
@@ -272,9 +273,14 @@ def _check_path(machine: Machine, path: PredictedMove) -> None:
             )
 
 
+def _swinging_limit_n(machine: Machine, model: Model, trajectory: Trajectory) -> float:
+    """Belt force beyond which a move is refused, in it and in a stop out of it, N."""
+    return belt_force_limit_n(machine, model, float(np.max(np.abs(trajectory.velocity_m_s))), BELT_BEYOND)
+
+
 def _check_belt(machine: Machine, model: Model, path: PredictedMove, trajectory: Trajectory) -> None:
     """Raise Refused when the belt is predicted to carry too much as it swings."""
-    limit = belt_force_limit_n(machine, model, float(np.max(np.abs(trajectory.velocity_m_s))), BELT_BEYOND)
+    limit = _swinging_limit_n(machine, model, trajectory)
     if path.belt_force_n > limit:
         raise Refused(
             f"the move is refused: the belt is predicted to carry {path.belt_force_n:.1f} N as it swings, limit {limit:.1f} N (feed force, "
@@ -282,8 +288,14 @@ def _check_belt(machine: Machine, model: Model, path: PredictedMove, trajectory:
         )
 
 
-def _check_stops(machine: Machine, stops: StopsInMove, agreed_n: float = 0.0) -> None:
-    """Note what a stop out of the move does to the belt; raise Refused when that of a lost host is too much."""
+def _check_stops(machine: Machine, stops: StopsInMove, limit_n: float, agreed_n: float = 0.0) -> None:
+    """Note what stops out of the move do to the belt; raise Refused when that is too much.
+
+    Parameters
+    ----------
+    limit_n, agreed_n : float
+        Of a stop that is asked for, N; of either, where somebody agreed to it, N.
+    """
     stop, lost = stops.asked_for, stops.host_lost
     machine.folder.journal(f"a stop out of the move: {stop.belt_force_n:.0f} N in the belt and {1e3 * stop.way_m:.0f} mm at most")
     machine.folder.journal(
@@ -294,6 +306,12 @@ def _check_stops(machine: Machine, stops: StopsInMove, agreed_n: float = 0.0) ->
         raise Refused(
             f"the move is refused: should the PC or the bus be lost in it, the carriage is predicted to go from {lost.low_m:.4g} m to "
             f"{lost.high_m:.4g} m, the travel is {low:g}..{high:g} m; slow the move down, or end it further from the end of the travel"
+        )
+    limit = max(limit_n, agreed_n)
+    if stop.belt_force_n > limit and not machine.over_belt:
+        raise Refused(
+            f"the move is refused: the belt is predicted to carry {stop.belt_force_n:.0f} N in a stop out of it, limit {limit:.0f} N; "
+            f"stretch the move by {math.sqrt(stop.belt_force_n / limit):.2f}, or design other gains"
         )
     limit = max(host_loss_limit_n(machine.axis), agreed_n)
     if lost.belt_force_n > limit and not machine.over_belt:

@@ -118,7 +118,7 @@ def _kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
         if over <= 1.0:
             break
         share *= 0.99 / math.sqrt(min(over, MOST_OVER))
-        if share < LEAST_SHARE:  # not for the move to mend: as it is, its prediction refuses it
+        if share < LEAST_SHARE:  # not for the move to mend: it is refused as it is
             return standard
         why = f"move slowed to {100 * share:.0f} %: above, {what}"
     if not why:

@@ -68,7 +68,7 @@ def along_gap_valley(data: Data, fitted: Fitted, iterations: int) -> Fitted:
     for _ in range(ROUNDS):
         if best.ratio <= AT_NOISE or not sizes:
             break
-        near = min((fit(data, model, 0) for model in _around(best.model, gaps[0], sizes[0])), key=_objective)
+        near = min((fit(data, model, 0) for model in _around(best.model, gaps[0], sizes[0])), key=_objective, default=best)
         if near.objective < best.objective - WORTH:
             best = min(near, fit(data, near.model, iterations), key=_objective)
         else:

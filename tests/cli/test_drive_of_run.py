@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import click
 import pytest
 
 from beltcomm.axis import load_axis
@@ -15,14 +16,19 @@ from beltcomm.cli.verify import command as verify
 from beltcomm.runfolder import RunFolder
 
 
+def run_by(options: str, folder: Path) -> Path:
+    """A run whose drive was reached by these options."""
+    run = RunFolder.create(folder / "R", load_axis("egc-70-600"))
+    structure = {"name": "x", "period_s": 1e-3, "prefilters": []}
+    about = {"counts_per_rev": 65536, "peak_torque_nm": 3.1, "max_speed_rad_s": 400.0, "structure": structure}
+    run.save("results", "drive", {**about, "name": "CMMP-AS", "reached_as": "virtual", "reached_by": options})
+    return run.path
+
+
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
     """A run that was made with options of its drive."""
-    folder = RunFolder.create(tmp_path / "R", load_axis("egc-70-600"))
-    structure = {"name": "x", "period_s": 1e-3, "prefilters": []}
-    about = {"counts_per_rev": 65536, "peak_torque_nm": 3.1, "max_speed_rad_s": 400.0, "structure": structure}
-    folder.save("results", "drive", {**about, "name": "CMMP-AS", "reached_as": "virtual", "reached_by": "--profile cmmp-as --node 3"})
-    return folder.path
+    return run_by("--profile cmmp-as --node 3", tmp_path)
 
 
 def frame() -> Any:
@@ -50,3 +56,17 @@ def test_what_has_no_drive_of_its_own_is_told_how_it_was_reached(run: Path) -> N
     context = friction.make_context("friction", ["--run", str(run)], obj=frame())
     assert told_drive(context, run) == ("virtual", {"profile": "cmmp-as", "node": 3})
     assert told_drive(context, run / "elsewhere") == (None, {})
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        *("--yes true", "--yes --yes", "--hold-to-run 0 --profile cmmp-as", "--feedforward none", "--save true", "--node"),
+        *("--profile 'half", "--node many", "--profile ./acme.yaml", "--profile acme.yml"),
+    ],
+)
+def test_a_run_tells_how_its_drive_is_reached_and_nothing_else(options: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A run of somebody else would answer the question whether the axis may move, or say by a profile what is written to its drive."""
+    with pytest.raises(click.MissingParameter):
+        verify.make_context("verify", ["--run", str(run_by(options, tmp_path))], obj=frame())
+    assert f"give --drive and its options: it was reached by virtual {options}" in capsys.readouterr().err

@@ -221,12 +221,15 @@ def test_a_move_is_slowed_down_or_refused_for_a_belt_that_swings(
         with pytest.raises(Refused, match=r"the belt is predicted to carry 14\d\.\d N as it swings, limit (128|129|130)\.\d N"):
             proving._check_belt(machine, model, path, fast)
         with pytest.raises(Refused, match=r"should the PC or the bus be lost in it, the belt is predicted to carry 160 N .*limit 150 N"):
-            proving._check_stops(machine, StopsInMove(host_lost=lost_with(160.0)))
+            proving._check_stops(machine, StopsInMove(host_lost=lost_with(160.0)), 129.0)
         with pytest.raises(Refused, match=r"the carriage is predicted to go from 0 m to 0\.59 m, the travel is"):
-            proving._check_stops(machine, StopsInMove(host_lost=lost_with(90.0, high_m=0.59)))
+            proving._check_stops(machine, StopsInMove(host_lost=lost_with(90.0, high_m=0.59)), 129.0)
         with pytest.raises(Refused, match=r"from -inf m"):  # a loss that nobody could simulate is none that is harmless
-            proving._check_stops(machine, StopsInMove(host_lost=OFF_THE_MODEL))
-        proving._check_stops(machine, StopsInMove(lost_with(88.0), lost_with(149.0)))
+            proving._check_stops(machine, StopsInMove(host_lost=OFF_THE_MODEL), 129.0)
+        with pytest.raises(Refused, match=r"the belt is predicted to carry 130 N in a stop out of it, limit 129 N"):
+            proving._check_stops(machine, StopsInMove(asked_for=lost_with(130.0)), 129.0)
+        proving._check_stops(machine, StopsInMove(asked_for=lost_with(130.0)), 129.0, agreed_n=131.0)
+        proving._check_stops(machine, StopsInMove(lost_with(88.0), lost_with(149.0)), 129.0)
         assert "a stop out of the move: 88 N in the belt" in (folder.path / "journal.txt").read_text(encoding="utf-8")
         assert "lost in the move: 149 N in the belt and 100 mm" in (folder.path / "journal.txt").read_text(encoding="utf-8")
 
