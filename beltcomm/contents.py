@@ -31,7 +31,7 @@ _STRUCTURE: dict[str, Any] = {
     "": None,
     "name": str,
     "period_s": float,
-    "prefilters": [frozenset(("none", "notch", "butterworth"))],
+    "prefilters": [frozenset(("none", "notch", "butterworth"))],  # beltcomm.control.PrefilterKind, which knows this module from above
     **dict.fromkeys(("velocity_feedforward*", "torque_feedforward*", "reference_filter*", "anti_windup*", "roll_off*"), bool),
     **{name: {str: float} for name in ("steps*", "lowest*", "highest*")},
     **dict.fromkeys(("output_limit_rad_s*", "dead_zone_rad*"), float),
@@ -145,7 +145,7 @@ def check_content(what: str, content: Mapping[str, Any], path: Path) -> None:
 
 
 def faults(value: Any, kind: Any, at: str) -> Iterator[str]:
-    """What is none of its type, in words.
+    """Faults of a value against its type, in words, one after the other.
 
     Parameters
     ----------
@@ -157,8 +157,8 @@ def faults(value: Any, kind: Any, at: str) -> Iterator[str]:
     if isinstance(kind, Mapping):
         right, must = isinstance(value, Mapping), "a mapping of names to values"
     elif isinstance(kind, (list, tuple)):
-        long = {len(kind)} if isinstance(kind, tuple) else ()
-        right, must = isinstance(value, list) and (not long or len(value) in long), f"a list{''.join(f' of {n}' for n in long)}"
+        free = isinstance(kind, list)
+        right, must = isinstance(value, list) and (free or len(value) == len(kind)), "a list" if free else f"a list of {len(kind)}"
     elif isinstance(kind, frozenset):
         right, must = isinstance(value, str) and value in kind, f"one of {', '.join(sorted(kind))}"
     else:

@@ -10,7 +10,7 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api
-from beltcomm.cli.newest import or_newest
+from beltcomm.cli.newest import or_newest, told_drive
 
 
 @click.command("friction")
@@ -59,7 +59,7 @@ def command(
         )
     run = or_newest(ctx, None, run)
     if drive is None:
-        drive, by = shared.told_drive(ctx, run)
+        drive, by = told_drive(ctx, run)
         given |= {name: value for name, value in by.items() if given.get(name) is None}
     if drive is None:
         raise click.UsageError("Missing option '--drive' (with --compare RUN RUN no machine is needed)", ctx)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from beltcomm.borders import for_terminal
 from beltcomm.errors import BeltcommError, UsageError
+from beltcomm.given import REACHED_BY
 
 if TYPE_CHECKING:
     from beltcomm.given import Reached
@@ -76,4 +79,35 @@ def drive_of(run: Path | None) -> Reached | None:
     try:
         return headline.drive_called(RunFolder.open(run))
     except BeltcommError:
+        return None
+
+
+def told_drive(ctx: click.Context, run: Path | None) -> tuple[str | None, dict[str, Any]]:
+    """The drive of a run, which is said, with the values of the options that it was reached by; None where it does not tell.
+
+    A run may be a stranger's: one that would give other options than those, or a profile in a file, is none to go by.
+    """
+    found = drive_of(run)
+    if found is None:
+        return None, {}
+    by = _reached_by(ctx, found.options)
+    said = for_terminal(" ".join(filter(None, (found, found.options))))
+    if not ctx.obj.json:
+        asked = f"Of this run the drive is not taken over; give --drive and its options: it was reached by {said}"
+        click.echo(asked if by is None else f"Drive: {said} (that of the run)", err=True)
+    return (None, {}) if by is None else (str(found), by)
+
+
+def _reached_by(ctx: click.Context, text: str) -> dict[str, Any] | None:
+    """Values of the options that a drive is reached by, by parameter of the command; None for any others."""
+    from beltcomm.configfiles import named_file
+
+    params = {name: param for param in ctx.command.params for name in param.opts}
+    try:
+        words = shlex.split(text)
+        given = dict(zip(words[::2], words[1::2], strict=True))
+        if not set(given) <= {f"--{name}" for name in REACHED_BY} or named_file(given.get("--profile", "")):
+            return None
+        return {str(params[name].name): params[name].type_cast_value(ctx, value) for name, value in given.items() if name in params}
+    except (ValueError, click.BadParameter):
         return None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -13,13 +12,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from beltcomm.borders import for_terminal
 from beltcomm.cli import completion
 from beltcomm.cli.hold import option as held_key
-from beltcomm.cli.newest import drive_of, or_begun, or_newest, runs_here
-from beltcomm.configfiles import named_file
+from beltcomm.cli.newest import or_begun, or_newest, runs_here, told_drive
 from beltcomm.errors import BeltcommError, UsageError
-from beltcomm.given import REACHED_BY
 from beltcomm.quantities import parse_quantity, unit_of
 
 if TYPE_CHECKING:
@@ -152,35 +148,6 @@ def _note_drive(ctx: click.Context, param: click.Parameter, value: str | None, *
         raise click.MissingParameter(ctx=ctx, param=param)
     ctx.obj.drive = value or ""
     return value
-
-
-def told_drive(ctx: click.Context, run: Path | None) -> tuple[str | None, dict[str, Any]]:
-    """The drive of a run, which is said, with the values of the options that it was reached by; None where it does not tell.
-
-    A run may be a stranger's: one that would give other options than those, or a profile in a file, is none to go by.
-    """
-    found = drive_of(run)
-    if found is None:
-        return None, {}
-    by = _reached_by(ctx, found.options)
-    said = for_terminal(" ".join(filter(None, (found, found.options))))
-    if not ctx.obj.json:
-        asked = f"Of this run the drive is not taken over; give --drive and its options: it was reached by {said}"
-        click.echo(asked if by is None else f"Drive: {said} (that of the run)", err=True)
-    return (None, {}) if by is None else (str(found), by)
-
-
-def _reached_by(ctx: click.Context, text: str) -> dict[str, Any] | None:
-    """Values of the options that a drive is reached by, by parameter of the command; None for any others."""
-    params = {name: param for param in ctx.command.params for name in param.opts}
-    try:
-        words = shlex.split(text)
-        given = dict(zip(words[::2], words[1::2], strict=True))
-        if not set(given) <= {f"--{name}" for name in REACHED_BY} or named_file(given.get("--profile", "")):
-            return None
-        return {str(params[name].name): params[name].type_cast_value(ctx, value) for name, value in given.items() if name in params}
-    except (ValueError, click.BadParameter):
-        return None
 
 
 def _note_bus_log(ctx: click.Context, _param: click.Parameter, value: bool) -> None:

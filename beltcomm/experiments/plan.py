@@ -12,7 +12,7 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.excitation import AS_CHOSEN, AskedExcitation
-from beltcomm.experiments import gain_steps, own_strokes, phases, sampling_limits, stops_in_move
+from beltcomm.experiments import gain_steps, own_strokes, phases, sampling_limits, stops_out_of_move
 from beltcomm.experiments.bounds import (
     CREEP_SECONDS,
     Experiment,
@@ -249,7 +249,7 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
         verb="commission",
         types_gains=capabilities.gains == "unknown",
         host_loss=host_loss(axis, capabilities),
-        host_loss_n=None if capabilities.gains == "unknown" else stops_in_move.host_loss_limit_n(axis),
+        host_loss_n=None if capabilities.gains == "unknown" else stops_out_of_move.host_loss_limit_n(axis),
     )
 
 
@@ -314,7 +314,7 @@ def move_plan(
 
 
 def verification_plan(
-    axis: Axis, model: Model, path: Trajectory, braking: Braking, stops: stops_in_move.StopsInMove, times: int = 1
+    axis: Axis, model: Model, path: Trajectory, braking: Braking, stops: stops_out_of_move.StopsOutOfMove, times: int = 1
 ) -> Plan:
     """The move that verifies a design, with the positioning before it and the rest after it.
 
@@ -322,7 +322,7 @@ def verification_plan(
     ----------
     braking : Braking
         Of its loop.
-    stops : StopsInMove
+    stops : StopsOutOfMove
         Out of the move.
     times : int
         Driven.
@@ -343,7 +343,7 @@ def verification_plan(
     rms = math.sqrt((1.0 - at_rest) * rms**2 + at_rest * (friction + held) ** 2)
     force_n = max(asked.feed_force_n, stops.asked_for.belt_force_n)
     plan = move_plan(axis, travel, highest - lowest, asked.speed_m_s, asked.torque_nm, force_n, seconds, what, rms, "verify")
-    return replace(plan, host_loss_n=stops_in_move.host_loss_limit_n(axis))
+    return replace(plan, host_loss_n=stops_out_of_move.host_loss_limit_n(axis))
 
 
 def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:

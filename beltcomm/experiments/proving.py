@@ -16,7 +16,7 @@ from beltcomm.design.compliant import Leading, lead_motion, torque_along
 from beltcomm.design.led_reference import LedReference, led_reference
 from beltcomm.errors import Refused
 from beltcomm.experiments import phases
-from beltcomm.experiments.stops_in_move import HOST_LOSS_BEYOND, StopsInMove, allowed_lag_m, host_loss_limit_n, worst_stops
+from beltcomm.experiments.stops_out_of_move import HOST_LOSS_BEYOND, StopsOutOfMove, allowed_lag_m, host_loss_limit_n, worst_stops
 from beltcomm.experiments.verification import StandardMove, belt_force_limit_n, in_drive, predict_led, refuse_broken
 from beltcomm.identify.led_gains import gain_factors
 from beltcomm.machine.machine import Machine
@@ -288,7 +288,7 @@ def _check_belt(machine: Machine, model: Model, path: PredictedMove, trajectory:
         )
 
 
-def _check_stops(machine: Machine, stops: StopsInMove, limit_n: float, agreed_n: float = 0.0) -> None:
+def _check_stops(machine: Machine, stops: StopsOutOfMove, limit_n: float, agreed_n: float = 0.0) -> None:
     """Note what stops out of the move do to the belt; raise Refused when that is too much.
 
     Parameters

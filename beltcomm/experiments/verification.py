@@ -16,7 +16,7 @@ from beltcomm.design.led_reference import LedReference, can_lead, led_reference
 from beltcomm.drive import Drive
 from beltcomm.errors import Refused
 from beltcomm.experiments import phases
-from beltcomm.experiments.stops_in_move import HOST_LOSS_SWING, StopsInMove, allowed_lag_m, worst_stops
+from beltcomm.experiments.stops_out_of_move import HOST_LOSS_SWING, StopsOutOfMove, allowed_lag_m, worst_stops
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.rundata.led_gains import as_in_drive
@@ -132,7 +132,7 @@ def slowed_move(machine: Machine, model: Model, cascade: Cascade, delay_s: float
     return _settling(machine, model, cascade, delay_s, _kept_by_belt(machine, model, cascade, delay_s))
 
 
-def predicted_stops(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> StopsInMove:
+def predicted_stops(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> StopsOutOfMove:
     """The worst stops out of a move, with a led reference where the drive gets one."""
     path = predicted(machine, model, cascade, delay_s, trajectory)
     drive, sent, running = in_drive(machine, delay_s), with_dwell(trajectory, REST_S), cascade

@@ -182,10 +182,13 @@ def _headline(basis: Basis, doubted: Sequence[str]) -> Line:
 
 def keep_damaged(folder: RunFolder) -> str:
     """Before another design takes its place, one that cannot be read stays as ``designs/replaced_N.yaml``; its name, "" for a sound one."""
+    kept = folder.names("designs")
+    if "final" not in kept:
+        return ""
     try:
-        _ = saved_design(folder) if "final" in folder.names("designs") else None
+        saved_design(folder)
     except DataError:
-        name = next_free("replaced_", folder.names("designs"))
+        name = next_free("replaced_", kept)
         folder.set_aside("designs", "final", name)
         return f"designs/{name}.yaml"
     return ""

@@ -11,7 +11,7 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.cli.friction import command as friction
-from beltcomm.cli.options import told_drive
+from beltcomm.cli.newest import told_drive
 from beltcomm.cli.verify import command as verify
 from beltcomm.runfolder import RunFolder
 

@@ -15,7 +15,7 @@ from beltcomm.axis import load_axis
 from beltcomm.errors import Refused, SafetyStop, UsageError
 from beltcomm.experiments import commission as sequence
 from beltcomm.experiments import phases, proving, referencing, verification
-from beltcomm.experiments.stops_in_move import StopsInMove
+from beltcomm.experiments.stops_out_of_move import StopsOutOfMove
 from beltcomm.machine import creep
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import BELT_BEYOND, BeltWatch
@@ -23,7 +23,7 @@ from beltcomm.rundata.findings import Findings, Settings
 from beltcomm.rundata.proof import doubts
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.sequences import EXCITATION_TRAVEL_M
-from beltcomm.simulate.setpoint_loss import OFF_THE_MODEL, SetpointLoss
+from beltcomm.simulate.stop_out_of_move import OFF_THE_MODEL, StopOutOfMove
 from beltcomm.simulate.stopping import Braking
 from beltcomm.talk import Silence
 from identify.records import true_model
@@ -176,8 +176,8 @@ def test_the_standard_move_can_be_driven_from_a_little_beside_its_start(make_ben
             assert not machine.stops_badly(path.position_m + beside_m, path.velocity_m_s)
 
 
-def lost_with(force_n: float, high_m: float = 0.5) -> SetpointLoss:
-    return SetpointLoss(0.1, 0.0, high_m, force_n)
+def lost_with(force_n: float, high_m: float = 0.5) -> StopOutOfMove:
+    return StopOutOfMove(0.1, 0.0, high_m, force_n)
 
 
 def test_a_move_is_slowed_down_or_refused_for_a_belt_that_swings(
@@ -196,7 +196,7 @@ def test_a_move_is_slowed_down_or_refused_for_a_belt_that_swings(
         monkeypatch.setattr(
             verification,
             "worst_stops",
-            lambda *args: StopsInMove(host_lost=lost_with(120.0 * float(np.max(np.abs(args[4].velocity_m_s))) ** 2)),
+            lambda *args: StopsOutOfMove(host_lost=lost_with(120.0 * float(np.max(np.abs(args[4].velocity_m_s))) ** 2)),
         )
         lost = verification._kept_by_belt(machine, model, cascade, 1e-3)
         fastest = 120.0 * float(np.abs(lost.at(1.0, 1e-3).velocity_m_s).max()) ** 2
@@ -205,10 +205,10 @@ def test_a_move_is_slowed_down_or_refused_for_a_belt_that_swings(
         monkeypatch.setattr(
             verification,
             "worst_stops",
-            lambda *args: StopsInMove(asked_for=lost_with(100.0 * float(np.max(np.abs(args[4].velocity_m_s))) ** 2)),
+            lambda *args: StopsOutOfMove(asked_for=lost_with(100.0 * float(np.max(np.abs(args[4].velocity_m_s))) ** 2)),
         )
         assert "a stop loads the belt beyond 1" in verification._kept_by_belt(machine, model, cascade, 1e-3).remark
-        monkeypatch.setattr(verification, "worst_stops", lambda *_: StopsInMove())
+        monkeypatch.setattr(verification, "worst_stops", lambda *_: StopsOutOfMove())
         kept = verification._kept_by_belt(machine, model, cascade, 1e-3)
         fast, slow = (move.at(1.0, 1e-3) for move in (standard, kept))
         limit = verification.belt_force_limit_n(machine, model, 1.0, 1.05)
@@ -221,15 +221,15 @@ def test_a_move_is_slowed_down_or_refused_for_a_belt_that_swings(
         with pytest.raises(Refused, match=r"the belt is predicted to carry 14\d\.\d N as it swings, limit (128|129|130)\.\d N"):
             proving._check_belt(machine, model, path, fast)
         with pytest.raises(Refused, match=r"should the PC or the bus be lost in it, the belt is predicted to carry 160 N .*limit 150 N"):
-            proving._check_stops(machine, StopsInMove(host_lost=lost_with(160.0)), 129.0)
+            proving._check_stops(machine, StopsOutOfMove(host_lost=lost_with(160.0)), 129.0)
         with pytest.raises(Refused, match=r"the carriage is predicted to go from 0 m to 0\.59 m, the travel is"):
-            proving._check_stops(machine, StopsInMove(host_lost=lost_with(90.0, high_m=0.59)), 129.0)
+            proving._check_stops(machine, StopsOutOfMove(host_lost=lost_with(90.0, high_m=0.59)), 129.0)
         with pytest.raises(Refused, match=r"from -inf m"):  # a loss that nobody could simulate is none that is harmless
-            proving._check_stops(machine, StopsInMove(host_lost=OFF_THE_MODEL), 129.0)
+            proving._check_stops(machine, StopsOutOfMove(host_lost=OFF_THE_MODEL), 129.0)
         with pytest.raises(Refused, match=r"the belt is predicted to carry 130 N in a stop out of it, limit 129 N"):
-            proving._check_stops(machine, StopsInMove(asked_for=lost_with(130.0)), 129.0)
-        proving._check_stops(machine, StopsInMove(asked_for=lost_with(130.0)), 129.0, agreed_n=131.0)
-        proving._check_stops(machine, StopsInMove(lost_with(88.0), lost_with(149.0)), 129.0)
+            proving._check_stops(machine, StopsOutOfMove(asked_for=lost_with(130.0)), 129.0)
+        proving._check_stops(machine, StopsOutOfMove(asked_for=lost_with(130.0)), 129.0, agreed_n=131.0)
+        proving._check_stops(machine, StopsOutOfMove(lost_with(88.0), lost_with(149.0)), 129.0)
         assert "a stop out of the move: 88 N in the belt" in (folder.path / "journal.txt").read_text(encoding="utf-8")
         assert "lost in the move: 149 N in the belt and 100 mm" in (folder.path / "journal.txt").read_text(encoding="utf-8")
 

@@ -16,7 +16,7 @@ from beltcomm.axis import load_axis
 from beltcomm.control import CascadeStructure
 from beltcomm.errors import BeltcommError, Refused
 from beltcomm.experiments import proving, verification
-from beltcomm.experiments.stops_in_move import StopsInMove
+from beltcomm.experiments.stops_out_of_move import StopsOutOfMove
 from beltcomm.experiments.verification import BELT_SWING
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
@@ -104,7 +104,7 @@ def test_the_drives_own_quick_stop_would_be_too_hard(
     """What the test above would show if nothing were lent: 200 rev/s², 15.6 m/s², are 210 N on 13.4 kg before the belt swings."""
     monkeypatch.setattr(Machine, "brake_with", lambda machine, braking: vars(machine).update(braking=braking, deceleration_m_s2=np.inf))
     for module in (verification, proving):  # which would slow the move down, or refuse it
-        monkeypatch.setattr(module, "worst_stops", lambda *_: StopsInMove())
+        monkeypatch.setattr(module, "worst_stops", lambda *_: StopsOutOfMove())
     run, bench = copy_of_complete(), make_bench("g_a", start_m=0.0)
     tick, _ = stopped_in_the_move(bench, run, MOMENTS["fastest"][0])
     assert np.abs(bench.plant.belt_force_n[tick:]).max() > 2.0 * LIMIT_N

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from beltcomm.axis import load_axis
-from beltcomm.experiments.stops_in_move import host_loss_limit_n
+from beltcomm.experiments.stops_out_of_move import host_loss_limit_n
 from campaign.judge import TRAVEL_M
 from campaign.rig import STANDING_M_S, START_M
 from slaves.bench import AXIS, SlaveRig

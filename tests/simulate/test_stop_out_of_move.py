@@ -10,13 +10,13 @@ import pytest
 from beltcomm.control import Cascade, Feedforward, Prefilter
 from beltcomm.model import load_plant
 from beltcomm.simulate.loop import LoopDrive
-from beltcomm.simulate.setpoint_loss import LossReaction, References, predict_setpoint_loss
+from beltcomm.simulate.stop_out_of_move import References, StopReaction, predict_stop_out_of_move
 from beltcomm.simulate.stopping import total_friction, total_inertia, total_viscous
 
 PERIOD_S = 1e-3
 DRIVE = LoopDrive(PERIOD_S, PERIOD_S, 3.1, 65536)
 SPEED_M_S, FROM_M = 0.8, 0.1
-AT_ONCE = LossReaction(0.0, 0.0, 0.05, 4.0)
+AT_ONCE = StopReaction(0.0, 0.0, 0.05, 4.0)
 MODEL = load_plant("g_a").model
 RATIO = MODEL["transmission.ratio"]
 FORWARD = Feedforward(total_inertia(MODEL), total_viscous(MODEL), total_friction(MODEL), 0.0, 1.0, 1.5e-3)
@@ -30,8 +30,8 @@ def references(rise_s: float = 0.15) -> References:
     return References(np.concatenate(([0.0], np.cumsum(speed)[:-1])) * PERIOD_S, speed, np.zeros(len(t)))
 
 
-def lost(at: int, reaction: LossReaction) -> tuple[float, float]:
-    stop = predict_setpoint_loss(MODEL, CASCADE, references(), at, DRIVE, reaction, FROM_M)
+def lost(at: int, reaction: StopReaction) -> tuple[float, float]:
+    stop = predict_stop_out_of_move(MODEL, CASCADE, references(), at, DRIVE, reaction, FROM_M)
     return stop.belt_force_n, stop.way_m
 
 
@@ -46,15 +46,15 @@ def test_from_constant_speed_it_is_a_stop_along_the_ramp() -> None:
 def test_it_is_worst_out_of_an_acceleration_and_the_longer_it_lasts_unnoticed() -> None:
     steady, rising = lost(500, AT_ONCE)[0], lost(75, AT_ONCE)[0]
     assert rising > steady
-    by_window = lost(500, LossReaction(2e-3 / RATIO, 3e-3, 0.05, 4.0))[0]
-    by_guard = lost(500, LossReaction(math.inf, 3e-3, 0.05, 4.0))[0]
+    by_window = lost(500, StopReaction(2e-3 / RATIO, 3e-3, 0.05, 4.0))[0]
+    by_guard = lost(500, StopReaction(math.inf, 3e-3, 0.05, 4.0))[0]
     assert steady <= by_window < by_guard
 
 
 def test_a_following_error_that_lasts_is_noticed_before_the_guard_time() -> None:
     """2 mm at 0.8 m/s and 3 ms more: some 6 ms, where the guard time is ten times that."""
-    long = LossReaction(2e-3 / RATIO, 3e-3, 0.2, 4.0)
-    assert lost(500, long) == lost(500, LossReaction(2e-3 / RATIO, 3e-3, 0.05, 4.0))
+    long = StopReaction(2e-3 / RATIO, 3e-3, 0.2, 4.0)
+    assert lost(500, long) == lost(500, StopReaction(2e-3 / RATIO, 3e-3, 0.05, 4.0))
 
 
 def test_the_torque_sent_along_stays() -> None:

@@ -15,8 +15,8 @@ from beltcomm.errors import Refused
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import SURPRISE
 from beltcomm.model import Model
-from beltcomm.simulate.setpoint_loss import NO_STOP, OFF_THE_MODEL, LossReaction, References, SetpointLoss, predict_setpoint_loss
 from beltcomm.simulate.setpoints import SetpointGrid
+from beltcomm.simulate.stop_out_of_move import NO_STOP, OFF_THE_MODEL, References, StopOutOfMove, StopReaction, predict_stop_out_of_move
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Loop, PredictedMove
 
@@ -30,19 +30,19 @@ LAG_SLACK_M = 2e-3
 
 
 @dataclass(frozen=True)
-class StopsInMove:
+class StopsOutOfMove:
     """Stops out of a move, the worst of any instant.
 
     Attributes
     ----------
-    asked_for : SetpointLoss
+    asked_for : StopOutOfMove
         Along the drive's ramp at once, by Ctrl-C or by a fault of the drive.
-    host_lost : SetpointLoss
+    host_lost : StopOutOfMove
         By the drive itself, as soon as it notices that setpoints stand still.
     """
 
-    asked_for: SetpointLoss = NO_STOP
-    host_lost: SetpointLoss = NO_STOP
+    asked_for: StopOutOfMove = NO_STOP
+    host_lost: StopOutOfMove = NO_STOP
 
 
 def host_loss_limit_n(axis: Axis) -> float:
@@ -63,7 +63,7 @@ def worst_stops(
     sent: Trajectory,
     lag_m: float,
     extra_torque_nm: Array | None = None,
-) -> StopsInMove:
+) -> StopsOutOfMove:
     """The worst stops out of a move, over ``INSTANTS`` instants.
 
     Parameters
@@ -81,17 +81,17 @@ def worst_stops(
     position, speed = grid.on_loop(sent.position_m / ratio), grid.on_loop(sent.velocity_m_s / ratio)
     references = References(position, speed, np.zeros(len(position)) if extra_torque_nm is None else grid.held(extra_torque_nm))
     guard_s = GUARD_S + sent.sample_period_s
-    lost = LossReaction(lag_m / ratio, max(FOLLOWING_ERROR_S, sent.sample_period_s), guard_s, machine.deceleration_m_s2)
+    lost = StopReaction(lag_m / ratio, max(FOLLOWING_ERROR_S, sent.sample_period_s), guard_s, machine.deceleration_m_s2)
     moving = np.flatnonzero(speed)
     instants = np.unique(np.linspace(max(1, moving[0]), moving[-1], INSTANTS).astype(int)) if len(moving) else ()
 
-    def worst(reaction: LossReaction) -> SetpointLoss:
+    def worst(reaction: StopReaction) -> StopOutOfMove:
         found = NO_STOP
         for at in instants:
             try:
-                found |= predict_setpoint_loss(model, running, references, int(at), drive.simulated, reaction, float(sent.position_m[0]))
+                found |= predict_stop_out_of_move(model, running, references, int(at), drive.simulated, reaction, float(sent.position_m[0]))
             except Refused:
                 found |= OFF_THE_MODEL
         return found
 
-    return StopsInMove(worst(replace(lost, window_rad=math.inf, guard_s=0.0)), worst(lost))
+    return StopsOutOfMove(worst(replace(lost, window_rad=math.inf, guard_s=0.0)), worst(lost))

@@ -1,9 +1,10 @@
-"""Loss of the host in a closed position loop: the setpoint stands still until the drive notices, then the drive stops by itself.
+"""Stops out of a closed position loop: asked for, the drive ramps down at once; when the host is lost, as soon as it notices.
 
-Setpoint, speed and torque that were sent along stay as they were last.  The acceleration that the drive feeds forward, the difference of
-its speeds, ends with them, so that the torque which accelerated the axis falls away at once, and the position controller pulls back harder
-with each millisecond.  A following error beyond 6065h for longer than 6066h ends that, or the guard time; then the drive stops along its
-ramp, from the speed that its loop was last asked for, its filters as they are.   Carriage side, SI.
+Until then the setpoint stands still. Setpoint, speed and torque that were sent along stay as they were last. The acceleration that the
+drive feeds forward, the difference of its speeds, ends with them, so that the torque which accelerated the axis falls away at once, and
+the position controller pulls back harder with each millisecond. A following error beyond 6065h for longer than 6066h ends that, or the
+guard time; then the drive stops along its ramp, from the speed that its loop was last asked for, which the filter of its reference holds.
+Carriage side, SI.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from beltcomm.simulate.stopping import REST_S
 
 
 @dataclass(frozen=True)
-class LossReaction:
-    """Reaction of a drive to setpoints that stand still.
+class StopReaction:
+    """Reaction of a drive that ends in a stop along its ramp: to a stop that is asked for, or to setpoints that stand still.
 
     Attributes
     ----------
@@ -42,7 +43,7 @@ class LossReaction:
 
 
 @dataclass(frozen=True)
-class SetpointLoss:
+class StopOutOfMove:
     """The axis from the last setpoint to rest.
 
     Attributes
@@ -60,9 +61,9 @@ class SetpointLoss:
     high_m: float
     belt_force_n: float
 
-    def __or__(self, other: SetpointLoss) -> SetpointLoss:
+    def __or__(self, other: StopOutOfMove) -> StopOutOfMove:
         """The worse of both in each."""
-        return SetpointLoss(
+        return StopOutOfMove(
             max(self.way_m, other.way_m),
             min(self.low_m, other.low_m),
             max(self.high_m, other.high_m),
@@ -71,7 +72,7 @@ class SetpointLoss:
 
 
 #: None, and one that ran off what its model describes.
-NO_STOP, OFF_THE_MODEL = SetpointLoss(0.0, math.inf, -math.inf, 0.0), SetpointLoss(math.inf, -math.inf, math.inf, math.inf)
+NO_STOP, OFF_THE_MODEL = StopOutOfMove(0.0, math.inf, -math.inf, 0.0), StopOutOfMove(math.inf, -math.inf, math.inf, math.inf)
 
 
 @dataclass(frozen=True)
@@ -101,9 +102,9 @@ class References:
         )
 
 
-def predict_setpoint_loss(
-    model: Model, cascade: Cascade, references: References, at: int, drive: LoopDrive, reaction: LossReaction, position_m: float
-) -> SetpointLoss:
+def predict_stop_out_of_move(
+    model: Model, cascade: Cascade, references: References, at: int, drive: LoopDrive, reaction: StopReaction, position_m: float
+) -> StopOutOfMove:
     """The axis from the last setpoint to rest.
 
     Parameters
@@ -140,7 +141,7 @@ def predict_setpoint_loss(
     rest = close_loop(plant, cascade, drive, "velocity", place, ramp, none, acceleration_rad_s2=none, state=state)
     places = position_m + np.concatenate((run.cart_m[at:], rest.cart_m))
     force = float(np.concatenate((run.belt_force_n[at:], rest.belt_force_n)).max())
-    return SetpointLoss(float(np.abs(places - places[0]).max()), float(places.min()), float(places.max()), force)
+    return StopOutOfMove(float(np.abs(places - places[0]).max()), float(places.min()), float(places.max()), force)
 
 
 def _at(model: Model, position_m: float) -> SimulatedPlant:
