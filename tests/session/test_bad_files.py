@@ -16,6 +16,7 @@ from beltcomm import api
 from beltcomm.cli.main import cli
 from beltcomm.configfiles import read_yaml, sealed, to_yaml, unsealed
 from beltcomm.errors import DataError
+from beltcomm.pages import job
 from session.bench import Bench
 
 MakeBench = Callable[..., Bench]
@@ -122,6 +123,22 @@ def test_the_axis_file_of_the_run_is_gone_when_the_machine_is_to_move(make_bench
     for verb in ("friction", "verify"):
         refuses(call(verb, *DRIVE, "--run", run), 3, "axis.yaml is missing")
     assert bench.plant.cart_position_m == 0.0
+
+
+@pytest.mark.parametrize("edited", [False, True])
+def test_a_fault_of_the_program_is_laid_on_files_that_were_edited_alone(
+    copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch, edited: bool
+) -> None:
+    """A value of the right type may still be an impossible one; the log is named, should it be the program's fault after all."""
+    run = copy_of_complete()
+    path = run / "results" / "plan.yaml"
+    if edited:
+        path.write_text(re.sub(r"continuous: .*", "continuous: -5.0", path.read_text(encoding="utf-8"), count=1), encoding="utf-8")
+    monkeypatch.setattr(job, "facts", lambda _: [][0])
+    outcome = call("report", run)
+    assert (outcome.exit_code, "an unexpected error" in outcome.stderr) == ((3, False) if edited else (1, True))
+    assert (f"{path} is not as beltcomm wrote it" in outcome.stderr) == edited
+    assert [log.name in outcome.stderr for log in run.glob("beltcomm-error*")] == [True]
 
 
 @pytest.mark.parametrize("damage", ["parameters: {cart.mass", "name: x\nbodies: [motor]\n", "", "[1, 2]", "\0\0"])
