@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,24 +18,34 @@ LARGEST = 1e100
 #: Letters of a value that are shown.
 SHOWN = 40
 
-# A type is float, int, str, bool or object (any value); [T] a list, (T, T) a list of this length, {str: T} names to values, a set of words
-# one of them; else names to types.  A name with "*" may be missing, with "?" also be null.  Further
+
+@dataclass(frozen=True)
+class Size:
+    """A number that cannot be below zero.   above : nor zero.   whole : of int."""
+
+    above: bool = False
+    whole: bool = False
+
+
+# A type is float, int, str, bool or object (any value), SIZE or POSITIVE; [T] a list, (T, T) a list of this length, {str: T} names to
+# values, a set of words one of them; else names to types.  A name with "*" may be missing, with "?" also be null.  Further
 # names may stand beside them, but not where "" is one.
-_ERROR = {"dynamic_m": float, "static_m": float}
+SIZE, POSITIVE, COUNT = Size(), Size(above=True), Size(above=True, whole=True)
+_ERROR = {"dynamic_m": SIZE, "static_m": SIZE}
 _HASHES = {"gains?": str, "model?": str}
 _TARGETS = {
-    **dict.fromkeys(("following_error_m?", "settled_error_m?", "settled_after_s?", "distance_m?"), float),
+    **dict.fromkeys(("following_error_m?", "settled_error_m?", "settled_after_s?", "distance_m?"), SIZE),
     **dict.fromkeys(("at?", "move?"), str),
 }
-_DRIVEN = {"gains?": {str: float}, "further_payloads_kg?": [float], "path?": (float, float, float), "led_by?": str}
+_DRIVEN = {"gains?": {str: float}, "further_payloads_kg?": [SIZE], "path?": (float, float, float), "led_by?": str}
 _STRUCTURE: dict[str, Any] = {
     "": None,
     "name": str,
-    "period_s": float,
+    "period_s": POSITIVE,
     "prefilters": [frozenset(("none", "notch", "butterworth"))],  # beltcomm.control.PrefilterKind, which knows this module from above
     **dict.fromkeys(("velocity_feedforward*", "torque_feedforward*", "reference_filter*", "anti_windup*", "roll_off*"), bool),
     **{name: {str: float} for name in ("steps*", "lowest*", "highest*")},
-    **dict.fromkeys(("output_limit_rad_s*", "dead_zone_rad*"), float),
+    **dict.fromkeys(("output_limit_rad_s*", "dead_zone_rad*"), SIZE),
 }
 _PLACE = {
     **{"": None, "index": int, "subindex": int, "type": str, "scale*": float, "lowest?": int, "highest?": int},
@@ -48,7 +59,7 @@ _TERM: dict[str, Any] = {
     "current*": bool,
     **dict.fromkeys(("missing*", "parameter*", "unit*"), str),
 }
-_RATINGS = {"peak_torque_nm?": float, "max_speed_rad_s?": float}
+_RATINGS = {"peak_torque_nm?": POSITIVE, "max_speed_rad_s?": POSITIVE}
 _MARGINS = {"plant": str} | dict.fromkeys(
     (
         *("phase_margin_deg", "gain_margin_db", "suppression_db", "sensitivity_db"),
@@ -62,31 +73,31 @@ _SPECIFICATION = dict.fromkeys(
         *("position_phase_margin_deg*", "notch_db*", "butterworth_db*"),
     ),
     float,
-) | {"": None, "velocity_filters_s*": [float], "prefilters?": [str]}
-_KNOWN = {"value": float, "interval?": float, "unit?": str}
-_LAGS = [{"kind": str, "values": [float], "intervals": [float]}]
+) | {"": None, "velocity_filters_s*": [SIZE], "prefilters?": [str]}
+_KNOWN = {"value": float, "interval?": SIZE, "unit?": str}
+_LAGS = [{"kind": str, "values": [SIZE], "intervals": [SIZE]}]
 _TORQUE_PATH: dict[str, Any] = {
-    "drive?": {"delay": float, "delay_interval": float, "gain": float, "lags": _LAGS},
-    "reading": {"late": float, "lags": _LAGS, "at_end?": bool},
+    "drive?": {"delay": SIZE, "delay_interval": SIZE, "gain": float, "lags": _LAGS},
+    "reading": {"late": SIZE, "lags": _LAGS, "at_end?": bool},
     "commanded": bool,
     "acts": float,
     "unseen?": bool,
 }
 _TORQUE_PATH["rivals"] = [_TORQUE_PATH]
-_PLAIN = {"": None, "error": float, "noise": float, "torque": float, "percent": float, "unit": str, "band_hz": float}
+_PLAIN = {"": None, "error": SIZE, "noise": SIZE, "torque": SIZE, "percent": SIZE, "unit": str, "band_hz": SIZE}
 _COST = {
     **{"of": str, "move": str, "unaware": _ERROR, "aware": _ERROR, "unaware_cart": _ERROR, "aware_cart": _ERROR},
     **{"unaware_range?": (_ERROR, _ERROR), "aware_range?": (_ERROR, _ERROR), "unaware_margins?": str},
 }
 _REVISION = {
     **{"": None, **dict.fromkeys(("name", "parent", "change", "command", "when"), str)},
-    **{"effects": [str], "data": {str: str}, "ratio": float, "held_out?": float, "confirmed?": bool},
+    **{"effects": [str], "data": {str: str}, "ratio": SIZE, "held_out?": SIZE, "confirmed?": bool},
     **{"cost?": _COST, "plain?": _PLAIN, "plain_held_out?": _PLAIN},
 }
-_EXPERIMENT = {"title": str, "rms_nm?": float} | dict.fromkeys(
-    ("travel_m", "reach_m", "speed_m_s", "torque_nm", "belt_force_n", "seconds"), float
+_EXPERIMENT = {"title": str, "rms_nm?": SIZE} | dict.fromkeys(
+    ("travel_m", "reach_m", "speed_m_s", "torque_nm", "belt_force_n", "seconds"), SIZE
 )
-_UNIT = {"unit": float, "interval": float, "assumed": float, "object": str}
+_UNIT = {"unit": float, "interval": SIZE, "assumed": float, "object": str}
 
 #: By what a file is: ``run.yaml``, one of designs, or a result by its name without its number.  Results that no command reads are not here.
 TYPES: Mapping[str, Any] = {
@@ -94,30 +105,30 @@ TYPES: Mapping[str, Any] = {
         **{"parameters": {str: float}, "drive?": {str: str}, "before?": str},
         "objects?": [{"object": str, "type": str, "raw": float, "name?": str, "value?": float}],
     },
-    "breakaway": {"coulomb_nm": float},
-    "calibration": {"kind": str, "rated_torque_nm": float, "rated_current_a": float, "units": {str: _UNIT}},
+    "breakaway": {"coulomb_nm": SIZE},
+    "calibration": {"kind": str, "rated_torque_nm": POSITIVE, "rated_current_a": POSITIVE, "units": {str: _UNIT}},
     "designs": {
-        **{"parameters": {str: float}, "dead_time_s": float, "apparent_damping_nm_s_rad?": float, "structure": _STRUCTURE},
+        **{"parameters": {str: float}, "dead_time_s": SIZE, "apparent_damping_nm_s_rad?": float, "structure": _STRUCTURE},
         **{"specification": _SPECIFICATION, "margins": [_MARGINS], "revision?": str, "verified?": _HASHES},
         **{"compensated?": [str], "binding?": [str], "remarks?": [str], "proof?": {"doubts?": [str]}},
     },
     "diagnosis": {"named?": [str], "after?": {"effects": [str], "parameters": {str: _KNOWN}}},
     "drive": {
-        **{"structure": _STRUCTURE, "counts_per_rev": int, "peak_torque_nm": float, "max_speed_rad_s?": float, "begun_with?": _RATINGS},
-        **{"rated_torque_nm?": float, "rated_current_a?": float, "name?": str, "identity?": {str: str}, "parameters?": {str: _PLACE}},
+        **{"structure": _STRUCTURE, "counts_per_rev": COUNT, "peak_torque_nm": POSITIVE, "max_speed_rad_s?": POSITIVE, "begun_with?": _RATINGS},
+        **{"rated_torque_nm?": POSITIVE, "rated_current_a?": POSITIVE, "name?": str, "identity?": {str: str}, "parameters?": {str: _PLACE}},
         **{"uncalibrated?": [str], "gains?": str, "gain_terms?": [_TERM], "reached_as?": str, "reached_by?": str},
-        "torque_reading?": {"late_s?": float, "filter_s?": float, "command?": bool},
+        "torque_reading?": {"late_s?": SIZE, "filter_s?": SIZE, "command?": bool},
     },
     "fit": {
-        **{"misfit?": float, "suspect?": bool, "free?": [str], "covariance?": [[float]], "remarks?": [str], "records?": [str]},
-        **{"characteristics?": {str: _KNOWN}, "dead_time?": {"value_s": float, "interval_s?": float}, "torque_path?": _TORQUE_PATH},
+        **{"misfit?": SIZE, "suspect?": bool, "free?": [str], "covariance?": [[float]], "remarks?": [str], "records?": [str]},
+        **{"characteristics?": {str: _KNOWN}, "dead_time?": {"value_s": float, "interval_s?": SIZE}, "torque_path?": _TORQUE_PATH},
     },
     "ladder": {"revisions": [_REVISION]},
-    "led_gains": {"kp": float, "kpp": float, "kp_interval": float, "kpp_interval": float},
+    "led_gains": {"kp": POSITIVE, "kpp": POSITIVE, "kp_interval": SIZE, "kpp_interval": SIZE},
     "plan": {
-        **{"text": str, "points?": [(str, str)], "experiments": [_EXPERIMENT], "seconds?": float},
-        "heat?": {"continuous": float, "fullest": float, "hottest": float, "pauses_s": [float]},
-        "thermal?": {"rated_nm": float, "peak_nm": float, "overload_s": float, "source": str},
+        **{"text": str, "points?": [(str, str)], "experiments": [_EXPERIMENT], "seconds?": SIZE},
+        "heat?": {"continuous": SIZE, "fullest": SIZE, "hottest": SIZE, "pauses_s": [SIZE]},
+        "thermal?": {"rated_nm": POSITIVE, "peak_nm": POSITIVE, "overload_s": SIZE, "source": str},
     },
     "run.yaml": {"beltcomm?": str, "axis_fingerprint?": str, "drive?": {str: str}, "began_s?": float},
     "verify": {
@@ -162,10 +173,14 @@ def faults(value: Any, kind: Any, at: str) -> Iterator[str]:
     elif isinstance(kind, frozenset):
         right, must = isinstance(value, str) and value in kind, f"one of {', '.join(sorted(kind))}"
     else:
+        bound = kind if isinstance(kind, Size) else None
+        kind = (int if bound.whole else float) if bound else kind
         right, must = isinstance(value, (int, float) if kind is float else kind), _WORDS.get(kind, "")
         right = right and (kind in (bool, object) or not isinstance(value, bool))
         if right and kind in (int, float) and not abs(value) <= LARGEST and math.isfinite(value):
             right, must = False, "a quantity of an axis"
+        if right and bound and (value < 0 or bound.above and value == 0):
+            right, must = False, "above 0" if bound.above else "0 or more"
     if not right:
         yield f"{at or 'it'} is {str(value)[:SHOWN]!r}; it must be {must}"
     elif isinstance(kind, (list, tuple)):

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from beltcomm.axis import load_axis
-from beltcomm.contents import LARGEST, TYPES, check_content, faults
+from beltcomm.contents import COUNT, LARGEST, POSITIVE, SIZE, TYPES, Size, check_content, faults
 from beltcomm.errors import DataError
 from beltcomm.runfolder import RunFolder
 
@@ -20,6 +20,9 @@ SIMPLE: dict[Any, st.SearchStrategy[Any]] = {
     int: st.integers(-(10**9), 10**9),
     str: st.text(max_size=5),
     bool: st.booleans(),
+    SIZE: st.floats(0.0, LARGEST) | st.integers(0, 10**9) | st.just(float("inf")),
+    POSITIVE: st.floats(1e-300, LARGEST) | st.integers(1, 10**9),
+    COUNT: st.integers(1, 10**9),
 }
 NAMES = st.text("abc_0", min_size=1, max_size=4)
 #: Of these no type takes more than one.
@@ -75,6 +78,12 @@ def test_a_value_of_another_type_is_named(tmp_path: Path, data: st.DataObject) -
         elif other is not None:
             taken.append(other)
     assert len(taken) <= 1, (place, taken)
+
+
+@pytest.mark.parametrize(("kind", "below", "must"), [(SIZE, -5.0, "0 or more"), (POSITIVE, 0.0, "above 0"), (COUNT, -1, "above 0")])
+def test_a_size_below_zero_is_named(kind: Size, below: float, must: str) -> None:
+    assert list(faults({"a": [below]}, {"a": [kind]}, "")) == [f"a[1] is '{below}'; it must be {must}"]
+    assert not list(faults({"a": [1]}, {"a": [kind]}, ""))
 
 
 @pytest.mark.parametrize("what", sorted(set(TYPES) - {"designs", "run.yaml", "fit", "diagnosis"}))

@@ -22,7 +22,7 @@ from beltcomm.foreign.eds import ObjectFile, load_object_file
 from beltcomm.given import pasted
 from beltcomm.machine import gains, stops
 from beltcomm.machine.machine import Machine
-from beltcomm.machine.writable import Writable, titles
+from beltcomm.machine.writable import Writable, begun_with, titles
 from beltcomm.result import Result, plain
 from beltcomm.rundata import backups, offline
 from beltcomm.rundata.calibration import recall
@@ -101,6 +101,8 @@ def roll_back(drive: Drive, name: str, folder: RunFolder, which: str | None, opt
     claim(folder, drive.capabilities, options, talk)
     backups.same_drive(backup, drive)
     recall(drive, folder)
+    if (unread := begun_with(folder)[1]):
+        talk.say(f"{unread}; limits are held against axis.yaml and what the drive has now")
     found = gains.differences(drive, folder, backups.values_to_restore(backup, drive))
     if options.dry_run:
         return _planned(folder, found)

@@ -10,12 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from beltcomm.axis import Motor
 from beltcomm.drive import Capabilities, Drive
 from beltcomm.drive.objects import MODE, ObjectValue, bounds_of, commands, name_of, packed
 from beltcomm.drive.parameters import GAIN_NAMES, LIMIT_NAMES
-from beltcomm.errors import ObjectLocked, Refused
+from beltcomm.errors import DataError, ObjectLocked, Refused
 from beltcomm.machine.ratings import RATED_TOLERANCE
 from beltcomm.rundata.store import MOST
 from beltcomm.runfolder import RunFolder
@@ -121,8 +122,7 @@ def most_of(capabilities: Capabilities, folder: RunFolder) -> dict[str, tuple[fl
     """The most that each limit may be, SI, and by whose word: axis.yaml's, else what the drive has, or had when the run began: a session
     that was cut off leaves it lower.  Never more than motors do."""
     motor = folder.axis.motor if folder.has_axis else Motor()
-    noted = folder.load_result("drive") or {}
-    begun = noted.get("begun_with") or noted
+    begun, unread = begun_with(folder)
     rated = capabilities.rated_torque_nm
     found: dict[str, tuple[float, str]] = {}
     for name, key, most, bounded in (
@@ -131,9 +131,19 @@ def most_of(capabilities: Capabilities, folder: RunFolder) -> dict[str, tuple[fl
     ):
         file, before = getattr(motor, key), begun.get(key)
         told = max(getattr(capabilities, key), before if isinstance(before, float) and math.isfinite(before) else 0.0)
-        by = f"what the drive has, or had when the run began (axis.yaml does not state motor.{key})" if file is None else f"motor.{key}"
+        by = f"what the drive has, or had when the run began (axis.yaml does not state motor.{key}){unread and f'; {unread}'}" if file is None else f"motor.{key}"
         found[name] = min(((1.0 + RATED_TOLERANCE) * (told if file is None else file), by), (most, bounded))
     return found
+
+
+def begun_with(folder: RunFolder) -> tuple[Mapping[str, Any], str]:
+    """The ratings that the drive had when the run began; and in words why nothing is known of it: values must come back from a run
+    whose ``results/drive.yaml`` is damaged, too."""
+    try:
+        noted = folder.load_result("drive") or {}
+    except DataError as error:
+        return {}, f"what the drive had when the run began is not known ({error})"
+    return noted.get("begun_with") or noted, ""
 
 
 def titles(found: Iterable[str]) -> str:

@@ -18,10 +18,10 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import kills
-from strangers import files, odd, page, terminal
+from strangers import files, forged, odd, page, terminal
 from strangers.outcome import Outcome, judged, table
 
-GROUPS = ("page", "files", "kills", "disks", "drives", "terminal", "odd")
+GROUPS = ("page", "files", "forged", "kills", "disks", "drives", "terminal", "odd")
 
 
 def cases(group: str, place: kills.Place, seed: int, named: Sequence[str] = ()) -> Iterator[Outcome]:
@@ -36,6 +36,8 @@ def cases(group: str, place: kills.Place, seed: int, named: Sequence[str] = ()) 
             yield from odd.cases(base, folder, named)
         case "files":
             yield from files.cases(base, folder, seed)
+        case "forged":
+            yield from forged.cases(base, folder, seed)
         case "drives":
             yield from files.drives()
         case "kills":

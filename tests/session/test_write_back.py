@@ -69,6 +69,19 @@ def test_rollback_to_any_backup(make_bench: MakeBench, copy_of_complete: Copy, t
     assert bench.plant.cart_position_m == 0.0
 
 
+@pytest.mark.parametrize("damaged", ["peak_torque_nm: nothing\n", "\0", "counts_per_rev: -5\n"])
+def test_values_come_back_from_a_run_whose_note_of_the_drive_is_damaged(make_bench: MakeBench, copy_of_complete: Copy, damaged: str) -> None:
+    run, bench = copy_of_complete(), make_bench()
+    api.apply(bench.name, run, options=YES)
+    (run / "results" / "drive.yaml").write_text(damaged, encoding="utf-8")
+    back = call("rollback", *DRIVE, "--run", run, "--yes")
+    assert back.exit_code == 0, back.output
+    assert bench.parameters() == bench.initial
+    told = " ".join(back.output.split())
+    assert "what the drive had when the run began is not known" in told
+    assert "drive.yaml" in told
+
+
 def test_a_backup_of_another_drive_is_refused(make_bench: MakeBench, copy_of_complete: Copy, tmp_path: Path) -> None:
     run, bench = copy_of_complete(), make_bench()
     other = read_yaml(run / "results" / "backup.yaml")
