@@ -114,8 +114,21 @@ TYPES: Mapping[str, Any] = {
     },
     "diagnosis": {"named?": [str], "after?": {"effects": [str], "parameters": {str: _KNOWN}}},
     "drive": {
-        **{"structure": _STRUCTURE, "counts_per_rev": COUNT, "peak_torque_nm": POSITIVE, "max_speed_rad_s?": POSITIVE, "begun_with?": _RATINGS},
-        **{"rated_torque_nm?": POSITIVE, "rated_current_a?": POSITIVE, "name?": str, "identity?": {str: str}, "parameters?": {str: _PLACE}},
+        **{
+            "structure": _STRUCTURE,
+            "counts_per_rev": COUNT,
+            "peak_torque_nm": POSITIVE,
+            "max_speed_rad_s?": POSITIVE,
+            "begun_with?": _RATINGS,
+        },
+        **{
+            "max_speed_rad_s?": POSITIVE,
+            "rated_torque_nm?": POSITIVE,
+            "rated_current_a?": POSITIVE,
+            "name?": str,
+            "identity?": {str: str},
+            "parameters?": {str: _PLACE},
+        },
         **{"uncalibrated?": [str], "gains?": str, "gain_terms?": [_TERM], "reached_as?": str, "reached_by?": str},
         "torque_reading?": {"late_s?": SIZE, "filter_s?": SIZE, "command?": bool},
     },
@@ -179,7 +192,7 @@ def faults(value: Any, kind: Any, at: str) -> Iterator[str]:
         right = right and (kind in (bool, object) or not isinstance(value, bool))
         if right and kind in (int, float) and not abs(value) <= LARGEST and math.isfinite(value):
             right, must = False, "a quantity of an axis"
-        if right and bound and (value < 0 or bound.above and value == 0):
+        if right and bound and (value < 0 or (bound.above and value == 0)):
             right, must = False, "above 0" if bound.above else "0 or more"
     if not right:
         yield f"{at or 'it'} is {str(value)[:SHOWN]!r}; it must be {must}"

@@ -101,7 +101,7 @@ def roll_back(drive: Drive, name: str, folder: RunFolder, which: str | None, opt
     claim(folder, drive.capabilities, options, talk)
     backups.same_drive(backup, drive)
     recall(drive, folder)
-    if (unread := begun_with(folder)[1]):
+    if unread := begun_with(folder)[1]:
         talk.say(f"{unread}; limits are held against axis.yaml and what the drive has now")
     found = gains.differences(drive, folder, backups.values_to_restore(backup, drive))
     if options.dry_run:

@@ -131,7 +131,11 @@ def most_of(capabilities: Capabilities, folder: RunFolder) -> dict[str, tuple[fl
     ):
         file, before = getattr(motor, key), begun.get(key)
         told = max(getattr(capabilities, key), before if isinstance(before, float) and math.isfinite(before) else 0.0)
-        by = f"what the drive has, or had when the run began (axis.yaml does not state motor.{key}){unread and f'; {unread}'}" if file is None else f"motor.{key}"
+        by = (
+            f"what the drive has, or had when the run began (axis.yaml does not state motor.{key}){unread and f'; {unread}'}"
+            if file is None
+            else f"motor.{key}"
+        )
         found[name] = min(((1.0 + RATED_TOLERANCE) * (told if file is None else file), by), (most, bounded))
     return found
 

@@ -108,7 +108,7 @@ class Sidecar:
         if self.excitation is None:
             return
         _check_choice("excitation.kind", self.excitation.kind, EXCITATION_KINDS)
-        lowest = {"amplitude_nm": 0.0, "period_samples": 2, "first_sample": 0}
+        lowest = {"amplitude_nm": 0.0, "period_samples": 4, "first_sample": 0}
         for key, low in lowest.items():
             value = getattr(self.excitation, key)
             if value is not None and value < low:

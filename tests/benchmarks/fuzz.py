@@ -1,6 +1,6 @@
 """A fuzz of every parser: how many files were read, refused with a sentence, or ended in a traceback, a hang or a crash.
 
-    python tests/benchmarks/fuzz.py FILE SECONDS [SEED] [WORD ...]
+    python tests/benchmarks/fuzz.py FILE SECONDS [--seed SEED] [--words WORD ...]
 
 Writes the counts of each parser to FILE as JSON, and what must not be beside it: FILE.found/NUMBER-PARSER.  With words only the parsers
 with one of them in their names.  Cases run in a process that is forked for them, 200 at a time, so that a hang or a crash is counted and
@@ -10,6 +10,7 @@ A crash or hang of a reader that runs apart is counted and is none of the main p
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import select
@@ -132,4 +133,9 @@ def main(file: Path, seconds: float, seed: int, words: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3]) if len(sys.argv) > 3 else 1, sys.argv[4:]))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("file", type=Path)
+    parser.add_argument("seconds", type=float)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--words", nargs="*", default=[])
+    sys.exit(main(**vars(parser.parse_args())))

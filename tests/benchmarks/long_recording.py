@@ -1,6 +1,6 @@
 """One long recording through import, compare and diagnose: processor time and most memory of each.
 
-    python tests/benchmarks/long_recording.py FOLDER [MINUTES] [PLANT]
+    python tests/benchmarks/long_recording.py FOLDER [--minutes M] [--plant P]
 
 Makes (unless it is there) a record at 1 kHz of an axis that goes to random places under its own cascade, excited now and then, and runs
 the commands on it.  The figures to be kept for an hour: import 20 s and 500 MB, compare 60 s, diagnose 120 s of processor time.
@@ -8,6 +8,7 @@ the commands on it.  The figures to be kept for an hour: import 20 s and 500 MB,
 
 from __future__ import annotations
 
+import argparse
 import os
 import shutil
 import subprocess
@@ -91,4 +92,8 @@ def main(folder: Path, minutes: float, plant: str) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), float(sys.argv[2]) if len(sys.argv) > 2 else 60.0, sys.argv[3] if len(sys.argv) > 3 else "g_a")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--plant", default="g_a")
+    main(**vars(parser.parse_args()))

@@ -100,6 +100,32 @@ MEMBERS = '{"member": 0, "key": "k", "values": {"a": 1.5}, "exit_code": 0, "foun
 REVISIONS = """revisions:
 - {name: r1, parent: '', change: base, effects: [viscous], ratio: 1.5, held_out: null, confirmed: null, command: c, when: w, data: {a: x}}
 """
+#: Of results that commands read: what is read of each.
+RESULTS: dict[str, dict[str, Any]] = {
+    "fit": {
+        **{"misfit": 1.02, "suspect": False, "free": ["cart.mass"], "covariance": [[1e-4]], "records": ["frf_1"]},
+        "characteristics": {"resonance_hz": {"value": 41.2, "interval": 0.1, "unit": "Hz"}},
+        "dead_time": {"value_s": 1e-3, "interval_s": 1e-5},
+        "torque_path": {
+            "drive": {"delay": 1.0, "delay_interval": 0.1, "gain": 1.0, "lags": [{"kind": "first", "values": [5e-4], "intervals": [1e-5]}]},
+            **{"reading": {"late": 0.0, "lags": []}, "commanded": False, "acts": 0.0, "rivals": []},
+        },
+    },
+    "verify": {
+        **{"passed": True, "measured": {"dynamic_m": 1e-4, "static_m": 1e-6}, "predicted": {"dynamic_m": 1e-4, "static_m": 1e-6}},
+        **{"targets": {"following_error_m": 1e-3, "at": "motor"}, "verified": {"gains": "a", "model": "b"}},
+    },
+    "diagnosis": {
+        "named": ["cogging"],
+        "after": {"effects": ["cogging"], "parameters": {"cogging.sine": {"value": 0.1, "interval": 0.01}}},
+    },
+    "plan": {
+        **{"text": "x", "points": [["travel", "0.2 m"]], "seconds": 3.0},
+        "experiments": [{"title": "a"} | dict.fromkeys(("travel_m", "reach_m", "speed_m_s", "torque_nm", "belt_force_n", "seconds"), 0.1)],
+    },
+    "led_gains": {"kp": 0.05, "kpp": 20.0, "kp_interval": 0.001, "kpp_interval": 0.1},
+    "breakaway": {"coulomb_nm": 0.1},
+}
 DBC = """VERSION ""
 BU_: A
 BO_ 385 Motion: 8 A
@@ -187,7 +213,16 @@ def parsers(folder: Path) -> dict[str, Parser]:
     def shipped(kind: str, name: str) -> bytes:
         return find_config(kind, name).read_bytes()
 
-    found = {
+    results = {
+        f"result {name}": Parser(
+            f"{name}.yaml",
+            yaml(data),
+            in_run(f"results/{name}.yaml", lambda o, name=name: o.load_result(name)),
+            within=True,  # type: ignore[misc]
+        )
+        for name, data in RESULTS.items()
+    }
+    found = results | {
         "recording": Parser("frf_1.csv", recording_text().encode(), load_recording),
         "broken-off recording": Parser("frf_1.csv.part", recording_text().encode(), load_recording),
         "sidecar": Parser("frf_1.yaml", SIDECAR.encode(), load_sidecar),

@@ -70,7 +70,7 @@ def test_rollback_to_any_backup(make_bench: MakeBench, copy_of_complete: Copy, t
 
 
 @pytest.mark.parametrize("damaged", ["peak_torque_nm: nothing\n", "\0", "counts_per_rev: -5\n"])
-def test_values_come_back_from_a_run_whose_note_of_the_drive_is_damaged(make_bench: MakeBench, copy_of_complete: Copy, damaged: str) -> None:
+def test_values_come_back_where_the_note_of_the_drive_is_damaged(make_bench: MakeBench, copy_of_complete: Copy, damaged: str) -> None:
     run, bench = copy_of_complete(), make_bench()
     api.apply(bench.name, run, options=YES)
     (run / "results" / "drive.yaml").write_text(damaged, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Values of a forger: numbers of the right type that cannot be, under a checksum made anew, each given to the commands that read the file."""
+"""Values of a forger: numbers that cannot be, of the right type, under a checksum made anew, given to the commands that read the file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from strangers.outcome import NEVER, Outcome, judged
 GROUP = "forged"
 #: By place in a run: what reads its numbers.
 READERS: dict[str, Sequence[Sequence[str]]] = {
-    "results/fit.yaml": (("design", "RUN"), ("report", "RUN"), ("diagnose", "RUN", "--no-pictures"), ("friction", *VIRTUAL, "--run", "RUN")),
+    "results/fit.yaml": (("design", "RUN"), ("report", "RUN"), ("diagnose", "RUN", "--no-cost"), ("friction", *VIRTUAL, "--run", "RUN")),
     "results/drive.yaml": (("design", "RUN"), ("verify", *VIRTUAL, "--run", "RUN"), ("compare", "RUN", "--no-pictures")),
     "designs/final.yaml": (
         ("export", "RUN", "--format", "st", "--out", "CASE/a.st", "--yes"),
@@ -38,9 +38,9 @@ READERS: dict[str, Sequence[Sequence[str]]] = {
 IMPOSSIBLE = (-5.0, 0.0, 1e99, -1e99, 1e-300, float("inf"), float("nan"), 3, -1)
 
 
-def cases(base: Path, folder: Path, seed: int, draws: int = 8) -> Iterator[Outcome]:
+def cases(base: Path, folder: Path, seed: int, draws: int = 12) -> Iterator[Outcome]:
     """So many numbers of every file, each exchanged for one that cannot be."""
-    for words in (("add", "cogging", str(base), "--no-cost", "--no-pictures"), ("diagnose", str(base), "--no-pictures")):
+    for words in (("add", "cogging", str(base), "--no-cost", "--no-pictures"), ("diagnose", str(base), "--no-cost")):
         CliRunner().invoke(cli, words)
     for place, calls in READERS.items():
         source = found(base, place)
@@ -65,7 +65,7 @@ def cases(base: Path, folder: Path, seed: int, draws: int = 8) -> Iterator[Outco
                     GROUP,
                     f"{place}, {at} = {value}, {words[0]}",
                     f"{never}: {told[-400:]}" if never or code not in range(6) else "",
-                    f"exit code {code} without a word" if code and not told.strip() else "",
+                    f"exit code {code} without a word" if code and not told.strip() else told[-200:] if "Usage:" in told else "",
                 )
                 shutil.rmtree(case)
 
