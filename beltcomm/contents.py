@@ -21,16 +21,17 @@ SHOWN = 40
 
 @dataclass(frozen=True)
 class Size:
-    """A number that cannot be below zero.   above : nor zero.   whole : of int."""
+    """A number that cannot be below zero.   above : nor zero, nor no number.   whole : of int.   most : the largest."""
 
     above: bool = False
     whole: bool = False
+    most: float = math.inf
 
 
 # A type is float, int, str, bool or object (any value), SIZE or POSITIVE; [T] a list, (T, T) a list of this length, {str: T} names to
 # values, a set of words one of them; else names to types.  A name with "*" may be missing, with "?" also be null.  Further
 # names may stand beside them, but not where "" is one.
-SIZE, POSITIVE, COUNT = Size(), Size(above=True), Size(above=True, whole=True)
+SIZE, POSITIVE, COUNT, GAIN = Size(), Size(above=True), Size(above=True, whole=True), Size(above=True, most=1e3)
 _ERROR = {"dynamic_m": SIZE, "static_m": SIZE}
 _HASHES = {"gains?": str, "model?": str}
 _TARGETS = {
@@ -77,7 +78,7 @@ _SPECIFICATION = dict.fromkeys(
 _KNOWN = {"value": float, "interval?": SIZE, "unit?": str}
 _LAGS = [{"kind": str, "values": [SIZE], "intervals": [SIZE]}]
 _TORQUE_PATH: dict[str, Any] = {
-    "drive?": {"delay": SIZE, "delay_interval": SIZE, "gain": float, "lags": _LAGS},
+    "drive?": {"delay": SIZE, "delay_interval": SIZE, "gain": GAIN, "lags": _LAGS},
     "reading": {"late": SIZE, "lags": _LAGS, "at_end?": bool},
     "commanded": bool,
     "acts": float,
@@ -192,8 +193,8 @@ def faults(value: Any, kind: Any, at: str) -> Iterator[str]:
         right = right and (kind in (bool, object) or not isinstance(value, bool))
         if right and kind in (int, float) and not abs(value) <= LARGEST and math.isfinite(value):
             right, must = False, "a quantity of an axis"
-        if right and bound and (value < 0 or (bound.above and value == 0)):
-            right, must = False, "above 0" if bound.above else "0 or more"
+        if right and bound and (value < 0 or value > bound.most or (bound.above and not value > 0)):
+            right, must = False, ("above 0" if bound.above else "0 or more") + f", at most {bound.most:g}" * math.isfinite(bound.most)
     if not right:
         yield f"{at or 'it'} is {str(value)[:SHOWN]!r}; it must be {must}"
     elif isinstance(kind, (list, tuple)):

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from beltcomm.axis import load_axis
-from beltcomm.contents import COUNT, LARGEST, POSITIVE, SIZE, TYPES, Size, check_content, faults
+from beltcomm.contents import COUNT, GAIN, LARGEST, POSITIVE, SIZE, TYPES, Size, check_content, faults
 from beltcomm.errors import DataError
 from beltcomm.runfolder import RunFolder
 
@@ -23,6 +23,7 @@ SIMPLE: dict[Any, st.SearchStrategy[Any]] = {
     SIZE: st.floats(0.0, LARGEST) | st.integers(0, 10**9) | st.just(float("inf")),
     POSITIVE: st.floats(1e-300, LARGEST) | st.integers(1, 10**9),
     COUNT: st.integers(1, 10**9),
+    GAIN: st.floats(1e-3, 1e3) | st.integers(1, 1000),
 }
 NAMES = st.text("abc_0", min_size=1, max_size=4)
 #: Of these no type takes more than one.
