@@ -59,6 +59,7 @@ def test_names_that_no_file_can_have(words: list[str], name: str, tmp_path: Path
     assert LONG[:20] in said or "a/a" in said or not said or "nobody answers" in said
 
 
+@pytest.mark.examination
 def test_an_axis_with_a_long_name_makes_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     axis = tmp_path / "axis.yaml"

@@ -94,7 +94,8 @@ def test_two_filters_behind_one_another_are_found_by_what_they_do(setpoint: np.n
     assert found.law.delay_s(SAMPLE_S) - earlier_s == pytest.approx(SAMPLE_S * (1.0 + 1.0) + 2e-3, rel=0.01)
 
 
-@pytest.mark.parametrize("limit_nm_s", quick([60.0, 150.0], 1))
+@pytest.mark.examination
+@pytest.mark.parametrize("limit_nm_s", [60.0, 150.0])
 def test_a_limited_slew_rate_is_found(setpoint: np.ndarray, limit_nm_s: float) -> None:
     """Steps of 0.4 N m take 6.7 and 2.7 samples; the course is made step by step on the fine grid."""
     wanted = held(setpoint, 1.0)

@@ -116,6 +116,7 @@ def test_a_drive_that_filters_its_setpoint_does_not_bias_them() -> None:
     assert found.late_s == pytest.approx(1.5e-3, abs=1e-4)
 
 
+@pytest.mark.examination
 def test_what_a_model_holds_is_not_sought() -> None:
     """A hypothesis of the torque path holds what the data sheets say; it has no room to be sought in."""
     random, stiffness = np.random.default_rng(1), "belt_stiffness.stiffness"

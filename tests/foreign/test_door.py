@@ -143,6 +143,7 @@ def test_hdf5_files_reach_no_other_file(folder: Path, kind: str) -> None:
         assert "another file" in refusal(path)
 
 
+@pytest.mark.examination
 def test_bombs_are_refused_for_their_memory(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(apart, "_MEMORY", 600 << 20)
     with zipfile.ZipFile(folder / "bomb.npz", "w", zipfile.ZIP_DEFLATED) as archive, archive.open("t.npy", "w") as file:

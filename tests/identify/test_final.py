@@ -110,6 +110,7 @@ def test_an_axis_without_a_belt_keeps_one_stiffness(varying: tuple[list[Recordin
     assert found.fit.suspect
 
 
+@pytest.mark.examination
 def test_stiffness_of_each_place(varying: tuple[list[Recording], FinalModel]) -> None:
     """What each record alone wants, all else as in the fit with one stiffness for all: the order and size of (2.26)."""
     records, final = varying

@@ -115,6 +115,7 @@ def test_a_detour_is_judged_again(apart: tuple[Data, Fitted, dict[str, Fitted]])
     assert find_shortcut([data], [kept]) is None, "nothing came before it"
 
 
+@pytest.mark.examination
 def test_adding_begins_where_the_diagnosis_ended(
     hidden_cogging: tuple[Path, float], apart: tuple[Data, Fitted, dict[str, Fitted]], tmp_path: Path
 ) -> None:
@@ -159,6 +160,7 @@ def test_a_poor_data_set_says_what_it_cannot_show(hidden_cogging: tuple[Path, fl
     assert all(poor[name].hardest > 0.99 * rich[name].hardest for name in ("stribeck", "cogging", "dead_time", "constant_offset"))
 
 
+@pytest.mark.examination
 def test_words_of_the_family_create_one_effect(hidden_cogging: tuple[Path, float], tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(hidden_cogging[0], run)

@@ -111,6 +111,7 @@ def test_no_damaged_byte_is_ever_executed(
     assert machine_code._Files(str(tmp_path), "function-1.py311", "another source").load("types") is None
 
 
+@pytest.mark.examination
 def test_files_that_numba_itself_has_written_are_replaced_in_silence(tmp_path: Path) -> None:
     (result,) = used(tmp_path)
     for path in tmp_path.rglob("*.nbi"):
@@ -119,6 +120,7 @@ def test_files_that_numba_itself_has_written_are_replaced_in_silence(tmp_path: P
     assert used(tmp_path) == [f"{result.split()[0]} 1"]
 
 
+@pytest.mark.examination
 def test_a_full_place_is_told_and_costs_nothing_but_time(tmp_path: Path) -> None:
     *said, result = used(tmp_path, largest=2000)
     assert float.fromhex(result.split()[0]) > 0.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import pickle
 import shutil
 from collections.abc import Callable, Iterator
@@ -12,6 +14,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
+from filelock import FileLock
 
 from beltcomm import api
 from beltcomm.axis import Axis
@@ -59,8 +62,10 @@ def complete(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Complete]:
     path = tmp_path_factory.mktemp("complete") / "run"
     fits: list[FinalModel] = []
 
+    fit_once = remembering(final_model)
+
     def fit(*args: Any, **kwargs: Any) -> FinalModel:
-        fits.append(final_model(*args, **kwargs))
+        fits.append(fit_once(*args, **kwargs))
         return fits[-1]
 
     with pytest.MonkeyPatch.context() as patch:
@@ -131,6 +136,35 @@ class Key(pickle.Pickler):
 _known: dict[bytes, Any] = {}
 
 
+@pytest.fixture(scope="session", autouse=True)
+def remembered_by_all(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Iterator[None]:
+    """What one worker has computed is there for the others of this run."""
+    base = tmp_path_factory.getbasetemp()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Shared, "folder", (base if worker_id == "master" else base.parent) / "remembered")
+        yield
+
+
+class Shared:
+    """Values of pure functions on the disk, computed by whichever process asks first; the others wait for it."""
+
+    folder: ClassVar[Path | None] = None
+
+    @classmethod
+    def value(cls, key: bytes, compute: Callable[[], Any]) -> Any:
+        if cls.folder is None:
+            return compute()
+        cls.folder.mkdir(exist_ok=True)
+        file = cls.folder / hashlib.sha256(key).hexdigest()
+        with FileLock(f"{file}.lock"):
+            if file.exists():
+                return pickle.loads(file.read_bytes())
+            value = compute()
+            with contextlib.suppress(pickle.PicklingError, AttributeError, TypeError):
+                file.write_bytes(pickle.dumps(value))
+            return value
+
+
 def remembering(function: Callable[..., Any]) -> Callable[..., Any]:
     """The same pure function, which computes nothing twice; arguments that have no bytes, as a test's stand-ins, are not remembered."""
 
@@ -141,7 +175,7 @@ def remembering(function: Callable[..., Any]) -> Callable[..., Any]:
         except (pickle.PicklingError, AttributeError, TypeError, ValueError):
             return function(*args, **kwargs)
         if key not in _known:
-            _known[key] = function(*args, **kwargs)
+            _known[key] = Shared.value(key, lambda: function(*args, **kwargs))
         return _known[key]
 
     return call

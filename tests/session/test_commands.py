@@ -143,6 +143,7 @@ def test_verify_drives_the_users_own_move(make_bench: MakeBench, copy_of_complet
     assert bench.parameters() == bench.initial
 
 
+@pytest.mark.examination
 def test_verify_misses_a_target_with_exit_code_1(make_bench: MakeBench, copy_of_complete: Copy) -> None:
     """Gains of another, much weaker design: the drive lags, and the verdict says so."""
     run, bench = copy_of_complete(), make_bench()
@@ -356,6 +357,7 @@ def test_nobody_can_be_asked(make_bench: MakeBench, tmp_path: Path) -> None:
     assert bench.plant.cart_position_m == 0.0
 
 
+@pytest.mark.examination
 @pytest.mark.usefixtures("fitted")
 def test_a_design_that_replaces_proven_gains_says_so(copy_of_complete: Copy) -> None:
     run = copy_of_complete()

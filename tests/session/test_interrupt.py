@@ -135,6 +135,7 @@ def test_ctrl_c_before_the_first_motion(make_bench: MakeBench, copy_of_complete:
     assert len(state_after(bench, run)) == 12
 
 
+@pytest.mark.examination
 @pytest.mark.usefixtures("fitted")
 def test_ctrl_c_between_two_gains_leaves_the_old_ones(
     make_bench: MakeBench, copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch

@@ -163,6 +163,7 @@ def test_a_second_page_on_the_run_has_settings_of_its_own(browser: Browser) -> N
     assert browser.value("box-suppression_db") == mine
 
 
+@pytest.mark.examination
 def test_without_scripts_the_page_says_what_to_type(browser: Browser) -> None:
     browser.driver.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
     browser.driver.get(browser.address)

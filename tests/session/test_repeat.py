@@ -95,6 +95,7 @@ def test_a_finished_run_repeats_nothing_and_is_told_in_one_json_object(
     assert bench.now_s < 10.0  # the sign check and the way to the start of the move at most
 
 
+@pytest.mark.examination
 @pytest.mark.parametrize("changed", ["payload", "gains"])
 @pytest.mark.usefixtures("fitted")
 def test_a_move_driven_with_another_design_is_no_proof(make_bench: MakeBench, copy_of_complete: Copy, changed: str) -> None:
@@ -135,6 +136,7 @@ def check_saved(bench: Bench, run: Path, designed: dict[str, float]) -> None:
     assert bench.parameters() == bench.initial
 
 
+@pytest.mark.examination
 def test_another_axis_is_not_the_run_that_was_begun(make_bench: MakeBench, copy_of_complete: Copy) -> None:
     run, bench = copy_of_complete(), make_bench()
     axis = load_axis("egc-70-600")
@@ -152,6 +154,7 @@ def test_another_drive_is_not_that_of_the_run(make_bench: MakeBench, copy_of_com
     assert bench.parameters() == bench.initial
 
 
+@pytest.mark.examination
 def test_another_plant_is_not_the_machine_of_the_run(make_bench: MakeBench, copy_of_complete: Copy) -> None:
     run, bench = copy_of_complete(), make_bench("g_b")
     with pytest.raises(UsageError, match=r"made on another drive .*plant g_a -> g_b.*begin a new run"):

@@ -176,6 +176,7 @@ def test_what_is_missing_names_the_command_that_makes_it(copy_of_complete: Calla
         assert f"beltcomm {command}" in text
 
 
+@pytest.mark.examination
 def test_a_folder_that_cannot_be_written_shows_its_result_all_the_same(
     copy_of_complete: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:

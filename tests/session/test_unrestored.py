@@ -51,6 +51,7 @@ def creep(options: api.Options, talk: Listener) -> api.Result:
     return api.move("virtual:g_a", AXIS, 5e-3, options=options, talk=talk)
 
 
+@pytest.mark.examination
 def test_a_killed_session_is_found_and_rolled_back(connect: Connect, tmp_path: Path, state: Path) -> None:
     """SIGKILL in the second excitation, when new gains are in the drive: guarding stops the axis, the next command restores it."""
     bench = connect(HardwareBench())

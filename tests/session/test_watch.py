@@ -49,6 +49,7 @@ def written(path: Path, lines: list[str]) -> Path:
     return path
 
 
+@pytest.mark.examination
 def test_healthy_moves_are_healthy_and_worn_ones_alarm(
     logs: tuple[list[str], list[str]], copy_of_complete: Callable[..., Path], tmp_path: Path
 ) -> None:

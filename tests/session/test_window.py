@@ -120,6 +120,7 @@ def test_fit_and_design_cope_with_it_and_what_needs_a_reference_says_so(here: He
     assert "proven for the belt stiffness of that place alone" in outcome.stderr
 
 
+@pytest.mark.examination
 def test_commission_without_any_reference(make_bench: MakeBench, tmp_path: Path) -> None:
     """Refused with every way out; inside a window it records here, and does not call that success; a known place has no window."""
     bench = make_bench(referenced=False)

@@ -23,6 +23,7 @@ def test_what_cannot_be_commissioned_is_refused_before_motion_and_found_by_the_d
     assert not commission.powered
 
 
+@pytest.mark.examination
 @pytest.mark.parametrize("slave", drawn(38, ("epos4", "accelnet", "pd4-e"), 1))
 def test_a_drive_whose_gains_nobody_knows_is_identified_and_survives_ctrl_c_and_a_dead_host(slave: str) -> None:
     cells = {cell.verb: cell for cell in run_row(slave, ("doctor", "identify", "Ctrl-C", "host lost"))}

@@ -153,6 +153,7 @@ def test_a_folder_of_another_kind_of_study_is_left_alone(
         api.study(fleet, tmp_path / "axes", workers=1)
 
 
+@pytest.mark.examination
 def test_a_fleet_that_grew_is_the_same_on_a_cluster(fleet: Path, tmp_path: Path) -> None:
     """Of runs without records, each of which is refused in words."""
     from distributed import LocalCluster

@@ -22,6 +22,7 @@ def named(study: closed_loop.ClosedLoopStudy, figure: str, name: str, rig: str =
     return next(r for r in study.runs if (r.figure, r.name, r.rig) == (figure, name, rig))
 
 
+@pytest.mark.examination
 def test_without_feedforward_the_axis_trails_by_speed_over_gain(study: closed_loop.ClosedLoopStudy) -> None:
     """Top speed of T_A: 1.357 m/s (thesis.md); K_PP 6.29 1/s.  The move is too short for the error to come quite up to it."""
     trailing = named(study, "5.2", "feedforward none").motor.dynamic_m
