@@ -87,7 +87,7 @@ class MassOrInertia(click.ParamType):  # type: ignore[type-arg,unused-ignore]  #
 )
 @click.option("--excitation", type=shared.WordChoice(EXCITATION_KINDS), help="Kind of excitation of an frf record.")
 @click.option("--amplitude", "amplitude_nm", type=shared.QuantityType("amplitude_nm"), help="Its largest absolute torque (force, current).")
-@click.option("--period-samples", type=click.IntRange(2), help="Rows of one period, when the excitation repeats.")
+@click.option("--period-samples", type=click.IntRange(4), help="Rows of one period, when the excitation repeats.")
 @click.option("--first-sample", type=click.IntRange(0), default=0, help="Row, from 0, where its first period begins.")
 @click.option("--source", default="", help="Where the data came from, in words.")
 @click.option(

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from beltcomm.axis import Axis
-from beltcomm.errors import Refused, UsageError
+from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.foreign.mapping import Source, parse_source, sources_for
 from beltcomm.foreign.names import Meaning, meaning_of
 from beltcomm.foreign.relations import relations
@@ -25,6 +25,8 @@ from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS, Side
 Confidence = Literal["sure", "likely", "unsure"]
 #: s between rows that a drive or logger has: what a time column without a unit is held against.
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 2e-5, 0.05
+#: Letters of a cell that are shown.
+SHOWN = 20
 #: A torque column without a unit is N m when its largest value lies between these shares of the motor's peak torque.
 _SMALLEST_SHARE, _LARGEST_SHARE = 0.01, 1.1
 
@@ -154,6 +156,7 @@ def guesses_for(table: Table, sources: Mapping[str, Source], axis: Axis, *, time
     used = {source.theirs for source in sources.values()}
     clocks = set(table.clocks.values())
     meanings = [m for name in table.columns if name not in used and name not in clocks if (m := meaning_of(table, name)) is not None]
+    texts = {m.quantity: m.name for m in reversed(meanings) if table.columns[m.name].dtype.kind not in "fiu"}
     meanings = [m for m in meanings if table.columns[m.name].dtype.kind in "fiu" or m.quantity == "time"]
     ratio = axis.known_transmission_m_rad
     found: list[Guess] = []
@@ -165,7 +168,11 @@ def guesses_for(table: Table, sources: Mapping[str, Source], axis: Axis, *, time
     wanted = {"torque": drives, "position": "position"}
     for signal, quantity in wanted.items():
         if channels[signal] not in sources:
-            found.append(_signal(table, channels[signal], [m for m in meanings if m.quantity == quantity], axis, ratio))
+            guess = _signal(table, channels[signal], [m for m in meanings if m.quantity == quantity], axis, ratio)
+            if not guess.choices and quantity in texts:
+                cell = next(iter(table.columns[texts[quantity]]), "")
+                guess = replace(guess, why=f"{texts[quantity]} holds no numbers but {str(cell)[:SHOWN]!r}: export it as numbers")
+            found.append(guess)
     found = [_or_commanded(guess, table, channels, meanings, drives, axis, ratio) for guess in found]
     taken = used | {_theirs(guess, table) for guess in found if guess.choices}
     for signal, quantity, role in (
@@ -266,6 +273,9 @@ def _time(table: Table, meanings: Sequence[Meaning]) -> Guess:
         return Guess("t_s", tuple(_written("t_s", name, unit) for unit in ("s", "ms", "us")), "unsure", "its unit cannot be told")
     rising = [m for m in meanings if m.quantity == "time" and _rises(table, m.name)]
     if not rising:
+        back = next((m.name for m in meanings if m.quantity == "time" and _rises(table, m.name, -1.0)), "")
+        if back:
+            raise DataError(f"{table.file}: {back} falls from row to row, the last row was recorded first; turn the order of the rows")
         return Guess("t_s", (), "unsure", "no column is called time and rises; give --rate or --period, or map one")
     best = rising[0]
     step = _step(table, best.name)
@@ -289,12 +299,12 @@ def _time_unit(table: Table, name: str) -> str:
     return "s" if _SHORTEST_STEP_S <= _step(table, name) <= _LONGEST_STEP_S else ""
 
 
-def _rises(table: Table, name: str) -> bool:
+def _rises(table: Table, name: str, way: float = 1.0) -> bool:
     values = table.columns[name]
     if values.dtype.kind not in "fiu":
-        return name.lower() not in {"n", "m"}
+        return way > 0.0 and name.lower() not in {"n", "m"}
     known = values[np.isfinite(values)]
-    return len(known) > 2 and bool(np.mean(np.diff(known) > 0.0) > 0.9)
+    return len(known) > 2 and bool(np.mean(way * np.diff(known) > 0.0) > 0.9)
 
 
 def _step(table: Table, name: str) -> float:

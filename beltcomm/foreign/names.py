@@ -1,4 +1,4 @@
-"""Meaning of the names and units of foreign columns: English, German, and spellings that drives and loggers use."""
+"""Meaning of names and units of foreign columns: English, German, French, Italian, Spanish; spellings that drives and loggers use."""
 
 from __future__ import annotations
 
@@ -16,15 +16,22 @@ Role = Literal["actual", "setpoint", "none"]
 #: compounds are found by their parts.
 _WORDS: tuple[tuple[Quantity, str], ...] = (
     ("temperature", r"temp(erature?|eratur)?|celsius"),
-    ("time", r"t|tt|tout|time(stamps?)?|zeit(stempel)?|uhrzeit|elapsed|stamp|clock|seconds?|sekunden|millis|micros"),
-    ("force", r"force|kraft|vorschubkraft|f|frc"),
-    ("torque", r"torque|trq|tq|tau|(dreh)?moment|motormoment|mom|m|tor"),
-    ("velocity", r"vel|velo|velocity|speed|spd|drehzahl|geschw(indigkeit)?|omega|rpm|v|n|dq|qd|qdot"),
-    ("current", r"current|curr|cur|strom|motorstrom|i|iq|iqact|isq|ampere|amps?"),
-    ("position", r"pos|posn|position|lage|angle|ang|winkel|theta|phi|enc|encoder|geber|counts?|weg|travel|displacement|x|q|rotor"),
+    ("time", r"t|ts|tt|tout|time(stamps?)?|zeit(stempel)?|uhrzeit|elapsed|stamp|clock|seconds?|sekunden|millis|micros|temps|tempo|tiempo"),
+    ("force", r"force|kraft|vorschubkraft|f|frc|forza|fuerza"),
+    ("torque", r"torque|trq|tq|tau|(dreh)?moment|motormoment|mom|m|tor|couple|coppia"),
+    ("velocity", r"vel|velo|velocity|speed|spd|drehzahl|geschw(indigkeit)?|omega|rpm|v|n|dq|qd|qdot|vitesse|velocit[àa]|velocidad"),
+    ("current", r"current|curr|cur|strom|motorstrom|i|iq|iqact|isq|ampere|amps?|courant|corrente|corriente"),
+    (
+        "position",
+        r"pos|posn|position|lage|angle|ang|winkel|theta|phi|enc|encoder|geber|counts?|weg|travel|displacement|x|q|rotor|posizione|posici[óo]n|"
+        r"angolo|[áa]ngulo|codeur",
+    ),
 )
 _ROLES: tuple[tuple[Role, str], ...] = (
-    ("setpoint", r"soll(wert)?|set|setpoint|setp|sp|cmd|command(ed)?|demand|dem|target|tgt|ref|reference|des(ired)?|vorgabe|sw"),
+    (
+        "setpoint",
+        r"soll(wert)?|set|setpoint|setp|sp|cmd|command(ed)?|demand|dem|target|tgt|ref|reference|des(ired)?|vorgabe|sw|consigne|consigna",
+    ),
     ("actual", r"act|actual|ist(wert)?|fbk?|feedback|meas(ured)?|mess(wert)?|gemessen|real|iw|value"),
 )
 #: Second sensors: of the carriage, or on the load side of a rotary drive.
@@ -61,7 +68,7 @@ _SPELLINGS = {
     "m": "meter",
     "mm": "millimeter",
     "n": "newton",
-    "nm": "n*m n-m newtonmeter",
+    "nm": "n*m n-m n.m newtonmeter",
     "a": "ampere amp amps arms a_rms aeff a(rms)",
     "°c": "degc celsius",
 }

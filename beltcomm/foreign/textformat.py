@@ -25,7 +25,7 @@ _REGULAR_SHARE = 0.8
 #: Thousands in groups of three under a decimal comma, and under a decimal point.
 _GROUPED = {
     True: re.compile(r"[-+]?\d{1,3}(\.\d{3})+(,\d*)?([eE][-+]?\d+)?"),
-    False: re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d*([eE][-+]?\d+)?"),
+    False: re.compile(r"[-+]?\d{1,3}(,\d{3})+(\.\d*)?([eE][-+]?\d+)?"),
 }
 #: Marks that part thousands and nothing else, between digits: apostrophes, narrow and unbroken blanks; and a minus as books print it.
 _MARKS = "'\u2019\u00a0\u2007\u2009\u202f"

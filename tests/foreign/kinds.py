@@ -106,6 +106,18 @@ KINDS: list[Kind] = [
         ("--map", "position_rad=Position*0.01deg"),
     ),
     Kind(
+        "US CSV, whole counts with thousands in quotes",
+        put(
+            "a.csv",
+            "Time [ms],Torque [mNm],Position [inc]\n"
+            + "".join(
+                f'"{1e3 * t:,.1f}","{grouped(1e3 * a, ",", ".")}","{round(b / math.tau * 2**24):,d}"\n'
+                for t, a, b in zip(T, TORQUE, ANGLE, strict=True)
+            ),
+        ),
+        ("--map", "position_rad=Position*rev/16777216"),
+    ),
+    Kind(
         "a remark beside a row and one between",
         put(
             "a.csv",

@@ -14,6 +14,7 @@ from beltcomm import api
 from beltcomm.axis import Axis, load_axis
 from beltcomm.cli import import_
 from beltcomm.cli.main import cli
+from beltcomm.errors import DataError
 from beltcomm.foreign.guess import Guess, NeedsAnswers, completed
 from beltcomm.foreign.names import meaning_of
 from beltcomm.foreign.table import Table
@@ -52,6 +53,12 @@ def table(*names: str, **columns: Any) -> Table:
         ("time_ms", "", "time", "none", "s"),
         ("Zeit", "s", "time", "none", "s"),
         ("Motortemperatur", "°C", "temperature", "none", "c"),
+        ("Temps (s)", "", "time", "none", "s"),
+        ("Couple (N.m)", "", "torque", "none", "nm"),
+        ("Coppia", "Nm", "torque", "none", "nm"),
+        ("Par motor [Nm]", "", "torque", "none", "nm"),
+        ("Posición [°]", "", "position", "none", "rad"),
+        ("Consigne de couple", "Nm", "torque", "setpoint", "nm"),
         ("6077h", "", "torque", "actual", ""),
         ("0x6064", "", "position", "actual", ""),
     ],
@@ -113,6 +120,18 @@ def test_what_is_not_sure_is_asked(names: tuple[str, ...], column: str, confiden
     assert guess is not None
     assert guess.confidence == confidence
     assert words in guess.why
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"t": T[::-1].copy()}, "log.csv: t falls from row to row, the last row was recorded first; turn the order of the rows"),
+        ({"pos": np.array(["0x001F3A"] * len(T), dtype=object)}, "position_rad: pos holds no numbers but '0x001F3A': export it as numbers"),
+    ],
+)
+def test_a_column_that_has_the_name_alone_is_told(changed: dict[str, Any], words: str) -> None:
+    with pytest.raises((NeedsAnswers, DataError), match=words):
+        completed(table(**({"t": T, "torque [Nm]": CURRENT, "pos": ENCODER} | changed)), (), AXIS, timed=True)
 
 
 def test_two_torques_are_not_sure() -> None:
