@@ -76,6 +76,14 @@ class DataError(BeltcommError):
     exit_code = 3
 
 
+class MissingColumn(DataError):
+    """A recording lacks a column that it must have.  ``column`` is its name."""
+
+    def __init__(self, message: str, column: str) -> None:
+        super().__init__(message)
+        self.column = column
+
+
 class DamagedRecord(DataError):
     """One recording holds what no axis does; without it, or made again, the job can go on.  ``record`` is its name."""
 

@@ -276,9 +276,10 @@ def _lines(found: dict[str, Any], item: store.Imported) -> list[str]:
             if found["gaps"]
             else "  gaps: none"
         )
+    gaps_told = item.recording.gap_remark if timed else ""  # in the line before
     if found["not_taken"]:
         lines.append(f"  not taken: {', '.join(found['not_taken'])}")
-    lines += [f"  note: {note}" for note in found["notes"] if not note.startswith("samples were lost")]
+    lines += [f"  note: {note}" for note in found["notes"] if note != gaps_told]
     return lines + [f"  doubt: {finding}" for finding in item.findings]
 
 

@@ -11,7 +11,6 @@ With the original and that key an import can be repeated (:func:`repeated`), and
 from __future__ import annotations
 
 import hashlib
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
@@ -24,7 +23,7 @@ from beltcomm import atomic
 from beltcomm.axis import Axis
 from beltcomm.borders import for_file_name
 from beltcomm.configfiles import without_halves
-from beltcomm.errors import DataError, UsageError
+from beltcomm.errors import DataError, MissingColumn, UsageError
 from beltcomm.foreign.checks import check
 from beltcomm.foreign.convert import Converted, Reading, convert, reading_from_dict, without_time
 from beltcomm.foreign.edgetimes import EdgeTimes, read_edges
@@ -100,8 +99,8 @@ def imported(path: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Ax
         recording = recording_from_columns(name, converted.columns, noted, file=str(path))
         checked = recording_from_columns(name, converted.columns, noted, axis, file=str(path))
         odd = check(checked)
-    except DataError as error:
-        raise _with_the_way_out(error, part.table.columns, converted) from error
+    except MissingColumn as error:
+        raise _with_the_way_out(error.column, part.table.columns, converted) from error
     doubts = findings(checked, axis)
     return Imported(path, part.sha256, recording, converted, (*converted.notes, *checked.notes, *odd), doubts, part.table.scalars)
 
@@ -113,13 +112,9 @@ def _turns(edges: EdgeTimes, axis: Axis) -> Callable[[NDArray[np.float64]], NDAr
     return lambda t_s: edges.counts_at(t_s) / counts
 
 
-def _with_the_way_out(error: DataError, names: Mapping[str, Any], converted: Converted) -> DataError:
+def _with_the_way_out(column: str, names: Mapping[str, Any], converted: Converted) -> DataError:
     """A missing column is mapped, not renamed in the file."""
-    if "has no column" not in str(error):
-        return error
     mapped = ", ".join(f"{column}={source.theirs}" for column, source in converted.sources.items()) or "nothing"
-    wanted = re.search(r"has no column (\w+)", str(error))
-    column = wanted[1] if wanted else "torque_nm"
     theirs = ", ".join(list(names)[:30])
     return DataError(
         f"a recording needs torque and position of one side: torque_nm or current_a with position_rad, or force_n with position_m; "

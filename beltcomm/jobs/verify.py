@@ -301,7 +301,7 @@ def _result(
         first = replace(headline, state="fail", sentence=told)
     if typed:
         notes.append(typed_words(verdict))
-        if step.command.startswith("beltcomm apply"):
+        if step.writes_gains:
             step = Following(f"beltcomm report {pasted(folder.path)}", tr("save the gains with the maker's tool, and keep this run"))
     text = [
         Line(""),

@@ -148,6 +148,15 @@ class Recording:
         """Indices of the samples after which samples were lost."""
         return gaps(self.t_s)
 
+    @property
+    def gap_remark(self) -> str:
+        """Where samples were lost, in words; empty where none were."""
+        lost, steps = self.gaps, np.diff(self.t_s)
+        if not len(lost):
+            return ""
+        worst = lost[int(np.argmax(steps[lost]))]
+        return f"samples were lost at {len(lost)} places, the longest gap is {steps[worst]:.4g} s at t = {self.t_s[worst]:.6g} s"
+
     @cached_property
     def pieces(self) -> tuple[tuple[int, int], ...]:
         """Gapless pieces in time: first sample, and the one behind the last, of each."""
@@ -329,14 +338,8 @@ class Recording:
             )
         if self.is_static_map:
             return remarks
-        lost = self.gaps
-        if len(lost):
-            steps = np.diff(self.t_s)
-            worst = lost[int(np.argmax(steps[lost]))]
-            remarks.append(
-                f"samples were lost at {len(lost)} places, the longest gap is {steps[worst]:.4g} s at t = {self.t_s[worst]:.6g} s"
-            )
-        spread = jitter(self.t_s, lost)
+        remarks += filter(None, [self.gap_remark])
+        spread = jitter(self.t_s, self.gaps)
         if spread > 0.05:
             remarks.append(f"the time steps deviate by up to {100.0 * spread:.0f} % from {self.sample_period_s:.4g} s")
         return remarks

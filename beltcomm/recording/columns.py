@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Final, Literal
 
 from beltcomm.configfiles import did_you_mean
-from beltcomm.errors import DataError
+from beltcomm.errors import MissingColumn
 from beltcomm.quantities import in_other_unit
 
 Side = Literal["motor", "load", "ampere", "volt"]
@@ -71,13 +71,12 @@ def side_of(file: str, columns: Mapping[str, object], *, timed: bool) -> Side:
 
     Raises
     ------
-    DataError
-        Naming what is missing.
+    MissingColumn
     """
     if "t_s" not in columns and timed:
         hint = _hint("t_s", columns)
         still = "" if hint else "; a static map of position and torque needs a sidecar with experiment: static_map"
-        raise DataError(f"{file} has no column t_s{hint}{still}")
+        raise MissingColumn(f"{file} has no column t_s{hint}{still}", "t_s")
     for side, channels in CHANNELS.items():
         if channels["torque"] in columns and channels["position"] in columns:
             return side
@@ -87,7 +86,7 @@ def side_of(file: str, columns: Mapping[str, object], *, timed: bool) -> Side:
         beside = f" beside {CHANNELS[torque]['torque']}"
     else:
         missing, beside = ("force_n", "") if "position_m" in columns else ("torque_nm", " (or current_a, motor_voltage_v, force_n)")
-    raise DataError(f"{file} has no column {missing}{beside}{_hint(missing, columns)}; it has {', '.join(columns)}")
+    raise MissingColumn(f"{file} has no column {missing}{beside}{_hint(missing, columns)}; it has {', '.join(columns)}", missing)
 
 
 def _hint(wanted: str, columns: Mapping[str, object]) -> str:

@@ -99,10 +99,13 @@ class Following:
     ----------
     why : str
         What it does, a few words.
+    writes_gains : bool
+        Into the drive.
     """
 
     command: str
     why: str
+    writes_gains: bool = False
 
 
 def targets_dict(targets: AxisTargets) -> dict[str, Any]:
@@ -210,9 +213,9 @@ def following(folder: RunFolder, headline: Headline, drive: str = "", *, applied
     if folder.drive.get("hardware") == "virtual":
         return Following(f"beltcomm open {run}", tr("model and other gains on a page; a virtual drive keeps none"))
     if applied == "restore":
-        return Following(f"beltcomm apply {with_drive}", tr("writes the gains; --save keeps them beyond power-off"))
+        return Following(f"beltcomm apply {with_drive}", tr("writes the gains; --save keeps them beyond power-off"), True)
     if applied == "keep":
-        return Following(f"beltcomm apply {with_drive} --save", tr("keeps the gains beyond power-off"))
+        return Following(f"beltcomm apply {with_drive} --save", tr("keeps the gains beyond power-off"), True)
     return Following(f"beltcomm report {run}", tr("the page for the file of this machine"))
 
 
