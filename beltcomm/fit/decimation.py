@@ -14,6 +14,9 @@ from beltcomm.simulate.intersample import CELLS, Intersample
 
 Array = NDArray[np.float64]
 
+#: Differences that are looked at, parts that the smallest may have, deviation from whole multiples of the step, and share that keep to it.
+SMALLEST, MOST_PARTS, OFF, ON_STEPS = 60, 4, 0.2, 0.95
+
 #: rad/s that a step of the encoder may make in a sample, so that every sample is taken, and longest period of those that are, s.
 FINE_STEP_RAD_S, LONGEST_BELT_S, LONGEST_S = 2.0, 1e-3, 2e-3
 
@@ -66,10 +69,32 @@ def decimate_torque(torque: Array, within: Intersample | None, every: int) -> tu
 
 
 def smallest_step(position: Array) -> float:
-    """Smallest difference between two neighbouring values of an angle, rounding of the file left aside; rad."""
+    """Step in which an angle is read, rad: that of which its differences are whole multiples, where they are of any.
+
+    A fine encoder that moves on between the samples seldom shows two neighbouring counts, so that the smallest differences are several.
+    Those of an angle without steps, as of one that the drive interpolates, are of no step: a small one of them then, with rounding of the
+    file left aside.
+    """
     levels = np.unique(position)
     if len(levels) < 2:
         return np.inf
     gaps = np.diff(levels)
     real = gaps[gaps > 1e-9 * max(1.0, float(np.abs(levels).max()))]
-    return float(np.percentile(real, 2)) if len(real) else np.inf
+    if not len(real):
+        return np.inf
+    return _step_of(real) or float(np.percentile(real, 2))
+
+
+def _step_of(gaps: Array) -> float:
+    """Largest step of which the smallest gaps, (n,) rad, are whole multiples; 0 where they are of none."""
+    near = np.sort(gaps)[:SMALLEST]
+    for parts in range(1, MOST_PARTS + 1):
+        step = float(near[0]) / parts
+        for reach in (parts, 3 * parts, 10 * parts, np.inf):  # the file has rounded each: the more of them, the better the step is known
+            inside = near[near < (reach + 0.5) * step]
+            counts = np.round(inside / step)
+            step = float(inside @ counts / (counts @ counts))
+        off = np.abs(near / step - np.round(near / step))
+        if np.mean(off < OFF) > ON_STEPS:
+            return step
+    return 0.0

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from beltcomm.laboratory.diagnosis import MOST_EFFECTS, Diagnosis, diagnose
 from beltcomm.laboratory.precompile import last_compiled
 from beltcomm.laboratory.run_checks import Checked
 from beltcomm.laboratory.scope import restrict_to_scope
+from beltcomm.recording import Recording
 from beltcomm.rundata.fitted_run import explainable, foretell, records_of, with_remarks_on_loads
 from beltcomm.rundata.kept_fit import fit_base
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import ladder as words
+from beltcomm.sentences.torque_path import period_of
 from beltcomm.simulate.kernels import ahead
 from beltcomm.talk import Talk, detail
+
+#: Share of a row by which a dead time may differ from one, and still be one.
+LIKE_ONE_ROW = 0.2
 
 
 def search_of(folder: RunFolder, talk: Talk, most: int = MOST_EFFECTS) -> tuple[Checked, Diagnosis, list[str]]:
@@ -38,7 +43,21 @@ def search_of(folder: RunFolder, talk: Talk, most: int = MOST_EFFECTS) -> tuple[
     )
     explainable(found.base.ratio, folder.path)
     restricted, doubts = restrict_to_scope(found, records.recordings)
+    doubts += one_row_early(restricted, records.recordings)
     return with_remarks_on_loads(folder, records, restricted.final_fit), restricted, doubts
+
+
+def one_row_early(found: Diagnosis, recordings: Sequence[Recording]) -> list[str]:
+    """Sentence on a torque and setpoint that act a row before their time stamp, as no drive makes them; none where they do not."""
+    name, period_s = "dead_time.time", period_of(recordings)
+    model = found.final_fit.model
+    if name not in model.parameters or abs(model[name] / period_s + 1.0) > LIKE_ONE_ROW:
+        return []
+    return [
+        f"A dead time of {1e3 * model[name]:.3g} ms is one row of {1e3 * period_s:.3g} ms the wrong way: no drive acts before it is asked, "
+        "but a recorder may write a period's torque beside the angle at its end. Where it does, import the records again with "
+        "--torque-acts before."
+    ]
 
 
 def staged(talk: Talk) -> Callable[[int, float], None]:
