@@ -135,7 +135,7 @@ def _fit_base(
         if quieter and path is None:  # the motion tells more of the path now
             data, fitted = refine_path(*refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS, fixed=fixed))
     elif chain is None or commanded:
-        data, fitted = with_quieter_torque(data, fitted)
+        data, fitted = _as_quiet_as_it_is(data, fitted, fixed)
     if fitted.ratio < ROUGH and is_mostly_rounding(data, fitted.model):
         data, fitted = refit_with_rebuilt_motion(replace(data, single=True), fitted, NEXT_ITERATIONS, fixed=fixed)
     least = min(smallest_step(r.position) for r in data.recordings)
@@ -178,6 +178,17 @@ def _best_rival(data: Data, fitted: Fitted, fixed: Sequence[str]) -> tuple[Data,
     near = tuple(ahead.path for number, (ahead, _) in enumerate(tried) if number != best and lacks[number] <= lacks[best] + clear)
     ahead, found = tried[best]
     return replace(ahead, path=replace(ahead.path, rivals=tuple(replace(path, rivals=()) for path in near))), found
+
+
+def _as_quiet_as_it_is(data: Data, fitted: Fitted, fixed: Sequence[str]) -> tuple[Data, Fitted]:
+    """Records and fit with the noise of a torque that no setpoint tells: each fit may show less of it, until one does not."""
+    for _ in range(ROUNDS):
+        before = data.noise_nm
+        data, fitted = with_quieter_torque(data, fitted)
+        if data.noise_nm > QUIET * before:
+            break
+        data, fitted = refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS, fixed=fixed)
+    return data, fitted
 
 
 def with_quieter_torque(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
