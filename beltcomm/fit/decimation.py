@@ -71,24 +71,32 @@ def decimate_torque(torque: Array, within: Intersample | None, every: int) -> tu
 def smallest_step(position: Array) -> float:
     """Step in which an angle is read, rad: that of which its differences are whole multiples, where they are of any.
 
-    A fine encoder that moves on between the samples seldom shows two neighbouring counts, so that the smallest differences are several.
-    Those of an angle without steps, as of one that the drive interpolates, are of no step: a small one of them then, with rounding of the
-    file left aside.
+    Of an angle without steps, as one that the drive interpolates, a small one of the differences, with rounding of the file left aside.
     """
+    gaps = _gaps(position)
+    return _step_of(gaps) or (float(np.percentile(gaps, 2)) if len(gaps) else np.inf)
+
+
+def is_counted(position: Array) -> bool:
+    """True for an angle in steps."""
+    gaps = _gaps(position)
+    return not len(gaps) or _step_of(gaps) > 0.0
+
+
+def _gaps(position: Array) -> Array:
+    """Differences between neighbouring values of an angle, (n,) rad, without what rounding of numbers makes of none."""
     levels = np.unique(position)
-    if len(levels) < 2:
-        return np.inf
     gaps = np.diff(levels)
-    real = gaps[gaps > 1e-9 * max(1.0, float(np.abs(levels).max()))]
-    if not len(real):
-        return np.inf
-    return _step_of(real) or float(np.percentile(real, 2))
+    return gaps[gaps > 1e-9 * max(1.0, float(np.abs(levels).max()))] if len(gaps) else gaps
 
 
 def _step_of(gaps: Array) -> float:
-    """Largest step of which the smallest gaps, (n,) rad, are whole multiples; 0 where they are of none."""
+    """Largest step of which the smallest gaps, (n,) rad, are whole multiples; 0 where they are of none.
+
+    A fine encoder that moves on between the samples seldom shows two neighbouring counts: the smallest gaps are some steps wide.
+    """
     near = np.sort(gaps)[:SMALLEST]
-    for parts in range(1, MOST_PARTS + 1):
+    for parts in range(1, MOST_PARTS + 1) if len(near) else ():
         step = float(near[0]) / parts
         for reach in (parts, 3 * parts, 10 * parts, np.inf):  # the file has rounded each: the more of them, the better the step is known
             inside = near[near < (reach + 0.5) * step]

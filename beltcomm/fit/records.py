@@ -14,7 +14,7 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
-from beltcomm.fit.decimation import smallest_step
+from beltcomm.fit.decimation import is_counted, smallest_step
 from beltcomm.fit.loads import mounted_by
 from beltcomm.fit.moving import creeping_samples
 from beltcomm.fit.noise_level import noise_colour, torque_noise
@@ -114,6 +114,8 @@ def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
         raise DataError("all recordings are held out or static maps; nothing is left to fit: set held_out: false in one sidecar")
     noise = torque_noise(to_fit, QUIETEST_SHARE * float(np.std(to_fit[0].torque)))
     step = apparent_step(to_fit, encoder_step(axis, timed), noise)
+    if not any(is_counted(r.position) for r in to_fit):  # no rounding, but noise: at first no less of it than the angle is rough
+        step = max(step, min(white_step(r.position) for r in to_fit))
     if "cart" not in model.base_bodies:
         step = min(step, max(white_step(r.position) for r in to_fit))
         noise = max(noise, repeat_noise(to_fit, step))
