@@ -126,12 +126,8 @@ def _fit_base(
     progress(0.7)
     split = split_noise(data, fitted)
     if split is not None:
-        acts = split.process_nm**2 / (split.process_nm**2 + split.sensor_nm**2)
         quieter = split.sensor_nm < CALMER * data.noise_nm
-        data = replace(data, noise_nm=split.sensor_nm, colour=split.colour, path=replace(data.path, acts=acts))
-        if split.most_nm > split.sensor_nm:
-            most = likeliest_noise(data, fitted.model, _residuals(fitted), split.most_nm)
-            data = replace(data, noise_nm=max(split.sensor_nm, most))
+        data = replace(data, noise_nm=split.sensor_nm, colour=split.colour, path=replace(data.path, acts=split.acts, process=split.process))
         if quieter and path is None:  # the motion tells more of the path now
             data, fitted = refine_path(*refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS, fixed=fixed))
     elif chain is None or commanded:
