@@ -30,8 +30,8 @@ from beltcomm.fit.segment import Segment
 Array = NDArray[np.float64]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
 
-#: Samples of a part of r whose periodogram is taken, and deviations beyond which a value of r says no more.
-PART, OUTLIER = 512, 5.0
+#: Samples of a part of r whose periodogram is taken: long beside any correlation; deviations beyond which a value of r says no more.
+PART, OUTLIER = 2048, 5.0
 #: Largest pole, pole to begin with of one colour and of a second beside it, and share that is taken for the sensor's at first.
 LARGEST, FIRST_POLE, SECOND_POLE, HALF = 0.995, 0.88, 0.62, 0.5
 #: Iterations, step of a difference, largest step of an unknown at a time, and fall of O that is not worth another, nats.
