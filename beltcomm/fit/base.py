@@ -34,6 +34,7 @@ from beltcomm.fit.records import (
     with_noise,
     with_process_noise,
 )
+from beltcomm.fit.rest_colour import with_likeliest_colour
 from beltcomm.fit.reversals import turns_at_once
 from beltcomm.fit.sensor_noise import split_noise
 from beltcomm.fit.torque_path import TorquePath
@@ -132,6 +133,7 @@ def _fit_base(
             data, fitted = refine_path(*refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS, fixed=fixed))
     elif chain is None or commanded:
         data, fitted = with_quieter_torque(data, fitted)
+        data = with_likeliest_colour(data, fitted, _residuals(fitted))
     if fitted.ratio < ROUGH and is_mostly_rounding(data, fitted.model):
         data, fitted = refit_with_rebuilt_motion(replace(data, single=True), fitted, NEXT_ITERATIONS, fixed=fixed)
     least = min(smallest_step(r.position) for r in data.recordings)

@@ -1,6 +1,6 @@
 """Torque that acts on the motor unasked: how much, how long it lasts, and what of it a filtered or late reading misses.
 
-    p[n] = ρ p[n-1] + √(1-ρ²) σ ν[n],   ρ = e^(-T/τ),     τ : correlation time,   T : sampling period
+p[n] = ρ p[n-1] + √(1-ρ²) σ ν[n],   ρ = e^(-T/τ),     τ : correlation time,   T : sampling period
 """
 
 from __future__ import annotations
