@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 
@@ -15,6 +16,7 @@ from beltcomm.fit.model_fit import fit_model
 from beltcomm.fit.process_torque import ProcessTorque, spectral_factor, with_unread
 from beltcomm.fit.records import prepare_records
 from beltcomm.fit.sensor_noise import NoiseSplit, split_noise
+from beltcomm.fit.stored import restore_fit, store_fit
 from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict
 from beltcomm.recording import Recording
 from beltcomm.sentences.torque_path import process_lines
@@ -91,9 +93,13 @@ def test_an_error_of_the_model_is_not_taken_for_process_torque() -> None:
 def test_a_healthy_machine_leaves_one(pole: float, late: float) -> None:
     """Behind a late reading, what it misses of the process is in the noise, too."""
     made = record(coloured(6, 10e-3, pole), coloured(3, 8e-3, 0.0), late=late)
-    found = fit_model([made], true_model(draw("g_b", np.random.default_rng(5))), counts_per_rev=COUNTS)
+    path = TorquePath(DriveLaw(1.0), ReadingLaw(late))
+    found = fit_model([made], true_model(draw("g_b", np.random.default_rng(5))), counts_per_rev=COUNTS, path=path)
     assert found.misfit == pytest.approx(1.0, abs=0.06)
     assert found.noise_nm == pytest.approx(8e-3, rel=0.06)
+    data, fitted = restore_fit([made], json.loads(json.dumps(store_fit(found.data, found.fitted))))
+    assert data.path.process == found.path.process is not None
+    np.testing.assert_array_equal(fitted.residual, found.fitted.residual, "kept with the run, read to the same digits")
 
 
 def test_rounding_does_not_weigh_the_sensor_s_share() -> None:
