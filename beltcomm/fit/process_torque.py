@@ -18,6 +18,8 @@ from beltcomm.fit.noise_colour import NoiseColour
 
 Array = NDArray[np.float64]
 
+#: What a reading misses of a torque that is held, below which it misses nothing: as one at the end of the period does.
+HARDLY = 1e-6
 #: Mean of a torque that is held, over two periods, with the triangular weight.
 TRIANGULAR = np.array([0.5, 0.5])
 
@@ -97,6 +99,8 @@ def with_unread(answer: Array, poles: Sequence[complex], sensor_pole: float, pro
     """
     missed = -answer
     missed[0] += 1.0
+    if float(np.abs(missed).max()) < HARDLY:
+        return NoiseColour(sensor_pole)
     below, own = np.atleast_1d(np.real(np.poly(poles))), np.array([1.0, -sensor_pole])
     process = np.array([1.0, -process_pole])
     rows = (

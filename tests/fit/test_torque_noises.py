@@ -13,6 +13,7 @@ from scipy.signal import lfilter
 
 from beltcomm.fit.estimate import fit
 from beltcomm.fit.model_fit import fit_model
+from beltcomm.fit.noise_colour import NoiseColour
 from beltcomm.fit.process_torque import ProcessTorque, spectral_factor, with_unread
 from beltcomm.fit.records import prepare_records
 from beltcomm.fit.sensor_noise import NoiseSplit, split_noise
@@ -122,6 +123,12 @@ def test_what_a_reading_misses_has_the_power_that_it_has(lags: tuple[Lag, ...]) 
     sensor, process = (1.0 - 0.09) / np.abs(1.0 - 0.3 * z) ** 2, 2.0 * (1.0 - POLE**2) / np.abs(1.0 - POLE * z) ** 2
     wanted = np.abs(0.5 * (1.0 + z)) ** 2 * (sensor + np.abs(missed) ** 2 * process)
     np.testing.assert_allclose(np.abs(shown) ** 2, wanted, rtol=1e-6)
+
+
+def test_a_reading_at_the_end_of_the_period_misses_nothing_of_a_held_torque() -> None:
+    """Not faithful, and yet nothing is left of 1 - L."""
+    path = TorquePath(DriveLaw(1.0), ReadingLaw(at_end=True), acts=0.3, process=ProcessTorque(8e-3, 4e-3))
+    assert path.acting_noise(0.2, PERIOD_S) == NoiseColour(0.2)
 
 
 def test_a_spectral_factor_has_its_zeros_inside() -> None:
