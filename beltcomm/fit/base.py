@@ -34,6 +34,7 @@ from beltcomm.fit.records import (
     with_noise,
     with_process_noise,
 )
+from beltcomm.fit.rest_colour import with_likeliest_colour
 from beltcomm.fit.reversals import turns_at_once
 from beltcomm.fit.sensor_noise import split_noise
 from beltcomm.fit.torque_path import TorquePath
@@ -126,16 +127,13 @@ def _fit_base(
     progress(0.7)
     split = split_noise(data, fitted)
     if split is not None:
-        acts = split.process_nm**2 / (split.process_nm**2 + split.sensor_nm**2)
         quieter = split.sensor_nm < CALMER * data.noise_nm
-        data = replace(data, noise_nm=split.sensor_nm, colour=split.colour, path=replace(data.path, acts=acts))
-        if split.most_nm > split.sensor_nm:
-            most = likeliest_noise(data, fitted.model, _residuals(fitted), split.most_nm)
-            data = replace(data, noise_nm=max(split.sensor_nm, most))
+        data = replace(data, noise_nm=split.sensor_nm, colour=split.colour, path=replace(data.path, acts=split.acts, process=split.process))
         if quieter and path is None:  # the motion tells more of the path now
             data, fitted = refine_path(*refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS, fixed=fixed))
     elif chain is None or commanded:
         data, fitted = _as_quiet_as_it_is(data, fitted, fixed)
+        data = with_likeliest_colour(data, fitted, _residuals(fitted))
     if fitted.ratio < ROUGH and is_mostly_rounding(data, fitted.model):
         data, fitted = refit_with_rebuilt_motion(replace(data, single=True), fitted, NEXT_ITERATIONS, fixed=fixed)
     least = min(smallest_step(r.position) for r in data.recordings)

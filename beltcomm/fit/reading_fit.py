@@ -130,14 +130,14 @@ def _best_chain(pairs: Sequence[Pair], sample_s: float, free: float, colour: flo
     first : Kind or None
         known.
     """
+    samples = sum(len(setpoint) for setpoint, _ in pairs)
     best = _fit_chain(pairs, sample_s, (), colour)
-    if best is None:
-        return None
-    enough = free * math.exp(0.5 * (TAPS * math.log(best.samples) + CLEAR) / best.samples)
-    comes_back = best.rest_nm <= COMMAND * float(np.std(np.concatenate([setpoint for setpoint, _ in pairs])))
-    if (comes_back or free <= best.rest_nm <= enough) and abs(best.law.delay - round(best.law.delay)) <= WHOLE:
-        return best
-    every = [best]
+    every = [] if best is None else [best]  # behind a slow filter no whole delay goes with the reading at all
+    enough = free * math.exp(0.5 * (TAPS * math.log(samples) + CLEAR) / samples)
+    if best is not None:
+        comes_back = best.rest_nm <= COMMAND * float(np.std(np.concatenate([setpoint for setpoint, _ in pairs])))
+        if (comes_back or free <= best.rest_nm <= enough) and abs(best.law.delay - round(best.law.delay)) <= WHOLE:
+            return best
     for number in (1, 2):  # a second filter must be clearly better than one, but not one than another
         chains = [(chain, at_end) for at_end, some in ((False, CHAINS), (True, AT_END)) for chain in some if len(chain) == number]
         chains = [(chain, at_end) for chain, at_end in chains if first in (None, chain[0])]
@@ -145,10 +145,12 @@ def _best_chain(pairs: Sequence[Pair], sample_s: float, free: float, colour: flo
         every += found
         # What more values do must be clear, and a held torque behind a filter is at the end what one of the samples is in the mean.
         better = min(found, key=lambda one: one.cost + CLEAR * (one.values + one.at_end), default=best)
-        if better.cost < best.cost - CLEAR:
+        if best is None or (better is not None and better.cost < best.cost - CLEAR):
             best = better
-        if free <= best.rest_nm <= enough:  # less than a response of finite length leaves is a slower filter's
+        if best is not None and free <= best.rest_nm <= enough:  # less than a response of finite length leaves is a slower filter's
             break
+    if best is None:
+        return None
     return replace(best, rivals=tuple(one for one in every if one is not best and one.cost < best.cost + NEARLY))
 
 

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from beltcomm.compiled import compiled
 from beltcomm.fit.deconvolution import deconvolve, undone_noise
 from beltcomm.fit.noise_colour import NoiseColour
+from beltcomm.fit.process_torque import ProcessTorque, process_from_dict, process_to_dict, with_unread
 from beltcomm.simulate.intersample import CELLS, Intersample
 
 Array = NDArray[np.float64]
@@ -280,6 +281,8 @@ class TorquePath:
         Whether no setpoint was recorded: then the delay is known to whole periods only, and all else is told by the motion.
     rivals : tuple of TorquePath
         Other paths that the records do not tell from this one.
+    process : ProcessTorque or None
+        What acts beside the setpoint's part, where reading and motion tell how long it lasts, or how much of it is not read.
     """
 
     drive: DriveLaw | None = None
@@ -288,6 +291,7 @@ class TorquePath:
     acts: float = 1.0
     unseen: bool = False
     rivals: tuple[TorquePath, ...] = field(default=(), compare=False)
+    process: ProcessTorque | None = None
 
     @property
     def read_as_acts(self) -> bool:
@@ -371,12 +375,38 @@ class TorquePath:
             For a path that cannot be undone.
         """
         if self.commanded or (self.reading.faithful and self.drive is None) or not (self.unseen or self.drive is None):
-            return NoiseColour(pole)
+            return self._beside_setpoint(pole, sample_s)
         shown, cells, poles = self._answers(sample_s)
         rising = (np.arange(CELLS) + 0.5) / CELLS**2  # the residual has the triangular mean of the torque over two periods
         falling = rising[::-1]
         acts = cells @ falling + np.concatenate(([0.0], cells[:-1] @ rising))
         return undone_noise(shown, acts, poles, pole)
+
+    def _beside_setpoint(self, pole: float, sample_s: float) -> NoiseColour:
+        """Colour of the noise of a reading that is taken as it is, with what it misses of a process torque."""
+        if self.process is None or self.commanded or self.reading.faithful or not 0.0 < self.acts < 1.0:
+            return NoiseColour(pole)
+        share = self.acts / (1.0 - self.acts)
+        return with_unread(self.read_pulse(sample_s), self._reading_poles(sample_s), pole, self.process.pole(sample_s), share)
+
+    def read_pulse(self, sample_s: float) -> Array:
+        """Answer of the reading to a torque that acts over one sample, until it has died away.
+
+        Parameters
+        ----------
+        sample_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        ndarray (k,)
+        """
+        pulse = np.zeros(_length(self._reading_poles(sample_s)) + math.ceil(self.reading.late))
+        pulse[BEFORE] = 1.0
+        return self.reading.read(np.repeat(pulse[:, None], CELLS, axis=1), sample_s)[BEFORE:]
+
+    def _reading_poles(self, sample_s: float) -> tuple[complex, ...]:
+        return tuple(pole for lag in self.reading.lags for pole in lag.poles(sample_s))
 
     def can_be_undone(self, sample_s: float) -> bool:
         """True if the reading and what was recorded of the setpoint tell the torque that acts.
@@ -410,11 +440,16 @@ class TorquePath:
         """Answers to an unseen setpoint that is 1 for a period, of the reading and of the torque in each cell; their poles."""
         law = self._law
         poles = tuple(pole for lag in (*law.lags, *self.reading.lags) for pole in lag.poles(sample_s))
-        slowest = max((abs(pole) for pole in poles), default=0.0)
-        pulse = np.zeros(BEFORE + BEHIND + math.ceil(math.log(FADED) / math.log(max(min(slowest, SLOWEST), FADED))))
+        pulse = np.zeros(_length(poles))
         pulse[BEFORE] = 1.0
         cells = law.cells(pulse, sample_s)
         return self.reading.read(cells, sample_s)[BEFORE:], cells[BEFORE:], poles
+
+
+def _length(poles: tuple[complex, ...]) -> int:
+    """Samples of a pulse and of its answer until it has died away."""
+    slowest = max((abs(pole) for pole in poles), default=0.0)
+    return BEFORE + BEHIND + math.ceil(math.log(FADED) / math.log(max(min(slowest, SLOWEST), FADED)))
 
 
 #: The reading is the torque that acts.
@@ -455,6 +490,7 @@ def path_to_dict(path: TorquePath) -> dict[str, Any]:
         "acts": float(path.acts),
         "unseen": path.unseen,
         "rivals": [path_to_dict(rival) for rival in path.rivals],
+        **process_to_dict(path.process),
     }
 
 
@@ -495,7 +531,8 @@ def path_from_dict(data: Mapping[str, Any]) -> TorquePath:
         law = DriveLaw(float(drive["delay"]), lags(drive), float(drive["gain"]), float(drive["delay_interval"]))
     reading = ReadingLaw(float(data["reading"]["late"]), lags(data["reading"]), bool(data["reading"].get("at_end", False)))
     rivals = tuple(path_from_dict(rival) for rival in data["rivals"])
-    return TorquePath(law, reading, bool(data["commanded"]), float(data["acts"]), bool(data.get("unseen", False)), rivals)
+    process = process_from_dict(data.get("process"))
+    return TorquePath(law, reading, bool(data["commanded"]), float(data["acts"]), bool(data.get("unseen", False)), rivals, process)
 
 
 def torque_at(cells: Array, share: float) -> Array:

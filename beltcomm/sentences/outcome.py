@@ -23,7 +23,7 @@ from beltcomm.rundata.store import design_to_dict, fit_to_dict, verdict_to_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import friction, screens, typed_gains, words
 from beltcomm.sentences.own_words import lines_in
-from beltcomm.sentences.torque_path import path_data, path_lines, period_of
+from beltcomm.sentences.torque_path import path_data, path_lines, period_of, process_lines
 
 
 def save(folder: RunFolder, findings: Findings) -> None:
@@ -115,7 +115,7 @@ def model_text(findings: Findings, *, error: float | None = None, compared: bool
         told[0] += f"; delay {late}"
     elif late:
         told = [f"delay from torque setpoint to torque: {late}", *told]
-    lines += [f"  {line}" for line in told]
+    lines += [f"  {line}" for line in (*told, *process_lines(fit.path))]
     return lines + (words.thesis_lines(findings.thesis) if compared else [])
 
 

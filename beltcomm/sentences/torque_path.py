@@ -40,12 +40,18 @@ def path_data(path: TorquePath, sample_s: float) -> dict[str, Any]:
     -------
     dict
         drive: delay and delay_interval in periods, lags, gain; reading: late in periods, lags, at_end (of the period, else its mean);
-        commanded; unseen, without a setpoint; rivals of the same shape;
+        commanded; unseen, without a setpoint; rivals of the same shape; process, where a torque that acts beside the setpoint has a
+        correlation time, or is not all read: rms_nm, time_s (0: white) and their intervals;
         sample_period_s; delay_s from setpoint to acting torque, None without a setpoint; words, a list of sentences, empty for a whole
         delay and a faithful reading.
     """
     delay_s = None if path.drive is None or path.unseen else path.drive.delay_s(sample_s)
-    return {**path_to_dict(path), "sample_period_s": sample_s, "delay_s": delay_s, "words": path_lines(path, sample_s)}
+    return {
+        **path_to_dict(path),
+        "sample_period_s": sample_s,
+        "delay_s": delay_s,
+        "words": [*path_lines(path, sample_s), *process_lines(path)],
+    }
 
 
 def path_lines(path: TorquePath | None, sample_s: float) -> list[str]:
@@ -64,8 +70,8 @@ def path_lines(path: TorquePath | None, sample_s: float) -> list[str]:
 
 
 def path_sentences(path: TorquePath, recordings: Sequence[Recording]) -> list[str]:
-    """Torque path of the drive that made some records, as whole sentences."""
-    return whole_sentences(path_lines(path, period_of(recordings)))
+    """Torque path of the drive that made some records, and what acts beside its setpoint, as whole sentences."""
+    return whole_sentences([*path_lines(path, period_of(recordings)), *process_lines(path)])
 
 
 def whole_sentences(lines: Sequence[str]) -> list[str]:
@@ -80,6 +86,17 @@ def words_of(path: TorquePath, sample_s: float) -> str:
         told = "the reported torque is the command: what acts is told by the motion alone"
         return "; ".join([told, *drive])
     return "; ".join([*drive, *_reading_words(path.reading, sample_s)])
+
+
+def process_lines(path: TorquePath | None) -> list[str]:
+    """Torque that acts beside the setpoint, one line; empty where next to nothing does."""
+    process = None if path is None else path.process
+    if process is None or process.rms_nm <= process.rms_interval:
+        return []
+    size = f"process torque of {_number(1e3 * process.rms_nm, 1e3 * process.rms_interval)} mN m rms"
+    if process.time_s == 0.0:
+        return [f"{size}, another one in every sample"]
+    return [f"{size}, correlation time {_number(1e3 * process.time_s, 1e3 * process.time_interval)} ms"]
 
 
 def _drive_words(drive: DriveLaw, sample_s: float) -> list[str]:

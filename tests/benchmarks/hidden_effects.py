@@ -8,7 +8,8 @@ the answer, and the diagnosis gets that folder only.
 
 Sets: effects (each of the 23 in turn, strength 0.4 to 1.0), weak (0.1 and 0.2), healthy, outside (not in the catalogue), pairs,
 backlash (pairs with it).  With drawn instruments (drive, readings, encoder, clock; see ``truth.hidden.instruments``): instruments
-(healthy, families sheet and wide by turns), rigid (healthy, without a belt), effects_instruments, outside_instruments.
+(healthy, families sheet and wide by turns), rigid (healthy, without a belt), effects_instruments, outside_instruments; process and
+effects_process: as instruments and effects_instruments, with coloured process torque in all of them.
 
 Draws whose session the simulator cannot make (a machine that leaves its travel) are left out, and noted.
 
@@ -49,6 +50,7 @@ from truth.hidden import Machine, draw
 from truth.hidden.catalogue import EFFECTS
 from truth.hidden.draw import EXCLUSIVE
 from truth.hidden.folder import write_records
+from truth.hidden.instruments import with_coloured_process
 from truth.hidden.outside import OUTSIDE
 from truth.hidden.quantities import DELAYS, covered, true_base, true_values
 from truth.hidden.session import run_session
@@ -63,7 +65,11 @@ FAMILIES = {
     "rigid": ("rigid",),
     "effects_instruments": ("sheet", "wide"),
     "outside_instruments": ("sheet",),
+    "process": ("sheet", "wide"),
+    "effects_process": ("sheet", "wide"),
 }
+#: Sets all of whose machines have coloured process torque.
+COLOURED = ("process", "effects_process")
 #: The catalogue describes these for a motor on the pulley's shaft; no machine of the family wide with a gearbox is asked for them.
 WITHOUT_GEAR = {"pulley_eccentricity"}
 #: Iterations of the reference fit that begins at the truth.
@@ -87,6 +93,8 @@ def draws(name: str, first: int, count: int) -> list[Draw]:
         "rigid": [()],
         "effects_instruments": [(e,) for e in EFFECTS],
         "outside_instruments": [(e,) for e in OUTSIDE],
+        "process": [()],
+        "effects_process": [(e,) for e in EFFECTS],
     }[name]
     strengths = STRENGTHS.get(name, USUAL)
     rounds = [divmod(i, len(hidden)) for i in range(count)]  # in every round another strength of each
@@ -107,6 +115,9 @@ def family_of(name: str, seed: int, hidden: tuple[str, ...]) -> str:
 def examined(name: str, seed: int, names: tuple[str, ...], strength: float) -> dict[str, Any]:
     """One draw of a set: what was hidden, and what the laboratory said."""
     machine = draw(seed, names, strength, family_of(name, seed, names), drawn_instruments=name in FAMILIES)
+    if name in COLOURED:
+        coloured = with_coloured_process(seed, machine.instruments)
+        machine = draw(seed, names, strength, machine.base.family, instruments=coloured)
     made = list(run_session(machine, "thorough", fine=instants(machine)))
     line: dict[str, Any] = {"seed": seed, "hidden": list(names), "strength": strength, "visible": seen(machine, made)}
     if name in FAMILIES:

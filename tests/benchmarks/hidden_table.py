@@ -54,10 +54,10 @@ def table(lines: Sequence[Line]) -> None:
         print(f"outside the catalogue, called explained: {share(line['verdict'] == 'explained' for line in outside)}")
         for name in dict.fromkeys(line["hidden"][0] for line in outside):
             print(f"    {name:18} {dict(Counter(line['verdict'] for line in outside if line['hidden'] == [name]))}")
-    for name in ("instruments", "rigid"):
+    for name in ("instruments", "rigid", "process"):
         if own := sets.get(name):
             print_healthy(name, own)
-    if with_instruments := sets.get("effects_instruments"):
+    if with_instruments := [line for name in ("effects_instruments", "effects_process") for line in sets.get(name, [])]:
         print("with drawn instruments:")
         print_confusion(with_instruments)
         print_named("with drawn instruments, strength 0.4 to 1.0", [line for line in with_instruments if line["visible"]])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -185,6 +185,12 @@ def draw_instruments(seed: int, base: Base) -> Instruments:
     for item in [name for name in ITEMS if name in items]:
         values |= _drawn(item, rng, base, values["counts_per_rev"])
     return Instruments(**values)
+
+
+def with_coloured_process(seed: int, instruments: Instruments) -> Instruments:
+    """The same instruments with process torque of up to 1 % of rated and a pole of 0.5 to 0.98, from random numbers of their own."""
+    rng = np.random.default_rng((seed, 21))
+    return replace(instruments, process_share=float(rng.uniform(0.001, 0.01)), process_colour=float(rng.uniform(0.5, 0.98)))
 
 
 def _log(rng: np.random.Generator, low: float, high: float) -> float:
