@@ -106,7 +106,7 @@ TYPES: Mapping[str, Any] = {
         **{"structure": _STRUCTURE, "counts_per_rev": int, "peak_torque_nm": float, "max_speed_rad_s?": float, "begun_with?": _RATINGS},
         **{"rated_torque_nm?": float, "rated_current_a?": float, "name?": str, "identity?": {str: str}, "parameters?": {str: _PLACE}},
         **{"uncalibrated?": [str], "gains?": str, "gain_terms?": [_TERM], "reached_as?": str, "reached_by?": str},
-        "torque_reading?": {"late_s?": float, "filter_s?": float, "command?": bool},
+        **{"torque_reading?": {"late_s?": float, "filter_s?": float, "command?": bool}, "units?": {str: float}},
     },
     "fit": {
         **{"misfit?": float, "suspect?": bool, "free?": [str], "covariance?": [[float]], "remarks?": [str], "records?": [str]},

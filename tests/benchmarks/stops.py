@@ -47,6 +47,7 @@ from beltcomm.experiments.stops_out_of_move import host_loss_limit_n
 from beltcomm.study.summary import share_of
 from campaign.judge import TRAVEL_M
 from campaign.rig import STANDING_M_S, Outcome
+from campaign.sharing import shared
 from slaves.bench import AXIS, BELT_N, DOCUMENTED, TOLD, SlaveRig, sentence, told_profile
 from slaves.branch import Branches
 
@@ -258,7 +259,8 @@ def main() -> None:
             if f"{drive} {seed}" in kept or time.monotonic() - begun > given.seconds:
                 continue
             variant, at = drawn(drive, seed), time.monotonic()
-            rows, ends = on_variant(variant, given.each, 1000 * seed + DRIVES.index(drive))
+            with shared():
+                rows, ends = on_variant(variant, given.each, 1000 * seed + DRIVES.index(drive))
             kept[f"{drive} {seed}"] = {"variant": asdict(variant), "rows": rows, "ends": ends}
             print(
                 f"{drive} {1e3 * variant.period_s:g} ms {variant.path}: {len(rows)} stops, {time.monotonic() - at:.0f} s, {ends}",
