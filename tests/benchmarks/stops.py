@@ -58,8 +58,10 @@ DRIVES = ("reference", "cmmp-as", *config_names("slaves"), *(f"{name}+" for name
 PERIODS_S = (0.001, 0.002, 0.004)
 SLOW_S = {"cmms-as": (0.0064, 0.01)}
 ENDS = ("Ctrl-C", "host lost", "EMCY, braked")
-#: Commands, which share of the stops falls on each, and roughly how long the carriage moves in it, s.
-COMMANDS = {"commission": (0.4, 9.0), "verify": (0.4, 2.0), "friction": (0.2, 12.0)}
+#: Commands, which share of the stops falls on each, and roughly how long the carriage moves in it, s: where gains are written, else.
+COMMANDS = {"commission": (0.4, 16.0, 2.5), "verify": (0.4, 2.0, 0.5), "friction": (0.2, 12.0, 0.5)}
+#: Drives whose gains are written.
+WRITTEN = ("reference", "cmmp-as", "cmms-as", *(f"{name}=" for name in DOCUMENTED))
 #: s: until a dead host's axis stands.
 AFTERWARDS_S = 3.0
 START = ("--position", "250mm")
@@ -69,8 +71,8 @@ ROUNDED_N = 0.5
 #: Modes of operation in which no loop is closed.
 TORQUE_MODES = (4, 10)
 #: Units that are drawn for a drive with "=", as its file names them, and its profile.
-VELOCITIES = {"rpm": "1 rpm", "0.1 rpm": "0.1 rpm", "counts/s": "1 counts/s", "0.1 counts/s": "0.1 counts/s"}
-ACCELERATIONS = {"rpm/s": "1 rpm/s", "0.1 rpm/s": "0.1 rpm/s", "counts/s2": "1 counts/s2", "ms to 3000 rpm": "ms to 3000 rpm"}
+VELOCITIES = {"rpm": "1 rpm", "0.1 rpm": "0.1 rpm", "counts/s": "1 units/s", "0.1 counts/s": "0.1 units/s"}
+ACCELERATIONS = {"rpm/s": "1 rpm/s", "0.1 rpm/s": "0.1 rpm/s", "counts/s2": "1 units/s2", "ms to 3000 rpm": "ms to 3000 rpm"}
 COUNTS = (4096, 16384, 65536, 100000)
 
 
@@ -188,7 +190,7 @@ def stopped(variant: Variant, command: str, run: Path, place: Path, wanted: floa
     named, profile = played(variant, place)
     rig = SlaveRig(named, seed, variant.period_s, **dict(variant.instruments))
     branches, draw = Branches(place / "world"), np.random.default_rng(seed)
-    gaps = COMMANDS[command][1] / rig.bus.tick_s / wanted
+    gaps = COMMANDS[command][1 if variant.drive in WRITTEN else 2] / rig.bus.tick_s / wanted
     told: dict[str, Any] = {}
     left, at = int(draw.geometric(1.0 / gaps)), 0
 
@@ -223,7 +225,7 @@ def on_variant(variant: Variant, each: float, seed: int) -> tuple[list[dict[str,
         world, whole = place / "world", place / "whole"
         os.environ["XDG_STATE_HOME"] = str(world / "state")
         try:
-            for number, (command, (share, _)) in enumerate(COMMANDS.items()):
+            for number, (command, (share, *_)) in enumerate(COMMANDS.items()):
                 shutil.rmtree(world, ignore_errors=True)
                 (world / "state").mkdir(parents=True)
                 if whole.is_dir():
