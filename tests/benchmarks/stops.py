@@ -15,9 +15,9 @@ is forked, at instants that are drawn; in the child the command is ended there: 
 drive that brakes.  Counted from that instant to standstill: the largest force in the belt, the way, whether the axis came to rest inside
 its travel, and whether every setting of the drive was put back (not of a dead host).  The same seed gives the same bytes.
 
-Planned: in the move what the journal says for a stop out of it, of its kind.  In other motions of a position or velocity loop what it
-says for a stop along the drive's ramp, and where the host is lost what the plan allows.  In torque mode, and where the gains in the drive
-are known to nobody, what the belt bears.
+Planned: in the move, and while positioning, what the journal says for a stop out of it, of its kind.  In other motions of a position or
+velocity loop what it says for a stop along the drive's ramp, and where the host is lost what the plan allows.  In torque mode, and where
+the gains in the drive are known to nobody, what the belt bears.
 """
 
 from __future__ import annotations
@@ -146,6 +146,9 @@ def planned_n(run: Path, end: str, phase: str, known: bool) -> tuple[float, str]
         return BELT_N, "what the belt bears"
     if phase == "move" and (found := noted("lost in the move" if end == "host lost" else "a stop out of the move")) is not None:
         return found, "journal, the move"
+    if phase == "between" and (words := [line for line in lines if "positioning: " in line]):
+        asked, lost = re.findall(r"(\d+) N", words[-1])[:2]
+        return float(lost if end == "host lost" else asked), "journal, positioning"
     if end == "host lost":
         return host_loss_limit_n(load_axis(AXIS)), "plan"
     found = noted("a stop brakes with")
