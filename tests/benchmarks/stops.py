@@ -73,6 +73,8 @@ TORQUE_MODES = (4, 10)
 #: Units that are drawn for a drive with "=", as its file names them, and its profile.
 VELOCITIES = {"rpm": "1 rpm", "0.1 rpm": "0.1 rpm", "counts/s": "1 units/s", "0.1 counts/s": "0.1 units/s"}
 ACCELERATIONS = {"rpm/s": "1 rpm/s", "0.1 rpm/s": "0.1 rpm/s", "counts/s2": "1 units/s2", "ms to 3000 rpm": "ms to 3000 rpm"}
+#: Objects that tell units.
+TELLING = ("608F", "6091", "6092", "60A8", "60A9", "60AA")
 COUNTS = (4096, 16384, 65536, 100000)
 
 
@@ -115,8 +117,8 @@ def played(variant: Variant, place: Path) -> tuple[str, list[str]]:
     name, (position, velocity, acceleration) = variant.drive[:-1], variant.units
     facts = yaml.safe_load(find_config("slaves", name).read_text(encoding="utf-8"))
     facts["units"] = {"position": position, "velocity": velocity, "acceleration": acceleration}
-    facts["without"] = [*facts["without"], *(index for index in ("60A8", "60A9", "60AA") if index not in map(str, facts["without"]))]
-    facts["objects"] = {key: value for key, value in facts["objects"].items() if str(key) not in ("60A8", "60A9", "60AA")}
+    facts["without"] = [*facts["without"], *(index for index in TELLING if index not in map(str, facts["without"]))]
+    facts["objects"] = {key: value for key, value in facts["objects"].items() if str(key).partition(":")[0] not in TELLING}
     stated = {
         "position_unit": f"{1.0 / position:.12g} rev",
         "velocity_unit": VELOCITIES[velocity],

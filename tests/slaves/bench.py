@@ -53,12 +53,12 @@ DOCUMENTED: dict[str, dict[str, Any]] = {
             "kpp_1_s": {"index": 0x30A1, "subindex": 1, "type": "uint32", "scale": 1.0e-3},
         },
     },
-    "lexium32": {
+    "pd4-e": {
         "gain_meaning": "documented",
         "parameters": {
-            "kp_nm_s_rad": {"index": 0x3012, "subindex": 3, "type": "uint16", "scale": 9.549e-4 * 0.65},
-            "ki_nm_rad": {"index": 0x3012, "subindex": 4, "type": "uint16", "scale": 1.0e-5, "law": "integral_time"},
-            "kpp_1_s": {"index": 0x3012, "subindex": 5, "type": "uint16", "scale": 0.1},
+            "kp_nm_s_rad": {"index": 0x3210, "subindex": 3, "type": "uint32", "scale": 1.0e-7},
+            "ki_nm_rad": {"index": 0x3210, "subindex": 4, "type": "uint32", "scale": 1.0e-6},
+            "kpp_1_s": {"index": 0x3210, "subindex": 1, "type": "uint32", "scale": 1.0e-3},
         },
     },
 }
