@@ -20,7 +20,7 @@ class Branches:
     """Copies of a running command.
 
     world : folder with all that the command writes, its run and the user's state; a child has a copy under this name.   told : what the
-    children said.   inside : True in a child.   seconds : how long a child may take.
+    children said.   inside : True in a child.
     """
 
     world: Path
