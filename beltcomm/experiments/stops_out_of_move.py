@@ -11,7 +11,7 @@ import numpy as np
 from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, Feedforward, feedforward_torque
-from beltcomm.drive import FOLLOWING_ERROR_S, GUARD_S
+from beltcomm.drive import FOLLOWING_ERROR_S, GUARD_S, LoopKind
 from beltcomm.errors import Refused
 from beltcomm.machine.closed_loop_watch import lent_torque_nm
 from beltcomm.machine.machine import Machine
@@ -73,8 +73,8 @@ def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: 
 
 
 def positioning(machine: Machine, plan: Callable[[float], Trajectory], lag_m: float) -> Trajectory:
-    """A motion that is only a means, by the position loop in the drive, as fast as the belt bears stops out of it; as planned where nobody
-    knows that loop.
+    """A motion that is only a means, by a loop in the drive, as fast as the belt bears stops out of it; as planned where nobody knows that
+    loop, or the drive makes its strokes by itself.
 
     Parameters
     ----------
@@ -83,15 +83,15 @@ def positioning(machine: Machine, plan: Callable[[float], Trajectory], lag_m: fl
     lag_m : float
         As of :func:`worst_stops`.
     """
-    sent, loop, own = plan(1.0), machine.cascade, machine.drive.capabilities
-    if machine.closed is None or loop is None or machine.stroking() != "position" or own.gains == "unknown":
+    sent, loop, own, kind = plan(1.0), machine.cascade, machine.drive.capabilities, machine.stroking()
+    if machine.closed is None or loop is None or kind == "profile" or own.gains == "unknown":
         return sent
     model, delay_s = machine.closed
     drive = Loop(own.structure, delay_s, own.peak_torque_nm, own.counts_per_rev)
     loop = replace(loop, feedforward=machine.feedforward or loop.feedforward)
     for share in POSITIONING_SHARES:
         sent = plan(share)
-        found = worst_stops(machine, model, loop, drive, sent, lag_m, instants=POSITIONING_INSTANTS)
+        found = worst_stops(machine, model, loop, drive, sent, lag_m, instants=POSITIONING_INSTANTS, kind=kind)
         limit = belt_force_limit_n(machine, model, float(np.max(np.abs(sent.velocity_m_s))), BELT_SWING)
         if found.asked_for.belt_force_n <= limit and found.host_lost.belt_force_n <= HOST_LOSS_SWING * machine.axis.belt_force_limit_n:
             break
@@ -111,6 +111,7 @@ def worst_stops(
     lag_m: float,
     extra_torque_nm: Array | None = None,
     instants: int = INSTANTS,
+    kind: LoopKind = "position",
 ) -> StopsOutOfMove:
     """The worst stops out of a move.
 
@@ -128,11 +129,17 @@ def worst_stops(
         Sent along with them.
     instants : int
         At which the move is thought to end.
+    kind : LoopKind
+        Loop that makes it; one of speed lets every following error pass.
     """
+    if kind == "velocity":  # the same cascade without its position loop
+        running = replace(running, kpp_1_s=0.0, feedforward=replace(running.feedforward, velocity=1.0))
+        drive = replace(drive, structure=replace(drive.structure, output_limit_rad_s=math.inf, dead_zone_rad=0.0))
+        lag_m = math.inf
     ratio, grid = machine.ratio, SetpointGrid(sent.sample_period_s, drive.structure.period_s, len(sent.t_s))
     position, speed = grid.on_loop(sent.position_m / ratio), grid.on_loop(sent.velocity_m_s / ratio)
     along = np.zeros(len(sent.t_s)) if extra_torque_nm is None else extra_torque_nm
-    if machine.sends_feedforward and "position" in machine.drive.capabilities.torque_along:  # what the host sends does not end with it
+    if machine.sends_feedforward and kind in machine.drive.capabilities.torque_along:  # what the host sends does not end with it
         along = along + feedforward_torque(running.feedforward, sent.velocity_m_s / ratio, sent.sample_period_s)
         running = replace(running, feedforward=Feedforward(velocity=running.feedforward.velocity))
     references = References(position, speed, grid.held(along))
