@@ -72,7 +72,7 @@ def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: 
     return swing * (machine.axis.belt_force_limit_n + friction) - machine.weight_n
 
 
-def positioning(machine: Machine, plan: Callable[[float], Trajectory], lag_m: float) -> Trajectory:
+def positioning(machine: Machine, plan: Callable[[float], Trajectory], lag_m: float | None) -> Trajectory:
     """A motion that is only a means, by a loop in the drive, as fast as the belt bears stops out of it; as planned where nobody knows that
     loop, or the drive makes its strokes by itself.
 
@@ -80,8 +80,8 @@ def positioning(machine: Machine, plan: Callable[[float], Trajectory], lag_m: fl
     ----------
     plan : callable
         Of a share of its speed, to the motion with its rest.
-    lag_m : float
-        As of :func:`worst_stops`.
+    lag_m : float or None
+        As of :func:`worst_stops`; None lets any pass.
     """
     sent, loop, own, kind = plan(1.0), machine.cascade, machine.drive.capabilities, machine.stroking()
     if machine.closed is None or loop is None or kind == "profile" or own.gains == "unknown":
@@ -91,7 +91,8 @@ def positioning(machine: Machine, plan: Callable[[float], Trajectory], lag_m: fl
     loop = replace(loop, feedforward=machine.feedforward or loop.feedforward)
     for share in POSITIONING_SHARES:
         sent = plan(share)
-        found = worst_stops(machine, model, loop, drive, sent, lag_m, instants=POSITIONING_INSTANTS, kind=kind)
+        lag = math.inf if lag_m is None else lag_m
+        found = worst_stops(machine, model, loop, drive, sent, lag, instants=POSITIONING_INSTANTS, kind=kind)
         limit = belt_force_limit_n(machine, model, float(np.max(np.abs(sent.velocity_m_s))), BELT_SWING)
         if found.asked_for.belt_force_n <= limit and found.host_lost.belt_force_n <= HOST_LOSS_SWING * machine.axis.belt_force_limit_n:
             break
