@@ -116,23 +116,12 @@ TYPES: Mapping[str, Any] = {
     },
     "diagnosis": {"named?": [str], "after?": {"effects": [str], "parameters": {str: _KNOWN}}},
     "drive": {
-        **{
-            "structure": _STRUCTURE,
-            "counts_per_rev": COUNT,
-            "peak_torque_nm": POSITIVE,
-            "max_speed_rad_s?": POSITIVE,
-            "begun_with?": _RATINGS,
-        },
-        **{
-            "max_speed_rad_s?": POSITIVE,
-            "rated_torque_nm?": POSITIVE,
-            "rated_current_a?": POSITIVE,
-            "name?": str,
-            "identity?": {str: str},
-            "parameters?": {str: _PLACE},
-        },
+        **{"structure": _STRUCTURE, "counts_per_rev": COUNT, "peak_torque_nm": POSITIVE, "begun_with?": _RATINGS},
+        **dict.fromkeys(("max_speed_rad_s?", "rated_torque_nm?", "rated_current_a?"), POSITIVE),
+        **{"name?": str, "identity?": {str: str}, "parameters?": {str: _PLACE}},
         **{"uncalibrated?": [str], "gains?": str, "gain_terms?": [_TERM], "reached_as?": str, "reached_by?": str},
         "torque_reading?": {"late_s?": SIZE, "filter_s?": SIZE, "command?": bool},
+        "units?": {str: float},
     },
     "fit": {
         **{"misfit?": SIZE, "suspect?": bool, "free?": [str], "covariance?": [[float]], "remarks?": [str], "records?": [str]},

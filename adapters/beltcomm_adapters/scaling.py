@@ -70,6 +70,18 @@ class Scaling:
         if not self.reading_nm:
             object.__setattr__(self, "reading_nm", self.torque_nm)
 
+    def told_units(self) -> dict[str, float]:
+        """One raw unit of each quantity, where drive or profile tell it."""
+        found = {"torque": self.torque_nm}
+        for name, unit, told in (
+            ("position", self.position_rad, self.position_told),
+            ("speed", self.speed_rad_s, self.speed_told),
+            ("acceleration", self.acceleration_rad_s2, self.acceleration_told),
+        ):
+            if told:
+                found[name] = unit
+        return found
+
     def with_speed(self, speed_rad_s: float) -> Scaling:
         """Scaling with another unit of speed, and of acceleration where nobody tells that: the one of speed per second."""
         share = 1.0 if self.acceleration_told else speed_rad_s / self.speed_rad_s

@@ -294,6 +294,8 @@ class Capabilities:
         For which the drive lets the motor have its peak torque from cold; None when it does not tell.
     encoder_counts_per_rev : int or None
         Of the encoder, where the positions are coarser than that.
+    units : Mapping of str to float, SI at the motor shaft
+        One raw unit of position, speed, acceleration and torque, by these names: those that drive or profile tell.
     """
 
     name: str
@@ -324,6 +326,7 @@ class Capabilities:
     overload_time_s: float | None = None
     feel_rad: float = 0.0
     torque_reading: StatedReading | None = None
+    units: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -87,7 +87,7 @@ def agree(
     if options.simulate_first and machine is not None and agreement is not None:
         rehearse(machine, options, talk, agreement.job, agreement.goes_on)
     if isinstance(drive, Supervised):
-        confirm_first_motion(drive.hardware, axis, plan, options, talk)
+        confirm_first_motion(drive.hardware, axis, plan, options, talk, drive.capabilities.units)
     if options.yes and plan.seconds > options.longest_s:
         raise Refused(
             f"this plan moves the axis for up to {plan.seconds:.0f} s, and --yes answers for {options.longest_s:.0f} s at most; nothing "

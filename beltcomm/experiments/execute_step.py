@@ -12,7 +12,7 @@ import numpy as np
 
 from beltcomm.control import Cascade
 from beltcomm.errors import NoMotion, Refused
-from beltcomm.experiments import phases, verification
+from beltcomm.experiments import phases, stops_out_of_move, verification
 from beltcomm.experiments.paths import Course, path_of, start_of
 from beltcomm.experiments.raising import GROWTH
 from beltcomm.given import EXPERIMENTS
@@ -216,7 +216,7 @@ def within_belt(machine: Machine, loop: Closed, step: Step, path: Trajectory) ->
         return True
     force = predict_move(loop.model, loop.cascade, path, verification.in_drive(machine, loop.delay_s)).belt_force_n
     top = float(np.max(np.abs(path.velocity_m_s)))
-    return force <= verification.belt_force_limit_n(machine, loop.model, top, verification.BELT_SWING)
+    return force <= stops_out_of_move.belt_force_limit_n(machine, loop.model, top, stops_out_of_move.BELT_SWING)
 
 
 def is_measured(machine: Machine, step: Step) -> bool:

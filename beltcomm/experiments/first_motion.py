@@ -18,6 +18,7 @@ from beltcomm.errors import Declined, Refused, UsageError
 from beltcomm.experiments.options import Options
 from beltcomm.experiments.plan import Plan
 from beltcomm.machine.hardware import Hardware
+from beltcomm.machine.ratings import other_units_than
 from beltcomm.quantities import unit_of
 from beltcomm.talk import Talk
 
@@ -104,10 +105,17 @@ class Extent:
         return Extent(self.machine, {name: max(most, confirmed.most.get(name, most)) for name, most in self.most.items()})
 
 
-def confirm_first_motion(hardware: Hardware, axis: Axis, plan: Plan, options: Options, talk: Talk) -> None:
+def confirm_first_motion(
+    hardware: Hardware, axis: Axis, plan: Plan, options: Options, talk: Talk, units: Mapping[str, float] | None = None
+) -> None:
     """Ask a person, or take ``options.first_motion``, where this computer has not moved this drive on this axis as far as ``plan`` does.
 
     A virtual drive moves nothing.  A drive without a serial number is never known: another one of its kind may hang there today.
+
+    Parameters
+    ----------
+    units : Mapping of str to float
+        Of its capabilities: with others than it was moved with it is asked for anew.
 
     Raises
     ------
@@ -125,10 +133,15 @@ def confirm_first_motion(hardware: Hardware, axis: Axis, plan: Plan, options: Op
     before = bool(known.get("moved")) and known.get("axis") == axis.name
     extent, confirmed = Extent.of(axis, plan, options.profile), Extent.from_dict(known.get("confirmed") if before else None)
     beyond = extent.unconfirmed_entries(confirmed)
-    if before and not beyond:
+    rescaled = other_units_than(known.get("units") or {}, units or {}) if before else []
+    if before and not beyond and not rescaled:
+        if units and not known.get("units"):
+            hardware.remember(units=dict(units))
         return
     what = f"{hardware.words} (on {hardware.name}) was never moved by beltcomm on this computer"
-    if before:
+    if rescaled:
+        what = f"{hardware.words} was moved on this axis before, but in other units: {'; '.join(rescaled)}"
+    elif before:
         what = f"{hardware.words} was moved on this axis before, but what was confirmed then was less: {'; '.join(beyond)}"
     elif known.get("moved"):
         what = f"{hardware.words} was moved on the axis {known.get('axis') or 'without a name'} before, not on {axis.name or 'this one'}"
@@ -152,7 +165,7 @@ def confirm_first_motion(hardware: Hardware, axis: Axis, plan: Plan, options: Op
         if not talk.confirm(f"Is all of this so, and may it move {'so far' if before else 'for the first time'}?"):
             raise Declined("nothing was moved, as you said")
     if hardware.unique:
-        hardware.remember(axis=axis.name, moved=False, confirmed=extent.with_(confirmed).to_dict())
+        hardware.remember(axis=axis.name, moved=False, confirmed=extent.with_(confirmed).to_dict(), units=dict(units or {}))
 
 
 def _word(value: Any) -> str:

@@ -16,7 +16,7 @@ from beltcomm.excitation import AskedExcitation
 from beltcomm.given import EXCITATION_KINDS, REACHED_BY, ExcitationKind, Place, Reached, choice, number, pasted, place, whole, word
 from beltcomm.identify.loop_response import CLOSED_WAYS, Way
 from beltcomm.machine.hardware import Hardware
-from beltcomm.machine.ratings import nameplate_of
+from beltcomm.machine.ratings import check_units, nameplate_of
 from beltcomm.rundata.calibration import RESULT
 from beltcomm.rundata.findings import Apply, Settings
 from beltcomm.rundata.proof import EDITED
@@ -317,11 +317,12 @@ def claim(folder: RunFolder, capabilities: Capabilities, options: Options, talk:
     Raises
     ------
     UsageError
-        When the run was made on another drive.
+        When the run was made on another drive, or in other units.
     Refused
         For a no.
     """
     forgets, wall_clock = Hardware.of("", capabilities).forgetful, options.wall_clock
+    check_units(folder, capabilities)
     folder.claim_drive(capabilities.identity, wall_clock() if wall_clock is not None and not forgets else None)
     if capabilities.uncalibrated and RESULT in folder.names("results") and not options.dry_run:
         admit_edited(str(folder.file("results", RESULT)), folder.edited("results", RESULT), options, talk)

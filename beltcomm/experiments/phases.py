@@ -20,13 +20,9 @@ from beltcomm.errors import NoMotion, Refused, SafetyStop, UsageError
 from beltcomm.excitation import AskedExcitation, Choice, Excitation, PrbsChoice, choose, choose_prbs, visible_band
 from beltcomm.excitation.record import SELDOM_S
 from beltcomm.experiments import own_strokes
+from beltcomm.experiments.stops_out_of_move import positioning
 from beltcomm.given import ExcitationKind
-from beltcomm.identify.amplitude import (
-    AmplitudeStep,
-    MotionLimits,
-    family_around,
-    largest_amplitude,
-)
+from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, family_around, largest_amplitude
 from beltcomm.machine import exciting, host_loss, stops
 from beltcomm.machine.creep import creep
 from beltcomm.machine.heat import Thermal
@@ -302,12 +298,20 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = P
     """
     if machine.drive.capabilities.gains == "unknown" and not machine.loop_tried:
         _feel_loop(machine, target_m, model, slow_m_s)
+    limits, envelope, period = (
+        gentle_limits(machine, model, slow_m_s),
+        untuned_envelope(machine),
+        machine.drive.capabilities.sample_period_s,
+    )
+
+    def way(share: float) -> Trajectory:
+        plan = partial(plan_trajectory, machine.position_m, target_m, sample_period_s=period)
+        return with_dwell(stoppable(machine, limits.slower(share), plan), 0.3)
+
     for _ in range(POSITIONING_TRIES):  # the velocity loop ends a little beside its goal
         if abs(machine.position_m - target_m) < ARRIVED_M:
             return
-        plan = partial(plan_trajectory, machine.position_m, target_m, sample_period_s=machine.drive.capabilities.sample_period_s)
-        trajectory = stoppable(machine, gentle_limits(machine, model, slow_m_s), plan)
-        machine.run(machine.follow(with_dwell(trajectory, 0.3), machine.stroking()), untuned_envelope(machine))
+        machine.run(machine.follow(positioning(machine, way, envelope.lag_m), machine.stroking()), envelope)
     if abs(machine.position_m - target_m) > ASTRAY_M:
         raise SafetyStop(
             f"the carriage stands at {machine.position_m:.4f} m instead of {target_m:.4f} m after a move; the loop does not hold it",

@@ -16,8 +16,15 @@ from beltcomm.design.compliant import Leading, lead_motion, torque_along
 from beltcomm.design.led_reference import LedReference, led_reference
 from beltcomm.errors import Refused
 from beltcomm.experiments import phases
-from beltcomm.experiments.stops_out_of_move import HOST_LOSS_BEYOND, StopsOutOfMove, allowed_lag_m, host_loss_limit_n, worst_stops
-from beltcomm.experiments.verification import StandardMove, belt_force_limit_n, in_drive, predict_led, refuse_broken
+from beltcomm.experiments.stops_out_of_move import (
+    HOST_LOSS_BEYOND,
+    StopsOutOfMove,
+    allowed_lag_m,
+    belt_force_limit_n,
+    host_loss_limit_n,
+    worst_stops,
+)
+from beltcomm.experiments.verification import StandardMove, in_drive, predict_led, refuse_broken
 from beltcomm.identify.led_gains import gain_factors
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import BELT_BEYOND

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from beltcomm.arrays import Array
 from beltcomm.axis import Axis
-from beltcomm.control import Cascade
-from beltcomm.drive import FOLLOWING_ERROR_S, GUARD_S
+from beltcomm.control import Cascade, Feedforward, feedforward_torque
+from beltcomm.drive import FOLLOWING_ERROR_S, GUARD_S, LoopKind
 from beltcomm.errors import Refused
+from beltcomm.machine.closed_loop_watch import lent_torque_nm
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import SURPRISE
 from beltcomm.model import Model
+from beltcomm.simulate.loop import close_loop
+from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 from beltcomm.simulate.setpoints import SetpointGrid
 from beltcomm.simulate.stop_out_of_move import NO_STOP, OFF_THE_MODEL, References, StopOutOfMove, StopReaction, predict_stop_out_of_move
 from beltcomm.trajectory import Trajectory
@@ -23,6 +27,10 @@ from beltcomm.verify import Loop, PredictedMove
 #: By how much the belt's force may exceed its limit, for some milliseconds, when the host is lost in the move that commissioning chooses;
 #: one that somebody asks for is refused beyond the second.
 HOST_LOSS_SWING, HOST_LOSS_BEYOND = 1.4, 1.5
+#: By how much the force of a belt that swings may exceed that of a rigid one in the move that commissioning chooses.
+BELT_SWING = 1.05
+#: Shares of its speed at which positioning is tried, and instants of it.
+POSITIONING_SHARES, POSITIONING_INSTANTS = (1.0, 0.85, 0.7, 0.55, 0.4, 0.3, 0.2), 24
 #: Instants of a move at which the host is thought to be lost.
 INSTANTS = 48
 #: m, beside ``SURPRISE`` times what was predicted: an axis that is further off its reference is stopped, in the drive and on the host.
@@ -55,6 +63,46 @@ def allowed_lag_m(path: PredictedMove) -> float:
     return SURPRISE * float(np.max(np.abs(path.reference_m - path.motor_m))) + LAG_SLACK_M
 
 
+def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: float) -> float:
+    """Belt force limit of a move, N: the feed force of the data sheet, which lists friction of the guide apart, and its swing.
+
+    F_max = s (F_feed + F_c + d_c v)
+    """
+    friction = model.get("cart_friction.level") + model.get("viscous_cart.damping") * speed_m_s
+    return swing * (machine.axis.belt_force_limit_n + friction) - machine.weight_n
+
+
+def positioning(machine: Machine, plan: Callable[[float], Trajectory], lag_m: float | None) -> Trajectory:
+    """A motion that is only a means, by a loop in the drive, as fast as the belt bears stops out of it; as planned where nobody knows that
+    loop, or the drive makes its strokes by itself.
+
+    Parameters
+    ----------
+    plan : callable
+        Of a share of its speed, to the motion with its rest.
+    lag_m : float or None
+        As of :func:`worst_stops`; None lets any pass.
+    """
+    sent, loop, own, kind = plan(1.0), machine.cascade, machine.drive.capabilities, machine.stroking()
+    if machine.closed is None or loop is None or kind == "profile" or own.gains == "unknown":
+        return sent
+    model, delay_s = machine.closed
+    drive = Loop(own.structure, delay_s, own.peak_torque_nm, own.counts_per_rev)
+    loop = replace(loop, feedforward=machine.feedforward or loop.feedforward)
+    for share in POSITIONING_SHARES:
+        sent = plan(share)
+        lag = math.inf if lag_m is None else lag_m
+        found = worst_stops(machine, model, loop, drive, sent, lag, instants=POSITIONING_INSTANTS, kind=kind)
+        limit = belt_force_limit_n(machine, model, float(np.max(np.abs(sent.velocity_m_s))), BELT_SWING)
+        if found.asked_for.belt_force_n <= limit and found.host_lost.belt_force_n <= HOST_LOSS_SWING * machine.axis.belt_force_limit_n:
+            break
+    machine.folder.journal(
+        f"positioning: a stop out of it {found.asked_for.belt_force_n:.0f} N in the belt, PC or bus lost in it "
+        f"{found.host_lost.belt_force_n:.0f} N" + (f"; at {share:.2g} times its speed for that" if share < 1.0 else "")
+    )
+    return sent
+
+
 def worst_stops(
     machine: Machine,
     model: Model,
@@ -63,8 +111,12 @@ def worst_stops(
     sent: Trajectory,
     lag_m: float,
     extra_torque_nm: Array | None = None,
+    instants: int = INSTANTS,
+    kind: LoopKind = "position",
 ) -> StopsOutOfMove:
-    """The worst stops out of a move, over ``INSTANTS`` instants.
+    """The worst stops out of a move.
+
+    The drive's torque is bounded by the limit that is lent to the move, which holds until it stands.
 
     Parameters
     ----------
@@ -76,20 +128,41 @@ def worst_stops(
         Following error that the drive lets pass.
     extra_torque_nm : ndarray (n,) or None
         Sent along with them.
+    instants : int
+        At which the move is thought to end.
+    kind : LoopKind
+        Loop that makes it; one of speed lets every following error pass.
     """
+    if kind == "velocity":  # the same cascade without its position loop
+        running = replace(running, kpp_1_s=0.0, feedforward=replace(running.feedforward, velocity=1.0))
+        drive = replace(drive, structure=replace(drive.structure, output_limit_rad_s=math.inf, dead_zone_rad=0.0))
+        lag_m = math.inf
     ratio, grid = machine.ratio, SetpointGrid(sent.sample_period_s, drive.structure.period_s, len(sent.t_s))
     position, speed = grid.on_loop(sent.position_m / ratio), grid.on_loop(sent.velocity_m_s / ratio)
-    references = References(position, speed, np.zeros(len(position)) if extra_torque_nm is None else grid.held(extra_torque_nm))
+    along = np.zeros(len(sent.t_s)) if extra_torque_nm is None else extra_torque_nm
+    if machine.sends_feedforward and kind in machine.drive.capabilities.torque_along:  # what the host sends does not end with it
+        along = along + feedforward_torque(running.feedforward, sent.velocity_m_s / ratio, sent.sample_period_s)
+        running = replace(running, feedforward=Feedforward(velocity=running.feedforward.velocity))
+    references = References(position, speed, grid.held(along))
+    start_m = float(sent.position_m[0])
+    try:
+        whole = close_loop(
+            SimulatedPlant(model, start_m, substeps_needed(model, start_m)), running, drive.simulated, "position", position, speed,
+            references.added_nm,
+        )  # fmt: skip
+    except Refused:
+        return StopsOutOfMove(OFF_THE_MODEL, OFF_THE_MODEL)
+    bounded = replace(drive.simulated, torque_limit_nm=lent_torque_nm(machine, model, whole.asked_nm))
     guard_s = GUARD_S + sent.sample_period_s
     lost = StopReaction(lag_m / ratio, max(FOLLOWING_ERROR_S, sent.sample_period_s), guard_s, machine.deceleration_m_s2)
     moving = np.flatnonzero(speed)
-    instants = np.unique(np.linspace(max(1, moving[0]), moving[-1], INSTANTS).astype(int)) if len(moving) else ()
+    ends = np.unique(np.linspace(max(1, moving[0]), moving[-1], instants).astype(int)) if len(moving) else ()
 
     def worst(reaction: StopReaction) -> StopOutOfMove:
         found = NO_STOP
-        for at in instants:
+        for at in ends:
             try:
-                found |= predict_stop_out_of_move(model, running, references, int(at), drive.simulated, reaction, float(sent.position_m[0]))
+                found |= predict_stop_out_of_move(model, running, references, int(at), bounded, reaction, start_m)
             except Refused:
                 found |= OFF_THE_MODEL
         return found

@@ -16,7 +16,14 @@ from beltcomm.design.led_reference import LedReference, can_lead, led_reference
 from beltcomm.drive import Drive
 from beltcomm.errors import Refused
 from beltcomm.experiments import phases
-from beltcomm.experiments.stops_out_of_move import HOST_LOSS_SWING, StopsOutOfMove, allowed_lag_m, worst_stops
+from beltcomm.experiments.stops_out_of_move import (
+    BELT_SWING,
+    HOST_LOSS_SWING,
+    StopsOutOfMove,
+    allowed_lag_m,
+    belt_force_limit_n,
+    worst_stops,
+)
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.rundata.led_gains import as_in_drive
@@ -31,9 +38,8 @@ SLOWEST_MOVE_S = 600.0
 LONGEST_SLOW_MOVE_S = 8.0
 SLOWEST_M_S = 2e-4
 RAMP_S = 0.2
-#: By how much the force of a belt that swings may exceed that of a rigid one in the move that commissioning chooses, and how often it
-#: is slowed down for that.  A move that somebody asks for is refused beyond ``BELT_BEYOND`` only, where it would be stopped.
-BELT_SWING = 1.05
+#: How often the move that commissioning chooses is slowed down until the belt swings by no more than ``BELT_SWING``.  One that somebody
+#: asks for is refused beyond ``BELT_BEYOND`` only, where it would be stopped.
 BELT_TRIES = 8
 #: Share of its speed down to which a standard move is slowed for the belt.
 LEAST_SHARE = 0.3
@@ -84,15 +90,6 @@ def standard_move(machine: Machine, model: Model) -> StandardMove:
     stated = machine.axis.trajectories.get(machine.axis.targets.limits)
     limits = stated or phases.gentle_limits(machine, model, math.inf)
     return StandardMove(start, end, *admissible(machine, model, start, end, limits), chosen=stated is None)
-
-
-def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: float) -> float:
-    """Belt force limit of a move, N: the feed force of the data sheet, which lists friction of the guide apart, and its swing.
-
-    F_max = s (F_feed + F_c + d_c v)
-    """
-    friction = model.get("cart_friction.level") + model.get("viscous_cart.damping") * speed_m_s
-    return swing * (machine.axis.belt_force_limit_n + friction) - machine.weight_n
 
 
 def _kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: float) -> StandardMove:

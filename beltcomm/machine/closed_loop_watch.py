@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.drive import Drive, Motion, Row
+from beltcomm.drive.parameters import LIMIT_NAMES
 from beltcomm.machine.envelope import Envelope
 from beltcomm.machine.prediction_watch import BeltWatch
 from beltcomm.machine.resonance import ResonanceWatch, allowed, band_of, predicted_torque
@@ -49,6 +50,27 @@ def rigid_torque(model: Model, motion: Motion, holding_nm: float) -> NDArray[np.
     return np.asarray(
         total_inertia(model) * acceleration + total_friction(model) * np.sign(speed) + total_viscous(model) * speed + holding_nm
     )
+
+
+def planned_torque_nm(machine: Watched, model: Model, torque_nm: NDArray[np.float64]) -> float:
+    """Largest torque that a motion or a stop out of it takes, N m.
+
+    Parameters
+    ----------
+    torque_nm : ndarray (n,)
+        Predicted along the motion.
+    """
+    stop_nm = total_inertia(model) * machine.deceleration_m_s2 / machine.ratio + total_friction(model)
+    return max(float(np.max(np.abs(torque_nm))), stop_nm) + abs(machine.holding_nm)
+
+
+def lent_torque_nm(machine: Watched, model: Model, torque_nm: NDArray[np.float64]) -> float:
+    """Torque beyond which a drive with a known loop does not go while it makes a motion, N m: its limit 6072h is lent for that, where it
+    takes one.   torque_nm : as of :func:`planned_torque_nm`."""
+    own = machine.drive.capabilities
+    if LIMIT_NAMES[0] not in own.parameters or any("6072h" in said for said in own.cautions):
+        return own.peak_torque_nm
+    return min(own.peak_torque_nm, machine.envelope().torque_nm, OVER_PLAN * planned_torque_nm(machine, model, torque_nm))
 
 
 def unwatched(_row: Row) -> None:
@@ -96,11 +118,9 @@ def foreseen(machine: Watched, motion: Motion) -> Foreseen:
         torque, over = predicted_torque(model, machine.cascade, motion, drive, machine.ratio, machine.origin_rad), OVER_PLAN
     swing = allowed(torque, motion.period_s, band_of(model, machine.envelope().window_m, motion.period_s), capabilities.rated_torque_nm)
     resonance = ResonanceWatch(swing, motion.period_s)
-    stop_nm = total_inertia(model) * machine.deceleration_m_s2 / machine.ratio + total_friction(model)
-    planned_nm = max(float(np.max(np.abs(torque))), stop_nm) + abs(machine.holding_nm)
 
     def watch(row: Row) -> None:
         resonance(row)
         belt(row)
 
-    return Foreseen(watch, over * planned_nm)
+    return Foreseen(watch, over * planned_torque_nm(machine, model, torque))

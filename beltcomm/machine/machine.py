@@ -502,6 +502,11 @@ class Machine:
         own = self.drive.capabilities
         return own.structure.torque_feedforward and bool(own.torque_along) and "ff_coulomb_nm" not in self._backup
 
+    @property
+    def feedforward(self) -> Feedforward | None:
+        """What the host sends along with every reference; None where the drive holds it, or nobody has designed one."""
+        return self._sent
+
     def _along(self, motion_rad_s: Array, kind: LoopKind, torque_nm: Array | None) -> Array:
         """Torque sent along with a reference, N m."""
         along = np.zeros(len(motion_rad_s)) if torque_nm is None else torque_nm

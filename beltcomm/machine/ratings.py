@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities, KnownMotor
 from beltcomm.errors import UsageError
+from beltcomm.runfolder import RunFolder
 
+#: Units of a drive by name: in words, SI, and the objects that make them.
+_UNITS = {
+    "position": ("position", "rad", "608Fh, 6091h, 6092h, 6093h, 60A8h"),
+    "speed": ("speed", "rad/s", "60A9h, 6094h, 6092h"),
+    "acceleration": ("acceleration", "rad/s²", "60AAh, 6097h, 6092h"),
+    "torque": ("torque", "N m", "6076h"),
+}
+#: Share by which a unit may differ and be the same: numbers of a file.
+SAME_UNIT = 1e-6
 #: Rated values of the drive may differ by this share from axis.yaml: rounding of data sheets.
 RATED_TOLERANCE = 0.05
 
@@ -120,6 +131,37 @@ def check_ratings(axis: Axis, capabilities: Capabilities) -> list[str]:
         raise UsageError("; ".join(wrong))
     counted = counts_rating(axis, capabilities.encoder_counts_per_rev or capabilities.counts_per_rev)
     return [counted.words()] if counted.share != 1.0 else []
+
+
+def check_units(folder: RunFolder, capabilities: Capabilities) -> None:
+    """Compare the drive's units with those that a run was recorded in, before anything moves.
+
+    Whoever changes them with a maker's tool leaves limits, zero and ramps in the old ones, and a drive that tells another unit than it
+    counts in shows that to no sensor.
+
+    Raises
+    ------
+    UsageError
+        With both values and what to look at.
+    """
+    before = (folder.load_result("drive") or {}).get("units") or {}
+    changed = other_units_than(before, capabilities.units)
+    if changed and folder.finished_names():
+        raise UsageError(
+            f"{folder.path} was recorded in other units than this drive has now: {'; '.join(changed)}. Nothing was moved. Set them back "
+            "with the maker's tool; if they are meant so, compare a short move with a ruler (`beltcomm move --by 50mm`), look at the "
+            "limits that stand in the drive, and begin a new run"
+        )
+
+
+def other_units_than(before: Mapping[str, float], now: Mapping[str, float]) -> list[str]:
+    """Units that are other ones than before, in words; one that nobody told, then or now, is not compared."""
+    found = []
+    for name, (what, unit, objects) in _UNITS.items():
+        then, here = before.get(name), now.get(name)
+        if then and here and not math.isclose(then, here, rel_tol=SAME_UNIT):
+            found.append(f"one unit of {what} is {abs(here):.5g} {unit}, it was {abs(then):.5g} ({here / then:.4g} times; {objects})")
+    return found
 
 
 def fault_of(axis: Axis, capabilities: Capabilities) -> str:

@@ -71,6 +71,11 @@ class LoopRun:
     belt_force_n: Array
 
 
+def waiting_torque(cascade: Cascade, drive: LoopDrive) -> Array:
+    """Torque setpoints that do not act yet, N m: those that held the axis before."""
+    return np.full(math.floor(drive.delay_s / drive.period_s + _NO_TIME_S) + 1, cascade.feedforward.offset_nm)
+
+
 def close_loop(
     plant: Plant,
     cascade: Cascade,
@@ -83,6 +88,7 @@ def close_loop(
     acceleration_rad_s2: Array | None = None,
     speed_rad_s: float = 0.0,
     state: Array | None = None,
+    waiting_nm: Array | None = None,
 ) -> LoopRun:
     """The drive's own loop on a plant, one reference per loop period.
 
@@ -98,6 +104,8 @@ def close_loop(
         At which the loop finds the motor.
     state : ndarray (10,) or None
         Of a loop that was closed before, which goes on; see :func:`beltcomm.control.new_state`.  It is moved on.
+    waiting_nm : ndarray or None
+        Torque setpoints of that loop that do not act yet, of :func:`waiting_torque`.  They are moved on.
     """
     coefficients, start_rad = discrete_coefficients(cascade, drive.period_s, drive.torque_limit_nm), float(position_rad[0])
     if state is None:
@@ -111,7 +119,7 @@ def close_loop(
     whole = math.floor(drive.delay_s / drive.period_s + _NO_TIME_S)
     late_s = max(drive.delay_s - whole * drive.period_s, 0.0)
     late_s = late_s if late_s > _NO_TIME_S else 0.0
-    waiting = np.full(whole + 1, cascade.feedforward.offset_nm)  # the axis was held before
+    waiting = waiting_torque(cascade, drive) if waiting_nm is None else waiting_nm
     if type(plant) is SimulatedPlant and plant.plain:  # one that is derived may step otherwise
         out = plant.follow(kind == "position", coefficients, state, references, sensing, waiting, drive.period_s, late_s)
     else:

@@ -17,7 +17,7 @@ import numpy as np
 from beltcomm.arrays import Array
 from beltcomm.control import Cascade, begin_ramp, measured_speed, new_state, reset_state
 from beltcomm.model import Model
-from beltcomm.simulate.loop import LoopDrive, close_loop
+from beltcomm.simulate.loop import LoopDrive, close_loop, waiting_torque
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 from beltcomm.simulate.stopping import REST_S
 
@@ -130,7 +130,8 @@ def predict_stop_out_of_move(
     plant, state, lost = _at(model, position_m), new_state(), references.lost_at(at, noticed)
     start_rad = float(references.position_rad[0])
     reset_state(state, start_rad)
-    run = close_loop(plant, cascade, drive, "position", *lost, state=state)
+    waiting = waiting_torque(cascade, drive)
+    run = close_loop(plant, cascade, drive, "position", *lost, state=state, waiting_nm=waiting)
     asked = cascade.kpp_1_s * (float(lost[0][-1]) - start_rad - plant.position_rad) + cascade.feedforward.velocity * float(lost[1][-1])
     speed = min(max(measured_speed(state), min(asked, 0.0)), max(asked, 0.0))
     slower = reaction.deceleration_m_s2 / model["transmission.ratio"] * drive.period_s
@@ -138,7 +139,7 @@ def predict_stop_out_of_move(
     ramp = math.copysign(1.0, speed) * np.maximum(abs(speed) - slower * np.arange(1, runs + 1), 0.0)
     place, none = np.full(runs, start_rad + plant.position_rad), np.zeros(runs)
     begin_ramp(state, speed)
-    rest = close_loop(plant, cascade, drive, "velocity", place, ramp, none, acceleration_rad_s2=none, state=state)
+    rest = close_loop(plant, cascade, drive, "velocity", place, ramp, none, acceleration_rad_s2=none, state=state, waiting_nm=waiting)
     places = position_m + np.concatenate((run.cart_m[at:], rest.cart_m))
     force = float(np.concatenate((run.belt_force_n[at:], rest.belt_force_n)).max())
     return StopOutOfMove(float(np.abs(places - places[0]).max()), float(places.min()), float(places.max()), force)

@@ -26,6 +26,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from beltcomm.configfiles import config_names
+from campaign.sharing import shared
 from slaves.bench import TOLD, VERBS, Cell, run_row
 
 
@@ -44,7 +45,8 @@ def main() -> None:
     for drive in given.drives.split(","):
         if drive not in kept:
             begun = time.perf_counter()
-            kept[drive] = [asdict(cell) for cell in run_row(drive, verbs, given.seed, given.period)]
+            with shared():  # Ctrl-C and a lost host come in a command that was run before
+                kept[drive] = [asdict(cell) for cell in run_row(drive, verbs, given.seed, given.period)]
             if given.keep:
                 given.keep.write_text(json.dumps(kept, indent=1))
             print(f"{drive}: {time.perf_counter() - begun:.0f} s", file=sys.stderr)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from beltcomm.experiments import commission as sequence
-from beltcomm.experiments import phases, proving, raising, verification
+from beltcomm.experiments import phases, proving, raising, stops_out_of_move, verification
 from beltcomm.machine import stops
 from beltcomm.rundata import analyse, offline
 
@@ -30,6 +30,7 @@ PURE: tuple[tuple[Any, str], ...] = (
     (offline, "final_model"),
     (proving, "predict_move"),
     (verification, "predict_move"),
+    (stops_out_of_move, "predict_stop_out_of_move"),
 )
 
 _known: dict[bytes, Any] = {}

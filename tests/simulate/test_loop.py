@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from beltcomm.control import Cascade, Prefilter
+from beltcomm.control import Cascade, Prefilter, new_state, reset_state
 from beltcomm.errors import Refused
 from beltcomm.model import Model, build_model
-from beltcomm.simulate.loop import LoopDrive, LoopKind, close_loop
+from beltcomm.simulate.loop import LoopDrive, LoopKind, close_loop, waiting_torque
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 from identify.records import true_model
 from truth.rigs import nominal
@@ -65,6 +65,21 @@ def test_a_plant_goes_on_where_a_loop_has_left_it() -> None:
     before, speed = one.position_rad, one.velocity_rad_s
     one.step(0.0, 1e-6)
     assert one.position_rad == pytest.approx(before + 1e-6 * speed, rel=1e-6)
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.4e-3, 1e-3, 2.3e-3])
+def test_a_loop_in_two_parts_is_one_loop(delay_s: float) -> None:
+    """Also what it has asked for and does not act yet: without, an axis that brakes would be let go for the delay, and its belt swing."""
+    drive, t = LoopDrive(1e-3, delay_s, 3.0, 4096), 1e-3 * np.arange(300)
+    speed, none = 12.0 * np.sin(9.0 * t), np.zeros(len(t))
+    whole = close_loop(plant(), CASCADE, drive, "velocity", none, speed, none, acceleration_rad_s2=none)
+    one, state, waiting = plant(), new_state(), waiting_torque(CASCADE, drive)
+    reset_state(state, 0.0)
+    for part in (slice(0, 120), slice(120, 300)):
+        go = (np.full(len(none[part]), one.position_rad), speed[part], none[part])
+        last = close_loop(one, CASCADE, drive, "velocity", *go, acceleration_rad_s2=none[part], state=state, waiting_nm=waiting)
+    assert last.torque_nm == pytest.approx(whole.torque_nm[120:], rel=1e-9, abs=1e-12)
+    assert last.belt_force_n == pytest.approx(whole.belt_force_n[120:], rel=1e-9, abs=1e-9)
 
 
 def test_a_carriage_that_leaves_its_belt_is_refused() -> None:

@@ -43,6 +43,25 @@ TOLD = {
     "lexium32": {"position_unit": "6.103515625e-05 rev", "velocity_unit": "1 rpm", "acceleration_unit": "1 rpm/s"},
     "asda-a2": {"position_unit": "1e-05 rev", "velocity_unit": "0.1 rpm", "acceleration_unit": "ms to 3000 rpm"},
 }
+#: What a technician adds to a profile when the maker's manual has told where the gains stand and in which unit.
+DOCUMENTED: dict[str, dict[str, Any]] = {
+    "epos4": {
+        "gain_meaning": "documented",
+        "parameters": {
+            "kp_nm_s_rad": {"index": 0x30A2, "subindex": 1, "type": "uint32", "scale": 6.5e-7},
+            "ki_nm_rad": {"index": 0x30A2, "subindex": 2, "type": "uint32", "scale": 6.5e-7},
+            "kpp_1_s": {"index": 0x30A1, "subindex": 1, "type": "uint32", "scale": 1.0e-3},
+        },
+    },
+    "pd4-e": {
+        "gain_meaning": "documented",
+        "parameters": {
+            "kp_nm_s_rad": {"index": 0x3210, "subindex": 3, "type": "uint32", "scale": 1.0e-7},
+            "ki_nm_rad": {"index": 0x3210, "subindex": 4, "type": "uint32", "scale": 1.0e-6},
+            "kpp_1_s": {"index": 0x3210, "subindex": 1, "type": "uint32", "scale": 1.0e-3},
+        },
+    },
+}
 VERBS = ("doctor", "identify", "commission", "friction", "verify", "apply", "Ctrl-C", "host lost")
 #: s of virtual time for one command, at most.
 LONGEST_S = 600.0
@@ -50,12 +69,13 @@ LONGEST_S = 600.0
 
 @dataclass
 class Watch(Examiner):
-    """Looks at the belt too, and does something at an instant.   belt_n : of each tick.   happen : at ``at_tick``."""
+    """Looks at the belt too, and does something at an instant.   belt_n : of each tick.   happen : at ``at_tick``.   look : each tick."""
 
     tick_s: float = 1e-3
     belt_n: list[float] = field(default_factory=list)
     at_tick: int | None = None
     happen: Callable[[], None] = lambda: None
+    look: Callable[[int], None] = lambda _tick: None
 
     def begin_tick(self, tick: int) -> None:
         self.belt_n.append(abs(self.plant.belt_force_n))
@@ -66,6 +86,7 @@ class Watch(Examiner):
         if self.at_tick is not None and tick >= self.at_tick:
             self.at_tick = None
             self.happen()
+        self.look(tick)
 
 
 class SlaveRig(Rig):
@@ -89,7 +110,7 @@ class SlaveRig(Rig):
         self.settings = self.dictionary()
         self.examiner: Watch = Watch(self.plant, self.device, file.model["transmission.ratio"], tick_s=self.bus.tick_s)
         self.bus.attach(self.examiner)
-        self.opened = 0
+        self.opened, self.known_gains = 0, False
 
     def open(self, _name: str, options: Any = None) -> Drive:
         """In place of :func:`beltcomm.drive.open_drive`: this drive, not a new one."""
@@ -97,12 +118,22 @@ class SlaveRig(Rig):
         given = options or {}
         profile, plate = given.get("profile"), given.get("nameplate")
         drive: Any = connect(self.bus, self.bus.clock, 1, profile, None, lambda: None, self.period_s, plate)
+        self.known_gains = drive.capabilities.gains != "unknown"
         drive.capabilities = replace(drive.capabilities, identity={**drive.capabilities.identity, "plant": self._plant_name})
         return drive  # type: ignore[no-any-return]
 
     def run_on(self, seconds: float) -> None:
         for _ in range(round(seconds / self.bus.tick_s)):
             self.bus.advance()
+
+    def end(self, what: str) -> None:
+        """``Ctrl-C``, ``host lost`` or a fault that brakes, now."""
+        if what == "Ctrl-C":
+            signal.raise_signal(signal.SIGINT)
+        elif what == "host lost":
+            self.bus.line = TimedLine(BusFaults(host_dies_at_s=self.bus.clock.now()), self.bus.ticks_per_second)
+        else:
+            self.faults.emergency_at_s, self.faults.emergency_code, self.faults.emergency_effect = self.bus.clock.now(), 0x8611, "brake"
 
     @contextmanager
     def at(self, after_s: float, what: str) -> Iterator[None]:
