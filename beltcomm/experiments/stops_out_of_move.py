@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import or_
 
 import numpy as np
 
@@ -31,6 +33,8 @@ HOST_LOSS_SWING, HOST_LOSS_BEYOND = 1.4, 1.5
 BELT_SWING = 1.05
 #: Shares of its speed at which positioning is tried, and instants of it.
 POSITIONING_SHARES, POSITIONING_INSTANTS = (1.0, 0.85, 0.7, 0.55, 0.4, 0.3, 0.2), 24
+#: Instants around the worst one at which a stop is looked at, too: its force is a narrow peak where the axis speeds up.
+FINER = 7
 #: Instants of a move at which the host is thought to be lost.
 INSTANTS = 48
 #: m, beside ``SURPRISE`` times what was predicted: an axis that is further off its reference is stopped, in the drive and on the host.
@@ -158,13 +162,18 @@ def worst_stops(
     moving = np.flatnonzero(speed)
     ends = np.unique(np.linspace(max(1, moving[0]), moving[-1], instants).astype(int)) if len(moving) else ()
 
+    def at(end: int, reaction: StopReaction) -> StopOutOfMove:
+        try:
+            return predict_stop_out_of_move(model, running, references, end, bounded, reaction, start_m)
+        except Refused:
+            return OFF_THE_MODEL
+
     def worst(reaction: StopReaction) -> StopOutOfMove:
-        found = NO_STOP
-        for at in ends:
-            try:
-                found |= predict_stop_out_of_move(model, running, references, int(at), bounded, reaction, start_m)
-            except Refused:
-                found |= OFF_THE_MODEL
-        return found
+        found = [at(int(end), reaction) for end in ends]
+        if not found:
+            return NO_STOP
+        most = max(range(len(found)), key=lambda number: found[number].belt_force_n)
+        around = np.linspace(ends[max(most - 1, 0)], ends[min(most + 1, len(ends) - 1)], FINER + 2).astype(int)[1:-1]
+        return reduce(or_, (*found, *(at(int(end), reaction) for end in around)))
 
     return StopsOutOfMove(worst(replace(lost, window_rad=math.inf, guard_s=0.0)), worst(lost))

@@ -14,7 +14,7 @@ from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.errors import Refused, SafetyStop, UsageError
 from beltcomm.experiments import commission as sequence
-from beltcomm.experiments import phases, proving, referencing, verification
+from beltcomm.experiments import phases, proving, referencing, stops_out_of_move, verification
 from beltcomm.experiments.stops_out_of_move import StopsOutOfMove
 from beltcomm.machine import creep
 from beltcomm.machine.machine import Machine
@@ -26,6 +26,7 @@ from beltcomm.schedule.sequences import EXCITATION_TRAVEL_M
 from beltcomm.simulate.stop_out_of_move import OFF_THE_MODEL, StopOutOfMove
 from beltcomm.simulate.stopping import Braking
 from beltcomm.talk import Silence
+from beltcomm.trajectory import Trajectory, plan_trajectory
 from identify.records import true_model
 from session.bench import Bench, Listener
 from session.conftest import Complete
@@ -34,6 +35,7 @@ from truth.rigs import nominal
 MakeBench = Callable[..., Bench]
 Copy = Callable[..., Path]
 AXIS = "egc-70-600"
+FEED_N = load_axis(AXIS).belt_force_limit_n
 YES = api.Options(yes=True, seed=1)
 RATIO, INERTIA, LIMIT_N = 0.01242, 7.17e-5, 100.0
 
@@ -178,6 +180,35 @@ def test_the_standard_move_can_be_driven_from_a_little_beside_its_start(make_ben
 
 def lost_with(force_n: float, high_m: float = 0.5) -> StopOutOfMove:
     return StopOutOfMove(0.1, 0.0, high_m, force_n)
+
+
+def test_positioning_is_slowed_down_for_a_stop_out_of_it(
+    make_bench: MakeBench, complete: Complete, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench, folder = make_bench(), RunFolder.create(tmp_path / "run", load_axis(AXIS))
+    model, cascade = complete.final.fit.model, sequence.Cascade(0.08, 0.2, 14.0, 4e-3)
+
+    def top_of(sent: Trajectory) -> float:
+        return float(np.abs(sent.velocity_m_s).max())
+
+    with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, Silence()) as machine:
+        limits, period = phases.gentle_limits(machine, model, 0.5), drive.capabilities.sample_period_s
+
+        def plan(share: float) -> Trajectory:
+            return plan_trajectory(0.05, 0.4, limits.slower(share), period)
+
+        monkeypatch.setattr(
+            stops_out_of_move, "worst_stops", lambda *args, **_: StopsOutOfMove(host_lost=lost_with(400.0 * top_of(args[4])))
+        )
+        whole = top_of(plan(1.0))
+        assert 400.0 * whole > stops_out_of_move.HOST_LOSS_SWING * FEED_N
+        assert top_of(stops_out_of_move.positioning(machine, plan, 0.05)) == whole  # nobody knows the loop
+        machine.closed, machine.cascade = (model, 1e-3), cascade
+        slowed = top_of(stops_out_of_move.positioning(machine, plan, 0.05))
+        assert slowed < whole
+        assert 400.0 * slowed <= stops_out_of_move.HOST_LOSS_SWING * FEED_N
+    said = (folder.path / "journal.txt").read_text(encoding="utf-8")
+    assert f"PC or bus lost in it {400.0 * slowed:.0f} N; at 0." in said
 
 
 def test_a_move_is_slowed_down_or_refused_for_a_belt_that_swings(
