@@ -46,7 +46,7 @@ def with_likeliest_colour(data: Data, fitted: Fitted, residuals: Sequence[Array]
     """
     if data.single or _is_white(fitted):
         return data
-    search = _Search(data, fitted.model, residuals)
+    search = _ColourSearch(data, fitted.model, residuals)
     most = (0.0, LARGEST) if data.path.commanded else (0.0, data.colour)
     ends = [search.least(pole) for pole in FIRST_POLES if pole < most[1]] if most[1] > 0.0 else []
     white, here = search.level_at(0.0), search.cost(np.array([0.0, _logit(data.colour)]))
@@ -71,7 +71,7 @@ def _with_colour(data: Data, level_nm: float, pole: float, deviations: Array) ->
     return replace(data, noise_nm=level_nm, colour=pole, path=replace(data.path, process=process))
 
 
-class _Search:
+class _ColourSearch:
     """-2 ln L of what a model leaves, over ln of a factor on the level, and the logit of the pole; bounded above by the level so far
     where periods tell that."""
 

@@ -23,7 +23,7 @@ from beltcomm.fit.noise_level import LEAST_COLOUR, MOST_COLOUR, correlation, rob
 from beltcomm.fit.process_torque import ProcessTorque, correlation_time
 from beltcomm.fit.reading_fit import CLEAR, NORMAL_95
 from beltcomm.fit.records import Data
-from beltcomm.fit.torque_noises import NoisesFit, NoisesProblem, Part
+from beltcomm.fit.torque_noises import NoisesFit, NoisesProblem, RestPart
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]
@@ -67,14 +67,14 @@ def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
     if data.path.drive is None or data.path.commanded:
         return None
     by_name = {r.name: r for r in data.recordings}
-    problem, parts = fitted.problem, list[Part]()
+    problem, parts = fitted.problem, list[RestPart]()
     weights = problem.weights(fitted.residual)
     for i, piece in enumerate(problem.pieces):
         recording, here = by_name[piece.record], slice(int(problem.ends[i]), int(problem.ends[i + 1]))
         rest = rest_of(recording, data)
         if rest is not None and piece.whitener is not None:
             every = round(piece.motion.sample_s / recording.sample_period_s)
-            parts.append(Part(piece, rest, fitted.residual[here], weights[here], every))
+            parts.append(RestPart(piece, rest, fitted.residual[here], weights[here], every))
     share, deviation = _one_share(parts)
     if deviation == 0.0:
         return None
@@ -90,7 +90,7 @@ def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
     return NoiseSplit(total * math.sqrt(share), total * math.sqrt(1.0 - share), 0.5 * total * deviation / math.sqrt(share))
 
 
-def _one_share(parts: Sequence[Part]) -> tuple[float, float]:
+def _one_share(parts: Sequence[RestPart]) -> tuple[float, float]:
     """The sensor's share of white p + s that are read as they are, and its deviation, 0 where nothing was told."""
     sums = np.zeros(3)
     for part in parts:
@@ -103,7 +103,7 @@ def _one_share(parts: Sequence[Part]) -> tuple[float, float]:
     return (sums[0] / sums[1], math.sqrt(sums[2]) / sums[1]) if sums[1] > 0.0 else (0.0, 0.0)
 
 
-def _two_noises(data: Data, parts: Sequence[Part], total: float) -> NoiseSplit | None:
+def _two_noises(data: Data, parts: Sequence[RestPart], total: float) -> NoiseSplit | None:
     """Both noises with their colours; None where the records are too short, or do not tell whose a colour is."""
     sample_s = data.recordings[0].sample_period_s
     problem = NoisesProblem(parts, data.path.read_pulse(sample_s), total)

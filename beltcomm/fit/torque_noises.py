@@ -78,7 +78,7 @@ class NoisesFit:
     deviations: TorqueNoises
 
 
-class Part(NamedTuple):
+class RestPart(NamedTuple):
     """One piece of the records.
 
     Attributes
@@ -103,7 +103,7 @@ class NoisesProblem:
 
     Parameters
     ----------
-    parts : sequence of Part
+    parts : sequence of RestPart
         Of all records with a setpoint.
     answer : ndarray
         The reading's to a torque that acts over one sample, L.
@@ -111,7 +111,7 @@ class NoisesProblem:
         rms of r, N m.
     """
 
-    def __init__(self, parts: Sequence[Part], answer: Array, scale_nm: float) -> None:
+    def __init__(self, parts: Sequence[RestPart], answer: Array, scale_nm: float) -> None:
         self.parts, self.scale_nm = parts, scale_nm
         rests = [np.clip(part.rest, -OUTLIER * scale_nm, OUTLIER * scale_nm) for part in parts]
         self._transformed = [(np.fft.rfft(rest), delay(len(rest)), response(answer, len(rest)), len(rest)) for rest in rests]
