@@ -175,7 +175,7 @@ class RunFolder:
     def _resumed(cls, path: Path, axis: Axis) -> RunFolder:
         if not path.is_dir():
             raise UsageError(f"--resume: the run folder {path} does not exist{_like(path)}; check --run or leave --resume out")
-        if not (path / "axis.yaml").is_file() and (path / "run.yaml").is_file() and is_new(path):  # killed before it had one
+        if not (path / "axis.yaml").is_file() and is_new(path):  # killed, or without room, before it had one
             return cls.create(path, axis)
         run = cls.open(path)
         begun_with = run._about().get("axis_fingerprint", run.axis.fingerprint())

@@ -121,6 +121,16 @@ def test_resume_keeps_what_is_finished_and_repeats_the_rest(tmp_path: Path) -> N
     assert [item.name for item in again.recordings()] == ["a", "b"]
 
 
+def test_a_run_that_had_no_room_for_its_first_file_is_begun_by_going_on(tmp_path: Path) -> None:
+    (tmp_path / "R").mkdir()
+    run = RunFolder.create(tmp_path / "R", RIG, resume=True)
+    assert run.axis == RIG
+    (tmp_path / "others").mkdir()
+    (tmp_path / "others" / "letter.txt").write_text("dear", encoding="utf-8")
+    with pytest.raises(DataError, match="is no run folder"):
+        RunFolder.create(tmp_path / "others", RIG, resume=True)
+
+
 def test_resume_demands_the_same_axis_and_drive(tmp_path: Path) -> None:
     run = RunFolder.create(tmp_path / "R", RIG)
     run.claim_drive(DRIVE)
