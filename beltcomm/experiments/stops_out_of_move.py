@@ -29,8 +29,9 @@ from beltcomm.verify import Loop, PredictedMove
 #: By how much the belt's force may exceed its limit, for some milliseconds, when the host is lost in the move that commissioning chooses;
 #: one that somebody asks for is refused beyond the second.
 HOST_LOSS_SWING, HOST_LOSS_BEYOND = 1.4, 1.5
-#: By how much the force of a belt that swings may exceed that of a rigid one in the move that commissioning chooses.
-BELT_SWING = 1.05
+#: By how much the force of a belt that swings may exceed that of a rigid one in the move that commissioning chooses, and in the worst
+#: instant of a stop out of it: that hardly depends on how fast the move is.
+BELT_SWING, STOP_SWING = 1.05, 1.15
 #: Shares of its speed at which positioning is tried, and instants of it.
 POSITIONING_SHARES, POSITIONING_INSTANTS = (1.0, 0.85, 0.7, 0.55, 0.4, 0.3, 0.2), 24
 #: Instants around the worst one at which a stop is looked at, too: its force is a narrow peak where the axis speeds up.
@@ -97,7 +98,7 @@ def positioning(machine: Machine, plan: Callable[[float], Trajectory], lag_m: fl
         sent = plan(share)
         lag = math.inf if lag_m is None else lag_m
         found = worst_stops(machine, model, loop, drive, sent, lag, instants=POSITIONING_INSTANTS, kind=kind)
-        limit = belt_force_limit_n(machine, model, float(np.max(np.abs(sent.velocity_m_s))), BELT_SWING)
+        limit = belt_force_limit_n(machine, model, float(np.max(np.abs(sent.velocity_m_s))), STOP_SWING)
         if found.asked_for.belt_force_n <= limit and found.host_lost.belt_force_n <= HOST_LOSS_SWING * machine.axis.belt_force_limit_n:
             break
     machine.folder.journal(

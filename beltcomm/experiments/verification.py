@@ -19,6 +19,7 @@ from beltcomm.experiments import phases
 from beltcomm.experiments.stops_out_of_move import (
     BELT_SWING,
     HOST_LOSS_SWING,
+    STOP_SWING,
     StopsOutOfMove,
     allowed_lag_m,
     belt_force_limit_n,
@@ -106,10 +107,11 @@ def _kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
         move = standard.at(share, machine.drive.capabilities.sample_period_s)
         path, stops = predicted(machine, model, cascade, delay_s, move), predicted_stops(machine, model, cascade, delay_s, move)
         top = float(np.max(np.abs(move.velocity_m_s)))
-        swing, beyond = belt_force_limit_n(machine, model, top, BELT_SWING), HOST_LOSS_SWING * machine.axis.belt_force_limit_n
+        swing, stop = (belt_force_limit_n(machine, model, top, factor) for factor in (BELT_SWING, STOP_SWING))
+        beyond = HOST_LOSS_SWING * machine.axis.belt_force_limit_n
         over, what = max(
             (path.belt_force_n / swing, f"the swinging belt carries more than {swing:.0f} N"),
-            (stops.asked_for.belt_force_n / swing, f"a stop loads the belt beyond {swing:.0f} N"),
+            (stops.asked_for.belt_force_n / stop, f"a stop loads the belt beyond {stop:.0f} N"),
             (stops.host_lost.belt_force_n / beyond, f"a lost PC loads the belt beyond {beyond:.0f} N"),
         )
         if over <= 1.0:
