@@ -111,7 +111,7 @@ class Machine:
         self.guarding: Guarding | None = None
         self.closed: tuple[Model, float] | None = None
         self.cascade: Cascade | None = None
-        self._sent: Feedforward | None = None  # with every reference, where the drive holds none itself
+        self.feedforward: Feedforward | None = None  # sent with every reference, where the drive holds none itself
         self.loop_tried = False
         self.machine_seconds = 0.0
         self.wanderings = 0
@@ -493,7 +493,7 @@ class Machine:
         self.cascade = parameters_to_cascade({"velocity_filter_s": 0.0, **by_host, **offered, **stored})
         if not self.sends_feedforward:
             return self.cascade
-        self._sent = cascade.feedforward
+        self.feedforward = cascade.feedforward
         return replace(self.cascade, feedforward=cascade.feedforward)
 
     @property
@@ -502,14 +502,9 @@ class Machine:
         own = self.drive.capabilities
         return own.structure.torque_feedforward and bool(own.torque_along) and "ff_coulomb_nm" not in self._backup
 
-    @property
-    def feedforward(self) -> Feedforward | None:
-        """What the host sends along with every reference; None where the drive holds it, or nobody has designed one."""
-        return self._sent
-
     def _along(self, motion_rad_s: Array, kind: LoopKind, torque_nm: Array | None) -> Array:
         """Torque sent along with a reference, N m."""
         along = np.zeros(len(motion_rad_s)) if torque_nm is None else torque_nm
-        if self._sent is None or kind not in self.drive.capabilities.torque_along:
+        if self.feedforward is None or kind not in self.drive.capabilities.torque_along:
             return along
-        return along + feedforward_torque(self._sent, motion_rad_s, self.drive.capabilities.sample_period_s)
+        return along + feedforward_torque(self.feedforward, motion_rad_s, self.drive.capabilities.sample_period_s)

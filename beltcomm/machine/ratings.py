@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities, KnownMotor
-from beltcomm.errors import UsageError
+from beltcomm.errors import DataError, UsageError
 from beltcomm.runfolder import RunFolder
 
 #: Units of a drive by name: in words, SI, and the objects that make them.
@@ -144,7 +144,10 @@ def check_units(folder: RunFolder, capabilities: Capabilities) -> None:
     UsageError
         With both values and what to look at.
     """
-    before = (folder.load_result("drive") or {}).get("units") or {}
+    try:
+        before = (folder.load_result("drive") or {}).get("units") or {}
+    except DataError:  # whoever reads more of it says so; values must come back all the same
+        return
     changed = other_units_than(before, capabilities.units)
     if changed and folder.finished_names():
         raise UsageError(

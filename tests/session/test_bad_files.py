@@ -133,7 +133,7 @@ def test_a_fault_of_the_program_is_laid_on_files_that_were_edited_alone(
     run = copy_of_complete()
     path = run / "results" / "plan.yaml"
     if edited:
-        path.write_text(re.sub(r"continuous: .*", "continuous: -5.0", path.read_text(encoding="utf-8"), count=1), encoding="utf-8")
+        path.write_text(re.sub(r"continuous: .*", "continuous: 5.0e+99", path.read_text(encoding="utf-8"), count=1), encoding="utf-8")
     monkeypatch.setattr(job, "facts", lambda _: [][0])
     outcome = call("report", run)
     assert (outcome.exit_code, "an unexpected error" in outcome.stderr) == ((3, False) if edited else (1, True))
