@@ -124,6 +124,8 @@ def _fit_base(
     data, fitted = refit_with_rebuilt_motion(data, first, NEXT_ITERATIONS, fixed=fixed)
     if path is None:
         data, fitted = _best_rival(*refine_path(data, fitted), fixed)
+        if chain is not None and not chain.delayed and fitted.ratio > ROUGH:
+            data, fitted = _or_by_reading(data, fitted, start, fixed)
     progress(0.7)
     split = split_noise(data, fitted)
     if split is not None:
@@ -159,6 +161,17 @@ def _refit_from_start(data: Data, fitted: Fitted, start: Model, fixed: Sequence[
     )
     ahead, found = refit_with_rebuilt_motion(ahead, fit(ahead, start, FIRST_ITERATIONS, fixed=fixed), NEXT_ITERATIONS, fixed=fixed)
     return (ahead, found) if ratio_in_groups_of(found, fitted) < ratio_in_groups_of(fitted, found) else (data, fitted)
+
+
+def _or_by_reading(data: Data, fitted: Fitted, start: Model, fixed: Sequence[str]) -> tuple[Data, Fitted]:
+    """Records and fit without a setpoint that goes with the reading behind a slow filter only, where that is nearer to the motion."""
+    plain = prepare_records(data.recordings, start, data.noise_nm, data.step_rad, {}, colour=data.colour)
+    first = fit(plain, start, FIRST_ITERATIONS, fixed=fixed)
+    path = choose_path(plain, first, start, None).path
+    plain = prepare_records(data.recordings, start, data.noise_nm, data.step_rad, {}, path=path, colour=data.colour)
+    first = fit(plain, start, FIRST_ITERATIONS, fixed=fixed)
+    plain, found = refine_path(*refit_with_rebuilt_motion(plain, first, NEXT_ITERATIONS, fixed=fixed))
+    return (plain, found) if found.ratio < fitted.ratio else (data, fitted)
 
 
 def _best_rival(data: Data, fitted: Fitted, fixed: Sequence[str]) -> tuple[Data, Fitted]:

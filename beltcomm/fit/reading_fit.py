@@ -83,6 +83,8 @@ class ReadingFit:
         Largest of what is left over its rms.
     rivals : tuple of ReadingFit
         Others that explain the reading nearly as well.
+    delayed : bool
+        Whether some whole delay goes with the reading; a slow filter hides that, and a setpoint of another loop has none.
     """
 
     law: DriveLaw
@@ -93,6 +95,7 @@ class ReadingFit:
     at_end: bool = False
     crest_factor: float = math.inf
     rivals: tuple[ReadingFit, ...] = ()
+    delayed: bool = True
 
 
 def fit_reading(recordings: Sequence[Recording]) -> ReadingFit | None:
@@ -132,6 +135,7 @@ def _best_chain(pairs: Sequence[Pair], sample_s: float, free: float, colour: flo
     """
     samples = sum(len(setpoint) for setpoint, _ in pairs)
     best = _fit_chain(pairs, sample_s, (), colour)
+    delayed = best is not None
     every = [] if best is None else [best]  # behind a slow filter no whole delay goes with the reading at all
     enough = free * math.exp(0.5 * (TAPS * math.log(samples) + CLEAR) / samples)
     if best is not None:
@@ -151,7 +155,7 @@ def _best_chain(pairs: Sequence[Pair], sample_s: float, free: float, colour: flo
             break
     if best is None:
         return None
-    return replace(best, rivals=tuple(one for one in every if one is not best and one.cost < best.cost + NEARLY))
+    return replace(best, rivals=tuple(one for one in every if one is not best and one.cost < best.cost + NEARLY), delayed=delayed)
 
 
 def lively_pairs(recordings: Sequence[Recording]) -> tuple[list[Pair], float]:
