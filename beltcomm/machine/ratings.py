@@ -16,7 +16,7 @@ _UNITS = {
     "position": ("position", "rad", "608Fh, 6091h, 6092h, 6093h, 60A8h"),
     "speed": ("speed", "rad/s", "60A9h, 6094h, 6092h"),
     "acceleration": ("acceleration", "rad/s²", "60AAh, 6097h, 6092h"),
-    "torque": ("torque", "N m", "6076h"),
+    "torque": ("torque", "N m", "6076h, the rated torque"),
 }
 #: Share by which a unit may differ and be the same: numbers of a file.
 SAME_UNIT = 1e-6
