@@ -83,7 +83,7 @@ _TORQUE_PATH: dict[str, Any] = {
     "commanded": bool,
     "acts": float,
     "unseen?": bool,
-    "process?": dict.fromkeys(("rms_nm", "time_s", "rms_interval", "time_interval"), float),
+    "process?": dict.fromkeys(("rms_nm", "time_s", "rms_interval", "time_interval"), SIZE),
 }
 _TORQUE_PATH["rivals"] = [_TORQUE_PATH]
 _PLAIN = {"": None, "error": SIZE, "noise": SIZE, "torque": SIZE, "percent": SIZE, "unit": str, "band_hz": SIZE}

@@ -70,6 +70,8 @@ class Plan:
         s until the drive stops by itself when its host is silent, and how far it coasts then at most, m.
     host_loss_n : float or None
         Largest belt force until the drive has stopped when the host is lost in a move, N.
+    stop_n : float or None
+        Largest belt force in a stop that is asked for in a move, N, beside friction of the guide; None where it is in the experiments.
     types_gains : bool
         The gains of its drive are set by a person only.
     """
@@ -85,6 +87,7 @@ class Plan:
     window_m: tuple[float, float] | None = None
     host_loss: tuple[float, float] | None = None
     host_loss_n: float | None = None
+    stop_n: float | None = None
     types_gains: bool = False
 
     @property
@@ -250,6 +253,7 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
         types_gains=capabilities.gains == "unknown",
         host_loss=host_loss(axis, capabilities),
         host_loss_n=None if capabilities.gains == "unknown" else stops_out_of_move.host_loss_limit_n(axis),
+        stop_n=None if capabilities.gains == "unknown" else stops_out_of_move.stop_limit_n(axis),
     )
 
 

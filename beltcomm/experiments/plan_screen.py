@@ -138,9 +138,13 @@ def _stops(plan: Plan) -> list[Line]:
             )
         )
     if plan.host_loss_n is not None and math.isfinite(plan.host_loss_n):
-        rows.append(
-            Line("  ", tr("bus or PC lost in a move: up to {force:.0f} N for milliseconds, until it stands", force=plan.host_loss_n))
+        lost, stop = plan.host_loss_n, plan.stop_n
+        told = (
+            tr("bus or PC lost in a move: up to {force:.0f} N for milliseconds, until it stands", force=lost)
+            if stop is None
+            else tr("in a move: a stop up to {stop:.0f} N beside friction, bus or PC lost up to {force:.0f} N", stop=stop, force=lost)
         )
+        rows.append(Line("  ", told))
     return [*rows, Line("  ", plan.written())]
 
 

@@ -63,6 +63,12 @@ def host_loss_limit_n(axis: Axis) -> float:
     return HOST_LOSS_BEYOND * axis.belt_force_limit_n
 
 
+def stop_limit_n(axis: Axis) -> float:
+    """Belt force of a stop that is asked for in a move that commissioning chooses, N, beside friction of the guide; infinite where nothing
+    limits it."""
+    return STOP_SWING * axis.belt_force_limit_n
+
+
 def allowed_lag_m(path: PredictedMove) -> float:
     """Following error beyond which a move is stopped, m."""
     return SURPRISE * float(np.max(np.abs(path.reference_m - path.motor_m))) + LAG_SLACK_M
