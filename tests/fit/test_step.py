@@ -33,10 +33,11 @@ def test_an_angle_without_steps_has_none() -> None:
     assert smallest_step(position) == pytest.approx(np.percentile(np.diff(np.unique(position)), 2))
 
 
-def motor(seed: int, bits: int, *, after_the_row: bool = False) -> dict[str, np.ndarray]:
+def motor(seed: int, bits: int, *, after_the_row: bool = False, analog: bool = False) -> dict[str, np.ndarray]:
     """A motor with friction, asked by a loop of its own, integrated in steps of 25 us; 6 s at 1 kHz.
 
     after_the_row : the angle is that at the end of the period of its torque, as some recorders write it.
+    analog : the angle has noise of 0.1 mrad and no steps.
     """
     draw = np.random.default_rng(seed)
     inertia, damping, coulomb, noise = draw.uniform(1e-3, 4e-3), draw.uniform(2e-3, 1e-2), draw.uniform(0.05, 0.2), draw.uniform(1e-3, 6e-3)
@@ -56,7 +57,8 @@ def motor(seed: int, bits: int, *, after_the_row: bool = False) -> dict[str, np.
     step = 2.0 * np.pi / 2**bits
     asked = np.array(torques)
     read = asked + draw.normal(0.0, noise, len(T))
-    return {"t_s": T, "torque_nm": read, "torque_setpoint_nm": asked, "position_rad": np.round(np.array(angles) / step) * step}
+    shown = np.array(angles) + draw.normal(0.0, 1e-4, len(T)) if analog else np.round(np.array(angles) / step) * step
+    return {"t_s": T, "torque_nm": read, "torque_setpoint_nm": asked, "position_rad": shown}
 
 
 def diagnosis_of(columns: dict[str, np.ndarray], place: Path) -> api.Result:
@@ -77,3 +79,11 @@ def test_nothing_is_missing_with_any_encoder(tmp_path: Path, seed: int, bits: in
 def test_a_torque_that_stands_a_row_early_is_told_with_the_way_out(tmp_path: Path) -> None:
     found = diagnosis_of(motor(4, 18, after_the_row=True), tmp_path)
     assert "import the records again with --torque-acts before" in "\n".join(found.lines())
+
+
+@pytest.mark.parametrize("seed", quick([21, 22, 23, 27], 1))
+def test_an_angle_without_steps_is_noisy_and_nothing_is_missing(tmp_path: Path, seed: int) -> None:
+    """Where the torque never rests nothing shows how noisy it is, but its own roughness: by its small differences it had no noise."""
+    found = diagnosis_of(motor(seed, 16, analog=True), tmp_path)
+    assert found.data["verdict"] == "nothing missing"
+    assert found.data["base"]["ratio"] == pytest.approx(1.0, abs=0.05)

@@ -25,3 +25,14 @@ def test_a_healthy_motor_behind_a_drawn_drive_misses_nothing(seed: int) -> None:
     for name, (truth, found, half) in line["base"].items():
         assert half is not None, name
         assert abs(found - truth) < 1.5 * half, name
+
+
+@pytest.mark.examination
+@pytest.mark.parametrize(
+    ("family", "seed", "within"), [("instruments", 1200001, 0.05), ("instruments", 1100003, 0.05), ("rigid", 1200509, 0.2)]
+)
+def test_the_error_is_the_noise_where_the_setpoint_tells_little_of_it(family: str, seed: int, within: float) -> None:
+    """A reading that is the command, whose noise was found too large (0.6, 0.7); a setpoint that goes with it behind a slow filter only."""
+    line = examined(family, seed, (), 1.0)
+    assert line["ratio"][0] == pytest.approx(1.0, abs=within)
+    assert set(line["kept"]) <= {"encoder_interpolation"}
