@@ -17,7 +17,7 @@ from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.simulate.loop import LoopDrive, close_loop
-from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
+from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.simulate.setpoints import SetpointGrid
 from beltcomm.simulate.stopping import total_friction, total_inertia, total_viscous
 from beltcomm.trajectory import Trajectory
@@ -193,7 +193,7 @@ def predict_move(
     """
     ratio, structure = model["transmission.ratio"], drive.structure
     start_m = float(trajectory.position_m[0])
-    plant = plant or SimulatedPlant(model, start_m, substeps_needed(model, start_m), belt_stretch_m=belt_stretch_m)
+    plant = plant or SimulatedPlant(model, start_m, belt_stretch_m=belt_stretch_m)
     plant.time_s = time_s
     sent = SetpointGrid(trajectory.sample_period_s, structure.period_s, len(trajectory.t_s))
     reference, speed = sent.on_loop(trajectory.position_m / ratio), sent.on_loop(trajectory.velocity_m_s / ratio)

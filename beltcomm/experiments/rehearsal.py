@@ -30,7 +30,7 @@ from beltcomm.recording import Recording
 from beltcomm.result import plain, table
 from beltcomm.rundata import offline
 from beltcomm.runfolder import RunFolder
-from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
+from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.talk import Talk
 
@@ -140,7 +140,7 @@ class _Twin(SimulatedPlant):
     """A simulated axis that keeps its extremes; carriage in m on the axis."""
 
     def __init__(self, model: Model, position_m: float) -> None:
-        super().__init__(model, position_m=position_m, substeps_per_ms=substeps_needed(model, position_m))
+        super().__init__(model, position_m)
         self.begun_m, self.ratio = position_m, model["transmission.ratio"]
         self.low_m = self.high_m = position_m
         self.fastest_m_s = self.strongest_nm = self.belt_n = 0.0

@@ -20,7 +20,7 @@ from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import SURPRISE
 from beltcomm.model import Model
 from beltcomm.simulate.loop import close_loop
-from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
+from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.simulate.setpoints import SetpointGrid
 from beltcomm.simulate.stop_out_of_move import NO_STOP, OFF_THE_MODEL, References, StopOutOfMove, StopReaction, predict_stop_out_of_move
 from beltcomm.trajectory import Trajectory
@@ -157,10 +157,8 @@ def worst_stops(
     references = References(position, speed, grid.held(along))
     start_m = float(sent.position_m[0])
     try:
-        whole = close_loop(
-            SimulatedPlant(model, start_m, substeps_needed(model, start_m)), running, drive.simulated, "position", position, speed,
-            references.added_nm,
-        )  # fmt: skip
+        resting = SimulatedPlant(model, start_m)
+        whole = close_loop(resting.copied(), running, drive.simulated, "position", position, speed, references.added_nm)
     except Refused:
         return StopsOutOfMove(OFF_THE_MODEL, OFF_THE_MODEL)
     bounded = replace(drive.simulated, torque_limit_nm=lent_torque_nm(machine, model, whole.asked_nm))
@@ -171,7 +169,7 @@ def worst_stops(
 
     def at(end: int, reaction: StopReaction) -> StopOutOfMove:
         try:
-            return predict_stop_out_of_move(model, running, references, end, bounded, reaction, start_m)
+            return predict_stop_out_of_move(resting, running, references, end, bounded, reaction)
         except Refused:
             return OFF_THE_MODEL
 

@@ -13,7 +13,7 @@ from beltcomm.control import Cascade, discrete_coefficients, new_state, reset_st
 from beltcomm.model import Model
 from beltcomm.plant import Plant
 from beltcomm.simulate.kernels.loop_kernel import setpoint
-from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
+from beltcomm.simulate.plant import SimulatedPlant
 
 LoopKind = Literal["velocity", "position"]
 #: s: a part of a period shorter than this is none.
@@ -168,6 +168,6 @@ def simulate_loop(
     added_nm: Array,
 ) -> LoopRun:
     """As :func:`close_loop`, on a model that begins at rest with the carriage at ``start_m``; ``cart_m`` is where it stands on the axis."""
-    plant = SimulatedPlant(model, start_m, substeps_needed(model, start_m))
+    plant = SimulatedPlant(model, start_m)
     found = close_loop(plant, cascade, drive, kind, reference_rad, reference_rad_s, added_nm)
     return replace(found, cart_m=start_m + found.cart_m)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 
 import numpy as np
 
@@ -39,6 +40,8 @@ class SimulatedPlant:
     position_rad, velocity_rad_s, cart_position_m, belt_force_n
         As in :class:`beltcomm.plant.Plant`; positions are relative to where the run began, the model inside uses the absolute carriage
         position.
+    substeps_per_ms : int or None
+        Of the integration; None takes :func:`substeps_needed`.
     belt_stretch_m : float
         How far the motor is ahead of the carriage at the start, as friction may have left it, m at the belt.
     end_stops_m : tuple of float or None, (min, max), m
@@ -54,11 +57,13 @@ class SimulatedPlant:
         self,
         model: Model,
         position_m: float = 0.0,
-        substeps_per_ms: int = 20,
+        substeps_per_ms: int | None = None,
         end_stops_m: tuple[float, float] | None = None,
         speed_m_s: float = 0.0,
         belt_stretch_m: float = 0.0,
     ) -> None:
+        if substeps_per_ms is None:
+            substeps_per_ms = substeps_needed(model, position_m)
         check_step(model, position_m, 1e-3, substeps_per_ms)
         if end_stops_m is not None and not end_stops_m[0] < position_m < end_stops_m[1]:
             low, high = end_stops_m
@@ -66,7 +71,7 @@ class SimulatedPlant:
         kernel = kernel_for(model)
         carriage = kernel.bodies.index("cart") if "cart" in kernel.bodies else 0
         name, body = model.bodies()[carriage]
-        self._model, self._known_m = model, 0.0
+        self.model, self._known_m = model, 0.0
         self._kernel, self._advance = kernel, kernel.advance
         self._p = model.vector()
         state = at_rest(model, position_m)
@@ -84,7 +89,7 @@ class SimulatedPlant:
         self._substeps_per_s = 1e3 * substeps_per_ms
         self._measured = angle_sensor(model)
         self._start_rad = self._measured(float(self._q[0]))
-        self._start_m = position_m
+        self.start_m = position_m
         self._duration_s, self._count, self._h = 0.0, 1, 0.0
         self._late, self._memory_s = is_late(model), memory_s(model)
         self._reported = np.zeros(0)
@@ -94,6 +99,12 @@ class SimulatedPlant:
         self.cart_position_m = 0.0
         self.belt_force_n = self._advance(self._q, self._v, self._p, 0.0, 0.0, 0.0, 1)  # a step of no length only reads it
 
+    def copied(self) -> SimulatedPlant:
+        """Another one in the same state, which goes its own way."""
+        other = copy(self)
+        other._q, other._v, other._p = self._q.copy(), self._v.copy(), self._p.copy()
+        return other
+
     def brake(self, torque_nm: float) -> None:
         """Close or release the holding brake: a closed brake is more Coulomb friction of the motor.
 
@@ -102,11 +113,11 @@ class SimulatedPlant:
         UsageError
             For a model without such friction.
         """
-        if "coulomb" not in self._model.effects:
+        if "coulomb" not in self.model.effects:
             raise UsageError(
-                f"model {self._model.name!r} has no Coulomb friction at the motor, so it can have no brake; add it with level 0"
+                f"model {self.model.name!r} has no Coulomb friction at the motor, so it can have no brake; add it with level 0"
             )
-        self._p[self._model.index("coulomb.level")] = self._model["coulomb.level"] + torque_nm
+        self._p[self.model.index("coulomb.level")] = self.model["coulomb.level"] + torque_nm
 
     def step(self, torque_nm: float, duration_s: float) -> None:
         """Let ``torque_nm`` (held, at the motor shaft) act for ``duration_s``; deterministic.
@@ -129,11 +140,11 @@ class SimulatedPlant:
         else:
             self._step_near_stop(torque_nm)
         self.time_s += duration_s
-        if self._model.rigid:
-            self.belt_force_n = rigid_force_n(self._model, np.array([before, v.item(0)]), duration_s).item()
+        if self.model.rigid:
+            self.belt_force_n = rigid_force_n(self.model, np.array([before, v.item(0)]), duration_s).item()
         self.position_rad = self._measured(q.item(0)) - self._start_rad
         self.velocity_rad_s = v.item(0)
-        self.cart_position_m = q.item(self._carriage) * self._lever - self._start_m
+        self.cart_position_m = q.item(self._carriage) * self._lever - self.start_m
         if abs(self.cart_position_m - self._known_m) > _LOOK_EVERY_M:
             self._look()
 
@@ -192,12 +203,12 @@ class SimulatedPlant:
         loop = (follows_position, coefficients, state, references, sensing, waiting, timing, past, kept, out)
         self._kernel.follow(q, v, self._p, self.time_s, self._start_rad, i, *loop)
         self._reported = past[: int(kept[0])]
-        out[2] = out[2] * self._lever - self._start_m
-        if self._model.rigid:
-            out[5] = rigid_force_n(self._model, np.append(out[1], v.item(0)), period_s)
+        out[2] = out[2] * self._lever - self.start_m
+        if self.model.rigid:
+            out[5] = rigid_force_n(self.model, np.append(out[1], v.item(0)), period_s)
         self.time_s += period_s * references.shape[1]
         self.position_rad, self.velocity_rad_s = self._measured(q.item(0)) - self._start_rad, v.item(0)
-        self.cart_position_m = q.item(i) * self._lever - self._start_m
+        self.cart_position_m = q.item(i) * self._lever - self.start_m
         for reached in (float(out[2].min()), float(out[2].max()), self.cart_position_m):
             self._look_at(reached)
         return out
@@ -208,15 +219,15 @@ class SimulatedPlant:
         self._look_at(self.cart_position_m)
 
     def _look_at(self, from_start_m: float) -> None:
-        reached = self._start_m + from_start_m
-        if not describes(self._model, reached):
-            raise Refused(f"the carriage ran to {reached:g} m, where model {self._model.name!r} has no belt; give it end stops")
+        reached = self.start_m + from_start_m
+        if not describes(self.model, reached):
+            raise Refused(f"the carriage ran to {reached:g} m, where model {self.model.name!r} has no belt; give it end stops")
 
     def _step_late(self, torque_nm: float) -> None:
         """A step with the torque that comes out of the torque path, which remembers what went in."""
         keep = math.ceil(self._memory_s / self._h)
         self._reported = np.concatenate([self._reported[-keep:], np.full(self._count, torque_nm)])
-        acting = late_torque(self._model, self._reported, self._h)[-self._count :]
+        acting = late_torque(self.model, self._reported, self._h)[-self._count :]
         count, start_s, strand = self._count, self.time_s, 0.0
         for n, torque in enumerate(acting.tolist()):
             self._count = 1

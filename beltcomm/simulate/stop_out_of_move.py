@@ -16,9 +16,8 @@ import numpy as np
 
 from beltcomm.arrays import Array
 from beltcomm.control import Cascade, begin_ramp, measured_speed, new_state, reset_state
-from beltcomm.model import Model
 from beltcomm.simulate.loop import LoopDrive, close_loop, waiting_torque
-from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
+from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.simulate.stopping import REST_S
 
 
@@ -103,16 +102,16 @@ class References:
 
 
 def predict_stop_out_of_move(
-    model: Model, cascade: Cascade, references: References, at: int, drive: LoopDrive, reaction: StopReaction, position_m: float
+    resting: SimulatedPlant, cascade: Cascade, references: References, at: int, drive: LoopDrive, reaction: StopReaction
 ) -> StopOutOfMove:
     """The axis from the last setpoint to rest.
 
     Parameters
     ----------
+    resting : SimulatedPlant
+        Where the axis sets out; it stays there.
     at : int
         Run of the loop with which the setpoints end, at least 1.
-    position_m : float
-        Where the carriage sets out.
 
     Raises
     ------
@@ -122,28 +121,24 @@ def predict_stop_out_of_move(
     guard = math.ceil(reaction.guard_s / drive.period_s)
     noticed = guard
     if math.isfinite(reaction.window_rad):
-        run = close_loop(_at(model, position_m), cascade, drive, "position", *references.lost_at(at, guard))
+        run = close_loop(resting.copied(), cascade, drive, "position", *references.lost_at(at, guard))
         late = np.abs(references.position_rad[at - 1] - references.position_rad[0] - run.position_rad[at:]) > reaction.window_rad
         beyond = np.flatnonzero(late)
         if len(beyond):
             noticed = min(guard, int(beyond[0]) + math.ceil(reaction.lasting_s / drive.period_s) + 1)
-    plant, state, lost = _at(model, position_m), new_state(), references.lost_at(at, noticed)
+    plant, state, lost = resting.copied(), new_state(), references.lost_at(at, noticed)
     start_rad = float(references.position_rad[0])
     reset_state(state, start_rad)
     waiting = waiting_torque(cascade, drive)
     run = close_loop(plant, cascade, drive, "position", *lost, state=state, waiting_nm=waiting)
     asked = cascade.kpp_1_s * (float(lost[0][-1]) - start_rad - plant.position_rad) + cascade.feedforward.velocity * float(lost[1][-1])
     speed = min(max(measured_speed(state), min(asked, 0.0)), max(asked, 0.0))
-    slower = reaction.deceleration_m_s2 / model["transmission.ratio"] * drive.period_s
+    slower = reaction.deceleration_m_s2 / resting.model["transmission.ratio"] * drive.period_s
     runs = math.ceil(abs(speed) / slower) + round(REST_S / drive.period_s)
     ramp = math.copysign(1.0, speed) * np.maximum(abs(speed) - slower * np.arange(1, runs + 1), 0.0)
     place, none = np.full(runs, start_rad + plant.position_rad), np.zeros(runs)
     begin_ramp(state, speed)
     rest = close_loop(plant, cascade, drive, "velocity", place, ramp, none, acceleration_rad_s2=none, state=state, waiting_nm=waiting)
-    places = position_m + np.concatenate((run.cart_m[at:], rest.cart_m))
+    places = resting.start_m + np.concatenate((run.cart_m[at:], rest.cart_m))
     force = float(np.concatenate((run.belt_force_n[at:], rest.belt_force_n)).max())
     return StopOutOfMove(float(np.abs(places - places[0]).max()), float(places.min()), float(places.max()), force)
-
-
-def _at(model: Model, position_m: float) -> SimulatedPlant:
-    return SimulatedPlant(model, position_m, substeps_needed(model, position_m))

@@ -26,7 +26,7 @@ from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.model import Model
 from beltcomm.simulate.loop import LoopDrive, close_loop
-from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
+from beltcomm.simulate.plant import SimulatedPlant
 
 #: Force of a suddenly pulled undamped spring over that of a rigid one.
 SWING = 2.0
@@ -300,7 +300,7 @@ def predict_stop(
     none = np.zeros(len(speeds))
     along = none.copy()
     along[asked - len(rise) : asked] = way / ratio * total_inertia(model) * jerk * (rise_s - rise)
-    plant = SimulatedPlant(model, position_m, substeps_needed(model, position_m), speed_m_s=ratio * float(speeds[0]))
+    plant = SimulatedPlant(model, position_m, speed_m_s=ratio * float(speeds[0]))
     loop = LoopDrive(period_s, delay_s, torque_limit_nm, counts_per_rev)
     run = close_loop(plant, cascade, loop, "velocity", none, speeds, along, acceleration_rad_s2=none, speed_rad_s=float(speeds[0]))
     ways = way * (run.cart_m[asked:] - run.cart_m[asked])

@@ -11,7 +11,7 @@ from beltcomm.control import Cascade, Prefilter, new_state, reset_state
 from beltcomm.errors import Refused
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.loop import LoopDrive, LoopKind, close_loop, waiting_torque
-from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
+from beltcomm.simulate.plant import SimulatedPlant
 from identify.records import true_model
 from truth.rigs import nominal
 
@@ -33,7 +33,7 @@ class Stepped:
 
 
 def plant(model: Model = MODEL) -> SimulatedPlant:
-    return SimulatedPlant(model, 0.25, substeps_needed(model, 0.25))
+    return SimulatedPlant(model, 0.25)
 
 
 LATE = MODEL.with_effect("dead_time", {"time": 1.3e-3}).with_effect("current_lag", {"time": 8e-4})

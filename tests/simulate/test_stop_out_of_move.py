@@ -10,6 +10,7 @@ import pytest
 from beltcomm.control import Cascade, Feedforward, Prefilter
 from beltcomm.model import load_plant
 from beltcomm.simulate.loop import LoopDrive
+from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.simulate.stop_out_of_move import References, StopReaction, predict_stop_out_of_move
 from beltcomm.simulate.stopping import total_friction, total_inertia, total_viscous
 
@@ -31,7 +32,7 @@ def references(rise_s: float = 0.15) -> References:
 
 
 def lost(at: int, reaction: StopReaction) -> tuple[float, float]:
-    stop = predict_stop_out_of_move(MODEL, CASCADE, references(), at, DRIVE, reaction, FROM_M)
+    stop = predict_stop_out_of_move(SimulatedPlant(MODEL, FROM_M), CASCADE, references(), at, DRIVE, reaction)
     return stop.belt_force_n, stop.way_m
 
 
