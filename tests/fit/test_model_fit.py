@@ -15,6 +15,7 @@ from beltcomm.fit.model_fit import ModelFit, fit_model
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from identify.records import COUNTS, PERIOD_S, STEP_RAD, Recorder, true_model
+from marks import quick
 from truth import Axis, ConstantBelt, TruthPlant
 from truth.rigs import draw
 
@@ -93,7 +94,7 @@ def coulomb(model: Model) -> float:
     return model["coulomb.level"] + model["transmission.ratio"] * model["cart_friction.level"]
 
 
-@pytest.mark.parametrize("which", ["g_a", "g_b", "geared"])
+@pytest.mark.parametrize("which", quick(["geared", "g_a", "g_b"], 1))
 def test_a_drawn_machine_is_found(which: str, request: pytest.FixtureRequest) -> None:
     case: Case = request.getfixturevalue(which)
     fit, truth = case.fit, case.truth
@@ -253,7 +254,7 @@ def named(fit: ModelFit) -> set[str]:
     return {name for name in fit.free for remark in told if remark.startswith((name, nothing.get(name, name)))}
 
 
-@pytest.mark.parametrize("rig", ["g_a", "g_b"])
+@pytest.mark.parametrize("rig", quick(["g_a", "g_b"], 1))
 def test_slow_strokes_alone_are_refused_where_they_would_mislead(rig: str) -> None:
     """Below 0.1 m/s and 0.5 m/s² nothing shakes the belt.  Every parameter is right within its interval, or named; the damping is named."""
     fits = []

@@ -16,6 +16,7 @@ from beltcomm.errors import BeltcommError
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm_adapters.canopen import connect
 from fuzz.mutation import mutated_frame
+from marks import quick
 from virtual.host import Host
 
 LIMITS = Limits(-40.0, 40.0, 20.0, 0.5, 200.0)
@@ -67,7 +68,7 @@ def ends_well(action: Callable[[], object]) -> str:
     return ""
 
 
-@pytest.mark.parametrize("profile", ["reference", "cmmp-as"])
+@pytest.mark.parametrize("profile", quick(["reference", "cmmp-as"], 1))
 def test_damaged_answers_to_sdo(profile: str) -> None:
     """Connect, read everything, write, save: 48 times, with from one to 30 % of all answers damaged."""
     draw, sentences, damaged = np.random.default_rng(1), set[str](), 0

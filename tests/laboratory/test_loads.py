@@ -148,6 +148,7 @@ def test_a_carriage_with_and_without_a_payload(tmp_path: Path, word: str) -> Non
     assert max(found.ratio, found.held_ratio or 9.0) < 1.1
 
 
+@pytest.mark.examination
 def test_a_table_with_and_without_a_workpiece_in_its_own_terms(tmp_path: Path) -> None:
     records = {
         "a": (turning(1, 0.0222), ("--payload", "0kgm2")),
@@ -177,6 +178,7 @@ def test_a_load_that_no_fitted_record_carries_is_refused(tmp_path: Path) -> None
     assert "b is held out and carries 'cup'" in outcome.output
 
 
+@pytest.mark.examination
 def test_a_load_that_nobody_mentions_and_that_is_not_refused_is_told(tmp_path: Path) -> None:
     records = {"a": (turning(1, INERTIA), ()), "b": (turning(2, 1.12 * INERTIA), ()), "c": (turning(3, INERTIA), ())}
     (tmp_path / "alike").mkdir()

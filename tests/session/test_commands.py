@@ -15,6 +15,7 @@ from beltcomm.cli.main import cli
 from beltcomm.drive.parameters import GAIN_NAMES
 from beltcomm.recording import load_recording
 from beltcomm.runfolder import RunFolder
+from marks import quick
 from session.bench import RATIO, Bench
 from session.conftest import Complete
 
@@ -315,7 +316,7 @@ def test_move_is_refused_beyond_what_is_small_and_free(make_bench: MakeBench, st
 
 @pytest.mark.parametrize(
     ("experiment", "name", "kind"),
-    [("frf", "frf_1", "frf"), ("friction_sweep", "sweep", "friction_sweep"), ("trajectory", "move_1", "trajectory")],
+    quick([("frf", "frf_1", "frf"), ("friction_sweep", "sweep", "friction_sweep"), ("trajectory", "move_1", "trajectory")], 1),
 )
 def test_simulate_records_an_experiment(tmp_path: Path, experiment: str, name: str, kind: str) -> None:
     run = tmp_path / "run"

@@ -18,6 +18,7 @@ MakeBench = Callable[..., Bench]
 
 
 @pytest.mark.parametrize("kind", ["multisine"])
+@pytest.mark.examination
 def test_another_excitation_finds_the_same_axis(make_bench: MakeBench, tmp_path: Path, kind: str) -> None:
     bench, run = make_bench(), tmp_path / "run"
     data = json_of(call("identify", *DRIVE, "--yes", "--run", run, "--excitation", kind, "--json"))

@@ -48,7 +48,7 @@ def make(complete: Complete, tmp_path_factory: pytest.TempPathFactory) -> Iterat
 
 # a host that dies, or cannot write, closes no files
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-@pytest.mark.parametrize("seed", quick([*range(22), FIRST_REWRITTEN, *range(22, 44), *range(FIRST_REWRITTEN + 1, FIRST_REWRITTEN + 4)], 8))
+@pytest.mark.parametrize("seed", quick([*range(22), FIRST_REWRITTEN, *range(22, 44), *range(FIRST_REWRITTEN + 1, FIRST_REWRITTEN + 4)], 5))
 def test_a_fault_is_survived(make: MakeCase, complete: Complete, seed: int) -> None:
     """At rest, settings back, records readable, right exit code, true sentence, inside the travel; the short commands only."""
     kind = list(KINDS)[seed % len(KINDS)]

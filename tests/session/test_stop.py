@@ -74,7 +74,7 @@ def stopped_in_the_move(bench: Bench, run: Path, at_m: float) -> tuple[int, floa
 
 
 @pytest.mark.parametrize("moment", MOMENTS)
-@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("rig", quick(RIGS, 1))
 def test_a_stop_out_of_the_fastest_move_keeps_to_the_belts_limit(
     make_bench: MakeBench, copy_of_complete: Copy, rig: str, moment: str
 ) -> None:

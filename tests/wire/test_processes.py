@@ -50,6 +50,7 @@ def torque_rows(name: str, options: dict[str, object]) -> list[tuple[float, ...]
 
 
 @needs_pty
+@pytest.mark.examination
 def test_a_record_over_the_pseudo_terminal_is_that_of_one_process(served):
     """Plant, noise, delays and losses of none: every digit of every row."""
     np.testing.assert_array_equal(torque_rows(served[1], {}), torque_rows("virtual:g_b", {"seed": 3}))
