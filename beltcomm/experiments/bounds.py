@@ -91,7 +91,9 @@ def course_before(axis: Axis, capabilities: Capabilities, mass_kg: float) -> Cou
     low, high = axis.travel.ends_m
     margin = phases.stroke_share(capabilities) * (high - low)
     top = phases.SPEED_SHARE * top_speed_m_s(axis, capabilities)
-    most = min(axis.limits.acceleration_m_s2 or math.inf, axis.belt_force_limit_n / mass_kg)
+    borne = phases.excitation_torque_nm(axis, capabilities, held_before_nm(axis))  # moves that follow each other may heat no more
+    by_torque = phases.acceleration_m_s2(axis.motor_side_inertia_kg_m2, axis.transmission_m_rad, mass_kg, borne, friction_before_nm(axis))
+    most = min(axis.limits.acceleration_m_s2 or math.inf, axis.belt_force_limit_n / mass_kg, by_torque)
     gentle = min(axis.limits.acceleration_m_s2 or math.inf, axis.belt_force_limit_n / 3.0 / mass_kg)
     return Course(
         (low, high),

@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from beltcomm.control import Cascade
+from beltcomm.effects.belt_spans import stiffness as stiffness_of_spans
 from beltcomm.errors import NoMotion, Refused
 from beltcomm.experiments import phases, stops_out_of_move, verification
 from beltcomm.experiments.paths import Course, path_of, start_of
@@ -101,6 +102,7 @@ def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: f
         Of its torque; below 1 after a carriage that went too far.
     """
     phases.move_to(machine, step.at_m(machine.envelope().window_m), model)
+    model = at_place(machine, model, machine.position_m)
     if machine.folder.finished(SWEEP) is not None and machine.stroking() == "position":
         held = holding_at(machine.folder.recording(SWEEP), machine.ratio, machine.position_m)
         machine.holding_nm = machine.holding_nm if held is None else held
@@ -128,6 +130,20 @@ def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: f
                 raise
             above_nm, amplitude = still.torque_nm, GROWTH * still.torque_nm
             machine.talk.say(f"±{above_nm:.3f} N m did not move the axis; once more, louder")
+
+
+def at_place(machine: Machine, model: Model, place_m: float) -> Model:
+    """The model found by the first response, with the stiffness that its belt has at a place by the lengths of its strands (2.26).
+
+    A long axis has three times as stiff a belt near its driven pulley: its resonance, and what force an excitation makes, are others there.
+    """
+    axis, name = machine.axis, "belt_stiffness.stiffness"
+    distance, offset = axis.get("belt.pulley_distance_m"), axis.travel.driven_side_offset_m
+    if name not in model.parameters or not (distance and offset) or machine.folder.finished("frf_1") is None:
+        return model
+    found_m = load_sidecar(machine.folder.recordings_folder / "frf_1.yaml")[0].start_position_m or 0.0
+    there, here = (stiffness_of_spans(x, 1.0, float(distance), offset) for x in (place_m, found_m))
+    return model.with_values({name: model[name] * there / here})
 
 
 def short_if_possible(respond_for: Callable[[float], Answer], wanted_s: float) -> Answer:
@@ -185,10 +201,11 @@ def course_of(machine: Machine, model: Model) -> Course:
 
 
 def hard_acceleration_m_s2(machine: Machine, model: Model) -> float:
-    """Acceleration with all of the belt's force or the motor's torque beside friction, whichever is less, m/s²."""
+    """Acceleration with all of the belt's force or what the motor bears for ever beside friction, whichever is less, m/s²."""
     ratio, mass = model["transmission.ratio"], model["cart.mass"]
-    torque = max(machine.envelope().torque_nm - 2.0 * total_friction(model), 0.1 * machine.envelope().torque_nm)
-    by_torque = torque / (model["motor.inertia"] / ratio + ratio * mass)
+    borne = phases.excitation_torque_nm(machine.axis, machine.drive.capabilities, machine.holding_nm)
+    torque = min(machine.envelope().torque_nm, borne)
+    by_torque = phases.acceleration_m_s2(model["motor.inertia"], ratio, mass, torque, 2.0 * total_friction(model))
     return HARD_SHARE * min(machine.axis.limits.acceleration_m_s2 or math.inf, machine.belt_left_n / mass, by_torque)
 
 

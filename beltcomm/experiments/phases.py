@@ -163,6 +163,11 @@ def excitation_torque_nm(axis: Axis, capabilities: Capabilities, held_nm: float)
     return min(axis.torque_limit_nm, math.sqrt(max(rated**2 - held_nm**2, 0.0)))
 
 
+def acceleration_m_s2(inertia_kg_m2: float, ratio: float, mass_kg: float, torque_nm: float, friction_nm: float) -> float:
+    """Acceleration of a rigid axis by a torque beside friction, which leaves a tenth of it at least, m/s²:  (τ - τ_C)/(Θ_e/i_t + i_t m)."""
+    return max(torque_nm - friction_nm, 0.1 * torque_nm) / (inertia_kg_m2 / ratio + ratio * mass_kg)
+
+
 def check_asked(asked: AskedExcitation, kind: ExcitationKind, axis: Axis, capabilities: Capabilities) -> None:
     """Raise UsageError or Refused for an excitation that this axis and drive cannot be asked for; before anything moves."""
     most = min(excitation_torque_nm(axis, capabilities, 0.0), capabilities.peak_torque_nm)
