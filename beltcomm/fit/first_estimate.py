@@ -175,7 +175,13 @@ class FirstEstimate:
     samples: int
 
 
-def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev: int, path: TorquePath | None = None) -> FirstEstimate:
+def first_estimate(
+    recordings: Sequence[Recording],
+    start: Model,
+    counts_per_rev: int,
+    path: TorquePath | None = None,
+    inertia_shares: tuple[float, float] = INERTIA_SHARES,
+) -> FirstEstimate:
     """Inertia, mass, stiffness and friction from a short excited record, found on a grid, so no start value can mislead it.
 
     For every mass and stiffness the torque equation is linear in the motor's inertia, Coulomb and viscous friction; the smallest
@@ -191,6 +197,8 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
         Of the encoder.
     path : TorquePath or None
         To the torque that acts; None takes the reading.
+    inertia_shares : tuple of float
+        Of the data sheet's inertia, between which the motor's is looked for.
 
     Returns
     -------
@@ -214,7 +222,7 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
     pieces = [p for r in recordings for p in legible_stretches(r, start, step, noise, path)]
     if _moving(pieces) < FEWEST_SAMPLES:
         raise DataError(_no_motion_words(recordings, pieces, step))
-    search = _Search(pieces, start)
+    search = _Search(pieces, start, inertia_shares)
     friction = max(start["cart_friction.level"], LEAST_FRICTION_N)
     stiffnesses = STIFFNESS_SHARES * start["belt_stiffness.stiffness"]
     masses = masses_tried(start)
@@ -313,8 +321,9 @@ def _moving(pieces: Sequence[Segment]) -> int:
 class _Search:
     """Torque equation of some segments as a function of mass, stiffness and carriage friction, the other parameters solved for."""
 
-    def __init__(self, pieces: Sequence[Segment], start: Model) -> None:
+    def __init__(self, pieces: Sequence[Segment], start: Model, inertia_shares: tuple[float, float]) -> None:
         self.pieces, self.start = pieces, start
+        self.low, self.high = (share * start["motor.inertia"] for share in inertia_shares)
         omega = [p.motion.omega[:: p.motion.substeps][p.keep] for p in pieces]
         acceleration = [np.diff(p.position, 2, prepend=0.0, append=0.0)[p.keep] / p.motion.sample_s**2 for p in pieces]
         speed = np.concatenate(omega)
@@ -343,8 +352,7 @@ class _Search:
         seen = -(self.across.T @ base)
         unseen = max(float(base @ base - seen @ seen), 0.0)
         found, norm = nnls(self.triangle, seen)
-        low, high = (share * self.start["motor.inertia"] for share in INERTIA_SHARES)
-        inertia = min(max(float(found[0]), low), high)
+        inertia = min(max(float(found[0]), self.low), self.high)
         if inertia != found[0]:  # a feather on a rod explains much of a record, with an inertia that no motor of this size has
             rest, norm = nnls(self.triangle[:, 1:], seen - inertia * self.triangle[:, 0])
             found = np.array([inertia, *rest])

@@ -16,6 +16,9 @@ from beltcomm.fit.torque_path import FAITHFUL, DriveLaw, Lag, TorquePath
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
+#: Share of its inertia that a data sheet may be wrong by.
+SHEET_RIGHT_TO = (0.9, 1.1)
+
 
 @dataclass(frozen=True)
 class FirstPath:
@@ -55,7 +58,7 @@ def first_path(recording: Recording, start: Model, counts_per_rev: int) -> First
         return FirstPath(FAITHFUL, first_of_seldom([recording], start))
     chain = fit_reading([recording])
     faithful = TorquePath(chain.law) if chain is not None else FAITHFUL
-    first = first_estimate([recording], start, counts_per_rev, faithful)
+    first = _by_the_sheet(recording, start, counts_per_rev, faithful)
     step = 2.0 * math.pi / counts_per_rev
     if chain is None or _least(recording, start["motor.inertia"], step) >= (1.0 - EXPLAINED) * first.rest:
         return FirstPath(faithful, first.model)
@@ -63,6 +66,19 @@ def first_path(recording: Recording, start: Model, counts_per_rev: int) -> First
     trials = [(path, first_estimate([recording], start, counts_per_rev, path)) for path in others if path != faithful]
     path, best = min(trials, key=lambda trial: trial[1].rest, default=(faithful, first))
     return FirstPath(path, best.model) if _is_clearly_better(first, best) else FirstPath(faithful, first.model)
+
+
+def _by_the_sheet(recording: Recording, start: Model, counts_per_rev: int, path: TorquePath) -> FirstEstimate:
+    """First estimate, with an inertia that the data sheet may have unless another one leaves clearly less torque.
+
+    A short record behind a coarse encoder, or of a motor that swings faster than its rows show, fits nearly as well with half of it.
+    """
+    found = first_estimate([recording], start, counts_per_rev, path)
+    low, high = SHEET_RIGHT_TO
+    if low <= found.model["motor.inertia"] / start["motor.inertia"] <= high:
+        return found
+    held = first_estimate([recording], start, counts_per_rev, path, SHEET_RIGHT_TO)
+    return found if _is_clearly_better(held, found) else held
 
 
 def _least(recording: Recording, inertia_kg_m2: float, step_rad: float) -> float:
