@@ -78,12 +78,17 @@ def held_before_nm(axis: Axis) -> float:
     return abs(gravity.expected(axis).torque_nm) if axis.mounting.tilted else 0.0
 
 
-def stroking_nm(axis: Axis, share: float = 1.0 / 3.0) -> float:
-    """Torque with which a share of the belt's force is used to accelerate the lightest carriage, beside friction and gravity, N m."""
+def stroking_nm(axis: Axis, capabilities: Capabilities, share: float = phases.GENTLE_SHARE) -> float:
+    """Torque with which a share of the belt's force is used to accelerate the lightest carriage, beside friction and gravity, N m.
+
+    Gentle motions, which nobody asked for, take no more than the motor bears for ever.
+    """
     ratio = axis.transmission_m_rad
     force = share * axis.belt_force_limit_n
     acceleration = min(axis.limits.acceleration_m_s2 or math.inf, force / masses_kg(axis)[0])
-    return ratio * force + axis.motor_side_inertia_kg_m2 / ratio * acceleration + friction_before_nm(axis) + held_before_nm(axis)
+    held = held_before_nm(axis)
+    torque = ratio * force + axis.motor_side_inertia_kg_m2 / ratio * acceleration + friction_before_nm(axis) + held
+    return torque if share > phases.GENTLE_SHARE else min(torque, math.hypot(phases.excitation_torque_nm(axis, capabilities, held), held))
 
 
 def course_before(axis: Axis, capabilities: Capabilities, mass_kg: float) -> Course:
@@ -94,7 +99,7 @@ def course_before(axis: Axis, capabilities: Capabilities, mass_kg: float) -> Cou
     borne = phases.excitation_torque_nm(axis, capabilities, held_before_nm(axis))  # moves that follow each other may heat no more
     by_torque = phases.acceleration_m_s2(axis.motor_side_inertia_kg_m2, axis.transmission_m_rad, mass_kg, borne, friction_before_nm(axis))
     most = min(axis.limits.acceleration_m_s2 or math.inf, axis.belt_force_limit_n / mass_kg, by_torque)
-    gentle = min(axis.limits.acceleration_m_s2 or math.inf, axis.belt_force_limit_n / 3.0 / mass_kg)
+    gentle = min(most, phases.GENTLE_SHARE * axis.belt_force_limit_n / mass_kg)
     return Course(
         (low, high),
         (low + margin, high - margin),
@@ -150,7 +155,7 @@ def bounds_of(axis: Axis, capabilities: Capabilities, step: Step, model: Model |
     torque = peak_torque_nm(axis, capabilities)
     force = axis.belt_force_limit_n
     top = top_speed_m_s(axis, capabilities)
-    share = {"response": phases.BELT_SHARE, "moves": step.share}.get(step.kind, 1.0 / 3.0)
+    share = {"response": phases.BELT_SHARE, "moves": step.share}.get(step.kind, phases.GENTLE_SHARE)
     paths = []
     friction, held = (total_friction(model) if model is not None else friction_before_nm(axis)), held_before_nm(axis)
     heating = phases.excitation_torque_nm(axis, capabilities, held) if step.kind == "response" else 0.0

@@ -229,7 +229,7 @@ def plan_of(machine: Machine, job: LoopJob) -> Plan:
         torque,
         gentle_force_n(axis),
         (1 + RISES) * MOVE_SECONDS,
-        stroking_nm(axis),
+        stroking_nm(axis, machine.drive.capabilities),
     )
     lines = [
         Experiment(title, travel, high - low, told.speed_m_s, told.torque_nm, told.belt_force_n, seconds)

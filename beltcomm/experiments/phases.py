@@ -70,6 +70,8 @@ LOUDER = 1.05
 #: drive allow which a reference may use: what overshoots it must not be stopped.
 LOST_M = 5e-2
 SPEED_SHARE = 0.95
+#: Share of the belt's force that motions take which nobody asked for.
+GENTLE_SHARE = 1.0 / 3.0
 
 #: m/s: the carriage gets no faster under an excitation, and is brought from place to place no faster.
 EXCITATION_SPEED_M_S = 0.5
@@ -347,9 +349,12 @@ def untuned_envelope(machine: Machine) -> Envelope:
 
 
 def gentle_limits(machine: Machine, model: Model, speed_m_s: float) -> TrajectoryLimits:
-    """Speed, acceleration and jerk that load the belt with a third of its force at most."""
+    """Speed, acceleration and jerk that load the belt with a third of its force at most, and the motor with what it bears for ever."""
     limits, top = machine.axis.limits, min(SPEED_SHARE * machine.envelope().speed_m_s, own_strokes.LAG_M * own_strokes.kpp_1_s(machine))
-    acceleration = min(limits.acceleration_m_s2 or np.inf, machine.belt_left_n / 3.0 / model["cart.mass"])
+    inertia, ratio, mass = model["motor.inertia"], model["transmission.ratio"], model["cart.mass"]
+    borne = excitation_torque_nm(machine.axis, machine.drive.capabilities, machine.holding_nm)
+    by_torque = acceleration_m_s2(inertia, ratio, mass, borne, 2.0 * total_friction(model))
+    acceleration = min(limits.acceleration_m_s2 or np.inf, GENTLE_SHARE * machine.belt_left_n / mass, by_torque)
     return TrajectoryLimits(jerk_m_s3=20.0 * acceleration, acceleration_m_s2=acceleration, speed_m_s=min(speed_m_s, top))
 
 

@@ -239,8 +239,9 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
     steps = lines_of(axis, capabilities, possible)
     force = axis.belt_force_limit_n
     moving = _move_seconds(axis, capabilities) / (3.0 + MOVE_SECONDS)
-    share = 1.0 if axis.targets.limits in axis.trajectories else 1.0 / 3.0  # where none is stated the move is a gentle one
-    heating = math.sqrt(moving * stroking_nm(axis, share) ** 2 + stroking_nm(axis, 0.0) ** 2)  # at rest friction may stay wound up
+    share = 1.0 if axis.targets.limits in axis.trajectories else phases.GENTLE_SHARE  # where none is stated the move is a gentle one
+    at_rest = stroking_nm(axis, capabilities, 0.0)  # friction may stay wound up
+    heating = math.sqrt(moving * stroking_nm(axis, capabilities, share) ** 2 + at_rest**2)
     move = Experiment("verification move", min(whole, axis.targets.way_m), whole, moved, torque, force, 3.0 + MOVE_SECONDS, heating)
     budget = record_schedule.BUDGET_S[extent] + (HOLDING_SECONDS if axis.mounting.tilted else 0.0)
     return Plan(
@@ -262,7 +263,7 @@ def with_homing(plan: Plan, axis: Axis, capabilities: Capabilities) -> Plan:
     whole = axis.travel.length_m
     torque = peak_torque_nm(axis, capabilities)
     speed = top_speed_m_s(axis, capabilities)
-    rms = stroking_nm(axis)
+    rms = stroking_nm(axis, capabilities)
     first = Experiment("homing, until the zero is found", whole, whole, speed, torque, axis.belt_force_limit_n, HOMING_SECONDS, rms)
     text = "First the drive searches its zero, along the whole axis if need be, and the carriage creeps off the end where it was found. "
     return replace(plan, text=text + plan.text, experiments=(first, *plan.experiments), budget_s=plan.budget_s + HOMING_SECONDS)
@@ -287,14 +288,14 @@ def _sweep(axis: Axis, capabilities: Capabilities, seconds: float) -> Experiment
     torque = peak_torque_nm(axis, capabilities)
     travel, speed = (1.0 - 2.0 * phases.stroke_share(capabilities)) * whole, _sweep_speed_m_s(axis, capabilities)
     # Where only the motor bounds the force, all of its torque all the time would be far from what a sweep takes.
-    heating = stroking_nm(axis) if axis.transmission is None else bounds_of(axis, capabilities, Step("sweep")).heating_nm
+    heating = stroking_nm(axis, capabilities) if axis.transmission is None else bounds_of(axis, capabilities, Step("sweep")).heating_nm
     return Experiment("constant-speed sweep", travel, whole, speed, torque, gentle_force_n(axis), seconds, heating)
 
 
 def gentle_force_n(axis: Axis) -> float:
     """Belt force of strokes, N: a third of its limit, and on a tilted axis the weight it carries all the time."""
     held = abs(gravity.expected(axis).torque_nm) / axis.transmission_m_rad if axis.mounting.tilted else 0.0
-    return axis.belt_force_limit_n / 3.0 + held
+    return phases.GENTLE_SHARE * axis.belt_force_limit_n + held
 
 
 def move_plan(
@@ -353,7 +354,7 @@ def verification_plan(
 def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
     """Fastest stroke over the whole travel with the lightest carriage that is thought of."""
     whole = axis.travel.length_m
-    lightest = axis.belt_force_limit_n / 3.0 / max(unknown_loads_kg(axis)[0], axis.payload.mass_kg or 0.0)
+    lightest = phases.GENTLE_SHARE * axis.belt_force_limit_n / max(unknown_loads_kg(axis)[0], axis.payload.mass_kg or 0.0)
     acceleration = min(axis.limits.acceleration_m_s2 or math.inf, lightest)
     return fastest_stroke_m_s(phases.SPEED_SHARE * top_speed_m_s(axis, capabilities), acceleration, whole)
 
@@ -403,7 +404,7 @@ def _here(
     shaken = min(phases.EXCITATION_SPEED_M_S, top)
     shaken_m = excitation_travel_m(capabilities.sample_period_s)
     travel, reach = min(shaken_m, widest), min(shaken_m + phases.END_MARGIN_M, widest)
-    held, slow = held_before_nm(axis), stroking_nm(axis, 0.0)
+    held, slow = held_before_nm(axis), stroking_nm(axis, capabilities, 0.0)
     response_s = asked.seconds(capabilities.sample_period_s) or RESPONSE_SECONDS
     binary = math.hypot(phases.excitation_torque_nm(axis, capabilities, held), held)
     return (

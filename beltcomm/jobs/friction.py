@@ -105,7 +105,7 @@ def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted)
         records = orders.records_of(strokes, course.gentle, record_s(capabilities))
         top, way = max(s.speed_m_s for s in strokes), max(s.length_m for s in strokes)
         seconds = sum(orders.seconds_of(s, course.gentle) for s in strokes) + BRING_SECONDS * len(records)
-        lines.append(Experiment(title, way, whole, top, torque, gentle_force_n(axis), seconds, stroking_nm(axis)))
+        lines.append(Experiment(title, way, whole, top, torque, gentle_force_n(axis), seconds, stroking_nm(axis, capabilities)))
     if any(order != DEFAULT for order, _ in asked.sweeps):
         strokes, left_out = orders.strokes_for(orders.speeds_of("I", 1), room, course.gentle, axis)
         notes += friction.stroke_lines(strokes, left_out)

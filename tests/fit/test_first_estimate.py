@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,10 @@ import pytest
 from beltcomm.axis import axis_from_dict, load_axis
 from beltcomm.errors import DataError, UsageError
 from beltcomm.fit.first_estimate import data_sheet_model, first_estimate, stiffness_range
+from beltcomm.fit.first_path import first_path
 from beltcomm.model import Model
 from identify.records import COUNTS, Recorder, true_model
-from truth.rigs import draw
+from truth.rigs import Rig, draw
 
 AXIS = load_axis("egc-70-600")
 COULOMB_NM = 0.1
@@ -99,3 +101,22 @@ def test_a_place_that_nobody_knows_lies_off_both_ends_by_its_window() -> None:
     assert (low * usual, high * usual) == (pytest.approx(softest), pytest.approx(stiffest))
     low, high = stiffness_range(rig, (-0.03, 0.04))
     assert (low * usual, high * usual) == (pytest.approx(rig.belt_stiffness_n_m(0.53)), pytest.approx(rig.belt_stiffness_n_m(0.02)))
+
+
+def test_an_inertia_that_a_record_hardly_tells_is_the_data_sheets() -> None:
+    """A light motor that swings at 242 Hz, read with 4096 counts: two thirds of its inertia, with half of the mass, fit as well."""
+    plant = Rig(3.3e-5, 9.16, 4.08e6, 180.0, 6e-5, 0.0232, 0.003893, 0.47).plant()
+    record = Recorder(1, counts=4096, noise_nm=2.6e-3).shaken(plant, 0.076, 1, at_m=0.15)
+    truth = true_model(plant)["motor.inertia"]
+    assert not 0.75 * truth < first_estimate([record], true_model(plant), 4096).model["motor.inertia"] < 1.3 * truth
+    assert first_path(record, true_model(plant), 4096).model["motor.inertia"] == pytest.approx(truth, rel=0.11)
+
+
+@pytest.mark.parametrize("scale", [0.55, 1.8])
+def test_a_torque_that_is_scaled_wrongly_shows_another_inertia_than_the_data_sheets(scale: float) -> None:
+    plant = draw("g_a", np.random.default_rng(44))
+    record = Recorder(2).shaken(plant, 0.25, 1, at_m=0.28)
+    assert record.torque_setpoint is not None
+    shown = replace(record, torque=scale * record.torque, torque_setpoint=scale * record.torque_setpoint)
+    found = first_path(shown, data_sheet_model(AXIS, 0.28, COULOMB_NM), COUNTS).model["motor.inertia"]
+    assert found == pytest.approx(scale * plant.axis.inertia_kg_m2, rel=0.15)

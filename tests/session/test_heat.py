@@ -127,6 +127,20 @@ def test_an_axis_without_a_stated_motion_is_planned_with_a_gentle_one(plant: str
     assert 0.3 * rated < move.rms_nm < 1.5 * rated
 
 
+@pytest.mark.parametrize("rated_nm", [0.5, 0.64, 0.9])
+def test_fast_moves_on_a_belt_that_bears_more_than_the_motor_heat_it_no_more_than_it_bears(
+    capabilities: Capabilities, rated_nm: float
+) -> None:
+    motor = replace(RIG.motor, rated_torque_nm=rated_nm, peak_torque_nm=3.0 * rated_nm)
+    limits = replace(RIG.limits, acceleration_m_s2=8.0, feed_force_n=400.0, pulley_torque_nm=None)
+    axis = replace(RIG, motor=motor, limits=limits, trajectories={})
+    own = replace(capabilities, rated_torque_nm=rated_nm, peak_torque_nm=3.0 * rated_nm)
+    plan = replace(commission_plan(axis, own), thermal=Thermal.of(axis, own))
+    assert plan.heat_fault(axis) == ""
+    (moves,) = (item for item in plan.experiments if item.title.startswith("fast moves"))
+    assert 0.5 * rated_nm < moves.heating_nm <= rated_nm
+
+
 def test_a_weak_motor_bounds_the_excitation(capabilities: Capabilities) -> None:
     """A binary excitation heats with its amplitude:  a² + τ_g² ≤ τ_rated²."""
     weak = replace(RIG, motor=replace(RIG.motor, rated_torque_nm=0.5))
