@@ -16,7 +16,7 @@ _WAY_RAD: Final = 4.0
 _GROSS: Final = 3.0
 _TIME_S: Final = 0.1
 _SLOW_RAD_S: Final = 2.0
-#: s: both are smoothed with this lag first.  What a drive filters its speed with is not known; it matters near the sampling rate, where a
+#: s: both are smoothed with this lag first, twice.  What a drive filters its speed with is not known; it matters near the sampling rate, where a
 #: belt may ring, and not for the motion below.
 _SMOOTH_S: Final = 0.008
 _RPM: Final = 2.0 * math.pi / 60.0
@@ -48,20 +48,22 @@ class Odometer:
 
     def __init__(self, position_rad: float, speed_rad_s: float) -> None:
         self._position_rad, self._speed_rad_s = abs(position_rad), abs(speed_rad_s)
-        self._rate = self._speed = 0.0
+        self.begin()
         self._way = self._time_s = self._both = self._square = 0.0
 
     def begin(self) -> None:
         """The axis stands."""
-        self._rate = self._speed = 0.0
+        self._first_rate = self._first_speed = self._rate = self._speed = 0.0
 
     def __call__(self, travel: int, speed: int, elapsed_s: float) -> None:
         """One sample.   Raises DriveError when position and speed cannot be of one motion."""
         if elapsed_s <= 0.0:
             return
         share = elapsed_s / (_SMOOTH_S + elapsed_s)
-        self._rate = rate = self._rate + share * (travel * self._position_rad / elapsed_s - self._rate)
-        self._speed = v = self._speed + share * (speed * self._speed_rad_s - self._speed)
+        self._first_rate += share * (travel * self._position_rad / elapsed_s - self._first_rate)
+        self._first_speed += share * (speed * self._speed_rad_s - self._first_speed)
+        self._rate = rate = self._rate + share * (self._first_rate - self._rate)
+        self._speed = v = self._speed + share * (self._first_speed - self._speed)
         if -_SLOW_RAD_S < v < _SLOW_RAD_S and -_SLOW_RAD_S < rate < _SLOW_RAD_S:
             return
         self._way += abs(rate) * elapsed_s

@@ -114,6 +114,7 @@ def test_an_odometer_forgets_what_it_has_refused() -> None:
     drive(200, 150)
     with pytest.raises(DriveError, match="times as fast"):
         meter(10**6, 20_000, 1e-3)
+        drive(200, 5)
     meter.begin()
     drive(200, 3000)
     with pytest.raises(DriveError, match="times as fast"):
