@@ -16,8 +16,8 @@ _WAY_RAD: Final = 4.0
 _GROSS: Final = 3.0
 _TIME_S: Final = 0.1
 _SLOW_RAD_S: Final = 2.0
-#: s: both are smoothed with this lag first, twice.  What a drive filters its speed with is not known; it matters near the sampling rate, where a
-#: belt may ring, and not for the motion below.
+#: s: both are smoothed with this lag first, twice.  What a drive filters its speed with is not known; it matters near the sampling rate,
+#: where a belt may ring, and not for the motion below.
 _SMOOTH_S: Final = 0.008
 _RPM: Final = 2.0 * math.pi / 60.0
 #: A turn has more position units than this.

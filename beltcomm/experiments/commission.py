@@ -121,7 +121,7 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
 
 
 def first_response(machine: Machine, findings: Findings, excited: Excited, seconds: float) -> None:
-    """The frequency response at the present place; where the carriage wanders too far again where it then stands, with less torque.
+    """The frequency response at the present place; where the carriage wanders too far again where it then stands, shorter and quieter.
 
     Then no response after it is louder, either.   One that does not move the axis is made louder.
 
@@ -142,7 +142,7 @@ def first_response(machine: Machine, findings: Findings, excited: Excited, secon
         except SafetyStop as problem:
             if not stands_after(machine, problem) or may_not_excite(machine):
                 raise
-            most_nm = QUIETER * step.amplitude_nm
+            most_nm, seconds = QUIETER * step.amplitude_nm, min(seconds, SHORT_S)  # how far it wanders grows with the time
             excited = findings.excited = replace(excited, step=replace(step, amplitude_nm=most_nm), at_most_nm=most_nm)
             findings.remarks.append(f"frf_1 is made with at most ±{most_nm:.3f} N m, after this: {problem}")
         except NoMotion:

@@ -122,7 +122,7 @@ def _random_moves(step: Step, course: Course, at_m: float) -> Trajectory:
     """Random targets at speeds from ``SLOWEST_M_S`` to the fastest, each as likely on a logarithmic scale; slow ones short."""
     random = np.random.default_rng(step.seed)
     limits, (low, high) = course.hard.slower(float(np.sqrt(step.share))), course.ends_m
-    top = fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, high - low)
+    top = fastest_stroke_m_s(limits, high - low)
     parts, here = [at_rest(at_m, REST_BEFORE_S, course.period_s)], at_m
     left = step.seconds - REST_BEFORE_S - REST_AFTER_S
     while left > 0.0:

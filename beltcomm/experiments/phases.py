@@ -394,7 +394,7 @@ def room_to_sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float]) -
     limits = gentle_limits(machine, model, np.inf)
     way_m = abs(farther_end_m(machine) - machine.position_m)
     plateau_s = SWEEP_SHORTEST_S + own_strokes.settle_s(machine)
-    return bool(speeds_m_s) and fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, way_m, plateau_s) >= max(speeds_m_s)
+    return bool(speeds_m_s) and fastest_stroke_m_s(limits, way_m, plateau_s) >= max(speeds_m_s)
 
 
 def sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float] = (), longest_s: float = SWEEP_LONGEST_S) -> Strokes:

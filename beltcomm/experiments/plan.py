@@ -40,7 +40,7 @@ from beltcomm.schedule.record_schedule import Extent
 from beltcomm.schedule.sequences import excitation_travel_m, short_seconds
 from beltcomm.schedule.steps import Step
 from beltcomm.schedule.strokes import fastest_stroke_m_s
-from beltcomm.simulate.stopping import Braking, total_friction, unknown_loads_kg
+from beltcomm.simulate.stopping import Braking, total_friction
 from beltcomm.trajectory import Trajectory, plan_trajectory
 from beltcomm.verify import demand
 
@@ -353,10 +353,7 @@ def verification_plan(
 
 def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
     """Fastest stroke over the whole travel with the lightest carriage that is thought of."""
-    whole = axis.travel.length_m
-    lightest = phases.GENTLE_SHARE * axis.belt_force_limit_n / max(unknown_loads_kg(axis)[0], axis.payload.mass_kg or 0.0)
-    acceleration = min(axis.limits.acceleration_m_s2 or math.inf, lightest)
-    return fastest_stroke_m_s(phases.SPEED_SHARE * top_speed_m_s(axis, capabilities), acceleration, whole)
+    return fastest_stroke_m_s(course_before(axis, capabilities, masses_kg(axis)[0]).gentle, axis.travel.length_m)
 
 
 def _move_seconds(axis: Axis, capabilities: Capabilities) -> float:

@@ -31,14 +31,15 @@ def slowest_fitted_rad_s(ratio_m_rad: float) -> float:
     return JUST_BELOW * SWEEP_SLOWEST_M_S / ratio_m_rad
 
 
-def fastest_stroke_m_s(top_m_s: float, acceleration_m_s2: float, window_m: float, plateau_s: float = SWEEP_SHORTEST_S) -> float:
-    """Fastest stroke of a sweep, m/s, that still has a plateau:  v²/a + v (0.05 s + plateau) = window,  at most a share of the top speed.
+def fastest_stroke_m_s(limits: TrajectoryLimits, window_m: float, plateau_s: float = SWEEP_SHORTEST_S) -> float:
+    """Fastest stroke of a sweep, m/s, that still has a plateau:  v²/a + v (a/j + plateau) = window,  at most a share of the top speed.
 
     Two ramps of v (v/a + a/j)/2 each and a plateau with its run-in fill the window.
     """
-    wait = 0.05 + SWEEP_RUN_IN_S + plateau_s
-    filled = 0.5 * acceleration_m_s2 * (np.sqrt(wait**2 + 4.0 * window_m / acceleration_m_s2) - wait)
-    return min(0.8 * top_m_s, float(filled))
+    acceleration = limits.acceleration_m_s2
+    wait = acceleration / limits.jerk_m_s3 + SWEEP_RUN_IN_S + plateau_s
+    filled = 0.5 * acceleration * (np.sqrt(wait**2 + 4.0 * window_m / acceleration) - wait)
+    return min(0.8 * limits.speed_m_s, float(filled))
 
 
 def sweep_strokes(
@@ -65,7 +66,7 @@ def sweep_strokes(
         Plateau that counts.
     """
     shortest_s = max(SWEEP_SHORTEST_S, PLATEAU_ROWS * period_s)
-    fastest = fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, abs(far_m - at_m), shortest_s + settle_s)
+    fastest = fastest_stroke_m_s(limits, abs(far_m - at_m), shortest_s + settle_s)
     digit = 10.0 ** (np.floor(np.log10(fastest)) - 1.0)
     fastest = float(np.floor(fastest / digit) * digit)  # the carriage never begins at quite the same place, repeats need equal speeds
     speeds = [float(v) for v in np.geomspace(SWEEP_SLOWEST_M_S, fastest, SWEEP_SPEEDS)]
