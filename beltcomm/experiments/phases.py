@@ -344,8 +344,14 @@ def _feel_loop(machine: Machine, target_m: float, model: Model, slow_m_s: float)
 
 
 def untuned_envelope(machine: Machine) -> Envelope:
-    """The whole axis for a loop that is not tuned yet.  The drive's own window counts motor revolutions, whatever the gearbox."""
-    return replace(machine.envelope(), lag_m=LOST_M + own_strokes.LAG_M * (own_strokes.kpp_1_s(machine) < np.inf))
+    """The whole axis for a loop that is not tuned yet, which may be no further off its reference than that stays from the ends.
+
+    The drive's own window counts motor revolutions, whatever the gearbox.
+    """
+    envelope = machine.envelope()
+    if own_strokes.kpp_1_s(machine) < np.inf:
+        return replace(envelope, lag_m=LOST_M + own_strokes.LAG_M)
+    return replace(envelope, lag_m=min(LOST_M, stroke_ends(machine)[0] - envelope.window_m[0]))
 
 
 def gentle_limits(machine: Machine, model: Model, speed_m_s: float) -> TrajectoryLimits:
