@@ -66,14 +66,6 @@ def find_config(kind: str, name: str) -> Path:
     )
 
 
-def shipped_file(kind: str, name: str) -> Path:
-    """A shipped file by its whole name.   Raises UsageError for an installation without it."""
-    found = next((path for folder in CONFIG_FOLDERS if (path := folder / kind / name).is_file()), None)
-    if found is None:
-        raise UsageError(f"this installation lacks {kind}/{name}; install it again")
-    return found
-
-
 def named_file(name: str) -> bool:
     """True if a name means a file of the user's and no shipped one."""
     return "/" in name or os.sep in name or name.endswith((".yaml", ".yml"))

@@ -39,6 +39,7 @@ from beltcomm_adapters.new_profile import facts_of_bus, facts_of_file, text_of
 from beltcomm_adapters.object_drive import ObjectDrive
 from beltcomm_adapters.options import number, profile_name, whole_number
 from beltcomm_adapters.preparation import check_motion, guard, homing_method, homing_speeds_rad_s, prepare, quick_stop_rad_s2
+from beltcomm_adapters.profile_schema import json_schema
 from beltcomm_adapters.profiles import choose_profile, load_profile
 from beltcomm_adapters.sdo import SdoObjects
 from beltcomm_adapters.setpoints import Layout, Setpoints, layout_of
@@ -443,5 +444,6 @@ ADAPTER = Adapter(
     nameplates=True,
     new_profile=_new_profile,
     check_profile=load_profile,
+    profile_schema=json_schema,
     listen=_listen,
 )

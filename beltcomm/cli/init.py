@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -95,9 +96,7 @@ def command(
     from beltcomm.configfiles import read_yaml, write_text
 
     if schema is not None:
-        from beltcomm.configfiles import shipped_file
-
-        click.echo(shipped_file("schemas", f"{schema}.json").read_text(encoding="utf-8"), nl=False)
+        click.echo(json.dumps(_schema(schema), indent=1, ensure_ascii=False))
         return 0
     if catalogue:
         return _catalogue(frame)
@@ -220,6 +219,24 @@ def _known_part(kind: Kind, word: str) -> str | None:
 
         tell(f"    {answer!r}: not in the catalogue{did_you_mean(answer, known)}")
     return None
+
+
+def _schema(file: str) -> Mapping[str, Any]:
+    """JSON schema of a kind of file.   Raises UsageError without an adapter that has profiles."""
+    if file == "axis":
+        from beltcomm.axis.written import axis_schema
+
+        return axis_schema()
+    if file == "plan":
+        from beltcomm.schedule.next_plan import plan_schema
+
+        return plan_schema()
+    from beltcomm.drive import find_adapters
+
+    for found in find_adapters():
+        if found.adapter is not None and found.adapter.profile_schema is not None:
+            return found.adapter.profile_schema()
+    raise UsageError("no installed adapter has profiles; `beltcomm drives` lists them")
 
 
 def _catalogue(frame: Invocation) -> int:

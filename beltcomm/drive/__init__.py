@@ -654,6 +654,8 @@ class Adapter:
         an EDS says: its device section and its objects.
     check_profile : callable or None
         ``check_profile(name)`` raises UsageError for a profile, shipped or a file, that cannot be used.
+    profile_schema : callable or None
+        JSON schema of a profile, for editors.
     listen : callable or None
         ``listen(address, options) -> Listening`` to the bus of a drive that somebody else moves.
     """
@@ -670,6 +672,7 @@ class Adapter:
     nameplates: bool = False
     new_profile: Callable[[str | None, Mapping[str, object], Mapping[str, str], Sequence[DictionaryEntry]], str] | None = None
     check_profile: Callable[[str], object] | None = None
+    profile_schema: Callable[[], Mapping[str, object]] | None = None
     listen: Callable[[str, Mapping[str, object]], Listening] | None = None
 
     def taken(self, options: Mapping[str, object]) -> dict[str, object]:

@@ -14,7 +14,7 @@ from beltcomm.errors import UsageError
 from beltcomm.given import pasted
 from beltcomm.laboratory.visible import DetectionLimit
 from beltcomm.result import plain
-from beltcomm.schedule.steps import PLACES, QUIET, SHORT_S, SLOW_M_S, TRIANGLES_M, Step, checked_step
+from beltcomm.schedule.steps import PLACES, QUIET, SHORT_S, SLOW_M_S, TRIANGLES_M, Step, checked_step, step_schema
 
 #: Name of the file in ``results/``.
 NAME = "next"
@@ -250,3 +250,22 @@ def load_plan(path: Path) -> NextPlan:
     except (AttributeError, TypeError) as error:
         raise UsageError(f"{path}: reasons must hold names and texts, by_hand and left_out lists of texts ({error})") from error
     return NextPlan(reasons, by_hand, tuple(steps), left_out, not whole)
+
+
+def plan_schema() -> dict[str, Any]:
+    """JSON schema of a plan's file."""
+    texts = {"type": "array", "items": {"type": "string"}}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "beltcomm plan of records",
+        "type": "object",
+        "additionalProperties": False,
+        "required": ["steps"],
+        "properties": {
+            "reasons": {"type": "object", "additionalProperties": {"type": "string"}, "description": "by effect, why"},
+            "by_hand": {**texts, "description": "what a person changes on the machine"},
+            "steps": {"type": "array", "maxItems": MOST_STEPS, "items": step_schema()},
+            "left_out": texts,
+            "checksum": {"type": "string"},
+        },
+    }

@@ -174,9 +174,32 @@ def checked_step(entry: Any, where: str) -> Step:
     if kind == "reversals" and not (amplitudes and min(amplitudes) > 0.0):
         raise UsageError(f"{where}: reversals need amplitudes_m, all above 0 and at most {LONGEST_TRIANGLE_M:g}")
     again, held_out = entry.get("again", False), entry.get("held_out", False)
-    if not (isinstance(again, bool) and isinstance(held_out, bool)):
-        raise UsageError(f"{where}: again and held_out are true or false")
     return Step(kind, place, share, speeds, amplitudes, seconds, int(seed), up_to_hz, again, held_out)
+
+
+def step_schema() -> dict[str, Any]:
+    """JSON schema of a step."""
+
+    def number(meaning: str, most: float, low: str = "minimum", kind: str = "number") -> dict[str, Any]:
+        return {"type": kind, low: 0, "maximum": most, "description": meaning}
+
+    def several(meaning: str, most: float) -> dict[str, Any]:
+        one = {"type": "number", "exclusiveMinimum": 0, "maximum": most}
+        return {"type": "array", "maxItems": MOST_VALUES, "items": one, "description": meaning}
+
+    entries = {
+        "place": number("where along the travel, as a share of it", 1),
+        "share": number("of what the limits allow", 1, "exclusiveMinimum"),
+        "seconds": number("length, s; 0 for the usual one", LONGEST_S),
+        "up_to_hz": number("band that has power at least, Hz", HIGHEST_HZ),
+        "seed": number("of random moves", LARGEST_SEED, kind="integer"),
+        "speeds_m_s": several("of strokes, m/s", FASTEST_M_S),
+        "amplitudes_m": several("of triangles, m", LONGEST_TRIANGLE_M),
+        "again": {"type": "boolean", "description": "two of the seven speeds only"},
+        "held_out": {"type": "boolean", "description": "nothing is fitted to it: it judges"},
+    }
+    kinds = [{"kind": {"const": kind}, **{key: entries[key] for key in keys}} for kind, keys in KEYS.items()]
+    return {"oneOf": [{"type": "object", "additionalProperties": False, "required": ["kind"], "properties": kind} for kind in kinds]}
 
 
 def _number(value: Any, what: str, least: float, most: float) -> float:

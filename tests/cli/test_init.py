@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
@@ -12,13 +13,12 @@ from beltcomm.axis import Axis, load_axis
 from beltcomm.axis.answers import USUAL, in_words, parts, usual, with_part
 from beltcomm.axis.entries import SECTIONS, entries_of, meaning_of
 from beltcomm.axis.kinds import KINDS
-from beltcomm.axis.written import axis_schema, commented
+from beltcomm.axis.written import commented
 from beltcomm.cli.main import cli
-from beltcomm.configfiles import config_names, find_config, read_yaml, shipped_file
+from beltcomm.configfiles import config_names, find_config, read_yaml
 from beltcomm.errors import UsageError
 from beltcomm.quantities import parse_quantity
 from beltcomm.schedule.steps import KEYS
-from beltcomm_adapters.profile_schema import json_schema
 
 
 def call(*words: str, answer: str = "") -> Result:
@@ -135,15 +135,18 @@ def test_an_axis_of_another_kind_is_written_by_set_alone(tmp_path: Path) -> None
     assert "belt may carry" not in text
 
 
-def test_the_schema_of_an_axis_is_of_todays_entries() -> None:
-    assert json.loads(shipped_file("schemas", "axis.json").read_text(encoding="utf-8")) == json.loads(json.dumps(axis_schema()))
+def schema(file: str) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(call("init", "--schema", file).stdout)["properties"]
+    return found
 
 
-def test_the_schemas_know_what_is_shipped() -> None:
-    profile = json.loads(shipped_file("schemas", "profile.json").read_text(encoding="utf-8"))
-    assert profile == json_schema()
-    for name in config_names("drives"):
-        assert set(read_yaml(find_config("drives", name))) <= set(profile["properties"]), name
-    plan = json.loads(shipped_file("schemas", "plan.json").read_text(encoding="utf-8"))
-    kinds = {one["properties"]["kind"]["const"]: set(one["properties"]) - {"kind"} for one in plan["properties"]["steps"]["items"]["oneOf"]}
+@pytest.mark.parametrize(("file", "folder"), [("axis", "axes"), ("profile", "drives")])
+def test_the_schemas_know_what_is_shipped(file: str, folder: str) -> None:
+    known = schema(file)
+    for name in config_names(folder):
+        assert set(read_yaml(find_config(folder, name))) <= set(known), name
+
+
+def test_the_schema_of_a_plan_knows_its_steps() -> None:
+    kinds = {one["properties"]["kind"]["const"]: set(one["properties"]) - {"kind"} for one in schema("plan")["steps"]["items"]["oneOf"]}
     assert kinds == {kind: set(keys) for kind, keys in KEYS.items()}
