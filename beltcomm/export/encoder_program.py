@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from beltcomm.encoder.estimators import EstimatorSettings, checked
 from beltcomm.encoder.formulas import crossing_speed_m_s
 from beltcomm.errors import UsageError
-from beltcomm.export.program import Case, Controller, Let, NamedValue, Statement
+from beltcomm.export.program import Controller, Let, NamedValue, Statement, statements
 
 COEFFICIENTS = (
     NamedValue("increment_rad", "rad", "angle of one count, all four edges of a line counted"),
@@ -80,15 +80,15 @@ PERIOD_LOCALS = (
     NamedValue("weight", "", "share of the event counter (6.20)"),
 )
 
-_FORWARD: tuple[Statement, ...] = (
-    Case(
-        (("level_a == level_b", (Let("forward", "1 + 2 * level_a"),)),),
-        (Let("forward", "2 + 2 * level_b"),),
-        "Levels (0, 0), (1, 0), (1, 1), (0, 1) are S1 to S4 going forward, S8 to S5 going in reverse.",
-    ),
-)
+_FORWARD = """
+# Levels (0, 0), (1, 0), (1, 1), (0, 1) are S1 to S4 going forward, S8 to S5 going in reverse.
+if level_a == level_b:
+    forward = 1 + 2 * level_a
+else:
+    forward = 2 + 2 * level_b
+"""
 RESET: tuple[Statement, ...] = (
-    *_FORWARD,
+    *statements(_FORWARD),
     *(Let(q.name, "0" if q.whole else "reset_velocity_rad_s") for q in STATES if q.name not in ("state", "last_a", "last_b", "edge_tick")),
     Let("state", "forward", "It begins in a forward state of the present levels."),
     Let("last_a", "level_a"),
@@ -96,128 +96,118 @@ RESET: tuple[Statement, ...] = (
     Let("edge_tick", "-1"),
 )
 #: One tick in which a level has changed.
-EDGE: tuple[Statement, ...] = (
-    Case(
-        (
-            (
-                "tick > edge_tick",
-                (
-                    Let("count_before", "count"),
-                    Let("invalid_before", "invalid"),
-                    Let("state_before", "state"),
-                    Let("edge_tick", "tick"),
-                    Let("fault", "0"),
-                ),
-            ),
-        ),
-        (Let("count", "count_before"), Let("invalid", "invalid_before"), Let("state", "state_before"), Let("fault", "1")),
-        "A second change in the same tick takes back what the first one made.",
-    ),
-    *_FORWARD,
-    Let("sense", "1"),
-    Let("here", "forward"),
-    Case((("state > 4", (Let("sense", "-1"), Let("here", "9 - forward"))),)),
-    Let("following", "state + 1"),
-    Case((("state == 4", (Let("following", "1"),)), ("state == 8", (Let("following", "5"),)))),
-    Let("changed", "0"),
-    Case((("level_a != last_a", (Let("changed", "changed + 1"),)),)),
-    Case((("level_b != last_b", (Let("changed", "changed + 1"),)),)),
-    Case((("changed != 1", (Let("fault", "1"),)),), why="Both at once, or none: a change was missed."),
-    Let("made", "0"),
-    Case(
-        (
-            (
-                "fault == 1",
-                (
-                    Let("state", "here"),
-                    Let("turned", "0"),
-                    Let("invalid", "invalid + 1"),
-                    Let("last_tick", "0"),
-                    Let("last_sense", "0"),
-                    Let("gap", "0"),
-                    Let("increments", "0"),
-                    Let("first_tick", "0"),
-                    Let("travelled", "0"),
-                ),
-            ),
-            ("turned == 1 and here == state", (Let("turned", "0"),)),
-            ("turned == 1", (Let("turned", "0"), Let("state", "9 - here"), Let("made", "-sense"))),
-            ("here == following", (Let("state", "here"), Let("made", "sense"))),
-        ),
-        (Let("turned", "1"),),
-        "State machine (6.2): on in its cycle is a count; back is none, until it goes on in reverse, so a bounce counts nothing. After an "
-        "invalid change it goes on from these levels, and nothing before is measured from.",
-    ),
-    Let("last_a", "level_a"),
-    Let("last_b", "level_b"),
-    Case(
-        (("made != 0 and last_sense != 0", (Let("gap", "tick - last_tick"),)), ("made != 0", (Let("gap", "0"),))),
-        why="A count: its time, the time since the one before, what the period holds.",
-    ),
-    Case((("made != 0 and increments == 0", (Let("first_tick", "tick"),)), ("made != 0", (Let("travelled", "travelled + made"),)))),
-    Case(
-        (
-            (
-                "made != 0",
-                (
-                    Let("count", "count + made"),
-                    Let("last_tick", "tick"),
-                    Let("last_sense", "made"),
-                    Let("increments", "increments + 1"),
-                ),
-            ),
-        )
-    ),
-)
+EDGE = statements(f"""
+# A second change in the same tick takes back what the first one made.
+if tick > edge_tick:
+    count_before = count
+    invalid_before = invalid
+    state_before = state
+    edge_tick = tick
+    fault = 0
+else:
+    count = count_before
+    invalid = invalid_before
+    state = state_before
+    fault = 1
+{_FORWARD}
+sense = 1
+here = forward
+if state > 4:
+    sense = -1
+    here = 9 - forward
+following = state + 1
+if state == 4:
+    following = 1
+elif state == 8:
+    following = 5
+changed = 0
+if level_a != last_a:
+    changed = changed + 1
+if level_b != last_b:
+    changed = changed + 1
+# Both at once, or none: a change was missed.
+if changed != 1:
+    fault = 1
+made = 0
+# State machine (6.2): on in its cycle is a count; back is none, until it goes on in reverse, so a bounce counts nothing. After an invalid
+# change it goes on from these levels, and nothing before is measured from.
+if fault == 1:
+    state = here
+    turned = 0
+    invalid = invalid + 1
+    last_tick = 0
+    last_sense = 0
+    gap = 0
+    increments = 0
+    first_tick = 0
+    travelled = 0
+elif turned == 1 and here == state:
+    turned = 0
+elif turned == 1:
+    turned = 0
+    state = 9 - here
+    made = -sense
+elif here == following:
+    state = here
+    made = sense
+else:
+    turned = 1
+last_a = level_a
+last_b = level_b
+# A count: its time, the time since the one before, what the period holds.
+if made != 0 and last_sense != 0:
+    gap = tick - last_tick
+elif made != 0:
+    gap = 0
+if made != 0 and increments == 0:
+    first_tick = tick
+elif made != 0:
+    travelled = travelled + made
+if made != 0:
+    count = count + made
+    last_tick = tick
+    last_sense = made
+    increments = increments + 1
+""")
 #: One sampling instant.
-PERIOD: tuple[Statement, ...] = (
-    Let("position_rad", "real(count) * increment_rad"),
-    Let("difference_rad_s", "real(count - sampled_count) * increment_rad / period_s", "High-pass (6.1) by backward differences."),
-    Let("sampled_count", "count"),
-    Let("filtered_rad_s", "lag_pole * filtered_rad_s + (1.0 - lag_pole) * difference_rad_s"),
-    Let("high_pass_rad_s", "filtered_rad_s"),
-    Let("event_counter_rad_s", "0.0", "Event counter (6.4): counts after the first one over the time from the first to the last."),
-    Case(
-        (
-            (
-                "increments > 1",
-                (Let("event_counter_rad_s", "real(travelled) * increment_rad / (real(last_tick - first_tick) * tick_s)"),),
-            ),
-        )
-    ),
-    Let(
-        "waited",
-        "now_tick - last_tick",
-        "Gate (6.14): one count over the time between the last two, or over the time since the last one once that is longer (6.17).",
-    ),
-    Let("lasted", "gap"),
-    Case((("waited > gap", (Let("lasted", "waited"),)),)),
-    Let("gate_rad_s", "0.0"),
-    Case(
-        (
-            (
-                "gap > 0 and gap < timeout_ticks and waited < timeout_ticks",
-                (Let("gate_rad_s", "real(last_sense) * increment_rad / (real(lasted) * tick_s)"),),
-            ),
-        )
-    ),
-    Let("events_rad_s", "event_counter_rad_s", "Combination (6.21); where the event counter has no value the gate stands in for it."),
-    Case((("increments < 2", (Let("events_rad_s", "gate_rad_s"),)),)),
-    Let("gate_lagged_rad_s", "low_pass_pole * gate_lagged_rad_s + (1.0 - low_pass_pole) * gate_rad_s"),
-    Let("events_lagged_rad_s", "low_pass_pole * events_lagged_rad_s + (1.0 - low_pass_pole) * events_rad_s"),
-    Let("speed_rad_s", "max(gate_lagged_rad_s, -gate_lagged_rad_s)"),
-    Let("weight", f"0.5 * (1.0 - sin({math.pi!r} * speed_rad_s / crossing_rad_s))", "Share of the event counter (6.20)."),
-    Case(
-        (
-            ("speed_rad_s <= 0.5 * crossing_rad_s", (Let("weight", "0.0"),)),
-            ("speed_rad_s >= 1.5 * crossing_rad_s", (Let("weight", "1.0"),)),
-        )
-    ),
-    Let("combined_rad_s", "(1.0 - weight) * gate_lagged_rad_s + weight * events_lagged_rad_s"),
-    Let("increments", "0", "The next period begins."),
-    Let("first_tick", "0"),
-    Let("travelled", "0"),
-)
+PERIOD = statements(f"""
+position_rad = real(count) * increment_rad
+# High-pass (6.1) by backward differences.
+difference_rad_s = real(count - sampled_count) * increment_rad / period_s
+sampled_count = count
+filtered_rad_s = lag_pole * filtered_rad_s + (1.0 - lag_pole) * difference_rad_s
+high_pass_rad_s = filtered_rad_s
+# Event counter (6.4): counts after the first one over the time from the first to the last.
+event_counter_rad_s = 0.0
+if increments > 1:
+    event_counter_rad_s = real(travelled) * increment_rad / (real(last_tick - first_tick) * tick_s)
+# Gate (6.14): one count over the time between the last two, or over the time since the last one once that is longer (6.17).
+waited = now_tick - last_tick
+lasted = gap
+if waited > gap:
+    lasted = waited
+gate_rad_s = 0.0
+if gap > 0 and gap < timeout_ticks and waited < timeout_ticks:
+    gate_rad_s = real(last_sense) * increment_rad / (real(lasted) * tick_s)
+# Combination (6.21); where the event counter has no value the gate stands in for it.
+events_rad_s = event_counter_rad_s
+if increments < 2:
+    events_rad_s = gate_rad_s
+gate_lagged_rad_s = low_pass_pole * gate_lagged_rad_s + (1.0 - low_pass_pole) * gate_rad_s
+events_lagged_rad_s = low_pass_pole * events_lagged_rad_s + (1.0 - low_pass_pole) * events_rad_s
+speed_rad_s = max(gate_lagged_rad_s, -gate_lagged_rad_s)
+# Share of the event counter (6.20).
+weight = 0.5 * (1.0 - sin({math.pi!r} * speed_rad_s / crossing_rad_s))
+if speed_rad_s <= 0.5 * crossing_rad_s:
+    weight = 0.0
+elif speed_rad_s >= 1.5 * crossing_rad_s:
+    weight = 1.0
+combined_rad_s = (1.0 - weight) * gate_lagged_rad_s + weight * events_lagged_rad_s
+# The next period begins.
+increments = 0
+first_tick = 0
+travelled = 0
+""")
 
 
 def encoder_of(settings: EstimatorSettings, provenance: Mapping[str, str], notes: Sequence[str]) -> Controller:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import takewhile
 
 from beltcomm.control import Cascade, discrete_coefficients
 from beltcomm.errors import UsageError
@@ -72,6 +73,31 @@ class Case:
 
 
 Statement = Let | Case
+
+
+def statements(text: str) -> tuple[Statement, ...]:
+    """Statements from their text in Python's form; a comment above one is its ``why``."""
+    lines = [line.strip() for line in text.splitlines()]
+
+    def said(node: ast.AST) -> str:
+        return " ".join((ast.get_source_segment(text, node) or "").split())
+
+    def why(node: ast.stmt) -> str:
+        above = takewhile(lambda line: line.startswith("# "), reversed(lines[: node.lineno - 1]))
+        return " ".join(line[2:] for line in reversed([*above]))
+
+    def lets(body: Sequence[ast.stmt]) -> tuple[Let, ...]:
+        return tuple(Let(said(node.targets[0]), said(node.value), why(node)) for node in body if isinstance(node, ast.Assign))
+
+    def case(node: ast.If) -> Case:
+        branches, rest = [(said(node.test), lets(node.body))], node.orelse
+        while rest and isinstance(rest[0], ast.If):
+            branches.append((said(rest[0].test), lets(rest[0].body)))
+            rest = rest[0].orelse
+        return Case(tuple(branches), lets(rest), why(node))
+
+    return tuple(one for node in ast.parse(text).body for one in ([case(node)] if isinstance(node, ast.If) else lets([node])))
+
 
 #: In the order of :func:`beltcomm.control.discrete_coefficients`.
 COEFFICIENTS = (
@@ -142,140 +168,88 @@ LOCALS = (
 )
 
 #: What comes first in a position loop, and in a velocity loop alone.
-POSITION_LOOP = (
-    Let(
-        "position_term_rad_s",
-        "kpp_1_s * (reference_position_rad - position_rad)",
-        "Position controller: K_PP times the position error; the reference velocity is handed on times K_v.",
-    ),
-    Let("compared_rad_s", "ff_velocity * reference_velocity_rad_s"),
-)
-VELOCITY_LOOP = (
-    Let("position_term_rad_s", "0.0", "Velocity loop alone: no position error, the whole reference velocity."),
-    Let("compared_rad_s", "reference_velocity_rad_s"),
-)
-RESET = (
-    Let("last_position_rad", "position_rad", "Only the position and the measured velocity are remembered."),
-    Let("measured_velocity_rad_s", "reset_velocity_rad_s"),
-    Let("last_compared_rad_s", "reset_velocity_rad_s"),
-    Let("filtered_reference_rad_s", "reset_velocity_rad_s"),
-    Let("prefilter_1", "0.0"),
-    Let("prefilter_2", "0.0"),
-    Let("integral_rad", "0.0"),
-    Let("last_acceleration_rad_s2", "0.0"),
-    Let("low_pass_1", "0.0"),
-    Let("low_pass_2", "0.0"),
-)
+POSITION_LOOP = statements("""
+# Position controller: K_PP times the position error; the reference velocity is handed on times K_v.
+position_term_rad_s = kpp_1_s * (reference_position_rad - position_rad)
+compared_rad_s = ff_velocity * reference_velocity_rad_s
+""")
+VELOCITY_LOOP = statements("""
+# Velocity loop alone: no position error, the whole reference velocity.
+position_term_rad_s = 0.0
+compared_rad_s = reference_velocity_rad_s
+""")
+RESET = statements("""
+# Only the position and the measured velocity are remembered.
+last_position_rad = position_rad
+measured_velocity_rad_s = reset_velocity_rad_s
+last_compared_rad_s = reset_velocity_rad_s
+filtered_reference_rad_s = reset_velocity_rad_s
+prefilter_1 = 0.0
+prefilter_2 = 0.0
+integral_rad = 0.0
+last_acceleration_rad_s2 = 0.0
+low_pass_1 = 0.0
+low_pass_2 = 0.0
+""")
 #: One period of the velocity loop.
-STEP: tuple[Statement, ...] = (
-    Let(
-        "pole",
-        "velocity_filter_s / (velocity_filter_s + period_s)",
-        "Measured velocity (6.1): backward difference of the angle behind a first-order lag.",
-    ),
-    Let(
-        "measured_velocity_rad_s",
-        "pole * measured_velocity_rad_s + (1.0 - pole) * (position_rad - last_position_rad) / period_s",
-    ),
-    Let("last_position_rad", "position_rad"),
-    Case(
-        (
-            (
-                "filter_reference > 0.0",
-                (
-                    Let(
-                        "filtered_reference_rad_s",
-                        "pole * filtered_reference_rad_s + (1.0 - pole) * (0.5 * (compared_rad_s + last_compared_rad_s))",
-                    ),
-                ),
-            ),
-        ),
-        (Let("filtered_reference_rad_s", "compared_rad_s"),),
-        "Reference velocity: mean over the period behind the same lag, so that both lag alike; or as it is.",
-    ),
-    Let("last_compared_rad_s", "compared_rad_s"),
-    Let(
-        "raw_error_rad_s",
-        "position_term_rad_s + filtered_reference_rad_s - measured_velocity_rad_s",
-        "Velocity error, and the prefilter (4.1), (4.3) as a biquad in transposed direct form II.",
-    ),
-    Let("filtered_error_rad_s", "prefilter_b0 * raw_error_rad_s + prefilter_1"),
-    Let("prefilter_1", "prefilter_b1 * raw_error_rad_s - prefilter_a1 * filtered_error_rad_s + prefilter_2"),
-    Let("prefilter_2", "prefilter_b2 * raw_error_rad_s - prefilter_a2 * filtered_error_rad_s"),
-    Let("error_rad_s", "low_pass_b0 * filtered_error_rad_s + low_pass_1", "Additional low-pass behind it, of the same form."),
-    Let("low_pass_1", "low_pass_b1 * filtered_error_rad_s - low_pass_a1 * error_rad_s + low_pass_2"),
-    Let("low_pass_2", "low_pass_b2 * filtered_error_rad_s - low_pass_a2 * error_rad_s"),
-    Let(
-        "ahead",
-        "ff_advance_s / period_s",
-        "Reference as it will be when the torque acts: extrapolated along constant jerk. The acceleration comes as a difference over one "
-        "period, so it is half a period old.",
-    ),
-    Let("change_rad_s2", "reference_acceleration_rad_s2 - last_acceleration_rad_s2"),
-    Let("last_acceleration_rad_s2", "reference_acceleration_rad_s2"),
-    Let("ff_velocity_rad_s", "reference_velocity_rad_s"),
-    Let("ff_acceleration_rad_s2", "reference_acceleration_rad_s2"),
-    Case(
-        (
-            (
-                "ahead > 0.0",
-                (
-                    Let(
-                        "ff_velocity_rad_s",
-                        "reference_velocity_rad_s + ff_advance_s * (reference_acceleration_rad_s2 + 0.5 * (1.0 + ahead) * change_rad_s2)",
-                    ),
-                    Let("ff_acceleration_rad_s2", "reference_acceleration_rad_s2 + (0.5 + ahead) * change_rad_s2"),
-                ),
-            ),
-        ),
-    ),
-    Let("direction", "0.0", "Feedforward (4.16): inertia, viscous and Coulomb friction, constant torque."),
-    Case(
-        (
-            ("ff_velocity_rad_s > 0.0", (Let("direction", "1.0"),)),
-            ("ff_velocity_rad_s < 0.0", (Let("direction", "-1.0"),)),
-        )
-    ),
-    Let(
-        "feedforward_nm",
-        "ff_inertia_kg_m2 * ff_acceleration_rad_s2 + ff_viscous_nm_s_rad * ff_velocity_rad_s + ff_coulomb_nm * direction + ff_offset_nm "
-        "+ extra_torque_nm",
-    ),
-    Let("demand_nm", "kp_nm_s_rad * error_rad_s + ki_nm_rad * integral_rad + feedforward_nm", "PI velocity controller (4.6)."),
-    Let(
-        "next_integral_rad",
-        "integral_rad + period_s * error_rad_s",
-        "Integrator (6.25) with conditional integration (6.26): where the torque would pass its limit, the integrator is set so that the "
-        "limit is just met, and only ever discharged.",
-    ),
-    Let("next_demand_nm", "kp_nm_s_rad * error_rad_s + ki_nm_rad * next_integral_rad + feedforward_nm"),
-    Case(
-        (
-            (
-                "ki_nm_rad > 0.0 and next_demand_nm >= torque_limit_nm and error_rad_s > 0.0",
-                (
-                    Let(
-                        "next_integral_rad",
-                        "min(next_integral_rad, max((torque_limit_nm - kp_nm_s_rad * error_rad_s - feedforward_nm) / ki_nm_rad, "
-                        "min(integral_rad, 0.0)))",
-                    ),
-                ),
-            ),
-            (
-                "ki_nm_rad > 0.0 and next_demand_nm <= -torque_limit_nm and error_rad_s < 0.0",
-                (
-                    Let(
-                        "next_integral_rad",
-                        "max(next_integral_rad, min((-torque_limit_nm - kp_nm_s_rad * error_rad_s - feedforward_nm) / ki_nm_rad, "
-                        "max(integral_rad, 0.0)))",
-                    ),
-                ),
-            ),
-        )
-    ),
-    Let("integral_rad", "next_integral_rad"),
-    Let("torque_nm", "min(max(demand_nm, -torque_limit_nm), torque_limit_nm)", "Torque setpoint, limited."),
+STEP = statements("""
+# Measured velocity (6.1): backward difference of the angle behind a first-order lag.
+pole = velocity_filter_s / (velocity_filter_s + period_s)
+measured_velocity_rad_s = pole * measured_velocity_rad_s + (1.0 - pole) * (position_rad - last_position_rad) / period_s
+last_position_rad = position_rad
+# Reference velocity: mean over the period behind the same lag, so that both lag alike; or as it is.
+if filter_reference > 0.0:
+    filtered_reference_rad_s = pole * filtered_reference_rad_s + (1.0 - pole) * (0.5 * (compared_rad_s + last_compared_rad_s))
+else:
+    filtered_reference_rad_s = compared_rad_s
+last_compared_rad_s = compared_rad_s
+# Velocity error, and the prefilter (4.1), (4.3) as a biquad in transposed direct form II.
+raw_error_rad_s = position_term_rad_s + filtered_reference_rad_s - measured_velocity_rad_s
+filtered_error_rad_s = prefilter_b0 * raw_error_rad_s + prefilter_1
+prefilter_1 = prefilter_b1 * raw_error_rad_s - prefilter_a1 * filtered_error_rad_s + prefilter_2
+prefilter_2 = prefilter_b2 * raw_error_rad_s - prefilter_a2 * filtered_error_rad_s
+# Additional low-pass behind it, of the same form.
+error_rad_s = low_pass_b0 * filtered_error_rad_s + low_pass_1
+low_pass_1 = low_pass_b1 * filtered_error_rad_s - low_pass_a1 * error_rad_s + low_pass_2
+low_pass_2 = low_pass_b2 * filtered_error_rad_s - low_pass_a2 * error_rad_s
+# Reference as it will be when the torque acts: extrapolated along constant jerk. The acceleration comes as a difference over one period,
+# so it is half a period old.
+ahead = ff_advance_s / period_s
+change_rad_s2 = reference_acceleration_rad_s2 - last_acceleration_rad_s2
+last_acceleration_rad_s2 = reference_acceleration_rad_s2
+ff_velocity_rad_s = reference_velocity_rad_s
+ff_acceleration_rad_s2 = reference_acceleration_rad_s2
+if ahead > 0.0:
+    ff_velocity_rad_s = reference_velocity_rad_s + ff_advance_s * (reference_acceleration_rad_s2 + 0.5 * (1.0 + ahead) * change_rad_s2)
+    ff_acceleration_rad_s2 = reference_acceleration_rad_s2 + (0.5 + ahead) * change_rad_s2
+# Feedforward (4.16): inertia, viscous and Coulomb friction, constant torque.
+direction = 0.0
+if ff_velocity_rad_s > 0.0:
+    direction = 1.0
+elif ff_velocity_rad_s < 0.0:
+    direction = -1.0
+feedforward_nm = (
+    ff_inertia_kg_m2 * ff_acceleration_rad_s2 + ff_viscous_nm_s_rad * ff_velocity_rad_s + ff_coulomb_nm * direction + ff_offset_nm +
+    extra_torque_nm
 )
+# PI velocity controller (4.6).
+demand_nm = kp_nm_s_rad * error_rad_s + ki_nm_rad * integral_rad + feedforward_nm
+# Integrator (6.25) with conditional integration (6.26): where the torque would pass its limit, the integrator is set so that the limit is
+# just met, and only ever discharged.
+next_integral_rad = integral_rad + period_s * error_rad_s
+next_demand_nm = kp_nm_s_rad * error_rad_s + ki_nm_rad * next_integral_rad + feedforward_nm
+if ki_nm_rad > 0.0 and next_demand_nm >= torque_limit_nm and error_rad_s > 0.0:
+    next_integral_rad = (
+        min(next_integral_rad, max((torque_limit_nm - kp_nm_s_rad * error_rad_s - feedforward_nm) / ki_nm_rad, min(integral_rad, 0.0)))
+    )
+elif ki_nm_rad > 0.0 and next_demand_nm <= -torque_limit_nm and error_rad_s < 0.0:
+    next_integral_rad = (
+        max(next_integral_rad, min((-torque_limit_nm - kp_nm_s_rad * error_rad_s - feedforward_nm) / ki_nm_rad, max(integral_rad, 0.0)))
+    )
+integral_rad = next_integral_rad
+# Torque setpoint, limited.
+torque_nm = min(max(demand_nm, -torque_limit_nm), torque_limit_nm)
+""")
 
 
 @dataclass(frozen=True)
