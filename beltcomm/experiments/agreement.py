@@ -155,4 +155,4 @@ def plan_result(plan: Plan, capabilities: Capabilities | None = None, options: O
 def _whole(plan: Plan, axis: Axis, capabilities: Capabilities, options: Options) -> Plan:
     """The plan with what motor and drive bear, and what is said of a resumed run."""
     plan = plan if plan.thermal else replace(plan, thermal=Thermal.of(axis, capabilities))
-    return replace(plan, text=KEPT + plan.text) if options.resume else plan
+    return replace(plan, text=KEPT + plan.text, bare=False) if options.resume else plan

@@ -74,6 +74,8 @@ class Plan:
         Largest belt force in a stop that is asked for in a move, N, beside friction of the guide; None where it is in the experiments.
     types_gains : bool
         The gains of its drive are set by a person only.
+    bare : bool
+        The text says no more than every plan does: that the axis moves by itself.
     """
 
     text: str
@@ -89,6 +91,7 @@ class Plan:
     host_loss_n: float | None = None
     stop_n: float | None = None
     types_gains: bool = False
+    bare: bool = False
 
     @property
     def over_budget(self) -> bool:
@@ -97,7 +100,7 @@ class Plan:
 
     def said(self) -> str:
         """Words beside its numbers; empty for a job that needs none."""
-        return "" if self.text.startswith("The carriage of") and self.text.endswith("will move by itself.") else self.text
+        return "" if self.bare else self.text
 
     def written(self) -> str:
         """Fate of the drive's parameters."""
@@ -205,6 +208,10 @@ class Plan:
         return point_rows([*self.points[:HOW_FAR], *bounds, *self.points[HOW_FAR:]])
 
 
+def _moves_by_itself(axis: Axis) -> str:
+    return f"The carriage of {axis.name or 'the axis'} will move by itself."
+
+
 def identify_plan(
     axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None, asked: AskedExcitation = AS_CHOSEN
 ) -> Plan:
@@ -218,13 +225,14 @@ def identify_plan(
         Of the response.
     """
     return Plan(
-        f"The carriage of {axis.name or 'the axis'} will move by itself.",
+        _moves_by_itself(axis),
         _here(axis, capabilities, window_m, asked),
         notes=sampling_limits.notes_before(axis, capabilities),
         points=identify_points(axis, capabilities, window_m),
         verb="identify",
         window_m=window_m,
         host_loss=host_loss(axis, capabilities),
+        bare=True,
     )
 
 
@@ -245,7 +253,7 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
     move = Experiment("verification move", min(whole, axis.targets.way_m), whole, moved, torque, force, 3.0 + MOVE_SECONDS, heating)
     budget = record_schedule.BUDGET_S[extent] + (HOLDING_SECONDS if axis.mounting.tilted else 0.0)
     return Plan(
-        f"The carriage of {axis.name or 'the axis'} will move by itself.",
+        _moves_by_itself(axis),
         (*_here(axis, capabilities), *steps, move),
         budget,
         sampling_limits.notes_before(axis, capabilities),
@@ -255,6 +263,7 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
         host_loss=host_loss(axis, capabilities),
         host_loss_n=None if capabilities.gains == "unknown" else stops_out_of_move.host_loss_limit_n(axis),
         stop_n=None if capabilities.gains == "unknown" else stops_out_of_move.stop_limit_n(axis),
+        bare=True,
     )
 
 
@@ -266,7 +275,7 @@ def with_homing(plan: Plan, axis: Axis, capabilities: Capabilities) -> Plan:
     rms = stroking_nm(axis, capabilities)
     first = Experiment("homing, until the zero is found", whole, whole, speed, torque, axis.belt_force_limit_n, HOMING_SECONDS, rms)
     text = "First the drive searches its zero, along the whole axis if need be, and the carriage creeps off the end where it was found. "
-    return replace(plan, text=text + plan.text, experiments=(first, *plan.experiments), budget_s=plan.budget_s + HOMING_SECONDS)
+    return replace(plan, text=text + plan.text, bare=False, experiments=(first, *plan.experiments), budget_s=plan.budget_s + HOMING_SECONDS)
 
 
 def friction_plan(axis: Axis, capabilities: Capabilities) -> Plan:
