@@ -65,7 +65,7 @@ def for_archive(name: str) -> str:
     return _NOT_PACKED.sub(lambda found: quote(found[0], errors="surrogatepass"), name)
 
 
-def for_file_name(text: str, otherwise: str, gap: str = "-", longest: int = 60) -> str:
+def for_file_name(text: str, otherwise: str, gap: str = "-") -> str:
     """A part of a file name on any system: letters, digits, '_', '-' and '.', a letter or digit at both ends.
 
     Parameters
@@ -76,4 +76,4 @@ def for_file_name(text: str, otherwise: str, gap: str = "-", longest: int = 60) 
         Stands for everything else.
     """
     ascii_only = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
-    return re.sub(r"[^A-Za-z0-9_.-]+", gap, ascii_only)[:longest].strip("_.-") or otherwise
+    return re.sub(r"[^A-Za-z0-9_.-]+", gap, ascii_only)[:60].strip("_.-") or otherwise

@@ -109,12 +109,12 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def blocks(path: Path, most: int = MEASURED_BYTES, failure: type[BeltcommError] = DataError) -> Iterator[bytes]:
+def blocks(path: Path, most: int = MEASURED_BYTES) -> Iterator[bytes]:
     """The bytes of a file piece by piece, a gzip file's unpacked.
 
-    Raises OSError, EOFError and zlib.error for what cannot be read, ``failure`` when there are more than ``most``, see :func:`opened`.
+    Raises OSError, EOFError and zlib.error for what cannot be read, DataError when there are more than ``most``, see :func:`opened`.
     """
-    with opened(path, most, failure) as file:
+    with opened(path, most) as file:
         packed = file.read(2) == b"\x1f\x8b"
         file.seek(0)
         source: Any = gzip.GzipFile(fileobj=file) if packed else file
@@ -122,15 +122,15 @@ def blocks(path: Path, most: int = MEASURED_BYTES, failure: type[BeltcommError] 
         while block := source.read(_BLOCK):
             total += len(block)
             if total > most:
-                raise failure(f"{path} unpacks to more than {in_words(most)}, which is not read; unpack it and give a part of it")
+                raise DataError(f"{path} unpacks to more than {in_words(most)}, which is not read; unpack it and give a part of it")
             yield block
 
 
-def text_blocks(path: Path, encoding: str, errors: str = "strict", most: int = MEASURED_BYTES) -> Iterator[str]:
+def text_blocks(path: Path, encoding: str, errors: str = "strict") -> Iterator[str]:
     """Blocks of text that end at the ends of lines.   Raises UnicodeDecodeError, and DataError for a line beyond any."""
     decoder = codecs.getincrementaldecoder(encoding)(errors)
     rest = ""
-    for block in blocks(path, most):
+    for block in blocks(path):
         text = rest + decoder.decode(block)
         # a line may end in \r\n, and the \n be in the next piece
         end = text.rfind("\n") + 1 or text.rfind("\r", 0, -1) + 1

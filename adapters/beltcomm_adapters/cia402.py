@@ -217,9 +217,9 @@ class StateMachine:
         if not self._wait(lambda word: state_of(word) not in live, timeout_s):
             raise DriveError(f"the drive stays in {self.state().words} after Disable Voltage; switch its power off")
 
-    def confirm_mode(self, mode: int, timeout_s: float = 0.5) -> None:
-        """Wait until 6061h shows the mode that was written to 6060h.  Raises DriveError."""
-        end_s = self._clock.now() + timeout_s
+    def confirm_mode(self, mode: int) -> None:
+        """Wait up to half a second until 6061h shows the mode that was written to 6060h.  Raises DriveError."""
+        end_s = self._clock.now() + 0.5
         while (shown := self._objects.read_int(0x6061, 0, "int8")) != mode:
             if self._clock.now() >= end_s:
                 raise DriveError(f"the drive does not take mode of operation {mode} (6061h shows {shown}); it may not have it")

@@ -165,10 +165,10 @@ class Link:
         self.restarted = self.restarted or bytes(message.data) == b"\x00"
 
 
-def find_nodes(bus: can.BusABC, clock: Clock, wait_s: float = 0.5) -> list[int]:
+def find_nodes(bus: can.BusABC, clock: Clock) -> list[int]:
     """Numbers of all nodes that answer a read of 1000h, in order.
 
-    Every node is asked at once and answers are collected for ``wait_s``; an abort is an answer too.  Raises BusError.
+    Every node is asked at once and answers are collected for half a second; an abort is an answer too.  Raises BusError.
     """
     link = Link(bus, clock, HOST_NODE)
     found: set[int] = set()
@@ -177,7 +177,7 @@ def find_nodes(bus: can.BusABC, clock: Clock, wait_s: float = 0.5) -> list[int]:
         link.send_data(0x600 + node, b"\x40\x00\x10\x00\x00\x00\x00\x00")
         if node % 4 == 0:  # send queues of real interfaces are short
             link.pump(0.005)
-    end_s = clock.now() + wait_s
+    end_s = clock.now() + 0.5
     while (left_s := end_s - clock.now()) > 0:
         link.pump(left_s)
     return sorted(found)

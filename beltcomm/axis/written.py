@@ -36,16 +36,9 @@ WORDS = {
 }
 
 
-def commented(axis: Axis, source: str = "") -> str:
-    """The text of a file.
-
-    Parameters
-    ----------
-    source : str
-        A line on where the numbers are from.
-    """
+def commented(axis: Axis) -> str:
+    """The text of a file."""
     lines = ["# SI units, the unit in each name; what is not known is commented out. Made by `beltcomm init`."]
-    lines += [f"# {source}"] if source else []
     lines += [f"name: {_scalar(axis.name)}"]
     own, data = KINDS.get(axis.kind), axis.to_dict()
     sections = own.sections() if own is not None else {name: entries_of(kind) for name, kind in SECTIONS.items()}

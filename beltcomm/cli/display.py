@@ -83,8 +83,8 @@ class Display:
         passed = self._clock() - self._begun_s
         return f"{self.number} {self.title}: {tr('done')}" + (f" {tr('in')} {passed:.0f} s" if passed >= 1.0 else "")
 
-    def _found_words(self, between: str = ", ") -> str:
-        return between.join(f"{tr(name)} {value}" for name, value in self._found.items())
+    def _found_words(self) -> str:
+        return ", ".join(f"{tr(name)} {value}" for name, value in self._found.items())
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         """Phase and clock, what is done, the carriage, the load, what was found, and how to stop it: at most eight lines."""

@@ -46,14 +46,10 @@ def or_newest(ctx: click.Context, _param: click.Parameter | None, value: Path | 
 
 def or_begun(ctx: click.Context, _param: click.Parameter, value: Path | None) -> Path | None:
     """As :func:`or_newest`, of a folder of runs its newest; None where there is no run and somebody is there who may begin one."""
-    if ctx.resilient_parsing or (value is not None and not _holds_runs(value)):
+    if ctx.resilient_parsing or (value is not None and (_is_run(value) or not runs_here(value))):
         return value
     newest = _newest(ctx, value) if value is not None else _newest(ctx, RUNS, Path())
     return newest if newest is not None or (ctx.obj.talk().attended() and not ctx.obj.json) else _refused()
-
-
-def _holds_runs(path: Path) -> bool:
-    return not _is_run(path) and bool(runs_here(path))
 
 
 def _newest(ctx: click.Context, *folders: Path) -> Path | None:

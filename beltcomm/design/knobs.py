@@ -98,14 +98,12 @@ def gains_for(plant: DesignPlant, prefilter: PrefilterKind | Prefilter, knobs: K
     return thesis_design(plant, prefilter, velocity_filter_s, knobs.phase_margin_deg, knobs.suppression_db, knobs.position_phase_margin_deg)
 
 
-def designs_along_knob(
-    plant: DesignPlant, prefilter: PrefilterKind | Prefilter, knob: Knob, values: Sequence[float], knobs: Knobs | None = None
-) -> tuple[Turn, ...]:
-    """The designs with one knob at each of ``values`` and the others where ``knobs`` has them, T_R 2 ms."""
+def designs_along_knob(plant: DesignPlant, prefilter: PrefilterKind | Prefilter, knob: Knob, values: Sequence[float]) -> tuple[Turn, ...]:
+    """The designs with one knob at each of ``values`` and the others at their defaults, T_R 2 ms."""
     turns = []
     for value in values:
         try:
-            turns.append(Turn(value, gains_for(plant, prefilter, replace(knobs or Knobs(), **{knob: value}))))
+            turns.append(Turn(value, gains_for(plant, prefilter, replace(Knobs(), **{knob: value}))))
         except Refused as refusal:
             turns.append(Turn(value, None, str(refusal)))
     return tuple(turns)

@@ -37,6 +37,7 @@ from beltcomm.export.program import (
     Case,
     Controller,
     Let,
+    flat,
 )
 
 _TITLE = "Cascade of position, velocity and torque for a servo drive, discrete, all at the motor shaft."
@@ -129,7 +130,7 @@ def as_structured_text(controller: Controller) -> str:
         "    position_loop : BOOL := TRUE; (* FALSE: velocity loop alone *)",
     ]
     inputs = declared("VAR_INPUT", (*INPUTS, RESET_INPUTS[1]))
-    choice = Case((("position_loop", POSITION_LOOP),), VELOCITY_LOOP)
+    choice = Case((("position_loop", (*flat(POSITION_LOOP),)),), (*flat(VELOCITY_LOOP),))
     lines = ["(*", *(f"  {line}".rstrip() for line in said), "*)", "FUNCTION_BLOCK BELTCOMM_CASCADE"]
     lines += [inputs[0], *switches, *inputs[1:]]
     lines += declared("VAR_OUTPUT", [OUTPUT])

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from beltcomm.drive.objects import ObjectValue, bounds_of, kind_of, name_of
+from beltcomm.drive.objects import DictionaryEntry, ObjectValue, bounds_of, kind_of, name_of
 from beltcomm.errors import DataError
 from beltcomm.outside import read_bytes
 
@@ -32,23 +32,9 @@ _DOMAIN, _STRUCTURED = 0x2, (0x8, 0x9)
 
 
 @dataclass(frozen=True)
-class FileObject:
-    """One entry of a file.
+class FileObject(DictionaryEntry):
+    """One entry of a file; its value is what the file wants to stand there."""
 
-    Attributes
-    ----------
-    kind : str or None
-        Data type, None for one that holds no single number.
-    value : float or None
-        What the file wants to stand there.
-    """
-
-    index: int
-    subindex: int
-    name: str
-    kind: str | None
-    access: str
-    value: float | None = None
     default: float | None = None
     low: float | None = None
     high: float | None = None
@@ -114,13 +100,8 @@ class _Repairs:
         return tuple(found)
 
 
-def load_object_file(path: Path, node: int = 1) -> ObjectFile:
+def load_object_file(path: Path) -> ObjectFile:
     """Read an EDS or DCF.
-
-    Parameters
-    ----------
-    node : int
-        What $NODEID stands for.
 
     Raises
     ------
@@ -131,7 +112,7 @@ def load_object_file(path: Path, node: int = 1) -> ObjectFile:
         content = read_bytes(path, LARGEST_FILE)
     except OSError as error:
         raise DataError(f"{path} cannot be read: {error.strerror or error}") from error
-    return parse(content, path, node)
+    return parse(content, path)
 
 
 def parse(content: bytes, path: Path, node: int = 1) -> ObjectFile:

@@ -110,7 +110,8 @@ def import_recordings(
     if not dry_run:
         store.write(run, folder, known, new)
     described = [_described(item) for item in found]
-    data = {"run": str(run), "dry_run": dry_run, "axis": _axis_dict(known, folder, axis), "recordings": described}
+    about = {"name": known.name, "belt": known.has_transmission, "minimal": folder is None and axis is None}
+    data = {"run": str(run), "dry_run": dry_run, "axis": about, "recordings": described}
     text = [line for item, recording in zip(described, found, strict=True) for line in _lines(item, recording)]
     text += ["", *left_out, *(f"{item.recording.name} is in {run} already, the same rows of the same file." for item in there)]
     text += [line for item in found for line in offered(item.scalars, known)][:1]
@@ -146,7 +147,8 @@ def _parts_imported(
         Gets sentences on moves in a log that no method can use.
     """
     parts = parts_of(file, reading, axis)
-    mapping, guessed = completed(parts[0].table, reading.mapping, axis, timed=_timed(reading, sidecar), ask=ask)
+    timed = sidecar.experiment != "static_map" and reading.period_s is None
+    mapping, guessed = completed(parts[0].table, reading.mapping, axis, timed=timed, ask=ask)
     reading = replace(reading, mapping=mapping)
     found: list[store.Imported] = []
     refused: list[DataError] = []
@@ -167,11 +169,6 @@ def _parts_imported(
 def _new(part: Part, first: Part) -> tuple[str, ...]:
     """Notes of a move that the first one did not have."""
     return tuple(note for note in part.table.notes if note not in first.table.notes)
-
-
-def _timed(reading: Reading, sidecar: Sidecar) -> bool:
-    """True if a time column is needed."""
-    return sidecar.experiment != "static_map" and reading.period_s is None
 
 
 def _what_was_done(sidecar: Sidecar, part: Part, first: Part, reading: Reading, axis: Axis) -> Sidecar:
@@ -247,10 +244,6 @@ def _described(item: store.Imported) -> dict[str, Any]:
             for i in lost
         ]
     return found
-
-
-def _axis_dict(axis: Axis, folder: RunFolder | None, given: Axis | str | None) -> dict[str, Any]:
-    return {"name": axis.name, "belt": axis.has_transmission, "minimal": folder is None and given is None}
 
 
 def _lines(found: dict[str, Any], item: store.Imported) -> list[str]:

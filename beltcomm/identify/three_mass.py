@@ -356,13 +356,10 @@ def judge_third_mass(
             f"two masses, {math.sqrt(three.held_out_misfit):.2f} with three"
         )
     if not any(one.shows for one in reach):
-        text, heavier = _out_of_reach(meant[MASS], reach, resonances_hz(meant, _middle_m(recordings))[-1], recordings)
+        middle_m = float(np.median([r.sidecar.start_position_m or 0.0 for r in recordings]))
+        text, heavier = _out_of_reach(meant[MASS], reach, resonances_hz(meant, middle_m)[-1], recordings)
         against.append(text)
     return ThreeMass(two, three, gain, reach, tuple(against), heavier)
-
-
-def _middle_m(recordings: Sequence[Recording]) -> float:
-    return float(np.median([r.sidecar.start_position_m or 0.0 for r in recordings]))
 
 
 def _badly_known(three: ModelFit) -> str:

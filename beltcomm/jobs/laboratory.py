@@ -204,7 +204,8 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
     text += lines
     text += unkept(folder, "diagnosis", plain(data)) if auto or following else []
     if not auto:
-        return Result(data, text + words.after_diagnosis(found, run, planned, _designs(folder)))
+        designs = folder.axis.has_transmission and "final" in folder.names("models")
+        return Result(data, text + words.after_diagnosis(found, run, planned, designs))
     added = climb(folder, found, model is not None, command, when)
     if cost and added:
         added = with_costs(folder, found, added, data.get("cost"))
@@ -224,10 +225,6 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
 def undetermined_in(fitted: Fitted, base: Fitted) -> list[str]:
     """Added effects of which no number is known."""
     return undetermined_effects(with_intervals(fitted), base.model)
-
-
-def _designs(folder: RunFolder) -> bool:
-    return folder.axis.has_transmission and "final" in folder.names("models")
 
 
 def unkept(folder: RunFolder, name: str, found: Mapping[str, Any]) -> list[str]:

@@ -384,7 +384,8 @@ def _events(state: _Watch) -> list[tuple[str, str]]:
             state.noticed.setdefault(one.key, state.counted)
         if one.state != "steady" and one.key == ERROR:
             state.suspects = _suspects(state)
-            sentence += _suspected(state.suspects)
+            if state.suspects:
+                sentence += f"; by the moves it is most like {' or '.join(name for name, *_ in state.suspects[:2])}"
         found.append(({"alarm": "ALARM", "changed": "noticed", "steady": "back"}[one.state], sentence))
     return found
 
@@ -396,17 +397,13 @@ def _suspects(state: _Watch) -> list[tuple[str, str, float]]:
         return []
 
 
-def _suspected(found: Sequence[tuple[str, str, float]]) -> str:
-    return f"; by the moves it is most like {' or '.join(name for name, *_ in found[:2])}" if found else ""
-
-
 def _entry(
     number: int, date_s: float, judged: JudgedMove, standings: Sequence[Standing], events: Sequence[tuple[str, str]]
 ) -> dict[str, Any]:
     """A move for programs, and for the trend."""
     return {
         "move": number,
-        "date": _iso(date_s),
+        "date": f"{np.datetime64(round(date_s), 's')}+00:00",
         "date_s": round(date_s, 3),
         "travel_m": judged.travel_m,
         "duration_s": judged.duration_s,
@@ -431,11 +428,6 @@ def _entry(
 
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
-
-
-def _iso(date_s: float) -> str:
-    """As ISO 8601, UTC."""
-    return f"{np.datetime64(round(date_s), 's')}+00:00"
 
 
 def _result(state: _Watch) -> Result:

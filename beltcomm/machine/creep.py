@@ -142,10 +142,11 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float,
         pass
     else:
         if not onset:
+            scaled = "; or a torque in 6071h is less than the profile says (torque_scale)" if drive.capabilities.torque_scale else ""
             raise Refused(
                 f"the axis does not move: {top:.2f} N m, {100 * BREAKAWAY_SHARE:.0f} % of what is allowed, did not shift it by "
                 f"{1e6 * MOVED_M:.0f} µm; check brake, clamp and enable inputs, and whether {axis.torque_limit().binds} in axis.yaml is "
-                f"right{_doubted_scale(drive)}"
+                f"right{scaled}"
             )
     drive.clock.sleep_until(drive.clock.now() + STILL_S)  # without torque the stretched belt swings once more
     stopped = drive.read(["position_rad"])["position_rad"]
@@ -162,11 +163,6 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float,
             "position",
         )
     return Crept(onset[0] if onset else top, moved_m, top / RAMP_S)
-
-
-def _doubted_scale(drive: Drive) -> str:
-    """Words for a drive whose unit of torque nobody has confirmed."""
-    return "; or a torque in 6071h is less than the profile says (torque_scale)" if drive.capabilities.torque_scale else ""
 
 
 def _no_more(torque_nm: float, way_m: float, guard_s: float, left_m: float) -> str:

@@ -39,16 +39,11 @@ class TrackedMove:
     end_s: float
 
 
-def end_um(errors_um: float) -> float:
-    """The upper end of an axis of errors that shows this one."""
-    return next((end for end in ENDS_UM if errors_um < 0.95 * end), 1.1 * errors_um)
-
-
 def tracking_figure(moves: Sequence[TrackedMove], caption: style.Caption) -> Figure:
     """A column for each move; errors on one scale."""
     largest = max(1e6 * float(np.max(np.abs(m.error_m))) for m in moves)
     largest = max([largest, *(1e6 * float(np.max(np.abs(m.predicted[1]))) for m in moves if m.predicted is not None)])
-    end = end_um(largest)
+    end = next((end for end in ENDS_UM if largest < 0.95 * end), 1.1 * largest)
     with style.styled():
         made = style.figure("Tracking: the path, and how far the motor is off it", 5.4, caption)
         grid = made.subplots(2, len(moves), sharex="col", sharey="row", squeeze=False, height_ratios=(2, 3))

@@ -224,17 +224,11 @@ def load_lines(found: LoadDependence, by: str, common_rad_s: float) -> list[str]
     return lines
 
 
-def load_verdict(found: LoadDependence, value: Value) -> str:
-    """``depends on load`` or ``cannot tell``."""
-    return "depends on load" if found.repeats and clear(value) else "cannot tell"
-
-
 def _load_verdict(found: LoadDependence, value: Value, unit: str) -> str:
-    verdict = load_verdict(found, value)
-    if verdict == "depends on load":
-        return verdict
+    if found.repeats and clear(value):
+        return "depends on load"
     if not found.repeats:
         differs = "it differs between the runs, but " if clear(value) else ""
-        return f"{verdict}; {differs}no sweep was repeated, so nobody knows how well it comes out again (--repeat 3 with each load)"
+        return f"cannot tell; {differs}no sweep was repeated, so nobody knows how well it comes out again (--repeat 3 with each load)"
     most = 1e3 * (abs(value.value) + (value.interval or 0.0))
-    return f"{verdict}; if it does, by no more than {most:.2g} {unit}"
+    return f"cannot tell; if it does, by no more than {most:.2g} {unit}"

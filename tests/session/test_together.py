@@ -17,7 +17,7 @@ from beltcomm.effects import effect_named
 from beltcomm.errors import Refused
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import Data
-from beltcomm.jobs import change, growing
+from beltcomm.jobs import change
 from beltcomm.jobs import confounded_effects as told
 from beltcomm.model import load_plant
 from beltcomm.schedule.next_plan import by_hand_of
@@ -91,8 +91,8 @@ def test_an_effect_with_which_the_error_only_grows_is_not_saved(
         worse = base.model.with_effect("cogging").with_values({"cart.mass": 3.0 * base.model["cart.mass"]}, "test")
         return fit(data, worse, 0, fixed=tuple(worse.parameters))
 
-    monkeypatch.setattr(growing, "with_effect", astray)
-    monkeypatch.setattr(growing, "refit_with_rebuilt_motion", lambda data, fitted, _: (data, fitted))
+    monkeypatch.setattr(change, "with_effect", astray)
+    monkeypatch.setattr(change, "refit_with_rebuilt_motion", lambda data, fitted, _: (data, fitted))
     monkeypatch.setattr(change, "final_refit", lambda data, fitted: (data, fitted))
     before = sorted(path.name for path in (run / "models").iterdir())
     with pytest.raises(Refused, match="nothing was saved"):
