@@ -144,7 +144,7 @@ class SdoServer:
             raise SdoAbort(SdoAbort.TOGGLE)
 
 
-_SEGMENT, _LONGEST_BLOCK = 7, 127
+_LONGEST_BLOCK = 127
 _CRC_SUPPORTED, _SIZED = 4, 2
 _LAST = 0x80
 
